@@ -1,0 +1,14 @@
+//! Vocabulary and brain of a self-reconfigurable swarm.
+//!
+//! Here are the ids, units, lattice and messages that every part of Metamorph shares, and the
+//! protocols themselves as sans-IO state machines: inputs and the current time go in, outputs are
+//! polled out, and one call says when to wake up next.
+//!
+//! Deliberately absent: clock, thread, socket, file, global randomness, and floating point in the
+//! state of an agent.
+
+pub mod ids;
+pub mod lattice;
+pub mod ratio;
+pub mod stream;
+pub mod time;

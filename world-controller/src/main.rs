@@ -1,0 +1,2 @@
+//! The command `metamorph`.
+fn main() {}
