@@ -7,8 +7,12 @@
 //! Deliberately absent: clock, thread, socket, file, global randomness, and floating point in the
 //! state of an agent.
 
+pub mod agent;
 pub mod ids;
 pub mod lattice;
+pub mod link;
 pub mod ratio;
 pub mod stream;
+pub mod tally;
 pub mod time;
+pub mod wire;

@@ -1,1 +1,2 @@
-//! To be written.
+//! The simulated world and the simulated network.
+pub mod world;

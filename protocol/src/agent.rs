@@ -1,0 +1,171 @@
+//! The one trait every protocol implements, and the inputs and outputs it is driven with.
+//!
+//! An agent is a state machine without IO. A driver (the simulator, an agent process, a network
+//! bridge) hands in one [`Input`] at a time with the current time, polls [`Agent::poll`] until it
+//! is empty, and asks [`Agent::wake_at`] when to come back. Nothing else may change an agent.
+//! Deliberately absent: everything that differs between drivers.
+
+use crate::ids::{Incarnation, ModuleId, Port, Session};
+use crate::time::Time;
+use crate::wire::Wire;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::fmt;
+use std::hash::Hasher;
+use std::sync::Arc;
+
+/// What a protocol message is for; messages are counted by class.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Class {
+    /// Attraction: distances and concentrations.
+    Gradient = 0,
+    /// Growth: roles, goal cells wanted and filled, progress counts.
+    Seed = 1,
+    /// Keeping the structure in one piece.
+    Connectivity = 2,
+    /// Asking for and granting space.
+    Negotiation = 3,
+    /// Between agents and the world-controller.
+    World = 4,
+    /// Being alive: repeats that carry nothing new, first contact.
+    Liveness = 5,
+}
+
+impl Class {
+    /// All classes in the order of their numbers.
+    pub const ALL: [Class; 6] = [
+        Class::Gradient,
+        Class::Seed,
+        Class::Connectivity,
+        Class::Negotiation,
+        Class::World,
+        Class::Liveness,
+    ];
+
+    /// The class of this number, if there is one.
+    pub const fn from_index(index: u8) -> Option<Class> {
+        if (index as usize) < Class::ALL.len() { Some(Class::ALL[index as usize]) } else { None }
+    }
+    /// The name used in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Class::Gradient => "gradient",
+            Class::Seed => "seed",
+            Class::Connectivity => "connectivity",
+            Class::Negotiation => "negotiation",
+            Class::World => "world",
+            Class::Liveness => "liveness",
+        }
+    }
+    /// The class's place in arrays of one entry per class.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+}
+
+impl fmt::Display for Class {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What an agent knows when its process starts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Birth<P> {
+    /// Which module it is.
+    pub id: ModuleId,
+    /// Which life of it this is. Above 0 the agent has lost its memory and must ask around first.
+    pub incarnation: Incarnation,
+    /// Where its body stands.
+    pub place: P,
+    /// The seed of the run, from which the agent's own random stream is derived.
+    pub seed: u64,
+}
+
+/// What happens to an agent.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Input<M, P, O> {
+    /// The contact on a port changed: a new session, or none.
+    Contact {
+        /// Which port.
+        port: Port,
+        /// The session that holds from now on; none if nothing touches the port.
+        session: Option<Session>,
+    },
+    /// A message arrived in the current session of a port. Drivers drop all others.
+    Message {
+        /// The port it came in by.
+        port: Port,
+        /// What it says.
+        message: M,
+    },
+    /// The body tells how an action went.
+    Percept(P),
+    /// The world-controller wants something.
+    Order(O),
+    /// The time that [`Agent::wake_at`] named has come.
+    Wake,
+}
+
+/// What an agent does.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Output<M, A, R> {
+    /// Send a message over the current session of a port.
+    Send {
+        /// The port to send by.
+        port: Port,
+        /// What the message is for.
+        class: Class,
+        /// What it says.
+        message: M,
+    },
+    /// Ask the body to act. The answer comes as a percept.
+    Act(A),
+    /// Tell the world-controller something. Reports are not protocol messages.
+    Report(R),
+}
+
+/// [`Input`] of an agent.
+pub type InputOf<A> = Input<<A as Agent>::Message, <A as Agent>::Percept, <A as Agent>::Order>;
+/// [`Output`] of an agent.
+pub type OutputOf<A> = Output<<A as Agent>::Message, <A as Agent>::Action, <A as Agent>::Report>;
+
+/// A protocol of one kind of unit.
+///
+/// Its state is made of integers and a shared [`Agent::Setup`], so that the same inputs give the
+/// same outputs on every machine.
+pub trait Agent: Sized {
+    /// What all agents of a swarm share and nobody changes: parameters, goals.
+    type Setup: Serialize + DeserializeOwned + Send + Sync + 'static;
+    /// Where a body stands when its agent starts.
+    type Place: Wire;
+    /// What agents say to each other.
+    type Message: Wire;
+    /// What an agent asks of its body.
+    type Action: Wire;
+    /// How an action went.
+    type Percept: Wire;
+    /// What the world-controller asks of an agent.
+    type Order: Wire;
+    /// What an agent tells the world-controller.
+    type Report: Wire;
+
+    /// The number of ports of a unit, at most 32.
+    const PORTS: usize;
+
+    /// A new agent. All its contacts follow as inputs before anything else.
+    fn new(setup: &Arc<Self::Setup>, birth: Birth<Self::Place>, now: Time) -> Self;
+
+    /// Takes one input at time `now`. Times never go back.
+    fn handle(&mut self, now: Time, input: InputOf<Self>);
+
+    /// The next output, in order; none when there is nothing more to do until the next input.
+    fn poll(&mut self) -> Option<OutputOf<Self>>;
+
+    /// When the agent wants [`Input::Wake`] at the latest. Changes only in `new` and `handle`.
+    fn wake_at(&self) -> Time;
+
+    /// Feeds the whole state into a hash, for traces and for model checking.
+    fn digest(&self, hasher: &mut dyn Hasher);
+}

@@ -1,0 +1,155 @@
+//! The link model: what may happen to a message between two modules.
+//!
+//! Sans-IO and shared by the drivers: the simulator schedules what [`LinkModel::carry`] says, an
+//! agent process holds back, drops or doubles what it sends in the same way. Links keep their order
+//! unless a message is drawn to be reordered.
+
+use crate::ids::ModuleId;
+use crate::ratio::Ratio;
+use crate::stream::Stream;
+use crate::time::{Span, Time};
+use serde::{Deserialize, Serialize};
+
+/// Some modules can talk only among themselves for a while.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Partition {
+    /// From when on.
+    pub from: Time,
+    /// Until when (the first instant at which messages pass again).
+    pub until: Time,
+    /// The modules on one side, in ascending order; all others are on the other side.
+    pub side: Vec<ModuleId>,
+}
+
+impl Partition {
+    fn cuts(&self, now: Time, a: ModuleId, b: ModuleId) -> bool {
+        let inside = |m| self.side.binary_search(&m).is_ok();
+        (self.from..self.until).contains(&now) && inside(a) != inside(b)
+    }
+}
+
+/// What a link does to messages.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Default)]
+pub struct LinkModel {
+    /// The shortest delay.
+    pub delay_min: Span,
+    /// The longest delay; delays are uniform between the two.
+    pub delay_max: Span,
+    /// Probability that a message is lost.
+    pub loss: Ratio,
+    /// Probability that a message arrives twice.
+    pub duplicate: Ratio,
+    /// Probability that a message is held back and so overtaken by later ones.
+    pub reorder: Ratio,
+    /// Probability that a bit of a message flips.
+    pub corrupt: Ratio,
+    /// Times and places at which nothing passes.
+    pub partitions: Vec<Partition>,
+}
+
+/// One copy of a message on its way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Arrival {
+    /// When it arrives.
+    pub at: Time,
+    /// Which bit flips on the way (see [`crate::wire::Frame::flip`]).
+    pub flipped_bit: Option<u64>,
+}
+
+/// What becomes of one message: lost if there is no arrival, duplicated if there are two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fate {
+    /// The copies that arrive.
+    pub arrivals: [Option<Arrival>; 2],
+}
+
+impl LinkModel {
+    /// Whether messages pass at once and unharmed, so that nothing needs to be drawn.
+    pub fn is_transparent(&self) -> bool {
+        self.delay_max == Span::ZERO
+            && [self.loss, self.duplicate, self.reorder, self.corrupt].iter().all(|p| p.is_zero())
+            && self.partitions.is_empty()
+    }
+
+    /// Draws the fate of a message sent at `now`. `last` is the link's own memory: the latest
+    /// arrival so far, which later messages do not overtake; start it at zero.
+    pub fn carry(
+        &self,
+        now: Time,
+        from: ModuleId,
+        to: ModuleId,
+        stream: &mut Stream,
+        last: &mut Time,
+    ) -> Fate {
+        let mut fate = Fate { arrivals: [None, None] };
+        if self.partitions.iter().any(|p| p.cuts(now, from, to)) || stream.chance(self.loss) {
+            return fate;
+        }
+        fate.arrivals[0] = Some(self.arrival(now, stream, last));
+        if stream.chance(self.duplicate) {
+            fate.arrivals[1] = Some(self.arrival(now, stream, last));
+        }
+        fate
+    }
+
+    fn arrival(&self, now: Time, stream: &mut Stream, last: &mut Time) -> Arrival {
+        let spread = self.delay_max - self.delay_min;
+        let drawn = now + self.delay_min + Span(stream.below(spread.0 + 1));
+        let at = if stream.chance(self.reorder) {
+            // Held back by up to four longest delays, so that several later messages can pass.
+            let hold = self.delay_max.0.max(1_000_000) * 4;
+            drawn + Span(1 + stream.below(hold))
+        } else {
+            *last = drawn.max(*last);
+            *last
+        };
+        let flipped_bit = stream.chance(self.corrupt).then(|| stream.next_u64());
+        Arrival { at, flipped_bit }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn carry_all(model: &LinkModel, n: u64) -> Vec<Fate> {
+        let (mut stream, mut last) = (Stream::named(1, "link", 0), Time::ZERO);
+        (0..n)
+            .map(|i| model.carry(Time(i * 1_000), ModuleId(0), ModuleId(1), &mut stream, &mut last))
+            .collect()
+    }
+
+    #[test]
+    fn keeps_order_unless_told_otherwise() {
+        let mut model = LinkModel { delay_max: Span::millis(5), ..LinkModel::default() };
+        let times = |model: &LinkModel| -> Vec<Time> {
+            carry_all(model, 1_000).iter().flat_map(|f| f.arrivals).flatten().map(|a| a.at).collect()
+        };
+        assert!(times(&model).is_sorted());
+        model.reorder = "10%".parse().unwrap();
+        assert!(!times(&model).is_sorted());
+    }
+
+    #[test]
+    fn loses_doubles_and_flips_as_often_as_asked() {
+        let tenth: Ratio = "10%".parse().unwrap();
+        let model = LinkModel { loss: tenth, duplicate: tenth, corrupt: tenth, ..LinkModel::default() };
+        let fates = carry_all(&model, 10_000);
+        let count = |f: &dyn Fn(&Fate) -> bool| fates.iter().filter(|x| f(x)).count();
+        assert!((850..1_150).contains(&count(&|f| f.arrivals[0].is_none())));
+        assert!((750..1_050).contains(&count(&|f| f.arrivals[1].is_some())));
+        assert!((750..1_050).contains(&count(&|f| f.arrivals[0].is_some_and(|a| a.flipped_bit.is_some()))));
+    }
+
+    #[test]
+    fn a_partition_cuts_only_across_and_only_while_it_lasts() {
+        let cut = Partition { from: Time(10), until: Time(20), side: vec![ModuleId(0), ModuleId(2)] };
+        let model = LinkModel { partitions: vec![cut], ..LinkModel::default() };
+        let (mut stream, mut last) = (Stream::named(1, "link", 0), Time::ZERO);
+        let mut passes = |at, a, b| {
+            model.carry(Time(at), ModuleId(a), ModuleId(b), &mut stream, &mut last).arrivals[0].is_some()
+        };
+        assert!(passes(9, 0, 1) && !passes(10, 0, 1) && !passes(19, 1, 2) && passes(20, 0, 1));
+        assert!(passes(15, 0, 2) && passes(15, 1, 3));
+    }
+}

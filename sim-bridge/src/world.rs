@@ -1,0 +1,79 @@
+//! What a simulated world offers to the drivers: bodies that act and sense.
+//!
+//! A world is ground truth. Agents never read it; drivers carry actions to it and percepts back.
+//! One implementation per family of units; the runtime does not know which one it runs.
+
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::time::Time;
+
+/// The other end of a contact, for whoever opens channels. Agents do not see it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Contact {
+    /// The session that both ends share.
+    pub session: Session,
+    /// The module on the other side.
+    pub peer: ModuleId,
+    /// The life of the peer's process that this session belongs to.
+    pub peer_incarnation: Incarnation,
+    /// The port by which the peer touches us.
+    pub peer_port: Port,
+}
+
+/// What a body tells its agent.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Sensed<P> {
+    /// The contact on a port changed.
+    Contact {
+        /// Which port.
+        port: Port,
+        /// The count of contact changes of this body, this one included.
+        revision: Revision,
+        /// What touches the port now.
+        contact: Option<Contact>,
+    },
+    /// How an action went.
+    Percept(P),
+}
+
+/// A simulated world with the bodies in it.
+///
+/// Drivers call [`World::advance`] with the current time before anything else they do at that time,
+/// so that what was due earlier has happened before a later action is judged.
+pub trait World {
+    /// The agents whose bodies these are.
+    type Agent: Agent;
+
+    /// The number of bodies; their ids are `0..len`.
+    fn len(&self) -> usize;
+    /// Whether there is no body at all.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Where a body stands.
+    fn place(&self, id: ModuleId) -> <Self::Agent as Agent>::Place;
+
+    /// The process of a module starts (again). Its contacts get new sessions; the module and its
+    /// neighbours hear of them, the module of all it has.
+    fn start(&mut self, now: Time, id: ModuleId, incarnation: Incarnation);
+
+    /// A body is asked to act by an agent that had seen its contacts up to `sensed`.
+    /// The answer comes as a percept, at once or later.
+    fn act(
+        &mut self,
+        now: Time,
+        id: ModuleId,
+        sensed: Revision,
+        action: &<Self::Agent as Agent>::Action,
+    );
+
+    /// When something that is under way is due next.
+    fn next_event(&self) -> Time;
+
+    /// Completes everything that is due at or before `now`, in the order in which it is due.
+    fn advance(&mut self, now: Time);
+
+    /// What bodies sensed, in order.
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<<Self::Agent as Agent>::Percept>)>;
+}
