@@ -60,13 +60,7 @@ pub trait World {
 
     /// A body is asked to act by an agent that had seen its contacts up to `sensed`.
     /// The answer comes as a percept, at once or later.
-    fn act(
-        &mut self,
-        now: Time,
-        id: ModuleId,
-        sensed: Revision,
-        action: &<Self::Agent as Agent>::Action,
-    );
+    fn act(&mut self, now: Time, id: ModuleId, sensed: Revision, action: &<Self::Agent as Agent>::Action);
 
     /// When something that is under way is due next.
     fn next_event(&self) -> Time;

@@ -1,0 +1,42 @@
+//! The seam between a driver and the world-controller's brain.
+//!
+//! The controller is a state machine like the agents: drivers tell it what happened and carry out
+//! the commands it gives, with events in virtual time or with real signals to real processes.
+
+use crate::world::World;
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::time::Time;
+
+/// What the controller wants done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Command<O> {
+    /// Kill the process of a module (SIGKILL). Its body stays where it is.
+    Kill(ModuleId),
+    /// Stop the process of a module (SIGSTOP).
+    Pause(ModuleId),
+    /// Let a stopped process go on (SIGCONT).
+    Resume(ModuleId),
+    /// Start the process of a dead module again, with an empty memory.
+    Restart(ModuleId),
+    /// Hand an order to an agent. Lost if its process is dead.
+    Order(ModuleId, O),
+    /// The run is over; nothing follows.
+    Finish,
+}
+
+/// The controller's brain, as drivers see it.
+pub trait Direct<W: World> {
+    /// An agent reports.
+    fn report(&mut self, now: Time, id: ModuleId, report: <W::Agent as Agent>::Report);
+    /// A process is gone, for whatever reason.
+    fn died(&mut self, now: Time, id: ModuleId);
+    /// A process is up and its agent has started.
+    fn started(&mut self, now: Time, id: ModuleId);
+    /// The time of [`Direct::wake_at`] has come, or bodies have moved. `world` has been advanced.
+    fn wake(&mut self, now: Time, world: &mut W);
+    /// When to wake the controller at the latest.
+    fn wake_at(&self) -> Time;
+    /// The next command, in order. Asked after every other call.
+    fn poll(&mut self) -> Option<Command<<W::Agent as Agent>::Order>>;
+}
