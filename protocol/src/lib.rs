@@ -8,6 +8,7 @@
 //! state of an agent.
 
 pub mod agent;
+pub mod cube;
 pub mod goal;
 pub mod ids;
 pub mod lattice;
