@@ -83,6 +83,50 @@ fn main() {
         let mut at = 0;
         while !sim.run_until(Time(at * 1_000_000_000)) {
             at += 5;
+            if arg("--loops", "0") == "1" {
+                let (v, _) = sim.violations();
+                if let Some(x) = v.iter().find(|x| x.what.contains("without an end")) {
+                    let id: u32 = x.what[7..].split(':').next().unwrap().parse().unwrap();
+                    for f in Face::ALL {
+                        let mut at = (ModuleId(id), f);
+                        for _ in 0..7 {
+                            let ags = sim.agents();
+                            let Some(a) = ags.get(at.0) else { break };
+                            let (e, s, _) = a.attraction(at.1);
+                            print!(
+                                "[{} {:?} {:?} {:?} d{} s{} v{} {s:?}] ",
+                                at.0,
+                                at.1,
+                                a.cell(),
+                                a.role(),
+                                e.distance,
+                                e.source,
+                                e.version
+                            );
+                            use metamorph_protocol::cube::Successor::*;
+                            let nb =
+                                |id: ModuleId, f: Face| sim.world().body_at(sim.world().cell(id).step(f));
+                            at = match s {
+                                Some(Own(o)) => (at.0, o),
+                                Some(Beside { heading, same_cell }) => {
+                                    let Some(b) = nb(at.0, heading) else { break };
+                                    if same_cell {
+                                        let Some(c) = nb(b, at.1) else { break };
+                                        (c, heading.opposite())
+                                    } else {
+                                        (b, at.1)
+                                    }
+                                }
+                                None => break,
+                            };
+                        }
+                        println!();
+                    }
+                }
+                if !v.is_empty() {
+                    break;
+                }
+            }
             if verbose {
                 let mut m = std::collections::BTreeMap::new();
                 let (mut targets, mut known, mut open) = (0, 0, 0);
@@ -128,43 +172,6 @@ fn main() {
                 ))
                 .unwrap_or_default()
         );
-        if let Some(x) = v.iter().find(|x| x.what.contains("without an end")) {
-            let id: u32 = x.what[7..].split(':').next().unwrap().parse().unwrap();
-            for f in Face::ALL {
-                let mut at = (ModuleId(id), f);
-                for _ in 0..12 {
-                    let ags = sim.agents();
-                    let Some(a) = ags.get(at.0) else { break };
-                    let (e, s, _) = a.attraction(at.1);
-                    print!(
-                        "[{} {:?} {:?} {:?} d{} s{} v{} {s:?}] ",
-                        at.0,
-                        at.1,
-                        a.cell(),
-                        a.role(),
-                        e.distance,
-                        e.source,
-                        e.version
-                    );
-                    use metamorph_protocol::cube::Successor::*;
-                    let nb = |id: ModuleId, f: Face| sim.world().body_at(sim.world().cell(id).step(f));
-                    at = match s {
-                        Some(Own(o)) => (at.0, o),
-                        Some(Beside { heading, same_cell }) => {
-                            let Some(b) = nb(at.0, heading) else { break };
-                            if same_cell {
-                                let Some(c) = nb(b, at.1) else { break };
-                                (c, heading.opposite())
-                            } else {
-                                (b, at.1)
-                            }
-                        }
-                        None => break,
-                    };
-                }
-                println!();
-            }
-        }
         for x in v.iter().take(5) {
             println!("   {x}");
         }

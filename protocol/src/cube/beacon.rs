@@ -164,7 +164,12 @@ impl Cube {
                     let source = self.id.0 << 3 | face as u32;
                     self.sides[i].field.set(Entry { distance: 0, source, version })
                 } else {
-                    let (offers, n) = self.offers(now, face, &open);
+                    let (mut offers, n) = self.offers(now, face, &open);
+                    // What comes back of this face's own word is no news of a target.
+                    let own = self.id.0 << 3 | face as u32;
+                    for offer in offers.iter_mut().filter(|o| o.entry.source == own) {
+                        offer.entry = Entry::NONE;
+                    }
                     self.sides[i].field.choose(now, limits, &offers[..n])
                 };
             }
