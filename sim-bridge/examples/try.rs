@@ -172,6 +172,48 @@ fn main() {
                 ))
                 .unwrap_or_default()
         );
+        if arg("--why", "0") == "1" {
+            let ags = sim.agents();
+            let mut m = std::collections::BTreeMap::new();
+            for (id, a) in ags.iter() {
+                *m.entry((a.role() as u8, a.activity(sim.now()))).or_insert(0) += 1;
+                if a.role() == metamorph_protocol::cube::message::Role::Final {
+                    let k = sim.director().known()[id.index()].status.unwrap();
+                    println!(
+                        "final {id} {} wants {:06b} {}",
+                        a.cell(),
+                        k.wants,
+                        Face::ALL
+                            .iter()
+                            .filter(|f| k.wants & f.bit() != 0)
+                            .map(|f| format!(
+                                "{f:?}: {:?} occ {:?} alive {:?} d{} locks {:?}",
+                                a.cell().step(*f),
+                                sim.world().body_at(a.cell().step(*f)),
+                                sim.world().body_at(a.cell().step(*f)).map(|b| ags.get(b).is_some()),
+                                a.attraction(*f).0.distance,
+                                a.reservations()
+                            ))
+                            .collect::<Vec<_>>()
+                            .join("; ")
+                    );
+                }
+            }
+            println!("{m:?}");
+            if let Some(s) = d.stall() {
+                for (id, _) in s.waiting.iter().take(6) {
+                    if let Some(a) = ags.get(*id) {
+                        println!(
+                            "way {id} {:?} {} {} known {:?}",
+                            a.role(),
+                            a.cell(),
+                            a.activity(sim.now()),
+                            d.known()[id.index()]
+                        );
+                    }
+                }
+            }
+        }
         for x in v.iter().take(5) {
             println!("   {x}");
         }

@@ -133,7 +133,7 @@ impl Cube {
     /// Recomputes the attraction field of all faces from what the neighbours said last.
     pub(super) fn tend_field(&mut self, now: Time) {
         let due = self.sides.iter().any(|s| s.field.expires(self.setup.params.hold) <= now)
-            || (self.role == Role::Final && self.version_is_old(now));
+            || (self.role == Role::Final && self.targets_are_old(now));
         if !self.field_stale && !due {
             return;
         }
@@ -185,11 +185,12 @@ impl Cube {
         }
     }
 
-    fn version_is_old(&self, now: Time) -> bool {
+    /// Whether a face that is a target does not say so, in the present version.
+    fn targets_are_old(&self, now: Time) -> bool {
         let version = self.version(now);
-        Face::ALL.into_iter().any(|f| {
+        self.wanted_faces(now).any(|f| {
             let value = self.side(f).field.value();
-            value.distance == 0 && value.version != version
+            self.side(f).session.is_none() && (value.distance != 0 || value.version != version)
         })
     }
 
