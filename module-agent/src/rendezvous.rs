@@ -270,3 +270,10 @@ fn service_name(name: &str) -> ServiceName {
     #[allow(clippy::unwrap_used, reason = "see the invariant above")]
     ServiceName::new(name).unwrap()
 }
+
+/// iceoryx2 writes to standard error by itself. What matters comes back as values, so it is quiet
+/// unless it was asked not to be.
+pub fn set_verbosity(verbose: bool) {
+    use iceoryx2::prelude::{LogLevel, set_log_level};
+    set_log_level(if verbose { LogLevel::Warn } else { LogLevel::Fatal });
+}

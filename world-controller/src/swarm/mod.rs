@@ -1,0 +1,150 @@
+//! A swarm of processes: one per agent, over shared memory, with this process as its controller.
+//!
+//! [`run_swarm`] drives any world and any director with real processes, real time and real
+//! signals. The calling thread owns the world, the director and all channels (they cannot change
+//! threads); a second thread supervises processes with tokio. Absent: decisions about the run, which
+//! are the director's, and knowledge of which family of units it runs.
+
+mod agents;
+mod conduct;
+mod outcome;
+mod run_dir;
+mod supervise;
+
+pub use outcome::{Crash, SwarmError, SwarmOutcome};
+pub use run_dir::{CleanError, CleanReport, RunDirError, clean};
+pub use supervise::Shutdown;
+
+use crate::swarm::conduct::Conductor;
+use crate::swarm::run_dir::RunDir;
+use crate::swarm::supervise::{Launch, Supervisor};
+use metamorph_module_agent::clock::{Speed, monotonic};
+use metamorph_module_agent::inbox::Inbox;
+use metamorph_module_agent::process::Identity;
+use metamorph_module_agent::rendezvous::{Rendezvous, SHARD};
+use metamorph_module_agent::swarm_file::SwarmFile;
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::link::LinkModel;
+use metamorph_sim_bridge::direct::Direct;
+use metamorph_sim_bridge::world::World;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// How a swarm is run.
+#[derive(Clone, Debug)]
+pub struct SwarmOptions {
+    /// The program of the agents.
+    pub program: PathBuf,
+    /// What comes before an agent's own arguments, such as the name of a subcommand.
+    pub program_args: Vec<OsString>,
+    /// The seed of the run.
+    pub seed: u64,
+    /// How fast scenario time passes.
+    pub speed: Speed,
+    /// What links do to messages.
+    pub link: LinkModel,
+    /// Whether agents log to this process's standard error. Otherwise it is kept, and the end of it
+    /// reported for agents that crash.
+    pub verbose: bool,
+    /// Asks the swarm to end before its director does.
+    pub shutdown: Shutdown,
+    /// Whether SIGINT, SIGTERM and SIGHUP ask the swarm to end.
+    pub catch_signals: bool,
+    /// How long all agents together may take to start.
+    pub setup_timeout: Duration,
+    /// How long agents may take to stop before they are killed.
+    pub stop_timeout: Duration,
+}
+
+impl SwarmOptions {
+    /// Agents of this program; real time, perfect links, nothing caught.
+    pub fn new(program: PathBuf) -> SwarmOptions {
+        SwarmOptions {
+            program,
+            program_args: Vec::new(),
+            seed: 0,
+            speed: Speed::REAL,
+            link: LinkModel::default(),
+            verbose: false,
+            shutdown: Shutdown::new(),
+            catch_signals: false,
+            setup_timeout: Duration::from_secs(120),
+            stop_timeout: Duration::from_secs(10),
+        }
+    }
+}
+
+/// The most modules of one run on one machine; pids and descriptors end soon after.
+pub const MODULE_LIMIT: usize = 16_000;
+/// Descriptors that the controller needs for each agent, and for itself.
+const DESCRIPTORS: (u64, u64) = (16, 256);
+
+/// Runs a swarm until its director finishes it or a shutdown is asked for, and leaves nothing
+/// behind: no process, no shared memory, no file. What earlier runs of this user left when they
+/// were killed is removed first.
+pub fn run_swarm<W, D>(
+    options: &SwarmOptions,
+    setup: &<W::Agent as Agent>::Setup,
+    world: &mut W,
+    director: &mut D,
+) -> Result<SwarmOutcome, SwarmError>
+where
+    W: World,
+    D: Direct<W>,
+{
+    let count = world.len();
+    if count == 0 || count > MODULE_LIMIT {
+        return Err(SwarmError::Size(count));
+    }
+    raise_descriptor_limit(count as u64)?;
+    quiet_iceoryx2(options.verbose);
+    let begun = monotonic();
+    if let Err(e) = clean() {
+        tracing::warn!("what earlier runs left behind could not be removed: {e}");
+    }
+    // Dropped in reverse: first the supervisor, which ends all processes, then channels, then files.
+    let dir = RunDir::create()?;
+    let controller = Identity::own().map_err(SwarmError::Identity)?;
+    let link = options.link.clone();
+    SwarmFile { count: count as u32, seed: options.seed, speed: options.speed, link, controller, setup }
+        .write(dir.root())?;
+    let at = Rendezvous::join(dir.root())?;
+    let shards = (count as u32).div_ceil(SHARD);
+    // Slots of killed agents are not given back; restarts need spare ones.
+    let senders = count.min(SHARD as usize) * 5 / 4 + 256;
+    let inbox = Inbox::create_for_controller(&at, shards, senders)?;
+    let launch = Launch {
+        program: options.program.clone(),
+        args: options.program_args.clone(),
+        root: dir.root().to_owned(),
+        verbose: options.verbose,
+        catch_signals: options.catch_signals,
+    };
+    let supervisor = Supervisor::start(launch, options.shutdown.clone())?;
+    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, world, director, begun);
+    conductor.run()
+}
+
+/// Every channel costs descriptors; the usual soft limit of 1,024 is enough for 50 agents.
+fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
+    let needed = agents * DESCRIPTORS.0 + DESCRIPTORS.1;
+    let limit = getrlimit(Resource::Nofile);
+    let allowed = limit.maximum.unwrap_or(u64::MAX);
+    if needed > allowed {
+        return Err(SwarmError::Descriptors { needed, allowed });
+    }
+    if limit.current.is_some_and(|current| current < allowed) {
+        let raised = Rlimit { current: limit.maximum, maximum: limit.maximum };
+        if let Err(e) = setrlimit(Resource::Nofile, raised) {
+            tracing::warn!("the limit of open files could not be raised: {e}");
+        }
+    }
+    Ok(())
+}
+
+/// iceoryx2 writes to standard error by itself; errors come back as values anyway.
+fn quiet_iceoryx2(verbose: bool) {
+    metamorph_module_agent::rendezvous::set_verbosity(verbose);
+}
