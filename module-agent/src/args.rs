@@ -101,10 +101,7 @@ mod tests {
         assert_eq!(parse("--colour"), Err(ArgsError::Unknown("--colour".into())));
         assert_eq!(parse("--root"), Err(ArgsError::NoValue("--root")));
         assert_eq!(parse("--id -1"), Err(ArgsError::Number("--id", "-1".into())));
-        assert_eq!(
-            parse("--incarnation 70000"),
-            Err(ArgsError::Number("--incarnation", "70000".into()))
-        );
+        assert_eq!(parse("--incarnation 70000"), Err(ArgsError::Number("--incarnation", "70000".into())));
         assert_eq!(parse("--root /x --id 1"), Err(ArgsError::Missing("--incarnation")));
     }
 }

@@ -282,12 +282,8 @@ impl<A: Agent> Driver<'_, A> {
         match message {
             Runtime::Begin { epoch, place } if self.agent.is_none() => {
                 self.clock = Clock::new(epoch, self.speed_of);
-                let birth = Birth {
-                    id: self.args.id,
-                    incarnation: self.args.incarnation,
-                    place,
-                    seed: self.seed,
-                };
+                let birth =
+                    Birth { id: self.args.id, incarnation: self.args.incarnation, place, seed: self.seed };
                 let now = self.now();
                 self.agent = Some(A::new(&self.setup, birth, now));
                 self.pump(now)?;

@@ -149,8 +149,7 @@ mod tests {
 
     #[test]
     fn delayed_frames_come_out_in_order_when_due() {
-        let model =
-            LinkModel { delay_min: Span(10), delay_max: Span(20), ..LinkModel::default() };
+        let model = LinkModel { delay_min: Span(10), delay_max: Span(20), ..LinkModel::default() };
         let (mut links, mut tally, mut out) = (links(model), Tally::default(), vec![]);
         for n in 0..50 {
             links.carry(Time(n as u64), parcel(n), &mut tally, &mut out);

@@ -30,11 +30,7 @@ pub struct Inbox {
 
 impl Inbox {
     /// Creates the inbox of one life of an agent.
-    pub fn create(
-        at: &Rendezvous,
-        id: ModuleId,
-        incarnation: Incarnation,
-    ) -> Result<Inbox, ChannelError> {
+    pub fn create(at: &Rendezvous, id: ModuleId, incarnation: Incarnation) -> Result<Inbox, ChannelError> {
         Inbox::over(vec![at.create_inbox(id, incarnation)?], at.create_bell(id, incarnation)?)
     }
 

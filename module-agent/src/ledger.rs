@@ -96,11 +96,7 @@ impl Ledger {
     }
 
     /// Reads what one life of an agent has counted; none if it never came so far as to start.
-    pub fn read(
-        root: &Path,
-        id: ModuleId,
-        incarnation: Incarnation,
-    ) -> Result<Option<Account>, LedgerError> {
+    pub fn read(root: &Path, id: ModuleId, incarnation: Incarnation) -> Result<Option<Account>, LedgerError> {
         let path = path(root, id, incarnation);
         let bytes = match fs::read(&path) {
             Ok(bytes) => bytes,
@@ -148,9 +144,8 @@ fn slot(generation: u64, account: &Account) -> [u8; SLOT] {
     for (i, (_, c)) in account.tally.iter().enumerate() {
         // Taken apart in full, so that a new count cannot be forgotten here.
         let Counts { sent, delivered, lost, duplicated, overflowed, expired, refused, bytes } = *c;
-        numbers[1 + i * 8..][..8].copy_from_slice(&[
-            sent, delivered, lost, duplicated, overflowed, expired, refused, bytes,
-        ]);
+        numbers[1 + i * 8..][..8]
+            .copy_from_slice(&[sent, delivered, lost, duplicated, overflowed, expired, refused, bytes]);
     }
     numbers[NUMBERS - 2] = account.foreign;
     numbers[NUMBERS - 1] = account.wakes;

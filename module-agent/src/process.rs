@@ -62,8 +62,7 @@ impl FromStr for Identity {
     type Err = ();
     fn from_str(text: &str) -> Result<Identity, ()> {
         let (pid, start) = text.trim_end().split_once(' ').ok_or(())?;
-        let identity =
-            Identity { pid: pid.parse().map_err(drop)?, start: start.parse().map_err(drop)? };
+        let identity = Identity { pid: pid.parse().map_err(drop)?, start: start.parse().map_err(drop)? };
         if identity.pid > 0 { Ok(identity) } else { Err(()) }
     }
 }
@@ -93,9 +92,8 @@ impl Guard {
     pub fn new(controller: Identity) -> Guard {
         let is_parent = getppid().map(|p| p.as_raw_nonzero().get()) == Some(controller.pid);
         if is_parent
-            && let Err(e) = rustix::process::set_parent_process_death_signal(Some(
-                rustix::process::Signal::KILL,
-            ))
+            && let Err(e) =
+                rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))
         {
             tracing::warn!("no signal when the controller dies ({e}); it is looked for once a second");
         }

@@ -45,7 +45,9 @@ pub enum SwarmFileError {
     #[error("{0} is not a swarm file")]
     Magic(PathBuf),
     /// Another version.
-    #[error("{0} has version {1}; this program reads version {VERSION}: start agents with the controller's own program")]
+    #[error(
+        "{0} has version {1}; this program reads version {VERSION}: start agents with the controller's own program"
+    )]
     Version(PathBuf, u16),
     /// The content does not fit.
     #[error("{0} is damaged or was written by another program: {1}")]

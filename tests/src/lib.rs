@@ -1,1 +1,9 @@
-//! To be written.
+//! What the tests across crates share.
+//!
+//! [`probe`] is a family of units that does nothing but send what it is told and report what it
+//! sees; [`conformance`] is the one suite that every driver passes, written against it.
+
+pub mod conformance;
+pub mod probe;
+pub mod script;
+pub mod testbed;

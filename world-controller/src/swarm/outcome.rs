@@ -70,7 +70,9 @@ pub enum SwarmError {
     #[error("a swarm of {0} modules cannot be run as processes; the least is 1, the most is {limit}", limit = super::MODULE_LIMIT)]
     Size(usize),
     /// Not enough file descriptors.
-    #[error("this swarm needs {needed} open files, but only {allowed} are allowed; raise the hard limit (ulimit -Hn) or use fewer modules")]
+    #[error(
+        "this swarm needs {needed} open files, but only {allowed} are allowed; raise the hard limit (ulimit -Hn) or use fewer modules"
+    )]
     Descriptors {
         /// How many.
         needed: u64,

@@ -82,10 +82,7 @@ impl RunDir {
                 Ok(()) => return Ok(RunDir { name, root }),
                 Err(e) => {
                     let _ = fs::remove_dir_all(&part);
-                    if !matches!(
-                        e.kind(),
-                        io::ErrorKind::DirectoryNotEmpty | io::ErrorKind::AlreadyExists
-                    ) {
+                    if !matches!(e.kind(), io::ErrorKind::DirectoryNotEmpty | io::ErrorKind::AlreadyExists) {
                         return Err(RunDirError::Create(root, e));
                     }
                 }
@@ -102,8 +99,8 @@ impl RunDir {
 
 impl Drop for RunDir {
     fn drop(&mut self) {
-        let removed = remove_shared(&BTreeSet::from([self.name.to_string()]))
-            .and_then(|_| remove_tree(&self.root));
+        let removed =
+            remove_shared(&BTreeSet::from([self.name.to_string()])).and_then(|_| remove_tree(&self.root));
         if let Err(e) = removed {
             tracing::error!("{e}; `metamorph clean` will try again");
         }

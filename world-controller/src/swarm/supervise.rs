@@ -247,11 +247,7 @@ fn log_path(launch: &Launch, (id, incarnation): Life) -> PathBuf {
 fn spawn(launch: &Launch, life: Life) -> io::Result<Child> {
     let (root, verbose) = (launch.root.clone(), launch.verbose);
     let args = AgentArgs { root, id: life.0, incarnation: life.1, verbose };
-    let stderr = if launch.verbose {
-        Stdio::inherit()
-    } else {
-        File::create(log_path(launch, life))?.into()
-    };
+    let stderr = if launch.verbose { Stdio::inherit() } else { File::create(log_path(launch, life))?.into() };
     Command::new(&launch.program)
         .args(&launch.args)
         .args(args.to_command_line())
