@@ -182,7 +182,7 @@ impl Bell {
 async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver<Task>, bell: Bell) {
     let mut processes: BTreeMap<Life, mpsc::Sender<Signal>> = BTreeMap::new();
     let mut ends = JoinSet::new();
-    let mut asked = false;
+    let (mut asked, mut is_caught) = (false, false);
     let mut caught = std::pin::pin!(termination(launch.catch_signals));
     loop {
         tokio::select! {
@@ -213,7 +213,10 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
                 asked = true;
                 bell.tell(Event::Shutdown);
             }
-            () = &mut caught, if !asked => shutdown.request(),
+            () = &mut caught, if !is_caught => {
+                is_caught = true;
+                shutdown.request();
+            }
         }
     }
     for process in processes.values() {
