@@ -10,7 +10,7 @@ use crate::inbox::{Inbox, InboxError};
 use crate::ledger::{Account, Ledger, LedgerError};
 use crate::outbox::{Handed, Outbox};
 use crate::process::{Guard, Identity};
-use crate::rendezvous::{ChannelError, Rendezvous};
+use crate::rendezvous::{ChannelError, Rendezvous, set_verbosity};
 use crate::runtime::{Contact, Runtime};
 use crate::swarm_file::{SwarmFile, SwarmFileError};
 use crate::uplink::Uplink;
@@ -57,7 +57,7 @@ pub enum AgentError {
     /// The controller is gone.
     #[error("the controller (process {0}) is gone; an agent does not go on without it")]
     Orphan(i32),
-    /// The controller stopped the run before it began.
+    /// The number of the module is beyond the end of the swarm.
     #[error("this agent is number {0}, but the swarm has only {1} modules")]
     NoSuchModule(u32, u32),
 }
@@ -69,6 +69,7 @@ pub fn pid_directory(root: &Path) -> PathBuf {
 
 /// Runs one agent until the controller says stop, or is gone.
 pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
+    settle_in(args.verbose);
     let swarm: SwarmFile<A::Setup> = SwarmFile::read(&args.root)?;
     let guard = Guard::new(swarm.controller);
     if guard.controller_is_gone() {
@@ -88,6 +89,7 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     let driver = Driver::<A> {
         args,
         guard,
+        controller: swarm.controller.pid,
         clock: Clock::new(u64::MAX, speed),
         speed_of: speed,
         setup: Arc::new(setup),
@@ -115,6 +117,19 @@ fn new_impair<A: Agent>(link: LinkModel, seed: u64, args: &AgentArgs) -> Impair 
     Impair::new(link, seed, args.id, args.incarnation, A::PORTS)
 }
 
+/// What is logged above the level of debugging is rare: nobody empties the file that it goes to.
+fn settle_in(verbose: bool) {
+    use tracing::level_filters::LevelFilter;
+    let level = if verbose { LevelFilter::DEBUG } else { LevelFilter::WARN };
+    // The program may have set up its own.
+    let _ = tracing_subscriber::fmt().with_writer(io::stderr).with_max_level(level).try_init();
+    set_verbosity(verbose);
+    // The controller carries everybody's traffic, so it comes before its agents.
+    if let Err(e) = rustix::process::nice(1) {
+        tracing::debug!("priority is unchanged: {e}");
+    }
+}
+
 /// Writes down who this process is, so that it can be found if its controller is killed.
 fn register(args: &AgentArgs) -> Result<(), AgentError> {
     let path = pid_directory(&args.root).join(format!("{}.{}", args.id, args.incarnation));
@@ -126,6 +141,7 @@ fn register(args: &AgentArgs) -> Result<(), AgentError> {
 struct Driver<'a, A: Agent> {
     args: &'a AgentArgs,
     guard: Guard,
+    controller: i32,
     clock: Clock,
     speed_of: crate::clock::Speed,
     setup: Arc<A::Setup>,
@@ -173,7 +189,7 @@ impl<A: Agent> Driver<'_, A> {
                 self.account.wakes += 1;
             }
             if self.guard.controller_is_gone() {
-                return Err(AgentError::Orphan(rustix::process::getpid().as_raw_nonzero().get()));
+                return Err(AgentError::Orphan(self.controller));
             }
         }
     }
@@ -247,7 +263,7 @@ impl<A: Agent> Driver<'_, A> {
         if accepted {
             self.expected = self.expected.wrapping_add(1);
         } else {
-            tracing::warn!(?header, "a frame that no member of the run would send");
+            tracing::debug!(?header, "a frame that no member of the run would send");
             self.account.foreign += 1;
         }
         Ok(())
@@ -405,7 +421,7 @@ impl<A: Agent> Driver<'_, A> {
                         continue;
                     }
                     Err(e) => {
-                        tracing::warn!("cannot reach module {peer}: {e}");
+                        tracing::debug!("cannot reach module {peer}: {e}");
                         counts.overflowed += 1;
                         continue;
                     }

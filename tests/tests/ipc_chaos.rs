@@ -8,6 +8,7 @@ use metamorph_module_agent::rendezvous::Rendezvous;
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
 use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::stream::Stream;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
 use metamorph_sim_bridge::direct::Command;
@@ -17,6 +18,7 @@ use metamorph_tests::script::Script;
 use metamorph_tests::testbed::{ProcessBed, Testbed};
 use metamorph_world_controller::swarm::{SwarmError, SwarmOptions, clean, run_swarm};
 use rustix::process::Signal;
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 const AGENT: &str = env!("CARGO_BIN_EXE_probe-agent");
@@ -255,4 +257,77 @@ fn a_shutdown_ends_a_swarm_that_is_not_done() {
     let outcome = run_swarm(&options, &ProbeSetup::default(), &mut ProbeWorld::line(2), &mut script).unwrap();
     assert!(outcome.interrupted && outcome.crashes.is_empty());
     assert_eq!((outcome.alive, outcome.launched), (2, 2));
+}
+
+/// A long series of kills, restarts, pauses and changes of contacts under traffic: nothing breaks
+/// that was not broken on purpose, everyone who should be alive is, and the counts add up.
+fn storm(count: u32, rounds: u32, seed: u64) -> ProcessBed {
+    let mut random = Stream::named(seed, "storm", 0);
+    let chat = ProbeOrder::Chat(metamorph_protocol::time::Span::millis(3));
+    let mut script = Script::new(count);
+    for id in 0..count {
+        script = script.order(id, chat);
+    }
+    let mut lives = vec![1; count as usize];
+    let mut paused = BTreeSet::new();
+    for _ in 0..rounds {
+        let id = random.below(count.into()) as u32;
+        let module = ModuleId(id);
+        script = match random.below(4) {
+            0 | 1 => {
+                paused.remove(&id);
+                lives[id as usize] += 1;
+                let times = lives[id as usize];
+                script
+                    .command(Command::Kill(module))
+                    // Some restarts come before the end is known, some after.
+                    .command(Command::Restart(module))
+                    .until_started(id, times)
+                    .order(id, chat)
+            }
+            2 => {
+                paused.insert(id);
+                script.command(Command::Pause(module))
+            }
+            _ => {
+                paused.remove(&id);
+                script.command(Command::Resume(module)).settle(id)
+            }
+        };
+        // Someone who runs, so that traffic goes on between the blows.
+        if let Some(runs) = (0..count).find(|i| !paused.contains(i)) {
+            script = script.settle(runs);
+        }
+    }
+    for id in 0..count {
+        script = script.command(Command::Resume(ModuleId(id))).settle(id);
+    }
+    let mut bed = ProcessBed::new(AGENT);
+    let model = LinkModel { loss: Ratio::new(1, 20).expect("a probability"), ..LinkModel::default() };
+    let tally = bed.run(&model, &mut ProbeWorld::line(count), &mut script);
+    assert_eq!(script.gave_up, None);
+    let restarts = lives.iter().map(|l| l - 1).sum::<usize>() as u32;
+    let outcome = &bed.outcome;
+    assert_eq!(outcome.crashes, []);
+    assert_eq!((outcome.alive, outcome.restarted, outcome.killed), (count, restarts, restarts));
+    assert_eq!((outcome.foreign, outcome.missing_ledgers.len()), (0, 0));
+    for (class, counts) in tally.iter() {
+        assert!(counts.in_flight() >= 0, "{class} {counts:?}");
+    }
+    let total = tally.total();
+    assert!(total.delivered > 0 && total.lost > 0, "{total:?}");
+    bed
+}
+
+#[test]
+fn a_storm_of_kills_restarts_and_pauses() {
+    storm(12, 60, 1);
+}
+
+/// Takes a while: `cargo test --release --test ipc_chaos -- --ignored --nocapture`.
+#[test]
+#[ignore = "takes half a minute of both cores"]
+fn a_long_storm_over_many() {
+    let bed = storm(100, 1_500, 2);
+    println!("{:#?}", bed.outcome);
 }

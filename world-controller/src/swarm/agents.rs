@@ -52,6 +52,8 @@ pub struct Process<A: Agent> {
     pub stage: Stage,
     /// Whether its end was asked for.
     pub condemned: bool,
+    /// Why the driver itself had to kill it.
+    pub verdict: Option<&'static str>,
     /// Whether it is to be started again as soon as it is dead.
     pub restart: bool,
     /// Whether it is stopped by a signal.
@@ -73,6 +75,7 @@ impl<A: Agent> Process<A> {
             incarnation: Incarnation(0),
             stage: Stage::Absent,
             condemned: false,
+            verdict: None,
             restart: false,
             paused: false,
             expected: 0,

@@ -186,9 +186,8 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
     /// A restarted process is up.
     fn rejoin(&mut self, i: usize) {
         if let Err(e) = self.connect(i) {
-            // Killed again in the meantime: its end will be reported.
-            tracing::warn!("cannot reach restarted module {i}: {e}");
-            return;
+            tracing::error!("cannot reach restarted module {i}: {e}");
+            return self.give_up(i, "could not be reached after its restart, and was killed");
         }
         let (id, incarnation) = (self.processes[i].id, self.processes[i].incarnation);
         let now = self.now();
@@ -234,8 +233,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             match event {
                 Event::Shutdown => self.interrupt(),
                 Event::SpawnFailed(life, e) => {
-                    let crash = (life, format!("could not be started: {e}"), String::new());
-                    self.buried(crash.0, crash.1, crash.2, true);
+                    self.buried(life, format!("could not be started: {e}"), String::new(), true);
                 }
                 Event::Exited { life, how, stderr_tail } => {
                     // What it had sent before its end is heard before its end is.
@@ -263,6 +261,8 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
 
     fn buried(&mut self, (id, incarnation): Life, how: String, stderr_tail: String, crashed: bool) {
         let now = self.now();
+        let verdict = self.processes.get(id.index()).and_then(|p| p.verdict);
+        let how = verdict.map_or(how, str::to_owned);
         if crashed {
             tracing::warn!("module {id} {how}");
             self.outcome.crashes.push(Crash { id, incarnation, at: now, how, stderr_tail });
@@ -346,6 +346,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         let Ok(report) = frame.message::<<W::Agent as Agent>::Report>() else { return false };
         self.outcome.control_messages += 1;
         let now = self.now();
+        self.world.advance(now);
         self.director.report(now, header.source, report);
         self.obey(now);
         true
@@ -400,9 +401,18 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         if process.condemned || process.tell(letter) {
             return;
         }
-        // It will be found dead soon, and reported as a crash with this reason.
-        tracing::error!("module {i} does not take its messages; its process is killed");
-        self.supervisor.ask(Task::Signal((process.id, process.incarnation), Signal::KILL));
+        self.give_up(i, "did not take its messages for too long, and was killed");
+    }
+
+    /// Kills a process that cannot go on; its end is reported as a crash with this reason.
+    fn give_up(&mut self, i: usize, why: &'static str) {
+        let process = &mut self.processes[i];
+        if process.verdict.is_none() {
+            tracing::error!("module {i} {why}");
+            process.verdict = Some(why);
+            let life = (process.id, process.incarnation);
+            self.supervisor.ask(Task::Signal(life, Signal::KILL));
+        }
     }
 
     fn flush(&mut self) {
@@ -517,6 +527,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         let at = self.outcome.end;
         let Some(process) = self.processes.get_mut(id.index()) else { return };
         process.bury();
+        let how = process.verdict.map_or(how, str::to_owned);
         if !process.condemned && how != "exited" {
             self.outcome.crashes.push(Crash { id, incarnation, at, how, stderr_tail });
         }
@@ -526,6 +537,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         for process in &mut self.processes {
             if process.stage != Stage::Absent {
                 let life = (process.id, process.incarnation);
+                process.verdict = Some("did not stop in time, and was killed");
                 tracing::error!("module {} did not stop in time and is killed", process.id);
                 self.supervisor.ask(Task::Signal(life, Signal::KILL));
             }

@@ -21,12 +21,14 @@ use crate::swarm::supervise::{Launch, Supervisor};
 use metamorph_module_agent::clock::{Speed, monotonic};
 use metamorph_module_agent::inbox::Inbox;
 use metamorph_module_agent::process::Identity;
-use metamorph_module_agent::rendezvous::{Rendezvous, SHARD};
+use metamorph_module_agent::rendezvous::{Rendezvous, SHARD, set_verbosity};
+use metamorph_module_agent::run_name::HOME;
 use metamorph_module_agent::swarm_file::SwarmFile;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::link::LinkModel;
 use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::world::World;
+use rustix::fs::statvfs;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -81,6 +83,12 @@ pub const MODULE_LIMIT: usize = 16_000;
 /// Descriptors that the controller needs for each agent, and for itself.
 const DESCRIPTORS: (u64, u64) = (16, 256);
 
+/// Lives that modules of one shard may have beyond their first: the slots of killed ones are not
+/// given back. A restart beyond that fails, and is reported as a crash that says so.
+const SPARE_LIVES: usize = 1_000;
+/// Bytes of shared memory for each agent, and for the run; twice what was measured.
+const SPACE: (u64, u64) = (200 << 10, 8 << 20);
+
 /// Runs a swarm until its director finishes it or a shutdown is asked for, and leaves nothing
 /// behind: no process, no shared memory, no file. What earlier runs of this user left when they
 /// were killed is removed first.
@@ -99,11 +107,12 @@ where
         return Err(SwarmError::Size(count));
     }
     raise_descriptor_limit(count as u64)?;
-    quiet_iceoryx2(options.verbose);
+    set_verbosity(options.verbose);
     let begun = monotonic();
     if let Err(e) = clean() {
         tracing::warn!("what earlier runs left behind could not be removed: {e}");
     }
+    check_space(count as u64)?;
     // Dropped in reverse: first the supervisor, which ends all processes, then channels, then files.
     let dir = RunDir::create()?;
     let controller = Identity::own().map_err(SwarmError::Identity)?;
@@ -112,8 +121,7 @@ where
         .write(dir.root())?;
     let at = Rendezvous::join(dir.root())?;
     let shards = (count as u32).div_ceil(SHARD);
-    // Slots of killed agents are not given back; restarts need spare ones.
-    let senders = count.min(SHARD as usize) * 5 / 4 + 256;
+    let senders = count.min(SHARD as usize) + SPARE_LIVES;
     let inbox = Inbox::create_for_controller(&at, shards, senders)?;
     let launch = Launch {
         program: options.program.clone(),
@@ -144,7 +152,16 @@ fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
     Ok(())
 }
 
-/// iceoryx2 writes to standard error by itself; errors come back as values anyway.
-fn quiet_iceoryx2(verbose: bool) {
-    metamorph_module_agent::rendezvous::set_verbosity(verbose);
+/// Shared memory that runs out kills whoever touches it next, so it is looked at beforehand;
+/// containers often have 64 MB of it.
+fn check_space(agents: u64) -> Result<(), SwarmError> {
+    let needed = agents * SPACE.0 + SPACE.1;
+    match statvfs(HOME) {
+        Ok(fs) if fs.f_bavail.saturating_mul(fs.f_frsize) < needed => {
+            let available = fs.f_bavail.saturating_mul(fs.f_frsize);
+            Err(SwarmError::Space { needed: needed >> 20, available: available >> 20 })
+        }
+        Ok(_) => Ok(()),
+        Err(e) => Err(SwarmError::NoSharedMemory(e.into())),
+    }
 }

@@ -79,6 +79,17 @@ pub enum SwarmError {
         /// The hard limit.
         allowed: u64,
     },
+    /// Not enough shared memory.
+    #[error("this swarm needs about {needed} MB in {home}, but only {available} MB are free; give it more (docker: --shm-size) or use fewer modules", home = metamorph_module_agent::run_name::HOME)]
+    Space {
+        /// How many megabytes.
+        needed: u64,
+        /// How many are free.
+        available: u64,
+    },
+    /// No shared memory at all.
+    #[error("cannot use {home}: {0}; processes need it to talk to each other", home = metamorph_module_agent::run_name::HOME)]
+    NoSharedMemory(io::Error),
     /// This process cannot say who it is.
     #[error("cannot find out this process's start time: {0}")]
     Identity(io::Error),
