@@ -25,8 +25,10 @@ use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The longest wait: once in this time the process looks whether its controller still lives.
+/// The longest wait.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
+/// How often the process looks whether its controller still lives, in nanoseconds.
+const GUARD_NANOS: u64 = 900_000_000;
 /// The wait when the controller's inbox was full.
 const UPLINK_RETRY: Duration = Duration::from_millis(5);
 /// Frames taken from the inbox before anything is sent.
@@ -67,7 +69,8 @@ pub fn pid_directory(root: &Path) -> PathBuf {
     root.join("pids")
 }
 
-/// Runs one agent until the controller says stop, or is gone.
+/// Runs one agent until the controller says stop, or is gone. Returns in the first case only; the
+/// program then ends with success, and with any other exit code counts as crashed.
 pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     settle_in(args.verbose);
     let swarm: SwarmFile<A::Setup> = SwarmFile::read(&args.root)?;
@@ -90,6 +93,7 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
         args,
         guard,
         controller: swarm.controller.pid,
+        guarded: monotonic(),
         clock: Clock::new(u64::MAX, speed),
         speed_of: speed,
         setup: Arc::new(setup),
@@ -142,6 +146,8 @@ struct Driver<'a, A: Agent> {
     args: &'a AgentArgs,
     guard: Guard,
     controller: i32,
+    /// When the controller was last looked for.
+    guarded: u64,
     clock: Clock,
     speed_of: crate::clock::Speed,
     setup: Arc<A::Setup>,
@@ -175,19 +181,25 @@ impl<A: Agent> Driver<'_, A> {
             let now = self.now();
             self.impair.release(now, &mut self.burst);
             self.send_burst()?;
-            self.uplink.flush();
             while let Some(class) = self.contacts.give_up(monotonic()) {
                 self.account.tally[class].expired += 1;
             }
+            // Before the controller hears of anything: it may kill this process for what it hears.
+            self.ledger.write(&self.account)?;
+            self.uplink.flush();
             if self.stopping {
                 return self.end();
             }
-            self.ledger.write(&self.account)?;
             let wait = self.patience(drained);
             if !wait.is_zero() {
                 self.inbox.wait(wait)?;
                 self.account.wakes += 1;
             }
+            let now = monotonic();
+            if now.saturating_sub(self.guarded) < GUARD_NANOS {
+                continue;
+            }
+            self.guarded = now;
             if self.guard.controller_is_gone() {
                 return Err(AgentError::Orphan(self.controller));
             }

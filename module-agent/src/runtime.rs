@@ -35,7 +35,7 @@ pub enum Runtime<P> {
     Begin {
         /// CLOCK_MONOTONIC at scenario time zero.
         epoch: u64,
-        /// Where the body stands.
+        /// Where the body stands; at most 87 bytes on the wire.
         place: P,
     },
     /// The contact on a port changed.

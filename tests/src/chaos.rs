@@ -70,6 +70,11 @@ impl Controller {
         roots.find(|root| owner(root).is_some_and(|o| o.pid == self.child.id() as i32))
     }
 
+    /// The controller's process.
+    pub fn pid(&self) -> i32 {
+        self.child.id() as i32
+    }
+
     /// The process of a module.
     pub fn agent(&self, id: u32, life: u16) -> Identity {
         let (id, life) = (ModuleId(id), Incarnation(life));

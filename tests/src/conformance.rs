@@ -86,7 +86,8 @@ fn slow_stream(mut script: Script, rounds: u32, size: u32) -> Script {
 
 /// A message reaches the neighbour, by the right port, and nobody else.
 pub fn delivers_to_the_neighbour_that_is_there(bed: &mut impl Testbed) {
-    let script = Script::new(3).send(1, 0, 10, 1).send(1, 1, 20, 1).until_got(0, 1, 1).until_got(2, 0, 1);
+    let script =
+        Script::new(3).send(1, 0, 10, 1).send(1, 1, 20, 1).until_got(0, 1, 1).until_got(2, 0, 1).settle(1);
     let (script, counts) = run(bed, &clear(), &mut ProbeWorld::line(3), script);
     assert_eq!(script.log.got(A, Port(1)), [10]);
     assert_eq!(script.log.got(ModuleId(2), Port(0)), [20]);

@@ -190,3 +190,78 @@ fn seal<A: Agent>(letter: &Letter<A>, destination: ModuleId, sequence: u32) -> F
         Letter::Order(m) => Frame::seal(header(Channel::Control, m.kind()), m),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_module_agent::runtime::Contact;
+    use metamorph_protocol::agent::{Birth, InputOf, OutputOf};
+    use metamorph_protocol::ids::{Revision, Session};
+    use metamorph_protocol::lattice::Cell;
+    use metamorph_protocol::time::Time;
+    use metamorph_protocol::wire::Never;
+    use std::hash::Hasher;
+    use std::sync::Arc;
+
+    struct Idle;
+    impl Agent for Idle {
+        type Setup = ();
+        type Place = Cell;
+        type Message = Never;
+        type Action = Never;
+        type Percept = Never;
+        type Order = Cell;
+        type Report = Never;
+        const PORTS: usize = 6;
+        fn new(_: &Arc<()>, _: Birth<Cell>, _: Time) -> Idle {
+            Idle
+        }
+        fn handle(&mut self, _: Time, _: InputOf<Idle>) {}
+        fn poll(&mut self) -> Option<OutputOf<Idle>> {
+            None
+        }
+        fn wake_at(&self) -> Time {
+            Time::NEVER
+        }
+        fn digest(&self, _: &mut dyn Hasher) {}
+    }
+
+    fn contact(revision: u32) -> Letter<Idle> {
+        let contact = Contact {
+            session: Session(revision),
+            peer: ModuleId(1),
+            peer_incarnation: Incarnation(0),
+            peer_port: Port(0),
+        };
+        let (port, revision) = (Port((revision % 6) as u8), Revision(revision));
+        Letter::Runtime(Runtime::Contact { port, revision, contact: Some(contact) })
+    }
+
+    #[test]
+    fn contact_changes_of_a_stopped_process_never_pile_up() {
+        let mut process: Process<Idle> = Process::new(ModuleId(0));
+        let last = QUEUE_LIMIT as u32 * 5;
+        for revision in 1..=last {
+            assert!(process.tell(contact(revision)));
+            assert!(process.queue.len() <= QUEUE_LIMIT);
+        }
+        // What is left ends with the newest change of each port, in order.
+        process.drop_overtaken();
+        let left: Vec<u32> = process
+            .queue
+            .iter()
+            .filter_map(|letter| match letter {
+                Letter::Runtime(Runtime::Contact { revision, .. }) => Some(revision.0),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(left, (last - 5..=last).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_process_that_takes_nothing_for_ever_is_noticed() {
+        let mut process: Process<Idle> = Process::new(ModuleId(0));
+        let told = (0..QUEUE_LIMIT * 2).take_while(|_| process.tell(Letter::Order(Cell::default()))).count();
+        assert_eq!(told, QUEUE_LIMIT);
+    }
+}

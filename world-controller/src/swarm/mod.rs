@@ -92,6 +92,9 @@ const SPACE: (u64, u64) = (200 << 10, 8 << 20);
 /// Runs a swarm until its director finishes it or a shutdown is asked for, and leaves nothing
 /// behind: no process, no shared memory, no file. What earlier runs of this user left when they
 /// were killed is removed first.
+///
+/// Blocks for the whole run, so it must not be called from asynchronous code. A panic in the world
+/// or the director ends the swarm on its way out.
 pub fn run_swarm<W, D>(
     options: &SwarmOptions,
     setup: &<W::Agent as Agent>::Setup,

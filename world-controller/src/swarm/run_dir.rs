@@ -2,8 +2,9 @@
 //! removed without ever touching a live run or anybody else's.
 //!
 //! A run's directory is prepared under another name that says who prepares it, and gets its own
-//! name only when it holds `owner`, the controller's pid and start time. Shared-memory files of a
-//! run lie beside it and start with its name and an underscore. The directory goes last, so that
+//! name only when it holds `owner`, the controller's pid and start time. The controller keeps that
+//! file locked while it lives, which holds across containers that share memory but not pids.
+//! Shared-memory files of a run lie beside it and start with its name and an underscore. The directory goes last, so that
 //! what a killed cleaner leaves is found by the next.
 
 use metamorph_module_agent::ledger;
@@ -11,10 +12,11 @@ use metamorph_module_agent::pid_directory;
 use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::run_name::{HOME, MARK, RunName};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{FlockOperation, flock};
 use rustix::process::{PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
 use std::collections::BTreeSet;
-use std::fs::{self, DirBuilder};
-use std::io;
+use std::fs::{self, DirBuilder, File};
+use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -65,6 +67,7 @@ static RUNS: AtomicU64 = AtomicU64::new(0);
 pub struct RunDir {
     name: RunName,
     root: PathBuf,
+    _lock: File,
 }
 
 impl RunDir {
@@ -76,10 +79,10 @@ impl RunDir {
             let salt = (me.pid as u64) << 40 ^ me.start << 8 ^ RUNS.fetch_add(1, Ordering::Relaxed);
             let name = RunName::new(user, salt);
             let part = Path::new(HOME).join(format!("{name}~{}.{}", me.pid, me.start));
-            prepare(&part, me).map_err(|e| RunDirError::Create(part.clone(), e))?;
+            let lock = prepare(&part, me).map_err(|e| RunDirError::Create(part.clone(), e))?;
             let root = name.root();
             match fs::rename(&part, &root) {
-                Ok(()) => return Ok(RunDir { name, root }),
+                Ok(()) => return Ok(RunDir { name, root, _lock: lock }),
                 Err(e) => {
                     let _ = fs::remove_dir_all(&part);
                     if !matches!(e.kind(), io::ErrorKind::DirectoryNotEmpty | io::ErrorKind::AlreadyExists) {
@@ -112,13 +115,24 @@ pub fn log_directory(root: &Path) -> PathBuf {
     root.join("logs")
 }
 
-fn prepare(part: &Path, me: Identity) -> io::Result<()> {
+fn prepare(part: &Path, me: Identity) -> io::Result<File> {
     let make = |path: &Path| DirBuilder::new().mode(0o700).create(path);
     make(part)?;
     for directory in [pid_directory(part), ledger::directory(part), log_directory(part)] {
         make(&directory)?;
     }
-    fs::write(part.join(OWNER), me.to_line())
+    // Not inherited by agents: it is closed on exec like all files of the standard library.
+    let mut owner = File::create_new(part.join(OWNER))?;
+    owner.write_all(me.to_line().as_bytes())?;
+    flock(&owner, FlockOperation::NonBlockingLockExclusive)?;
+    Ok(owner)
+}
+
+/// Whether a live controller holds the lock of this run.
+fn is_locked(root: &Path) -> bool {
+    File::open(root.join(OWNER)).is_ok_and(|owner| {
+        flock(&owner, FlockOperation::NonBlockingLockShared) == Err(rustix::io::Errno::WOULDBLOCK)
+    })
 }
 
 /// Removes what this user's dead runs have left: their agents, if any still live, their shared
@@ -147,7 +161,7 @@ pub fn clean() -> Result<CleanReport, CleanError> {
             continue;
         }
         // A run's directory gets its name together with its owner: without one, it is a leftover.
-        if owner.is_some_and(|owner: Identity| owner.is_alive()) {
+        if owner.is_some_and(|owner: Identity| owner.is_alive()) || is_locked(&entry.path()) {
             report.alive += 1;
             continue;
         }
@@ -236,11 +250,15 @@ mod tests {
         let dir = RunDir::create().unwrap();
         let (root, name) = (dir.root().to_owned(), dir.name.to_string());
         let shared = Path::new(HOME).join(format!("{}test", dir.name.prefix()));
-        std::mem::forget(dir);
         fs::write(&shared, b"x").unwrap();
         // A pid of this very process, but of another start time: used again.
         let me = Identity::own().unwrap();
         fs::write(root.join(OWNER), Identity { start: me.start + 1, ..me }.to_line()).unwrap();
+        // Locked by someone who is not seen: as alive as can be.
+        clean().unwrap();
+        assert!(root.join(OWNER).exists() && shared.exists());
+        flock(&dir._lock, FlockOperation::Unlock).unwrap();
+        std::mem::forget(dir);
         // Another test may clean it up at the same time; either way nothing may be left.
         let report = clean().unwrap();
         assert!(!root.exists() && !shared.exists(), "{name} {report:?}");
