@@ -15,11 +15,15 @@ use std::time::Duration;
 const AGENT: &str = env!("CARGO_BIN_EXE_probe-agent");
 const CONTROLLER: &str = env!("CARGO_BIN_EXE_probe-controller");
 
-/// User and system time of a process so far, in clock ticks (100 a second).
-fn ticks(pid: i32) -> u64 {
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    let rest = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
-    rest.split_ascii_whitespace().skip(11).take(2).filter_map(|n| n.parse::<u64>().ok()).sum()
+/// Nanoseconds that all threads of a process have run so far. Clock ticks would not do: waking up
+/// for some microseconds once a second falls between them.
+fn ran(pid: i32) -> u64 {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let time = |thread: std::fs::DirEntry| -> Option<u64> {
+        let text = std::fs::read_to_string(thread.path().join("schedstat")).ok()?;
+        text.split_ascii_whitespace().next()?.parse().ok()
+    };
+    threads.filter_map(time).sum()
 }
 
 fn measure(count: u32) {
@@ -27,11 +31,11 @@ fn measure(count: u32) {
     let controller = Controller::start(CONTROLLER, count, 0, &[AGENT]);
     let ready = monotonic();
     let agents = controller.agents();
-    let all = || agents.iter().map(|a| ticks(a.pid)).sum::<u64>();
-    let (own, before) = (ticks(controller.pid()), all());
+    let all = || agents.iter().map(|a| ran(a.pid)).sum::<u64>();
+    let (own, before) = (ran(controller.pid()), all());
     // An idle swarm announces nothing; this is the one thing to wait for by the clock.
     std::thread::park_timeout(Duration::from_secs(10));
-    let (own, idle) = (ticks(controller.pid()) - own, all() - before);
+    let (own, idle) = (ran(controller.pid()) - own, all() - before);
     let stopping = monotonic();
     let came_to = controller.finish();
     let seconds = |ns: u64| ns as f64 / 1e9;
@@ -40,8 +44,8 @@ fn measure(count: u32) {
          of a core (agents) and {:.2} % (controller), stopped and removed in {:.2} s",
         came_to["setup_ms"] as f64 / 1e3,
         seconds(ready - begun),
-        idle as f64 / 10.0,
-        own as f64 / 10.0,
+        seconds(idle) / 10.0 * 100.0,
+        seconds(own) / 10.0 * 100.0,
         seconds(monotonic() - stopping),
     );
 }

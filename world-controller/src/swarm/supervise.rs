@@ -247,6 +247,10 @@ fn log_path(launch: &Launch, (id, incarnation): Life) -> PathBuf {
 }
 
 /// Never `fork` alone: shared memory does not survive it. This is fork and exec.
+///
+/// iceoryx2 does not mark its files to be closed on exec, so an agent inherits those that the
+/// controller has open: few at the start of a run, some 13 for each agent on a restart. They cost a
+/// little memory, nobody uses them, and the run's end removes what they refer to.
 fn spawn(launch: &Launch, life: Life) -> io::Result<Child> {
     let (root, verbose) = (launch.root.clone(), launch.verbose);
     let args = AgentArgs { root, id: life.0, incarnation: life.1, verbose };
