@@ -84,7 +84,7 @@ pub struct Birth<P> {
 }
 
 /// What happens to an agent.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Input<M, P, O> {
     /// The contact on a port changed: a new session, or none.
     Contact {
@@ -109,7 +109,7 @@ pub enum Input<M, P, O> {
 }
 
 /// What an agent does.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Output<M, A, R> {
     /// Send a message over the current session of a port.
     Send {

@@ -8,10 +8,13 @@
 //! state of an agent.
 
 pub mod agent;
+pub mod cube;
+pub mod goal;
 pub mod ids;
 pub mod lattice;
 pub mod link;
 pub mod ratio;
+pub mod shape;
 pub mod stream;
 pub mod tally;
 pub mod time;

@@ -1,3 +1,13 @@
 //! The simulated world and the simulated network.
+pub mod cube_audit;
+pub mod cube_world;
+pub mod diagnosis;
 pub mod direct;
+pub mod director;
+pub mod faults;
+pub mod grid;
+pub mod invariants;
+pub mod outcome;
+pub mod sim;
+pub mod trace;
 pub mod world;

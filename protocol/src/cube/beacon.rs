@@ -1,0 +1,393 @@
+//! Beacons: what a module tells its neighbours about itself, and what it makes of theirs.
+
+use super::field::{Limits, Offer};
+use super::message::{Beacon, Claim, Entry, Message, Role, Status};
+use super::params::Connectivity;
+use super::{Cube, Peer, UNLABELLED};
+use crate::agent::{Class, Output};
+use crate::goal::Growth;
+use crate::lattice::Face;
+use crate::time::Time;
+
+/// Marks an offer that comes from another face of the same module.
+pub(super) const OWN: u8 = 6;
+/// Marks an offer of a module one further out, which touches the same cell.
+pub(super) const SAME_CELL: u8 = 12;
+
+impl Cube {
+    pub(super) fn on_beacon(&mut self, now: Time, face: Face, beacon: Beacon) {
+        if let Some(peer) = &self.side(face).peer {
+            let late = peer.beacon.sequence >= beacon.sequence;
+            // One session has one neighbour; anything else is garbage.
+            if late || peer.beacon.id != beacon.id {
+                return;
+            }
+            if (Beacon { sequence: beacon.sequence, ..peer.beacon }) == beacon {
+                self.side_mut(face).peer = Some(Peer { beacon, heard: now });
+                return;
+            }
+        }
+        if beacon.id == self.id {
+            return;
+        }
+        let corner_hint = self.setup.params.corner_hint;
+        let side = self.side_mut(face);
+        side.peer = Some(Peer { beacon, heard: now });
+        if beacon.corners != 0 {
+            side.corners |= beacon.corners;
+            side.corners_until = now + corner_hint;
+        }
+        if beacon.epoch > self.epoch {
+            self.follow_epoch(now, beacon.epoch);
+        }
+        // A walker that has arrived needs its reservation no more: it is anchored by contact now.
+        self.release_locks(|lock| lock.id.origin == beacon.id && lock.reserved == Some(face));
+        self.register_child(now, face, &beacon);
+        if self.role == Role::Reserve {
+            for entry in beacon.field.iter().filter(|e| e.is_known()) {
+                self.hear_of(now, entry.source);
+            }
+        }
+        self.touch();
+        self.decide_soon(now);
+    }
+
+    /// Becomes finalized if it stands in a goal cell that a finalized neighbour wants filled.
+    pub(super) fn finalize_if_wanted(&mut self, now: Time) {
+        if self.role == Role::Final || self.moving.is_some() || !self.goal().contains(self.cell) {
+            return;
+        }
+        let wanted_by = |f: &Face| {
+            self.live(now, *f).is_some_and(|b| b.wants_you && b.role == Role::Final && b.epoch == self.epoch)
+        };
+        if let Some(face) = Face::ALL.into_iter().find(wanted_by) {
+            self.abort_attempt(now, None);
+            self.become_final(Some(face));
+        }
+    }
+
+    /// Whether this finalized module wants the cell outside a face filled (rules G1 and G2).
+    pub(super) fn wants(&self, now: Time, face: Face) -> bool {
+        if self.role != Role::Final {
+            return false;
+        }
+        let (goal, cell) = (self.goal(), self.cell.step(face));
+        if !goal.contains(cell) || self.peer(face).is_some_and(|b| b.role == Role::Final) {
+            return false;
+        }
+        let relaxed = |since: Time| now.since(since) > self.setup.params.relax;
+        if self.side(face).unfilled_since.is_some_and(relaxed) {
+            return true;
+        }
+        goal.may_start(self.cell, face)
+            && (goal.growth() == Growth::Scaffold
+                || self.setup.params.sabotage.any_lower_on_solids
+                || self.lower_are_filled(now, face))
+    }
+
+    /// Rule G2: every lower neighbour of the cell is finalized, as far as the common neighbours that
+    /// can see it say.
+    fn lower_are_filled(&self, now: Time, face: Face) -> bool {
+        let (goal, cell) = (self.goal(), self.cell.step(face));
+        goal.lower_neighbours(cell).all(|toward| {
+            if toward == face.opposite() {
+                return true;
+            }
+            match toward.slot_in(face) {
+                // The lower cell lies beside ours, seen by the module that both touch.
+                Some(_) if goal.contains(self.cell.step(toward)) => {
+                    self.terrain(now, toward).is_some_and(|b| b.finals & face.bit() != 0)
+                }
+                // Opposite fronts, or nobody in between: nothing to go by.
+                _ => true,
+            }
+        })
+    }
+
+    pub(super) fn wanted_faces(&self, now: Time) -> impl Iterator<Item = Face> + '_ {
+        Face::ALL.into_iter().filter(move |f| self.wants(now, *f))
+    }
+
+    /// Versions count the refresh periods of this module, whose phase is its own so that not all
+    /// sources flood at once. They go on after a restart.
+    fn version(&self, now: Time) -> u16 {
+        (self.phased(now) / self.setup.params.refresh.0.max(1)) as u16
+    }
+    fn phased(&self, now: Time) -> u64 {
+        let refresh = self.setup.params.refresh.0.max(1);
+        now.0.saturating_add(u64::from(self.id.0).wrapping_mul(0x9E37_79B9_7F4A_7C15) % refresh)
+    }
+    pub(super) fn next_refresh(&self, now: Time) -> Time {
+        let refresh = self.setup.params.refresh.0.max(1);
+        now + crate::time::Span(refresh - self.phased(now) % refresh)
+    }
+
+    fn corner_blocked(&self, now: Time, a: Face, b: Face) -> bool {
+        let one_way = |f: Face, d: Face| {
+            let side = self.side(f);
+            side.corners & d.bit() != 0 && now < side.corners_until
+        };
+        one_way(a, b) || one_way(b, a)
+    }
+
+    /// Recomputes the attraction field of all faces from what the neighbours said last.
+    pub(super) fn tend_field(&mut self, now: Time) {
+        let due = self.sides.iter().any(|s| s.field.expires(self.setup.params.hold) <= now)
+            || (self.role == Role::Final && self.targets_are_old(now));
+        if !self.field_stale && !due {
+            return;
+        }
+        self.field_stale = false;
+        if self.role == Role::Final {
+            self.note_unfilled(now);
+        }
+        let p = &self.setup.params;
+        let limits = Limits {
+            hold: p.hold,
+            range: p.range.min(Entry::MAX_MOVES) * Entry::MOVE,
+            accept_stale: p.sabotage.accept_stale_values,
+        };
+        let version = self.version(now);
+        let open = Face::ALL.map(|f| self.is_open(now, f));
+        let mut changed_any = false;
+        // A walker is traffic, not terrain: nobody walks over it.
+        let carries = self.role != Role::Walker;
+        // Faces depend on each other; distances only fall within one round of settling, and no path
+        // over one module is longer than its six faces.
+        for _ in 0..6 {
+            let mut changed = false;
+            for face in Face::ALL {
+                let i = face.index();
+                changed |= if !open[i] || !carries {
+                    self.sides[i].field.set(Entry::NONE)
+                } else if self.side(face).session.is_none() && self.wants(now, face) {
+                    let source = self.id.0 << 3 | face as u32;
+                    self.sides[i].field.set(Entry { distance: 0, source, version })
+                } else {
+                    let (mut offers, n) = self.offers(now, face, &open);
+                    // What comes back of this face's own word is no news of a target.
+                    let own = self.id.0 << 3 | face as u32;
+                    for offer in offers.iter_mut().filter(|o| o.entry.source == own) {
+                        offer.entry = Entry::NONE;
+                    }
+                    self.sides[i].field.choose(now, limits, &offers[..n])
+                };
+            }
+            changed_any |= changed;
+            if !changed {
+                break;
+            }
+        }
+        if changed_any {
+            for side in &mut self.sides {
+                side.stale = true;
+            }
+        }
+    }
+
+    /// Whether a face that is a target does not say so, in the present version.
+    fn targets_are_old(&self, now: Time) -> bool {
+        let version = self.version(now);
+        self.wanted_faces(now).any(|f| {
+            let value = self.side(f).field.value();
+            self.side(f).session.is_none() && (value.distance != 0 || value.version != version)
+        })
+    }
+
+    /// Notes since when goal cells around a finalized module have been unfilled.
+    fn note_unfilled(&mut self, now: Time) {
+        for face in Face::ALL {
+            let unfilled = self.goal().contains(self.cell.step(face))
+                && self.peer(face).is_none_or(|b| b.role != Role::Final)
+                && !self.side(face).condemned;
+            let since = &mut self.side_mut(face).unfilled_since;
+            *since = if unfilled { since.or(Some(now)) } else { None };
+        }
+    }
+
+    /// The distances that the cell outside `face` can be given: along neighbouring modules, and
+    /// around the edges of this one.
+    fn offers(&self, now: Time, face: Face, open: &[bool; 6]) -> ([Offer; 4], usize) {
+        let mut offers = [Offer { entry: Entry::NONE, cost: 0, via: 0 }; 4];
+        let mut n = 0;
+        let mut add = |offer| {
+            offers[n] = offer;
+            n += 1;
+        };
+        for heading in face.perpendicular() {
+            if let Some(beacon) = self.terrain(now, heading) {
+                let slot = face.slot_in(heading).unwrap_or(0);
+                // A module one further out touches the very same cell; otherwise it is one slide.
+                let (cost, via) = match beacon.terrain & face.bit() {
+                    0 => (Entry::MOVE, heading as u8),
+                    _ => (1, SAME_CELL + heading as u8),
+                };
+                add(Offer { entry: beacon.field[slot], cost, via });
+            } else if open[heading.index()] && !self.corner_blocked(now, face, heading) {
+                let entry = self.side(heading).field.value();
+                add(Offer { entry, cost: Entry::MOVE, via: OWN + heading as u8 });
+            }
+        }
+        (offers, n)
+    }
+
+    /// What a walker on `face` would find in each of its four headings.
+    fn advertised(&self, now: Time, face: Face) -> [Entry; 4] {
+        face.perpendicular().map(|heading| {
+            if self.is_open(now, heading) {
+                self.side(heading).field.value()
+            } else {
+                match self.terrain(now, heading) {
+                    Some(b) if b.terrain & face.bit() == 0 => b.field[face.slot_in(heading).unwrap_or(0)],
+                    _ => Entry::NONE,
+                }
+            }
+        })
+    }
+
+    fn compose(&self, now: Time, face: Face, masks: (u8, u8)) -> Beacon {
+        let side = self.side(face);
+        let claim = match (self.setup.params.connectivity, self.role) {
+            (_, Role::Final | Role::Walker) | (Connectivity::Cycles, _) => Claim::None,
+            (Connectivity::Gradient, Role::Reserve) => self.gradient_claim(now, face),
+            (Connectivity::Forest, Role::Reserve) => self.forest_claim(face),
+        };
+        let subtree =
+            if self.role == Role::Final && self.activator == Some(face) { self.subtree(now) } else { 0 };
+        Beacon {
+            id: self.id,
+            sequence: side.sequence,
+            epoch: self.epoch,
+            role: self.role,
+            attached: self.is_attached(),
+            immobile: self.immobile,
+            anchored_here: match self.role {
+                Role::Walker => self.anchor == Some(face),
+                Role::Final => self.activator == Some(face),
+                Role::Reserve => false,
+            },
+            wants_you: self.wants(now, face),
+            quarantined: self.is_quarantined(now),
+            terrain: masks.0,
+            finals: masks.1,
+            label: self.label,
+            claim,
+            ack: side.child,
+            corners: self.corners_seen[face.index()],
+            subtree,
+            field: if self.role == Role::Walker { [Entry::NONE; 4] } else { self.advertised(now, face) },
+        }
+    }
+
+    pub(super) fn is_attached(&self) -> bool {
+        match self.setup.params.connectivity {
+            _ if self.role == Role::Final => true,
+            Connectivity::Forest => self.parent.is_some(),
+            Connectivity::Gradient => self.label != UNLABELLED,
+            Connectivity::Cycles => true,
+        }
+    }
+
+    /// Finalized modules that this one stands for: itself and those it made finalized, and so on.
+    fn subtree(&self, now: Time) -> u32 {
+        let below: u32 = Face::ALL
+            .into_iter()
+            .filter(|f| Some(*f) != self.activator)
+            .filter_map(|f| self.live(now, f))
+            .filter(|b| b.role == Role::Final && b.anchored_here && b.epoch == self.epoch)
+            .map(|b| b.subtree)
+            .sum();
+        below + 1
+    }
+
+    /// Sends the beacons that are due: news at most once per `advertise`, the rest per `heartbeat`.
+    pub(super) fn tend_beacons(&mut self, now: Time) {
+        let (advertise, heartbeat) = (self.setup.params.advertise, self.setup.params.heartbeat);
+        let due = |side: &super::Side| {
+            let age = now.since(side.sent_at);
+            side.session.is_some()
+                && (side.sent.is_none() || (side.stale && age >= advertise) || age >= heartbeat)
+        };
+        if !self.sides.iter().any(due) {
+            return;
+        }
+        let mask = |keep: &dyn Fn(&Beacon) -> bool| {
+            let faces = Face::ALL.into_iter().filter(|f| self.terrain(now, *f).is_some_and(keep));
+            faces.fold(0, |mask, f| mask | f.bit())
+        };
+        let masks = (mask(&|_| true), mask(&|b| b.role == Role::Final && b.epoch == self.epoch));
+        for face in Face::ALL {
+            if !due(self.side(face)) {
+                continue;
+            }
+            let mut beacon = self.compose(now, face, masks);
+            let side = self.side_mut(face);
+            side.stale = false;
+            let class = match &side.sent {
+                None => Class::Liveness,
+                Some(before) if *before == beacon => {
+                    if now.since(side.sent_at) < heartbeat {
+                        continue;
+                    }
+                    Class::Liveness
+                }
+                Some(before) => news(before, &beacon),
+            };
+            side.sequence += 1;
+            beacon.sequence = side.sequence;
+            side.sent = Some(beacon);
+            side.sent_at = now;
+            self.send(face, class, Message::Beacon(beacon));
+        }
+    }
+
+    /// Tells the world-controller when something it counts on has changed: at once what matters for
+    /// the outcome, the rest now and then.
+    pub(super) fn tend_report(&mut self, now: Time) {
+        let is_seed = self.role == Role::Final && self.activator.is_none();
+        let status = Status {
+            epoch: self.epoch,
+            role: self.role,
+            attached: self.is_attached(),
+            immobile: self.immobile,
+            pinned: self.is_pinned(now),
+            attracted: self.is_attracted(now),
+            wants: self.wanted_faces(now).fold(0, |mask, f| mask | f.bit()),
+            subtree: if is_seed { self.subtree(now) } else { 0 },
+            prevented: self.prevented,
+            waits_for: self.waits_for,
+        };
+        let urgent = self.reported.is_none_or(|r| {
+            (r.epoch, r.role, r.immobile) != (status.epoch, status.role, status.immobile)
+                || (is_seed && r.subtree != status.subtree)
+        });
+        let rested = now.since(self.reported_at) >= self.setup.params.heartbeat;
+        if self.reported != Some(status) && (urgent || rested) {
+            self.reported = Some(status);
+            self.reported_at = now;
+            self.out.push_back(Output::Report(status));
+        }
+    }
+
+    fn is_attracted(&self, now: Time) -> bool {
+        Face::ALL
+            .into_iter()
+            .filter_map(|f| self.terrain(now, f))
+            .any(|b| b.field.iter().any(|e| e.is_known()))
+    }
+}
+
+/// What a beacon is for, judged by what is new in it; connectivity first, gradient last.
+fn news(before: &Beacon, after: &Beacon) -> Class {
+    let connectivity = |b: &Beacon| (b.attached, b.label, b.claim, b.ack, b.anchored_here, b.quarantined);
+    let seed = |b: &Beacon| (b.epoch, b.role, b.wants_you, b.terrain, b.finals, b.subtree, b.immobile);
+    if connectivity(before) != connectivity(after) {
+        Class::Connectivity
+    } else if seed(before) != seed(after) {
+        Class::Seed
+    } else if before.corners != after.corners {
+        Class::Negotiation
+    } else {
+        Class::Gradient
+    }
+}

@@ -1,0 +1,195 @@
+//! Connecting cycles (thesis 4.2.2, after Fitch and Butler): a module may leave if its neighbours
+//! stay connected without it, over modules that it has locked until it is gone.
+//!
+//! Neighbours count as connected over a module that touches both, over finalized modules (which
+//! never leave and hang together), or over a way that a search has found. Every way is locked; locks
+//! are refused rather than waited for, so they cannot deadlock.
+
+use super::Cube;
+use super::message::{Ask, Message, RequestId, Role, Route};
+use crate::agent::Class;
+use crate::lattice::Face;
+use crate::time::Time;
+
+/// How far searches go, one after the other.
+const DEPTHS: [u8; 4] = [4, 8, 14, 22];
+/// Searches remembered, so that each is passed on once.
+const MAX_SEEN: usize = 64;
+/// The finalized structure, as one more node beside the six faces.
+const ROOT: usize = 6;
+
+/// Which neighbours are known to be connected without the mover.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct SearchState {
+    /// For each face, and for the finalized structure, a name of its part.
+    part: [u8; 7],
+    /// Faces with a neighbour.
+    nodes: u8,
+    depth: usize,
+}
+
+impl SearchState {
+    fn join(&mut self, a: usize, b: usize) -> bool {
+        let (keep, drop) = (self.part[a], self.part[b]);
+        for part in &mut self.part {
+            if *part == drop {
+                *part = keep;
+            }
+        }
+        keep != drop
+    }
+    fn parts(&self) -> Vec<Face> {
+        let mut seen = Vec::new();
+        let mut representatives = Vec::new();
+        for face in Face::ALL.into_iter().filter(|f| self.nodes & f.bit() != 0) {
+            if !seen.contains(&self.part[face.index()]) {
+                seen.push(self.part[face.index()]);
+                representatives.push(face);
+            }
+        }
+        representatives
+    }
+}
+
+impl Cube {
+    /// Asks for the locks that keep the neighbours connected. False if a search has to come first.
+    pub(super) fn ask_for_cycles(&mut self, now: Time) -> bool {
+        let mut state = SearchState { part: [0, 1, 2, 3, 4, 5, 6], nodes: 0, depth: 0 };
+        let mut routes: Vec<Route> = Vec::new();
+        let neighbours: Vec<(Face, Role, u8, u8)> = Face::ALL
+            .into_iter()
+            .filter_map(|f| self.terrain(now, f).map(|b| (f, b.role, b.terrain, b.finals)))
+            .collect();
+        for (face, role, _, finals) in &neighbours {
+            state.nodes |= face.bit();
+            if *role == Role::Final || *finals != 0 {
+                state.join(ROOT, face.index());
+            }
+            // Every neighbour that could leave is locked, whatever connects it.
+            if *role != Role::Final {
+                routes.extend(Route::new(&[*face]));
+            }
+        }
+        for (u, _, terrain, _) in &neighbours {
+            for (v, _, back, _) in &neighbours {
+                let touches = terrain & v.bit() != 0 && back & u.bit() != 0;
+                if u < v && v.slot_in(*u).is_some() && touches && state.join(u.index(), v.index()) {
+                    routes.extend(Route::new(&[*u, *v, u.opposite()]));
+                }
+            }
+        }
+        let connected = state.parts().len() <= 1;
+        if !connected && let Some(attempt) = &mut self.attempt {
+            attempt.search = Some(state);
+        }
+        for route in routes {
+            self.ask(now, route, Ask::Lock);
+        }
+        if !connected {
+            self.search(now);
+        }
+        connected
+    }
+
+    /// Floods a search from every part of the neighbourhood but the first.
+    fn search(&mut self, now: Time) {
+        let Some(attempt) = &mut self.attempt else { return };
+        let Some(state) = &attempt.search else { return };
+        let ttl = DEPTHS[state.depth];
+        let id = RequestId { origin: self.id, token: attempt.token, number: state.depth as u8 };
+        let from: Vec<Face> = state.parts().into_iter().skip(1).collect();
+        let p = &self.setup.params;
+        attempt.timeout = now + p.usual_delay * (2 * (u64::from(ttl) + 2)) + p.tick() * 8;
+        for face in from {
+            if let Some(route) = Route::new(&[face]) {
+                self.send(face, Class::Connectivity, Message::Search { id, ttl, route });
+            }
+        }
+    }
+
+    /// Searches farther when nothing was found; false if there is no farther, or no search.
+    pub(super) fn widen_search(&mut self, now: Time) -> bool {
+        let Some(state) = self.attempt.as_mut().and_then(|a| a.search.as_mut()) else { return false };
+        if state.depth + 1 == DEPTHS.len() {
+            return false;
+        }
+        state.depth += 1;
+        self.search(now);
+        true
+    }
+
+    pub(super) fn on_search(&mut self, now: Time, from: Face, id: RequestId, ttl: u8, route: Route) {
+        let last = route.hop(route.hop_count() - 1).map(Face::opposite);
+        let passes = last == Some(from)
+            && id.origin != self.id
+            && self.role != Role::Walker
+            && self.is_idle()
+            && !self.is_quarantined(now)
+            && !self.searches.contains(&id);
+        if !passes {
+            return;
+        }
+        if self.searches.len() == MAX_SEEN {
+            self.searches.pop_front();
+        }
+        self.searches.push_back(id);
+        let touches_root = self.role == Role::Final
+            || Face::ALL.into_iter().any(|f| self.live(now, f).is_some_and(|b| b.role == Role::Final));
+        let touches_origin =
+            Face::ALL.into_iter().find(|f| *f != from && self.peer(*f).is_some_and(|b| b.id == id.origin));
+        if touches_root || touches_origin.is_some() {
+            let back = if touches_root { None } else { touches_origin };
+            let hop = route.hop_count() as u8 - 1;
+            return self.send(from, Class::Connectivity, Message::Found { id, hop, back, route });
+        }
+        if ttl == 0 {
+            return;
+        }
+        for face in Face::ALL.into_iter().filter(|f| *f != from) {
+            if self.terrain(now, face).is_some()
+                && let Some(route) = route.then(face)
+            {
+                self.send(face, Class::Connectivity, Message::Search { id, ttl: ttl - 1, route });
+            }
+        }
+    }
+
+    pub(super) fn on_found(
+        &mut self,
+        now: Time,
+        from: Face,
+        id: RequestId,
+        hop: u8,
+        back: Option<Face>,
+        route: Route,
+    ) {
+        let depth = usize::from(hop);
+        if route.hop(depth) != Some(from) {
+            return;
+        }
+        if depth > 0 {
+            if let Some(to) = route.hop(depth - 1).map(Face::opposite) {
+                let message = Message::Found { id, hop: hop - 1, back, route };
+                self.send(to, Class::Connectivity, message);
+            }
+            return;
+        }
+        let Some(attempt) = self.attempt.as_mut().filter(|a| a.token == id.token && id.origin == self.id)
+        else {
+            return;
+        };
+        let Some(state) = &mut attempt.search else { return };
+        let other = back.map_or(ROOT, |f| f.opposite().index());
+        if !state.join(from.index(), other) {
+            return;
+        }
+        let connected = state.parts().len() <= 1;
+        if connected {
+            attempt.search = None;
+        }
+        self.ask(now, route, Ask::Lock);
+        if connected {
+            self.ask_for_destination(now);
+        }
+    }
+}

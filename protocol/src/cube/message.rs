@@ -1,0 +1,686 @@
+//! What cubes say to each other, to their bodies and to the world-controller.
+
+use crate::ids::{ModuleId, Port, Session, Token};
+use crate::lattice::{Cell, Face, Motion, MotionKind};
+use crate::time::{Span, Time};
+use crate::wire::{Decoder, Encoder, Wire, WireError};
+
+/// What a module is in the growth of the goal (thesis 4.1.2: wandering, finalized; a module of the
+/// initial body that has not been recruited yet is in reserve).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Role {
+    /// Part of the initial body.
+    Reserve = 0,
+    /// Wandering over the surface, carried by one anchor.
+    Walker = 1,
+    /// Finalized: fills a goal cell for good.
+    Final = 2,
+}
+
+impl Role {
+    fn decode(v: u8) -> Result<Role, WireError> {
+        match v {
+            0 => Ok(Role::Reserve),
+            1 => Ok(Role::Walker),
+            2 => Ok(Role::Final),
+            _ => Err(WireError::Field("role")),
+        }
+    }
+}
+
+/// What a module wants of the neighbour it tells this, as to staying connected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Claim {
+    /// Nothing.
+    None,
+    /// "Be my parent."
+    Want(Token),
+    /// "You are my parent": do not leave.
+    Parent(Token),
+}
+
+/// Where an unfilled goal cell is: how far, and which face of which module offers it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Entry {
+    /// The way to the target, [`Entry::MOVE`] per move and 1 for each time the word of it was passed
+    /// on between modules that touch the same cell; [`Entry::FAR`] if no target is known. Without the
+    /// latter part two such modules could each believe that the other knows a way.
+    pub distance: u16,
+    /// Module and face that the target touches, packed as `module·8 + face`.
+    pub source: u32,
+    /// The source's version; later ones are newer, modulo 2¹⁶.
+    pub version: u16,
+}
+
+impl Entry {
+    /// The distance that stands for "no target known".
+    pub const FAR: u16 = u16::MAX;
+    /// The distance of one move.
+    pub const MOVE: u16 = 16;
+    /// The farthest that distances reach, in moves.
+    pub const MAX_MOVES: u16 = Entry::FAR / Entry::MOVE - 1;
+    /// No target known.
+    pub const NONE: Entry = Entry { distance: Entry::FAR, source: 0, version: 0 };
+
+    /// The distance in moves.
+    pub fn moves(self) -> u16 {
+        self.distance / Entry::MOVE
+    }
+    /// Whether a target is known.
+    pub fn is_known(self) -> bool {
+        self.distance != Entry::FAR
+    }
+}
+
+/// Everything a module tells the neighbour on one face about itself; repeated, so that losing one
+/// costs only time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Beacon {
+    /// The sender.
+    pub id: ModuleId,
+    /// Counts the beacons of a session in one direction.
+    pub sequence: u32,
+    /// Which goal the sender works for.
+    pub epoch: u16,
+    /// The sender's part in the growth.
+    pub role: Role,
+    /// The sender is finalized or has a parent.
+    pub attached: bool,
+    /// The sender cannot move any more.
+    pub immobile: bool,
+    /// A walker hangs on the receiver; a finalized module was started by the receiver.
+    pub anchored_here: bool,
+    /// The sender wants the receiver's cell filled, for good.
+    pub wants_you: bool,
+    /// The sender has restarted and grants nothing yet.
+    pub quarantined: bool,
+    /// Faces behind which the sender knows live modules that can carry a walker.
+    pub terrain: u8,
+    /// Faces behind which the sender knows finalized modules.
+    pub finals: u8,
+    /// The sender's depth in the parent forest, 0 if finalized.
+    pub label: u16,
+    /// What the sender wants of the receiver.
+    pub claim: Claim,
+    /// The receiver's claim that the sender has registered.
+    pub ack: Option<Token>,
+    /// Directions in which a walker found the corner over the receiver blocked.
+    pub corners: u8,
+    /// Finalized modules that the sender stands for, itself included.
+    pub subtree: u32,
+    /// Distances for the four headings at right angles to the shared face.
+    pub field: [Entry; 4],
+}
+
+/// The longest way a request can take.
+pub const MAX_HOPS: usize = 26;
+
+/// A way over faces, from the module that asks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Route {
+    len: u8,
+    hops: [u8; MAX_HOPS],
+}
+
+impl Route {
+    /// A route of at least one and at most [`MAX_HOPS`] hops.
+    pub fn new(hops: &[Face]) -> Option<Route> {
+        if hops.is_empty() || hops.len() > MAX_HOPS {
+            return None;
+        }
+        let mut route = Route { len: hops.len() as u8, hops: [0; MAX_HOPS] };
+        for (slot, face) in route.hops.iter_mut().zip(hops) {
+            *slot = *face as u8;
+        }
+        Some(route)
+    }
+    /// The number of hops.
+    pub fn hop_count(&self) -> usize {
+        self.len.into()
+    }
+    /// The face to leave by on hop `i`.
+    pub fn hop(&self, i: usize) -> Option<Face> {
+        self.hops[..self.hop_count()].get(i).and_then(|f| Face::from_index(*f))
+    }
+    /// All hops in order.
+    pub fn faces(&self) -> impl Iterator<Item = Face> + '_ {
+        (0..self.hop_count()).filter_map(|i| self.hop(i))
+    }
+    /// This route and one hop more.
+    pub fn then(&self, face: Face) -> Option<Route> {
+        let mut next = *self;
+        *next.hops.get_mut(self.hop_count())? = face as u8;
+        next.len += 1;
+        Some(next)
+    }
+
+    fn encode(&self, out: &mut Encoder) {
+        out.u8(self.len);
+        let mut packed = 0u128;
+        for (i, hop) in self.hops.iter().enumerate() {
+            packed |= u128::from(*hop) << (3 * i);
+        }
+        for byte in &packed.to_le_bytes()[..10] {
+            out.u8(*byte);
+        }
+    }
+    fn decode(from: &mut Decoder<'_>) -> Result<Route, WireError> {
+        let len = from.u8()?;
+        let mut bytes = [0u8; 16];
+        for byte in &mut bytes[..10] {
+            *byte = from.u8()?;
+        }
+        let packed = u128::from_le_bytes(bytes);
+        let mut hops = [0; MAX_HOPS];
+        for (i, hop) in hops.iter_mut().enumerate() {
+            *hop = (packed >> (3 * i) & 7) as u8;
+        }
+        let used = usize::from(len);
+        let valid = (1..=MAX_HOPS).contains(&used)
+            && hops[..used].iter().all(|h| *h < 6)
+            && hops[used..].iter().all(|h| *h == 0)
+            && packed >> (3 * MAX_HOPS) == 0;
+        if valid { Ok(Route { len, hops }) } else { Err(WireError::Field("route")) }
+    }
+}
+
+/// What the last module of a route is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Ask {
+    /// Stay where you are.
+    Lock,
+    /// Stay, and keep the cell outside this face free for me.
+    Reserve(Face),
+}
+
+/// Why a request is turned down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Denial {
+    /// The cell is occupied.
+    Occupied = 1,
+    /// The cell is kept for somebody else.
+    Reserved = 2,
+    /// A module of the route is leaving.
+    Busy = 3,
+    /// A module of the route wants to leave and has waited longer.
+    Younger = 4,
+    /// The route leads nowhere.
+    NoTerrain = 5,
+    /// A module of the route has just restarted.
+    Quarantined = 6,
+}
+
+impl Denial {
+    /// Whether granting would have let two modules into one cell.
+    pub fn is_collision(self) -> bool {
+        matches!(self, Denial::Occupied | Denial::Reserved)
+    }
+    fn decode(v: u8) -> Result<Option<Denial>, WireError> {
+        Ok(Some(match v {
+            0 => return Ok(None),
+            1 => Denial::Occupied,
+            2 => Denial::Reserved,
+            3 => Denial::Busy,
+            4 => Denial::Younger,
+            5 => Denial::NoTerrain,
+            6 => Denial::Quarantined,
+            _ => return Err(WireError::Field("denial")),
+        }))
+    }
+}
+
+/// Names one request: who asks, in which attempt, and which of its requests.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct RequestId {
+    /// Who asks.
+    pub origin: ModuleId,
+    /// The origin's attempt.
+    pub token: Token,
+    /// The request within the attempt.
+    pub number: u8,
+}
+
+impl RequestId {
+    fn encode(&self, out: &mut Encoder) {
+        out.u32(self.origin.0);
+        out.u32(self.token.0);
+        out.u8(self.number);
+    }
+    fn decode(from: &mut Decoder<'_>) -> Result<RequestId, WireError> {
+        Ok(RequestId { origin: ModuleId(from.u32()?), token: Token(from.u32()?), number: from.u8()? })
+    }
+}
+
+/// What cubes say to each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[allow(clippy::large_enum_variant, reason = "all travel in frames of one size")]
+pub enum Message {
+    /// State of the sender.
+    Beacon(Beacon),
+    /// Asks the modules along a route to stay, and the last one for more.
+    Request {
+        /// Which request.
+        id: RequestId,
+        /// For how long the origin has been waiting; the longer wins.
+        age: Span,
+        /// Hops already taken, at least 1.
+        hop: u8,
+        /// What the last module is asked for.
+        ask: Ask,
+        /// The way.
+        route: Route,
+    },
+    /// The answer, on the way back.
+    Response {
+        /// Which request.
+        id: RequestId,
+        /// Hops left to the origin.
+        hop: u8,
+        /// Why not; nothing if granted.
+        denial: Option<Denial>,
+        /// Who is in the way, if somebody is.
+        blocker: Option<ModuleId>,
+        /// Directions from the last module in which a further module touches the reserved cell.
+        co_owners: u8,
+        /// The way.
+        route: Route,
+    },
+    /// The origin needs none of an attempt's locks any more.
+    Release {
+        /// Who asked.
+        origin: ModuleId,
+        /// In which attempt.
+        token: Token,
+    },
+    /// Looks for a way around a module that wants to leave.
+    Search {
+        /// Who wants to leave, and which of its searches.
+        id: RequestId,
+        /// Hops still allowed.
+        ttl: u8,
+        /// The way so far.
+        route: Route,
+    },
+    /// A search has come to another neighbour of its origin, or to a finalized module.
+    Found {
+        /// Which search.
+        id: RequestId,
+        /// Hops left to the origin.
+        hop: u8,
+        /// By which face the last module of the route touches the origin; none if it is, or touches,
+        /// a finalized module.
+        back: Option<Face>,
+        /// The way.
+        route: Route,
+    },
+}
+
+const NOBODY: u32 = u32::MAX;
+
+impl Wire for Message {
+    fn kind(&self) -> u8 {
+        match self {
+            Message::Beacon(_) => 0,
+            Message::Request { .. } => 1,
+            Message::Response { .. } => 2,
+            Message::Release { .. } => 3,
+            Message::Search { .. } => 4,
+            Message::Found { .. } => 5,
+        }
+    }
+
+    fn encode(&self, out: &mut Encoder) {
+        match self {
+            Message::Beacon(b) => {
+                out.u32(b.id.0);
+                out.u32(b.sequence);
+                out.u16(b.epoch);
+                let flags = [b.attached, b.immobile, b.anchored_here, b.wants_you, b.quarantined];
+                let bits = flags.iter().rev().fold(0u8, |bits, f| bits << 1 | u8::from(*f));
+                out.u8(bits << 2 | b.role as u8);
+                out.u8(b.terrain);
+                out.u8(b.finals);
+                out.u16(b.label);
+                let (claim, token) = match b.claim {
+                    Claim::None => (0, 0),
+                    Claim::Want(t) => (1, t.0),
+                    Claim::Parent(t) => (2, t.0),
+                };
+                out.u8(claim);
+                out.u32(token);
+                out.bool(b.ack.is_some());
+                out.u32(b.ack.map_or(0, |t| t.0));
+                out.u8(b.corners);
+                out.u32(b.subtree);
+                for e in b.field {
+                    out.u16(e.distance);
+                    out.u32(e.source);
+                    out.u16(e.version);
+                }
+            }
+            Message::Request { id, age, hop, ask, route } => {
+                id.encode(out);
+                out.u64(age.0);
+                out.u8(*hop);
+                out.u8(match ask {
+                    Ask::Lock => 0xFF,
+                    Ask::Reserve(face) => *face as u8,
+                });
+                route.encode(out);
+            }
+            Message::Response { id, hop, denial, blocker, co_owners, route } => {
+                id.encode(out);
+                out.u8(*hop);
+                out.u8(denial.map_or(0, |d| d as u8));
+                out.u32(blocker.map_or(NOBODY, |b| b.0));
+                out.u8(*co_owners);
+                route.encode(out);
+            }
+            Message::Release { origin, token } => {
+                out.u32(origin.0);
+                out.u32(token.0);
+            }
+            Message::Search { id, ttl, route } => {
+                id.encode(out);
+                out.u8(*ttl);
+                route.encode(out);
+            }
+            Message::Found { id, hop, back, route } => {
+                id.encode(out);
+                out.u8(*hop);
+                out.u8(back.map_or(0xFF, |f| f as u8));
+                route.encode(out);
+            }
+        }
+    }
+
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
+        let mask = |v: u8| if v < 64 { Ok(v) } else { Err(WireError::Field("face mask")) };
+        let optional_face = |v: u8, field| match v {
+            0xFF => Ok(None),
+            v => Face::from_index(v).map(Some).ok_or(WireError::Field(field)),
+        };
+        let inside = |hop: u8, route: &Route, least: u8| {
+            let valid = hop >= least && usize::from(hop) <= route.hop_count();
+            if valid { Ok(()) } else { Err(WireError::Field("hop")) }
+        };
+        match kind {
+            0 => {
+                let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, from.u16()?);
+                let bits = from.u8()?;
+                if bits >> 7 != 0 {
+                    return Err(WireError::Field("flags"));
+                }
+                let flag = |i: u8| bits >> (2 + i) & 1 == 1;
+                let (terrain, finals, label) = (mask(from.u8()?)?, mask(from.u8()?)?, from.u16()?);
+                let claim = match (from.u8()?, Token(from.u32()?)) {
+                    (0, _) => Claim::None,
+                    (1, t) => Claim::Want(t),
+                    (2, t) => Claim::Parent(t),
+                    _ => return Err(WireError::Field("claim")),
+                };
+                let (acked, token) = (from.bool("ack")?, Token(from.u32()?));
+                let (corners, subtree) = (mask(from.u8()?)?, from.u32()?);
+                let mut field = [Entry::NONE; 4];
+                for e in &mut field {
+                    *e = Entry { distance: from.u16()?, source: from.u32()?, version: from.u16()? };
+                }
+                Ok(Message::Beacon(Beacon {
+                    id,
+                    sequence,
+                    epoch,
+                    role: Role::decode(bits & 3)?,
+                    attached: flag(0),
+                    immobile: flag(1),
+                    anchored_here: flag(2),
+                    wants_you: flag(3),
+                    quarantined: flag(4),
+                    terrain,
+                    finals,
+                    label,
+                    claim,
+                    ack: acked.then_some(token),
+                    corners,
+                    subtree,
+                    field,
+                }))
+            }
+            1 => {
+                let (id, age, hop) = (RequestId::decode(from)?, Span(from.u64()?), from.u8()?);
+                let ask = optional_face(from.u8()?, "ask")?.map_or(Ask::Lock, Ask::Reserve);
+                let route = Route::decode(from)?;
+                inside(hop, &route, 1)?;
+                Ok(Message::Request { id, age, hop, ask, route })
+            }
+            2 => {
+                let (id, hop) = (RequestId::decode(from)?, from.u8()?);
+                let denial = Denial::decode(from.u8()?)?;
+                let blocker = Some(from.u32()?).filter(|b| *b != NOBODY).map(ModuleId);
+                let (co_owners, route) = (mask(from.u8()?)?, Route::decode(from)?);
+                inside(hop, &route, 0)?;
+                Ok(Message::Response { id, hop, denial, blocker, co_owners, route })
+            }
+            3 => Ok(Message::Release { origin: ModuleId(from.u32()?), token: Token(from.u32()?) }),
+            4 => {
+                let (id, ttl) = (RequestId::decode(from)?, from.u8()?);
+                Ok(Message::Search { id, ttl, route: Route::decode(from)? })
+            }
+            5 => {
+                let (id, hop) = (RequestId::decode(from)?, from.u8()?);
+                let back = optional_face(from.u8()?, "back")?;
+                let route = Route::decode(from)?;
+                inside(hop, &route, 0)?;
+                Ok(Message::Found { id, hop, back, route })
+            }
+            _ => Err(WireError::Kind(kind)),
+        }
+    }
+
+    fn wire_len(&self) -> usize {
+        // Fixed layouts; a test compares them with what `encode` writes.
+        crate::wire::HEADER
+            + match self {
+                Message::Beacon(_) => 62,
+                Message::Request { .. } => 30,
+                Message::Response { .. } => 27,
+                Message::Release { .. } => 8,
+                Message::Search { .. } => 21,
+                Message::Found { .. } => 22,
+            }
+    }
+}
+
+/// What a cube asks of its body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Move {
+    /// Which way.
+    pub motion: Motion,
+    /// The body must refuse to start later than this.
+    pub not_after: Time,
+}
+
+impl Wire for Move {
+    fn kind(&self) -> u8 {
+        0
+    }
+    fn encode(&self, out: &mut Encoder) {
+        out.u8(self.motion.kind as u8);
+        out.face(self.motion.support);
+        out.face(self.motion.heading);
+        out.time(self.not_after);
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Move, WireError> {
+        if kind != 0 {
+            return Err(WireError::Kind(kind));
+        }
+        let kind = match from.u8()? {
+            0 => MotionKind::Slide,
+            1 => MotionKind::Convex,
+            _ => return Err(WireError::Field("motion")),
+        };
+        let (support, heading) = (from.face("support")?, from.face("heading")?);
+        if heading.slot_in(support).is_none() {
+            return Err(WireError::Field("heading"));
+        }
+        Ok(Move { motion: Motion { kind, support, heading }, not_after: from.time()? })
+    }
+}
+
+/// Why a body did not start a move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Refusal {
+    /// A cell that the move needs free is not free, or a support is missing.
+    Blocked = 0,
+    /// It was asked too late.
+    Late = 1,
+    /// The contacts had changed since the agent looked.
+    Stale = 2,
+    /// The body is moving already.
+    Moving = 3,
+}
+
+/// How a move went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Percept {
+    /// The module is at a new cell now.
+    Arrived(Cell),
+    /// The move was tried and failed; the module is where it was.
+    Failed,
+    /// The move was not started.
+    Refused(Refusal),
+}
+
+impl Wire for Percept {
+    fn kind(&self) -> u8 {
+        match self {
+            Percept::Arrived(_) => 0,
+            Percept::Failed => 1,
+            Percept::Refused(_) => 2,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        match self {
+            Percept::Arrived(cell) => out.cell(*cell),
+            Percept::Failed => {}
+            Percept::Refused(why) => out.u8(*why as u8),
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Percept, WireError> {
+        match kind {
+            0 => Ok(Percept::Arrived(from.cell()?)),
+            1 => Ok(Percept::Failed),
+            2 => Ok(Percept::Refused(match from.u8()? {
+                0 => Refusal::Blocked,
+                1 => Refusal::Late,
+                2 => Refusal::Stale,
+                3 => Refusal::Moving,
+                _ => return Err(WireError::Field("refusal")),
+            })),
+            _ => Err(WireError::Kind(kind)),
+        }
+    }
+}
+
+/// What the world-controller asks of a cube.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Order {
+    /// Work for this goal from now on.
+    Goal {
+        /// The place of the goal in the list of goals.
+        epoch: u16,
+    },
+    /// Whoever is behind this contact is certified dead: fenced off, not merely silent.
+    Condemn {
+        /// The port of the contact.
+        port: Port,
+        /// Its session.
+        session: Session,
+    },
+}
+
+impl Wire for Order {
+    fn kind(&self) -> u8 {
+        match self {
+            Order::Goal { .. } => 0,
+            Order::Condemn { .. } => 1,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        match self {
+            Order::Goal { epoch } => out.u16(*epoch),
+            Order::Condemn { port, session } => {
+                out.u8(port.0);
+                out.u32(session.0);
+            }
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
+        match kind {
+            0 => Ok(Order::Goal { epoch: from.u16()? }),
+            1 => Ok(Order::Condemn { port: Port(from.face("port")? as u8), session: Session(from.u32()?) }),
+            _ => Err(WireError::Kind(kind)),
+        }
+    }
+}
+
+/// What a cube tells the world-controller when it changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Status {
+    /// Which goal it works for.
+    pub epoch: u16,
+    /// Its part in the growth.
+    pub role: Role,
+    /// It is finalized or has a parent.
+    pub attached: bool,
+    /// It cannot move any more.
+    pub immobile: bool,
+    /// It holds a child that it believes dead, and so cannot leave.
+    pub pinned: bool,
+    /// It knows a way to a target.
+    pub attracted: bool,
+    /// Faces behind which it wants a cell filled.
+    pub wants: u8,
+    /// Finalized modules that it stands for; at the seed, all of them.
+    pub subtree: u32,
+    /// How often another module held the cell it wanted, so that it did not collide.
+    pub prevented: u32,
+    /// Whom it waits for, if it does.
+    pub waits_for: Option<ModuleId>,
+}
+
+impl Wire for Status {
+    fn kind(&self) -> u8 {
+        0
+    }
+    fn encode(&self, out: &mut Encoder) {
+        out.u16(self.epoch);
+        out.u8(self.role as u8);
+        for flag in [self.attached, self.immobile, self.pinned, self.attracted] {
+            out.bool(flag);
+        }
+        out.u8(self.wants);
+        out.u32(self.subtree);
+        out.u32(self.prevented);
+        out.u32(self.waits_for.map_or(NOBODY, |id| id.0));
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
+        if kind != 0 {
+            return Err(WireError::Kind(kind));
+        }
+        Ok(Status {
+            epoch: from.u16()?,
+            role: Role::decode(from.u8()?)?,
+            attached: from.bool("attached")?,
+            immobile: from.bool("immobile")?,
+            pinned: from.bool("pinned")?,
+            attracted: from.bool("attracted")?,
+            wants: from.u8()?,
+            subtree: from.u32()?,
+            prevented: from.u32()?,
+            waits_for: Some(from.u32()?).filter(|id| *id != NOBODY).map(ModuleId),
+        })
+    }
+}

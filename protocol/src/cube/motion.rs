@@ -1,0 +1,249 @@
+//! Where to go, and going there.
+
+use super::message::{Percept, Role};
+use super::negotiation::Attempt;
+use super::{Cube, Side, UNLABELLED};
+use crate::ids::ModuleId;
+use crate::lattice::{Face, Motion, MotionKind};
+use crate::ratio::Ratio;
+use crate::time::{Span, Time};
+
+/// Decisions for which a module waits for its outer neighbours to leave first.
+const OUTERMOST_FIRST: u16 = 6;
+/// Decisions after which a walker accepts one move of detour.
+const DETOUR: u16 = 12;
+/// Decisions after which a walker sometimes accepts two moves of detour.
+const WIDE_DETOUR: u16 = 40;
+
+/// A move that the body has been asked for.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Moving {
+    pub attempt: Attempt,
+}
+
+/// Targets remembered by a module in reserve.
+const MAX_TARGETS: usize = 24;
+
+/// A target that a module in reserve has heard of. A module leaves for a target only when it has been
+/// there for as long as a nearer module would have needed to fill it; so each target recruits an ever
+/// wider circle, and no more modules wander than there is work for.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Target {
+    source: u32,
+    first: Time,
+    last: Time,
+}
+
+/// A motion that leads towards a target.
+struct Course {
+    moves: u16,
+    source: u32,
+    /// Not over a finalized module, which would be the steadier support.
+    over_loose: bool,
+    motion: Motion,
+    /// The walker that stands in the way.
+    behind: Option<ModuleId>,
+}
+
+impl Cube {
+    /// Something changed that may change a decision; but a back-off is waited out.
+    pub(super) fn decide_soon(&mut self, now: Time) {
+        if self.role != Role::Final {
+            self.decide_at = self.decide_at.min(self.back_off_until.max(now));
+        }
+    }
+
+    fn decide_later(&mut self, now: Time) {
+        self.patience = self.patience.saturating_add(1);
+        self.decide_at = now + self.setup.params.advertise;
+    }
+
+    pub(super) fn decide(&mut self, now: Time) {
+        self.decide_at = Time::NEVER;
+        if self.role == Role::Final || !self.is_idle() || self.immobile {
+            return;
+        }
+        if self.is_quarantined(now) {
+            self.decide_at = self.quarantine_until;
+            return;
+        }
+        if now < self.back_off_until {
+            self.decide_at = self.back_off_until;
+            return;
+        }
+        if self.goal().contains(self.cell) && self.may_be_wanted_here() {
+            return self.decide_later(now);
+        }
+        if self.role == Role::Reserve {
+            if let Err(held) = self.may_leave(now) {
+                self.waits_for = held.0;
+                return;
+            }
+            let outer = |b: &super::Beacon| b.role == Role::Reserve && b.label > self.label;
+            let has_outer = Face::ALL.into_iter().any(|f| self.terrain(now, f).is_some_and(outer));
+            if has_outer && self.patience < OUTERMOST_FIRST {
+                return self.decide_later(now);
+            }
+        }
+        let options = self.options(now);
+        let Some(nearest) = options.iter().map(|o| o.moves).min() else {
+            self.waiting_since = None;
+            self.waits_for = None;
+            return;
+        };
+        if self.role == Role::Reserve
+            && let Some(source) = options.iter().find(|o| o.moves == nearest).map(|o| o.source)
+        {
+            let go = self.heard_since(now, source) + self.setup.params.recruit_per_move * u64::from(nearest);
+            if now < go {
+                self.decide_at = go;
+                return;
+            }
+        }
+        let slack = match self.patience {
+            0..=DETOUR => 0,
+            p if p > WIDE_DETOUR && self.stream.chance(QUARTER) => 2,
+            _ => 1,
+        };
+        let mut best: Option<&Course> = None;
+        let mut ties = 0;
+        for option in options.iter().filter(|o| o.behind.is_none() && o.moves <= nearest + slack) {
+            let key = |o: &Course| (o.moves, o.over_loose);
+            match best.map(|b| key(option).cmp(&key(b))) {
+                None | Some(std::cmp::Ordering::Less) => (best, ties) = (Some(option), 1),
+                Some(std::cmp::Ordering::Equal) => {
+                    ties += 1;
+                    if self.stream.below(ties) == 0 {
+                        best = Some(option);
+                    }
+                }
+                Some(std::cmp::Ordering::Greater) => {}
+            }
+        }
+        match best.map(|o| o.motion) {
+            Some(motion) => self.begin_attempt(now, motion),
+            None => {
+                self.waits_for = options.iter().find_map(|o| o.behind);
+                self.waiting_since.get_or_insert(now);
+                self.decide_later(now);
+            }
+        }
+    }
+
+    /// Notes that a target has been heard of.
+    pub(super) fn hear_of(&mut self, now: Time, source: u32) {
+        if let Some(target) = self.targets.iter_mut().find(|t| t.source == source) {
+            target.last = now;
+            return;
+        }
+        if self.targets.len() == MAX_TARGETS {
+            let oldest = (0..MAX_TARGETS).min_by_key(|i| self.targets[*i].last);
+            oldest.map(|i| self.targets.swap_remove(i));
+        }
+        self.targets.push(Target { source, first: now, last: now });
+    }
+
+    fn heard_since(&mut self, now: Time, source: u32) -> Time {
+        self.hear_of(now, source);
+        self.targets.iter().find(|t| t.source == source).map_or(now, |t| t.first)
+    }
+
+    /// Whether a neighbour that has not spoken yet may want this very cell filled.
+    fn may_be_wanted_here(&self) -> bool {
+        self.patience < OUTERMOST_FIRST
+            && self.sides.iter().any(|s| s.session.is_some() && s.peer.is_none() && !s.condemned)
+    }
+
+    /// All motions towards a target, over every live support.
+    fn options(&mut self, now: Time) -> Vec<Course> {
+        let mut options = Vec::new();
+        let mut corners = [0u8; 6];
+        for support in Face::ALL {
+            let Some(b) = self.terrain(now, support) else { continue };
+            for (slot, heading) in support.perpendicular().into_iter().enumerate() {
+                let entry = b.field[slot];
+                let ahead = self.side(heading);
+                let behind = match (ahead.session, &ahead.peer) {
+                    (None, _) => None,
+                    (Some(_), Some(peer)) if peer.beacon.role == Role::Walker && !ahead.condemned => {
+                        Some(peer.beacon.id)
+                    }
+                    // Whoever has just come there will say what it is.
+                    (Some(_), None) if !ahead.condemned => continue,
+                    (Some(_), _) => {
+                        // The support cannot see what stands over its edge.
+                        if b.terrain & heading.bit() == 0 {
+                            corners[support.index()] |= heading.bit();
+                        }
+                        continue;
+                    }
+                };
+                if !entry.is_known() {
+                    continue;
+                }
+                let kind =
+                    if b.terrain & heading.bit() == 0 { MotionKind::Convex } else { MotionKind::Slide };
+                options.push(Course {
+                    moves: entry.moves(),
+                    source: entry.source,
+                    over_loose: b.role != Role::Final,
+                    motion: Motion { kind, support, heading },
+                    behind,
+                });
+            }
+        }
+        if corners != self.corners_seen && self.role == Role::Walker {
+            self.corners_seen = corners;
+            for side in &mut self.sides {
+                side.stale = true;
+            }
+        }
+        options
+    }
+
+    pub(super) fn on_percept(&mut self, now: Time, percept: Percept) {
+        let Some(Moving { attempt }) = self.moving.take() else { return };
+        match percept {
+            Percept::Arrived(cell) => {
+                self.cell = cell;
+                self.settled = now;
+                self.role = Role::Walker;
+                self.sides = std::array::from_fn(|_| Side::new());
+                self.corners_seen = [0; 6];
+                self.parent = None;
+                self.label = UNLABELLED;
+                self.want = None;
+                self.locks.clear();
+                self.anchor = Some(attempt.motion.landing_support());
+                self.waiting_since = None;
+                self.waits_for = None;
+                (self.patience, self.denied, self.failed) = (0, 0, 0);
+                self.decide_at = now + self.settle_time();
+            }
+            Percept::Failed => {
+                self.give_back(&attempt);
+                self.failed = self.failed.saturating_add(1);
+                self.immobile = self.failed >= self.setup.params.immobile_after;
+                self.denied = self.denied.saturating_add(1);
+                self.back_off(now);
+            }
+            Percept::Refused(_) => {
+                self.give_back(&attempt);
+                self.denied = self.denied.saturating_add(1);
+                self.patience = self.patience.saturating_add(1);
+                self.back_off(now);
+            }
+        }
+        self.touch();
+    }
+
+    /// A little time for the first beacons at a new place.
+    fn settle_time(&self) -> Span {
+        self.setup.params.usual_delay
+    }
+}
+
+const QUARTER: Ratio = match Ratio::new(1, 4) {
+    Some(quarter) => quarter,
+    None => Ratio::ZERO,
+};

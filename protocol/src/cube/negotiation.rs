@@ -1,0 +1,358 @@
+//! Local negotiation for a cell: requests along routes, consent, leases and deadlines.
+//!
+//! A mover asks the modules it needs to stay where they are, and the last one to keep its
+//! destination free. Nobody waits while holding something: a request is granted or turned down at
+//! once, so locks cannot deadlock. Every grant ends by itself after the lease, and the mover's
+//! deadline is earlier than the end of every grant, whatever the delay of the request was.
+
+use super::Cube;
+use super::message::{Ask, Denial, Message, RequestId, Role, Route};
+use super::motion::Moving;
+use crate::agent::{Class, Output};
+use crate::ids::{ModuleId, Token};
+use crate::lattice::{Cell, Face, Motion};
+use crate::time::{Span, Time};
+
+/// Locks that one module grants at the same time.
+const MAX_LOCKS: usize = 16;
+/// Requests of one attempt.
+const MAX_REQUESTS: usize = 24;
+
+/// Something granted: this module stays, and perhaps keeps a cell free.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Lock {
+    pub id: RequestId,
+    pub expires: Time,
+    /// Where the request went on to.
+    pub next: Option<Face>,
+    /// The face outside which the cell is kept free.
+    pub reserved: Option<Face>,
+}
+
+/// One request of an attempt.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Request {
+    pub route: Route,
+    pub ask: Ask,
+    pub granted: bool,
+}
+
+/// A module asking for what it needs to move.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Attempt {
+    pub token: Token,
+    pub motion: Motion,
+    /// Not later than this may the move start.
+    pub deadline: Time,
+    /// When to give up waiting for answers.
+    pub timeout: Time,
+    pub requests: Vec<Request>,
+    /// What is still being searched for before locks are asked for (connecting cycles only).
+    pub search: Option<super::cycles::SearchState>,
+}
+
+impl Cube {
+    pub(super) fn begin_attempt(&mut self, now: Time, motion: Motion) {
+        let token = self.token();
+        let deadline = now + self.setup.params.start_within();
+        self.attempt = Some(Attempt {
+            token,
+            motion,
+            deadline,
+            timeout: Time::NEVER,
+            requests: Vec::new(),
+            search: None,
+        });
+        self.waiting_since.get_or_insert(now);
+        if self.role == Role::Reserve
+            && self.setup.params.connectivity == super::params::Connectivity::Cycles
+            && !self.ask_for_cycles(now)
+        {
+            return;
+        }
+        self.ask_for_destination(now);
+    }
+
+    /// Asks for the destination of the attempt's motion.
+    pub(super) fn ask_for_destination(&mut self, now: Time) {
+        use crate::lattice::MotionKind::{Convex, Slide};
+        let Some(Attempt { motion, .. }) = self.attempt else { return };
+        let (hops, face): (&[Face], Face) = match motion.kind {
+            Slide => (&[motion.support, motion.heading], motion.support.opposite()),
+            Convex => (&[motion.support], motion.heading),
+        };
+        let route = Route::new(hops).expect("invariant: one or two hops are a route");
+        self.ask(now, route, Ask::Reserve(face));
+    }
+
+    /// Sends one request of the current attempt.
+    pub(super) fn ask(&mut self, now: Time, route: Route, ask: Ask) {
+        let Some(attempt) = &mut self.attempt else { return };
+        if attempt.requests.len() == MAX_REQUESTS {
+            return self.abort_attempt(now, None);
+        }
+        let id = RequestId { origin: self.id, token: attempt.token, number: attempt.requests.len() as u8 };
+        attempt.requests.push(Request { route, ask, granted: false });
+        let p = &self.setup.params;
+        let patience = p.usual_delay * (2 * (route.hop_count() as u64 + 2)) + p.tick() * 8;
+        attempt.timeout =
+            if attempt.requests.len() == 1 { now + patience } else { attempt.timeout.max(now + patience) };
+        let age = now.since(self.waiting_since.unwrap_or(now));
+        let class = if ask == Ask::Lock { Class::Connectivity } else { Class::Negotiation };
+        if let Some(first) = route.hop(0) {
+            self.send(first, class, Message::Request { id, age, hop: 1, ask, route });
+        }
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "the fields of the message")]
+    pub(super) fn on_request(
+        &mut self,
+        now: Time,
+        from: Face,
+        id: RequestId,
+        age: Span,
+        hop: u8,
+        ask: Ask,
+        route: Route,
+    ) {
+        let depth = usize::from(hop);
+        if route.hop(depth - 1).map(Face::opposite) != Some(from) {
+            return;
+        }
+        let next = route.hop(depth);
+        let verdict = self.consider(now, id, age, next, ask);
+        match (verdict, next) {
+            (Err((denial, blocker)), _) => {
+                self.answer(from, id, hop - 1, Some(denial), blocker, 0, route);
+            }
+            (Ok(()), Some(next)) => {
+                let class = if ask == Ask::Lock { Class::Connectivity } else { Class::Negotiation };
+                self.send(next, class, Message::Request { id, age, hop: hop + 1, ask, route });
+            }
+            (Ok(()), None) => {
+                let co_owners = match ask {
+                    Ask::Reserve(face) => self.co_owners(now, face),
+                    Ask::Lock => 0,
+                };
+                self.answer(from, id, hop - 1, None, None, co_owners, route);
+            }
+        }
+    }
+
+    /// Grants a request (again) or says why not.
+    fn consider(
+        &mut self,
+        now: Time,
+        id: RequestId,
+        age: Span,
+        next: Option<Face>,
+        ask: Ask,
+    ) -> Result<(), (Denial, Option<ModuleId>)> {
+        if self.locks.iter().any(|l| l.id == id) {
+            return Ok(());
+        }
+        if self.role == Role::Walker || id.origin == self.id {
+            return Err((Denial::NoTerrain, None));
+        }
+        if self.moving.is_some() || self.locks.len() == MAX_LOCKS {
+            return Err((Denial::Busy, Some(self.id)));
+        }
+        if self.is_quarantined(now) {
+            return Err((Denial::Quarantined, Some(self.id)));
+        }
+        if self.attempt.is_some() {
+            let mine = now.since(self.waiting_since.unwrap_or(now));
+            let theirs_first = age > mine || (age == mine && id.origin < self.id);
+            if !theirs_first {
+                return Err((Denial::Younger, Some(self.id)));
+            }
+        }
+        let mut reserved = None;
+        match (next, ask) {
+            (Some(next), _) => {
+                if self.terrain(now, next).is_none() {
+                    return Err((Denial::NoTerrain, self.peer(next).map(|b| b.id)));
+                }
+            }
+            (None, Ask::Reserve(face)) => {
+                if self.side(face).session.is_some() {
+                    return Err((Denial::Occupied, self.peer(face).map(|b| b.id)));
+                }
+                let other = self.locks.iter().find(|l| l.reserved == Some(face) && l.id.origin != id.origin);
+                if let Some(other) = other {
+                    return Err((Denial::Reserved, Some(other.id.origin)));
+                }
+                reserved = Some(face);
+            }
+            (None, Ask::Lock) => {}
+        }
+        // Whoever stays for somebody else does not leave itself.
+        self.abort_attempt(now, Some(id.origin));
+        self.locks.push(Lock { id, expires: now + self.setup.params.keep_for(), next, reserved });
+        Ok(())
+    }
+
+    /// Directions from here in which a further module touches the cell outside `face`.
+    fn co_owners(&self, now: Time, face: Face) -> u8 {
+        let touches = |u: &Face| self.terrain(now, *u).is_some_and(|b| b.terrain & face.bit() != 0);
+        face.perpendicular().into_iter().filter(touches).fold(0, |mask, u| mask | u.bit())
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "the fields of the message")]
+    fn answer(
+        &mut self,
+        to: Face,
+        id: RequestId,
+        hop: u8,
+        denial: Option<Denial>,
+        blocker: Option<ModuleId>,
+        co_owners: u8,
+        route: Route,
+    ) {
+        let message = Message::Response { id, hop, denial, blocker, co_owners, route };
+        self.send(to, Class::Negotiation, message);
+    }
+
+    pub(super) fn on_response(&mut self, now: Time, from: Face, message: Message) {
+        let Message::Response { id, hop, denial, blocker, co_owners, route } = message else { return };
+        let depth = usize::from(hop);
+        if route.hop(depth) != Some(from) {
+            return;
+        }
+        if depth > 0 {
+            if denial.is_some() {
+                self.locks.retain(|l| l.id != id);
+            }
+            if let Some(back) = route.hop(depth - 1).map(Face::opposite) {
+                self.answer(back, id, hop - 1, denial, blocker, co_owners, route);
+            }
+            return;
+        }
+        let Some(attempt) = self.attempt.as_mut().filter(|a| a.token == id.token && id.origin == self.id)
+        else {
+            return;
+        };
+        let Some(request) = attempt.requests.get_mut(usize::from(id.number)) else { return };
+        if let Some(denial) = denial {
+            self.prevented += u32::from(denial.is_collision());
+            return self.abort_attempt(now, blocker);
+        }
+        if std::mem::replace(&mut request.granted, true) {
+            return;
+        }
+        let (ask, route) = (request.ask, request.route);
+        // Only the module first asked for the cell names the others that touch it.
+        let first_of_its_kind = attempt.requests.iter().filter(|r| r.ask != Ask::Lock).count() == 1;
+        if let Ask::Reserve(face) = ask
+            && first_of_its_kind
+            && self.setup.params.co_owners
+        {
+            self.ask_co_owners(now, route, face, co_owners);
+        }
+        self.launch_if_granted(now);
+    }
+
+    fn ask_co_owners(&mut self, now: Time, route: Route, face: Face, mask: u8) {
+        let grantor = route.faces().fold(Cell::default(), |at, f| at + f.offset());
+        for u in face.perpendicular().into_iter().filter(|u| mask & u.bit() != 0) {
+            let at = grantor + u.offset() + face.offset();
+            // A route that closes on itself would ask the mover for its own consent.
+            if at == Cell::default() {
+                continue;
+            }
+            if let Some(route) = route.then(u).and_then(|r| r.then(face)) {
+                self.ask(now, route, Ask::Reserve(u.opposite()));
+            }
+        }
+    }
+
+    pub(super) fn launch_if_granted(&mut self, now: Time) {
+        let ready = self.attempt.as_ref().is_some_and(|a| {
+            a.search.is_none() && !a.requests.is_empty() && a.requests.iter().all(|r| r.granted)
+        });
+        if !ready {
+            return;
+        }
+        let held = if self.role == Role::Reserve { self.may_leave(now).err() } else { None };
+        let late = self.attempt.as_ref().is_some_and(|a| now > a.deadline);
+        if held.is_some() || late {
+            return self.abort_attempt(now, held.and_then(|h| h.0));
+        }
+        if let Some(attempt) = self.attempt.take() {
+            let not_after =
+                if self.setup.params.sabotage.no_deadline { Time::NEVER } else { attempt.deadline };
+            let motion = attempt.motion;
+            self.out.push_back(Output::Act(super::Move { motion, not_after }));
+            self.moving = Some(Moving { attempt });
+            self.touch();
+        }
+    }
+
+    /// Gives up waiting when answers do not come.
+    pub(super) fn tend_attempt(&mut self, now: Time) {
+        if self.attempt.as_ref().is_some_and(|a| now >= a.timeout) && !self.widen_search(now) {
+            self.abort_attempt(now, None);
+        }
+    }
+
+    /// Gives an attempt up: returns what was granted and tries again later.
+    pub(super) fn abort_attempt(&mut self, now: Time, blocker: Option<ModuleId>) {
+        if let Some(attempt) = self.attempt.take() {
+            self.give_back(&attempt);
+            self.waits_for = blocker;
+            self.denied = self.denied.saturating_add(1);
+            self.patience = self.patience.saturating_add(1);
+            self.back_off(now);
+        }
+    }
+
+    pub(super) fn back_off(&mut self, now: Time) {
+        let spread = 8u64 << self.denied.min(4);
+        let ticks = 6 + self.stream.below(spread);
+        self.back_off_until = now + self.setup.params.tick() * ticks;
+        self.decide_at = self.back_off_until;
+    }
+
+    pub(super) fn give_back(&mut self, attempt: &Attempt) {
+        let mut told = 0u8;
+        for first in attempt.requests.iter().filter_map(|r| r.route.hop(0)) {
+            if told & first.bit() == 0 {
+                told |= first.bit();
+                let message = Message::Release { origin: self.id, token: attempt.token };
+                self.send(first, Class::Negotiation, message);
+            }
+        }
+    }
+
+    /// Drops locks and passes the word on to where the requests went.
+    pub(super) fn release_locks(&mut self, which: impl Fn(&Lock) -> bool) {
+        let mut told: Vec<(Face, ModuleId, Token)> = Vec::new();
+        let attempts: Vec<(ModuleId, Token)> =
+            self.locks.iter().filter(|l| which(l)).map(|l| (l.id.origin, l.id.token)).collect();
+        if attempts.is_empty() {
+            return;
+        }
+        // All locks of an attempt go together: it is over.
+        self.locks.retain(|l| {
+            let over = attempts.contains(&(l.id.origin, l.id.token));
+            if let Some(next) = l.next.filter(|_| over) {
+                let word = (next, l.id.origin, l.id.token);
+                if !told.contains(&word) {
+                    told.push(word);
+                }
+            }
+            !over
+        });
+        for (next, origin, token) in told {
+            self.send(next, Class::Negotiation, Message::Release { origin, token });
+        }
+    }
+
+    pub(super) fn expire_locks(&mut self, now: Time) {
+        let before = self.locks.len();
+        self.locks.retain(|l| l.expires > now);
+        if self.locks.len() != before {
+            self.decide_soon(now);
+        }
+    }
+}

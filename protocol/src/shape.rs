@@ -1,0 +1,338 @@
+//! Shapes as data: where modules start, and what they shall become.
+
+use crate::lattice::{Cell, Face};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
+use std::collections::BTreeSet;
+use thiserror::Error;
+
+/// The most cells that one shape may have.
+pub const MAX_CELLS: usize = 4_000_000;
+
+/// A set of lattice cells, described. Boxes include both corners; a cell belongs to a round shape if
+/// its centre does.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
+pub enum Shape {
+    /// All cells from one corner to the other, both included.
+    Box {
+        /// The corner with the smallest coordinates.
+        min: Cell,
+        /// The corner with the largest coordinates.
+        max: Cell,
+    },
+    /// All cells within a distance of a centre.
+    Sphere {
+        /// The middle.
+        center: Cell,
+        /// In cells; 0 is one cell.
+        radius: Radius,
+    },
+    /// A disc one cell thick.
+    Disc {
+        /// The middle.
+        center: Cell,
+        /// In cells.
+        radius: Radius,
+        /// What the disc is at right angles to.
+        #[serde(default)]
+        axis: Axis,
+    },
+    /// A stack of discs.
+    Cylinder {
+        /// The middle of the first disc.
+        base: Cell,
+        /// In cells.
+        radius: Radius,
+        /// The number of discs, along the positive axis.
+        height: u16,
+        /// The direction of the stack.
+        #[serde(default)]
+        axis: Axis,
+    },
+    /// These cells, each named once.
+    Cells(Vec<Cell>),
+    /// Every cell of any of these.
+    Union(Vec<Shape>),
+    /// Every cell of the first that is in none of the others.
+    Difference(Vec<Shape>),
+}
+
+/// An axis of the lattice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Axis {
+    /// Along x.
+    X,
+    /// Along y.
+    Y,
+    /// Along z, up.
+    #[default]
+    Z,
+}
+
+impl Axis {
+    fn step(self) -> Cell {
+        match self {
+            Axis::X => Face::East.offset(),
+            Axis::Y => Face::North.offset(),
+            Axis::Z => Face::Up.offset(),
+        }
+    }
+}
+
+/// A radius in thousandths of a cell, written as a number of cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Radius(u32);
+
+impl Radius {
+    /// A whole number of cells.
+    pub const fn cells(n: u16) -> Radius {
+        Radius(n as u32 * 1_000)
+    }
+    fn reach(self) -> i16 {
+        (self.0 / 1_000) as i16
+    }
+    fn contains(self, dx: i16, dy: i16, dz: i16) -> bool {
+        let squared = |d: i16| i64::from(d) * i64::from(d);
+        (squared(dx) + squared(dy) + squared(dz)) * 1_000_000 <= i64::from(self.0).pow(2)
+    }
+}
+
+impl Serialize for Radius {
+    fn serialize<S: serde::Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        s.serialize_f64(f64::from(self.0) / 1_000.0)
+    }
+}
+impl<'de> Deserialize<'de> for Radius {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Radius, D::Error> {
+        let cells = f64::deserialize(d)?;
+        if (0.0..=f64::from(Cell::LIMIT)).contains(&cells) {
+            Ok(Radius((cells * 1_000.0).round() as u32))
+        } else {
+            Err(D::Error::custom(format!("radius {cells} is not between 0 and {} cells", Cell::LIMIT)))
+        }
+    }
+}
+
+/// Why a shape has no set of cells.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum ShapeError {
+    /// A list of cells names one twice.
+    #[error("the cell {0} is listed twice; two modules cannot share a cell")]
+    Twice(Cell),
+    /// A box with a corner on the wrong side.
+    #[error("the box from {min} to {max} is inside out; `min` must not exceed `max` on any axis")]
+    InsideOut {
+        /// The first corner.
+        min: Cell,
+        /// The second corner.
+        max: Cell,
+    },
+    /// A coordinate too large.
+    #[error("the cell {0} is out of range; coordinates go from -16383 to 16383")]
+    OutOfRange(Cell),
+    /// More than [`MAX_CELLS`].
+    #[error("the shape has more than {MAX_CELLS} cells")]
+    TooLarge,
+    /// Nothing left.
+    #[error("the shape has no cell")]
+    Empty,
+    /// A difference of nothing.
+    #[error("`difference` needs at least one shape, the one to take the others from")]
+    NoMinuend,
+}
+
+impl Shape {
+    /// The cells in ascending order.
+    pub fn cells(&self) -> Result<Vec<Cell>, ShapeError> {
+        let set = self.collect()?;
+        if set.is_empty() {
+            return Err(ShapeError::Empty);
+        }
+        match set.iter().find(|c| !c.in_range()) {
+            Some(far) => Err(ShapeError::OutOfRange(*far)),
+            None => Ok(set.into_iter().collect()),
+        }
+    }
+
+    fn collect(&self) -> Result<BTreeSet<Cell>, ShapeError> {
+        match self {
+            Shape::Box { min, max } => {
+                if min.x > max.x || min.y > max.y || min.z > max.z {
+                    return Err(ShapeError::InsideOut { min: *min, max: *max });
+                }
+                scan(*min, *max, |_| true)
+            }
+            Shape::Sphere { center, radius } => {
+                let r = radius.reach();
+                let (min, max) = span(*center, Cell::new(r, r, r))?;
+                scan(min, max, |c| radius.contains(c.x - center.x, c.y - center.y, c.z - center.z))
+            }
+            Shape::Disc { center, radius, axis } => cylinder(*center, *radius, 1, *axis),
+            Shape::Cylinder { base, radius, height, axis } => cylinder(*base, *radius, *height, *axis),
+            Shape::Cells(cells) => {
+                let mut set = BTreeSet::new();
+                for cell in cells {
+                    if !set.insert(*cell) {
+                        return Err(ShapeError::Twice(*cell));
+                    }
+                }
+                Ok(set)
+            }
+            Shape::Union(parts) => {
+                let mut set = BTreeSet::new();
+                for part in parts {
+                    set.append(&mut part.collect()?);
+                    if set.len() > MAX_CELLS {
+                        return Err(ShapeError::TooLarge);
+                    }
+                }
+                Ok(set)
+            }
+            Shape::Difference(parts) => {
+                let (first, rest) = parts.split_first().ok_or(ShapeError::NoMinuend)?;
+                let mut set = first.collect()?;
+                for part in rest {
+                    for cell in part.collect()? {
+                        set.remove(&cell);
+                    }
+                }
+                Ok(set)
+            }
+        }
+    }
+}
+
+fn span(center: Cell, reach: Cell) -> Result<(Cell, Cell), ShapeError> {
+    if !center.in_range() {
+        return Err(ShapeError::OutOfRange(center));
+    }
+    Ok((center + -reach, center + reach))
+}
+
+fn scan(min: Cell, max: Cell, inside: impl Fn(Cell) -> bool) -> Result<BTreeSet<Cell>, ShapeError> {
+    for corner in [min, max] {
+        if !corner.in_range() {
+            return Err(ShapeError::OutOfRange(corner));
+        }
+    }
+    let length = |a: i16, b: i16| (i64::from(b) - i64::from(a) + 1).unsigned_abs();
+    let volume = length(min.x, max.x) * length(min.y, max.y) * length(min.z, max.z);
+    if volume > 8 * MAX_CELLS as u64 {
+        return Err(ShapeError::TooLarge);
+    }
+    let mut set = BTreeSet::new();
+    for x in min.x..=max.x {
+        for y in min.y..=max.y {
+            for z in min.z..=max.z {
+                let cell = Cell::new(x, y, z);
+                if inside(cell) {
+                    set.insert(cell);
+                }
+            }
+        }
+    }
+    if set.len() > MAX_CELLS { Err(ShapeError::TooLarge) } else { Ok(set) }
+}
+
+fn cylinder(base: Cell, radius: Radius, height: u16, axis: Axis) -> Result<BTreeSet<Cell>, ShapeError> {
+    let r = radius.reach();
+    let along = axis.step();
+    let mut disc = Cell::new(r, r, r);
+    match axis {
+        Axis::X => disc.x = 0,
+        Axis::Y => disc.y = 0,
+        Axis::Z => disc.z = 0,
+    }
+    let (min, mut max) = span(base, disc)?;
+    for _ in 1..height.min(2 * Cell::LIMIT.unsigned_abs()) {
+        max = max + along;
+    }
+    if height == 0 {
+        return Ok(BTreeSet::new());
+    }
+    scan(min, max, |c| {
+        let (dx, dy, dz) = (c.x - base.x, c.y - base.y, c.z - base.z);
+        match axis {
+            Axis::X => radius.contains(0, dy, dz),
+            Axis::Y => radius.contains(dx, 0, dz),
+            Axis::Z => radius.contains(dx, dy, 0),
+        }
+    })
+}
+
+/// The connected parts of a set of cells in ascending order, each in ascending order.
+pub fn components(cells: &[Cell]) -> Vec<Vec<Cell>> {
+    let mut left: BTreeSet<Cell> = cells.iter().copied().collect();
+    let mut parts = Vec::new();
+    while let Some(first) = left.pop_first() {
+        let mut part = vec![first];
+        let mut next = 0;
+        while next < part.len() {
+            for neighbour in part[next].neighbours() {
+                if left.remove(&neighbour) {
+                    part.push(neighbour);
+                }
+            }
+            next += 1;
+        }
+        part.sort_unstable();
+        parts.push(part);
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Shape {
+        serde_json::from_str(text).unwrap()
+    }
+
+    #[test]
+    fn counts_cells() {
+        for (text, count) in [
+            (r#"{"box":{"min":[0,0,0],"max":[2,1,0]}}"#, 6),
+            (r#"{"sphere":{"center":[0,0,0],"radius":0}}"#, 1),
+            (r#"{"sphere":{"center":[5,5,5],"radius":1}}"#, 7),
+            (r#"{"sphere":{"center":[0,0,0],"radius":1.5}}"#, 19),
+            (r#"{"disc":{"center":[0,0,0],"radius":1}}"#, 5),
+            (r#"{"disc":{"center":[0,0,0],"radius":1,"axis":"x"}}"#, 5),
+            (r#"{"cylinder":{"base":[0,0,0],"radius":1,"height":4}}"#, 20),
+            (r#"{"cells":[[0,0,0],[1,0,0]]}"#, 2),
+            (r#"{"union":[{"cells":[[0,0,0]]},{"box":{"min":[0,0,0],"max":[1,0,0]}}]}"#, 2),
+            (r#"{"difference":[{"box":{"min":[0,0,0],"max":[2,2,2]}},{"cells":[[1,1,1]]}]}"#, 26),
+        ] {
+            assert_eq!(read(text).cells().map(|c| c.len()), Ok(count), "{text}");
+        }
+    }
+
+    #[test]
+    fn refuses_what_is_no_shape() {
+        for (text, part) in [
+            (r#"{"cells":[[0,0,0],[0,0,0]]}"#, "twice"),
+            (r#"{"cells":[]}"#, "no cell"),
+            (r#"{"box":{"min":[1,0,0],"max":[0,0,0]}}"#, "inside out"),
+            (r#"{"box":{"min":[0,0,0],"max":[9999,9999,9999]}}"#, "more than"),
+            (r#"{"sphere":{"center":[16383,0,0],"radius":4}}"#, "out of range"),
+            (r#"{"cylinder":{"base":[0,0,0],"radius":1,"height":0}}"#, "no cell"),
+            (r#"{"cylinder":{"base":[0,0,0],"radius":1,"height":65535}}"#, "out of range"),
+            (r#"{"difference":[]}"#, "at least one"),
+        ] {
+            let error = read(text).cells().unwrap_err().to_string();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+        for text in [r#"{"sphere":{"center":[0,0,0],"radius":-1}}"#, r#"{"ball":{}}"#] {
+            assert!(serde_json::from_str::<Shape>(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn finds_components() {
+        let shape = read(r#"{"cells":[[0,0,0],[1,0,0],[3,0,0],[3,1,0],[9,9,9]]}"#);
+        let sizes: Vec<_> = components(&shape.cells().unwrap()).iter().map(Vec::len).collect();
+        assert_eq!(sizes, [2, 2, 1]);
+    }
+}

@@ -1,0 +1,273 @@
+//! Why a swarm of cubes stands still: judged on the ground truth, with the agents' own reports as
+//! evidence of what they wait for.
+
+use crate::cube_world::CubeWorld;
+use crate::outcome::{Reason, Stall};
+use metamorph_protocol::cube::message::{Role, Status};
+use metamorph_protocol::goal::Goal;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
+use metamorph_protocol::time::Time;
+use petgraph::algo::tarjan_scc;
+use petgraph::graph::DiGraph;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What the controller knows of a module.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Known {
+    /// Whether its process lives.
+    pub alive: bool,
+    /// Its last report.
+    pub status: Option<Status>,
+}
+
+impl Known {
+    fn is_final(&self) -> bool {
+        self.status.is_some_and(|s| s.role == Role::Final)
+    }
+    fn is_walker(&self) -> bool {
+        self.status.is_some_and(|s| s.role == Role::Walker)
+    }
+}
+
+/// Names the reason for a standstill.
+pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, since: Time) -> Stall {
+    let filled = |cell: Cell| {
+        world.body_at(cell).is_some_and(|id| known[id.index()].is_final() || !known[id.index()].alive)
+    };
+    let unfilled: Vec<Cell> = goal.cells().filter(|c| !filled(*c)).collect();
+    let targets: BTreeSet<Cell> = known
+        .iter()
+        .enumerate()
+        .filter(|(_, k)| k.alive)
+        .filter_map(|(i, k)| Some((world.cell(ModuleId(i as u32)), k.status?.wants)))
+        .flat_map(|(cell, wants)| {
+            Face::ALL.into_iter().filter(move |f| wants & f.bit() != 0).map(move |f| cell.step(f))
+        })
+        .filter(|c| unfilled.binary_search(c).is_ok())
+        .collect();
+    let spare: Vec<ModuleId> = (0..known.len())
+        .filter(|i| known[*i].alive && !known[*i].is_final())
+        .filter(|i| !known[*i].status.is_some_and(|s| s.immobile))
+        .map(|i| ModuleId(i as u32))
+        .collect();
+    let mut stall = Stall {
+        since,
+        reason: Reason::NoWay,
+        text: "",
+        unfilled,
+        wait_cycle: wait_cycle(known),
+        waiting: Vec::new(),
+    };
+    stall.reason = if spare.len() < stall.unfilled.len() {
+        Reason::MaterialExhausted
+    } else if targets.is_empty() {
+        Reason::NoActiveTarget
+    } else {
+        let live = walkers_with_a_way(world, known, &spare, &targets, true);
+        let free: Vec<ModuleId> = live.iter().copied().filter(|id| !waits_for_dead(known, *id)).collect();
+        stall.waiting = live.iter().map(|id| (*id, waits_for(known, *id))).take(20).collect();
+        if !free.is_empty() {
+            Reason::Blocked
+        } else if !live.is_empty() {
+            Reason::Pinned
+        } else if !walkers_with_a_way(world, known, &spare, &targets, false).is_empty() {
+            Reason::NeedsDeadSupport
+        } else {
+            Reason::NoWay
+        }
+    };
+    stall.text = stall.reason.text();
+    stall
+}
+
+fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
+    known.get(id.index())?.status?.waits_for
+}
+
+/// Whether a module is pinned by a dead one, itself or along whom it waits for.
+fn waits_for_dead(known: &[Known], id: ModuleId) -> bool {
+    let mut at = id;
+    for _ in 0..=known.len() {
+        let Some(k) = known.get(at.index()) else { return false };
+        if !k.alive || k.status.is_some_and(|s| s.pinned) {
+            return true;
+        }
+        match waits_for(known, at) {
+            Some(next) => at = next,
+            None => return false,
+        }
+    }
+    false
+}
+
+/// Modules that wait for each other in a circle.
+fn wait_cycle(known: &[Known]) -> Vec<ModuleId> {
+    let mut graph = DiGraph::<ModuleId, ()>::new();
+    let nodes: Vec<_> = (0..known.len()).map(|i| graph.add_node(ModuleId(i as u32))).collect();
+    for (i, k) in known.iter().enumerate().filter(|(_, k)| k.alive) {
+        if let Some(other) = k.status.and_then(|s| s.waits_for).and_then(|o| nodes.get(o.index())) {
+            graph.add_edge(nodes[i], *other, ());
+        }
+    }
+    let mut cycle: Vec<ModuleId> = tarjan_scc(&graph)
+        .into_iter()
+        .find(|part| part.len() > 1)
+        .map(|part| part.into_iter().map(|n| graph[n]).collect())
+        .unwrap_or_default();
+    cycle.sort_unstable();
+    cycle
+}
+
+/// Spare modules that could walk over the surface to a target, if everybody else stood still and
+/// walkers made room.
+fn walkers_with_a_way(
+    world: &mut CubeWorld,
+    known: &[Known],
+    spare: &[ModuleId],
+    targets: &BTreeSet<Cell>,
+    only_live: bool,
+) -> Vec<ModuleId> {
+    let reach = {
+        let terrain = |cell: Cell| {
+            let carries = |id: ModuleId| {
+                let k = &known[id.index()];
+                !(k.alive && k.is_walker()) && (k.alive || !only_live)
+            };
+            world.body_at(cell).is_some_and(carries)
+        };
+        // A walker's cell counts as free: it could make room.
+        let free = |cell: Cell| {
+            world.body_at(cell).is_none_or(|id| {
+                let k = &known[id.index()];
+                k.alive && k.is_walker()
+            })
+        };
+        surface(targets, &terrain, &free)
+    };
+    spare
+        .iter()
+        .copied()
+        .filter(|id| {
+            let from = world.cell(*id);
+            let steps = |world: &CubeWorld| {
+                motions().any(|m| {
+                    let to = m.destination(from);
+                    let support = |c: Cell| {
+                        world.body_at(c).is_some_and(|s| s != *id && (known[s.index()].alive || !only_live))
+                    };
+                    reach.contains(&to)
+                        && support(from.step(m.support))
+                        && support(to.step(m.landing_support()))
+                        && m.corner(from).is_none_or(|c| world.body_at(c).is_none())
+                })
+            };
+            (reach.contains(&from) || steps(world)) && world.is_removable(*id)
+        })
+        .collect()
+}
+
+fn motions() -> impl Iterator<Item = Motion> {
+    Face::ALL.into_iter().flat_map(|support| {
+        support.perpendicular().into_iter().flat_map(move |heading| {
+            [MotionKind::Slide, MotionKind::Convex].map(|kind| Motion { kind, support, heading })
+        })
+    })
+}
+
+/// Every free cell from which a walker could come to a target. Motions can be undone, so this
+/// searches from the targets outwards.
+fn surface(
+    targets: &BTreeSet<Cell>,
+    terrain: &dyn Fn(Cell) -> bool,
+    free: &dyn Fn(Cell) -> bool,
+) -> BTreeSet<Cell> {
+    let mut seen: BTreeMap<Cell, ()> = targets.iter().filter(|c| free(**c)).map(|c| (*c, ())).collect();
+    let mut front: Vec<Cell> = seen.keys().copied().collect();
+    while let Some(at) = front.pop() {
+        for m in motions() {
+            let to = m.destination(at);
+            let possible = free(to)
+                && terrain(at.step(m.support))
+                && terrain(to.step(m.landing_support()))
+                && m.corner(at).is_none_or(free);
+            if possible && seen.insert(to, ()).is_none() {
+                front.push(to);
+            }
+        }
+    }
+    seen.into_keys().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::goal::Growth;
+    use metamorph_protocol::time::Span;
+
+    fn status(role: Role, wants: u8, waits_for: Option<u32>, pinned: bool) -> Status {
+        Status {
+            epoch: 0,
+            role,
+            attached: true,
+            immobile: false,
+            pinned,
+            attracted: true,
+            wants,
+            subtree: 1,
+            prevented: 0,
+            waits_for: waits_for.map(ModuleId),
+        }
+    }
+
+    /// A row of three on the ground, the seed in the west, a goal of two: east of... the second cell.
+    fn check(bodies: &[[i16; 3]], known: &[(bool, Status)], goal: &[[i16; 3]], expected: Reason) -> Stall {
+        let cells = |list: &[[i16; 3]]| {
+            let mut cells: Vec<Cell> = list.iter().copied().map(Cell::from).collect();
+            cells.sort_unstable();
+            cells
+        };
+        let bodies: Vec<Cell> = bodies.iter().copied().map(Cell::from).collect();
+        let seed = Cell::from(goal[0]);
+        let goal = Goal::compile(&cells(goal), seed, Growth::Solid).unwrap();
+        let known: Vec<Known> =
+            known.iter().map(|(alive, s)| Known { alive: *alive, status: Some(*s) }).collect();
+        let mut world = CubeWorld::new(&bodies, Span::secs(1), 1);
+        let stall = diagnose(&mut world, &known, &goal, Time::ZERO);
+        assert_eq!(stall.reason, expected, "{stall:?}");
+        stall
+    }
+
+    const UP: u8 = Face::Up.bit();
+
+    #[test]
+    fn names_each_reason() {
+        let root = status(Role::Final, UP, None, false);
+        let spare = status(Role::Reserve, 0, None, false);
+        let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
+        let tower = [[0, 0, 0], [0, 0, 1]];
+        check(&row, &[(true, root), (true, spare), (true, spare)], &tower, Reason::Blocked);
+        check(&row, &[(true, root), (false, spare), (false, spare)], &tower, Reason::MaterialExhausted);
+        let blind = status(Role::Final, 0, None, false);
+        check(&row, &[(true, blind), (true, spare), (true, spare)], &tower, Reason::NoActiveTarget);
+        // The end of the row could only walk over the dead middle.
+        check(&row, &[(true, root), (false, spare), (true, spare)], &tower, Reason::NeedsDeadSupport);
+        let pinned = status(Role::Reserve, 0, Some(1), true);
+        check(&row, &[(true, root), (true, spare), (true, pinned)], &tower, Reason::Pinned);
+        // The only spare module is the one that holds the body together.
+        let bridge = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
+        let seed_end = status(Role::Final, UP, None, false);
+        check(&bridge, &[(true, seed_end), (true, spare), (true, root)], &tower, Reason::NoWay);
+    }
+
+    #[test]
+    fn shows_who_waits_for_whom() {
+        let root = status(Role::Final, UP, None, false);
+        let (a, b) = (status(Role::Reserve, 0, Some(2), false), status(Role::Reserve, 0, Some(1), false));
+        let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
+        let stall =
+            check(&row, &[(true, root), (true, a), (true, b)], &[[0, 0, 0], [0, 0, 1]], Reason::Blocked);
+        assert_eq!(stall.wait_cycle, [ModuleId(1), ModuleId(2)]);
+        assert_eq!(stall.unfilled, [Cell::new(0, 0, 1)]);
+    }
+}

@@ -1,0 +1,375 @@
+//! The world-controller's brain for cubes: opens goals, injects faults, certifies deaths, watches
+//! progress and decides how the run ends. Sans-IO; both drivers carry out what it commands.
+
+use crate::cube_world::CubeWorld;
+use crate::diagnosis::{Known, diagnose};
+use crate::direct::{Command, Direct};
+use crate::faults::{Fault, Schedule, Struck};
+use crate::outcome::{Outcome, Stall};
+use metamorph_protocol::cube::message::{Order, Role, Status};
+use metamorph_protocol::cube::params::Setup;
+use metamorph_protocol::goal::Goal;
+use metamorph_protocol::ids::{ModuleId, Session};
+use metamorph_protocol::lattice::Face;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::time::{Span, Time};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+
+/// When a run ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stop {
+    /// At this time, whatever happens.
+    pub timeout: Time,
+    /// Standing still for this long, with nothing planned, is a deadlock.
+    pub stall: Span,
+    /// Moving for this long without filling a goal cell is a livelock.
+    pub livelock: Span,
+}
+
+/// How far a run has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Which goal is being built, from 0.
+    pub stage: u16,
+    /// How many goals there are.
+    pub stages: u16,
+    /// Cells of this goal.
+    pub goal: usize,
+    /// Cells of it that are filled.
+    pub filled: usize,
+    /// Processes alive.
+    pub alive: usize,
+    /// Moves completed.
+    pub moves: u64,
+}
+
+/// How a stage ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stage {
+    /// Cells of the goal.
+    pub cells: usize,
+    /// Cells of it that were filled at the end.
+    pub filled: usize,
+    /// When it was opened.
+    pub opened: Time,
+    /// When the last cell was filled, by the ground truth.
+    pub built: Option<Time>,
+    /// When the seed knew, by the swarm's own count.
+    pub known: Option<Time>,
+}
+
+/// The controller's brain for cubes.
+pub struct Director {
+    setup: Arc<Setup>,
+    schedule: Schedule,
+    next_fault: usize,
+    stop: Stop,
+    failure: Ratio,
+    stage: u16,
+    stages: Vec<Stage>,
+    known: Vec<Known>,
+    dead: BTreeMap<ModuleId, BTreeSet<Session>>,
+    paused: BTreeSet<ModuleId>,
+    commands: VecDeque<Command<Order>>,
+    struck: Vec<Struck>,
+    restarted: u64,
+    crashed: u64,
+    filled: usize,
+    recount: bool,
+    started_moves: u64,
+    moves: u64,
+    last_move: Time,
+    last_fill: Time,
+    next_check: Time,
+    outcome: Option<(Time, Outcome)>,
+    stall: Option<Stall>,
+}
+
+impl Director {
+    /// A director for a swarm of `modules` cubes.
+    pub fn new(
+        setup: Arc<Setup>,
+        modules: usize,
+        schedule: Schedule,
+        stop: Stop,
+        failure: Ratio,
+    ) -> Director {
+        let opened = |goal: &Goal| Stage {
+            cells: goal.len(),
+            filled: 0,
+            opened: Time::ZERO,
+            built: None,
+            known: None,
+        };
+        let stages = setup.goals.first().map(opened).into_iter().collect();
+        Director {
+            setup,
+            schedule,
+            next_fault: 0,
+            stop,
+            failure,
+            stage: 0,
+            stages,
+            known: vec![Known::default(); modules],
+            dead: BTreeMap::new(),
+            paused: BTreeSet::new(),
+            commands: VecDeque::new(),
+            struck: Vec::new(),
+            restarted: 0,
+            crashed: 0,
+            filled: 0,
+            recount: true,
+            started_moves: 0,
+            moves: 0,
+            last_move: Time::ZERO,
+            last_fill: Time::ZERO,
+            next_check: Time::ZERO,
+            outcome: None,
+            stall: None,
+        }
+    }
+
+    /// How the run ended, and when; none while it goes on.
+    pub fn outcome(&self) -> Option<(Time, Outcome)> {
+        self.outcome
+    }
+    /// The standstill that ended the run, if one did.
+    pub fn stall(&self) -> Option<&Stall> {
+        self.stall.as_ref()
+    }
+    /// What each fault did.
+    pub fn struck(&self) -> &[Struck] {
+        &self.struck
+    }
+    /// All stages so far.
+    pub fn stages(&self) -> &[Stage] {
+        &self.stages
+    }
+    /// How many processes died, and how many were started again.
+    pub fn crashed_and_restarted(&self) -> (u64, u64) {
+        (self.crashed, self.restarted)
+    }
+    /// Collisions that negotiation has prevented, as reported.
+    pub fn prevented(&self) -> u64 {
+        self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum()
+    }
+    /// Modules whose process is alive.
+    pub fn alive(&self) -> usize {
+        self.known.iter().filter(|k| k.alive).count()
+    }
+    /// How far the run has come.
+    pub fn progress(&self) -> Progress {
+        Progress {
+            stage: self.stage,
+            stages: self.setup.goals.len() as u16,
+            goal: self.goal().len(),
+            filled: self.filled,
+            alive: self.alive(),
+            moves: self.moves,
+        }
+    }
+    /// What is known of each module.
+    pub fn known(&self) -> &[Known] {
+        &self.known
+    }
+
+    /// Ends the run from outside.
+    pub fn finish(&mut self, now: Time, outcome: Outcome) {
+        if self.outcome.is_none() {
+            self.outcome = Some((now, outcome));
+            self.commands.push_back(Command::Finish);
+        }
+    }
+
+    fn goal(&self) -> &Goal {
+        // Invariant: stages only advance while there is a next goal.
+        &self.setup.goals[usize::from(self.stage)]
+    }
+
+    fn strike(&mut self, now: Time, fault: Fault, world: &mut CubeWorld) {
+        let id = fault.module();
+        let known = self.known[id.index()];
+        let role = match known.status.map(|s| s.role) {
+            _ if !known.alive => "dead",
+            Some(Role::Final) => "finalized",
+            Some(Role::Walker) => "wandering",
+            _ => "in reserve",
+        };
+        let moving = if world.is_moving(id) { ", moving" } else { "" };
+        let effect = format!("it was {role} at {}{moving}", world.cell(id));
+        self.struck.push(Struck { at: now, fault, effect });
+        match fault {
+            Fault::Kill(_) => self.commands.push_back(Command::Kill(id)),
+            Fault::Pause(_) => {
+                self.paused.insert(id);
+                self.commands.push_back(Command::Pause(id));
+            }
+            Fault::Resume(_) => {
+                self.paused.remove(&id);
+                self.commands.push_back(Command::Resume(id));
+            }
+            Fault::Restart(_) => {
+                if known.alive {
+                    self.commands.push_back(Command::Kill(id));
+                }
+                self.restarted += 1;
+                self.commands.push_back(Command::Restart(id));
+            }
+            Fault::Stick(_) => world.set_stuck(id, true),
+            Fault::Unstick(_) => world.set_stuck(id, false),
+        }
+    }
+
+    /// Tells everybody who touches a dead module that it is dead: its process is gone, so it cannot
+    /// come back in that contact session.
+    fn certify_deaths(&mut self, world: &CubeWorld) {
+        for (victim, told) in &mut self.dead {
+            for contact in Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)) {
+                if told.insert(contact.session) {
+                    let order = Order::Condemn { port: contact.peer_port, session: contact.session };
+                    self.commands.push_back(Command::Order(contact.peer, order));
+                }
+            }
+        }
+    }
+
+    fn count_filled(&mut self, now: Time, world: &CubeWorld) {
+        self.recount = false;
+        let goal = self.goal();
+        let is_filled = |id: ModuleId| {
+            let k = &self.known[id.index()];
+            !k.alive || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == self.stage)
+        };
+        let filled = goal.cells().filter(|c| world.body_at(*c).is_some_and(is_filled)).count();
+        if filled > self.filled {
+            self.last_fill = now;
+        }
+        self.filled = filled;
+        if let Some(stage) = self.stages.last_mut() {
+            stage.filled = filled;
+        }
+    }
+
+    fn next_stage(&mut self, now: Time) {
+        if let Some(stage) = self.stages.last_mut() {
+            stage.built = Some(now);
+        }
+        if usize::from(self.stage) + 1 == self.setup.goals.len() {
+            return self.finish(now, Outcome::Built);
+        }
+        self.stage += 1;
+        self.stages.push(Stage {
+            cells: self.goal().len(),
+            filled: 0,
+            opened: now,
+            built: None,
+            known: None,
+        });
+        self.filled = 0;
+        self.recount = true;
+        (self.last_fill, self.last_move) = (now, now);
+        for id in (0..self.known.len() as u32).map(ModuleId) {
+            self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));
+        }
+    }
+
+    fn watch(&mut self, now: Time, world: &mut CubeWorld) {
+        let motions = world.motions();
+        if motions.started != self.started_moves {
+            self.started_moves = motions.started;
+            self.last_move = now;
+        }
+        self.moves = motions.completed;
+        if now >= self.next_check || (self.recount && self.may_be_built()) {
+            self.next_check = now + self.setup.params.move_time;
+            self.count_filled(now, world);
+            if self.filled == self.goal().len() {
+                return self.next_stage(now);
+            }
+        }
+        let planned = self.next_fault < self.schedule.len() || !self.paused.is_empty();
+        let idle_since = self.last_move.max(self.last_fill);
+        if now >= self.stop.timeout {
+            self.stall = Some(self.explain(world, idle_since));
+            self.finish(now, Outcome::Timeout);
+        } else if planned {
+            // Something will still happen.
+        } else if now.since(idle_since) > self.stop.stall {
+            self.stall = Some(self.explain(world, idle_since));
+            self.finish(now, Outcome::Deadlock);
+        } else if now.since(self.last_fill) > self.stop.livelock {
+            self.stall = Some(self.explain(world, self.last_fill));
+            self.finish(now, Outcome::Livelock);
+        }
+    }
+
+    fn may_be_built(&self) -> bool {
+        let done =
+            |k: &&Known| !k.alive || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == self.stage);
+        self.known.iter().filter(done).count() >= self.goal().len()
+    }
+
+    fn explain(&self, world: &mut CubeWorld, since: Time) -> Stall {
+        diagnose(world, &self.known, self.goal(), since)
+    }
+}
+
+impl Direct<CubeWorld> for Director {
+    fn report(&mut self, now: Time, id: ModuleId, report: Status) {
+        let goal = self.goal().len();
+        if let Some(stage) = self.stages.last_mut()
+            && report.epoch == self.stage
+            && report.subtree as usize >= goal
+        {
+            stage.known.get_or_insert(now);
+        }
+        self.recount |= report.role == Role::Final;
+        self.known[id.index()].status = Some(report);
+    }
+
+    fn died(&mut self, _now: Time, id: ModuleId) {
+        self.crashed += 1;
+        self.known[id.index()].alive = false;
+        self.paused.remove(&id);
+        self.dead.insert(id, BTreeSet::new());
+        self.recount = true;
+        // Deaths are certified as soon as the world can be looked at.
+        self.next_check = Time::ZERO;
+    }
+
+    fn started(&mut self, _now: Time, id: ModuleId) {
+        self.known[id.index()] = Known { alive: true, status: None };
+        self.dead.remove(&id);
+        if self.stage > 0 {
+            self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));
+        }
+    }
+
+    fn wake(&mut self, now: Time, world: &mut CubeWorld) {
+        if self.outcome.is_some() {
+            return;
+        }
+        if now == Time::ZERO {
+            world.set_failure(self.failure);
+        }
+        while let Some((_, fault)) = self.schedule.get(self.next_fault).filter(|(at, _)| *at <= now) {
+            self.next_fault += 1;
+            self.strike(now, fault, world);
+        }
+        self.certify_deaths(world);
+        self.watch(now, world);
+    }
+
+    fn wake_at(&self) -> Time {
+        if self.outcome.is_some() {
+            return Time::NEVER;
+        }
+        let fault = self.schedule.get(self.next_fault).map_or(Time::NEVER, |(at, _)| at);
+        fault.min(self.next_check).min(self.stop.timeout)
+    }
+
+    fn poll(&mut self) -> Option<Command<Order>> {
+        self.commands.pop_front()
+    }
+}

@@ -1,0 +1,98 @@
+//! Faults as data: what is broken when. A fault schedule is a value of its own, apart from the run
+//! that it is injected into, so that it can be printed, repeated and shrunk.
+
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::time::Time;
+use serde::Serialize;
+use std::fmt;
+
+/// One fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Fault {
+    /// The process is killed. The body stays, as an obstacle.
+    Kill(ModuleId),
+    /// The process is stopped.
+    Pause(ModuleId),
+    /// A stopped process goes on.
+    Resume(ModuleId),
+    /// A dead process is started again without its memory; a living one is killed first.
+    Restart(ModuleId),
+    /// The joint sticks: moves fail from now on.
+    Stick(ModuleId),
+    /// The joint is free again.
+    Unstick(ModuleId),
+}
+
+impl Fault {
+    /// Whom it hits.
+    pub const fn module(self) -> ModuleId {
+        match self {
+            Fault::Kill(id)
+            | Fault::Pause(id)
+            | Fault::Resume(id)
+            | Fault::Restart(id)
+            | Fault::Stick(id)
+            | Fault::Unstick(id) => id,
+        }
+    }
+    /// Whether it makes things worse, rather than ending another fault.
+    pub const fn harms(self) -> bool {
+        !matches!(self, Fault::Resume(_) | Fault::Unstick(_))
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verb = match self {
+            Fault::Kill(_) => "kill",
+            Fault::Pause(_) => "pause",
+            Fault::Resume(_) => "resume",
+            Fault::Restart(_) => "restart",
+            Fault::Stick(_) => "stick",
+            Fault::Unstick(_) => "unstick",
+        };
+        write!(f, "{verb} {}", self.module())
+    }
+}
+
+/// What a fault did, as far as can be seen at the moment it struck.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Struck {
+    /// When.
+    pub at: Time,
+    /// What.
+    pub fault: Fault,
+    /// The state it found the module in.
+    pub effect: String,
+}
+
+/// A schedule of faults in the order of time.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Schedule {
+    faults: Vec<(Time, Fault)>,
+}
+
+impl Schedule {
+    /// A schedule of these faults; those of one instant keep their order.
+    pub fn new(mut faults: Vec<(Time, Fault)>) -> Schedule {
+        faults.sort_by_key(|(at, _)| *at);
+        Schedule { faults }
+    }
+    /// All faults in order.
+    pub fn iter(&self) -> impl Iterator<Item = &(Time, Fault)> {
+        self.faults.iter()
+    }
+    /// The number of faults.
+    pub fn len(&self) -> usize {
+        self.faults.len()
+    }
+    /// Whether nothing is broken.
+    pub fn is_empty(&self) -> bool {
+        self.faults.is_empty()
+    }
+    /// The fault at a place of the order.
+    pub fn get(&self, i: usize) -> Option<(Time, Fault)> {
+        self.faults.get(i).copied()
+    }
+}

@@ -1,0 +1,113 @@
+//! How a run ended, in the words used by reports and exit codes.
+
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::time::Time;
+use serde::Serialize;
+use std::fmt;
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outcome {
+    /// Every goal cell is filled.
+    Built,
+    /// Nobody can make progress, goals are unfilled, and nothing under way can change that.
+    Deadlock,
+    /// Modules move, but no goal cell has been filled for longer than the scenario's bound.
+    Livelock,
+    /// The scenario's time was up.
+    Timeout,
+    /// An invariant broke.
+    Unsafe,
+    /// Stopped from outside.
+    Aborted,
+}
+
+impl Outcome {
+    /// The name used in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Outcome::Built => "built",
+            Outcome::Deadlock => "deadlock",
+            Outcome::Livelock => "livelock",
+            Outcome::Timeout => "timeout",
+            Outcome::Unsafe => "unsafe",
+            Outcome::Aborted => "aborted",
+        }
+    }
+    /// The exit code of the command. 1 is left for failures of the program itself, 2 for bad usage.
+    pub const fn exit_code(self) -> u8 {
+        match self {
+            Outcome::Built => 0,
+            Outcome::Deadlock => 3,
+            Outcome::Livelock => 4,
+            Outcome::Timeout => 5,
+            Outcome::Unsafe => 6,
+            Outcome::Aborted => 7,
+        }
+    }
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Why nothing goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reason {
+    /// A spare module could walk to a goal cell, but does not: the protocol's fault.
+    Blocked,
+    /// Every spare module that could walk holds a dead one and must stay, or waits for one that does.
+    Pinned,
+    /// There are fewer live spare modules that can move than cells to fill.
+    MaterialExhausted,
+    /// No live finalized module touches an unfilled goal cell that it could start.
+    NoActiveTarget,
+    /// The only ways to goal cells lead over dead modules.
+    NeedsDeadSupport,
+    /// No way leads to a goal cell, even over dead modules.
+    NoWay,
+}
+
+impl Reason {
+    /// Whether no protocol could have gone on from here.
+    pub const fn is_infeasible(self) -> bool {
+        !matches!(self, Reason::Blocked | Reason::Pinned)
+    }
+    /// For people.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Reason::Blocked => "deadlock: a spare module has a way to a goal cell and does not take it",
+            Reason::Pinned => {
+                "pinned: every spare module that has a way holds a dead module, or waits for one that does"
+            }
+            Reason::MaterialExhausted => "infeasible: fewer live spare modules than goal cells to fill",
+            Reason::NoActiveTarget => {
+                "infeasible: no live finalized module can start one of the unfilled goal cells"
+            }
+            Reason::NeedsDeadSupport => "infeasible: every way to a goal cell leads over dead modules",
+            Reason::NoWay => "infeasible: no way over the surface leads to a goal cell",
+        }
+    }
+}
+
+/// A standstill, with the evidence.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Stall {
+    /// Since when.
+    pub since: Time,
+    /// Why.
+    pub reason: Reason,
+    /// Why, in words.
+    pub text: &'static str,
+    /// Goal cells that are not filled.
+    pub unfilled: Vec<Cell>,
+    /// Modules that wait for each other in a circle, if they do.
+    pub wait_cycle: Vec<ModuleId>,
+    /// Spare modules that have a way to a goal cell and do not take it, with whom they wait for.
+    pub waiting: Vec<(ModuleId, Option<ModuleId>)>,
+}
