@@ -16,12 +16,12 @@ use std::sync::Arc;
 
 /// A slab of `side` by `side` cubes builds a block in its middle.
 fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Option<Outcome>, SwarmOutcome) {
-    let cells = |min, max| Shape::Box { min, max }.cells().unwrap();
+    let cells = |min, max| Shape::Box { min, max }.cells().expect("a shape");
     let start = cells(Cell::new(0, 0, 0), Cell::new(side - 1, side - 1, 0));
     let low = (side - block) / 2;
     let high = low + block - 1;
     let goal = cells(Cell::new(low, low, 0), Cell::new(high, high, block - 1));
-    let goal = Goal::compile(&goal, Cell::new(low, low, 0), Growth::Solid).unwrap();
+    let goal = Goal::compile(&goal, Cell::new(low, low, 0), Growth::Solid).expect("a goal");
     let params = Params::scaled(Span::secs(1), Span::millis(200), 4 * (side as u16 * 2 + 30));
     let setup = Arc::new(Setup { params, goals: vec![goal] });
     let mut world = CubeWorld::new(&start, Span::secs(1), 1);
@@ -29,15 +29,16 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
     let schedule = Schedule::new(faults);
     let mut director = Director::new(setup.clone(), start.len(), schedule, stop, Default::default());
     let options = SwarmOptions {
-        speed: Speed::new(speed, 1).unwrap(),
+        speed: Speed::new(speed, 1).expect("a speed"),
         seed: 1,
         ..SwarmOptions::new(env!("CARGO_BIN_EXE_cube-agent").into())
     };
-    let outcome = run_swarm(&options, setup.as_ref(), &mut world, &mut director).unwrap();
-    println!("{:?} {:?} {:?} {outcome:#?}", director.outcome(), director.progress(), director.stall());
-    for violation in world.take_violations() {
-        panic!("{violation}");
+    let outcome = run_swarm(&options, setup.as_ref(), &mut world, &mut director).expect("the swarm runs");
+    #[allow(clippy::print_stdout, reason = "shown only when the test fails or is asked to")]
+    {
+        println!("{:?} {:?} {:?} {outcome:#?}", director.outcome(), director.progress(), director.stall());
     }
+    assert!(world.take_violations().is_empty(), "an invariant broke");
     assert_eq!(outcome.crashes, []);
     assert_eq!((outcome.foreign, outcome.missing_ledgers.len()), (0, 0));
     for (class, counts) in outcome.tally.iter() {

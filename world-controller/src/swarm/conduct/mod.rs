@@ -11,8 +11,6 @@ use crate::swarm::run_dir::RunDir;
 use crate::swarm::supervise::{Event, Life, Supervisor, Task};
 use metamorph_module_agent::clock::{Clock, monotonic};
 use metamorph_module_agent::inbox::Inbox;
-use metamorph_module_agent::ledger::Ledger;
-use metamorph_module_agent::outbox::Outbox;
 use metamorph_module_agent::rendezvous::Rendezvous;
 use metamorph_module_agent::runtime::{Contact, Runtime};
 use metamorph_protocol::agent::Agent;
@@ -24,14 +22,15 @@ use metamorph_sim_bridge::world::{Sensed, World};
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// Processes that start at the same time; more would only compete.
-const STARTING: usize = 32;
 /// Frames taken in one turn before the world and the director get theirs.
 const DRAIN: usize = 2_048;
 /// Rounds of world and director in one turn.
 const ROUNDS: usize = 64;
 /// The longest wait.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
+
+mod ending;
+mod starting;
 
 pub struct Conductor<'a, W: World, D> {
     options: &'a SwarmOptions,
@@ -101,107 +100,6 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         self.last = self.clock.now().max(self.last);
         self.last
     }
-
-    // Starting.
-
-    fn set_up(&mut self) -> Result<(), SwarmError> {
-        let deadline = self.begun + nanos(self.options.setup_timeout);
-        let count = self.processes.len();
-        let (mut next, mut up) = (0, 0);
-        while up < count && !self.finishing {
-            while next < count && next - up < STARTING {
-                self.launch(next, Incarnation(0));
-                self.outcome.launched += 1;
-                next += 1;
-            }
-            self.wait_until(deadline)?;
-            while let Some(event) = self.supervisor.event() {
-                match event {
-                    Event::SpawnFailed(life, e) => return Err(self.spawn_error(life, e.to_string())),
-                    Event::Exited { life, how, stderr_tail } => {
-                        return Err(SwarmError::DiedEarly { id: life.0, how, stderr_tail });
-                    }
-                    Event::Shutdown => self.interrupt(),
-                }
-            }
-            self.drain()?;
-            up = self.processes.iter().filter(|p| p.stage == Stage::Up).count();
-            if up < count && monotonic() >= deadline {
-                let seconds = self.options.setup_timeout.as_secs();
-                return Err(SwarmError::SetupTimeout { missing: count - up, count, seconds });
-            }
-        }
-        // The ways to all agents, so that the first orders do not wait for them.
-        for i in 0..self.processes.len() {
-            if self.processes[i].stage == Stage::Up {
-                self.connect(i)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn launch(&mut self, i: usize, incarnation: Incarnation) {
-        self.processes[i].launch(incarnation);
-        self.supervisor.ask(Task::Spawn((self.processes[i].id, incarnation)));
-    }
-
-    fn connect(&mut self, i: usize) -> Result<(), SwarmError> {
-        let process = &mut self.processes[i];
-        let outbox = Outbox::to_agent(self.at, process.id, process.incarnation)?;
-        process.connect(outbox);
-        Ok(())
-    }
-
-    fn spawn_error(&self, (id, _): Life, cause: String) -> SwarmError {
-        SwarmError::Spawn { id, program: self.options.program.clone(), cause }
-    }
-
-    /// The clock starts; every agent gets its place, then its contacts.
-    fn begin(&mut self) {
-        self.epoch = monotonic();
-        self.outcome.setup = Duration::from_nanos(self.epoch - self.begun);
-        self.clock = Clock::new(self.epoch, self.options.speed);
-        for i in 0..self.processes.len() {
-            let id = self.processes[i].id;
-            self.world.start(Time::ZERO, id, Incarnation(0));
-        }
-        for i in 0..self.processes.len() {
-            self.send_begin(i);
-        }
-        self.forward_sensed();
-        for i in 0..self.processes.len() {
-            let id = self.processes[i].id;
-            self.director.started(Time::ZERO, id);
-            self.obey(Time::ZERO);
-        }
-        self.flush();
-    }
-
-    fn send_begin(&mut self, i: usize) {
-        let place = self.world.place(self.processes[i].id);
-        self.processes[i].stage = Stage::Running;
-        self.tell(i, Letter::Runtime(Runtime::Begin { epoch: self.epoch, place }));
-    }
-
-    /// A restarted process is up.
-    fn rejoin(&mut self, i: usize) {
-        if let Err(e) = self.connect(i) {
-            tracing::error!("cannot reach restarted module {i}: {e}");
-            return self.give_up(i, "could not be reached after its restart, and was killed");
-        }
-        let (id, incarnation) = (self.processes[i].id, self.processes[i].incarnation);
-        let now = self.now();
-        self.world.advance(now);
-        // What was sensed up to here was meant for the life before.
-        self.forward_sensed();
-        self.send_begin(i);
-        self.world.start(now, id, incarnation);
-        self.forward_sensed();
-        self.director.started(now, id);
-        self.obey(now);
-    }
-
-    // Running.
 
     fn turn(&mut self) -> Result<(), SwarmError> {
         self.take_events()?;
@@ -461,102 +359,6 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                 }
                 // The process is dead: there is nobody to do it to.
                 _ => {}
-            }
-        }
-    }
-
-    // Ending.
-
-    fn stop(&mut self) -> Result<(), SwarmError> {
-        self.outcome.end = self.now();
-        self.outcome.wall = Duration::from_nanos(monotonic().saturating_sub(self.epoch));
-        let alive = |p: &&Process<W::Agent>| p.stage == Stage::Running && !p.condemned;
-        self.outcome.alive = self.processes.iter().filter(alive).count() as u32;
-        for i in 0..self.processes.len() {
-            let process = &mut self.processes[i];
-            let life = (process.id, process.incarnation);
-            match process.stage {
-                Stage::Absent => continue,
-                _ if !process.is_connected() => {
-                    // Not up yet, so it cannot be told.
-                    process.condemned = true;
-                    self.supervisor.ask(Task::Signal(life, Signal::KILL));
-                }
-                _ => {
-                    if process.paused {
-                        self.supervisor.ask(Task::Signal(life, Signal::CONT));
-                    }
-                    process.hurry();
-                    self.tell(i, Letter::Runtime(Runtime::Stop));
-                }
-            }
-        }
-        let deadline = monotonic() + nanos(self.options.stop_timeout);
-        let mut killed = false;
-        while self.processes.iter().any(|p| p.stage != Stage::Absent) {
-            self.flush();
-            self.drain_after_the_end()?;
-            let retry = self.retry_at.unwrap_or(u64::MAX);
-            self.wait_until(deadline.min(retry).max(monotonic() + 1_000_000))?;
-            while let Some(event) = self.supervisor.event() {
-                self.ended(event);
-            }
-            if !killed && monotonic() >= deadline {
-                killed = true;
-                self.kill_the_rest();
-            }
-            if self.supervisor.is_gone() {
-                return Err(SwarmError::Supervisor(std::io::Error::other("its thread ended")));
-            }
-        }
-        Ok(())
-    }
-
-    /// Makes room for agents that still have something to say; nobody listens any more.
-    fn drain_after_the_end(&mut self) -> Result<(), SwarmError> {
-        for _ in 0..DRAIN * 8 {
-            if self.inbox.receive()?.is_none() {
-                break;
-            }
-        }
-        Ok(())
-    }
-
-    fn ended(&mut self, event: Event) {
-        let Event::Exited { life: (id, incarnation), how, stderr_tail } = event else { return };
-        let at = self.outcome.end;
-        let Some(process) = self.processes.get_mut(id.index()) else { return };
-        process.bury();
-        let how = process.verdict.map_or(how, str::to_owned);
-        if !process.condemned && how != "exited" {
-            self.outcome.crashes.push(Crash { id, incarnation, at, how, stderr_tail });
-        }
-    }
-
-    fn kill_the_rest(&mut self) {
-        for process in &mut self.processes {
-            if process.stage != Stage::Absent {
-                let life = (process.id, process.incarnation);
-                process.verdict = Some("did not stop in time, and was killed");
-                tracing::error!("module {} did not stop in time and is killed", process.id);
-                self.supervisor.ask(Task::Signal(life, Signal::KILL));
-            }
-        }
-    }
-
-    fn read_ledgers(&mut self) {
-        for process in &self.processes {
-            for life in 0..=process.incarnation.0 {
-                match Ledger::read(self.dir.root(), process.id, Incarnation(life)) {
-                    Ok(Some(account)) => {
-                        self.outcome.tally += account.tally;
-                        self.outcome.foreign += account.foreign;
-                        self.outcome.wakes += account.wakes;
-                    }
-                    // Killed before it had started.
-                    Ok(None) => {}
-                    Err(e) => self.outcome.missing_ledgers.push(e.to_string()),
-                }
             }
         }
     }
