@@ -1,1 +1,3 @@
-//! To be written.
+//! The world-controller: launches a swarm, owns its world, injects failures, measures.
+
+pub mod swarm;
