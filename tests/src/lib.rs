@@ -2,10 +2,12 @@
 //!
 //! [`probe`] is a family of units that does nothing but send what it is told and report what it
 //! sees; [`mod@conformance`] is the one suite that every driver passes, written against it; [`chaos`]
-//! breaks swarms of real processes from outside.
+//! breaks swarms of real processes from outside. [`growth`] is the experiment that tests of the cube
+//! protocol vary.
 
 pub mod chaos;
 pub mod conformance;
+pub mod growth;
 pub mod probe;
 pub mod script;
 pub mod testbed;
