@@ -10,5 +10,6 @@
 pub mod ids;
 pub mod lattice;
 pub mod ratio;
+pub mod roombots;
 pub mod stream;
 pub mod time;
