@@ -19,6 +19,19 @@ pub fn cubes_collide(a: &Body, b: &Body, shrink: f64) -> bool {
         && overlap(&a.scaled(shrink), &b.scaled(shrink))
 }
 
+/// How deep two cubes overlap, in cells, measured by how far both must shrink to come apart.
+pub fn overlap_depth(a: &Body, b: &Body) -> f64 {
+    let (mut apart, mut together) = (0.5, 1.0);
+    if !cubes_collide(a, b, together) {
+        return 0.0;
+    }
+    while together - apart > 1e-5 {
+        let middle = (apart + together) / 2.0;
+        if cubes_collide(a, b, middle) { together = middle } else { apart = middle }
+    }
+    (1.0 - together) * 2.0 * OUTER_RADIUS
+}
+
 /// Whether cubes of a robot that are not neighbours overlap.
 pub fn self_collision(bodies: &[Body], shrink: f64) -> bool {
     distant_pairs(bodies.len()).any(|(a, b)| cubes_collide(&bodies[a], &bodies[b], shrink))

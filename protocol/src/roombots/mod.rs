@@ -14,16 +14,21 @@
 pub mod body;
 pub mod chain;
 pub mod collision;
+pub mod connection;
 pub mod connector;
 pub mod convex;
+pub mod database;
 pub mod error;
 pub mod grid;
 pub mod inverse;
 pub mod kind;
 pub mod lattice_pose;
 pub mod posture;
+pub mod reach;
 pub mod shape;
+pub mod spheres;
 pub mod sweep;
+pub mod torque;
 
 pub use error::KinematicsError;
 pub use kind::Kind;

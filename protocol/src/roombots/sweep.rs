@@ -10,7 +10,7 @@
 
 use super::body::Body;
 use super::chain::{Pose, diagonal, rotation};
-use super::collision::{SHRINK, cubes_collide, distant_pairs};
+use super::collision::{SHRINK, cubes_collide, distant_pairs, overlap_depth};
 use super::convex::{Cuboid, overlap};
 use super::lattice_pose::{Half, LatticeRotation};
 use super::posture::{Placement, Posture, is_middle};
@@ -70,6 +70,9 @@ pub struct StepSweep {
     /// Cells entered 2.2 to 11 mm deep; sorted, none of them core.
     pub graze: Vec<Cell>,
 }
+
+/// Deeper than this a cell is core beyond doubt, and its depth is not determined: 14 mm.
+const CERTAIN_DEPTH: f64 = 14.0 / 110.0;
 
 /// The two ways a joint turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -132,6 +135,8 @@ const SAMPLES: u32 = 120;
 pub struct Sweeper {
     parts: BTreeMap<(Turn, Part), PartSweep>,
     pairs: BTreeMap<(Turn, Part, Part), bool>,
+    /// Depths into the floor that occurred, in micrometres.
+    floor_depths: BTreeSet<i32>,
 }
 
 impl Sweeper {
@@ -169,6 +174,7 @@ impl Sweeper {
                 *known = known.max(*deep);
             }
         }
+        self.floor_depths.insert((depth * CELL_METRES * 1e6).round() as i32);
         for placement in [&start, &end] {
             for cell in &placement.cells[..kind.cubes()] {
                 entered.insert(*cell, HALF_EDGE);
@@ -201,11 +207,29 @@ impl Sweeper {
         }
     }
 
-    /// Every depth in millimetres, per kind of question, that the verdicts so far were based on.
-    /// For tests of how well the classes are separated.
+    /// The depths in millimetres at which cells were entered so far; for tests of how well the
+    /// classes are separated. Depths beyond 14 mm are not exact.
     pub fn depths_of_entry(&self) -> Vec<f64> {
         let all = self.parts.values().flat_map(|s| &s.entered);
         all.map(|(_, d)| d * CELL_METRES * 1000.0).collect()
+    }
+
+    /// How deep cubes went into the floor during the steps so far, in millimetres; negative for
+    /// cubes that stayed above it.
+    pub fn depths_into_floor(&self) -> Vec<f64> {
+        self.floor_depths.iter().map(|d| f64::from(*d) / 1000.0).collect()
+    }
+
+    /// How deep cubes that are not neighbours overlapped during the steps so far, in millimetres.
+    pub fn own_contacts(&self) -> Vec<f64> {
+        let contact = |(turn, a, b): &(Turn, Part, Part)| {
+            let depth = (0..=SAMPLES).map(|i| {
+                let at = turn.at(f64::from(i) / f64::from(SAMPLES));
+                overlap_depth(&a.body(&at), &b.body(&at))
+            });
+            depth.fold(0.0, f64::max) * CELL_METRES * 1000.0
+        };
+        self.pairs.keys().map(contact).collect()
     }
 }
 
@@ -268,7 +292,7 @@ fn sweep_part(turn: Turn, part: Part) -> PartSweep {
         let u = Vector3::new(f64::from(o.x), f64::from(o.y), f64::from(o.z));
         let at = |b: &Body| b.centre.dot(&u) + b.extent(&u);
         let best = maximum(bodies.iter().map(at));
-        refined(best, |t| at(&body(t)))
+        refined(best.0, best.1, |t| at(&body(t)))
     });
 
     // Cells whose centres are odd or even in half cells like the start place of the cube.
@@ -279,16 +303,19 @@ fn sweep_part(turn: Turn, part: Part) -> PartSweep {
         let centre = Vector3::from(place.map(|x| f64::from(x) / 2.0));
         let mut best = (GRAZE_DEPTH / 2.0, None);
         for (i, b) in bodies.iter().enumerate() {
+            // Deep enough for the verdict; how deep does not matter.
+            if best.0 > CERTAIN_DEPTH {
+                break;
+            }
             if let Some(deeper) = entry_depth(b, &centre, best.0) {
                 best = (deeper, Some(i));
             }
         }
-        if let Some(i) = best.1 {
-            let deepest = refined((best.0, i), |t| entry_depth(&body(t), &centre, 0.0).unwrap_or(0.0));
-            if deepest > GRAZE_DEPTH / 2.0 {
-                entered.push((place, deepest));
-            }
+        let Some(i) = best.1 else { continue };
+        if best.0 <= CERTAIN_DEPTH {
+            best.0 = refined(best.0, i, |t| entry_depth(&body(t), &centre, 0.0).unwrap_or(0.0));
         }
+        entered.push((place, best.0));
     }
     PartSweep { reach, entered }
 }
@@ -314,7 +341,7 @@ fn near_places(turn: Turn, centre: &Vector3<f64>) -> Vec<Half> {
 /// How deep a body enters the cell centred at `cell`: the largest d such that it meets the cell
 /// shrunk by d on every side; none if it is not deeper than `than`.
 pub fn entry_depth(body: &Body, cell: &Vector3<f64>, than: f64) -> Option<f64> {
-    const RESOLUTION: f64 = 1e-6;
+    const RESOLUTION: f64 = 1e-5;
     let meets = |d: f64| overlap(body, &Cuboid { centre: *cell, half: HALF_EDGE - d });
     // The ball around the body decides most cases.
     let outside = (body.centre - cell).map(|x| (x.abs() - (HALF_EDGE - than)).max(0.0)).norm();
@@ -334,13 +361,13 @@ fn maximum(values: impl Iterator<Item = f64>) -> (f64, usize) {
 }
 
 /// The maximum of `f` near sample `i`, where it is `best`, by golden section.
-fn refined((best, i): (f64, usize), f: impl Fn(f64) -> f64) -> f64 {
+fn refined(best: f64, i: usize, f: impl Fn(f64) -> f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let step = 1.0 / f64::from(SAMPLES);
     let at = i as f64 * step;
     let (mut low, mut high) = ((at - step).max(0.0), (at + step).min(1.0));
     let mut best = best;
-    for _ in 0..24 {
+    for _ in 0..16 {
         let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
         let (fa, fb) = (f(a), f(b));
         best = best.max(fa).max(fb);

@@ -208,10 +208,12 @@ impl Problem {
         let step = TAU / COARSE as f64;
         let slope = |t: f64| self.c2_margin_slope(t);
         let mut turning = Vec::new();
-        for i in 0..COARSE {
-            let (a, b) = (i as f64 * step, (i + 1) as f64 * step);
-            if (slope(a) < 0.0) != (slope(b) < 0.0) {
-                turning.push(bisect(a, b, slope));
+        // Off the angles at which symmetric targets turn, where rounding would decide the sign.
+        let angles: Vec<f64> = (0..COARSE).map(|i| 0.012_345 + i as f64 * step).collect();
+        let falling: Vec<bool> = angles.iter().map(|t| slope(*t) < 0.0).collect();
+        for (i, a) in angles.iter().enumerate() {
+            if falling[i] != falling[(i + 1) % COARSE] {
+                turning.push(bisect(*a, a + step, slope));
             }
         }
         let mut ends: Vec<(f64, Merge)> = Vec::new();
