@@ -1,1 +1,3 @@
-//! To be written.
+//! The command `metamorph` as a library.
+
+pub mod robot;

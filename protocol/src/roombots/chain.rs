@@ -21,6 +21,15 @@ impl Pose {
     pub fn identity() -> Pose {
         Pose { rotation: Matrix3::identity(), origin: Vector3::zeros() }
     }
+    /// The pose of these rows of a 3×4 matrix. Whether it is rigid is for [`Pose::checked`] to say.
+    pub fn from_rows(rows: [[f64; 4]; 3]) -> Pose {
+        Pose { rotation: Matrix3::from_fn(|r, c| rows[r][c]), origin: Vector3::from_fn(|r, _| rows[r][3]) }
+    }
+    /// The rows of the 3×4 matrix of the pose.
+    pub fn rows(&self) -> [[f64; 4]; 3] {
+        let m = &self.rotation;
+        [0, 1, 2].map(|r| [m[(r, 0)], m[(r, 1)], m[(r, 2)], self.origin[r]])
+    }
     /// Where a point given in this frame is.
     pub fn point(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * p + self.origin
