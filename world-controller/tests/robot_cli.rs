@@ -17,14 +17,14 @@ fn scratch(name: &str) -> PathBuf {
 }
 
 fn run(args: &str) -> Output {
-    metamorph(args).output().unwrap()
+    metamorph(args).output().expect("the program is built with the tests")
 }
 
 fn text(args: &str) -> String {
     let output = run(args);
     assert!(output.status.success(), "{args}: {}", String::from_utf8_lossy(&output.stderr));
     assert!(output.stderr.is_empty(), "{args}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
+    String::from_utf8(output.stdout).expect("answers are UTF-8")
 }
 
 fn json(args: &str) -> Value {
