@@ -10,7 +10,7 @@ use super::body::bodies;
 use super::chain::{Chain, Pose, random_angles};
 use super::collision;
 use super::grid::{GridState, landings};
-use super::inverse::levenberg_marquardt::{self, Options};
+use super::inverse::levenberg_marquardt;
 use super::inverse::{Solution, solve};
 use super::spheres;
 use super::{HALF_EDGE, Kind};
@@ -75,8 +75,8 @@ impl Assumptions {
     }
 }
 
-/// Heights closer than this are equal, in cells.
-const SLACK: f64 = 1e-6;
+/// Heights closer than this are equal, in cells: the plain search ends up to 0.1 mm off.
+const SLACK: f64 = 1e-3;
 /// A posture at rest may touch itself but not overlap: the bodies are shrunk by 0.26 mm only. With
 /// the 1 % allowed during a step, SRS and SRZ would have one state more, in which their rims
 /// overlap by 0.9 mm.
@@ -124,17 +124,20 @@ pub fn positions(states: &BTreeSet<GridState>) -> usize {
     states.iter().map(|s| (s.x, s.y)).collect::<BTreeSet<_>>().len()
 }
 
-/// An incomplete search as the thesis may have used one: damped least squares from `starts` random
-/// starts per state, a state counts if an outcome is free with the thesis spheres.
+/// An incomplete search as the thesis may have used one: plain damped least squares from `starts`
+/// random starts per state; a state counts if an outcome is free with the thesis spheres.
+///
+/// With four starts each number of thesis table 2.2 is within the spread of such searches. Number of
+/// starts and step rule are not in the thesis, so this shows that the table is plausible and
+/// does not show how it was made.
 pub fn incomplete_search(kind: Kind, starts: u32, seed: u64) -> BTreeSet<GridState> {
     let chain = Chain::of(kind);
-    let options = Options { iterations: 50, tolerance: 1e-3, damping: 1e-2 };
     let mut stream = Stream::named(seed, "incomplete search", kind as u64);
     let reached = |state: &GridState| {
         let target: Pose = state.pose().into();
         (0..starts).any(|_| {
             let start = random_angles(kind, &mut stream);
-            let outcome = levenberg_marquardt::solve(&chain, &target, &start, &options);
+            let outcome = levenberg_marquardt::solve_plainly(&chain, &target, &start);
             let solution = Solution { q: outcome.q, residual: outcome.residual };
             outcome.reached && Assumptions::Spheres(5).accepts(kind, &solution)
         })

@@ -4,7 +4,7 @@
 //! tangent from inside to the sphere of 128 mm diameter around the cube. The thesis gives the main
 //! sphere a *diameter* of 0.055 m; tangent to the plates it must have that *radius*, which is used
 //! here. Where along a rib the small spheres sit is shown in a figure only (figure 5.6) and is a
-//! convention here: evenly spread over the inner 80 % of the rib.
+//! convention here: evenly from one end of the rib to the other.
 
 use super::collision::distant_pairs;
 use super::{CELL_METRES, HALF_EDGE, Kind, KinematicsError, OUTER_RADIUS, chain};
@@ -48,7 +48,7 @@ fn rib_directions(per_rib: u32) -> Vec<Vector3<f64>> {
     let mut all = Vec::new();
     for rib in 0..3 {
         for i in 0..per_rib {
-            let share = (f64::from(i) + 0.5) / f64::from(per_rib) * 2.0 - 1.0;
+            let share = if per_rib > 1 { f64::from(2 * i) / f64::from(per_rib - 1) - 1.0 } else { 0.0 };
             let (s, c) = (share * half_length).sin_cos();
             let mut v = Vector3::repeat(c * std::f64::consts::FRAC_1_SQRT_2);
             v[rib] = s;

@@ -5,6 +5,7 @@
 use super::damped_step;
 use crate::roombots::chain::{Chain, Pose, random_angle, wrapped};
 use crate::stream::Stream;
+use nalgebra::{Matrix3x6, Matrix6, Vector3, Vector6};
 use std::f64::consts::PI;
 
 /// When to stop.
@@ -70,6 +71,57 @@ pub fn solve(chain: &Chain, target: &Pose, start: &[f64], options: &Options) -> 
     }
     let reached = residual <= options.tolerance;
     Outcome { q: q.into_iter().map(wrapped).collect(), residual, iterations, reached }
+}
+
+/// Damped least squares with constant damping and full steps, from four points of the head (its
+/// origin and points half a cell along its axes) to where they should be: 50 steps, damping 0.01.
+/// This is the plain form in which dynamics libraries offer it, such as the one that thesis 5.1.3
+/// names. It reaches fewer targets than [`solve`] and is here for comparisons with the thesis.
+pub fn solve_plainly(chain: &Chain, target: &Pose, start: &[f64]) -> Outcome {
+    const STEPS: u32 = 50;
+    const DAMPING: f64 = 0.01;
+    const REACHED: f64 = 1e-3;
+    const DONE: f64 = 1e-9;
+    let points = |p: &Pose| -> [Vector3<f64>; 4] {
+        [0, 1, 2, 3].map(|i| if i == 0 { p.origin } else { p.origin + p.rotation.column(i - 1) * 0.5 })
+    };
+    let goals = points(target);
+    let mut q = start.to_vec();
+    let mut iterations = 0;
+    let mut residual = f64::MAX;
+    while iterations < STEPS && residual > DONE {
+        iterations += 1;
+        let (head, columns) = chain.head_and_jacobian(&q);
+        // In the six coordinates of the head's motion the points weigh position and rotation:
+        // JᵀJ of the points is Cᵀ W C with the columns C, and W gathers the four points.
+        let (mut weight, mut pull) = (Matrix6::zeros(), Vector6::zeros());
+        for (point, goal) in points(&head).iter().zip(&goals) {
+            let across = -(point - head.origin).cross_matrix();
+            let mut move_point = Matrix3x6::zeros();
+            move_point.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+            move_point.fixed_view_mut::<3, 3>(0, 3).copy_from(&across);
+            weight += move_point.transpose() * move_point;
+            pull += move_point.transpose() * (goal - point);
+        }
+        let Some(step) = weighted_step(&columns, &weight, &pull, DAMPING * DAMPING) else { break };
+        for (angle, d) in q.iter_mut().zip(&step) {
+            *angle += d;
+        }
+        residual = chain.head(&q).error_to(target).norm();
+    }
+    Outcome { q: q.into_iter().map(wrapped).collect(), residual, iterations, reached: residual <= REACHED }
+}
+
+/// (Cᵀ W C + λ)⁻¹ Cᵀ p as Cᵀ (λ + W C Cᵀ)⁻¹ p.
+fn weighted_step(
+    columns: &[Vector6<f64>],
+    weight: &Matrix6<f64>,
+    pull: &Vector6<f64>,
+    damping: f64,
+) -> Option<Vec<f64>> {
+    let gram: Matrix6<f64> = columns.iter().map(|c| c * c.transpose()).sum();
+    let solved = (Matrix6::identity() * damping + weight * gram).lu().solve(pull)?;
+    Some(columns.iter().map(|c| c.dot(&solved)).collect())
 }
 
 /// Tries random starts, all drawn from `stream`, until one leads to the target; the best outcome
