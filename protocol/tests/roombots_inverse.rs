@@ -65,6 +65,28 @@ fn lattice_targets_are_solved() {
     }
 }
 
+/// Beside a singular posture targets are badly conditioned, but still solved.
+#[test]
+fn targets_near_the_lattice_are_solved() {
+    let mut stream = Stream::named(6, "near the lattice", 0);
+    for kind in Kind::METAMODULES {
+        let chain = Chain::of(kind);
+        for size in [1e-6, 1e-4, 1e-2] {
+            let (mut tried, mut generating) = (0, 0);
+            for posture in Posture::all(kind).step_by(19) {
+                let shift = random_angles(kind, &mut stream);
+                let q: Vec<f64> = posture.radians().iter().zip(&shift).map(|(a, s)| a + size * s).collect();
+                let target = chain.head(&q);
+                let solutions = solve(kind, &target).unwrap_or_else(|e| panic!("{kind} {q:?}: {e}"));
+                assert!(solutions.iter().all(|s| chain.head(&s.q).error_to(&target).norm() < 1e-8));
+                tried += 1;
+                generating += u32::from(solutions.iter().any(|s| joint_distance(&s.q, &q) < 1e-5));
+            }
+            assert!(generating * 10 >= tried * 9, "{kind} {size}: {generating} of {tried}");
+        }
+    }
+}
+
 #[test]
 fn damped_least_squares_reaches_most_targets() {
     // With ten starts at least 99 of 100; a single start reaches about three of four.
