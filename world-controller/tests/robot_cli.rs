@@ -68,7 +68,7 @@ fn forward_and_inverse_agree() {
     assert_eq!(up["connectors"].as_array().unwrap().len(), 20);
     assert!(text("fk single -120 90 -120").contains("head lands on (0, 1, 2)"));
 
-    let back = json("ik SRS --like=10,-20,30,40,-50,60");
+    let back = json("ik SRS --like 10,-20,30,40,-50,60");
     let found = back["solutions"].as_array().unwrap();
     let close = |s: &Value| {
         let q = s["joint_angles"].as_array().unwrap();
@@ -78,6 +78,7 @@ fn forward_and_inverse_agree() {
     };
     assert!(found.iter().any(close), "{back}");
     assert!(text("ik PAR --grid 2,1,3").contains("solution"));
+    assert!(text("ik SRS --grid -1,2,0").contains("solution"));
     assert!(text("ik PAR --grid 2,1,3 --solver damped").contains("1 solution"));
     let pose = "0,-1,0,0,-1,0,0,0,0,0,-1,4";
     assert!(text(&format!("ik PAR --matrix {pose}")).contains("0.0000    0.0000    0.0000"));
@@ -158,7 +159,7 @@ fn the_database_has_the_same_bytes_every_time() {
 /// A reader that goes away, as `head` does, is no reason to panic or to complain.
 #[test]
 fn a_closed_pipe_is_no_error() {
-    for args in ["moves PER --json", "table 2.2", "svg PER 0 0 0 0 0 0"] {
+    for args in ["moves PER --json", "table 6.1", "svg PER 0 0 0 0 0 0"] {
         let mut child = metamorph(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         drop(child.stdout.take());
         let output = child.wait_with_output().unwrap();

@@ -21,7 +21,7 @@ pub struct MovesArgs {
     #[arg(long)]
     to: Option<String>,
     /// Where the way starts: lattice angles in degrees, separated by commas; all zero if left out
-    #[arg(long, value_delimiter = ',', allow_negative_numbers = true, requires = "to")]
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, requires = "to")]
     from: Vec<f64>,
 }
 

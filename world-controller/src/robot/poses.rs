@@ -37,13 +37,13 @@ pub struct IkArgs {
     /// single, PAR, SRS, PER or SRZ
     kind: Kind,
     /// Head plate on the floor: cell and class, such as 2,1,3
-    #[arg(long, value_name = "X,Y,CLASS", value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(long, value_name = "X,Y,CLASS", value_delimiter = ',', allow_hyphen_values = true)]
     grid: Option<Vec<i16>>,
     /// Pose of the head frame: the three rows of its 3×4 matrix, 12 numbers, lengths in cells
-    #[arg(long, value_delimiter = ',', allow_negative_numbers = true, conflicts_with = "grid")]
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, conflicts_with = "grid")]
     matrix: Option<Vec<f64>>,
     /// The pose that these joint angles in degrees make
-    #[arg(long, value_delimiter = ',', allow_negative_numbers = true, conflicts_with_all = ["grid", "matrix"])]
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, conflicts_with_all = ["grid", "matrix"])]
     like: Option<Vec<f64>>,
     /// How to solve
     #[arg(long, value_enum, default_value_t = Solver::All)]
