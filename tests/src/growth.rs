@@ -40,6 +40,8 @@ pub struct Experiment {
     pub seed: u64,
     /// Messages are taken in whatever session they were sent.
     pub ignore_sessions: bool,
+    /// The run ends as soon as an invariant has broken.
+    pub until_broken: bool,
 }
 
 /// What a run came to.
@@ -110,6 +112,7 @@ impl Experiment {
             failure: Ratio::ZERO,
             seed,
             ignore_sessions: false,
+            until_broken: false,
         }
     }
 
@@ -170,7 +173,11 @@ impl Experiment {
             ignore_sessions: self.ignore_sessions,
         };
         let mut sim = Sim::new(config, world, director);
-        sim.run_until(Time::NEVER);
+        while !sim.run_until(sim.now() + MOVE * 10) {
+            if self.until_broken && sim.violations().1 > 0 {
+                break;
+            }
+        }
         let (violations, broken) = sim.violations();
         Ran {
             outcome: sim.director().outcome(),

@@ -11,7 +11,9 @@ use metamorph_tests::growth::{Experiment, Ran, ball};
 fn breaks(invariant: Invariant, seeds: u64, vary: impl Fn(Experiment) -> Experiment) {
     let mut last: Option<Ran> = None;
     for seed in 1..=seeds {
-        let ran = vary(Experiment::slab_to_sphere(20, seed)).run();
+        let mut experiment = vary(Experiment::slab_to_sphere(20, seed));
+        experiment.until_broken = true;
+        let ran = experiment.run();
         if ran.broke(invariant) {
             return;
         }
