@@ -26,8 +26,12 @@ impl CubeWorld {
         let Some(face) = cube.parent().filter(|_| cube.role() == Role::Reserve) else { return Ok(()) };
         let Some(parent) = self.neighbour(id, face).and_then(|p| agents.get(p)) else { return Ok(()) };
         // A restarted parent, or one of another goal, has to learn of its children again; until then
-        // it does not leave.
-        if parent.is_listening(now) || parent.epoch() != cube.epoch() || parent.is_unlabelled() {
+        // it does not leave. A finalized one never does.
+        let learning = parent.is_listening(now)
+            || parent.is_unlabelled()
+            || parent.epoch() != cube.epoch()
+            || !parent.has_heard(face.opposite());
+        if learning || parent.role() == Role::Final {
             return Ok(());
         }
         invariants::parent_descends(cube.label(), parent.label(), parent.has_child(face.opposite()))

@@ -51,8 +51,8 @@ fn without_a_deadline_a_stopped_module_moves_too_late() {
 }
 
 #[test]
-fn forgetting_silent_children_tears_the_body() {
-    breaks(Invariant::BodyConnected, 6, |e| {
+fn forgetting_silent_children_lets_parents_leave() {
+    breaks(Invariant::MoverHasNoDependants, 6, |e| {
         sabotage(e.pauses(Span::secs(300)), |s| s.drop_silent_children = true)
     });
 }

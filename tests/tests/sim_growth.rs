@@ -1,6 +1,7 @@
 //! Growth under faults on the simulated link: whatever breaks, no invariant does; and what is left
 //! builds the goal, or the reason why it cannot is named.
 
+use metamorph_protocol::cube::params::Params;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
@@ -32,6 +33,7 @@ const FURTHER: [Variation; 8] = [
     }),
     ("late messages", |mut e| {
         e.link.delay_max = Span::secs(2);
+        e.setup.params = Params::scaled(Span::secs(1), Span::secs(2), e.setup.params.range);
         e
     }),
     ("5% failed connections", |mut e| {

@@ -75,7 +75,7 @@ impl Cube {
         {
             self.label = b.label + 1;
         }
-        if self.want.is_none() && self.is_idle() && self.all_heard(now) {
+        if self.want.is_none() && self.is_idle() && self.all_heard() {
             self.look_for_parent(now);
         }
         if before != (self.parent, self.label, self.want) {
@@ -94,12 +94,11 @@ impl Cube {
         self.parent.is_none_or(|f| self.side(f).condemned || self.side(f).peer.is_none())
     }
 
-    /// After a restart, children must have been heard before a parent is chosen among them.
-    fn all_heard(&self, now: Time) -> bool {
-        if !self.is_quarantined(now) {
-            return true;
-        }
-        self.sides.iter().all(|s| s.session.is_none() || s.peer.is_some())
+    /// After a restart every neighbour must have been heard, however long it takes, before a parent
+    /// is chosen: one that is silent, even dead, may be a child, and what it carries must not become
+    /// the parent.
+    fn all_heard(&self) -> bool {
+        !self.reborn || self.sides.iter().all(|s| s.session.is_none() || s.peer.is_some())
     }
 
     fn look_for_parent(&mut self, now: Time) {

@@ -517,6 +517,10 @@ impl Cube {
     pub fn has_child(&self, face: Face) -> bool {
         self.side(face).child.is_some()
     }
+    /// Whether the neighbour on a face has been heard in this contact session.
+    pub fn has_heard(&self, face: Face) -> bool {
+        self.side(face).peer.is_some()
+    }
     /// Whether the module has asked its body to move and has not heard how it went.
     pub fn is_moving(&self) -> bool {
         self.moving.is_some()
