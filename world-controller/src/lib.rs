@@ -1,1 +1,19 @@
-//! To be written.
+//! The world-controller: reads scenarios, runs swarms, injects failures, measures, reports.
+//!
+//! `scenario` makes a checked plan of what a person wrote; a driver runs it (`simulated` in virtual
+//! time, `processes` with one process per module); `report` says what happened. `command` is the
+//! command line, `commands` carries it out, `terminal` is the one place that prints.
+//!
+//! Deliberately absent: decisions of the protocol (they are in `protocol`) and ground truth about
+//! the world (it is in `sim-bridge`).
+
+pub mod command;
+pub mod commands;
+pub mod interrupt;
+pub mod overview;
+pub mod processes;
+pub mod report;
+pub mod scenario;
+pub mod simulated;
+pub mod stopwatch;
+pub mod terminal;

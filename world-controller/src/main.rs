@@ -1,2 +1,7 @@
-//! The command `metamorph`.
-fn main() {}
+//! The command `metamorph`. Everything it does is in the library.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    metamorph_world_controller::commands::main(std::env::args_os())
+}
