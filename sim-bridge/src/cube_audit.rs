@@ -4,9 +4,9 @@ use crate::cube_world::CubeWorld;
 use crate::invariants::{self, Invariant, Violation};
 use crate::sim::{Agents, Audited};
 use crate::world::World;
-use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::Connectivity;
+use metamorph_protocol::cube::{Cube, Successor};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Face;
 use metamorph_protocol::time::{Span, Time};
@@ -50,22 +50,27 @@ impl CubeWorld {
     /// version.
     fn field_loop_free(&self, id: ModuleId, face: Face, agents: &Agents<'_, Cube>) -> Result<(), String> {
         let next = |(id, face): (ModuleId, Face)| {
-            let (entry, via) = agents.get(id)?.attraction(face);
+            let (entry, successor, heard) = agents.get(id)?.attraction(face);
             if !entry.is_known() || entry.distance == 0 {
                 return None;
             }
-            let successor = if via >= 6 {
-                (id, Face::from_index(via - 6)?)
-            } else {
-                let heading = Face::from_index(via)?;
-                let beside = self.neighbour(id, heading)?;
-                match self.neighbour(beside, face) {
-                    // The same cell, seen by the module that stands beyond.
-                    Some(beyond) => (beyond, heading.opposite()),
-                    None => (beside, face),
+            let successor = match successor? {
+                Successor::Own(other) => (id, other),
+                Successor::Beside { heading, same_cell } => {
+                    let beside = self.neighbour(id, heading)?;
+                    if same_cell {
+                        (self.neighbour(beside, face)?, heading.opposite())
+                    } else {
+                        (beside, face)
+                    }
                 }
             };
-            let (theirs, _) = agents.get(successor.0)?.attraction(successor.1);
+            let agent = agents.get(successor.0)?;
+            // Whoever came later is not the one that was followed, which is gone.
+            if agent.settled() > heard {
+                return None;
+            }
+            let (theirs, ..) = agent.attraction(successor.1);
             (theirs.source == entry.source && theirs.version == entry.version && theirs.is_known())
                 .then_some(successor)
         };

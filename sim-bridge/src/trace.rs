@@ -64,6 +64,6 @@ mod tests {
     fn golden_value() {
         let mut trace = Trace::default();
         trace.event(Time(1), 2, 3, 4);
-        assert_eq!(trace.value(), 0x0, "{:#X}", trace.value());
+        assert_eq!(trace.value(), 0x6536_0A67_D2D9_C5C2);
     }
 }

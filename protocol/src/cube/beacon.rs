@@ -10,7 +10,9 @@ use crate::lattice::Face;
 use crate::time::Time;
 
 /// Marks an offer that comes from another face of the same module.
-const OWN: u8 = 6;
+pub(super) const OWN: u8 = 6;
+/// Marks an offer of a module one further out, which touches the same cell.
+pub(super) const SAME_CELL: u8 = 12;
 
 impl Cube {
     pub(super) fn on_beacon(&mut self, now: Time, face: Face, beacon: Beacon) {
@@ -41,6 +43,11 @@ impl Cube {
         // A walker that has arrived needs its reservation no more: it is anchored by contact now.
         self.release_locks(|lock| lock.id.origin == beacon.id && lock.reserved == Some(face));
         self.register_child(now, face, &beacon);
+        if self.role == Role::Reserve {
+            for entry in beacon.field.iter().filter(|e| e.is_known()) {
+                self.hear_of(now, entry.source);
+            }
+        }
         self.touch();
         self.decide_soon(now);
     }
@@ -126,7 +133,7 @@ impl Cube {
     /// Recomputes the attraction field of all faces from what the neighbours said last.
     pub(super) fn tend_field(&mut self, now: Time) {
         let due = self.sides.iter().any(|s| s.field.expires(self.setup.params.hold) <= now)
-            || (self.role == Role::Final && self.version_is_old(now));
+            || (self.role == Role::Final && self.targets_are_old(now));
         if !self.field_stale && !due {
             return;
         }
@@ -135,7 +142,11 @@ impl Cube {
             self.note_unfilled(now);
         }
         let p = &self.setup.params;
-        let limits = Limits { hold: p.hold, range: p.range, accept_stale: p.sabotage.accept_stale_values };
+        let limits = Limits {
+            hold: p.hold,
+            range: p.range.min(Entry::MAX_MOVES) * Entry::MOVE,
+            accept_stale: p.sabotage.accept_stale_values,
+        };
         let version = self.version(now);
         let open = Face::ALL.map(|f| self.is_open(now, f));
         let mut changed_any = false;
@@ -153,7 +164,12 @@ impl Cube {
                     let source = self.id.0 << 3 | face as u32;
                     self.sides[i].field.set(Entry { distance: 0, source, version })
                 } else {
-                    let (offers, n) = self.offers(now, face, &open);
+                    let (mut offers, n) = self.offers(now, face, &open);
+                    // What comes back of this face's own word is no news of a target.
+                    let own = self.id.0 << 3 | face as u32;
+                    for offer in offers.iter_mut().filter(|o| o.entry.source == own) {
+                        offer.entry = Entry::NONE;
+                    }
                     self.sides[i].field.choose(now, limits, &offers[..n])
                 };
             }
@@ -169,11 +185,12 @@ impl Cube {
         }
     }
 
-    fn version_is_old(&self, now: Time) -> bool {
+    /// Whether a face that is a target does not say so, in the present version.
+    fn targets_are_old(&self, now: Time) -> bool {
         let version = self.version(now);
-        Face::ALL.into_iter().any(|f| {
+        self.wanted_faces(now).any(|f| {
             let value = self.side(f).field.value();
-            value.distance == 0 && value.version != version
+            self.side(f).session.is_none() && (value.distance != 0 || value.version != version)
         })
     }
 
@@ -198,17 +215,17 @@ impl Cube {
             n += 1;
         };
         for heading in face.perpendicular() {
-            if self.corner_blocked(now, face, heading) {
-                continue;
-            }
             if let Some(beacon) = self.terrain(now, heading) {
                 let slot = face.slot_in(heading).unwrap_or(0);
                 // A module one further out touches the very same cell; otherwise it is one slide.
-                let cost = u16::from(beacon.terrain & face.bit() == 0);
-                add(Offer { entry: beacon.field[slot], cost, via: heading as u8 });
-            } else if open[heading.index()] {
+                let (cost, via) = match beacon.terrain & face.bit() {
+                    0 => (Entry::MOVE, heading as u8),
+                    _ => (1, SAME_CELL + heading as u8),
+                };
+                add(Offer { entry: beacon.field[slot], cost, via });
+            } else if open[heading.index()] && !self.corner_blocked(now, face, heading) {
                 let entry = self.side(heading).field.value();
-                add(Offer { entry, cost: 1, via: OWN + heading as u8 });
+                add(Offer { entry, cost: Entry::MOVE, via: OWN + heading as u8 });
             }
         }
         (offers, n)

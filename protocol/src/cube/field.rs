@@ -29,7 +29,7 @@ struct Record {
 pub(super) struct Offer {
     /// What is offered.
     pub entry: Entry,
-    /// Moves from here to there.
+    /// How much farther it is from here; at least 1.
     pub cost: u16,
     /// Names who offers it, among those who can.
     pub via: u8,
@@ -39,6 +39,7 @@ pub(super) struct Offer {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
     pub hold: Span,
+    /// The largest distance.
     pub range: u16,
     pub accept_stale: bool,
 }
@@ -109,14 +110,9 @@ impl FaceField {
         if newer(version, record.version) || limits.accept_stale {
             return true;
         }
-        let theirs = offer.entry.distance;
-        let from_current = self.via == offer.via && self.value.source == record.source;
         version == record.version
             && now.since(record.first) <= limits.hold
-            && (theirs < record.feasible
-                || (from_current
-                    && theirs <= record.feasible
-                    && theirs.saturating_add(offer.cost) <= record.feasible))
+            && offer.entry.distance < record.feasible
     }
 
     /// Notes the choice; false if there is no room to remember its source.
@@ -142,6 +138,11 @@ impl FaceField {
         }
         self.records.push(Record { source, version, feasible: distance, first: now, used: now });
         true
+    }
+
+    /// When the version of the current value was first heard of.
+    pub(super) fn heard(&self) -> Time {
+        self.records.iter().find(|r| r.source == self.value.source).map_or(Time::NEVER, |r| r.first)
     }
 
     /// When the current value ceases to be usable unless it is renewed.

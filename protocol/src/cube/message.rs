@@ -40,10 +40,12 @@ pub enum Claim {
     Parent(Token),
 }
 
-/// Where an unfilled goal cell is: its distance in moves, and which face of which module offers it.
+/// Where an unfilled goal cell is: how far, and which face of which module offers it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Entry {
-    /// Moves to the target; [`Entry::FAR`] if none is known.
+    /// The way to the target, [`Entry::MOVE`] per move and 1 for each time the word of it was passed
+    /// on between modules that touch the same cell; [`Entry::FAR`] if no target is known. Without the
+    /// latter part two such modules could each believe that the other knows a way.
     pub distance: u16,
     /// Module and face that the target touches, packed as `module·8 + face`.
     pub source: u32,
@@ -54,9 +56,17 @@ pub struct Entry {
 impl Entry {
     /// The distance that stands for "no target known".
     pub const FAR: u16 = u16::MAX;
+    /// The distance of one move.
+    pub const MOVE: u16 = 16;
+    /// The farthest that distances reach, in moves.
+    pub const MAX_MOVES: u16 = Entry::FAR / Entry::MOVE - 1;
     /// No target known.
     pub const NONE: Entry = Entry { distance: Entry::FAR, source: 0, version: 0 };
 
+    /// The distance in moves.
+    pub fn moves(self) -> u16 {
+        self.distance / Entry::MOVE
+    }
     /// Whether a target is known.
     pub fn is_known(self) -> bool {
         self.distance != Entry::FAR

@@ -27,7 +27,7 @@ use crate::stream::Stream;
 use crate::time::{Span, Time};
 use field::FaceField;
 use message::{Beacon, Message, Move, Order, Percept, Role, Status};
-use motion::Moving;
+use motion::{Moving, Target};
 use negotiation::{Attempt, Lock};
 use params::{Connectivity, DeadPolicy, Setup};
 use std::collections::VecDeque;
@@ -63,6 +63,21 @@ impl Hash for Shared {
 struct Peer {
     beacon: Beacon,
     heard: Time,
+}
+
+/// Where following the attraction field leads from a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Successor {
+    /// To another face of the same module.
+    Own(Face),
+    /// Along the neighbour in this direction: to its face of the same name or, if a further module
+    /// stands out from it and touches the same cell, to that one's.
+    Beside {
+        /// Where the neighbour is.
+        heading: Face,
+        /// Whether a further module touches the same cell.
+        same_cell: bool,
+    },
 }
 
 /// Everything a module keeps per face.
@@ -125,6 +140,7 @@ pub struct Cube {
     setup: Shared,
     id: ModuleId,
     cell: Cell,
+    settled: Time,
     epoch: u16,
     role: Role,
     sides: [Side; 6],
@@ -162,6 +178,8 @@ pub struct Cube {
     reborn: bool,
     quarantine_until: Time,
     corners_seen: [u8; 6],
+    /// Targets heard of while in reserve.
+    targets: Vec<Target>,
     reported: Option<Status>,
     reported_at: Time,
     field_stale: bool,
@@ -186,6 +204,7 @@ impl Agent for Cube {
             setup: Shared(Arc::clone(setup)),
             id: birth.id,
             cell: birth.place,
+            settled: now,
             epoch: 0,
             role: Role::Reserve,
             sides: std::array::from_fn(|_| Side::new()),
@@ -218,6 +237,7 @@ impl Agent for Cube {
             reborn,
             quarantine_until: if reborn { now + setup.params.quarantine } else { now },
             corners_seen: [0; 6],
+            targets: Vec::new(),
             reported: None,
             reported_at: now,
             field_stale: true,
@@ -516,11 +536,35 @@ impl Cube {
     pub fn epoch(&self) -> u16 {
         self.epoch
     }
-    /// The field value of a face, and who it came from: 0 to 5 the neighbour there, 6 to 11 another
-    /// face of this module.
-    pub fn attraction(&self, face: Face) -> (message::Entry, u8) {
+    /// The field value of a face, where following it leads, and when its version was first heard of.
+    pub fn attraction(&self, face: Face) -> (message::Entry, Option<Successor>, Time) {
         let field = &self.side(face).field;
-        (field.value(), field.via())
+        let (heading, kind) = (Face::from_index(field.via() % 6), field.via() / 6 * 6);
+        let successor = heading.and_then(|heading| match kind {
+            0 => Some(Successor::Beside { heading, same_cell: false }),
+            beacon::OWN => Some(Successor::Own(heading)),
+            beacon::SAME_CELL => Some(Successor::Beside { heading, same_cell: true }),
+            _ => None,
+        });
+        (field.value(), successor, field.heard())
+    }
+    /// Since when the module has been at its cell with its memory.
+    pub fn settled(&self) -> Time {
+        self.settled
+    }
+    /// What the module is busy with, for people.
+    pub fn activity(&self, now: Time) -> &'static str {
+        match self.role {
+            Role::Final => "finalized",
+            _ if self.immobile => "immobile",
+            _ if self.moving.is_some() => "moving",
+            _ if self.attempt.is_some() => "asking",
+            _ if self.is_quarantined(now) => "listening",
+            _ if now < self.back_off_until => "backing off",
+            Role::Reserve if self.may_leave(now).is_err() => "holding",
+            _ if self.waits_for.is_some() => "waiting",
+            _ => "idle",
+        }
     }
     /// Until when the module stays because of a lock of `origin`.
     pub fn locked_for(&self, origin: ModuleId) -> Option<Time> {

@@ -21,9 +21,23 @@ pub(super) struct Moving {
     pub attempt: Attempt,
 }
 
+/// Targets remembered by a module in reserve.
+const MAX_TARGETS: usize = 24;
+
+/// A target that a module in reserve has heard of. A module leaves for a target only when it has been
+/// there for as long as a nearer module would have needed to fill it; so each target recruits an ever
+/// wider circle, and no more modules wander than there is work for.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Target {
+    source: u32,
+    first: Time,
+    last: Time,
+}
+
 /// A motion that leads towards a target.
 struct Course {
-    distance: u16,
+    moves: u16,
+    source: u32,
     /// Not over a finalized module, which would be the steadier support.
     over_loose: bool,
     motion: Motion,
@@ -72,11 +86,20 @@ impl Cube {
             }
         }
         let options = self.options(now);
-        let Some(nearest) = options.iter().map(|o| o.distance).min() else {
+        let Some(nearest) = options.iter().map(|o| o.moves).min() else {
             self.waiting_since = None;
             self.waits_for = None;
             return;
         };
+        if self.role == Role::Reserve
+            && let Some(source) = options.iter().find(|o| o.moves == nearest).map(|o| o.source)
+        {
+            let go = self.heard_since(now, source) + self.setup.params.recruit_per_move * u64::from(nearest);
+            if now < go {
+                self.decide_at = go;
+                return;
+            }
+        }
         let slack = match self.patience {
             0..=DETOUR => 0,
             p if p > WIDE_DETOUR && self.stream.chance(QUARTER) => 2,
@@ -84,8 +107,8 @@ impl Cube {
         };
         let mut best: Option<&Course> = None;
         let mut ties = 0;
-        for option in options.iter().filter(|o| o.behind.is_none() && o.distance <= nearest + slack) {
-            let key = |o: &Course| (o.distance, o.over_loose);
+        for option in options.iter().filter(|o| o.behind.is_none() && o.moves <= nearest + slack) {
+            let key = |o: &Course| (o.moves, o.over_loose);
             match best.map(|b| key(option).cmp(&key(b))) {
                 None | Some(std::cmp::Ordering::Less) => (best, ties) = (Some(option), 1),
                 Some(std::cmp::Ordering::Equal) => {
@@ -107,6 +130,24 @@ impl Cube {
         }
     }
 
+    /// Notes that a target has been heard of.
+    pub(super) fn hear_of(&mut self, now: Time, source: u32) {
+        if let Some(target) = self.targets.iter_mut().find(|t| t.source == source) {
+            target.last = now;
+            return;
+        }
+        if self.targets.len() == MAX_TARGETS {
+            let oldest = (0..MAX_TARGETS).min_by_key(|i| self.targets[*i].last);
+            oldest.map(|i| self.targets.swap_remove(i));
+        }
+        self.targets.push(Target { source, first: now, last: now });
+    }
+
+    fn heard_since(&mut self, now: Time, source: u32) -> Time {
+        self.hear_of(now, source);
+        self.targets.iter().find(|t| t.source == source).map_or(now, |t| t.first)
+    }
+
     /// Whether a neighbour that has not spoken yet may want this very cell filled.
     fn may_be_wanted_here(&self) -> bool {
         self.patience < OUTERMOST_FIRST
@@ -122,12 +163,18 @@ impl Cube {
             for (slot, heading) in support.perpendicular().into_iter().enumerate() {
                 let entry = b.field[slot];
                 let ahead = self.side(heading);
-                let walker = ahead.peer.as_ref().filter(|p| p.beacon.role == Role::Walker);
-                let behind = match (ahead.session, walker) {
+                let behind = match (ahead.session, &ahead.peer) {
                     (None, _) => None,
-                    (Some(_), Some(walker)) => Some(walker.beacon.id),
-                    (Some(_), None) => {
-                        corners[support.index()] |= heading.bit();
+                    (Some(_), Some(peer)) if peer.beacon.role == Role::Walker && !ahead.condemned => {
+                        Some(peer.beacon.id)
+                    }
+                    // Whoever has just come there will say what it is.
+                    (Some(_), None) if !ahead.condemned => continue,
+                    (Some(_), _) => {
+                        // The support cannot see what stands over its edge.
+                        if b.terrain & heading.bit() == 0 {
+                            corners[support.index()] |= heading.bit();
+                        }
                         continue;
                     }
                 };
@@ -137,7 +184,8 @@ impl Cube {
                 let kind =
                     if b.terrain & heading.bit() == 0 { MotionKind::Convex } else { MotionKind::Slide };
                 options.push(Course {
-                    distance: entry.distance,
+                    moves: entry.moves(),
+                    source: entry.source,
                     over_loose: b.role != Role::Final,
                     motion: Motion { kind, support, heading },
                     behind,
@@ -158,6 +206,7 @@ impl Cube {
         match percept {
             Percept::Arrived(cell) => {
                 self.cell = cell;
+                self.settled = now;
                 self.role = Role::Walker;
                 self.sides = std::array::from_fn(|_| Side::new());
                 self.corners_seen = [0; 6];

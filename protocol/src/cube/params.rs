@@ -85,6 +85,9 @@ pub struct Params {
     pub quarantine: Span,
     /// Gradients end at this distance in moves.
     pub range: u16,
+    /// A module in reserve leaves for a target only after having known it for this long per move of
+    /// its distance.
+    pub recruit_per_move: Span,
     /// After this many failed actions in a row a module counts itself immobile.
     pub immobile_after: u8,
     /// Defects for tests.
@@ -115,6 +118,7 @@ impl Params {
             relax: move_time * 150,
             quarantine: lease * 2,
             range,
+            recruit_per_move: move_time,
             immobile_after: 6,
             sabotage: Sabotage::default(),
         }
