@@ -1,1 +1,26 @@
-//! To be written.
+//! The body of one agent process: its iceoryx2 links, its clock and its wait loop.
+//!
+//! [`run`] turns any [`Agent`](metamorph_protocol::agent::Agent) into a process of a swarm. The
+//! parts that the world-controller needs too (names, outboxes, the swarm file, ledgers, the clock)
+//! live here, so that both ends of every channel are the same code.
+//!
+//! Deliberately absent: protocol decisions, and knowledge of which family of units it runs.
+
+pub mod args;
+pub mod clock;
+pub mod contacts;
+mod drive;
+pub mod impair;
+pub mod inbox;
+pub mod ledger;
+pub mod outbox;
+pub mod packet;
+pub mod process;
+pub mod rendezvous;
+pub mod run_name;
+pub mod runtime;
+pub mod swarm_file;
+pub mod uplink;
+
+pub use args::AgentArgs;
+pub use drive::{AgentError, pid_directory, run};

@@ -166,7 +166,7 @@ impl fmt::Display for Span {
             _ => (1, "ns"),
         };
         write!(f, "{}", n / unit)?;
-        if n % unit != 0 {
+        if !n.is_multiple_of(unit) {
             let width = (unit as f64).log10().round() as usize;
             let fraction = format!("{:0width$}", n % unit);
             write!(f, ".{}", fraction.trim_end_matches('0'))?;

@@ -1,3 +1,5 @@
+//! Tries scenarios out from the command line while the protocol is being worked on.
+
 use metamorph_protocol::cube::params::*;
 use metamorph_protocol::goal::*;
 use metamorph_protocol::ids::*;
@@ -49,9 +51,6 @@ fn main() {
             _ => Connectivity::Gradient,
         };
         params.recruit_per_move = Span::millis(arg("--recruit", "1000").parse().unwrap());
-        if arg("--dead", "hold") == "abandon" {
-            params.dead = DeadPolicy::Abandon;
-        }
         let setup = Arc::new(Setup { params, goals: vec![goal.clone()] });
         let link = LinkModel {
             delay_min: delay,
@@ -198,6 +197,33 @@ fn main() {
                             .join("; ")
                     );
                 }
+            }
+            for y in 0..side {
+                let mut row = String::new();
+                for x in 0..side {
+                    row.push(match sim.world().body_at(Cell::new(x, y, 0)).map(|b| (b, ags.get(b))) {
+                        None => '.',
+                        Some((_, None)) => 'X',
+                        Some((b, Some(a))) => match a.role() as u8 {
+                            0 => match a.activity(sim.now()) {
+                                "asking" => 'a',
+                                "backing off" => 'b',
+                                "holding" => 'h',
+                                "waiting" => 'w',
+                                _ => {
+                                    if d.known()[b.index()].status.is_some_and(|s| s.attracted) {
+                                        'R'
+                                    } else {
+                                        'r'
+                                    }
+                                }
+                            },
+                            1 => 'W',
+                            _ => 'F',
+                        },
+                    });
+                }
+                println!("{row}");
             }
             println!("{m:?}");
             if let Some(s) = d.stall() {

@@ -1,7 +1,7 @@
 //! The house stands as ARCHITECTURE.md says: the arrows between crates, and a subject for every file.
 
 use cargo_metadata::{DependencyKind, MetadataCommand};
-use metamorph_tests::root;
+use metamorph_tests::command::root;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! No text makes the scenario reader panic, and whatever it refuses comes with a place and a fix.
 
-use metamorph_tests::scenarios;
+use metamorph_tests::command::scenarios;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, read_file, read_text};
 use proptest::prelude::*;
 use std::fs;

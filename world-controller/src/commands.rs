@@ -95,7 +95,7 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Clean => {
-            print_out(&processes::clean()?);
+            print_out(&processes::clean_up()?);
             Ok(0)
         }
         Command::Agent(args) => {
@@ -124,7 +124,7 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let mut live = Live::new(!args.quiet);
     let report = match overrides.link {
         LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since),
-        LinkKind::Ipc => processes::run_processes(&plan, &interrupt, &mut live, since)?,
+        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since)?,
     };
     drop(live);
     deliver(&report, &args.json, args.quiet)

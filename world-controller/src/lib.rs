@@ -1,7 +1,7 @@
 //! The world-controller: reads scenarios, runs swarms, injects failures, measures, reports.
 //!
 //! `scenario` makes a checked plan of what a person wrote; a driver runs it (`simulated` in virtual
-//! time, `processes` with one process per module); `report` says what happened. `command` is the
+//! time, `processes` and `swarm` with one process per module); `report` says what happened. `command` is the
 //! command line, `commands` carries it out, `terminal` is the one place that prints.
 //!
 //! Deliberately absent: decisions of the protocol (they are in `protocol`) and ground truth about
@@ -16,4 +16,5 @@ pub mod report;
 pub mod scenario;
 pub mod simulated;
 pub mod stopwatch;
+pub mod swarm;
 pub mod terminal;

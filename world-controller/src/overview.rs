@@ -1,7 +1,7 @@
 //! What a plan would do, for `metamorph check`.
 
 use crate::scenario::{LinkKind, Plan};
-use metamorph_protocol::cube::params::{Connectivity, DeadPolicy};
+use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::Ratio;
@@ -53,12 +53,8 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
         Connectivity::Cycles => "cycles",
         Connectivity::Gradient => "gradient (as published; not safe when messages are late)",
     };
-    let dead = match params.dead {
-        DeadPolicy::Hold => "hold",
-        DeadPolicy::Abandon => "abandon",
-    };
     let co_owners = if params.co_owners { "asked" } else { "not asked" };
-    writeln!(out, "  protocol  connectivity {connectivity}; dead: {dead}; co-owners {co_owners}")?;
+    writeln!(out, "  protocol  connectivity {connectivity}; co-owners {co_owners}")?;
     write_link(out, plan)?;
     let stop = &plan.stop;
     writeln!(

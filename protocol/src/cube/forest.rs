@@ -8,7 +8,6 @@
 //! Also here: the published rule without registration, for comparison.
 
 use super::message::{Beacon, Claim, Role};
-use super::params::DeadPolicy;
 use super::{Cube, UNLABELLED};
 use crate::ids::ModuleId;
 use crate::lattice::Face;
@@ -179,9 +178,6 @@ impl Cube {
         for face in Face::ALL {
             let side = self.side(face);
             if side.session.is_none() {
-                continue;
-            }
-            if side.condemned && self.setup.params.dead == DeadPolicy::Abandon {
                 continue;
             }
             let Some(peer) = &side.peer else { return Err(Held(None)) };

@@ -29,7 +29,7 @@ use field::FaceField;
 use message::{Beacon, Message, Move, Order, Percept, Role, Status};
 use motion::{Moving, Target};
 use negotiation::{Attempt, Lock};
-use params::{Connectivity, DeadPolicy, Setup};
+use params::{Connectivity, Setup};
 use std::collections::VecDeque;
 use std::hash::{Hash, Hasher};
 use std::ops::Deref;
@@ -406,13 +406,6 @@ impl Cube {
                     && self.side(face).session == Some(session)
                 {
                     self.side_mut(face).condemned = true;
-                    if self.setup.params.dead == DeadPolicy::Abandon {
-                        self.side_mut(face).child = None;
-                        if self.parent == Some(face) && self.is_idle() && self.children() == 0 {
-                            self.parent = None;
-                            self.label = UNLABELLED;
-                        }
-                    }
                     self.touch();
                 }
             }
@@ -465,8 +458,8 @@ impl Cube {
         self.finalize_if_wanted(now);
         match self.setup.params.connectivity {
             Connectivity::Forest => self.tend_forest(now),
-            Connectivity::Gradient => self.tend_gradient(now),
-            Connectivity::Cycles => {}
+            // With cycles the gradient only tells who is farther out, and should leave first.
+            Connectivity::Gradient | Connectivity::Cycles => self.tend_gradient(now),
         }
         self.tend_field(now);
         self.tend_attempt(now);

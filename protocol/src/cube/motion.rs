@@ -2,6 +2,7 @@
 
 use super::message::{Percept, Role};
 use super::negotiation::Attempt;
+use super::params::Connectivity;
 use super::{Cube, Side, UNLABELLED};
 use crate::ids::ModuleId;
 use crate::lattice::{Face, Motion, MotionKind};
@@ -10,6 +11,8 @@ use crate::time::{Span, Time};
 
 /// Decisions for which a module waits for its outer neighbours to leave first.
 const OUTERMOST_FIRST: u16 = 6;
+/// The same with connecting cycles.
+const OUTERMOST_FIRST_IN_CYCLES: u16 = 200;
 /// Decisions after which a walker accepts one move of detour.
 const DETOUR: u16 = 12;
 /// Decisions after which a walker sometimes accepts two moves of detour.
@@ -81,7 +84,12 @@ impl Cube {
             }
             let outer = |b: &super::Beacon| b.role == Role::Reserve && b.label > self.label;
             let has_outer = Face::ALL.into_iter().any(|f| self.terrain(now, f).is_some_and(outer));
-            if has_outer && self.patience < OUTERMOST_FIRST {
+            let patience = match self.setup.params.connectivity {
+                // What leaves from the middle leaves a mesh of loops too long for any search.
+                Connectivity::Cycles => OUTERMOST_FIRST_IN_CYCLES,
+                Connectivity::Forest | Connectivity::Gradient => OUTERMOST_FIRST,
+            };
+            if has_outer && self.patience < patience {
                 return self.decide_later(now);
             }
         }

@@ -22,17 +22,6 @@ pub enum Connectivity {
     Gradient,
 }
 
-/// What happens to modules that hold a block whose process is certified dead.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DeadPolicy {
-    /// Whoever holds a dead block stays, so that dead blocks stay attached too.
-    #[default]
-    Hold,
-    /// Dead blocks are let go of, so that fewer live modules are pinned.
-    Abandon,
-}
-
 /// Defects that tests switch on to prove that the invariants notice. Never set by a scenario.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[doc(hidden)]
@@ -55,8 +44,6 @@ pub struct Sabotage {
 pub struct Params {
     /// Which connectivity check.
     pub connectivity: Connectivity,
-    /// What to do about certified deaths.
-    pub dead: DeadPolicy,
     /// Whether modules that touch the same empty cell as the one asked are asked too.
     pub co_owners: bool,
     /// How long a move takes at most.
@@ -103,7 +90,6 @@ impl Params {
         let lease = Span((move_time.0 * 8).max(usual_delay.0 * 16 + move_time.0 * 2));
         Params {
             connectivity: Connectivity::Forest,
-            dead: DeadPolicy::Hold,
             co_owners: true,
             move_time,
             usual_delay,

@@ -46,7 +46,6 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
     let range = u16::try_from(sides * 4).unwrap_or(u16::MAX).min(60_000);
     let params = Params {
         connectivity: raw.connectivity,
-        dead: raw.dead,
         co_owners: raw.co_owners,
         ..Params::scaled(move_time, usual_delay, range)
     };

@@ -6,7 +6,7 @@ use super::flaw::{Flaw, VERSION};
 use super::problems::{At, Place, Problems};
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
-use metamorph_protocol::cube::params::{Connectivity, DeadPolicy};
+use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::Ratio;
@@ -61,8 +61,6 @@ pub struct Raw {
     pub goals: Vec<RawGoal>,
     /// The connectivity check.
     pub connectivity: Connectivity,
-    /// What to do about the dead.
-    pub dead: DeadPolicy,
     /// Whether all that touch a cell are asked.
     pub co_owners: bool,
     /// The link.
@@ -85,7 +83,9 @@ const CONNECTIVITY: [(&str, Connectivity); 3] = [
     ("cycles", Connectivity::Cycles),
     ("gradient", Connectivity::Gradient),
 ];
-const DEAD: [(&str, DeadPolicy); 2] = [("hold", DeadPolicy::Hold), ("abandon", DeadPolicy::Abandon)];
+/// Whether modules stay with a dead neighbour. Letting go of it could tear the body apart, so that
+/// there is one policy so far; the key is there so that scenarios can say what they rely on.
+const DEAD: [(&str, bool); 2] = [("hold", true), ("abandon", false)];
 /// Strategies of the metamodule family; refused by name, so that nobody thinks they had an effect.
 const STRATEGIES: [&str; 4] = ["greedy", "slope", "step", "negotiated"];
 const START: &str = "start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
@@ -158,7 +158,6 @@ impl Raw {
             failed_connections: None,
             goals: Vec::new(),
             connectivity: Connectivity::default(),
-            dead: DeadPolicy::default(),
             co_owners: true,
             link: RawLink::default(),
             time_scale: None,
@@ -215,13 +214,19 @@ impl Raw {
         };
         let connectivity = section.choice("connectivity", "connectivity", &CONNECTIVITY, problems);
         self.connectivity = connectivity.unwrap_or_default();
-        self.dead = section.choice("dead", "policy for dead modules", &DEAD, problems).unwrap_or_default();
+        let dead = section.node("dead").map(|node| node.span());
+        if let (Some(false), Some(place)) =
+            (section.choice("dead", "policy for dead modules", &DEAD, problems), dead)
+        {
+            let what = "letting go of dead modules".to_owned();
+            problems.add(place, Flaw::NotYet { what, instead: "write `dead = \"hold\"`, or leave it out" });
+        }
         self.co_owners = section.get("co_owners", problems).is_none_or(|c| c.value);
         if let Some(strategy) = section.get::<String>("strategy", problems) {
             let flaw = if STRATEGIES.contains(&strategy.value.as_str()) {
                 Flaw::NotYet {
                     what: format!("the strategy `{}`, which belongs to metamodules,", strategy.value),
-                    instead: "remove it; cubes choose with `connectivity`, `dead` and `co_owners`",
+                    instead: "remove it; cubes choose with `connectivity` and `co_owners`",
                 }
             } else {
                 Flaw::Name { what: "strategy", got: strategy.value, known: STRATEGIES.to_vec() }

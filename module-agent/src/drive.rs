@@ -1,0 +1,462 @@
+//! The wait loop of an agent process: one thread that drains its inbox, hands inputs to the agent,
+//! sends what comes out, and blocks until something rings or is due. Absent: any decision of a
+//! protocol, and polling.
+
+use crate::args::AgentArgs;
+use crate::clock::{Clock, monotonic};
+use crate::contacts::{Contacts, Place};
+use crate::impair::{Impair, Parcel};
+use crate::inbox::{Inbox, InboxError};
+use crate::ledger::{Account, Ledger, LedgerError};
+use crate::outbox::{Handed, Outbox};
+use crate::process::{Guard, Identity};
+use crate::rendezvous::{ChannelError, Rendezvous, set_verbosity};
+use crate::runtime::{Contact, Runtime};
+use crate::swarm_file::{SwarmFile, SwarmFileError};
+use crate::uplink::Uplink;
+use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output};
+use metamorph_protocol::ids::{Port, Revision};
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use thiserror::Error;
+
+/// The longest wait.
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
+/// How often the process looks whether its controller still lives, in nanoseconds.
+const GUARD_NANOS: u64 = 900_000_000;
+/// The wait when the controller's inbox was full.
+const UPLINK_RETRY: Duration = Duration::from_millis(5);
+/// Frames taken from the inbox before anything is sent.
+const DRAIN: usize = 512;
+/// Wake inputs in one turn; an agent that wants more in one instant gets them after the next drain.
+const WAKES: usize = 16;
+/// Frames gathered before they are sent.
+const BURST: usize = 128;
+
+/// Why an agent process ends before it is told to.
+#[derive(Debug, Error)]
+pub enum AgentError {
+    /// The swarm file cannot be read.
+    #[error(transparent)]
+    Swarm(#[from] SwarmFileError),
+    /// The ledger cannot be written.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+    /// A channel that every agent needs cannot be opened.
+    #[error(transparent)]
+    Channel(#[from] ChannelError),
+    /// The inbox failed.
+    #[error(transparent)]
+    Inbox(#[from] InboxError),
+    /// The process cannot say who it is.
+    #[error("cannot register this process in {0}: {1}")]
+    Register(PathBuf, io::Error),
+    /// The controller is gone.
+    #[error("the controller (process {0}) is gone; an agent does not go on without it")]
+    Orphan(i32),
+    /// The number of the module is beyond the end of the swarm.
+    #[error("this agent is number {0}, but the swarm has only {1} modules")]
+    NoSuchModule(u32, u32),
+}
+
+/// The directory in which the processes of a run say who they are.
+pub fn pid_directory(root: &Path) -> PathBuf {
+    root.join("pids")
+}
+
+/// Runs one agent until the controller says stop, or is gone. Returns in the first case only; the
+/// program then ends with success, and with any other exit code counts as crashed.
+pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
+    settle_in(args.verbose);
+    let swarm: SwarmFile<A::Setup> = SwarmFile::read(&args.root)?;
+    let guard = Guard::new(swarm.controller);
+    if guard.controller_is_gone() {
+        return Err(AgentError::Orphan(swarm.controller.pid));
+    }
+    if args.id.0 >= swarm.count {
+        return Err(AgentError::NoSuchModule(args.id.0, swarm.count));
+    }
+    register(args)?;
+    let at = Rendezvous::join(&args.root)?;
+    let inbox = Inbox::create(&at, args.id, args.incarnation)?;
+    let mut uplink = Uplink::new(Outbox::to_controller(&at, args.id)?, args.id, args.incarnation);
+    let ledger = Ledger::create(&args.root, args.id, args.incarnation)?;
+    uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Hello { pid: std::process::id() });
+    uplink.flush();
+    let SwarmFile { seed, speed, link, setup, .. } = swarm;
+    let driver = Driver::<A> {
+        args,
+        guard,
+        controller: swarm.controller.pid,
+        guarded: monotonic(),
+        clock: Clock::new(u64::MAX, speed),
+        speed_of: speed,
+        setup: Arc::new(setup),
+        seed,
+        refusal_expected: !link.corrupt.is_zero(),
+        impair: new_impair::<A>(link, seed, args),
+        contacts: Contacts::new(A::PORTS),
+        inbox,
+        uplink,
+        ledger,
+        account: Account::default(),
+        burst: Vec::new(),
+        peer_sequence: 0,
+        expected: 0,
+        revision: Revision(0),
+        last: Time::ZERO,
+        agent: None,
+        stopping: false,
+        at,
+    };
+    driver.run()
+}
+
+fn new_impair<A: Agent>(link: LinkModel, seed: u64, args: &AgentArgs) -> Impair {
+    Impair::new(link, seed, args.id, args.incarnation, A::PORTS)
+}
+
+/// What is logged above the level of debugging is rare: nobody empties the file that it goes to.
+fn settle_in(verbose: bool) {
+    use tracing::level_filters::LevelFilter;
+    let level = if verbose { LevelFilter::DEBUG } else { LevelFilter::WARN };
+    // The program may have set up its own.
+    let _ = tracing_subscriber::fmt().with_writer(io::stderr).with_max_level(level).try_init();
+    set_verbosity(verbose);
+    // The controller carries everybody's traffic, so it comes before its agents.
+    if let Err(e) = rustix::process::nice(1) {
+        tracing::debug!("priority is unchanged: {e}");
+    }
+}
+
+/// Writes down who this process is, so that it can be found if its controller is killed.
+fn register(args: &AgentArgs) -> Result<(), AgentError> {
+    let path = pid_directory(&args.root).join(format!("{}.{}", args.id, args.incarnation));
+    Identity::own()
+        .and_then(|me| std::fs::write(&path, me.to_line()))
+        .map_err(|e| AgentError::Register(path, e))
+}
+
+struct Driver<'a, A: Agent> {
+    args: &'a AgentArgs,
+    guard: Guard,
+    controller: i32,
+    /// When the controller was last looked for.
+    guarded: u64,
+    clock: Clock,
+    speed_of: crate::clock::Speed,
+    setup: Arc<A::Setup>,
+    seed: u64,
+    /// Whether the link damages frames, so that a damaged one need not be a stranger's.
+    refusal_expected: bool,
+    impair: Impair,
+    contacts: Contacts,
+    inbox: Inbox,
+    uplink: Uplink,
+    ledger: Ledger,
+    account: Account,
+    burst: Vec<Parcel>,
+    peer_sequence: u32,
+    /// The controller's next sequence number.
+    expected: u32,
+    /// The last contact change that the agent knows of.
+    revision: Revision,
+    last: Time,
+    agent: Option<A>,
+    stopping: bool,
+    // Last, so that all ports are gone before the process leaves the run.
+    at: Rendezvous,
+}
+
+impl<A: Agent> Driver<'_, A> {
+    fn run(mut self) -> Result<(), AgentError> {
+        loop {
+            let drained = self.drain()?;
+            self.wake_agent()?;
+            let now = self.now();
+            self.impair.release(now, &mut self.burst);
+            self.send_burst()?;
+            while let Some(class) = self.contacts.give_up(monotonic()) {
+                self.account.tally[class].expired += 1;
+            }
+            // Before the controller hears of anything: it may kill this process for what it hears.
+            self.ledger.write(&self.account)?;
+            self.uplink.flush();
+            if self.stopping {
+                return self.end();
+            }
+            let wait = self.patience(drained);
+            if !wait.is_zero() {
+                self.inbox.wait(wait)?;
+                self.account.wakes += 1;
+            }
+            let now = monotonic();
+            if now.saturating_sub(self.guarded) < GUARD_NANOS {
+                continue;
+            }
+            self.guarded = now;
+            if self.guard.controller_is_gone() {
+                return Err(AgentError::Orphan(self.controller));
+            }
+        }
+    }
+
+    /// What is counted at the very end: frames that wait for a contact that will not come.
+    fn end(mut self) -> Result<(), AgentError> {
+        while let Some(class) = self.contacts.give_up(u64::MAX) {
+            self.account.tally[class].expired += 1;
+        }
+        Ok(self.ledger.write(&self.account)?)
+    }
+
+    fn now(&mut self) -> Time {
+        self.last = self.clock.now().max(self.last);
+        self.last
+    }
+
+    /// How long to block.
+    fn patience(&mut self, drained: usize) -> Duration {
+        if drained == DRAIN && !self.uplink.is_full() {
+            return Duration::ZERO;
+        }
+        let mut wait = LONGEST_WAIT;
+        if !self.uplink.is_idle() {
+            wait = UPLINK_RETRY;
+        }
+        if self.uplink.is_full() {
+            return wait;
+        }
+        let due = self.agent.as_ref().map_or(Time::NEVER, Agent::wake_at).min(self.impair.next());
+        if due == Time::NEVER { wait } else { wait.min(self.clock.until(due)) }
+    }
+
+    fn drain(&mut self) -> Result<usize, AgentError> {
+        for taken in 0..DRAIN {
+            if self.uplink.is_full() || self.stopping {
+                return Ok(taken);
+            }
+            let Some(frame) = self.inbox.receive()? else { return Ok(taken) };
+            self.accept(&frame)?;
+        }
+        Ok(DRAIN)
+    }
+
+    fn accept(&mut self, frame: &Frame) -> Result<(), AgentError> {
+        let Ok(header) = frame.open() else {
+            if self.refusal_expected {
+                self.account.tally[frame.claimed_class()].refused += 1;
+            } else {
+                self.account.foreign += 1;
+            }
+            return Ok(());
+        };
+        let accepted = header.destination == self.args.id
+            && match header.channel {
+                Channel::Peer => return self.accept_peer(header, frame),
+                _ if header.source != CONTROLLER || header.sequence != self.expected => false,
+                Channel::Runtime => match frame.message() {
+                    Ok(message) => self.accept_runtime(message)?,
+                    Err(_) => false,
+                },
+                Channel::Body => match frame.message() {
+                    Ok(percept) => self.hand(Input::Percept(percept))?,
+                    Err(_) => false,
+                },
+                Channel::Control => match frame.message() {
+                    Ok(order) => self.hand(Input::Order(order))?,
+                    Err(_) => false,
+                },
+            };
+        if accepted {
+            self.expected = self.expected.wrapping_add(1);
+        } else {
+            tracing::debug!(?header, "a frame that no member of the run would send");
+            self.account.foreign += 1;
+        }
+        Ok(())
+    }
+
+    fn accept_peer(&mut self, header: Header, frame: &Frame) -> Result<(), AgentError> {
+        match self.contacts.place(&header) {
+            Place::Here(port) => self.deliver(port, &header, frame)?,
+            Place::Ended => self.account.tally[header.class].expired += 1,
+            Place::Early => {
+                if let Some(class) = self.contacts.keep(monotonic(), header, *frame) {
+                    self.account.tally[class].expired += 1;
+                }
+            }
+            Place::Impostor => self.account.foreign += 1,
+        }
+        Ok(())
+    }
+
+    fn deliver(&mut self, port: Port, header: &Header, frame: &Frame) -> Result<(), AgentError> {
+        match frame.message::<A::Message>() {
+            Ok(message) => {
+                self.account.tally[header.class].delivered += 1;
+                self.hand(Input::Message { port, message })?;
+            }
+            Err(_) => self.account.foreign += 1,
+        }
+        Ok(())
+    }
+
+    fn accept_runtime(&mut self, message: Runtime<A::Place>) -> Result<bool, AgentError> {
+        match message {
+            Runtime::Begin { epoch, place } if self.agent.is_none() => {
+                self.clock = Clock::new(epoch, self.speed_of);
+                let birth =
+                    Birth { id: self.args.id, incarnation: self.args.incarnation, place, seed: self.seed };
+                let now = self.now();
+                self.agent = Some(A::new(&self.setup, birth, now));
+                self.pump(now)?;
+            }
+            Runtime::Contact { port, revision, contact } if self.contacts.has_port(port) => {
+                self.change_contact(port, revision, contact)?;
+            }
+            Runtime::Stop => self.stopping = true,
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn change_contact(
+        &mut self,
+        port: Port,
+        revision: Revision,
+        contact: Option<Contact>,
+    ) -> Result<(), AgentError> {
+        let early = self.contacts.change(port, contact);
+        self.impair.reset(port);
+        self.revision = revision;
+        self.hand(Input::Contact { port, session: contact.map(|c| c.session) })?;
+        for (header, frame) in early {
+            match self.contacts.place(&header) {
+                Place::Here(port) => self.deliver(port, &header, &frame)?,
+                _ => self.account.foreign += 1,
+            }
+        }
+        Ok(())
+    }
+
+    fn wake_agent(&mut self) -> Result<(), AgentError> {
+        for _ in 0..WAKES {
+            let now = self.now();
+            let due = self.agent.as_ref().is_some_and(|a| a.wake_at() <= now);
+            if !due || self.uplink.is_full() || self.stopping {
+                break;
+            }
+            self.hand(Input::Wake)?;
+        }
+        Ok(())
+    }
+
+    /// Hands in one input; false if there is no agent yet to take it.
+    fn hand(&mut self, input: InputOf<A>) -> Result<bool, AgentError> {
+        let now = self.now();
+        let Some(agent) = &mut self.agent else { return Ok(false) };
+        agent.handle(now, input);
+        self.pump(now)?;
+        Ok(true)
+    }
+
+    /// Takes all outputs of the agent.
+    fn pump(&mut self, now: Time) -> Result<(), AgentError> {
+        while let Some(output) = self.agent.as_mut().and_then(Agent::poll) {
+            match output {
+                Output::Send { port, class, message } => self.send(now, port, class, &message),
+                Output::Act(action) => self.uplink.push(Channel::Body, self.revision.0, &action),
+                Output::Report(report) => self.uplink.push(Channel::Control, 0, &report),
+            }
+            if self.burst.len() >= BURST {
+                self.send_burst()?;
+            }
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, now: Time, port: Port, class: Class, message: &A::Message) {
+        let counts = &mut self.account.tally[class];
+        counts.sent += 1;
+        counts.bytes += message.wire_len() as u64;
+        let Some(contact) = self.contacts.get(port) else {
+            // Nothing touches this port (any more).
+            counts.expired += 1;
+            return;
+        };
+        let header = Header {
+            channel: Channel::Peer,
+            kind: message.kind(),
+            class,
+            port,
+            incarnation: self.args.incarnation,
+            source: self.args.id,
+            destination: contact.peer,
+            session: contact.session.0,
+            sequence: self.peer_sequence,
+        };
+        self.peer_sequence = self.peer_sequence.wrapping_add(1);
+        let (peer, session) = (contact.peer, contact.session);
+        let parcel = Parcel { port, peer, session, class, frame: Frame::seal(header, message) };
+        self.impair.carry(now, parcel, &mut self.account.tally, &mut self.burst);
+    }
+
+    /// Sends what has gathered. What is about to be seen by others is written down first; what
+    /// could not be sent is written down before the next wait.
+    fn send_burst(&mut self) -> Result<(), AgentError> {
+        if self.burst.is_empty() {
+            return Ok(());
+        }
+        self.ledger.write(&self.account)?;
+        let mut touched = 0u32;
+        for parcel in std::mem::take(&mut self.burst) {
+            let counts = &mut self.account.tally[parcel.class];
+            let Some(way) = self.contacts.get_mut(parcel.port) else {
+                counts.expired += 1;
+                continue;
+            };
+            if way.contact.session != parcel.session {
+                counts.expired += 1;
+                continue;
+            }
+            if way.outbox.is_none() {
+                let Contact { peer, peer_incarnation, .. } = way.contact;
+                match Outbox::to_agent(&self.at, peer, peer_incarnation) {
+                    Ok(outbox) => way.outbox = Some(outbox),
+                    Err(e) if e.is_absent() => {
+                        counts.expired += 1;
+                        continue;
+                    }
+                    Err(e) => {
+                        tracing::debug!("cannot reach module {peer}: {e}");
+                        counts.overflowed += 1;
+                        continue;
+                    }
+                }
+            }
+            let Some(outbox) = &mut way.outbox else { continue };
+            match outbox.send(&parcel.frame) {
+                // The shift is below 32: an agent has at most 32 ports.
+                Handed::Over => touched |= 1 << parcel.port.0,
+                Handed::Full => {
+                    counts.overflowed += 1;
+                    touched |= 1 << parcel.port.0;
+                }
+                Handed::Nobody => counts.expired += 1,
+            }
+        }
+        for port in 0..A::PORTS as u8 {
+            if touched & (1 << port) != 0
+                && let Some(outbox) = self.contacts.get_mut(Port(port)).and_then(|w| w.outbox.as_mut())
+            {
+                outbox.flush();
+            }
+        }
+        Ok(())
+    }
+}

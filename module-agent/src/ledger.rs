@@ -1,0 +1,263 @@
+//! The counts of one life of an agent, in a small file that outlives it.
+//!
+//! A killed process cannot be asked what it had counted, so each agent writes its counts down
+//! before what they stand for can be seen by others: a message that anybody received has been
+//! counted as sent by somebody. The file holds two slots, written in turn, so that a torn write
+//! leaves the older one; the reader takes the newest slot whose check sum fits.
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use metamorph_protocol::agent::Class;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::tally::{Counts, Tally};
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+const MAGIC: [u8; 8] = *b"MMLEDGER";
+const VERSION: u32 = 1;
+const HEADER: usize = 32;
+/// Numbers of a slot: its generation, the counts of all classes, foreign frames, wake-ups.
+const NUMBERS: usize = 1 + Class::ALL.len() * 8 + 2;
+const SLOT: usize = NUMBERS * 8 + 4;
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// What one life of an agent has counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Account {
+    /// Protocol messages by class.
+    pub tally: Tally,
+    /// Frames that no member of the run wrote: malformed, of unknown kinds, or under a false name.
+    pub foreign: u64,
+    /// How often the process woke up.
+    pub wakes: u64,
+}
+
+/// Why a ledger cannot be written or read.
+#[derive(Debug, Error)]
+pub enum LedgerError {
+    /// The file cannot be created, written or read.
+    #[error("cannot access the ledger {0}: {1}")]
+    Io(PathBuf, io::Error),
+    /// Not a ledger, or one of another agent.
+    #[error("{0} is not the ledger of this agent")]
+    Foreign(PathBuf),
+    /// Another version.
+    #[error("the ledger {0} has version {1}; this program reads version {VERSION}")]
+    Version(PathBuf, u32),
+    /// No slot has a fitting check sum.
+    #[error("the ledger {0} is damaged: no slot has a fitting check sum")]
+    Damaged(PathBuf),
+}
+
+/// The directory of the ledgers of a run.
+pub fn directory(root: &Path) -> PathBuf {
+    root.join("ledgers")
+}
+fn path(root: &Path, id: ModuleId, incarnation: Incarnation) -> PathBuf {
+    directory(root).join(format!("{id}.{incarnation}"))
+}
+
+/// A ledger that is being written.
+#[derive(Debug)]
+pub struct Ledger {
+    file: File,
+    path: PathBuf,
+    generation: u64,
+    written: Account,
+}
+
+impl Ledger {
+    /// Creates the ledger of one life of an agent, with nothing counted.
+    pub fn create(root: &Path, id: ModuleId, incarnation: Incarnation) -> Result<Ledger, LedgerError> {
+        let path = path(root, id, incarnation);
+        let io = |e| LedgerError::Io(path.clone(), e);
+        let file = File::create(&path).map_err(io)?;
+        file.write_all_at(&header(id, incarnation), 0).map_err(io)?;
+        let mut ledger = Ledger { file, path: path.clone(), generation: 0, written: Account::default() };
+        ledger.put(&Account::default())?;
+        Ok(ledger)
+    }
+
+    /// Writes the counts down if they have changed.
+    pub fn write(&mut self, account: &Account) -> Result<(), LedgerError> {
+        if *account == self.written { Ok(()) } else { self.put(account) }
+    }
+
+    fn put(&mut self, account: &Account) -> Result<(), LedgerError> {
+        self.generation += 1;
+        let offset = HEADER + (self.generation % 2) as usize * SLOT;
+        self.file
+            .write_all_at(&slot(self.generation, account), offset as u64)
+            .map_err(|e| LedgerError::Io(self.path.clone(), e))?;
+        self.written = *account;
+        Ok(())
+    }
+
+    /// Reads what one life of an agent has counted; none if it never came so far as to start.
+    pub fn read(root: &Path, id: ModuleId, incarnation: Incarnation) -> Result<Option<Account>, LedgerError> {
+        let path = path(root, id, incarnation);
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(e) => return Err(LedgerError::Io(path, e)),
+        };
+        let expected = header(id, incarnation);
+        if !bytes.starts_with(&MAGIC) || bytes.len() < HEADER {
+            // Killed while creating it.
+            return if bytes.is_empty() { Ok(None) } else { Err(LedgerError::Foreign(path)) };
+        }
+        let version = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
+        if version != VERSION {
+            return Err(LedgerError::Version(path, version));
+        }
+        if bytes[..HEADER] != expected {
+            return Err(LedgerError::Foreign(path));
+        }
+        if bytes.len() == HEADER {
+            return Ok(None);
+        }
+        let slots = [0, 1].map(|i| bytes.get(HEADER + i * SLOT..HEADER + (i + 1) * SLOT));
+        slots
+            .into_iter()
+            .flatten()
+            .filter_map(read_slot)
+            .max_by_key(|(generation, _)| *generation)
+            .map(|(_, account)| Some(account))
+            .ok_or(LedgerError::Damaged(path))
+    }
+}
+
+fn header(id: ModuleId, incarnation: Incarnation) -> [u8; HEADER] {
+    let mut bytes = [0; HEADER];
+    bytes[..8].copy_from_slice(&MAGIC);
+    bytes[8..12].copy_from_slice(&VERSION.to_le_bytes());
+    bytes[12..16].copy_from_slice(&id.0.to_le_bytes());
+    bytes[16..18].copy_from_slice(&incarnation.0.to_le_bytes());
+    bytes
+}
+
+fn slot(generation: u64, account: &Account) -> [u8; SLOT] {
+    let mut numbers = [0u64; NUMBERS];
+    numbers[0] = generation;
+    for (i, (_, c)) in account.tally.iter().enumerate() {
+        // Taken apart in full, so that a new count cannot be forgotten here.
+        let Counts { sent, delivered, lost, duplicated, overflowed, expired, refused, bytes } = *c;
+        numbers[1 + i * 8..][..8]
+            .copy_from_slice(&[sent, delivered, lost, duplicated, overflowed, expired, refused, bytes]);
+    }
+    numbers[NUMBERS - 2] = account.foreign;
+    numbers[NUMBERS - 1] = account.wakes;
+    let mut bytes = [0; SLOT];
+    for (chunk, n) in bytes.chunks_exact_mut(8).zip(numbers) {
+        chunk.copy_from_slice(&n.to_le_bytes());
+    }
+    let sum = CRC.checksum(&bytes[..SLOT - 4]);
+    bytes[SLOT - 4..].copy_from_slice(&sum.to_le_bytes());
+    bytes
+}
+
+fn read_slot(bytes: &[u8]) -> Option<(u64, Account)> {
+    let (body, sum) = bytes.split_last_chunk::<4>()?;
+    if CRC.checksum(body) != u32::from_le_bytes(*sum) {
+        return None;
+    }
+    let mut numbers = body.chunks_exact(8).map(|c| c.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b)));
+    let generation = numbers.next()?;
+    let mut account = Account::default();
+    for class in Class::ALL {
+        account.tally[class] = Counts {
+            sent: numbers.next()?,
+            delivered: numbers.next()?,
+            lost: numbers.next()?,
+            duplicated: numbers.next()?,
+            overflowed: numbers.next()?,
+            expired: numbers.next()?,
+            refused: numbers.next()?,
+            bytes: numbers.next()?,
+        };
+    }
+    account.foreign = numbers.next()?;
+    account.wakes = numbers.next()?;
+    Some((generation, account))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ME: (ModuleId, Incarnation) = (ModuleId(3), Incarnation(1));
+
+    fn account(n: u64) -> Account {
+        let mut account = Account { foreign: n, wakes: n + 1, ..Account::default() };
+        for (i, class) in Class::ALL.into_iter().enumerate() {
+            let i = i as u64 * 100 + n;
+            account.tally[class] = Counts {
+                sent: i,
+                delivered: i + 1,
+                lost: i + 2,
+                duplicated: i + 3,
+                overflowed: i + 4,
+                expired: i + 5,
+                refused: i + 6,
+                bytes: i + 7,
+            };
+        }
+        account
+    }
+
+    fn dir() -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(directory(dir.path())).unwrap();
+        dir
+    }
+
+    #[test]
+    fn the_newest_write_is_read() {
+        let dir = dir();
+        assert_eq!(Ledger::read(dir.path(), ME.0, ME.1).unwrap(), None);
+        let mut ledger = Ledger::create(dir.path(), ME.0, ME.1).unwrap();
+        assert_eq!(Ledger::read(dir.path(), ME.0, ME.1).unwrap(), Some(Account::default()));
+        for n in 1..6 {
+            ledger.write(&account(n)).unwrap();
+            assert_eq!(Ledger::read(dir.path(), ME.0, ME.1).unwrap(), Some(account(n)));
+        }
+    }
+
+    #[test]
+    fn a_torn_write_leaves_the_one_before() {
+        let dir = dir();
+        let mut ledger = Ledger::create(dir.path(), ME.0, ME.1).unwrap();
+        ledger.write(&account(1)).unwrap();
+        ledger.write(&account(2)).unwrap();
+        // Generation 3 lies in slot 1; tear it.
+        ledger.file.write_all_at(&[0xFF; 40], HEADER as u64 + SLOT as u64).unwrap();
+        assert_eq!(Ledger::read(dir.path(), ME.0, ME.1).unwrap(), Some(account(1)));
+        ledger.file.write_all_at(&[0xFF; 40], HEADER as u64).unwrap();
+        assert!(matches!(Ledger::read(dir.path(), ME.0, ME.1), Err(LedgerError::Damaged(_))));
+    }
+
+    #[test]
+    fn refuses_strangers() {
+        let dir = dir();
+        let file = path(dir.path(), ME.0, ME.1);
+        let read = || Ledger::read(dir.path(), ME.0, ME.1);
+        fs::write(&file, b"").unwrap();
+        assert!(matches!(read(), Ok(None)));
+        fs::write(&file, b"hello").unwrap();
+        assert!(matches!(read(), Err(LedgerError::Foreign(_))));
+        fs::write(&file, header(ModuleId(4), ME.1)).unwrap();
+        assert!(matches!(read(), Err(LedgerError::Foreign(_))));
+        fs::write(&file, header(ME.0, ME.1)).unwrap();
+        assert!(matches!(read(), Ok(None)));
+        let mut newer = header(ME.0, ME.1);
+        newer[8] = 2;
+        fs::write(&file, newer).unwrap();
+        assert!(matches!(read(), Err(LedgerError::Version(_, 2))));
+        let mut garbage = header(ME.0, ME.1).to_vec();
+        garbage.extend([7; SLOT * 3]);
+        fs::write(&file, garbage).unwrap();
+        assert!(matches!(read(), Err(LedgerError::Damaged(_))));
+    }
+}

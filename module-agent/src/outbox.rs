@@ -1,0 +1,82 @@
+//! The sending end towards one inbox. Sending never blocks, and being handed over is not an
+//! acknowledgement: a dead peer's inbox takes frames until it is full.
+
+use crate::packet::Packet;
+use crate::rendezvous::{self, ChannelError, Frames, Notifier, Publisher, Rendezvous, Wakes};
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::wire::Frame;
+
+/// What became of one frame at the sender.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Handed {
+    /// It lies in the receiver's inbox.
+    Over,
+    /// The receiver's inbox is full.
+    Full,
+    /// Nobody listens any more.
+    Nobody,
+}
+
+/// The sending end towards one inbox.
+#[derive(Debug)]
+pub struct Outbox {
+    // Ports before the services that they belong to: fields are dropped in this order.
+    publisher: Publisher,
+    notifier: Notifier,
+    frames: Frames,
+    _bell: Wakes,
+    ring: bool,
+}
+
+impl Outbox {
+    /// Opens the way to one life of an agent.
+    pub fn to_agent(at: &Rendezvous, id: ModuleId, life: Incarnation) -> Result<Outbox, ChannelError> {
+        Outbox::over(at.open_inbox(id, life)?, at.open_bell(id, life)?)
+    }
+
+    /// Opens the way from agent `id` to the controller.
+    pub fn to_controller(at: &Rendezvous, id: ModuleId) -> Result<Outbox, ChannelError> {
+        Outbox::over(at.open_reports(id)?, at.open_controller_bell()?)
+    }
+
+    fn over(frames: Frames, bell: Wakes) -> Result<Outbox, ChannelError> {
+        let publisher = rendezvous::publish(&frames)?;
+        let notifier = rendezvous::ring(&bell)?;
+        Ok(Outbox { publisher, notifier, frames, _bell: bell, ring: false })
+    }
+
+    /// Puts one frame into the inbox. The receiver is woken by [`Outbox::flush`].
+    pub fn send(&mut self, frame: &Frame) -> Handed {
+        self.send_packet(Packet::from(frame))
+    }
+
+    /// Puts arbitrary bytes into the inbox.
+    pub fn send_packet(&mut self, packet: Packet) -> Handed {
+        use iceoryx2::prelude::PortFactory as _;
+        match self.publisher.send_copy(packet) {
+            Ok(0) | Err(_) => {
+                if self.frames.dynamic_config().number_of_subscribers() == 0 {
+                    Handed::Nobody
+                } else {
+                    // What was sent before must still be heard of.
+                    self.ring = true;
+                    Handed::Full
+                }
+            }
+            Ok(_) => {
+                self.ring = true;
+                Handed::Over
+            }
+        }
+    }
+
+    /// Wakes the receiver if anything was sent since the last call.
+    pub fn flush(&mut self) {
+        if std::mem::take(&mut self.ring)
+            && let Err(e) = self.notifier.notify()
+        {
+            // The receiver looks into its inbox once a second anyway.
+            tracing::debug!("cannot wake a receiver: {e:?}");
+        }
+    }
+}

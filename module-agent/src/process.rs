@@ -1,0 +1,134 @@
+//! Who a process is, and whether it still lives.
+//!
+//! A pid alone is no identity, because pids are used again; a pid with the process's start time is.
+
+use rustix::process::{Pid, getpid, getppid};
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::io;
+use std::str::FromStr;
+
+/// One process of this machine since its last boot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    /// The process id.
+    pub pid: i32,
+    /// When it started, in clock ticks since boot.
+    pub start: u64,
+}
+
+impl Identity {
+    /// This process.
+    pub fn own() -> io::Result<Identity> {
+        let pid = getpid().as_raw_nonzero().get();
+        Identity::of(pid)?.ok_or_else(|| io::Error::other("this process is not in /proc; is /proc mounted?"))
+    }
+
+    /// The process that has this pid now, if any.
+    pub fn of(pid: i32) -> io::Result<Option<Identity>> {
+        match fs::read_to_string(format!("/proc/{pid}/stat")) {
+            Ok(stat) => Ok(start_time(&stat).map(|start| Identity { pid, start })),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            // ESRCH: it ended while being read.
+            Err(e) if e.raw_os_error() == Some(rustix::io::Errno::SRCH.raw_os_error()) => Ok(None),
+            Err(e) => Err(e),
+        }
+    }
+
+    /// Whether this very process still lives (a zombie, whose end nobody has asked for, does not).
+    /// One that cannot be looked at counts as alive: it is not ours to judge.
+    pub fn is_alive(&self) -> bool {
+        match fs::read_to_string(format!("/proc/{}/stat", self.pid)) {
+            Ok(stat) => start_time(&stat) == Some(self.start) && !matches!(state(&stat), Some('Z' | 'X')),
+            Err(e) => {
+                e.kind() != io::ErrorKind::NotFound
+                    && e.raw_os_error() != Some(rustix::io::Errno::SRCH.raw_os_error())
+            }
+        }
+    }
+
+    /// The pid as the type that system calls take.
+    pub fn as_pid(&self) -> Option<Pid> {
+        Pid::from_raw(self.pid)
+    }
+
+    /// As one line of text, the inverse of parsing it.
+    pub fn to_line(&self) -> String {
+        format!("{} {}\n", self.pid, self.start)
+    }
+}
+
+impl FromStr for Identity {
+    type Err = ();
+    fn from_str(text: &str) -> Result<Identity, ()> {
+        let (pid, start) = text.trim_end().split_once(' ').ok_or(())?;
+        let identity = Identity { pid: pid.parse().map_err(drop)?, start: start.parse().map_err(drop)? };
+        if identity.pid > 0 { Ok(identity) } else { Err(()) }
+    }
+}
+
+/// The fields after the command name, which may itself hold spaces and brackets.
+fn fields(stat: &str) -> Option<std::str::SplitAsciiWhitespace<'_>> {
+    Some(stat.rsplit_once(')')?.1.split_ascii_whitespace())
+}
+fn state(stat: &str) -> Option<char> {
+    fields(stat)?.next()?.chars().next()
+}
+fn start_time(stat: &str) -> Option<u64> {
+    // Field 22 of the whole line; the state, field 3, is the first after the name.
+    fields(stat)?.nth(22 - 3)?.parse().ok()
+}
+
+/// Watches the controller from within an agent, so that no agent outlives it.
+#[derive(Clone, Copy, Debug)]
+pub struct Guard {
+    controller: Identity,
+    is_parent: bool,
+}
+
+impl Guard {
+    /// Asks the kernel to kill this process when its parent dies, and remembers whom to watch in
+    /// case the parent is not the controller (a debugger, a wrapper) or died just before.
+    pub fn new(controller: Identity) -> Guard {
+        let is_parent = getppid().map(|p| p.as_raw_nonzero().get()) == Some(controller.pid);
+        if is_parent
+            && let Err(e) =
+                rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))
+        {
+            tracing::warn!("no signal when the controller dies ({e}); it is looked for once a second");
+        }
+        Guard { controller, is_parent }
+    }
+
+    /// Whether the controller is gone, so that this process must end.
+    pub fn controller_is_gone(&self) -> bool {
+        if self.is_parent {
+            getppid().map(|p| p.as_raw_nonzero().get()) != Some(self.controller.pid)
+        } else {
+            !self.controller.is_alive()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn knows_itself_and_strangers() {
+        let me = Identity::own().unwrap();
+        assert!(me.is_alive());
+        assert!(!Identity { start: me.start + 1, ..me }.is_alive(), "a recycled pid is someone else");
+        assert_eq!(me.to_line().parse(), Ok(me));
+        for bad in ["", "1", "0 5", "-3 5", "x y", "1 2 3"] {
+            assert_eq!(bad.parse::<Identity>(), Err(()), "{bad}");
+        }
+    }
+
+    #[test]
+    fn reads_awkward_names() {
+        let stat = "42 (a) R (b) S 1 42 42 0 -1 4 1 0 0 0 0 0 0 0 20 0 1 0 777 1 1";
+        assert_eq!((state(stat), start_time(stat)), (Some('S'), Some(777)));
+        assert_eq!(start_time("42 no brackets"), None);
+    }
+}

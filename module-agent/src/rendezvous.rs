@@ -1,0 +1,279 @@
+//! Where the processes of a run find each other: the iceoryx2 configuration and the names and
+//! quality of service of all channels. Names carry the incarnation, so that a restarted agent does
+//! not have to wait until what its killed predecessor left behind has been cleared away.
+//!
+//! Absent: the global iceoryx2 configuration, and iceoryx2's own cleaning up after dead processes,
+//! whose cost grows with the square of a swarm. A run's files are removed by name when it ends.
+
+use crate::packet::Packet;
+use crate::run_name::{RunName, RunNameError};
+use iceoryx2::port::backpressure_strategy::BackpressureStrategy;
+use iceoryx2::port::{listener, notifier, publisher, subscriber};
+use iceoryx2::prelude::{
+    Config, FileName, Node, NodeBuilder, Path as IoxPath, SemanticString, ServiceName, SignalHandlingMode,
+    ipc,
+};
+use iceoryx2::service::builder::{event, publish_subscribe};
+use iceoryx2::service::port_factory;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use std::path::Path;
+use std::time::Duration;
+use thiserror::Error;
+
+/// Shared memory between processes.
+pub type Svc = ipc::Service;
+/// The sending end of a channel of frames.
+pub type Publisher = publisher::Publisher<Svc, Packet, ()>;
+/// The receiving end of a channel of frames.
+pub type Subscriber = subscriber::Subscriber<Svc, Packet, ()>;
+/// What wakes a process.
+pub type Notifier = notifier::Notifier<Svc>;
+/// What a process waits on.
+pub type Listener = listener::Listener<Svc>;
+/// A channel of frames.
+pub type Frames = port_factory::publish_subscribe::PortFactory<Svc, Packet, ()>;
+/// A wake-up channel.
+pub type Wakes = port_factory::event::PortFactory<Svc>;
+
+/// Frames that an inbox holds of each sender.
+pub const INBOX_DEPTH: usize = 32;
+/// Senders that an inbox takes in its life: at most 32 neighbours and the controller at a time, and
+/// the slots of killed ones, which are not given back.
+const INBOX_SENDERS: usize = 128;
+/// Frames of each agent that wait for the controller.
+const REPORTS_DEPTH: usize = 16;
+/// Agents that share one channel to the controller; the cost of joining grows with their number.
+pub const SHARD: u32 = 1_000;
+/// Waiting for someone else to finish creating a service, on a loaded machine.
+const CREATION_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Why a channel cannot be created or opened.
+#[derive(Debug, Error)]
+pub enum ChannelError {
+    /// The directory is not one of a run.
+    #[error(transparent)]
+    Run(#[from] RunNameError),
+    /// The node of this process cannot be created.
+    #[error("cannot join the run in shared memory: {0:?}; is {home} writable and not full?", home = crate::run_name::HOME)]
+    Node(iceoryx2::node::NodeCreationFailure),
+    /// A channel of frames cannot be created.
+    #[error("cannot create the channel `{name}`: {cause:?}")]
+    CreateFrames {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: publish_subscribe::PublishSubscribeCreateError,
+    },
+    /// A channel of frames cannot be opened.
+    #[error("cannot open the channel `{name}`: {cause:?}")]
+    OpenFrames {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: publish_subscribe::PublishSubscribeOpenError,
+    },
+    /// A wake-up channel cannot be created.
+    #[error("cannot create the wake-up channel `{name}`: {cause:?}")]
+    CreateWakes {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: event::EventCreateError,
+    },
+    /// A wake-up channel cannot be opened.
+    #[error("cannot open the wake-up channel `{name}`: {cause:?}")]
+    OpenWakes {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: event::EventOpenError,
+    },
+    /// An end of a channel cannot be created, for example because all its slots are taken.
+    #[error("cannot attach to the channel `{name}`: {cause}")]
+    Attach {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: String,
+    },
+}
+
+impl ChannelError {
+    /// Whether the channel is simply not there (any more).
+    pub fn is_absent(&self) -> bool {
+        use event::EventOpenError as E;
+        use publish_subscribe::PublishSubscribeOpenError as P;
+        matches!(
+            self,
+            ChannelError::OpenFrames { cause: P::DoesNotExist | P::IsMarkedForDestruction, .. }
+                | ChannelError::OpenWakes { cause: E::DoesNotExist | E::IsMarkedForDestruction, .. }
+        )
+    }
+
+    pub(crate) fn attach(name: &str, cause: impl std::fmt::Debug) -> ChannelError {
+        ChannelError::Attach { name: name.to_owned(), cause: format!("{cause:?}") }
+    }
+}
+
+/// The configuration of iceoryx2 for a run.
+pub fn config(run: &RunName) -> Config {
+    let mut config = Config::default();
+    let root = run.root();
+    // Invariant: a run's name is twelve lower-case letters and digits, a valid path and file name.
+    #[allow(clippy::unwrap_used, reason = "see the invariant above")]
+    {
+        config.global.set_root_path(&IoxPath::new(root.as_os_str().as_encoded_bytes()).unwrap());
+        config.global.prefix = FileName::new(run.prefix().as_bytes()).unwrap();
+    }
+    config.global.creation_timeout = CREATION_TIMEOUT;
+    config.global.node.cleanup_dead_nodes_on_creation = false;
+    config.global.node.cleanup_dead_nodes_on_destruction = false;
+    config.global.service.cleanup_dead_nodes_on_open = false;
+    config.defaults.publish_subscribe.subscriber_expired_connection_buffer = 16;
+    config
+}
+
+/// One process's membership of a run. Not `Send`: it stays with its thread.
+#[derive(Debug)]
+pub struct Rendezvous {
+    node: Node<Svc>,
+}
+
+impl Rendezvous {
+    /// Joins the run whose directory is `root`.
+    pub fn join(root: &Path) -> Result<Rendezvous, ChannelError> {
+        let run = RunName::of_root(root)?;
+        let node = NodeBuilder::new()
+            .config(&config(&run))
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Svc>()
+            .map_err(ChannelError::Node)?;
+        Ok(Rendezvous { node })
+    }
+
+    /// Creates the channel of frames to one agent.
+    pub fn create_inbox(&self, id: ModuleId, incarnation: Incarnation) -> Result<Frames, ChannelError> {
+        self.create_frames(&inbox(id, incarnation), INBOX_SENDERS, INBOX_DEPTH)
+    }
+    /// Opens the channel of frames to one agent.
+    pub fn open_inbox(&self, id: ModuleId, incarnation: Incarnation) -> Result<Frames, ChannelError> {
+        self.open_frames(&inbox(id, incarnation))
+    }
+    /// Creates the wake-up channel of one agent.
+    pub fn create_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
+        self.create_wakes(&bell(id, incarnation), INBOX_SENDERS)
+    }
+    /// Opens the wake-up channel of one agent.
+    pub fn open_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
+        self.open_wakes(&bell(id, incarnation))
+    }
+    /// Creates one channel from agents to the controller, for `senders` agent lives.
+    pub fn create_reports(&self, shard: u32, senders: usize) -> Result<Frames, ChannelError> {
+        self.create_frames(&reports(shard), senders, REPORTS_DEPTH)
+    }
+    /// Opens the channel by which this agent reaches the controller.
+    pub fn open_reports(&self, id: ModuleId) -> Result<Frames, ChannelError> {
+        self.open_frames(&reports(id.0 / SHARD))
+    }
+    /// Creates the wake-up channel of the controller, for `senders` agent lives.
+    pub fn create_controller_bell(&self, senders: usize) -> Result<Wakes, ChannelError> {
+        self.create_wakes(CONTROLLER_BELL, senders)
+    }
+    /// Opens the wake-up channel of the controller.
+    pub fn open_controller_bell(&self) -> Result<Wakes, ChannelError> {
+        self.open_wakes(CONTROLLER_BELL)
+    }
+
+    fn create_frames(&self, name: &str, senders: usize, depth: usize) -> Result<Frames, ChannelError> {
+        self.node
+            .service_builder(&service_name(name))
+            .publish_subscribe::<Packet>()
+            .max_publishers(senders)
+            .max_subscribers(1)
+            .max_nodes(senders + 1)
+            .subscriber_max_buffer_size(depth)
+            .history_size(0)
+            .enable_safe_overflow(false)
+            .create()
+            .map_err(|cause| ChannelError::CreateFrames { name: name.to_owned(), cause })
+    }
+    fn open_frames(&self, name: &str) -> Result<Frames, ChannelError> {
+        self.node
+            .service_builder(&service_name(name))
+            .publish_subscribe::<Packet>()
+            .enable_safe_overflow(false)
+            .open()
+            .map_err(|cause| ChannelError::OpenFrames { name: name.to_owned(), cause })
+    }
+    fn create_wakes(&self, name: &str, senders: usize) -> Result<Wakes, ChannelError> {
+        self.node
+            .service_builder(&service_name(name))
+            .event()
+            .max_notifiers(senders)
+            .max_listeners(1)
+            .max_nodes(senders + 1)
+            .event_id_max_value(1)
+            .create()
+            .map_err(|cause| ChannelError::CreateWakes { name: name.to_owned(), cause })
+    }
+    fn open_wakes(&self, name: &str) -> Result<Wakes, ChannelError> {
+        self.node
+            .service_builder(&service_name(name))
+            .event()
+            .open()
+            .map_err(|cause| ChannelError::OpenWakes { name: name.to_owned(), cause })
+    }
+}
+
+/// The receiving end of a channel of frames.
+pub fn subscribe(frames: &Frames) -> Result<Subscriber, ChannelError> {
+    use iceoryx2::prelude::PortFactory as _;
+    frames.subscriber_builder().create().map_err(|e| ChannelError::attach(frames.name().as_str(), e))
+}
+
+/// The sending end of a channel of frames. Never blocks: what does not fit is refused.
+pub fn publish(frames: &Frames) -> Result<Publisher, ChannelError> {
+    use iceoryx2::prelude::PortFactory as _;
+    frames
+        .publisher_builder()
+        .max_loaned_samples(2)
+        .backpressure_strategy(BackpressureStrategy::DiscardData)
+        .create()
+        .map_err(|e| ChannelError::attach(frames.name().as_str(), e))
+}
+
+/// The waiting end of a wake-up channel.
+pub fn listen(wakes: &Wakes) -> Result<Listener, ChannelError> {
+    use iceoryx2::prelude::PortFactory as _;
+    wakes.listener_builder().create().map_err(|e| ChannelError::attach(wakes.name().as_str(), e))
+}
+
+/// The waking end of a wake-up channel.
+pub fn ring(wakes: &Wakes) -> Result<Notifier, ChannelError> {
+    use iceoryx2::prelude::PortFactory as _;
+    wakes.notifier_builder().create().map_err(|e| ChannelError::attach(wakes.name().as_str(), e))
+}
+
+const CONTROLLER_BELL: &str = "ev/controller";
+fn inbox(id: ModuleId, incarnation: Incarnation) -> String {
+    format!("in/{id}/{incarnation}")
+}
+fn bell(id: ModuleId, incarnation: Incarnation) -> String {
+    format!("ev/{id}/{incarnation}")
+}
+fn reports(shard: u32) -> String {
+    format!("reports/{shard}")
+}
+
+fn service_name(name: &str) -> ServiceName {
+    // Invariant: the names above are short and printable.
+    #[allow(clippy::unwrap_used, reason = "see the invariant above")]
+    ServiceName::new(name).unwrap()
+}
+
+/// iceoryx2 writes to standard error by itself. What matters comes back as values, so it is quiet
+/// unless it was asked not to be.
+pub fn set_verbosity(verbose: bool) {
+    use iceoryx2::prelude::{LogLevel, set_log_level};
+    set_log_level(if verbose { LogLevel::Warn } else { LogLevel::Fatal });
+}

@@ -1,0 +1,73 @@
+//! The real thing: cubes as processes build a shape, while some of them are killed and stopped.
+
+use metamorph_module_agent::clock::Speed;
+use metamorph_protocol::cube::params::{Params, Setup};
+use metamorph_protocol::goal::{Goal, Growth};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::shape::Shape;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::cube_world::CubeWorld;
+use metamorph_sim_bridge::director::{Director, Stop};
+use metamorph_sim_bridge::faults::{Fault, Schedule};
+use metamorph_sim_bridge::outcome::Outcome;
+use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_swarm};
+use std::sync::Arc;
+
+/// A slab of `side` by `side` cubes builds a block in its middle.
+fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Option<Outcome>, SwarmOutcome) {
+    let cells = |min, max| Shape::Box { min, max }.cells().expect("a shape");
+    let start = cells(Cell::new(0, 0, 0), Cell::new(side - 1, side - 1, 0));
+    let low = (side - block) / 2;
+    let high = low + block - 1;
+    let goal = cells(Cell::new(low, low, 0), Cell::new(high, high, block - 1));
+    let goal = Goal::compile(&goal, Cell::new(low, low, 0), Growth::Solid).expect("a goal");
+    let params = Params::scaled(Span::secs(1), Span::millis(200), 4 * (side as u16 * 2 + 30));
+    let setup = Arc::new(Setup { params, goals: vec![goal] });
+    let mut world = CubeWorld::new(&start, Span::secs(1), 1);
+    let stop = Stop { timeout: Time(2_000_000_000_000), stall: Span::secs(200), livelock: Span::secs(800) };
+    let schedule = Schedule::new(faults);
+    let mut director = Director::new(setup.clone(), start.len(), schedule, stop, Default::default());
+    let options = SwarmOptions {
+        speed: Speed::new(speed, 1).expect("a speed"),
+        seed: 1,
+        ..SwarmOptions::new(env!("CARGO_BIN_EXE_cube-agent").into())
+    };
+    let outcome = run_swarm(&options, setup.as_ref(), &mut world, &mut director).expect("the swarm runs");
+    #[allow(clippy::print_stdout, reason = "shown only when the test fails or is asked to")]
+    {
+        println!("{:?} {:?} {:?} {outcome:#?}", director.outcome(), director.progress(), director.stall());
+    }
+    assert!(world.take_violations().is_empty(), "an invariant broke");
+    assert_eq!(outcome.crashes, []);
+    assert_eq!((outcome.foreign, outcome.missing_ledgers.len()), (0, 0));
+    for (class, counts) in outcome.tally.iter() {
+        assert!(counts.in_flight() >= 0, "{class} {counts:?}");
+    }
+    (director.outcome().map(|(_, came_to)| came_to), outcome)
+}
+
+#[test]
+fn thirty_six_cubes_build_a_block_of_processes() {
+    let (came_to, swarm) = build(6, 2, 20, vec![]);
+    assert_eq!(came_to, Some(Outcome::Built));
+    assert_eq!((swarm.launched, swarm.alive), (36, 36));
+    assert!(swarm.tally.total().delivered > 0);
+}
+
+/// Over two hundred cubes; ten are killed, and five stopped for a while.
+#[test]
+fn two_hundred_cubes_build_although_some_are_killed_and_some_stopped() {
+    let at = |s: u64| Time(s * 1_000_000_000);
+    let mut faults = vec![];
+    for i in 0..10 {
+        faults.push((at(3 + i), Fault::Kill(ModuleId(i as u32 * 3))));
+    }
+    for i in 0..5 {
+        faults.push((at(4 + i), Fault::Pause(ModuleId(200 + i as u32))));
+        faults.push((at(15 + i), Fault::Resume(ModuleId(200 + i as u32))));
+    }
+    let (came_to, swarm) = build(15, 4, 10, faults);
+    assert_eq!(came_to, Some(Outcome::Built));
+    assert_eq!((swarm.launched, swarm.killed, swarm.alive), (225, 10, 215));
+}

@@ -1,0 +1,267 @@
+//! The controller's view of one agent process: its life, and what it still has to be told.
+//!
+//! What an agent is told is reliable and in order. It waits here while the agent's inbox is full,
+//! for example because its process is stopped, and the queue is bounded: first, contact changes
+//! that a later one of the same port has overtaken are dropped, and if that is not enough the
+//! process counts as unresponsive.
+
+use metamorph_module_agent::clock::monotonic;
+use metamorph_module_agent::outbox::{Handed, Outbox};
+use metamorph_module_agent::runtime::Runtime;
+use metamorph_protocol::agent::{Agent, Class};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
+use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
+use std::collections::{BTreeSet, VecDeque};
+
+/// Messages that may wait for one agent.
+pub const QUEUE_LIMIT: usize = 4_096;
+/// The first and the longest wait before a full inbox is tried again, in nanoseconds.
+const RETRY: (u64, u64) = (1_000_000, 200_000_000);
+
+/// One message to an agent.
+#[derive(Clone, Debug)]
+pub enum Letter<A: Agent> {
+    /// From driver to driver.
+    Runtime(Runtime<A::Place>),
+    /// From the body.
+    Percept(A::Percept),
+    /// From the director.
+    Order(A::Order),
+}
+
+/// Where a process is in its life.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Not started, or dead.
+    Absent,
+    /// Started, but not heard of yet.
+    Starting,
+    /// Up, waiting for the beginning.
+    Up,
+    /// Its agent has started.
+    Running,
+}
+
+/// One module's process.
+pub struct Process<A: Agent> {
+    /// Which module.
+    pub id: ModuleId,
+    /// The current or latest life.
+    pub incarnation: Incarnation,
+    /// Where it is in this life.
+    pub stage: Stage,
+    /// Whether its end was asked for.
+    pub condemned: bool,
+    /// Why the driver itself had to kill it.
+    pub verdict: Option<&'static str>,
+    /// Whether it is to be started again as soon as it is dead.
+    pub restart: bool,
+    /// Whether it is stopped by a signal.
+    pub paused: bool,
+    /// The next sequence number that it will use.
+    pub expected: u32,
+    outbox: Option<Outbox>,
+    queue: VecDeque<Letter<A>>,
+    sequence: u32,
+    retry_at: u64,
+    retry_after: u64,
+}
+
+impl<A: Agent> Process<A> {
+    /// A module without a process.
+    pub fn new(id: ModuleId) -> Process<A> {
+        Process {
+            id,
+            incarnation: Incarnation(0),
+            stage: Stage::Absent,
+            condemned: false,
+            verdict: None,
+            restart: false,
+            paused: false,
+            expected: 0,
+            outbox: None,
+            queue: VecDeque::new(),
+            sequence: 0,
+            retry_at: 0,
+            retry_after: RETRY.0,
+        }
+    }
+
+    /// A life begins.
+    pub fn launch(&mut self, incarnation: Incarnation) {
+        *self = Process { incarnation, stage: Stage::Starting, ..Process::new(self.id) };
+    }
+
+    /// The way to the process is open.
+    pub fn connect(&mut self, outbox: Outbox) {
+        self.outbox = Some(outbox);
+    }
+    /// Whether the way to the process is open.
+    pub fn is_connected(&self) -> bool {
+        self.outbox.is_some()
+    }
+
+    /// The life is over; what waited is void.
+    pub fn bury(&mut self) {
+        self.stage = Stage::Absent;
+        self.outbox = None;
+        self.queue.clear();
+        self.paused = false;
+    }
+
+    /// Adds a message. False if too many wait, which only a process that does not run brings about.
+    pub fn tell(&mut self, letter: Letter<A>) -> bool {
+        if self.queue.len() >= QUEUE_LIMIT {
+            self.drop_overtaken();
+        }
+        if self.queue.len() >= QUEUE_LIMIT {
+            return false;
+        }
+        self.queue.push_back(letter);
+        true
+    }
+
+    fn drop_overtaken(&mut self) {
+        let mut later: BTreeSet<Port> = BTreeSet::new();
+        let mut kept: VecDeque<Letter<A>> = VecDeque::with_capacity(self.queue.len());
+        while let Some(letter) = self.queue.pop_back() {
+            let overtaken = match &letter {
+                Letter::Runtime(Runtime::Contact { port, .. }) => !later.insert(*port),
+                _ => false,
+            };
+            if !overtaken {
+                kept.push_front(letter);
+            }
+        }
+        self.queue = kept;
+    }
+
+    /// Sends what fits. Returns when to try again, in nanoseconds of CLOCK_MONOTONIC, if something
+    /// is left.
+    pub fn flush(&mut self) -> Option<u64> {
+        let outbox = self.outbox.as_mut()?;
+        if self.queue.is_empty() {
+            return None;
+        }
+        if self.retry_at > monotonic() {
+            return Some(self.retry_at);
+        }
+        let mut sent = false;
+        while let Some(letter) = self.queue.front() {
+            let frame = seal(letter, self.id, self.sequence);
+            if outbox.send(&frame) != Handed::Over {
+                break;
+            }
+            sent = true;
+            self.sequence = self.sequence.wrapping_add(1);
+            self.queue.pop_front();
+        }
+        outbox.flush();
+        if self.queue.is_empty() {
+            (self.retry_at, self.retry_after) = (0, RETRY.0);
+            return None;
+        }
+        self.retry_after = if sent { RETRY.0 } else { (self.retry_after * 2).min(RETRY.1) };
+        self.retry_at = monotonic() + self.retry_after;
+        Some(self.retry_at)
+    }
+
+    /// The next flush tries at once, because the process was just told to go on.
+    pub fn hurry(&mut self) {
+        self.retry_at = 0;
+    }
+}
+
+fn seal<A: Agent>(letter: &Letter<A>, destination: ModuleId, sequence: u32) -> Frame {
+    let header = |channel, kind| Header {
+        channel,
+        kind,
+        class: Class::World,
+        port: Port(0),
+        incarnation: Incarnation(0),
+        source: CONTROLLER,
+        destination,
+        session: 0,
+        sequence,
+    };
+    match letter {
+        Letter::Runtime(m) => Frame::seal(header(Channel::Runtime, m.kind()), m),
+        Letter::Percept(m) => Frame::seal(header(Channel::Body, m.kind()), m),
+        Letter::Order(m) => Frame::seal(header(Channel::Control, m.kind()), m),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_module_agent::runtime::Contact;
+    use metamorph_protocol::agent::{Birth, InputOf, OutputOf};
+    use metamorph_protocol::ids::{Revision, Session};
+    use metamorph_protocol::lattice::Cell;
+    use metamorph_protocol::time::Time;
+    use metamorph_protocol::wire::Never;
+    use std::hash::Hasher;
+    use std::sync::Arc;
+
+    struct Idle;
+    impl Agent for Idle {
+        type Setup = ();
+        type Place = Cell;
+        type Message = Never;
+        type Action = Never;
+        type Percept = Never;
+        type Order = Cell;
+        type Report = Never;
+        const PORTS: usize = 6;
+        fn new(_: &Arc<()>, _: Birth<Cell>, _: Time) -> Idle {
+            Idle
+        }
+        fn handle(&mut self, _: Time, _: InputOf<Idle>) {}
+        fn poll(&mut self) -> Option<OutputOf<Idle>> {
+            None
+        }
+        fn wake_at(&self) -> Time {
+            Time::NEVER
+        }
+        fn digest(&self, _: &mut dyn Hasher) {}
+    }
+
+    fn contact(revision: u32) -> Letter<Idle> {
+        let contact = Contact {
+            session: Session(revision),
+            peer: ModuleId(1),
+            peer_incarnation: Incarnation(0),
+            peer_port: Port(0),
+        };
+        let (port, revision) = (Port((revision % 6) as u8), Revision(revision));
+        Letter::Runtime(Runtime::Contact { port, revision, contact: Some(contact) })
+    }
+
+    #[test]
+    fn contact_changes_of_a_stopped_process_never_pile_up() {
+        let mut process: Process<Idle> = Process::new(ModuleId(0));
+        let last = QUEUE_LIMIT as u32 * 5;
+        for revision in 1..=last {
+            assert!(process.tell(contact(revision)));
+            assert!(process.queue.len() <= QUEUE_LIMIT);
+        }
+        // What is left ends with the newest change of each port, in order.
+        process.drop_overtaken();
+        let left: Vec<u32> = process
+            .queue
+            .iter()
+            .filter_map(|letter| match letter {
+                Letter::Runtime(Runtime::Contact { revision, .. }) => Some(revision.0),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(left, (last - 5..=last).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_process_that_takes_nothing_for_ever_is_noticed() {
+        let mut process: Process<Idle> = Process::new(ModuleId(0));
+        let told = (0..QUEUE_LIMIT * 2).take_while(|_| process.tell(Letter::Order(Cell::default()))).count();
+        assert_eq!(told, QUEUE_LIMIT);
+    }
+}

@@ -1,0 +1,369 @@
+//! The conductor: the thread that owns the world, the director and all channels. It carries
+//! actions to bodies and percepts back, reports to the director and its commands to processes.
+//!
+//! One turn: what the supervisor saw, what agents sent, what is due in the world, the director,
+//! then everything that must be told; then it blocks until something rings or is due.
+
+use crate::swarm::SwarmOptions;
+use crate::swarm::agents::{Letter, Process, Stage};
+use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
+use crate::swarm::run_dir::RunDir;
+use crate::swarm::supervise::{Event, Life, Supervisor, Task};
+use metamorph_module_agent::clock::{Clock, monotonic};
+use metamorph_module_agent::inbox::Inbox;
+use metamorph_module_agent::rendezvous::Rendezvous;
+use metamorph_module_agent::runtime::{Contact, Runtime};
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
+use metamorph_sim_bridge::direct::{Command, Direct};
+use metamorph_sim_bridge::world::{Sensed, World};
+use rustix::process::Signal;
+use std::time::Duration;
+
+/// Frames taken in one turn before the world and the director get theirs.
+const DRAIN: usize = 2_048;
+/// Rounds of world and director in one turn.
+const ROUNDS: usize = 64;
+/// The longest wait.
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
+
+mod ending;
+mod starting;
+
+pub struct Conductor<'a, W: World, D> {
+    options: &'a SwarmOptions,
+    dir: &'a RunDir,
+    at: &'a Rendezvous,
+    inbox: Inbox,
+    supervisor: Supervisor,
+    world: &'a mut W,
+    director: &'a mut D,
+    processes: Vec<Process<W::Agent>>,
+    outcome: SwarmOutcome,
+    /// When the run was asked for.
+    begun: u64,
+    epoch: u64,
+    clock: Clock,
+    last: Time,
+    finishing: bool,
+    retry_at: Option<u64>,
+}
+
+impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
+    #[allow(clippy::too_many_arguments, reason = "the one caller hands over all it has set up")]
+    pub fn new(
+        options: &'a SwarmOptions,
+        dir: &'a RunDir,
+        at: &'a Rendezvous,
+        inbox: Inbox,
+        supervisor: Supervisor,
+        world: &'a mut W,
+        director: &'a mut D,
+        begun: u64,
+    ) -> Self {
+        let processes = (0..world.len() as u32).map(|id| Process::new(ModuleId(id))).collect();
+        Conductor {
+            options,
+            dir,
+            at,
+            inbox,
+            supervisor,
+            world,
+            director,
+            processes,
+            outcome: SwarmOutcome::default(),
+            begun,
+            epoch: begun,
+            clock: Clock::new(u64::MAX, options.speed),
+            last: Time::ZERO,
+            finishing: false,
+            retry_at: None,
+        }
+    }
+
+    pub fn run(mut self) -> Result<SwarmOutcome, SwarmError> {
+        self.set_up()?;
+        if !self.finishing {
+            self.begin();
+        }
+        while !self.finishing {
+            self.turn()?;
+        }
+        self.stop()?;
+        self.read_ledgers();
+        Ok(self.outcome)
+    }
+
+    fn now(&mut self) -> Time {
+        self.last = self.clock.now().max(self.last);
+        self.last
+    }
+
+    fn turn(&mut self) -> Result<(), SwarmError> {
+        self.take_events()?;
+        let drained = self.drain()?;
+        self.play();
+        self.flush();
+        if self.finishing || drained == DRAIN {
+            return Ok(());
+        }
+        let due = self.world.next_event().min(self.director.wake_at());
+        let mut wait =
+            if due == Time::NEVER { LONGEST_WAIT } else { self.clock.until(due).min(LONGEST_WAIT) };
+        if let Some(retry_at) = self.retry_at {
+            wait = wait.min(Duration::from_nanos(retry_at.saturating_sub(monotonic())));
+        }
+        if !wait.is_zero() {
+            self.inbox.wait(wait)?;
+        }
+        Ok(())
+    }
+
+    fn wait_until(&mut self, deadline: u64) -> Result<(), SwarmError> {
+        let left = Duration::from_nanos(deadline.saturating_sub(monotonic()));
+        Ok(self.inbox.wait(left.min(LONGEST_WAIT))?)
+    }
+
+    fn take_events(&mut self) -> Result<(), SwarmError> {
+        while let Some(event) = self.supervisor.event() {
+            match event {
+                Event::Shutdown => self.interrupt(),
+                Event::SpawnFailed(life, e) => {
+                    self.buried(life, format!("could not be started: {e}"), String::new(), true);
+                }
+                Event::Exited { life, how, stderr_tail } => {
+                    // What it had sent before its end is heard before its end is.
+                    for _ in 0..self.processes.len().max(64) {
+                        if self.drain()? < DRAIN {
+                            break;
+                        }
+                    }
+                    let i = life.0.index();
+                    let crashed = self.processes.get(i).is_some_and(|p| !p.condemned);
+                    self.buried(life, how, stderr_tail, crashed);
+                }
+            }
+        }
+        if self.supervisor.is_gone() {
+            return Err(SwarmError::Supervisor(std::io::Error::other("its thread ended")));
+        }
+        Ok(())
+    }
+
+    fn interrupt(&mut self) {
+        self.outcome.interrupted = true;
+        self.finishing = true;
+    }
+
+    fn buried(&mut self, (id, incarnation): Life, how: String, stderr_tail: String, crashed: bool) {
+        let now = self.now();
+        let verdict = self.processes.get(id.index()).and_then(|p| p.verdict);
+        let how = verdict.map_or(how, str::to_owned);
+        if crashed {
+            tracing::warn!("module {id} {how}");
+            self.outcome.crashes.push(Crash { id, incarnation, at: now, how, stderr_tail });
+        }
+        let Some(process) = self.processes.get_mut(id.index()) else { return };
+        process.bury();
+        let restart = std::mem::take(&mut process.restart);
+        self.director.died(now, id);
+        self.obey(now);
+        if restart && !self.finishing {
+            self.relaunch(id.index());
+        }
+    }
+
+    fn relaunch(&mut self, i: usize) {
+        let Some(next) = self.processes[i].incarnation.0.checked_add(1) else {
+            tracing::error!("module {i} cannot be started again: it has had all its lives");
+            return;
+        };
+        self.outcome.restarted += 1;
+        self.launch(i, Incarnation(next));
+    }
+
+    fn drain(&mut self) -> Result<usize, SwarmError> {
+        for taken in 0..DRAIN {
+            let Some(frame) = self.inbox.receive()? else { return Ok(taken) };
+            if !self.accept(&frame) {
+                self.outcome.foreign += 1;
+            }
+        }
+        Ok(DRAIN)
+    }
+
+    /// Takes one frame; false if no member of the run can have sent it.
+    fn accept(&mut self, frame: &Frame) -> bool {
+        let Ok(header) = frame.open() else { return false };
+        let i = header.source.index();
+        let Some(process) = self.processes.get_mut(i) else { return false };
+        let theirs = header.destination == CONTROLLER
+            && header.incarnation == process.incarnation
+            && header.sequence == process.expected
+            && process.stage != Stage::Absent;
+        if !theirs {
+            return false;
+        }
+        let next = header.sequence.wrapping_add(1);
+        let understood = match header.channel {
+            Channel::Runtime => self.hear_hello(i, frame),
+            Channel::Body => self.act(header, frame),
+            Channel::Control => self.report(header, frame),
+            Channel::Peer => false,
+        };
+        if understood {
+            self.processes[i].expected = next;
+        }
+        understood
+    }
+
+    fn hear_hello(&mut self, i: usize, frame: &Frame) -> bool {
+        let hello = frame.message::<Runtime<<W::Agent as Agent>::Place>>();
+        if !matches!(hello, Ok(Runtime::Hello { .. })) || self.processes[i].stage != Stage::Starting {
+            return false;
+        }
+        self.processes[i].stage = Stage::Up;
+        if self.processes[i].incarnation > Incarnation(0) {
+            self.rejoin(i);
+        }
+        true
+    }
+
+    fn act(&mut self, header: Header, frame: &Frame) -> bool {
+        let Ok(action) = frame.message::<<W::Agent as Agent>::Action>() else { return false };
+        self.outcome.body_messages += 1;
+        let now = self.now();
+        self.world.advance(now);
+        self.world.act(now, header.source, Revision(header.session), &action);
+        true
+    }
+
+    fn report(&mut self, header: Header, frame: &Frame) -> bool {
+        let Ok(report) = frame.message::<<W::Agent as Agent>::Report>() else { return false };
+        self.outcome.control_messages += 1;
+        let now = self.now();
+        self.world.advance(now);
+        self.director.report(now, header.source, report);
+        self.obey(now);
+        true
+    }
+
+    /// Lets the world and the director do what is due.
+    fn play(&mut self) {
+        for _ in 0..ROUNDS {
+            let now = self.now();
+            self.world.advance(now);
+            let moved = self.forward_sensed();
+            if !moved && self.director.wake_at() > now {
+                break;
+            }
+            self.director.wake(now, self.world);
+            self.obey(now);
+            if self.finishing {
+                break;
+            }
+        }
+    }
+
+    /// Passes on what bodies sensed; whether there was anything.
+    fn forward_sensed(&mut self) -> bool {
+        let mut any = false;
+        while let Some((id, sensed)) = self.world.poll() {
+            any = true;
+            let letter = match sensed {
+                Sensed::Percept(percept) => Letter::Percept(percept),
+                Sensed::Contact { port, revision, contact } => Letter::Runtime(Runtime::Contact {
+                    port,
+                    revision,
+                    contact: contact.map(|c| Contact {
+                        session: c.session,
+                        peer: c.peer,
+                        peer_incarnation: c.peer_incarnation,
+                        peer_port: c.peer_port,
+                    }),
+                }),
+            };
+            // A dead process senses nothing; a new one is told everything when it starts.
+            if self.processes.get(id.index()).is_some_and(|p| p.stage == Stage::Running) {
+                self.outcome.body_messages += 1;
+                self.tell(id.index(), letter);
+            }
+        }
+        any
+    }
+
+    fn tell(&mut self, i: usize, letter: Letter<W::Agent>) {
+        let process = &mut self.processes[i];
+        if process.condemned || process.tell(letter) {
+            return;
+        }
+        self.give_up(i, "did not take its messages for too long, and was killed");
+    }
+
+    /// Kills a process that cannot go on; its end is reported as a crash with this reason.
+    fn give_up(&mut self, i: usize, why: &'static str) {
+        let process = &mut self.processes[i];
+        if process.verdict.is_none() {
+            tracing::error!("module {i} {why}");
+            process.verdict = Some(why);
+            let life = (process.id, process.incarnation);
+            self.supervisor.ask(Task::Signal(life, Signal::KILL));
+        }
+    }
+
+    fn flush(&mut self) {
+        self.retry_at = self.processes.iter_mut().filter_map(Process::flush).min();
+    }
+
+    /// Carries out what the director wants.
+    fn obey(&mut self, now: Time) {
+        while let Some(command) = self.director.poll() {
+            tracing::debug!(%now, ?command);
+            let id = match &command {
+                Command::Finish => {
+                    self.finishing = true;
+                    continue;
+                }
+                Command::Kill(id) | Command::Pause(id) | Command::Resume(id) => *id,
+                Command::Restart(id) | Command::Order(id, _) => *id,
+            };
+            let Some(process) = self.processes.get_mut(id.index()) else {
+                tracing::error!("there is no module {id} for {command:?}");
+                continue;
+            };
+            let life = (id, process.incarnation);
+            let alive = process.stage != Stage::Absent;
+            match command {
+                Command::Kill(_) if alive && !process.condemned => {
+                    process.condemned = true;
+                    self.outcome.killed += 1;
+                    self.supervisor.ask(Task::Signal(life, Signal::KILL));
+                }
+                Command::Pause(_) if alive => {
+                    process.paused = true;
+                    self.supervisor.ask(Task::Signal(life, Signal::STOP));
+                }
+                Command::Resume(_) if alive => {
+                    process.paused = false;
+                    process.hurry();
+                    self.supervisor.ask(Task::Signal(life, Signal::CONT));
+                }
+                Command::Restart(_) if !alive => self.relaunch(id.index()),
+                Command::Restart(_) if process.condemned => process.restart = true,
+                Command::Restart(_) => tracing::warn!("module {id} lives and is not started again"),
+                Command::Order(_, order) if process.stage == Stage::Running => {
+                    self.outcome.control_messages += 1;
+                    self.tell(id.index(), Letter::Order(order));
+                }
+                // The process is dead: there is nobody to do it to.
+                _ => {}
+            }
+        }
+    }
+}
+
+fn nanos(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}

@@ -1,0 +1,117 @@
+//! How a swarm comes up: processes in batches, hellos, then the clock; and how a restarted process
+//! joins a run that is under way.
+
+use super::{Conductor, nanos};
+use crate::swarm::agents::{Letter, Stage};
+use crate::swarm::outcome::SwarmError;
+use crate::swarm::supervise::{Event, Life, Task};
+use metamorph_module_agent::clock::{Clock, monotonic};
+use metamorph_module_agent::outbox::Outbox;
+use metamorph_module_agent::runtime::Runtime;
+use metamorph_protocol::ids::Incarnation;
+use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::direct::Direct;
+use metamorph_sim_bridge::world::World;
+use std::time::Duration;
+
+/// Processes that start at the same time; more would only compete.
+const STARTING: usize = 32;
+
+impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
+    pub(super) fn set_up(&mut self) -> Result<(), SwarmError> {
+        let deadline = self.begun + nanos(self.options.setup_timeout);
+        let count = self.processes.len();
+        let (mut next, mut up) = (0, 0);
+        while up < count && !self.finishing {
+            while next < count && next - up < STARTING {
+                self.launch(next, Incarnation(0));
+                self.outcome.launched += 1;
+                next += 1;
+            }
+            self.wait_until(deadline)?;
+            while let Some(event) = self.supervisor.event() {
+                match event {
+                    Event::SpawnFailed(life, e) => return Err(self.spawn_error(life, e.to_string())),
+                    Event::Exited { life, how, stderr_tail } => {
+                        return Err(SwarmError::DiedEarly { id: life.0, how, stderr_tail });
+                    }
+                    Event::Shutdown => self.interrupt(),
+                }
+            }
+            self.drain()?;
+            up = self.processes.iter().filter(|p| p.stage == Stage::Up).count();
+            if up < count && monotonic() >= deadline {
+                let seconds = self.options.setup_timeout.as_secs();
+                return Err(SwarmError::SetupTimeout { missing: count - up, count, seconds });
+            }
+        }
+        // The ways to all agents, so that the first orders do not wait for them.
+        for i in 0..self.processes.len() {
+            if self.processes[i].stage == Stage::Up {
+                self.connect(i)?;
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn launch(&mut self, i: usize, incarnation: Incarnation) {
+        self.processes[i].launch(incarnation);
+        self.supervisor.ask(Task::Spawn((self.processes[i].id, incarnation)));
+    }
+
+    fn connect(&mut self, i: usize) -> Result<(), SwarmError> {
+        let process = &mut self.processes[i];
+        let outbox = Outbox::to_agent(self.at, process.id, process.incarnation)?;
+        process.connect(outbox);
+        Ok(())
+    }
+
+    fn spawn_error(&self, (id, _): Life, cause: String) -> SwarmError {
+        SwarmError::Spawn { id, program: self.options.program.clone(), cause }
+    }
+
+    /// The clock starts; every agent gets its place, then its contacts.
+    pub(super) fn begin(&mut self) {
+        self.epoch = monotonic();
+        self.outcome.setup = Duration::from_nanos(self.epoch - self.begun);
+        self.clock = Clock::new(self.epoch, self.options.speed);
+        for i in 0..self.processes.len() {
+            let id = self.processes[i].id;
+            self.world.start(Time::ZERO, id, Incarnation(0));
+        }
+        for i in 0..self.processes.len() {
+            self.send_begin(i);
+        }
+        self.forward_sensed();
+        for i in 0..self.processes.len() {
+            let id = self.processes[i].id;
+            self.director.started(Time::ZERO, id);
+            self.obey(Time::ZERO);
+        }
+        self.flush();
+    }
+
+    fn send_begin(&mut self, i: usize) {
+        let place = self.world.place(self.processes[i].id);
+        self.processes[i].stage = Stage::Running;
+        self.tell(i, Letter::Runtime(Runtime::Begin { epoch: self.epoch, place }));
+    }
+
+    /// A restarted process is up.
+    pub(super) fn rejoin(&mut self, i: usize) {
+        if let Err(e) = self.connect(i) {
+            tracing::error!("cannot reach restarted module {i}: {e}");
+            return self.give_up(i, "could not be reached after its restart, and was killed");
+        }
+        let (id, incarnation) = (self.processes[i].id, self.processes[i].incarnation);
+        let now = self.now();
+        self.world.advance(now);
+        // What was sensed up to here was meant for the life before.
+        self.forward_sensed();
+        self.send_begin(i);
+        self.world.start(now, id, incarnation);
+        self.forward_sensed();
+        self.director.started(now, id);
+        self.obey(now);
+    }
+}

@@ -1,0 +1,170 @@
+//! A swarm of processes: one per agent, over shared memory, with this process as its controller.
+//!
+//! [`run_swarm`] drives any world and any director with real processes, real time and real
+//! signals. The calling thread owns the world, the director and all channels (they cannot change
+//! threads); a second thread supervises processes with tokio. Absent: decisions about the run, which
+//! are the director's, and knowledge of which family of units it runs.
+
+mod agents;
+mod conduct;
+mod outcome;
+mod run_dir;
+mod supervise;
+
+pub use outcome::{Crash, SwarmError, SwarmOutcome};
+pub use run_dir::{CleanError, CleanReport, RunDirError, clean};
+pub use supervise::Shutdown;
+
+use crate::swarm::conduct::Conductor;
+use crate::swarm::run_dir::RunDir;
+use crate::swarm::supervise::{Launch, Supervisor};
+use metamorph_module_agent::clock::{Speed, monotonic};
+use metamorph_module_agent::inbox::Inbox;
+use metamorph_module_agent::process::Identity;
+use metamorph_module_agent::rendezvous::{Rendezvous, SHARD, set_verbosity};
+use metamorph_module_agent::run_name::HOME;
+use metamorph_module_agent::swarm_file::SwarmFile;
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::link::LinkModel;
+use metamorph_sim_bridge::direct::Direct;
+use metamorph_sim_bridge::world::World;
+use rustix::fs::statvfs;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// How a swarm is run.
+#[derive(Clone, Debug)]
+pub struct SwarmOptions {
+    /// The program of the agents.
+    pub program: PathBuf,
+    /// What comes before an agent's own arguments, such as the name of a subcommand.
+    pub program_args: Vec<OsString>,
+    /// The seed of the run.
+    pub seed: u64,
+    /// How fast scenario time passes.
+    pub speed: Speed,
+    /// What links do to messages.
+    pub link: LinkModel,
+    /// Whether agents log to this process's standard error. Otherwise it is kept, and the end of it
+    /// reported for agents that crash.
+    pub verbose: bool,
+    /// Asks the swarm to end before its director does.
+    pub shutdown: Shutdown,
+    /// Whether SIGINT, SIGTERM and SIGHUP ask the swarm to end.
+    pub catch_signals: bool,
+    /// How long all agents together may take to start.
+    pub setup_timeout: Duration,
+    /// How long agents may take to stop before they are killed.
+    pub stop_timeout: Duration,
+}
+
+impl SwarmOptions {
+    /// Agents of this program; real time, perfect links, nothing caught.
+    pub fn new(program: PathBuf) -> SwarmOptions {
+        SwarmOptions {
+            program,
+            program_args: Vec::new(),
+            seed: 0,
+            speed: Speed::REAL,
+            link: LinkModel::default(),
+            verbose: false,
+            shutdown: Shutdown::new(),
+            catch_signals: false,
+            setup_timeout: Duration::from_secs(120),
+            stop_timeout: Duration::from_secs(10),
+        }
+    }
+}
+
+/// The most modules of one run on one machine; pids and descriptors end soon after.
+pub const MODULE_LIMIT: usize = 16_000;
+/// Descriptors that the controller needs for each agent, and for itself.
+const DESCRIPTORS: (u64, u64) = (16, 256);
+
+/// Lives that modules of one shard may have beyond their first: the slots of killed ones are not
+/// given back. A restart beyond that fails, and is reported as a crash that says so.
+const SPARE_LIVES: usize = 1_000;
+/// Bytes of shared memory for each agent, and for the run; twice what was measured.
+const SPACE: (u64, u64) = (200 << 10, 8 << 20);
+
+/// Runs a swarm until its director finishes it or a shutdown is asked for, and leaves nothing
+/// behind: no process, no shared memory, no file. What earlier runs of this user left when they
+/// were killed is removed first.
+///
+/// Blocks for the whole run, so it must not be called from asynchronous code. A panic in the world
+/// or the director ends the swarm on its way out.
+pub fn run_swarm<W, D>(
+    options: &SwarmOptions,
+    setup: &<W::Agent as Agent>::Setup,
+    world: &mut W,
+    director: &mut D,
+) -> Result<SwarmOutcome, SwarmError>
+where
+    W: World,
+    D: Direct<W>,
+{
+    let count = world.len();
+    if count == 0 || count > MODULE_LIMIT {
+        return Err(SwarmError::Size(count));
+    }
+    raise_descriptor_limit(count as u64)?;
+    set_verbosity(options.verbose);
+    let begun = monotonic();
+    if let Err(e) = clean() {
+        tracing::warn!("what earlier runs left behind could not be removed: {e}");
+    }
+    check_space(count as u64)?;
+    // Dropped in reverse: first the supervisor, which ends all processes, then channels, then files.
+    let dir = RunDir::create()?;
+    let controller = Identity::own().map_err(SwarmError::Identity)?;
+    let link = options.link.clone();
+    SwarmFile { count: count as u32, seed: options.seed, speed: options.speed, link, controller, setup }
+        .write(dir.root())?;
+    let at = Rendezvous::join(dir.root())?;
+    let shards = (count as u32).div_ceil(SHARD);
+    let senders = count.min(SHARD as usize) + SPARE_LIVES;
+    let inbox = Inbox::create_for_controller(&at, shards, senders)?;
+    let launch = Launch {
+        program: options.program.clone(),
+        args: options.program_args.clone(),
+        root: dir.root().to_owned(),
+        verbose: options.verbose,
+        catch_signals: options.catch_signals,
+    };
+    let supervisor = Supervisor::start(launch, options.shutdown.clone())?;
+    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, world, director, begun);
+    conductor.run()
+}
+
+/// Every channel costs descriptors; the usual soft limit of 1,024 is enough for 50 agents.
+fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
+    let needed = agents * DESCRIPTORS.0 + DESCRIPTORS.1;
+    let limit = getrlimit(Resource::Nofile);
+    let allowed = limit.maximum.unwrap_or(u64::MAX);
+    if needed > allowed {
+        return Err(SwarmError::Descriptors { needed, allowed });
+    }
+    if limit.current.is_some_and(|current| current < allowed) {
+        let raised = Rlimit { current: limit.maximum, maximum: limit.maximum };
+        if let Err(e) = setrlimit(Resource::Nofile, raised) {
+            tracing::warn!("the limit of open files could not be raised: {e}");
+        }
+    }
+    Ok(())
+}
+
+/// Shared memory that runs out kills whoever touches it next, so it is looked at beforehand;
+/// containers often have 64 MB of it.
+fn check_space(agents: u64) -> Result<(), SwarmError> {
+    let needed = agents * SPACE.0 + SPACE.1;
+    match statvfs(HOME) {
+        Ok(fs) if fs.f_bavail.saturating_mul(fs.f_frsize) < needed => {
+            let available = fs.f_bavail.saturating_mul(fs.f_frsize);
+            Err(SwarmError::Space { needed: needed >> 20, available: available >> 20 })
+        }
+        Ok(_) => Ok(()),
+        Err(e) => Err(SwarmError::NoSharedMemory(e.into())),
+    }
+}

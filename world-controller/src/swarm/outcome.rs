@@ -1,0 +1,141 @@
+//! What a swarm of processes came to, and why one could not be run.
+
+use metamorph_module_agent::inbox::InboxError;
+use metamorph_module_agent::rendezvous::ChannelError;
+use metamorph_module_agent::swarm_file::SwarmFileError;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::tally::Tally;
+use metamorph_protocol::time::Time;
+use std::io;
+use std::path::PathBuf;
+use std::time::Duration;
+use thiserror::Error;
+
+use super::run_dir::RunDirError;
+
+/// A process that ended although nobody had asked it to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Crash {
+    /// Which module.
+    pub id: ModuleId,
+    /// Which life of it.
+    pub incarnation: Incarnation,
+    /// When.
+    pub at: Time,
+    /// How it ended, in words.
+    pub how: String,
+    /// The end of what it wrote to standard error.
+    pub stderr_tail: String,
+}
+
+/// What a swarm came to.
+#[derive(Clone, Debug, Default)]
+pub struct SwarmOutcome {
+    /// Protocol messages of all agents in all their lives.
+    pub tally: Tally,
+    /// Frames that no member of the run wrote.
+    pub foreign: u64,
+    /// How often agents woke up.
+    pub wakes: u64,
+    /// Actions, percepts and sensed contacts.
+    pub body_messages: u64,
+    /// Orders and reports.
+    pub control_messages: u64,
+    /// Real time until all agents were up.
+    pub setup: Duration,
+    /// Real time from there to the end.
+    pub wall: Duration,
+    /// Scenario time at the end.
+    pub end: Time,
+    /// Modules started at least once.
+    pub launched: u32,
+    /// Modules alive when the run was finished.
+    pub alive: u32,
+    /// Lives begun after the first.
+    pub restarted: u32,
+    /// Processes killed on the director's command.
+    pub killed: u32,
+    /// Processes that ended by themselves.
+    pub crashes: Vec<Crash>,
+    /// Lives whose counts could not be read back, with the reason.
+    pub missing_ledgers: Vec<String>,
+    /// Whether a shutdown was asked for before the director had finished.
+    pub interrupted: bool,
+}
+
+/// Why a swarm could not be run.
+#[derive(Debug, Error)]
+pub enum SwarmError {
+    /// No modules, or more than one machine holds.
+    #[error("a swarm of {0} modules cannot be run as processes; the least is 1, the most is {limit}", limit = super::MODULE_LIMIT)]
+    Size(usize),
+    /// Not enough file descriptors.
+    #[error(
+        "this swarm needs {needed} open files, but only {allowed} are allowed; raise the hard limit (ulimit -Hn) or use fewer modules"
+    )]
+    Descriptors {
+        /// How many.
+        needed: u64,
+        /// The hard limit.
+        allowed: u64,
+    },
+    /// Not enough shared memory.
+    #[error("this swarm needs about {needed} MB in {home}, but only {available} MB are free; give it more (docker: --shm-size) or use fewer modules", home = metamorph_module_agent::run_name::HOME)]
+    Space {
+        /// How many megabytes.
+        needed: u64,
+        /// How many are free.
+        available: u64,
+    },
+    /// No shared memory at all.
+    #[error("cannot use {home}: {0}; processes need it to talk to each other", home = metamorph_module_agent::run_name::HOME)]
+    NoSharedMemory(io::Error),
+    /// This process cannot say who it is.
+    #[error("cannot find out this process's start time: {0}")]
+    Identity(io::Error),
+    /// The run's directory cannot be created.
+    #[error(transparent)]
+    RunDir(#[from] RunDirError),
+    /// The swarm file cannot be written.
+    #[error(transparent)]
+    SwarmFile(#[from] SwarmFileError),
+    /// A channel cannot be created.
+    #[error(transparent)]
+    Channel(#[from] ChannelError),
+    /// The controller's inbox failed.
+    #[error(transparent)]
+    Inbox(#[from] InboxError),
+    /// The supervisor's thread cannot be started.
+    #[error("cannot start the supervisor: {0}")]
+    Supervisor(io::Error),
+    /// An agent's process cannot be started.
+    #[error("cannot start the process of module {id} ({program}): {cause}")]
+    Spawn {
+        /// Which module.
+        id: ModuleId,
+        /// Its program.
+        program: PathBuf,
+        /// Why.
+        cause: String,
+    },
+    /// An agent ended while the swarm was set up.
+    #[error("module {id} {how} before the run began; it said:\n{stderr_tail}")]
+    DiedEarly {
+        /// Which module.
+        id: ModuleId,
+        /// How it ended, in words.
+        how: String,
+        /// The end of what it wrote to standard error.
+        stderr_tail: String,
+    },
+    /// Agents did not come up in time.
+    #[error("{missing} of {count} agents were not up after {seconds} s; is the machine overloaded?")]
+    SetupTimeout {
+        /// How many were missing.
+        missing: usize,
+        /// How many there should be.
+        count: usize,
+        /// How long was waited.
+        seconds: u64,
+    },
+}

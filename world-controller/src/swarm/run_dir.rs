@@ -1,0 +1,266 @@
+//! Run directories: made so that a live run and what a dead one left behind can be told apart, and
+//! removed without ever touching a live run or anybody else's.
+//!
+//! A run's directory is prepared under another name that says who prepares it, and gets its own
+//! name only when it holds `owner`, the controller's pid and start time. The controller keeps that
+//! file locked while it lives, which holds across containers that share memory but not pids.
+//! Shared-memory files of a run lie beside it and start with its name and an underscore. The directory goes last, so that
+//! what a killed cleaner leaves is found by the next.
+
+use metamorph_module_agent::ledger;
+use metamorph_module_agent::pid_directory;
+use metamorph_module_agent::process::Identity;
+use metamorph_module_agent::run_name::{HOME, MARK, RunName};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{FlockOperation, flock};
+use rustix::process::{PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
+use std::collections::BTreeSet;
+use std::fs::{self, DirBuilder, File};
+use std::io::{self, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use thiserror::Error;
+
+/// Why a run's directory cannot be made.
+#[derive(Debug, Error)]
+pub enum RunDirError {
+    /// Something in it cannot be created.
+    #[error("cannot create {0}: {1}; is {HOME} writable and not full?")]
+    Create(PathBuf, io::Error),
+    /// Too many names were taken.
+    #[error("no free name for a run in {HOME}; `metamorph clean` removes what killed runs left there")]
+    Names,
+}
+
+/// Why cleaning up failed.
+#[derive(Debug, Error)]
+pub enum CleanError {
+    /// The place of all runs cannot be read.
+    #[error("cannot look for runs in {HOME}: {0}")]
+    List(io::Error),
+    /// Something cannot be removed.
+    #[error("cannot remove {0}: {1}")]
+    Remove(PathBuf, io::Error),
+}
+
+/// What was cleaned up.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CleanReport {
+    /// The runs of which something was left.
+    pub runs: Vec<String>,
+    /// Agents that still lived although their controller was dead.
+    pub agents_killed: u32,
+    /// Files of shared memory, beside the directories.
+    pub files: u64,
+    /// This user's runs that are alive, and were left alone.
+    pub alive: u32,
+}
+
+const OWNER: &str = "owner";
+const NAMES_TRIED: u64 = 256;
+static RUNS: AtomicU64 = AtomicU64::new(0);
+
+/// The directory of a run that this process controls. Removed, with the run's shared memory, when
+/// dropped.
+#[derive(Debug)]
+pub struct RunDir {
+    name: RunName,
+    root: PathBuf,
+    _lock: File,
+}
+
+impl RunDir {
+    /// Makes the directory of a new run.
+    pub fn create() -> Result<RunDir, RunDirError> {
+        let me = Identity::own().map_err(|e| RunDirError::Create("/proc".into(), e))?;
+        let user = geteuid().as_raw();
+        for _ in 0..NAMES_TRIED {
+            let salt = (me.pid as u64) << 40 ^ me.start << 8 ^ RUNS.fetch_add(1, Ordering::Relaxed);
+            let name = RunName::new(user, salt);
+            let part = Path::new(HOME).join(format!("{name}~{}.{}", me.pid, me.start));
+            let lock = prepare(&part, me).map_err(|e| RunDirError::Create(part.clone(), e))?;
+            let root = name.root();
+            match fs::rename(&part, &root) {
+                Ok(()) => return Ok(RunDir { name, root, _lock: lock }),
+                Err(e) => {
+                    let _ = fs::remove_dir_all(&part);
+                    if !matches!(e.kind(), io::ErrorKind::DirectoryNotEmpty | io::ErrorKind::AlreadyExists) {
+                        return Err(RunDirError::Create(root, e));
+                    }
+                }
+            }
+        }
+        Err(RunDirError::Names)
+    }
+
+    /// The directory.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+}
+
+impl Drop for RunDir {
+    fn drop(&mut self) {
+        let removed =
+            remove_shared(&BTreeSet::from([self.name.to_string()])).and_then(|_| remove_tree(&self.root));
+        if let Err(e) = removed {
+            tracing::error!("{e}; `metamorph clean` will try again");
+        }
+    }
+}
+
+/// Where the standard error of agents is kept.
+pub fn log_directory(root: &Path) -> PathBuf {
+    root.join("logs")
+}
+
+fn prepare(part: &Path, me: Identity) -> io::Result<File> {
+    let make = |path: &Path| DirBuilder::new().mode(0o700).create(path);
+    make(part)?;
+    for directory in [pid_directory(part), ledger::directory(part), log_directory(part)] {
+        make(&directory)?;
+    }
+    // Not inherited by agents: it is closed on exec like all files of the standard library.
+    let mut owner = File::create_new(part.join(OWNER))?;
+    owner.write_all(me.to_line().as_bytes())?;
+    flock(&owner, FlockOperation::NonBlockingLockExclusive)?;
+    Ok(owner)
+}
+
+/// Whether a live controller holds the lock of this run.
+fn is_locked(root: &Path) -> bool {
+    File::open(root.join(OWNER)).is_ok_and(|owner| {
+        flock(&owner, FlockOperation::NonBlockingLockShared) == Err(rustix::io::Errno::WOULDBLOCK)
+    })
+}
+
+/// Removes what this user's dead runs have left: their agents, if any still live, their shared
+/// memory and their directories. Never a live run, and never anybody else's.
+pub fn clean() -> Result<CleanReport, CleanError> {
+    let user = geteuid().as_raw();
+    let mut report = CleanReport::default();
+    let mut dead = BTreeSet::new();
+    let mut trees = Vec::new();
+    for entry in fs::read_dir(HOME).map_err(CleanError::List)? {
+        let entry = entry.map_err(CleanError::List)?;
+        let Some(name) = entry.file_name().to_str().map(str::to_owned) else { continue };
+        let ours = entry.metadata().is_ok_and(|m| m.is_dir() && m.uid() == user);
+        if !name.starts_with(MARK) || !ours {
+            continue;
+        }
+        let (run, owner) = match name.split_once('~') {
+            // Under preparation: the name says by whom. It has no shared memory yet.
+            Some((run, by)) => (run, by.replacen('.', " ", 1).parse::<Identity>().ok()),
+            None => {
+                let text = fs::read_to_string(entry.path().join(OWNER)).unwrap_or_default();
+                (name.as_str(), text.parse().ok())
+            }
+        };
+        if RunName::parse(run).is_err() {
+            continue;
+        }
+        // A run's directory gets its name together with its owner: without one, it is a leftover.
+        if owner.is_some_and(|owner: Identity| owner.is_alive()) || is_locked(&entry.path()) {
+            report.alive += 1;
+            continue;
+        }
+        report.agents_killed += kill_agents(&entry.path());
+        if run == name {
+            dead.insert(name.clone());
+        }
+        report.runs.push(name);
+        trees.push(entry.path());
+    }
+    if !dead.is_empty() {
+        report.files = remove_shared(&dead)?;
+    }
+    for tree in trees {
+        remove_tree(&tree)?;
+    }
+    report.runs.sort_unstable();
+    Ok(report)
+}
+
+/// Kills the agents of a dead run that still live, and waits for their end.
+fn kill_agents(root: &Path) -> u32 {
+    let mut killed = 0;
+    for entry in fs::read_dir(pid_directory(root)).into_iter().flatten().flatten() {
+        let text = fs::read_to_string(entry.path()).unwrap_or_default();
+        let Ok(agent) = text.parse::<Identity>() else { continue };
+        let Some(pid) = agent.as_pid() else { continue };
+        // The descriptor is taken before the identity is checked: from then on it cannot change.
+        let Ok(fd) = pidfd_open(pid, PidfdFlags::empty()) else { continue };
+        if agent.is_alive() && pidfd_send_signal(&fd, Signal::KILL).is_ok() {
+            let limit = Timespec { tv_sec: 5, tv_nsec: 0 };
+            let _ = poll(&mut [PollFd::new(&fd, PollFlags::IN)], Some(&limit));
+            killed += 1;
+        }
+    }
+    killed
+}
+
+/// Unlinks this user's shared-memory files of these runs.
+fn remove_shared(runs: &BTreeSet<String>) -> Result<u64, CleanError> {
+    let user = geteuid().as_raw();
+    let mut removed = 0;
+    for entry in fs::read_dir(HOME).map_err(CleanError::List)? {
+        let entry = entry.map_err(CleanError::List)?;
+        let name = entry.file_name();
+        let of_run = name.to_str().and_then(|n| n.split_once('_')).is_some_and(|(run, _)| runs.contains(run));
+        if !of_run || !entry.metadata().is_ok_and(|m| m.is_file() && m.uid() == user) {
+            continue;
+        }
+        match fs::remove_file(entry.path()) {
+            Ok(()) => removed += 1,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+            Err(e) => return Err(CleanError::Remove(entry.path(), e)),
+        }
+    }
+    Ok(removed)
+}
+
+fn remove_tree(root: &Path) -> Result<(), CleanError> {
+    match fs::remove_dir_all(root) {
+        Ok(()) => Ok(()),
+        // Someone else cleans at the same time.
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(e) => Err(CleanError::Remove(root.to_owned(), e)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_live_run_is_left_alone_and_a_dropped_one_leaves_nothing() {
+        let dir = RunDir::create().unwrap();
+        let root = dir.root().to_owned();
+        let shared = Path::new(HOME).join(format!("{}test", dir.name.prefix()));
+        fs::write(&shared, b"x").unwrap();
+        assert!(clean().unwrap().alive >= 1);
+        assert!(root.join(OWNER).exists() && shared.exists());
+        drop(dir);
+        assert!(!root.exists() && !shared.exists());
+    }
+
+    #[test]
+    fn a_dead_run_is_removed_with_its_shared_memory() {
+        let dir = RunDir::create().unwrap();
+        let (root, name) = (dir.root().to_owned(), dir.name.to_string());
+        let shared = Path::new(HOME).join(format!("{}test", dir.name.prefix()));
+        fs::write(&shared, b"x").unwrap();
+        // A pid of this very process, but of another start time: used again.
+        let me = Identity::own().unwrap();
+        fs::write(root.join(OWNER), Identity { start: me.start + 1, ..me }.to_line()).unwrap();
+        // Locked by someone who is not seen: as alive as can be.
+        clean().unwrap();
+        assert!(root.join(OWNER).exists() && shared.exists());
+        flock(&dir._lock, FlockOperation::Unlock).unwrap();
+        std::mem::forget(dir);
+        // Another test may clean it up at the same time; either way nothing may be left.
+        let report = clean().unwrap();
+        assert!(!root.exists() && !shared.exists(), "{name} {report:?}");
+    }
+}

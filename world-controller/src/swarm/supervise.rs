@@ -1,0 +1,315 @@
+//! The supervisor: starts processes, sends them signals and notices their ends, on a thread of its
+//! own with tokio. It tells the conductor by a queue and by ringing the controller's bell.
+//!
+//! If the conductor goes away, however it does, the supervisor kills what still runs. Agents are in
+//! process groups of their own, so that Ctrl-C reaches only the controller.
+
+use crate::swarm::outcome::SwarmError;
+use crate::swarm::run_dir::log_directory;
+use metamorph_module_agent::AgentArgs;
+use metamorph_module_agent::rendezvous::{self, ChannelError, Notifier, Rendezvous};
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use rustix::process::{Pid, Signal, kill_process};
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{ExitStatus, Stdio};
+use std::sync::mpsc as queue;
+use std::thread::JoinHandle;
+use tokio::process::{Child, Command};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinSet;
+
+/// Asks a swarm to end early and cleanly. Clones ask the same swarm.
+#[derive(Clone, Debug)]
+pub struct Shutdown(watch::Sender<bool>);
+
+impl Shutdown {
+    /// Nothing is asked yet.
+    pub fn new() -> Shutdown {
+        Shutdown(watch::Sender::new(false))
+    }
+    /// Asks for the end.
+    pub fn request(&self) {
+        self.0.send_replace(true);
+    }
+    /// Whether the end was asked for.
+    pub fn is_requested(&self) -> bool {
+        *self.0.borrow()
+    }
+    async fn requested(&self) {
+        // Invariant: the sender is `self`, so the channel cannot be closed.
+        let _ = self.0.subscribe().wait_for(|asked| *asked).await;
+    }
+}
+
+impl Default for Shutdown {
+    fn default() -> Shutdown {
+        Shutdown::new()
+    }
+}
+
+/// One life of one module.
+pub type Life = (ModuleId, Incarnation);
+
+/// How agents are started.
+#[derive(Clone, Debug)]
+pub struct Launch {
+    pub program: PathBuf,
+    pub args: Vec<OsString>,
+    pub root: PathBuf,
+    pub verbose: bool,
+    pub catch_signals: bool,
+}
+
+/// What the conductor wants of the supervisor.
+#[derive(Debug)]
+pub enum Task {
+    Spawn(Life),
+    Signal(Life, Signal),
+}
+
+/// What the supervisor tells the conductor. At most two for each life, and one more.
+#[derive(Debug)]
+pub enum Event {
+    SpawnFailed(Life, io::Error),
+    Exited { life: Life, how: String, stderr_tail: String },
+    Shutdown,
+}
+
+/// Tasks that may wait; the conductor blocks beyond, and the supervisor never waits for it.
+const TASKS: usize = 1_024;
+/// Signals that may wait for one process.
+const SIGNALS: usize = 16;
+/// Bytes of standard error that are reported.
+const TAIL: u64 = 2_048;
+
+/// The conductor's handle on the supervisor.
+#[derive(Debug)]
+pub struct Supervisor {
+    tasks: Option<mpsc::Sender<Task>>,
+    events: queue::Receiver<Event>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Supervisor {
+    /// Starts the supervisor's thread.
+    pub fn start(launch: Launch, shutdown: Shutdown) -> Result<Supervisor, SwarmError> {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(SwarmError::Supervisor)?;
+        let (tasks, inbox) = mpsc::channel(TASKS);
+        let (sender, events) = queue::channel();
+        let (ready, is_ready) = queue::channel();
+        let thread = std::thread::Builder::new()
+            .name("supervisor".into())
+            .spawn(move || {
+                // Channels stay with their thread, so the bell is made here.
+                let bell = Bell::new(&launch.root, sender);
+                let _ = ready.send(bell.as_ref().map(drop).map_err(|e| e.to_string()));
+                if let Ok(bell) = bell {
+                    runtime.block_on(supervise(launch, shutdown, inbox, bell));
+                }
+            })
+            .map_err(SwarmError::Supervisor)?;
+        let supervisor = Supervisor { tasks: Some(tasks), events, thread: Some(thread) };
+        match is_ready.recv() {
+            Ok(Ok(())) => Ok(supervisor),
+            Ok(Err(text)) => Err(SwarmError::Supervisor(io::Error::other(text))),
+            Err(_) => Err(SwarmError::Supervisor(io::Error::other("its thread ended"))),
+        }
+    }
+
+    /// Hands over a task.
+    pub fn ask(&self, task: Task) {
+        if let Some(tasks) = &self.tasks
+            && tasks.blocking_send(task).is_err()
+        {
+            tracing::error!("the supervisor's thread has ended");
+        }
+    }
+
+    /// The next event, if there is one.
+    pub fn event(&self) -> Option<Event> {
+        self.events.try_recv().ok()
+    }
+
+    /// Whether the supervisor's thread is gone, which it never should.
+    pub fn is_gone(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+}
+
+impl Drop for Supervisor {
+    fn drop(&mut self) {
+        // The closed queue tells it to kill and end.
+        self.tasks = None;
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the supervisor's thread panicked");
+        }
+    }
+}
+
+struct Bell {
+    notifier: Notifier,
+    _service: rendezvous::Wakes,
+    _at: Rendezvous,
+    sender: queue::Sender<Event>,
+}
+
+impl Bell {
+    fn new(root: &Path, sender: queue::Sender<Event>) -> Result<Bell, ChannelError> {
+        let at = Rendezvous::join(root)?;
+        let service = at.open_controller_bell()?;
+        Ok(Bell { notifier: rendezvous::ring(&service)?, _service: service, _at: at, sender })
+    }
+    fn tell(&self, event: Event) {
+        if self.sender.send(event).is_ok()
+            && let Err(e) = self.notifier.notify()
+        {
+            tracing::debug!("cannot ring the controller's bell: {e:?}; it looks once a second");
+        }
+    }
+}
+
+async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver<Task>, bell: Bell) {
+    let mut processes: BTreeMap<Life, mpsc::Sender<Signal>> = BTreeMap::new();
+    let mut ends = JoinSet::new();
+    let (mut asked, mut is_caught) = (false, false);
+    let mut caught = std::pin::pin!(termination(launch.catch_signals));
+    loop {
+        tokio::select! {
+            task = tasks.recv() => match task {
+                Some(Task::Spawn(life)) => match spawn(&launch, life) {
+                    Ok(child) => {
+                        let (signals, inbox) = mpsc::channel(SIGNALS);
+                        processes.insert(life, signals);
+                        ends.spawn(attend(life, child, inbox));
+                    }
+                    Err(e) => bell.tell(Event::SpawnFailed(life, e)),
+                },
+                Some(Task::Signal(life, signal)) => {
+                    // A process that has ended has no use for signals.
+                    if let Some(process) = processes.get(&life) {
+                        let _ = process.send(signal).await;
+                    }
+                }
+                None => break,
+            },
+            Some(end) = ends.join_next() => {
+                // Invariant: `attend` neither panics nor is aborted.
+                let Ok((life, status)) = end else { continue };
+                processes.remove(&life);
+                bell.tell(exited(&launch, life, status));
+            }
+            () = shutdown.requested(), if !asked => {
+                asked = true;
+                bell.tell(Event::Shutdown);
+            }
+            () = &mut caught, if !is_caught => {
+                is_caught = true;
+                shutdown.request();
+            }
+        }
+    }
+    for process in processes.values() {
+        let _ = process.send(Signal::KILL).await;
+    }
+    while ends.join_next().await.is_some() {}
+}
+
+/// Completes when one of the usual requests to end arrives.
+async fn termination(caught: bool) {
+    let streams = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()]
+        .map(|kind| if caught { signal(kind).ok() } else { None });
+    let [interrupt, terminate, hangup] = streams.map(|stream| async move {
+        match stream {
+            Some(mut stream) => drop(stream.recv().await),
+            None => std::future::pending().await,
+        }
+    });
+    tokio::select! {
+        () = interrupt => {}
+        () = terminate => {}
+        () = hangup => {}
+    }
+}
+
+fn log_path(launch: &Launch, (id, incarnation): Life) -> PathBuf {
+    log_directory(&launch.root).join(format!("{id}.{incarnation}"))
+}
+
+/// Never `fork` alone: shared memory does not survive it. This is fork and exec.
+///
+/// iceoryx2 does not mark its files to be closed on exec, so an agent inherits those that the
+/// controller has open: few at the start of a run, some 13 for each agent on a restart. They cost a
+/// little memory, nobody uses them, and the run's end removes what they refer to.
+fn spawn(launch: &Launch, life: Life) -> io::Result<Child> {
+    let (root, verbose) = (launch.root.clone(), launch.verbose);
+    let args = AgentArgs { root, id: life.0, incarnation: life.1, verbose };
+    let stderr = if launch.verbose { Stdio::inherit() } else { File::create(log_path(launch, life))?.into() };
+    Command::new(&launch.program)
+        .args(&launch.args)
+        .args(args.to_command_line())
+        .process_group(0)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(stderr)
+        .kill_on_drop(true)
+        .spawn()
+}
+
+/// Waits for the end of a process and passes on signals. A process that has been waited for is
+/// never sent one, so that a pid used again cannot be hit.
+async fn attend(
+    life: Life,
+    mut child: Child,
+    mut signals: mpsc::Receiver<Signal>,
+) -> (Life, io::Result<ExitStatus>) {
+    loop {
+        tokio::select! {
+            status = child.wait() => return (life, status),
+            Some(signal) = signals.recv() => {
+                let pid = child.id().and_then(|pid| Pid::from_raw(pid as i32));
+                if let Some(pid) = pid
+                    && let Err(e) = kill_process(pid, signal)
+                {
+                    tracing::warn!("cannot signal module {}: {e}", life.0);
+                }
+            }
+        }
+    }
+}
+
+fn exited(launch: &Launch, life: Life, status: io::Result<ExitStatus>) -> Event {
+    let how = match status {
+        Err(e) => format!("could not be waited for: {e}"),
+        Ok(status) => match (status.code(), status.signal()) {
+            (Some(0), _) => "exited".to_owned(),
+            (Some(code), _) => format!("exited with code {code}"),
+            (None, Some(signal)) => format!("was killed by signal {signal}"),
+            (None, None) => "ended".to_owned(),
+        },
+    };
+    let stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, life)) };
+    Event::Exited { life, how, stderr_tail }
+}
+
+fn tail(path: &Path) -> String {
+    let read = || -> io::Result<Vec<u8>> {
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
+        let mut bytes = Vec::new();
+        file.take(TAIL).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    };
+    read().map(|b| String::from_utf8_lossy(&b).into_owned()).unwrap_or_else(|e| format!("({e})"))
+}
