@@ -418,3 +418,18 @@ fn an_interrupt_ends_with_a_partial_report() {
     let ran = metamorph_tests::command::Ran::from(output);
     assert_eq!((ran.code, json(&ran.out).outcome.as_str()), (Some(7), "aborted"), "{ran:?}");
 }
+
+/// The default link: a process per module, and a real kill.
+#[test]
+fn the_same_scenario_runs_as_processes() {
+    let ran = on(SMALL, &["run", "{}", "--json", "-", "--kill", "23@500ms", "--time-scale", "10"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let report = json(&ran.out);
+    assert_eq!((report.link.as_str(), report.outcome.as_str()), ("ipc", "built"));
+    assert_eq!((report.agents.launched, report.agents.crashed, report.agents.alive), (24, 1, 23));
+    assert_eq!((report.trace_hash, report.notes, report.invariants.broken), (None, vec![], 0));
+    assert!(report.messages.all.delivered > 0 && report.body_messages > 0);
+    // Nothing of a run that has ended is left to remove; other tests' runs are none of its business.
+    let ran = run(&["clean"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+}
