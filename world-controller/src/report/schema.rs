@@ -166,7 +166,8 @@ pub struct MoveReport {
 }
 
 /// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired +
-/// refused + in_flight`.
+/// refused + in_flight`. On `ipc` a damaged message may be refused under another class than it was
+/// sent in, because the damage may have hit the class; all classes together add up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Messages {
     /// Handed to the link.
