@@ -14,6 +14,7 @@ pub mod ids;
 pub mod lattice;
 pub mod link;
 pub mod ratio;
+pub mod roombots;
 pub mod shape;
 pub mod stream;
 pub mod tally;

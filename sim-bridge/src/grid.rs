@@ -73,13 +73,13 @@ impl Grid {
         let old = std::mem::take(self);
         let at = [i32::from(cell.x), i32::from(cell.y), i32::from(cell.z)];
         let empty = old.slots.is_empty();
-        for i in 0..3 {
-            let low = if empty { at[i] } else { old.min[i].min(at[i]) };
-            let high = if empty { at[i] } else { (old.min[i] + old.extent[i] as i32 - 1).max(at[i]) };
+        for (i, at) in at.into_iter().enumerate() {
+            let low = if empty { at } else { old.min[i].min(at) };
+            let high = if empty { at } else { (old.min[i] + old.extent[i] as i32 - 1).max(at) };
             // Room on the side that had to grow, so that growing is rare.
             let room = MARGIN + (high - low) / 4;
-            self.min[i] = if empty || at[i] <= old.min[i] { low - room } else { low };
-            let top = if empty || high == at[i] { high + room } else { high };
+            self.min[i] = if empty || at <= old.min[i] { low - room } else { low };
+            let top = if empty || high == at { high + room } else { high };
             self.extent[i] = (top - self.min[i] + 1) as usize;
         }
         self.slots = vec![0; self.extent.iter().product()];
@@ -87,8 +87,8 @@ impl Grid {
         for (i, value) in old.slots.iter().enumerate().filter(|(_, v)| **v != 0) {
             let c = [i / (ny * nz), i / nz % ny, i % nz];
             let mut index = 0;
-            for axis in 0..3 {
-                let along = (old.min[axis] + c[axis] as i32 - self.min[axis]) as usize;
+            for (axis, c) in c.into_iter().enumerate() {
+                let along = (old.min[axis] + c as i32 - self.min[axis]) as usize;
                 index = index * self.extent[axis] + along;
             }
             self.slots[index] = *value;

@@ -239,14 +239,17 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 return next == Time::NEVER;
             }
             self.now = next;
-            // At one instant bodies come first, then the controller, then messages and timers.
+            // At one instant bodies come first, then messages and timers, then the controller.
             if world <= next {
                 self.world.advance(next);
                 self.settle();
-            } else if director <= next {
-                self.wake_director();
-            } else if let Some(Reverse(event)) = self.queue.pop() {
-                self.dispatch(event);
+            } else if event <= next {
+                if let Some(Reverse(event)) = self.queue.pop() {
+                    self.dispatch(event);
+                }
+            } else {
+                self.director.wake(self.now, &mut self.world);
+                self.settle();
             }
             if self.now >= self.next_audit {
                 self.audit_all();
@@ -436,11 +439,6 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 return;
             }
         }
-    }
-
-    fn wake_director(&mut self) {
-        self.director.wake(self.now, &mut self.world);
-        self.settle();
     }
 
     fn sense(&mut self, id: ModuleId, sensed: Sensed<<W::Agent as Agent>::Percept>) {

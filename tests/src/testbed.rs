@@ -1,11 +1,18 @@
-//! What a driver must offer to be tested, and the testbed of real processes.
+//! What a driver must offer to be tested, and the testbeds: real processes, and the simulator.
 
-use crate::probe::{ProbeSetup, ProbeWorld};
+use crate::probe::{Felt, Probe, ProbeOrder, ProbePlace, ProbeReport, ProbeSetup, ProbeWorld, Touch};
 use crate::script::Script;
+use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::tally::Tally;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::direct::{Command, Direct};
+use metamorph_sim_bridge::invariants::Violation;
+use metamorph_sim_bridge::sim::{Agents, Audited, Sim, SimConfig};
+use metamorph_sim_bridge::world::{Sensed, World};
 use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_swarm};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// A driver under test: it runs a script to its end.
 pub trait Testbed {
@@ -37,5 +44,89 @@ impl Testbed for ProcessBed {
         let outcome = run_swarm(&self.options, &setup, world, script);
         self.outcome = outcome.unwrap_or_else(|e| panic!("the swarm could not be run: {e}"));
         self.outcome.tally
+    }
+}
+
+/// The simulator.
+#[derive(Debug, Default)]
+pub struct SimBed;
+
+impl Testbed for SimBed {
+    fn run(&mut self, link: &LinkModel, world: &mut ProbeWorld, script: &mut Script) -> Tally {
+        let config = SimConfig {
+            setup: Arc::new(ProbeSetup { ballast: vec![7; 1_000] }),
+            link: link.clone(),
+            seed: 0,
+            audit_every: Span::secs(1),
+            ignore_sessions: false,
+        };
+        let mut sim = Sim::new(config, Borrowed(world), Scripted(script));
+        // Scripts end by themselves; this is the watchdog.
+        sim.run_until(Time(3_600_000_000_000));
+        assert_eq!(sim.violations().0, []);
+        *sim.tally()
+    }
+}
+
+/// A world that a simulated run only borrows.
+struct Borrowed<'a>(&'a mut ProbeWorld);
+
+impl World for Borrowed<'_> {
+    type Agent = Probe;
+
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+    fn place(&self, id: ModuleId) -> ProbePlace {
+        self.0.place(id)
+    }
+    fn start(&mut self, now: Time, id: ModuleId, incarnation: Incarnation) {
+        self.0.start(now, id, incarnation);
+    }
+    fn act(&mut self, now: Time, id: ModuleId, sensed: Revision, action: &Touch) {
+        self.0.act(now, id, sensed, action);
+    }
+    fn next_event(&self) -> Time {
+        self.0.next_event()
+    }
+    fn advance(&mut self, now: Time) {
+        self.0.advance(now);
+    }
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<Felt>)> {
+        self.0.poll()
+    }
+}
+
+/// Probes have nothing to audit.
+impl Audited for Borrowed<'_> {
+    fn audit_agent(&self, _: Time, _: ModuleId, _: &Agents<'_, Probe>, _: &mut Vec<Violation>) {}
+    fn audit_action(&self, _: Time, _: ModuleId, _: &Agents<'_, Probe>, _: &mut Vec<Violation>) {}
+    fn audit_all(&mut self, _: Time, _: &Agents<'_, Probe>, _: &mut Vec<Violation>) {}
+    fn take_violations(&mut self) -> Vec<Violation> {
+        Vec::new()
+    }
+}
+
+/// A script that a simulated run only borrows.
+struct Scripted<'a>(&'a mut Script);
+
+impl<'w> Direct<Borrowed<'w>> for Scripted<'_> {
+    fn report(&mut self, now: Time, id: ModuleId, report: ProbeReport) {
+        self.0.report(now, id, report);
+    }
+    fn died(&mut self, now: Time, id: ModuleId) {
+        self.0.died(now, id);
+    }
+    fn started(&mut self, now: Time, id: ModuleId) {
+        self.0.started(now, id);
+    }
+    fn wake(&mut self, now: Time, world: &mut Borrowed<'w>) {
+        self.0.wake(now, world.0);
+    }
+    fn wake_at(&self) -> Time {
+        self.0.wake_at()
+    }
+    fn poll(&mut self) -> Option<Command<ProbeOrder>> {
+        self.0.poll()
     }
 }

@@ -1,5 +1,6 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
+use crate::robot::RobotArgs;
 use crate::scenario::{LinkKind, Overrides};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 use std::ffi::OsString;
@@ -82,6 +83,8 @@ pub enum Command {
     /// Remove what killed runs left behind
     #[command(after_help = CLEAN_EXAMPLES)]
     Clean,
+    /// Ask the Roombots model: shapes, moves, kinematics, published tables
+    Robot(RobotArgs),
     /// One agent process; started by `run`
     #[command(hide = true)]
     Agent(AgentArgs),

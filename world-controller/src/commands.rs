@@ -6,6 +6,7 @@ use crate::overview::overview;
 use crate::processes;
 use crate::report::human;
 use crate::report::schema::Report;
+use crate::robot::{self, RobotError};
 use crate::scenario::{LinkKind, Overrides, Plan, read_file};
 use crate::simulated::run_simulated;
 use crate::stopwatch::Stopwatch;
@@ -54,11 +55,15 @@ enum Failure {
     /// The process link failed.
     #[error(transparent)]
     Processes(#[from] processes::ProcessError),
+    /// The Roombots model has no answer.
+    #[error("metamorph: {0}")]
+    Robot(#[from] RobotError),
 }
 
 impl Failure {
     fn exit_code(&self) -> u8 {
         match self {
+            Failure::Robot(error) => error.exit_code(),
             Failure::Input(_) | Failure::Json { .. } => BAD_USAGE,
             Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
         }
@@ -96,6 +101,10 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
         }
         Command::Clean => {
             print_out(&processes::clean_up()?);
+            Ok(0)
+        }
+        Command::Robot(args) => {
+            robot::run(args)?;
             Ok(0)
         }
         Command::Agent(args) => {

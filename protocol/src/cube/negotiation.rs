@@ -274,13 +274,13 @@ impl Cube {
             return;
         }
         let held = if self.role == Role::Reserve { self.may_leave(now).err() } else { None };
-        let late = self.attempt.as_ref().is_some_and(|a| now > a.deadline);
+        let fenced = !self.setup.params.sabotage.no_deadline;
+        let late = fenced && self.attempt.as_ref().is_some_and(|a| now > a.deadline);
         if held.is_some() || late {
             return self.abort_attempt(now, held.and_then(|h| h.0));
         }
         if let Some(attempt) = self.attempt.take() {
-            let not_after =
-                if self.setup.params.sabotage.no_deadline { Time::NEVER } else { attempt.deadline };
+            let not_after = if fenced { attempt.deadline } else { Time::NEVER };
             let motion = attempt.motion;
             self.out.push_back(Output::Act(super::Move { motion, not_after }));
             self.moving = Some(Moving { attempt });

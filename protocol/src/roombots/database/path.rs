@@ -1,0 +1,94 @@
+//! Shortest ways through the database.
+
+use super::{CellSet, Table};
+use crate::roombots::shape::Shape;
+use crate::roombots::sweep::FloorContact;
+use std::collections::VecDeque;
+
+/// Which way a step of the database is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// As stored: the joint turns by +120° or +90°.
+    Forward,
+    /// The other way.
+    Backward,
+}
+
+/// A way through the database and all it sweeps.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Transition {
+    /// The postures on the way, the first and the last included.
+    pub postures: Vec<u16>,
+    /// The steps: places in [`Table::steps`] and which way they are done.
+    pub steps: Vec<(u16, Direction)>,
+    /// All cells that must be free.
+    pub core: CellSet,
+    /// The cells besides those that must be free in the strict model.
+    pub graze: CellSet,
+}
+
+impl Table {
+    /// The shortest way by strict steps from a posture to the nearest one that `goal` accepts,
+    /// through steps that sweep no cell of `blocked`, core or graze. None if there is no way.
+    ///
+    /// Among ways of the same length the one that comes first in the order of the steps is taken.
+    pub fn shortest_way(
+        &self,
+        from: u16,
+        blocked: &CellSet,
+        mut goal: impl FnMut(u16) -> bool,
+    ) -> Option<Transition> {
+        if usize::from(from) >= self.postures.len() {
+            return None;
+        }
+        let mut came_by: Vec<Option<(u16, u16)>> = vec![None; self.postures.len()];
+        let mut queue = VecDeque::from([from]);
+        while let Some(at) = queue.pop_front() {
+            if goal(at) {
+                return Some(self.trace(from, at, &came_by));
+            }
+            for i in &self.steps_at[usize::from(at)] {
+                let step = &self.steps[usize::from(*i)];
+                let next = if step.from == at { step.to } else { step.from };
+                let free = step.floor == FloorContact::Free
+                    && !step.core.meets(blocked)
+                    && !step.graze.meets(blocked);
+                if free && next != from && came_by[usize::from(next)].is_none() {
+                    came_by[usize::from(next)] = Some((at, *i));
+                    queue.push_back(next);
+                }
+            }
+        }
+        None
+    }
+
+    /// The shortest way to a posture of a shape.
+    pub fn way_to_shape(&self, from: u16, shape: Shape) -> Option<Transition> {
+        let is = |p: u16| self.chains[usize::from(self.postures[usize::from(p)].chain)].shape == shape;
+        self.shortest_way(from, &CellSet::default(), is)
+    }
+
+    fn trace(&self, from: u16, to: u16, came_by: &[Option<(u16, u16)>]) -> Transition {
+        let mut way = Transition {
+            postures: vec![to],
+            steps: Vec::new(),
+            core: CellSet::default(),
+            graze: CellSet::default(),
+        };
+        let mut at = to;
+        while let Some((before, i)) = came_by[usize::from(at)] {
+            let step = &self.steps[usize::from(i)];
+            let direction = if step.to == at { Direction::Forward } else { Direction::Backward };
+            way.steps.push((i, direction));
+            way.core = way.core.union(&step.core);
+            way.graze = way.graze.union(&step.graze);
+            at = before;
+            way.postures.push(at);
+        }
+        debug_assert_eq!(at, from);
+        way.graze = way.graze.without(&way.core);
+        way.postures.reverse();
+        way.steps.reverse();
+        way
+    }
+}

@@ -1,0 +1,95 @@
+//! The five kinematic structures: a single module, and the four ways to join two of them.
+
+use super::KinematicsError;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+
+/// A single module or a type of metamodule (thesis 2.2.4 and figure 2.5).
+///
+/// In a metamodule C3X of the first module holds C0X of the second, which is turned by
+/// [`Kind::quarter_turns`] about the outward normal of C3X. The sign that tells SRS from SRZ is a
+/// convention: the thesis shows it in a figure only, and the two are mirror images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "UPPERCASE")]
+#[repr(u8)]
+pub enum Kind {
+    /// One module with three joints.
+    Single = 0,
+    /// Parallel: all diagonal axes parallel in the zero posture.
+    Par = 1,
+    /// Shear-S: the second module turned by 90°.
+    Srs = 2,
+    /// Perpendicular: turned by 180°.
+    Per = 3,
+    /// Shear-Z: turned by 270°.
+    Srz = 4,
+}
+
+impl Kind {
+    /// All five.
+    pub const ALL: [Kind; 5] = [Kind::Single, Kind::Par, Kind::Srs, Kind::Per, Kind::Srz];
+    /// The four metamodules.
+    pub const METAMODULES: [Kind; 4] = [Kind::Par, Kind::Srs, Kind::Per, Kind::Srz];
+
+    /// The kind of this number, if there is one.
+    pub fn from_index(index: u8) -> Option<Kind> {
+        Kind::ALL.get(usize::from(index)).copied()
+    }
+    /// How many modules are in it.
+    pub const fn modules(self) -> usize {
+        if matches!(self, Kind::Single) { 1 } else { 2 }
+    }
+    /// How many joints it has.
+    pub const fn joints(self) -> usize {
+        3 * self.modules()
+    }
+    /// How many cubes it has, which is how many cells it fills on the lattice.
+    pub const fn cubes(self) -> usize {
+        2 * self.modules()
+    }
+    /// Quarter turns of the second module; 0 for a single module.
+    pub const fn quarter_turns(self) -> u8 {
+        match self {
+            Kind::Single | Kind::Par => 0,
+            Kind::Srs => 1,
+            Kind::Per => 2,
+            Kind::Srz => 3,
+        }
+    }
+    /// The kind that a mirror makes of this one.
+    pub const fn mirrored(self) -> Kind {
+        match self {
+            Kind::Srs => Kind::Srz,
+            Kind::Srz => Kind::Srs,
+            other => other,
+        }
+    }
+    /// Its name as the thesis writes it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Kind::Single => "single",
+            Kind::Par => "PAR",
+            Kind::Srs => "SRS",
+            Kind::Per => "PER",
+            Kind::Srz => "SRZ",
+        }
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl FromStr for Kind {
+    type Err = KinematicsError;
+
+    fn from_str(text: &str) -> Result<Kind, KinematicsError> {
+        Kind::ALL
+            .into_iter()
+            .find(|k| k.name().eq_ignore_ascii_case(text.trim()))
+            .ok_or_else(|| KinematicsError::UnknownKind(text.to_owned()))
+    }
+}

@@ -1,0 +1,194 @@
+//! Cubes growing a sphere out of a slab on the simulated link: the experiment that most tests of the
+//! protocol run, in many variations.
+
+use metamorph_protocol::cube::params::{Params, Setup};
+use metamorph_protocol::goal::{Goal, Growth};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::shape::{Radius, Shape};
+use metamorph_protocol::stream::Stream;
+use metamorph_protocol::tally::Tally;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::cube_audit::audit_every;
+use metamorph_sim_bridge::cube_world::{CubeWorld, Motions};
+use metamorph_sim_bridge::director::{Director, Stage, Stop};
+use metamorph_sim_bridge::faults::{Fault, Schedule};
+use metamorph_sim_bridge::invariants::{Invariant, Violation};
+use metamorph_sim_bridge::outcome::{Outcome, Stall};
+use metamorph_sim_bridge::sim::{Sim, SimConfig};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+const MOVE: Span = Span::secs(1);
+
+/// One run to be made.
+#[derive(Clone, Debug)]
+pub struct Experiment {
+    /// Where modules start.
+    pub start: Vec<Cell>,
+    /// Parameters and goals.
+    pub setup: Setup,
+    /// The link.
+    pub link: LinkModel,
+    /// What is broken when.
+    pub faults: Vec<(Time, Fault)>,
+    /// Probability that a move fails.
+    pub failure: Ratio,
+    /// The seed.
+    pub seed: u64,
+    /// Messages are taken in whatever session they were sent.
+    pub ignore_sessions: bool,
+    /// The run ends as soon as an invariant has broken.
+    pub until_broken: bool,
+}
+
+/// What a run came to.
+#[derive(Clone, Debug)]
+pub struct Ran {
+    /// How it ended.
+    pub outcome: Option<(Time, Outcome)>,
+    /// Why it stood still, if it did.
+    pub stall: Option<Stall>,
+    /// Invariants broken: the first ones, and how many in all.
+    pub violations: Vec<Violation>,
+    /// How many in all.
+    pub broken: u64,
+    /// Message counts.
+    pub tally: Tally,
+    /// What bodies did.
+    pub motions: Motions,
+    /// The stages of the goal.
+    pub stages: Vec<Stage>,
+    /// The trace hash.
+    pub trace: u64,
+    /// The hash of the final state of all agents.
+    pub digest: u64,
+}
+
+impl Ran {
+    /// Whether the goal was built.
+    pub fn built(&self) -> bool {
+        matches!(self.outcome, Some((_, Outcome::Built)))
+    }
+    /// Whether this invariant broke.
+    pub fn broke(&self, invariant: Invariant) -> bool {
+        self.violations.iter().any(|v| v.invariant == invariant)
+    }
+}
+
+/// A square slab, one module thick.
+pub fn slab(side: i16) -> Vec<Cell> {
+    Shape::Box { min: Cell::new(0, 0, 0), max: Cell::new(side - 1, side - 1, 0) }
+        .cells()
+        .expect("invariant: a box has cells")
+}
+
+/// The largest ball around the middle of a slab with a goal of at most three quarters of its modules.
+pub fn ball(side: i16, growth: Growth) -> Goal {
+    let (center, most) = (Cell::new(side / 2, side / 2, 0), side as usize * side as usize * 3 / 4);
+    (1..)
+        .map(|radius| {
+            let cells = Shape::Sphere { center, radius: Radius::cells(radius) }.cells();
+            Goal::compile(&cells.expect("invariant: a ball has cells"), center, growth)
+                .expect("invariant: a ball is connected")
+        })
+        .take_while(|goal| goal.len() <= most)
+        .last()
+        .expect("invariant: a ball of radius one fits")
+}
+
+impl Experiment {
+    /// Slab to sphere with `side²` modules, nothing broken. Links take 50 to 200 ms, a move 1 s.
+    pub fn slab_to_sphere(side: i16, seed: u64) -> Experiment {
+        let (delay_min, delay_max) = (Span::millis(50), Span::millis(200));
+        let params = Params::scaled(MOVE, delay_max, 4 * (side as u16 * 3));
+        Experiment {
+            start: slab(side),
+            setup: Setup { params, goals: vec![ball(side, Growth::Scaffold)] },
+            link: LinkModel { delay_min, delay_max, ..LinkModel::default() },
+            faults: Vec::new(),
+            failure: Ratio::ZERO,
+            seed,
+            ignore_sessions: false,
+            until_broken: false,
+        }
+    }
+
+    /// Messages are lost with this probability.
+    pub fn loss(mut self, p: &str) -> Experiment {
+        self.link.loss = p.parse().expect("invariant: tests name probabilities");
+        self
+    }
+
+    /// This share of the modules, drawn from the seed, crashes within the first minute.
+    pub fn crashes(mut self, percent: usize) -> Experiment {
+        let count = self.start.len() as u64;
+        let mut stream = Stream::named(self.seed, "crashes", 0);
+        let mut victims = BTreeSet::new();
+        while victims.len() < self.start.len() * percent / 100 {
+            victims.insert(stream.below(count) as u32);
+        }
+        for id in victims {
+            self.faults.push((Time(stream.below(60_000_000_000)), Fault::Kill(ModuleId(id))));
+        }
+        self
+    }
+
+    /// Every module is stopped once, at some time of the first minute, for up to `longest`.
+    pub fn pauses(mut self, longest: Span) -> Experiment {
+        let mut stream = Stream::named(self.seed, "pauses", 0);
+        for id in (0..self.start.len() as u32).map(ModuleId) {
+            let from = Time(stream.below(60_000_000_000));
+            self.faults.push((from, Fault::Pause(id)));
+            self.faults.push((from + Span(1 + stream.below(longest.0)), Fault::Resume(id)));
+        }
+        self
+    }
+
+    /// This share of the modules is restarted without its memory, at some time of the first minute.
+    pub fn restarts(mut self, percent: u64) -> Experiment {
+        let mut stream = Stream::named(self.seed, "restarts", 0);
+        for id in (0..self.start.len() as u32).map(ModuleId) {
+            if stream.below(100) < percent {
+                self.faults.push((Time(stream.below(60_000_000_000)), Fault::Restart(id)));
+            }
+        }
+        self
+    }
+
+    /// Runs it.
+    pub fn run(self) -> Ran {
+        let setup = Arc::new(self.setup);
+        let world = CubeWorld::new(&self.start, MOVE, self.seed);
+        let stop = Stop { timeout: Time(20_000_000_000_000), stall: MOVE * 400, livelock: MOVE * 1_600 };
+        let schedule = Schedule::new(self.faults);
+        let director = Director::new(Arc::clone(&setup), self.start.len(), schedule, stop, self.failure);
+        let config = SimConfig {
+            setup,
+            link: self.link,
+            seed: self.seed,
+            audit_every: audit_every(MOVE),
+            ignore_sessions: self.ignore_sessions,
+        };
+        let mut sim = Sim::new(config, world, director);
+        while !sim.run_until(sim.now() + MOVE * 10) {
+            if self.until_broken && sim.violations().1 > 0 {
+                break;
+            }
+        }
+        let (violations, broken) = sim.violations();
+        Ran {
+            outcome: sim.director().outcome(),
+            stall: sim.director().stall().cloned(),
+            violations: violations.to_vec(),
+            broken,
+            tally: *sim.tally(),
+            motions: sim.world().motions(),
+            stages: sim.director().stages().to_vec(),
+            trace: sim.trace().value(),
+            digest: sim.digest(),
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! The conformance suite on the simulator.
+
+use metamorph_tests::testbed::SimBed;
+
+metamorph_tests::conformance!(SimBed);

@@ -1,0 +1,146 @@
+//! Growth under faults on the simulated link: whatever breaks, no invariant does; and what is left
+//! builds the goal, or the reason why it cannot is named.
+
+use metamorph_protocol::goal::Growth;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::faults::Fault;
+use metamorph_tests::growth::{Experiment, ball};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+type Variation = (&'static str, fn(Experiment) -> Experiment);
+
+const PUBLISHED: [Variation; 5] = [
+    ("no fault", |e| e),
+    ("5% loss", |e| e.loss("5%")),
+    ("10% loss", |e| e.loss("10%")),
+    ("5% crashes", |e| e.crashes(5)),
+    ("5% crashes, 10% loss", |e| e.crashes(5).loss("10%")),
+];
+
+const FURTHER: [Variation; 8] = [
+    ("every module stopped once", |e| e.pauses(Span::secs(60))),
+    ("stopped, 5% loss, 10% restarts", |e| e.pauses(Span::secs(30)).loss("5%").restarts(10)),
+    ("30% restarts", |e| e.restarts(30)),
+    ("doubled and reordered", |mut e| {
+        (e.link.duplicate, e.link.reorder) = ("20%".parse().unwrap(), "20%".parse().unwrap());
+        e
+    }),
+    ("corrupted", |mut e| {
+        e.link.corrupt = "5%".parse().unwrap();
+        e
+    }),
+    ("late messages", |mut e| {
+        e.link.delay_max = Span::secs(2);
+        e
+    }),
+    ("5% failed connections", |mut e| {
+        e.failure = "5%".parse().unwrap();
+        e
+    }),
+    ("5% stuck joints, 10% crashes, 10% loss", |mut e| {
+        e.faults =
+            (0..e.start.len() as u32 / 20).map(|i| (Time(1), Fault::Stick(ModuleId(i * 20)))).collect();
+        e.crashes(10).loss("10%")
+    }),
+];
+
+/// Runs the variations for the seeds, on all cores, and says what was not built. Fails on any broken
+/// invariant and on any standstill that is not proved infeasible.
+fn check(side: i16, seeds: std::ops::RangeInclusive<u64>, variations: &[Variation]) {
+    let jobs: Vec<(u64, &Variation)> =
+        variations.iter().flat_map(|v| seeds.clone().map(move |s| (s, v))).collect();
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut bad = Vec::new();
+        while let Some((seed, (name, vary))) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let ran = vary(Experiment::slab_to_sphere(side, *seed)).run();
+            let fine = ran.built() || ran.stall.as_ref().is_some_and(|s| s.reason.is_infeasible());
+            if !ran.built() {
+                println!("{side}x{side}, {name}, seed {seed}: {:?}, {:?}", ran.outcome, ran.stall);
+            }
+            if ran.broken != 0 || !fine {
+                bad.push(format!("{name}, seed {seed}: {:?} {:?}", ran.violations.first(), ran.stall));
+            }
+        }
+        bad
+    };
+    let bad: Vec<String> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..2).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().flat_map(|w| w.join().expect("a worker panicked")).collect()
+    });
+    assert!(
+        bad.is_empty(),
+        "repeat with Experiment::slab_to_sphere({side}, SEED) and the variation named:\n{}",
+        bad.join("\n")
+    );
+}
+
+#[test]
+fn a_hundred_modules_build_whatever_breaks() {
+    check(10, 1..=6, &PUBLISHED);
+    check(10, 1..=4, &FURTHER);
+}
+
+#[test]
+fn four_hundred_modules_build_whatever_breaks() {
+    check(20, 1..=2, &PUBLISHED);
+}
+
+/// The published size of the experiment. Takes minutes:
+/// `cargo test --release -p metamorph-tests --test sim_growth -- --ignored --nocapture`
+#[test]
+#[ignore = "takes minutes in a release build"]
+fn a_hundred_seeds_of_four_hundred_modules() {
+    check(20, 1..=100, &PUBLISHED);
+    check(20, 1..=20, &FURTHER);
+}
+
+#[test]
+fn solid_goals_are_built_too() {
+    for seed in 1..=3 {
+        let mut experiment = Experiment::slab_to_sphere(12, seed);
+        experiment.setup.goals = vec![ball(12, Growth::Solid)];
+        let ran = experiment.run();
+        assert!(ran.built() && ran.broken == 0, "seed {seed}: {ran:?}");
+    }
+}
+
+/// Slab to disc to sphere (thesis 4.1.2): one goal after the other.
+#[test]
+fn goals_are_built_one_after_the_other() {
+    use metamorph_protocol::goal::Goal;
+    use metamorph_protocol::lattice::Cell;
+    use metamorph_protocol::shape::{Radius, Shape};
+    for seed in 1..=3 {
+        let mut experiment = Experiment::slab_to_sphere(12, seed).loss("2%");
+        let center = Cell::new(6, 6, 0);
+        let disc = Shape::Disc { center, radius: Radius::cells(7), axis: Default::default() };
+        let disc = Goal::compile(&disc.cells().unwrap(), center, Growth::Scaffold).unwrap();
+        experiment.setup.goals.insert(0, disc);
+        let ran = experiment.run();
+        assert!(
+            ran.built() && ran.broken == 0,
+            "seed {seed}: {:?} {:?}",
+            ran.outcome,
+            ran.violations.first()
+        );
+        assert_eq!(ran.stages.len(), 2);
+        assert!(ran.stages.iter().all(|s| s.filled == s.cells && s.built.is_some()));
+    }
+}
+
+#[test]
+fn connecting_cycles_build_too() {
+    for (seed, loss) in [(1, "0%"), (2, "5%"), (3, "10%")] {
+        let mut experiment = Experiment::slab_to_sphere(10, seed).loss(loss);
+        experiment.setup.params.connectivity = metamorph_protocol::cube::params::Connectivity::Cycles;
+        let ran = experiment.run();
+        assert!(
+            ran.built() && ran.broken == 0,
+            "seed {seed}: {:?} {:?}",
+            ran.outcome,
+            ran.violations.first()
+        );
+    }
+}

@@ -1,0 +1,75 @@
+//! Keeps the bytes of the motion database between runs.
+//!
+//! A kept file that is missing, damaged or of another version is built anew; one that cannot be
+//! written is done without.
+
+use metamorph_protocol::roombots::database::{Database, VERSION};
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The database, from the kept bytes if `keep` is set and they are good.
+pub fn database(keep: bool) -> Database {
+    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
+    match keep.then(|| place(variable)).flatten() {
+        Some(path) => kept_at(&path),
+        None => Database::build(),
+    }
+}
+
+/// `$XDG_CACHE_HOME/metamorph`, or `~/.cache/metamorph`.
+fn place(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+    let base = match variable("XDG_CACHE_HOME").map(PathBuf::from).filter(|p| p.is_absolute()) {
+        Some(base) => base,
+        None => PathBuf::from(variable("HOME")?).join(".cache"),
+    };
+    Some(base.join("metamorph").join(format!("roombots-motions-{VERSION}.bin")))
+}
+
+fn kept_at(path: &Path) -> Database {
+    if let Some(database) = fs::read(path).ok().and_then(|b| Database::from_bytes(&b).ok()) {
+        return database;
+    }
+    let database = Database::build();
+    // Written beside and renamed, so that no other run ever reads half a file.
+    let draft = path.with_extension(format!("{}.draft", std::process::id()));
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let written = fs::create_dir_all(folder)
+        .and_then(|()| fs::write(&draft, database.to_bytes()))
+        .and_then(|()| fs::rename(&draft, path));
+    if written.is_err() {
+        let _ = fs::remove_file(&draft);
+    }
+    database
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_place_follows_the_environment() {
+        let only_home = |n: &str| (n == "HOME").then(|| OsString::from("/home/someone"));
+        let path = place(only_home).unwrap();
+        assert!(path.starts_with("/home/someone/.cache/metamorph"), "{path:?}");
+        let cache = |n: &str| (n == "XDG_CACHE_HOME").then(|| OsString::from("/var/keep"));
+        assert!(place(cache).unwrap().starts_with("/var/keep/metamorph"));
+        assert_eq!(place(|_| None), None);
+    }
+
+    /// A second run reads what the first wrote; damage is repaired; no place to write is no error.
+    #[test]
+    fn kept_bytes_are_used_and_repaired() {
+        let folder = std::env::temp_dir().join(format!("metamorph-cache-{}", std::process::id()));
+        let path = folder.join("deeper").join("motions.bin");
+        let first = kept_at(&path);
+        let bytes = fs::read(&path).unwrap();
+        assert_eq!(bytes, first.to_bytes());
+        fs::write(&path, &bytes[..1000]).unwrap();
+        assert_eq!(kept_at(&path), first);
+        assert_eq!(fs::read(&path).unwrap(), bytes);
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+        fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(kept_at(Path::new("/proc/none/motions.bin")), first);
+    }
+}
