@@ -1,4 +1,22 @@
-//! The world-controller: launches a swarm, owns its world, injects failures, measures.
+//! The world-controller: reads scenarios, runs swarms, injects failures, measures, reports.
+//!
+//! `scenario` makes a checked plan of what a person wrote; a driver runs it (`simulated` in virtual
+//! time, `processes` and `swarm` with one process per module); `report` says what happened. `robot`
+//! answers questions about the Roombots model. `command` is the command line, `commands` carries it
+//! out, `terminal` prints what it has to say.
+//!
+//! Deliberately absent: decisions of the protocol (they are in `protocol`) and ground truth about
+//! the world (it is in `sim-bridge`).
 
+pub mod command;
+pub mod commands;
+pub mod interrupt;
+pub mod overview;
+pub mod processes;
+pub mod report;
 pub mod robot;
+pub mod scenario;
+pub mod simulated;
+pub mod stopwatch;
 pub mod swarm;
+pub mod terminal;

@@ -1,0 +1,101 @@
+//! The command `metamorph` as a user types it, and the scenarios that ship with it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::OnceLock;
+use std::time::SystemTime;
+
+/// The root of the workspace.
+pub fn root() -> PathBuf {
+    // Invariant: this crate lives one level below the root.
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().map(Path::to_owned).unwrap_or_default()
+}
+
+/// A scenario that ships with the program.
+pub fn scenario(name: &str) -> PathBuf {
+    root().join("deploy/scenarios").join(name)
+}
+
+/// All scenarios that ship with the program, in the order of their names.
+pub fn scenarios() -> Vec<PathBuf> {
+    let entries = fs::read_dir(root().join("deploy/scenarios")).expect("the scenarios are there");
+    let mut paths: Vec<PathBuf> = entries
+        .map(|entry| entry.expect("the directory can be read").path())
+        .filter(|path| path.extension().is_some_and(|e| e == "toml"))
+        .collect();
+    paths.sort();
+    paths
+}
+
+/// The binary `metamorph` of the profile that these tests are built in.
+///
+/// Building the whole workspace's tests builds it too; where only some tests were built, it is
+/// built here.
+pub fn metamorph() -> &'static Path {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    BINARY.get_or_init(|| {
+        let test = std::env::current_exe().expect("a running test has an executable");
+        let deps = test.parent().expect("test executables are in target/<profile>/deps");
+        let profile = deps.parent().expect("test executables are in target/<profile>/deps");
+        let binary = profile.join(format!("metamorph{}", std::env::consts::EXE_SUFFIX));
+        if modified(&binary) < newest_library(deps) || !binary.exists() {
+            let mut build = Command::new(env!("CARGO"));
+            build.args(["build", "--quiet", "--package", "metamorph-world-controller", "--bin", "metamorph"]);
+            build.arg("--target-dir").arg(profile.parent().unwrap_or(profile));
+            if profile.ends_with("release") {
+                build.arg("--release");
+            }
+            let built = build.current_dir(root()).status().expect("cargo can be started");
+            assert!(built.success(), "the binary does not build");
+        }
+        binary
+    })
+}
+
+fn modified(path: &Path) -> Option<SystemTime> {
+    fs::metadata(path).and_then(|m| m.modified()).ok()
+}
+
+fn newest_library(deps: &Path) -> Option<SystemTime> {
+    let is_ours = |path: &Path| {
+        let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+        name.starts_with("libmetamorph_") && name.ends_with(".rlib")
+    };
+    let entries = fs::read_dir(deps).ok()?;
+    entries.filter_map(Result::ok).map(|e| e.path()).filter(|p| is_ours(p)).filter_map(|p| modified(&p)).max()
+}
+
+/// What a command printed and how it ended.
+#[derive(Debug)]
+pub struct Ran {
+    /// Its exit code; none if a signal ended it.
+    pub code: Option<i32>,
+    /// Its standard output.
+    pub out: String,
+    /// Its standard error.
+    pub err: String,
+}
+
+impl From<Output> for Ran {
+    fn from(output: Output) -> Ran {
+        Ran {
+            code: output.status.code(),
+            out: String::from_utf8_lossy(&output.stdout).into_owned(),
+            err: String::from_utf8_lossy(&output.stderr).into_owned(),
+        }
+    }
+}
+
+/// A command with these arguments, without a terminal, at the root of the workspace.
+pub fn command(args: &[&str]) -> Command {
+    let mut command = Command::new(metamorph());
+    command.args(args).stdin(Stdio::null()).current_dir(root());
+    command.env_remove("METAMORPH_LOG").env_remove("NO_COLOR");
+    command
+}
+
+/// Runs `metamorph` with these arguments to its end.
+pub fn run(args: &[&str]) -> Ran {
+    command(args).output().expect("metamorph can be started").into()
+}

@@ -1,0 +1,101 @@
+//! The house stands as ARCHITECTURE.md says: the arrows between crates, and a subject for every file.
+
+use cargo_metadata::{DependencyKind, MetadataCommand};
+use metamorph_tests::command::root;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Which of our crates each of them may use.
+fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
+    BTreeMap::from([
+        ("metamorph-protocol", vec![]),
+        ("metamorph-sim-bridge", vec!["metamorph-protocol"]),
+        ("metamorph-module-agent", vec!["metamorph-protocol"]),
+        (
+            "metamorph-world-controller",
+            vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-module-agent"],
+        ),
+        (
+            "metamorph-tests",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-module-agent",
+                "metamorph-world-controller",
+            ],
+        ),
+    ])
+}
+
+/// Crates that a part of the house does without, however they would get there.
+const ABSENT: [(&str, &[&str]); 4] = [
+    ("metamorph-protocol", &["tokio", "iceoryx2", "rustix", "rand", "clap", "toml"]),
+    ("metamorph-sim-bridge", &["tokio", "iceoryx2", "rustix", "rand", "clap", "toml"]),
+    ("metamorph-module-agent", &["tokio", "clap", "toml"]),
+    ("metamorph-world-controller", &["rand"]),
+];
+
+#[test]
+fn arrows_point_one_way() {
+    let metadata = MetadataCommand::new()
+        .manifest_path(root().join("Cargo.toml"))
+        .no_deps()
+        .exec()
+        .expect("cargo metadata works offline");
+    let ours = allowed();
+    let found: BTreeSet<&str> = metadata.packages.iter().map(|p| p.name.as_str()).collect();
+    assert_eq!(found, ours.keys().copied().collect(), "a crate is new or gone: say where it belongs");
+    for package in &metadata.packages {
+        let may = &ours[package.name.as_str()];
+        let used = package.dependencies.iter().filter(|d| d.kind != DependencyKind::Development);
+        for dependency in used.map(|d| d.name.as_str()).filter(|d| ours.contains_key(d)) {
+            assert!(may.contains(&dependency), "{} must not use {dependency}", package.name);
+        }
+    }
+    for (name, absent) in ABSENT {
+        let package = metadata.packages.iter().find(|p| p.name.as_str() == name).expect("checked above");
+        for dependency in package.dependencies.iter().filter(|d| d.kind == DependencyKind::Normal) {
+            assert!(!absent.contains(&dependency.name.as_str()), "{name} must not use {}", dependency.name);
+        }
+    }
+}
+
+fn rust_files(directory: &Path, found: &mut Vec<PathBuf>) {
+    let entries = fs::read_dir(directory).expect("the directory can be read");
+    let mut paths: Vec<PathBuf> = entries.map(|e| e.expect("the directory can be read").path()).collect();
+    paths.sort();
+    for path in paths {
+        let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+        if path.is_dir() && !name.starts_with('.') && name != "target" {
+            rust_files(&path, found);
+        } else if name.ends_with(".rs") {
+            found.push(path);
+        }
+    }
+}
+
+#[test]
+fn every_file_says_what_it_is_for() {
+    let mut files = Vec::new();
+    rust_files(&root(), &mut files);
+    assert!(files.len() > 20, "the sources were not found");
+    for file in files {
+        let text = fs::read_to_string(&file).expect("sources are text");
+        let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
+        assert!(first.starts_with("//! "), "{} does not begin with what it is for", file.display());
+    }
+}
+
+/// The tests that contributors are told to run are the tests that are run for them.
+#[test]
+fn the_readme_names_the_test_command_of_ci() {
+    let ci = fs::read_to_string(root().join(".ci/run")).expect(".ci/run is there");
+    let readme = fs::read_to_string(root().join("README.md")).expect("README.md is there");
+    let command = ci
+        .lines()
+        .map(str::trim)
+        .find(|line| line.starts_with("cargo test"))
+        .expect(".ci/run runs the tests");
+    assert!(readme.contains(command), "README.md does not name `{command}`");
+}

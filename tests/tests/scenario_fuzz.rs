@@ -1,0 +1,198 @@
+//! No text makes the scenario reader panic, and whatever it refuses comes with a place and a fix.
+
+use metamorph_tests::command::scenarios;
+use metamorph_world_controller::scenario::{LinkKind, Overrides, read_file, read_text};
+use proptest::prelude::*;
+use std::fs;
+
+fn sim() -> Overrides {
+    Overrides { link: LinkKind::Sim, ..Overrides::default() }
+}
+
+/// Reads, and checks that a refusal can be shown.
+fn survives(text: &str, overrides: &Overrides) {
+    if let Err(problems) = read_text("fuzz.toml", text, overrides) {
+        assert!(!problems.list().is_empty());
+        let shown = problems.to_string();
+        assert!(shown.contains("fix: "), "{shown}");
+    }
+}
+
+/// A small scenario with every kind of value in it, so that mutations reach every branch quickly.
+const EVERYTHING: &str = r#"
+version = 1
+name = "everything"
+description = "all keys"
+seed = 3
+[swarm]
+family = "cube"
+start = { union = [{ box = { min = [0, 0, 0], max = [5, 5, 0] } }, { cells = [[0, 0, 1], [1, 0, 1]] }] }
+move_time = "1s"
+failed_connections = "1%"
+[[goal]]
+name = "one"
+shape = { difference = [{ sphere = { center = [2, 2, 0], radius = 2.5 } }, { disc = { center = [2, 2, 2], radius = 1, axis = "z" } }] }
+seed = [2, 2, 0]
+growth = "scaffold"
+[[goal]]
+shape = { cylinder = { base = [2, 2, 0], radius = 2, height = 1, axis = "z" } }
+growth = "solid"
+[protocol]
+connectivity = "forest"
+dead = "hold"
+co_owners = true
+[link]
+delay = "10ms..100ms"
+loss = "5%"
+duplicate = 0.01
+reorder = "1/50"
+corrupt = 0
+[process]
+time_scale = 20
+[[fault]]
+kill = 3
+at = "2s"
+[[fault]]
+pause = [2, 4]
+from = "1s"
+until = "3s"
+[[fault]]
+restart = 5
+at = "4s"
+memory = false
+[[fault]]
+stick = 7
+at = "1s"
+until = "9s"
+[[fault]]
+crash = { fraction = "5%", between = "0s..60s" }
+[[fault]]
+partition = { modules = [1, 2, 3], from = "5s", until = "10s" }
+[stop]
+timeout = "1000s"
+stall = "300s"
+livelock = "900s"
+"#;
+
+#[test]
+fn the_base_of_the_mutations_is_valid() {
+    let plan = read_text("everything.toml", EVERYTHING, &sim()).unwrap_or_else(|p| panic!("{p}"));
+    assert_eq!((plan.cells.len(), plan.setup.goals.len(), plan.seed), (38, 2, 3));
+    assert_eq!(plan.schedule.len(), 1 + 4 + 1 + 2 + 1);
+    assert_eq!(plan.link.partitions.len(), 1);
+}
+
+#[test]
+fn shipped_scenarios_are_valid_on_both_links() {
+    for path in scenarios() {
+        for link in [LinkKind::Sim, LinkKind::Ipc] {
+            let overrides = Overrides { link, ..Overrides::default() };
+            let plan = read_file(&path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
+            for goal in &plan.setup.goals {
+                assert!(goal.len() <= plan.cells.len(), "{}", path.display());
+            }
+        }
+    }
+}
+
+/// One change to a text.
+#[derive(Clone, Debug)]
+enum Change {
+    Delete(usize, usize),
+    Insert(usize, String),
+    Swap(usize, usize),
+    Number(usize, i64),
+}
+
+fn change() -> impl Strategy<Value = Change> {
+    let pieces = prop_oneof![
+        "[\\[\\]{}\"=.,'#\\n -]{1,4}",
+        Just("99999999999999999999".to_owned()),
+        Just("-1".to_owned()),
+        Just("nan".to_owned()),
+        Just("inf".to_owned()),
+        Just("1e308".to_owned()),
+        Just("\u{0}é\u{202e}".to_owned()),
+        "[a-z_]{1,9} = [0-9]{1,3}\n",
+        any::<String>(),
+    ];
+    prop_oneof![
+        (any::<usize>(), 1..40usize).prop_map(|(at, n)| Change::Delete(at, n)),
+        (any::<usize>(), pieces).prop_map(|(at, text)| Change::Insert(at, text)),
+        (any::<usize>(), any::<usize>()).prop_map(|(a, b)| Change::Swap(a, b)),
+        (any::<usize>(), prop_oneof![-20_000..20_000i64, any::<i64>()])
+            .prop_map(|(at, n)| Change::Number(at, n)),
+    ]
+}
+
+fn apply(text: &str, change: &Change) -> String {
+    let mut chars: Vec<char> = text.chars().collect();
+    let len = chars.len().max(1);
+    match change {
+        Change::Delete(at, n) => {
+            let at = at % len;
+            chars.drain(at..(at + n).min(chars.len()));
+        }
+        Change::Insert(at, piece) => {
+            let at = (at % len).min(chars.len());
+            chars.splice(at..at, piece.chars());
+        }
+        Change::Swap(a, b) if chars.len() > 1 => chars.swap(a % len, b % len),
+        Change::Swap(..) => {}
+        // The next number after a place becomes another one.
+        Change::Number(at, n) => {
+            let from = at % len;
+            if let Some(start) = (from..chars.len()).find(|i| chars[*i].is_ascii_digit()) {
+                let end = (start..chars.len()).find(|i| !chars[*i].is_ascii_digit()).unwrap_or(chars.len());
+                chars.splice(start..end, n.to_string().chars());
+            }
+        }
+    }
+    chars.into_iter().collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 1_000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn survives_mutations(changes in prop::collection::vec(change(), 1..6)) {
+        let text = changes.iter().fold(EVERYTHING.to_owned(), |text, c| apply(&text, c));
+        survives(&text, &sim());
+    }
+
+    #[test]
+    fn survives_any_text(text in any::<String>()) {
+        survives(&text, &sim());
+    }
+
+    #[test]
+    fn survives_toml_like_text(text in "([a-z]{1,6}( = |\\.|\\[|\\]|\\{|\\}|\"|[0-9]{1,6}|\n|, ){1,3}){0,30}") {
+        survives(&text, &sim());
+    }
+
+    #[test]
+    fn survives_any_option(kill in any::<String>(), pause in "[0-9]{0,4}@?[0-9sm.-]{0,9}(\\.\\.)?[0-9sm-]{0,5}",
+                           loss in any::<String>(), delay in "[0-9.smun-]{0,40}", scale in any::<String>()) {
+        let overrides = Overrides {
+            kill: vec![kill],
+            pause: vec![pause],
+            loss: Some(loss),
+            delay: Some(delay),
+            time_scale: Some(scale),
+            ..sim()
+        };
+        survives(EVERYTHING, &overrides);
+    }
+}
+
+/// Bytes that are no text are refused when the file is read.
+#[test]
+fn bytes_that_are_no_text_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("bytes.toml");
+    for bytes in [&[0xFFu8, 0xFE, 0x00][..], &[0xC3, 0x28], &[0x80; 100]] {
+        fs::write(&path, bytes).unwrap();
+        let problems = read_file(&path, &sim()).unwrap_err();
+        assert!(problems.to_string().contains("not UTF-8"), "{problems}");
+    }
+}

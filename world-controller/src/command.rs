@@ -1,0 +1,192 @@
+//! The command line: what was typed, as values. Absent: doing it (see `commands`).
+
+use crate::robot::RobotArgs;
+use crate::scenario::{LinkKind, Overrides};
+use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0  built: every goal cell is filled (or the command did what it should)
+  1  the program itself failed, for example because a file could not be written
+  2  the command line or the scenario is wrong
+  3  deadlock: nobody can make progress and goal cells are unfilled
+  4  livelock: modules move, but no goal cell is filled for longer than the scenario's bound
+  5  timeout: the scenario's time was up
+  6  unsafe: an invariant broke, such as two modules in one cell
+  7  aborted: stopped by Ctrl-C or SIGTERM; the report is partial";
+
+const TOP_EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml              one process per module
+  metamorph run deploy/scenarios/swarm.toml --link sim   the same in virtual time, repeatable
+  metamorph check my.toml                                what would run, or what is wrong
+  metamorph clean                                        remove what killed runs left behind
+
+Logs go to standard error; -v, -vv and -vvv show more, and METAMORPH_LOG takes filters such as
+`metamorph_world_controller=debug`.";
+
+const RUN_EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --kill 3@2s --pause 7@1s..3s
+  metamorph run deploy/scenarios/slab-to-sphere.toml --link sim --seed 7 --loss 5%
+  metamorph run deploy/scenarios/swarm.toml --link sim --quiet --json - | jq .messages.by_class
+
+Times are scenario times with a unit: 200ms, 1.5s, 2min. Probabilities are written 5%, 0.05 or 1/20.
+Modules are numbered from 0; `metamorph check SCENARIO` says how many there are.
+
+Ctrl-C ends a run with a partial report; a second Ctrl-C ends it at once.";
+
+const CHECK_EXAMPLES: &str = "\
+Examples:
+  metamorph check deploy/scenarios/swarm.toml
+  metamorph check deploy/scenarios/swarm.toml --link sim --kill 3@2s
+
+The same options as for `run` are checked together with the scenario. Nothing is run.
+
+Exit codes:
+  0  the scenario can be run
+  2  the command line or the scenario is wrong; every error names its place, reason and fix";
+
+const CLEAN_EXAMPLES: &str = "\
+Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
+and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
+`metamorph run` does the same on its own.
+
+Exit codes:
+  0  nothing is left behind
+  1  something could not be removed";
+
+/// Runs swarms of modules that change their shape by themselves: every module is a process of its
+/// own, or all of them together are simulated in virtual time.
+#[derive(Debug, Parser)]
+#[command(name = "metamorph", version, after_help = TOP_EXAMPLES, after_long_help = format!("{TOP_EXAMPLES}\n\n{EXIT_CODES}"))]
+pub struct CommandLine {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// Log more to standard error; repeat for still more
+    #[arg(short, long, action = ArgAction::Count, global = true)]
+    pub verbose: u8,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run a scenario and report what happened
+    #[command(after_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
+    Run(RunArgs),
+    /// Check a scenario and show what would run
+    #[command(after_help = CHECK_EXAMPLES)]
+    Check(CheckArgs),
+    /// Remove what killed runs left behind
+    #[command(after_help = CLEAN_EXAMPLES)]
+    Clean,
+    /// Ask the Roombots model: shapes, moves, kinematics, published tables
+    Robot(RobotArgs),
+    /// One agent process; started by `run`
+    #[command(hide = true)]
+    Agent(AgentArgs),
+}
+
+/// What `run` takes.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// What and how.
+    #[command(flatten)]
+    pub plan: PlanArgs,
+    /// Write the report as JSON to a file, or to standard output with `-` (the text for people then
+    /// goes to standard error)
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
+    pub json: Option<PathBuf>,
+    /// Print nothing but errors, and JSON if asked for
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// What `check` takes.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// What and how.
+    #[command(flatten)]
+    pub plan: PlanArgs,
+}
+
+/// What makes a plan.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// The scenario, a TOML file (see deploy/scenarios for examples)
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: PathBuf,
+    /// What carries messages: `ipc` starts one process per module, `sim` simulates all in virtual
+    /// time, the same every time
+    #[arg(long, value_enum, default_value_t = LinkArg::Ipc)]
+    pub link: LinkArg,
+    /// The seed of all chance in the run, instead of the scenario's
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Kill the process of module ID at time T; its body stays where it is (repeatable)
+    #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
+    pub kill: Vec<String>,
+    /// Stop the process of module ID from one time to another (repeatable)
+    #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
+    pub pause: Vec<String>,
+    /// Start the process of module ID again at time T, without its memory; if it lives, it is
+    /// killed first (repeatable)
+    #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
+    pub restart: Vec<String>,
+    /// Probability that a message is lost
+    #[arg(long, value_name = "P", allow_hyphen_values = true)]
+    pub loss: Option<String>,
+    /// Delay of messages, T or T..T; on `ipc` it comes on top of the real one
+    #[arg(long, value_name = "D", allow_hyphen_values = true)]
+    pub delay: Option<String>,
+    /// Probability that a message arrives twice
+    #[arg(long, value_name = "P", allow_hyphen_values = true)]
+    pub dup: Option<String>,
+    /// Probability that a message is overtaken by later ones
+    #[arg(long, value_name = "P", allow_hyphen_values = true)]
+    pub reorder: Option<String>,
+    /// Scenario seconds per real second on `ipc`; `sim` is always as fast as it can be
+    #[arg(long, value_name = "X", allow_hyphen_values = true)]
+    pub time_scale: Option<String>,
+}
+
+/// What carries messages, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LinkArg {
+    /// One process per module, over shared memory
+    Ipc,
+    /// All modules in one thread, in virtual time
+    Sim,
+}
+
+impl From<PlanArgs> for (PathBuf, Overrides) {
+    fn from(args: PlanArgs) -> (PathBuf, Overrides) {
+        let overrides = Overrides {
+            link: match args.link {
+                LinkArg::Ipc => LinkKind::Ipc,
+                LinkArg::Sim => LinkKind::Sim,
+            },
+            seed: args.seed,
+            kill: args.kill,
+            pause: args.pause,
+            restart: args.restart,
+            loss: args.loss,
+            delay: args.delay,
+            duplicate: args.dup,
+            reorder: args.reorder,
+            time_scale: args.time_scale,
+        };
+        (args.scenario, overrides)
+    }
+}
+
+/// What the supervisor tells an agent process.
+#[derive(Debug, Args)]
+pub struct AgentArgs {
+    /// Passed on as they are.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    pub args: Vec<OsString>,
+}

@@ -1,0 +1,126 @@
+//! What a plan would do, for `metamorph check`.
+
+use crate::scenario::{LinkKind, Plan};
+use metamorph_protocol::cube::params::Connectivity;
+use metamorph_protocol::goal::Growth;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::time::Time;
+use std::fmt::Write;
+
+/// Faults listed; the rest is counted.
+const SHOWN: usize = 20;
+
+/// The plan in words and numbers.
+pub fn overview(plan: &Plan) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_all(&mut out, plan);
+    out
+}
+
+fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
+    writeln!(out, "{}", plan.title())?;
+    if let Some(description) = &plan.description {
+        writeln!(out, "  {}", description.trim())?;
+    }
+    writeln!(out)?;
+    let (min, max) = corners(&plan.cells);
+    writeln!(
+        out,
+        "  swarm     {} modules, numbered 0 to {}, from {min} to {max}",
+        plan.cells.len(),
+        plan.cells.len() - 1
+    )?;
+    let params = &plan.setup.params;
+    writeln!(out, "  moves     {} each, {} fail", params.move_time, plan.failure)?;
+    for (stage, goal) in plan.stages.iter().zip(&plan.setup.goals) {
+        let growth = match goal.growth() {
+            Growth::Scaffold => "scaffold",
+            Growth::Solid => "solid",
+        };
+        let share = goal.len() * 100 / plan.cells.len();
+        writeln!(
+            out,
+            "  goal      {}: {} cells ({share}% of the modules), {growth}, grows from {}",
+            stage.name,
+            goal.len(),
+            goal.seed()
+        )?;
+    }
+    let connectivity = match params.connectivity {
+        Connectivity::Forest => "forest",
+        Connectivity::Cycles => "cycles",
+        Connectivity::Gradient => "gradient (as published; not safe when messages are late)",
+    };
+    let co_owners = if params.co_owners { "asked" } else { "not asked" };
+    writeln!(out, "  protocol  connectivity {connectivity}; co-owners {co_owners}")?;
+    write_link(out, plan)?;
+    let stop = &plan.stop;
+    writeln!(
+        out,
+        "  ends      at {} at the latest; standing still {} is a deadlock, no new goal cell for {} a livelock",
+        stop.timeout, stop.stall, stop.livelock
+    )?;
+    write_faults(out, plan)?;
+    writeln!(out)?;
+    writeln!(out, "  run it with {}", plan.repeat_with())
+}
+
+fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
+    let link = &plan.link;
+    match plan.overrides.link {
+        LinkKind::Ipc => write!(
+            out,
+            "  link      ipc, {} processes, {} scenario seconds per second",
+            plan.cells.len(),
+            plan.time_scale
+        )?,
+        LinkKind::Sim => write!(out, "  link      sim, seed {}", plan.seed)?,
+    }
+    match (link.delay_min, link.delay_max) {
+        (min, max) if max.0 == 0 && min.0 == 0 => write!(out, "; no added delay")?,
+        (min, max) if min == max => write!(out, "; delay {min}")?,
+        (min, max) => write!(out, "; delay {min} to {max}")?,
+    }
+    let rates: [(&str, Ratio); 4] = [
+        ("loss", link.loss),
+        ("duplication", link.duplicate),
+        ("reorder", link.reorder),
+        ("corruption", link.corrupt),
+    ];
+    for (name, rate) in rates.iter().filter(|(_, rate)| !rate.is_zero()) {
+        write!(out, "; {name} {rate}")?;
+    }
+    writeln!(out)?;
+    for cut in &link.partitions {
+        writeln!(out, "            {} modules cut off from {} to {}", cut.side.len(), cut.from, cut.until)?;
+    }
+    Ok(())
+}
+
+fn write_faults(out: &mut String, plan: &Plan) -> std::fmt::Result {
+    let mut name = "faults";
+    for (at, fault) in plan.schedule.iter().take(SHOWN) {
+        writeln!(out, "  {name:<8}  at {} {fault}", at_ms(*at))?;
+        name = "";
+    }
+    match plan.schedule.len().saturating_sub(SHOWN) {
+        0 if plan.schedule.is_empty() => writeln!(out, "  faults    none"),
+        0 => Ok(()),
+        more => writeln!(out, "            … and {more} more"),
+    }
+}
+
+/// Drawn times have nanoseconds that nobody wants to read.
+fn at_ms(at: Time) -> Time {
+    Time(at.0 / 1_000_000 * 1_000_000)
+}
+
+fn corners(cells: &[Cell]) -> (Cell, Cell) {
+    let fold = |f: fn(i16, i16) -> i16| {
+        let first = cells.first().copied().unwrap_or_default();
+        cells.iter().fold(first, |a, c| Cell::new(f(a.x, c.x), f(a.y, c.y), f(a.z, c.z)))
+    };
+    (fold(i16::min), fold(i16::max))
+}

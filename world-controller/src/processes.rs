@@ -1,0 +1,176 @@
+//! Runs a plan with one process per module, over shared memory. What a swarm of processes is, and
+//! how it is supervised, is in `swarm`; here a plan goes in and a report comes out.
+
+use crate::report::schema::Report;
+use crate::report::{Facts, progress, report};
+use crate::scenario::Plan;
+use crate::stopwatch::Stopwatch;
+use crate::swarm::{CleanError, Crash, SwarmError, SwarmOptions, SwarmOutcome, clean, run_swarm};
+use crate::terminal::Live;
+use metamorph_module_agent::AgentArgs;
+use metamorph_module_agent::args::ArgsError;
+use metamorph_module_agent::clock::Speed;
+use metamorph_protocol::cube::Cube;
+use metamorph_protocol::cube::message::{Order, Status};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::cube_world::CubeWorld;
+use metamorph_sim_bridge::direct::{Command, Direct};
+use metamorph_sim_bridge::director::Director;
+use metamorph_sim_bridge::invariants::{Invariant, Violation};
+use std::ffi::OsString;
+use std::sync::Arc;
+use thiserror::Error;
+
+/// Why processes cannot be run.
+#[derive(Debug, Error)]
+pub enum ProcessError {
+    /// This program does not know where it is.
+    #[error("cannot find this program's own file, which agents are started from: {0}")]
+    Program(std::io::Error),
+    /// The swarm.
+    #[error(transparent)]
+    Swarm(#[from] SwarmError),
+    /// What killed runs left behind.
+    #[error(transparent)]
+    Clean(#[from] CleanError),
+    /// The arguments of an agent.
+    #[error(transparent)]
+    Args(#[from] ArgsError),
+    /// One agent.
+    #[error("{0}")]
+    Agent(String),
+}
+
+/// Runs to the end, or until a signal asks for it. `since` is when the program started.
+pub fn run_processes(plan: &Plan, live: &mut Live, since: Stopwatch) -> Result<Report, ProcessError> {
+    let mut world = CubeWorld::new(&plan.cells, plan.setup.params.move_time, plan.seed);
+    // Before anything moves; on a real clock the brain is never woken at exactly the start.
+    world.set_failure(plan.failure);
+    let schedule = plan.schedule.clone();
+    let brain = Director::new(Arc::clone(&plan.setup), plan.cells.len(), schedule, plan.stop, plan.failure);
+    let options = SwarmOptions {
+        // `--` keeps the agent's arguments from being read as options of this program.
+        program_args: vec!["agent".into(), "--".into()],
+        seed: plan.seed,
+        speed: speed(plan.time_scale),
+        link: plan.link.clone(),
+        // A swarm ends at once if it is interrupted while it is being set up.
+        catch_signals: true,
+        ..SwarmOptions::new(std::env::current_exe().map_err(ProcessError::Program)?)
+    };
+    let mut director = Watched { brain, live };
+    tracing::info!(modules = plan.cells.len(), seed = plan.seed, "the swarm starts");
+    let before = since.elapsed();
+    let outcome = run_swarm(&options, plan.setup.as_ref(), &mut world, &mut director)?;
+    director.live.clear();
+    let brain = director.brain;
+    world.check_connected(outcome.end);
+    let violations = violations(&mut world, &outcome);
+    let motions = world.motions();
+    Ok(report(&Facts {
+        plan,
+        director: &brain,
+        motions,
+        tally: &outcome.tally,
+        body_messages: outcome.body_messages + outcome.control_messages,
+        violations: &violations,
+        broken: violations.len() as u64,
+        // Space, support and connection at every move, once more at the end, and the counts.
+        checked: motions.started * 3 + 2,
+        now: outcome.end,
+        wall: outcome.wall,
+        setup: before + outcome.setup,
+        trace_hash: None,
+        notes: notes(&outcome),
+    }))
+}
+
+/// Thousandths are as fine as anybody writes them; the plan keeps the range.
+fn speed(time_scale: f64) -> Speed {
+    let thousandths = (time_scale * 1_000.0).round().clamp(1.0, f64::from(u32::MAX)) as u32;
+    Speed::new(thousandths, 1_000).unwrap_or(Speed::REAL)
+}
+
+fn violations(world: &mut CubeWorld, outcome: &SwarmOutcome) -> Vec<Violation> {
+    let mut found = world.take_violations();
+    // Without the counts of every life, nothing can be said about their sum.
+    if outcome.missing_ledgers.is_empty() {
+        // Of all classes together: the class of a damaged message is what is left of it.
+        let left = outcome.tally.total().in_flight();
+        if left < 0 {
+            let what = format!("{} messages more arrived than were sent", -left);
+            found.push(Violation { invariant: Invariant::MessagesBalance, at: outcome.end, what });
+        }
+    }
+    found
+}
+
+/// What does not fit the report's numbers, in words.
+fn notes(outcome: &SwarmOutcome) -> Vec<String> {
+    let crash = |c: &Crash| {
+        let tail = c.stderr_tail.trim();
+        let said = if tail.is_empty() { String::new() } else { format!("; it said: {tail}") };
+        format!("module {} {} at {} although nobody had asked it to{said}", c.id, c.how, c.at)
+    };
+    let mut notes: Vec<String> = outcome.crashes.iter().map(crash).collect();
+    notes.extend(
+        outcome.missing_ledgers.iter().map(|why| format!("messages are missing from the counts: {why}")),
+    );
+    if outcome.foreign > 0 {
+        notes.push(format!("{} frames that no member of the run wrote were refused", outcome.foreign));
+    }
+    notes
+}
+
+/// The director, with somebody watching: draws the progress line.
+struct Watched<'a> {
+    brain: Director,
+    live: &'a mut Live,
+}
+
+impl Direct<CubeWorld> for Watched<'_> {
+    fn report(&mut self, now: Time, id: ModuleId, report: Status) {
+        self.brain.report(now, id, report);
+    }
+    fn died(&mut self, now: Time, id: ModuleId) {
+        self.brain.died(now, id);
+    }
+    fn started(&mut self, now: Time, id: ModuleId) {
+        self.brain.started(now, id);
+    }
+    fn wake(&mut self, now: Time, world: &mut CubeWorld) {
+        self.brain.wake(now, world);
+        self.live.show(|| progress(now, &self.brain.progress()));
+    }
+    fn wake_at(&self) -> Time {
+        self.brain.wake_at()
+    }
+    fn poll(&mut self) -> Option<Command<Order>> {
+        self.brain.poll()
+    }
+}
+
+/// Removes what killed runs of this user left behind, and says what was removed.
+pub fn clean_up() -> Result<String, ProcessError> {
+    let done = clean()?;
+    let mut said = match done.runs.len() {
+        0 => "nothing was left behind".to_owned(),
+        n => format!(
+            "removed what {n} killed {} left behind: {} processes, {} files of shared memory",
+            if n == 1 { "run" } else { "runs" },
+            done.agents_killed,
+            done.files
+        ),
+    };
+    if done.alive > 0 {
+        said.push_str(&format!("; {} live runs were left alone", done.alive));
+    }
+    Ok(said)
+}
+
+/// The life of one agent process, started by [`run_processes`].
+pub fn agent(args: &[OsString]) -> Result<(), ProcessError> {
+    let args = AgentArgs::parse(args.iter().cloned())?;
+    metamorph_module_agent::run::<Cube>(&args).map_err(|error| ProcessError::Agent(error.to_string()))
+}

@@ -1,0 +1,226 @@
+//! The report as a person reads it: outcome first, then numbers, then how to repeat it.
+
+use super::schema::{ClassCounts, Report, Standstill};
+use crate::terminal::Paint;
+use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::director::Progress;
+use std::fmt::Write;
+
+/// Faults and violations shown; JSON has them all.
+const SHOWN: usize = 12;
+
+/// The report as text, coloured if `paint` is.
+pub fn human(report: &Report, paint: Paint) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_all(&mut out, report, paint);
+    out
+}
+
+fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
+    let outcome = r.outcome.to_uppercase();
+    let outcome = if r.outcome == "built" { paint.good(&outcome) } else { paint.bad(&outcome) };
+    writeln!(out, "{outcome}  {}", r.scenario)?;
+    writeln!(out, "  {}", r.reason)?;
+    writeln!(out)?;
+    let g = &r.goal;
+    writeln!(out, "  goal        {} of {} cells filled ({})", g.filled, g.cells, percent(g.filled, g.cells))?;
+    if r.stages.len() > 1 {
+        for s in &r.stages {
+            let built = s.built_s.map_or("not built".to_owned(), |t| format!("built at {}", seconds(t)));
+            writeln!(out, "              {}: {} of {}, {built}", s.name, s.filled, s.cells)?;
+        }
+    }
+    let a = &r.agents;
+    let kind = if r.link == "ipc" { "processes" } else { "agents" };
+    writeln!(
+        out,
+        "  {kind:<11} {} launched, {} alive, {} crashed, {} restarted",
+        a.launched, a.alive, a.crashed, a.restarted
+    )?;
+    let m = &r.move_details;
+    let per_module = r.moves as f64 / a.launched.max(1) as f64;
+    writeln!(
+        out,
+        "  moves       {} completed ({per_module:.1} a module), {} failed",
+        count(r.moves),
+        count(m.failed)
+    )?;
+    let c = &r.collisions;
+    writeln!(
+        out,
+        "  collisions  {} attempted, {} prevented by negotiation, {} suffered",
+        count(c.attempted),
+        count(c.prevented),
+        c.suffered
+    )?;
+    let t = &r.time;
+    writeln!(
+        out,
+        "  time        {} in the scenario ({:.0} move times), {} real, {} to set up",
+        seconds(t.virtual_s),
+        t.move_times,
+        seconds(t.wall_s),
+        seconds(t.setup_s)
+    )?;
+    let broken = if r.invariants.broken == 0 {
+        "0 broken".to_owned()
+    } else {
+        paint.bad(&format!("{} broken", count(r.invariants.broken)))
+    };
+    writeln!(out, "  invariants  {} checks, {broken}", count(r.invariants.checked))?;
+    for v in r.invariants.violated.iter().take(SHOWN) {
+        writeln!(out, "              {} at {}: {}", v.invariant, seconds(v.at_s), v.what)?;
+    }
+    writeln!(out)?;
+    write_messages(out, r, paint)?;
+    if let Some(unbuilt) = &r.unbuilt {
+        write_unbuilt(out, unbuilt, paint)?;
+    }
+    if !r.faults.is_empty() || r.faults_planned > 0 {
+        writeln!(out)?;
+        writeln!(
+            out,
+            "  {} ({} of {} planned struck)",
+            paint.strong("faults"),
+            r.faults.len(),
+            r.faults_planned
+        )?;
+        for f in r.faults.iter().take(SHOWN) {
+            writeln!(out, "    {:>9}  {:<8}{:>6}  {}", seconds(f.at_s), f.fault, f.module, f.effect)?;
+        }
+        more(out, r.faults.len())?;
+    }
+    for note in &r.notes {
+        writeln!(out, "  note: {note}")?;
+    }
+    writeln!(out)?;
+    writeln!(out, "  repeat with {}", r.repeat)?;
+    if let Some(hash) = &r.trace_hash {
+        writeln!(out, "  trace hash  {hash}")?;
+    }
+    Ok(())
+}
+
+fn write_messages(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
+    let header = format!(
+        "  {:<13}{:>12}{:>12}{:>10}{:>8}{:>10}{:>10}{:>9}{:>11}",
+        "messages", "sent", "delivered", "lost", "dup", "overflow", "expired", "refused", "bytes"
+    );
+    writeln!(out, "{}", paint.strong(&header))?;
+    let mut line = |name: &str, c: &ClassCounts| {
+        writeln!(
+            out,
+            "  {name:<13}{:>12}{:>12}{:>10}{:>8}{:>10}{:>10}{:>9}{:>11}",
+            count(c.sent),
+            count(c.delivered),
+            count(c.lost),
+            count(c.duplicated),
+            count(c.overflowed),
+            count(c.expired),
+            count(c.refused),
+            bytes(c.bytes)
+        )
+    };
+    for (class, counts) in r.messages.by_class.iter().filter(|(_, c)| c.sent > 0) {
+        line(class, counts)?;
+    }
+    line("all", &r.messages.all)?;
+    let per_module = r.messages.total as f64 / r.agents.launched.max(1) as f64;
+    writeln!(
+        out,
+        "  {per_module:.0} a module, {} in flight at the end; apart from these {} to and from bodies",
+        count(r.messages.all.in_flight.unsigned_abs()),
+        count(r.body_messages)
+    )
+}
+
+fn write_unbuilt(out: &mut String, s: &Standstill, paint: Paint) -> std::fmt::Result {
+    let cells: Vec<String> = s.unfilled.iter().take(5).map(|c| format!("{c:?}")).collect();
+    let dots = if s.unfilled.len() > 5 { ", …" } else { "" };
+    writeln!(out)?;
+    writeln!(out, "  {} since {}: {}", paint.strong("unbuilt"), seconds(s.since_s), s.text)?;
+    writeln!(out, "    {} cells: {}{dots}", s.unfilled.len(), cells.join(", "))?;
+    if !s.wait_cycle.is_empty() {
+        let ids: Vec<String> = s.wait_cycle.iter().take(10).map(u32::to_string).collect();
+        writeln!(out, "    wait for each other: {}", ids.join(", "))?;
+    }
+    for w in s.waiting.iter().take(5) {
+        match w.waits_for {
+            Some(other) => writeln!(out, "    module {} has a way and waits for {other}", w.module)?,
+            None => writeln!(out, "    module {} has a way and does not take it", w.module)?,
+        }
+    }
+    Ok(())
+}
+
+fn more(out: &mut String, all: usize) -> std::fmt::Result {
+    match all.saturating_sub(SHOWN) {
+        0 => Ok(()),
+        n => writeln!(out, "    … and {n} more; --json has them all"),
+    }
+}
+
+/// One line that says how far a run has come.
+pub fn progress(now: Time, p: &Progress) -> String {
+    let stage = if p.stages > 1 { format!("goal {} of {}  ", p.stage + 1, p.stages) } else { String::new() };
+    format!(
+        "{:>9}  {stage}{} of {} cells  {}  {} moves  {} alive",
+        seconds(now.as_secs_f64()),
+        p.filled,
+        p.goal,
+        percent(p.filled as u64, p.goal as u64),
+        count(p.moves),
+        p.alive
+    )
+}
+
+fn percent(part: u64, whole: u64) -> String {
+    format!("{}%", part * 100 / whole.max(1))
+}
+
+/// Thousands apart, so that long numbers can be read.
+fn count(n: u64) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+fn bytes(n: u64) -> String {
+    match n {
+        0..10_000 => format!("{n} B"),
+        10_000..10_000_000 => format!("{} kB", count(n / 1_000)),
+        _ => format!("{} MB", count(n / 1_000_000)),
+    }
+}
+
+fn seconds(s: f64) -> String {
+    if s < 0.000_5 {
+        "0 s".to_owned()
+    } else if s < 1.0 {
+        format!("{:.0} ms", s * 1_000.0)
+    } else {
+        format!("{s:.1} s")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_readable() {
+        assert_eq!(count(0), "0");
+        assert_eq!(count(999), "999");
+        assert_eq!(count(1_234_567), "1,234,567");
+        assert_eq!(bytes(123_456_789), "123 MB");
+        assert_eq!(seconds(0.012), "12 ms");
+        assert_eq!(percent(1, 3), "33%");
+    }
+}

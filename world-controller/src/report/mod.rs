@@ -1,0 +1,212 @@
+//! What a run did: from a driver's facts to one value that is printed for people and written as
+//! JSON. Independent of the driver. Absent: measuring (drivers do) and printing (`terminal` does).
+
+mod human;
+pub mod schema;
+
+pub use human::{human, progress};
+
+use crate::scenario::Plan;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::tally::Tally;
+use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::cube_world::Motions;
+use metamorph_sim_bridge::director::{Director, Stage};
+use metamorph_sim_bridge::faults::Fault;
+use metamorph_sim_bridge::invariants::{Invariant, Violation};
+use metamorph_sim_bridge::outcome::{Outcome, Stall};
+use schema::{
+    Agents, ClassCounts, Collisions, FaultReport, GoalReport, Invariants, Machine, Messages, MoveReport,
+    Report, SCHEMA, StageReport, Standstill, Times, ViolationReport, Waiting,
+};
+use std::time::Duration;
+
+/// What a driver knows at the end of a run.
+pub struct Facts<'a> {
+    /// What was to be run.
+    pub plan: &'a Plan,
+    /// The controller's brain after the run.
+    pub director: &'a Director,
+    /// What the bodies did.
+    pub motions: Motions,
+    /// Message counts.
+    pub tally: &'a Tally,
+    /// Messages between agents, bodies and controller, which are not protocol messages.
+    pub body_messages: u64,
+    /// The invariants found broken, as many as were kept.
+    pub violations: &'a [Violation],
+    /// How many were found broken in all.
+    pub broken: u64,
+    /// How often an invariant was checked.
+    pub checked: u64,
+    /// Scenario time at the end.
+    pub now: Time,
+    /// From the first event to the last, on a real clock.
+    pub wall: Duration,
+    /// From the start of the program to the first event, on a real clock.
+    pub setup: Duration,
+    /// The hash of the trace; none where runs cannot be repeated bit for bit.
+    pub trace_hash: Option<u64>,
+    /// What else a reader should know, such as processes that died without a fault.
+    pub notes: Vec<String>,
+}
+
+/// Makes the report of a run. A run without an outcome was stopped from outside.
+pub fn report(facts: &Facts<'_>) -> Report {
+    let (plan, director, motions) = (facts.plan, facts.director, facts.motions);
+    let ended = director.outcome().map_or(Outcome::Aborted, |(_, outcome)| outcome);
+    let outcome = if facts.broken > 0 { Outcome::Unsafe } else { ended };
+    let progress = director.progress();
+    let (crashed, restarted) = director.crashed_and_restarted();
+    let unbuilt = director.stall().map(standstill);
+    let listed = |when| (ended == when).then(|| unbuilt.clone()).flatten().into_iter().collect();
+    let one_cell = |v: &&Violation| v.invariant == Invariant::OneModulePerCell;
+    let suffered = facts.violations.iter().filter(one_cell).count() as u64;
+    let prevented = director.prevented();
+    Report {
+        schema: SCHEMA,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        scenario: plan.title().to_owned(),
+        file: plan.origin.clone(),
+        seed: plan.seed,
+        link: plan.overrides.link.name().to_owned(),
+        outcome: outcome.name().to_owned(),
+        reason: reason(outcome, facts, progress.filled, progress.goal),
+        agents: Agents {
+            launched: plan.cells.len() as u64,
+            alive: progress.alive as u64,
+            crashed,
+            restarted,
+        },
+        goal: GoalReport { cells: progress.goal as u64, filled: progress.filled as u64 },
+        stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
+        deadlocks: listed(Outcome::Deadlock),
+        livelocks: listed(Outcome::Livelock),
+        unbuilt,
+        collisions: Collisions { attempted: motions.blocked + prevented + suffered, prevented, suffered },
+        moves: motions.completed,
+        move_details: MoveReport {
+            started: motions.started,
+            completed: motions.completed,
+            failed: motions.failed,
+            refused_taken: motions.blocked,
+            refused_late: motions.late,
+            refused_stale: motions.stale,
+        },
+        messages: messages(facts.tally),
+        body_messages: facts.body_messages,
+        time: Times {
+            virtual_s: facts.now.as_secs_f64(),
+            move_times: facts.now.0 as f64 / plan.setup.params.move_time.0 as f64,
+            wall_s: facts.wall.as_secs_f64(),
+            setup_s: facts.setup.as_secs_f64(),
+        },
+        invariants: Invariants {
+            checked: facts.checked,
+            broken: facts.broken,
+            violated: facts.violations.iter().map(violation).collect(),
+        },
+        faults: director.struck().iter().map(|s| fault(s.at, s.fault, &s.effect)).collect(),
+        faults_planned: plan.schedule.len() as u64,
+        notes: facts.notes.clone(),
+        trace_hash: facts.trace_hash.map(|hash| format!("{hash:016x}")),
+        repeat: plan.repeat_with(),
+        machine: Machine {
+            os: std::env::consts::OS.to_owned(),
+            arch: std::env::consts::ARCH.to_owned(),
+            cores: std::thread::available_parallelism().map_or(1, |n| n.get() as u64),
+            build: if cfg!(debug_assertions) { "debug" } else { "release" }.to_owned(),
+        },
+    }
+}
+
+fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> String {
+    let stall = facts.director.stall().map(|s| s.text);
+    match outcome {
+        Outcome::Built => "every goal cell is filled".to_owned(),
+        Outcome::Unsafe => match facts.violations.first() {
+            Some(first) => format!("an invariant broke: {first}"),
+            None => "an invariant broke".to_owned(),
+        },
+        Outcome::Aborted => format!("stopped from outside with {filled} of {goal} goal cells filled"),
+        Outcome::Timeout => {
+            format!(
+                "the time was up with {filled} of {goal} goal cells filled; {}",
+                stall.unwrap_or("no reason found")
+            )
+        }
+        Outcome::Livelock => format!(
+            "modules moved, but no goal cell was filled for {}; {}",
+            facts.plan.stop.livelock,
+            stall.unwrap_or("no reason found")
+        ),
+        Outcome::Deadlock => stall.unwrap_or("nothing moves").to_owned(),
+    }
+}
+
+fn stage(name: &str, stage: &Stage) -> StageReport {
+    StageReport {
+        name: name.to_owned(),
+        cells: stage.cells as u64,
+        filled: stage.filled as u64,
+        opened_s: stage.opened.as_secs_f64(),
+        built_s: stage.built.map(Time::as_secs_f64),
+        known_s: stage.known.map(Time::as_secs_f64),
+        detect_lag_s: stage.built.zip(stage.known).map(|(built, known)| known.since(built).as_secs_f64()),
+    }
+}
+
+fn standstill(stall: &Stall) -> Standstill {
+    Standstill {
+        since_s: stall.since.as_secs_f64(),
+        // The kebab-case name that the reason serialises to.
+        reason: serde_json::to_value(stall.reason)
+            .ok()
+            .and_then(|v| v.as_str().map(str::to_owned))
+            .unwrap_or_default(),
+        infeasible: stall.reason.is_infeasible(),
+        text: stall.text.to_owned(),
+        unfilled: stall.unfilled.iter().map(|c| (*c).into()).collect(),
+        wait_cycle: stall.wait_cycle.iter().map(|id| id.0).collect(),
+        waiting: stall
+            .waiting
+            .iter()
+            .map(|(id, on)| Waiting { module: id.0, waits_for: on.map(|o: ModuleId| o.0) })
+            .collect(),
+    }
+}
+
+fn messages(tally: &Tally) -> Messages {
+    let counts = |c: &metamorph_protocol::tally::Counts| ClassCounts {
+        sent: c.sent,
+        delivered: c.delivered,
+        lost: c.lost,
+        duplicated: c.duplicated,
+        overflowed: c.overflowed,
+        expired: c.expired,
+        refused: c.refused,
+        in_flight: c.in_flight(),
+        bytes: c.bytes,
+    };
+    let total = tally.total();
+    Messages {
+        total: total.sent,
+        bytes: total.bytes,
+        all: counts(&total),
+        by_class: tally.iter().map(|(class, c)| (class.name().to_owned(), counts(c))).collect(),
+    }
+}
+
+fn violation(v: &Violation) -> ViolationReport {
+    ViolationReport {
+        invariant: v.invariant.name().to_owned(),
+        at_s: v.at.as_secs_f64(),
+        what: v.what.clone(),
+    }
+}
+
+fn fault(at: Time, fault: Fault, effect: &str) -> FaultReport {
+    let text = fault.to_string();
+    let verb = text.split(' ').next().unwrap_or("").to_owned();
+    FaultReport { at_s: at.as_secs_f64(), fault: verb, module: fault.module().0, effect: effect.to_owned() }
+}

@@ -1,0 +1,265 @@
+//! The report as it is written to JSON. A field is never renamed, given another meaning or removed
+//! without a new [`SCHEMA`]; new ones may be added. Times end in `_s` and are seconds of scenario
+//! time unless they say otherwise.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The version of this layout.
+pub const SCHEMA: u32 = 1;
+
+/// What a run did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// The version of this layout.
+    pub schema: u32,
+    /// The version of the program that ran.
+    pub version: String,
+    /// The scenario's name, or its file if it has none.
+    pub scenario: String,
+    /// The scenario's file, as named by the user.
+    pub file: String,
+    /// The seed of the run.
+    pub seed: u64,
+    /// What carried the messages: `ipc` or `sim`.
+    pub link: String,
+    /// `built`, `deadlock`, `livelock`, `timeout`, `unsafe` or `aborted`.
+    pub outcome: String,
+    /// Why, in words.
+    pub reason: String,
+    /// Processes (`ipc`) or agents (`sim`).
+    pub agents: Agents,
+    /// The goal that was being built last.
+    pub goal: GoalReport,
+    /// Every goal that was begun.
+    pub stages: Vec<StageReport>,
+    /// The standstill, if the outcome of the run was a deadlock.
+    pub deadlocks: Vec<Standstill>,
+    /// What was found, if the outcome of the run was a livelock.
+    pub livelocks: Vec<Standstill>,
+    /// Why goal cells are unfilled, whatever the outcome; null if all are filled or nobody looked.
+    pub unbuilt: Option<Standstill>,
+    /// Attempts to use one cell twice.
+    pub collisions: Collisions,
+    /// Moves completed.
+    pub moves: u64,
+    /// What became of moves.
+    pub move_details: MoveReport,
+    /// Protocol messages.
+    pub messages: Messages,
+    /// Messages between agents, bodies and controller: actions, percepts, contact changes, reports,
+    /// orders. They are no protocol messages.
+    pub body_messages: u64,
+    /// How long it took.
+    pub time: Times,
+    /// What must always hold.
+    pub invariants: Invariants,
+    /// Faults that struck, in order.
+    pub faults: Vec<FaultReport>,
+    /// Faults that the plan contained, those that came too late included.
+    pub faults_planned: u64,
+    /// What else happened that a reader should know.
+    pub notes: Vec<String>,
+    /// 16 hexadecimal digits that two runs share if they were the same event by event; null on `ipc`.
+    pub trace_hash: Option<String>,
+    /// The command that repeats the run.
+    pub repeat: String,
+    /// What it ran on.
+    pub machine: Machine,
+}
+
+/// Processes or simulated agents.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Agents {
+    /// Modules of the swarm, each started once.
+    pub launched: u64,
+    /// Alive at the end.
+    pub alive: u64,
+    /// Deaths, those before a restart included.
+    pub crashed: u64,
+    /// Starts after a death.
+    pub restarted: u64,
+}
+
+/// How much of a goal is there.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GoalReport {
+    /// Cells of the goal.
+    pub cells: u64,
+    /// Cells filled by a finalized module, or occupied by a dead one.
+    pub filled: u64,
+}
+
+/// One goal of several.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StageReport {
+    /// What the scenario calls it.
+    pub name: String,
+    /// Cells of the goal.
+    pub cells: u64,
+    /// Cells filled at the end.
+    pub filled: u64,
+    /// When it was begun.
+    pub opened_s: f64,
+    /// When the last cell was filled; null if never.
+    pub built_s: Option<f64>,
+    /// When the swarm itself knew that all cells were filled; null if the run ended before.
+    pub known_s: Option<f64>,
+    /// From built to known, 0 if it was known first; null if either is.
+    pub detect_lag_s: Option<f64>,
+}
+
+/// Why goal cells stay unfilled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Standstill {
+    /// Since when nothing went on.
+    pub since_s: f64,
+    /// `blocked`, `pinned`, `material-exhausted`, `no-active-target`, `needs-dead-support` or `no-way`.
+    pub reason: String,
+    /// Whether no protocol could have gone on from here.
+    pub infeasible: bool,
+    /// The reason in words.
+    pub text: String,
+    /// Goal cells that are not filled.
+    pub unfilled: Vec<[i16; 3]>,
+    /// Modules that wait for each other in a circle; empty if none do.
+    pub wait_cycle: Vec<u32>,
+    /// Spare modules that have a way to a goal cell and do not take it (the first 20).
+    pub waiting: Vec<Waiting>,
+}
+
+/// A module that waits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Waiting {
+    /// Who.
+    pub module: u32,
+    /// For whom, if it said.
+    pub waits_for: Option<u32>,
+}
+
+/// Attempts to use one cell twice.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Collisions {
+    /// All: prevented by negotiation, refused by the body, suffered.
+    pub attempted: u64,
+    /// Prevented by negotiation between modules.
+    pub prevented: u64,
+    /// Two modules in one cell. Must be 0.
+    pub suffered: u64,
+}
+
+/// What became of moves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MoveReport {
+    /// Begun.
+    pub started: u64,
+    /// Ended where they should.
+    pub completed: u64,
+    /// Failed, by a stuck joint or a failed connection, and rolled back.
+    pub failed: u64,
+    /// Refused by the body because a cell was taken or a support missing.
+    pub refused_taken: u64,
+    /// Refused by the body because the grants they rest on would have ended before them.
+    pub refused_late: u64,
+    /// Refused by the body because contacts had changed since the decision.
+    pub refused_stale: u64,
+}
+
+/// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired +
+/// refused + in_flight`. On `ipc` a damaged message may be refused under another class than it was
+/// sent in, because the damage may have hit the class; all classes together add up.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Messages {
+    /// Handed to the link.
+    pub total: u64,
+    /// Bytes of those, headers included.
+    pub bytes: u64,
+    /// All classes together.
+    pub all: ClassCounts,
+    /// By what messages are for: gradient, seed, connectivity, negotiation, world, liveness.
+    pub by_class: BTreeMap<String, ClassCounts>,
+}
+
+/// Counts of one class of messages.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ClassCounts {
+    /// Handed to the link by agents.
+    pub sent: u64,
+    /// Handed to agents by the link.
+    pub delivered: u64,
+    /// Lost on the way, or cut off by a partition.
+    pub lost: u64,
+    /// Extra copies made on the way.
+    pub duplicated: u64,
+    /// Dropped because an inbox was full.
+    pub overflowed: u64,
+    /// Arrived after their contact had ended, or at a dead process.
+    pub expired: u64,
+    /// Arrived damaged and refused.
+    pub refused: u64,
+    /// Not arrived when the run ended.
+    pub in_flight: i64,
+    /// Bytes of the messages sent, headers included.
+    pub bytes: u64,
+}
+
+/// How long a run took.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Times {
+    /// Scenario time from the start to the end.
+    pub virtual_s: f64,
+    /// The same, in durations of a move.
+    pub move_times: f64,
+    /// Real time from the first event to the last.
+    pub wall_s: f64,
+    /// Real time before that.
+    pub setup_s: f64,
+}
+
+/// What must always hold.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Invariants {
+    /// How often one was checked.
+    pub checked: u64,
+    /// How often one was broken.
+    pub broken: u64,
+    /// The first hundred of those.
+    pub violated: Vec<ViolationReport>,
+}
+
+/// An invariant that did not hold.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViolationReport {
+    /// Its name.
+    pub invariant: String,
+    /// When.
+    pub at_s: f64,
+    /// What was seen.
+    pub what: String,
+}
+
+/// A fault and what it did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FaultReport {
+    /// When it struck.
+    pub at_s: f64,
+    /// `kill`, `pause`, `resume`, `restart`, `stick` or `unstick`.
+    pub fault: String,
+    /// Whom it hit.
+    pub module: u32,
+    /// The state it found the module in.
+    pub effect: String,
+}
+
+/// What a run ran on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Machine {
+    /// The operating system.
+    pub os: String,
+    /// The processor architecture.
+    pub arch: String,
+    /// Processors available to the program.
+    pub cores: u64,
+    /// `debug` or `release`.
+    pub build: String,
+}

@@ -1,0 +1,313 @@
+//! Faults as they are written: in `[[fault]]` tables and in options such as `--kill 3@2s`; and how
+//! they become a schedule. Absent: carrying them out.
+
+use super::flaw::Flaw;
+use super::problems::{At, Place, Problems};
+use super::table::{Node, Read, Section, Window, elements, span, span_range};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::link::Partition;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::stream::Stream;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::faults::{Fault, Schedule};
+
+/// A fault that hits named modules.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verb {
+    /// The process is killed; the body stays.
+    Kill,
+    /// The process is stopped, and goes on later.
+    Pause,
+    /// The process is killed and started again without its memory.
+    Restart,
+    /// The joint sticks, for a while or for ever.
+    Stick,
+}
+
+/// How many modules crash at random.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Amount {
+    /// This share of the swarm, rounded down.
+    Fraction(Ratio),
+    /// This many.
+    Count(u64),
+}
+
+/// One fault as written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RawFault {
+    /// Named modules.
+    Named {
+        /// What happens to them.
+        verb: Verb,
+        /// The modules.
+        modules: Vec<At<u64>>,
+        /// When it happens or begins.
+        from: At<Span>,
+        /// When it ends.
+        until: Option<At<Span>>,
+    },
+    /// Modules drawn at random are killed at random times.
+    Crashes {
+        /// How many.
+        amount: Amount,
+        /// The earliest and the latest time.
+        window: At<Window>,
+        /// Where it is written.
+        place: Place,
+    },
+    /// Modules are cut off from the others.
+    Partition {
+        /// The modules on one side.
+        modules: Vec<At<u64>>,
+        /// From when on.
+        from: At<Span>,
+        /// Until when.
+        until: At<Span>,
+    },
+}
+
+const VERBS: [(&str, Verb); 4] =
+    [("kill", Verb::Kill), ("pause", Verb::Pause), ("restart", Verb::Restart), ("stick", Verb::Stick)];
+
+/// Reads all `[[fault]]` tables.
+pub fn read(node: &Node<'_>, problems: &mut Problems) -> Vec<RawFault> {
+    let array = elements(node, "[[fault]]", problems);
+    array.into_iter().flat_map(|a| a.iter()).filter_map(|fault| read_one(fault, problems)).collect()
+}
+
+fn read_one(node: &Node<'_>, problems: &mut Problems) -> Option<RawFault> {
+    let mut section = Section::of(node, "[[fault]]", "kill = 3\nat = \"2s\"", problems)?;
+    let named: Vec<_> = VERBS.iter().filter_map(|(key, verb)| Some((*verb, section.node(key)?))).collect();
+    let crash = section.node("crash");
+    let partition = section.node("partition");
+    if let Some(controller) = section.node("controller") {
+        let what = "a fault of the controller itself".to_owned();
+        let instead = "remove it; faults hit modules (kill, pause, restart, stick, crash, partition)";
+        problems.add(controller.span(), Flaw::NotYet { what, instead });
+        return None;
+    }
+    let kinds = ["kill", "pause", "restart", "stick", "crash", "partition"];
+    let fault = match (&named[..], crash, partition) {
+        ([(verb, modules)], None, None) => read_named(*verb, modules, &mut section, problems),
+        ([], Some(crash), None) => read_crashes(crash, problems),
+        ([], None, Some(partition)) => read_partition(partition, problems),
+        _ => {
+            let present = section.present(&kinds);
+            let names = if present.is_empty() { "nothing".into() } else { present.join(" and ") };
+            // The keys of the faults that were meant are not to be called unknown as well.
+            for key in ["at", "from", "until", "memory"] {
+                section.node(key);
+            }
+            problems.add(section.place().clone(), Flaw::OneVerb(names));
+            None
+        }
+    };
+    section.finish(problems);
+    fault
+}
+
+fn read_named(
+    verb: Verb,
+    modules: &Node<'_>,
+    section: &mut Section<'_, '_>,
+    problems: &mut Problems,
+) -> Option<RawFault> {
+    let modules = module_list(modules, problems);
+    if verb == Verb::Restart
+        && let Some(memory) = section.get::<bool>("memory", problems).filter(|m| m.value)
+    {
+        let what = "a restart with memory".to_owned();
+        let instead = "leave `memory` out: the module comes back without its memory and asks around";
+        problems.add(memory.place, Flaw::NotYet { what, instead });
+    }
+    let (from, until) = match verb {
+        Verb::Kill | Verb::Restart => (section.need("at", "at = \"2s\"", problems), None),
+        Verb::Pause => {
+            let from = section.need("from", "from = \"1s\"", problems);
+            (from, Some(section.need("until", "until = \"3s\"", problems)?))
+        }
+        Verb::Stick => {
+            let from = section.need("at", "at = \"2s\"", problems);
+            (from, section.get("until", problems))
+        }
+    };
+    Some(RawFault::Named { verb, modules: modules?, from: from?, until })
+}
+
+/// One module or several.
+fn module_list(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<At<u64>>> {
+    match node.get_ref().as_array() {
+        None => Some(vec![At::new(u64::read(node, problems)?, node.span())]),
+        Some(array) => array.iter().map(|n| u64::read(n, problems).map(|id| At::new(id, n.span()))).collect(),
+    }
+}
+
+fn read_crashes(node: &Node<'_>, problems: &mut Problems) -> Option<RawFault> {
+    let example = "{ fraction = \"5%\", between = \"0s..60s\" }";
+    let mut section = Section::of(node, "crash", example, problems)?;
+    let count = section.get::<u64>("count", problems).map(|c| Amount::Count(c.value));
+    let amount = match count {
+        Some(_) => count,
+        None => section.need("fraction", "fraction = \"5%\"", problems).map(|f| Amount::Fraction(f.value)),
+    };
+    let window = section.need("between", "between = \"0s..60s\"", problems);
+    section.finish(problems);
+    Some(RawFault::Crashes { amount: amount?, window: window?, place: node.span().into() })
+}
+
+fn read_partition(node: &Node<'_>, problems: &mut Problems) -> Option<RawFault> {
+    let example = "{ modules = [1, 2, 3], from = \"5s\", until = \"10s\" }";
+    let mut section = Section::of(node, "partition", example, problems)?;
+    let modules = match section.node("modules") {
+        Some(modules) => module_list(modules, problems),
+        None => {
+            section.missing("modules", "modules = [1, 2, 3]", problems);
+            None
+        }
+    };
+    let from = section.need("from", "from = \"5s\"", problems);
+    let until = section.need("until", "until = \"10s\"", problems);
+    section.finish(problems);
+    Some(RawFault::Partition { modules: modules?, from: from?, until: until? })
+}
+
+/// Reads an option such as `--kill 3@2s` or `--pause 2@1s..3s`.
+pub fn read_option(verb: Verb, name: &str, text: &str, problems: &mut Problems) -> Option<RawFault> {
+    let place = Place::Option(format!("{name} {text}"));
+    let form = if verb == Verb::Pause { "ID@T..T" } else { "ID@T" };
+    let parsed = text
+        .split_once('@')
+        .and_then(|(id, times)| Some((id.trim().parse::<u64>().ok()?, times)))
+        .ok_or_else(|| Flaw::Form(text.to_owned(), form));
+    let (id, times) = problems.note(&place, parsed)?;
+    let (from, until) = match verb {
+        Verb::Pause => {
+            let window = span_range(times).map_err(|flaw| match flaw {
+                Flaw::Form(..) => Flaw::Form(text.to_owned(), form),
+                other => other,
+            });
+            let (from, until) = problems.note(&place, window)?;
+            (from, Some(At::new(until, place.clone())))
+        }
+        _ => (problems.note(&place, span(times))?, None),
+    };
+    let modules = vec![At::new(id, place.clone())];
+    Some(RawFault::Named { verb, modules, from: At::new(from, place), until })
+}
+
+/// What is known of the run when faults are checked.
+pub struct Bounds {
+    /// The number of modules.
+    pub modules: usize,
+    /// When the run ends at the latest.
+    pub timeout: Span,
+    /// The seed of the run, from which random crashes are drawn.
+    pub seed: u64,
+}
+
+impl Bounds {
+    fn module(&self, id: &At<u64>, problems: &mut Problems) -> Option<ModuleId> {
+        if id.value < self.modules as u64 {
+            // Invariant: a swarm has fewer than 2^32 modules.
+            return Some(ModuleId(id.value as u32));
+        }
+        let flaw = Flaw::NoSuchModule { module: id.value, last: self.modules.saturating_sub(1) };
+        problems.add(id.place.clone(), flaw);
+        None
+    }
+
+    fn time(&self, at: &At<Span>, problems: &mut Problems) -> Time {
+        if at.value > self.timeout {
+            let flaw = Flaw::AfterTheEnd { at: at.value, timeout: self.timeout };
+            problems.add(at.place.clone(), flaw);
+        }
+        Time::ZERO + at.value
+    }
+
+    fn window(&self, from: &At<Span>, until: &At<Span>, problems: &mut Problems) -> (Time, Time) {
+        if from.value >= until.value {
+            let flaw = Flaw::Order { from: from.value, until: until.value };
+            problems.add(until.place.clone(), flaw);
+        }
+        (self.time(from, problems), self.time(until, problems))
+    }
+}
+
+/// Checks all faults and puts them in order: what hits processes and bodies, and what cuts links.
+pub fn compile(faults: &[RawFault], bounds: &Bounds, problems: &mut Problems) -> (Schedule, Vec<Partition>) {
+    let (mut schedule, mut partitions, mut draws) = (Vec::new(), Vec::new(), 0);
+    for fault in faults {
+        match fault {
+            RawFault::Named { verb, modules, from, until } => {
+                let (begin, end) = match until {
+                    Some(until) => {
+                        let (begin, end) = bounds.window(from, until, problems);
+                        (begin, Some(end))
+                    }
+                    None => (bounds.time(from, problems), None),
+                };
+                for id in modules.iter().filter_map(|id| bounds.module(id, problems)) {
+                    let (first, second) = events(*verb, id);
+                    schedule.push((begin, first));
+                    schedule.extend(end.zip(second));
+                }
+            }
+            RawFault::Crashes { amount, window, place } => {
+                let Window(from, until) = window.value;
+                if from >= until {
+                    problems.add(window.place.clone(), Flaw::Order { from, until });
+                    continue;
+                }
+                bounds.time(&At::new(until, window.place.clone()), problems);
+                let count = match amount {
+                    Amount::Fraction(f) => bounds.modules as u64 * u64::from(f.num()) / u64::from(f.den()),
+                    Amount::Count(n) => *n,
+                };
+                if count > bounds.modules as u64 {
+                    let flaw = Flaw::Range {
+                        what: "the number of crashes",
+                        got: count.to_string(),
+                        low: "0".into(),
+                        high: bounds.modules.to_string(),
+                    };
+                    problems.add(place.clone(), flaw);
+                    continue;
+                }
+                let mut stream = Stream::named(bounds.seed, "crashes", draws);
+                draws += 1;
+                for id in draw(bounds.modules, count as usize, &mut stream) {
+                    let at = Time::ZERO + from + Span(stream.below((until - from).0));
+                    schedule.push((at, Fault::Kill(id)));
+                }
+            }
+            RawFault::Partition { modules, from, until } => {
+                let (from, until) = bounds.window(from, until, problems);
+                let mut side: Vec<_> = modules.iter().filter_map(|id| bounds.module(id, problems)).collect();
+                side.sort_unstable();
+                side.dedup();
+                partitions.push(Partition { from, until, side });
+            }
+        }
+    }
+    (Schedule::new(schedule), partitions)
+}
+
+fn events(verb: Verb, id: ModuleId) -> (Fault, Option<Fault>) {
+    match verb {
+        Verb::Kill => (Fault::Kill(id), None),
+        Verb::Pause => (Fault::Pause(id), Some(Fault::Resume(id))),
+        Verb::Restart => (Fault::Restart(id), None),
+        Verb::Stick => (Fault::Stick(id), Some(Fault::Unstick(id))),
+    }
+}
+
+/// `count` different modules (Fisher and Yates's shuffle, stopped early).
+fn draw(modules: usize, count: usize, stream: &mut Stream) -> Vec<ModuleId> {
+    let mut ids: Vec<u32> = (0..modules as u32).collect();
+    for i in 0..count {
+        let other = i + stream.below((modules - i) as u64) as usize;
+        ids.swap(i, other);
+    }
+    ids.into_iter().take(count).map(ModuleId).collect()
+}

@@ -1,0 +1,204 @@
+//! Scenarios: what a person writes in TOML, checked and made into a plan that a driver can run.
+//!
+//! `table` and `shapes` read values with their places, `raw` and `faults` a whole document and the
+//! options on the command line, `plan` checks what belongs together; `flaw` and `problems` say what
+//! is wrong, where, and what to do. Everything wrong is collected and shown at once.
+//!
+//! *Invariants.* No text makes the reader panic, and none makes it use more memory or time than the
+//! limits in `flaw` allow. Deliberately absent: anything that runs.
+
+pub mod faults;
+pub mod flaw;
+mod plan;
+pub mod problems;
+mod raw;
+mod shapes;
+mod table;
+
+use flaw::{Flaw, MAX_BYTES};
+use metamorph_protocol::cube::params::Setup;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_sim_bridge::director::Stop;
+use metamorph_sim_bridge::faults::Schedule;
+use problems::Problems;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use std::sync::Arc;
+use toml::de::DeTable;
+
+/// What carries messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum LinkKind {
+    /// One process per module, over shared memory.
+    #[default]
+    Ipc,
+    /// One thread, in virtual time.
+    Sim,
+}
+
+impl LinkKind {
+    /// The name used on the command line and in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            LinkKind::Ipc => "ipc",
+            LinkKind::Sim => "sim",
+        }
+    }
+}
+
+/// What the command line changes. Texts are checked together with the scenario, so that an option
+/// gets the same quality of complaint as a line of the file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Overrides {
+    /// The link.
+    pub link: LinkKind,
+    /// The seed of the run.
+    pub seed: Option<u64>,
+    /// `ID@T`, on top of the scenario's faults.
+    pub kill: Vec<String>,
+    /// `ID@T..T`, on top of the scenario's faults.
+    pub pause: Vec<String>,
+    /// `ID@T`, on top of the scenario's faults.
+    pub restart: Vec<String>,
+    /// Probability of loss.
+    pub loss: Option<String>,
+    /// `T` or `T..T`.
+    pub delay: Option<String>,
+    /// Probability of duplication.
+    pub duplicate: Option<String>,
+    /// Probability of being overtaken.
+    pub reorder: Option<String>,
+    /// Scenario seconds per second on the process link.
+    pub time_scale: Option<String>,
+}
+
+impl Overrides {
+    /// The options, as they would have to be typed to get the same plan.
+    pub fn options(&self) -> Vec<String> {
+        let many = |name: &'static str, texts: &[String]| -> Vec<String> {
+            texts.iter().flat_map(|t| [name.to_owned(), t.clone()]).collect()
+        };
+        let one = |name: &'static str, text: &Option<String>| many(name, text.as_slice());
+        [
+            many("--kill", &self.kill),
+            many("--pause", &self.pause),
+            many("--restart", &self.restart),
+            one("--loss", &self.loss),
+            one("--delay", &self.delay),
+            one("--dup", &self.duplicate),
+            one("--reorder", &self.reorder),
+            one("--time-scale", &self.time_scale),
+        ]
+        .concat()
+    }
+}
+
+/// One goal of a plan, as people call it; its cells are in the setup.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StagePlan {
+    /// What it is called.
+    pub name: String,
+}
+
+/// A scenario that has passed every check, with what the command line changed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// What the scenario calls itself.
+    pub name: Option<String>,
+    /// What it shows.
+    pub description: Option<String>,
+    /// The file it comes from, as named by the user.
+    pub origin: String,
+    /// The text of the scenario.
+    pub text: Arc<str>,
+    /// What the command line changed.
+    pub overrides: Overrides,
+    /// The seed of the run.
+    pub seed: u64,
+    /// Where the modules are at first; a module's number is its place here.
+    pub cells: Vec<Cell>,
+    /// The goals, one built after the other. As many as in the setup.
+    pub stages: Vec<StagePlan>,
+    /// What all agents share.
+    pub setup: Arc<Setup>,
+    /// What is done to messages. On the process link it comes on top of the real link.
+    pub link: LinkModel,
+    /// The probability that a move fails.
+    pub failure: Ratio,
+    /// What is broken when.
+    pub schedule: Schedule,
+    /// When the run ends.
+    pub stop: Stop,
+    /// Scenario seconds per second on the process link.
+    pub time_scale: f64,
+}
+
+impl Plan {
+    /// The name of the scenario, or else of its file.
+    pub fn title(&self) -> &str {
+        self.name.as_deref().unwrap_or(&self.origin)
+    }
+
+    /// The command that repeats the run.
+    pub fn repeat_with(&self) -> String {
+        let quote = |text: String| {
+            let plain = |c: char| c.is_ascii_alphanumeric() || "/._-@%+=:,".contains(c);
+            if !text.is_empty() && text.chars().all(plain) {
+                text
+            } else {
+                format!("'{}'", text.replace('\'', r"'\''"))
+            }
+        };
+        let mut words = vec!["metamorph".to_owned(), "run".to_owned(), quote(self.origin.clone())];
+        words.extend(["--link".to_owned(), self.overrides.link.name().to_owned()]);
+        words.extend(["--seed".to_owned(), self.seed.to_string()]);
+        words.extend(self.overrides.options().into_iter().map(quote));
+        words.join(" ")
+    }
+}
+
+/// Reads and checks a scenario file.
+pub fn read_file(path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
+    let origin = path.display().to_string();
+    let unreadable = |error: std::io::Error| Problems::of_file(&origin, Flaw::Unreadable(error.to_string()));
+    let file = File::open(path).map_err(unreadable)?;
+    let mut bytes = Vec::new();
+    file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(Problems::of_file(&origin, Flaw::FileTooLarge));
+    }
+    let text = String::from_utf8(bytes).map_err(|_| Problems::of_file(&origin, Flaw::NotUtf8))?;
+    read_text(&origin, &text, overrides)
+}
+
+/// Reads and checks the text of a scenario; `origin` is how messages call it.
+pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan, Problems> {
+    let mut problems = Problems::new(origin, text);
+    let (document, errors) = DeTable::parse_recoverable(text);
+    for error in errors {
+        let flaw = Flaw::Syntax(error.message().to_owned());
+        match error.span() {
+            Some(span) => problems.add(span, flaw),
+            None => problems.add(problems::Place::File, flaw),
+        }
+    }
+    // What a half-read document means cannot be judged.
+    if !problems.is_empty() {
+        return Err(problems.sorted());
+    }
+    let raw = raw::Raw::read(document.get_ref(), overrides, &mut problems);
+    let plan = if problems.is_empty() || !raw.goals.is_empty() {
+        plan::make(&raw, overrides, &mut problems)
+    } else {
+        None
+    };
+    match plan {
+        Some(plan) if problems.is_empty() => {
+            Ok(Plan { origin: origin.to_owned(), text: Arc::from(text), ..plan })
+        }
+        _ => Err(problems.sorted()),
+    }
+}

@@ -1,0 +1,146 @@
+//! Shapes as they are written in a scenario, with the places of their parts.
+
+use super::flaw::{Flaw, MAX_DEPTH, MAX_VOLUME};
+use super::problems::{At, Problems};
+use super::table::{Node, Read, Section, elements};
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::shape::{Axis, Radius, Shape, ShapeError};
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
+use serde::de::value::Error as ValueError;
+use std::collections::BTreeSet;
+
+const EXAMPLE: &str = "{ box = { min = [0, 0, 0], max = [3, 3, 0] } }";
+const KINDS: [&str; 7] = ["box", "sphere", "disc", "cylinder", "cells", "union", "difference"];
+const AXES: [(&str, Axis); 3] = [("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)];
+
+impl Read for Shape {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Shape> {
+        shape(node, 0, problems)
+    }
+}
+
+fn shape(node: &Node<'_>, depth: usize, problems: &mut Problems) -> Option<Shape> {
+    if depth > MAX_DEPTH {
+        problems.add(node.span(), Flaw::TooDeep);
+        return None;
+    }
+    let mut section = Section::of(node, "a shape", EXAMPLE, problems)?;
+    let present = section.present(&KINDS);
+    let nodes: Vec<_> = KINDS.iter().filter_map(|kind| Some((*kind, section.node(kind)?))).collect();
+    section.finish(problems);
+    let [(kind, inner)] = nodes[..] else {
+        if present.is_empty() {
+            let (expected, found) = ("a shape", "a table without one");
+            problems.add(node.span(), Flaw::Kind { expected, found, example: EXAMPLE });
+        } else {
+            let (expected, found) = ("one shape", "several in one table; combine them with `union`");
+            problems.add(node.span(), Flaw::Kind { expected, found, example: EXAMPLE });
+        }
+        return None;
+    };
+    match kind {
+        "union" => parts(inner, depth, problems).map(Shape::Union),
+        "difference" => parts(inner, depth, problems).map(Shape::Difference),
+        "cells" => cells(inner, problems).map(Shape::Cells),
+        _ => primitive(kind, inner, problems),
+    }
+}
+
+fn primitive(kind: &str, inner: &Node<'_>, problems: &mut Problems) -> Option<Shape> {
+    let mut section = Section::of(inner, &format!("a {kind}"), EXAMPLE, problems)?;
+    let shape = match kind {
+        "box" => {
+            let min = section.need::<Cell>("min", "min = [0, 0, 0]", problems);
+            let max = section.need::<Cell>("max", "max = [3, 3, 0]", problems);
+            min.zip(max).map(|(min, max)| Shape::Box { min: min.value, max: max.value })
+        }
+        "cylinder" => {
+            let base = section.need::<Cell>("base", "base = [0, 0, 0]", problems);
+            let radius = section.need::<Radius>("radius", "radius = 4", problems);
+            let height = section.need::<u64>("height", "height = 3", problems);
+            let axis = section.choice("axis", "axis", &AXES, problems).unwrap_or_default();
+            base.zip(radius).zip(height).map(|((base, radius), height)| Shape::Cylinder {
+                base: base.value,
+                radius: radius.value,
+                height: u16::try_from(height.value).unwrap_or(u16::MAX),
+                axis,
+            })
+        }
+        round => {
+            let center = section.need::<Cell>("center", "center = [0, 0, 0]", problems);
+            let radius = section.need::<Radius>("radius", "radius = 4", problems);
+            let axis = if round == "disc" {
+                section.choice("axis", "axis", &AXES, problems).unwrap_or_default()
+            } else {
+                Axis::default()
+            };
+            center.zip(radius).map(|(At { value: center, .. }, At { value: radius, .. })| match round {
+                "disc" => Shape::Disc { center, radius, axis },
+                _ => Shape::Sphere { center, radius },
+            })
+        }
+    };
+    section.finish(problems);
+    shape
+}
+
+fn parts(node: &Node<'_>, depth: usize, problems: &mut Problems) -> Option<Vec<Shape>> {
+    let array = elements(node, "[{ … }, { … }]", problems)?;
+    let parts: Vec<Shape> = array.iter().filter_map(|part| shape(part, depth + 1, problems)).collect();
+    (parts.len() == array.len()).then_some(parts)
+}
+
+/// Explicit cells. Doubles are found here and not later, so that the second one can be pointed at.
+fn cells(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
+    let array = elements(node, "[[0, 0, 0], [1, 0, 0]]", problems)?;
+    let (mut cells, mut seen) = (Vec::new(), BTreeSet::new());
+    for element in array.iter() {
+        let cell = Cell::read(element, problems)?;
+        if !seen.insert(cell) {
+            problems.add(element.span(), ShapeError::Twice(cell));
+            return None;
+        }
+        cells.push(cell);
+    }
+    Some(cells)
+}
+
+impl Read for Radius {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Radius> {
+        let cells = f64::read(node, problems)?;
+        let radius: Result<Radius, ValueError> = Radius::deserialize(cells.into_deserializer());
+        if radius.is_err() {
+            let (low, high) = ("0".into(), Cell::LIMIT.to_string());
+            problems.add(node.span(), Flaw::Range { what: "the radius", got: cells.to_string(), low, high });
+        }
+        radius.ok()
+    }
+}
+
+/// The cells of a shape, unless laying it out would take too much time or memory.
+pub fn lay_out(shape: &Shape) -> Result<Vec<Cell>, Flaw> {
+    let volume = volume(shape);
+    if volume > MAX_VOLUME {
+        return Err(Flaw::TooMuch(volume));
+    }
+    Ok(shape.cells()?)
+}
+
+/// How many cells are looked at to lay a shape out.
+fn volume(shape: &Shape) -> u64 {
+    let side = |a: i16, b: i16| (i64::from(b) - i64::from(a)).max(0).unsigned_abs() + 1;
+    // A radius tells its length only as a number of cells in text form.
+    let diameter =
+        |r: &Radius| serde_json::to_value(r).ok().and_then(|v| v.as_f64()).unwrap_or(0.0) as u64 * 2 + 1;
+    match shape {
+        Shape::Box { min, max } => side(min.x, max.x) * side(min.y, max.y) * side(min.z, max.z),
+        Shape::Sphere { radius, .. } => diameter(radius).pow(3),
+        Shape::Disc { radius, .. } => diameter(radius).pow(2),
+        Shape::Cylinder { radius, height, .. } => diameter(radius).pow(2) * u64::from(*height),
+        Shape::Cells(cells) => cells.len() as u64,
+        Shape::Union(parts) | Shape::Difference(parts) => {
+            parts.iter().fold(0, |sum: u64, part| sum.saturating_add(volume(part)))
+        }
+    }
+}

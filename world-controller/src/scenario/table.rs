@@ -1,0 +1,347 @@
+//! Reading one TOML table key by key: typed values with their places, and complaints about keys
+//! that nobody asked for. Absent: what the keys mean.
+
+use super::flaw::Flaw;
+use super::problems::{At, Place, Problems};
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::time::{Span, SpanError};
+use std::collections::BTreeSet;
+use toml::Spanned;
+use toml::de::{DeArray, DeTable, DeValue};
+
+/// A TOML value with its place.
+pub type Node<'i> = Spanned<DeValue<'i>>;
+
+/// A table that is being read.
+pub struct Section<'d, 'i> {
+    table: &'d DeTable<'i>,
+    name: String,
+    place: Place,
+    asked: Vec<&'static str>,
+}
+
+impl<'d, 'i> Section<'d, 'i> {
+    /// Starts reading a table; `name` is how messages call it.
+    pub fn new(table: &'d DeTable<'i>, name: &str, place: impl Into<Place>) -> Section<'d, 'i> {
+        Section { table, name: name.to_owned(), place: place.into(), asked: Vec::new() }
+    }
+
+    /// Starts reading a value that must be a table.
+    pub fn of(
+        node: &'d Node<'i>,
+        name: &str,
+        example: &'static str,
+        problems: &mut Problems,
+    ) -> Option<Section<'d, 'i>> {
+        match node.get_ref() {
+            DeValue::Table(table) => Some(Section::new(table, name, node.span())),
+            other => {
+                problems.add(node.span(), wrong("a table", other, example));
+                None
+            }
+        }
+    }
+
+    /// Where the table is.
+    pub fn place(&self) -> &Place {
+        &self.place
+    }
+
+    /// The value of a key, and its place.
+    pub fn node(&mut self, key: &'static str) -> Option<&'d Node<'i>> {
+        self.asked.push(key);
+        self.table.get(key)
+    }
+
+    /// A typed value of a key, if it is there and well formed.
+    pub fn get<T: Read>(&mut self, key: &'static str, problems: &mut Problems) -> Option<At<T>> {
+        let node = self.node(key)?;
+        T::read(node, problems).map(|value| At::new(value, node.span()))
+    }
+
+    /// Like [`Section::get`], and complains if the key is missing.
+    pub fn need<T: Read>(
+        &mut self,
+        key: &'static str,
+        example: &'static str,
+        problems: &mut Problems,
+    ) -> Option<At<T>> {
+        if self.table.get(key).is_none() {
+            self.missing(key, example, problems);
+        }
+        self.get(key, problems)
+    }
+
+    /// Complains that a key is missing.
+    pub fn missing(&self, key: &'static str, example: &'static str, problems: &mut Problems) {
+        problems.add(self.place.clone(), Flaw::Missing { key, section: self.name.clone(), example });
+    }
+
+    /// One of a few names.
+    pub fn choice<T: Copy>(
+        &mut self,
+        key: &'static str,
+        what: &'static str,
+        names: &[(&'static str, T)],
+        problems: &mut Problems,
+    ) -> Option<T> {
+        let got = self.get::<String>(key, problems)?;
+        let found = names.iter().find(|(name, _)| *name == got.value).map(|(_, value)| *value);
+        if found.is_none() {
+            let known = names.iter().map(|(name, _)| *name).collect();
+            problems.add(got.place, Flaw::Name { what, got: got.value, known });
+        }
+        found
+    }
+
+    /// The keys of the table that are among these.
+    pub fn present(&self, keys: &[&'static str]) -> Vec<&'static str> {
+        keys.iter().copied().filter(|k| self.table.get(*k).is_some()).collect()
+    }
+
+    /// Complains about every key that was not asked for.
+    pub fn finish(self, problems: &mut Problems) {
+        let known: BTreeSet<&str> = self.asked.iter().copied().collect();
+        for (key, _) in self.table.iter().filter(|(key, _)| !known.contains(key.get_ref().as_ref())) {
+            let mut names = self.asked.clone();
+            names.dedup();
+            let key_text: String = key.get_ref().chars().take(80).collect();
+            let flaw = Flaw::UnknownKey { key: key_text, section: self.name.clone(), known: names };
+            problems.add(key.span(), flaw);
+        }
+    }
+}
+
+/// The elements of a value that must be an array.
+pub fn elements<'d, 'i>(
+    node: &'d Node<'i>,
+    example: &'static str,
+    problems: &mut Problems,
+) -> Option<&'d DeArray<'i>> {
+    match node.get_ref() {
+        DeValue::Array(array) => Some(array),
+        other => {
+            problems.add(node.span(), wrong("a list", other, example));
+            None
+        }
+    }
+}
+
+/// A value of the wrong kind.
+pub fn wrong(expected: &'static str, found: &DeValue<'_>, example: &'static str) -> Flaw {
+    let found = match found {
+        DeValue::String(_) => "text",
+        DeValue::Integer(_) => "a whole number",
+        DeValue::Float(_) => "a number",
+        DeValue::Boolean(_) => "true or false",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "a list",
+        DeValue::Table(_) => "a table",
+    };
+    Flaw::Kind { expected, found, example }
+}
+
+/// A type that can be written in a scenario.
+pub trait Read: Sized {
+    /// Reads a value, or notes what is wrong with it.
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Self>;
+}
+
+/// A whole number that fits 64 bits.
+fn integer(node: &Node<'_>) -> Option<Result<i64, String>> {
+    let DeValue::Integer(n) = node.get_ref() else { return None };
+    Some(i64::from_str_radix(n.as_str(), n.radix()).map_err(|_| n.to_string()))
+}
+
+fn whole(
+    node: &Node<'_>,
+    what: &'static str,
+    range: std::ops::RangeInclusive<i64>,
+    example: &'static str,
+    problems: &mut Problems,
+) -> Option<i64> {
+    let read = integer(node);
+    match read {
+        None => problems.add(node.span(), wrong("a whole number", node.get_ref(), example)),
+        Some(Ok(n)) if range.contains(&n) => return Some(n),
+        Some(n) => problems.add(
+            node.span(),
+            Flaw::Range {
+                what,
+                got: n.map_or_else(|text| text, |n| n.to_string()),
+                low: range.start().to_string(),
+                high: range.end().to_string(),
+            },
+        ),
+    }
+    None
+}
+
+impl Read for String {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<String> {
+        match node.get_ref() {
+            DeValue::String(text) => Some(text.clone().into_owned()),
+            other => {
+                problems.add(node.span(), wrong("text in quotes", other, "\"like this\""));
+                None
+            }
+        }
+    }
+}
+
+impl Read for bool {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<bool> {
+        match node.get_ref() {
+            DeValue::Boolean(value) => Some(*value),
+            other => {
+                problems.add(node.span(), wrong("true or false", other, "true"));
+                None
+            }
+        }
+    }
+}
+
+impl Read for i64 {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<i64> {
+        whole(node, "the number", i64::MIN..=i64::MAX, "1", problems)
+    }
+}
+
+impl Read for u64 {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<u64> {
+        whole(node, "the number", 0..=i64::MAX, "1", problems).map(i64::unsigned_abs)
+    }
+}
+
+impl Read for f64 {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<f64> {
+        let text = match node.get_ref() {
+            DeValue::Integer(n) if n.radix() == 10 => n.as_str(),
+            DeValue::Float(n) => n.as_str(),
+            other => {
+                problems.add(node.span(), wrong("a number", other, "2.5"));
+                return None;
+            }
+        };
+        match text.parse::<f64>() {
+            Ok(n) if n.is_finite() => Some(n),
+            _ => {
+                let (low, high) = (f64::MIN.to_string(), f64::MAX.to_string());
+                problems.add(node.span(), Flaw::Range { what: "the number", got: text.into(), low, high });
+                None
+            }
+        }
+    }
+}
+
+/// A length of time from text of any length.
+pub fn span(text: &str) -> Result<Span, SpanError> {
+    // Longer numbers than any sensible time are not worth reading.
+    if text.len() > 32 {
+        return Err(SpanError::TooLong(text.chars().take(32).chain(['…']).collect()));
+    }
+    text.parse()
+}
+
+/// Two times `a..b`.
+pub fn span_range(text: &str) -> Result<(Span, Span), Flaw> {
+    let (from, until) = text.split_once("..").ok_or_else(|| Flaw::Form(text.into(), "T..T"))?;
+    Ok((span(from)?, span(until)?))
+}
+
+/// One time or two.
+pub fn delay(text: &str) -> Result<(Span, Span), Flaw> {
+    if text.contains("..") {
+        let (min, max) = span_range(text)?;
+        return if min > max { Err(Flaw::Order { from: min, until: max }) } else { Ok((min, max)) };
+    }
+    Ok((span(text)?, span(text)?))
+}
+
+fn time_text<'d>(node: &'d Node<'_>, example: &'static str, problems: &mut Problems) -> Option<&'d str> {
+    match node.get_ref() {
+        DeValue::String(text) => Some(text),
+        // A number without a unit is the likeliest slip: say so in the words of times.
+        DeValue::Integer(n) => {
+            let n = n.as_str();
+            let error =
+                if n.starts_with('-') { SpanError::Negative(n.into()) } else { SpanError::Unit(n.into()) };
+            problems.add(node.span(), error);
+            None
+        }
+        DeValue::Float(n) => {
+            let n = n.as_str();
+            let error =
+                if n.starts_with('-') { SpanError::Negative(n.into()) } else { SpanError::Unit(n.into()) };
+            problems.add(node.span(), error);
+            None
+        }
+        other => {
+            problems.add(node.span(), wrong("a time", other, example));
+            None
+        }
+    }
+}
+
+impl Read for Span {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Span> {
+        let text = time_text(node, "\"1.5s\"", problems)?;
+        problems.note(&node.span().into(), span(text))
+    }
+}
+
+/// Two times, the first not later than the second: `10ms..100ms`, or one time for both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Delay(pub Span, pub Span);
+
+impl Read for Delay {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Delay> {
+        let text = time_text(node, "\"10ms..100ms\"", problems)?;
+        problems.note(&node.span().into(), delay(text)).map(|(min, max)| Delay(min, max))
+    }
+}
+
+/// From when until when: `0s..60s`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window(pub Span, pub Span);
+
+impl Read for Window {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Window> {
+        let text = time_text(node, "\"0s..60s\"", problems)?;
+        problems.note(&node.span().into(), span_range(text)).map(|(from, until)| Window(from, until))
+    }
+}
+
+impl Read for Ratio {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Ratio> {
+        // The digits as written are read exactly; a float in between would round them.
+        let text = match node.get_ref() {
+            DeValue::String(text) => text.as_ref(),
+            DeValue::Integer(n) if n.radix() == 10 => n.as_str(),
+            DeValue::Float(n) => n.as_str(),
+            other => {
+                problems.add(node.span(), wrong("a probability", other, "\"5%\""));
+                return None;
+            }
+        };
+        problems.note(&node.span().into(), text.parse())
+    }
+}
+
+impl Read for Cell {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Cell> {
+        let array = elements(node, "[0, 0, 0]", problems)?;
+        if array.len() != 3 {
+            let (expected, found) = ("the three coordinates of a cell", "a list of another length");
+            problems.add(node.span(), Flaw::Kind { expected, found, example: "[0, 0, 0]" });
+            return None;
+        }
+        let limit = i64::from(Cell::LIMIT);
+        let mut coordinates = [0; 3];
+        for (axis, element) in coordinates.iter_mut().zip(array.iter()) {
+            *axis = whole(element, "the coordinate", -limit..=limit, "[0, 0, 0]", problems)? as i16;
+        }
+        Some(Cell::from(coordinates))
+    }
+}
