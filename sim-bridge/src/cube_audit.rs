@@ -23,7 +23,11 @@ impl CubeWorld {
         id: ModuleId,
         agents: &Agents<'_, Cube>,
     ) -> Result<(), String> {
-        let Some(face) = cube.parent().filter(|_| cube.role() == Role::Reserve) else { return Ok(()) };
+        // A stopped process does not know yet that its body has arrived elsewhere.
+        if cube.role() != Role::Reserve || cube.cell() != self.cell(id) {
+            return Ok(());
+        }
+        let Some(face) = cube.parent() else { return Ok(()) };
         let Some(parent) = self.neighbour(id, face).and_then(|p| agents.get(p)) else { return Ok(()) };
         // A restarted parent, or one of another goal, has to learn of its children again; until then
         // it does not leave. A finalized one never does.

@@ -350,9 +350,7 @@ impl Direct<CubeWorld> for Director {
         if self.outcome.is_some() {
             return;
         }
-        if now == Time::ZERO {
-            world.set_failure(self.failure);
-        }
+        world.set_failure(self.failure);
         while let Some((_, fault)) = self.schedule.get(self.next_fault).filter(|(at, _)| *at <= now) {
             self.next_fault += 1;
             self.strike(now, fault, world);

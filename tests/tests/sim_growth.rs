@@ -4,10 +4,15 @@
 use metamorph_protocol::cube::params::Params;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::faults::Fault;
 use metamorph_tests::growth::{Experiment, ball};
 use std::sync::atomic::{AtomicUsize, Ordering};
+
+fn likely(text: &str) -> Ratio {
+    text.parse().expect("a probability")
+}
 
 type Variation = (&'static str, fn(Experiment) -> Experiment);
 
@@ -24,11 +29,11 @@ const FURTHER: [Variation; 8] = [
     ("stopped, 5% loss, 10% restarts", |e| e.pauses(Span::secs(30)).loss("5%").restarts(10)),
     ("30% restarts", |e| e.restarts(30)),
     ("doubled and reordered", |mut e| {
-        (e.link.duplicate, e.link.reorder) = ("20%".parse().unwrap(), "20%".parse().unwrap());
+        (e.link.duplicate, e.link.reorder) = (likely("20%"), likely("20%"));
         e
     }),
     ("corrupted", |mut e| {
-        e.link.corrupt = "5%".parse().unwrap();
+        e.link.corrupt = likely("5%");
         e
     }),
     ("late messages", |mut e| {
@@ -37,7 +42,7 @@ const FURTHER: [Variation; 8] = [
         e
     }),
     ("5% failed connections", |mut e| {
-        e.failure = "5%".parse().unwrap();
+        e.failure = likely("5%");
         e
     }),
     ("5% stuck joints, 10% crashes, 10% loss", |mut e| {
@@ -59,7 +64,10 @@ fn check(side: i16, seeds: std::ops::RangeInclusive<u64>, variations: &[Variatio
             let ran = vary(Experiment::slab_to_sphere(side, *seed)).run();
             let fine = ran.built() || ran.stall.as_ref().is_some_and(|s| s.reason.is_infeasible());
             if !ran.built() {
-                println!("{side}x{side}, {name}, seed {seed}: {:?}, {:?}", ran.outcome, ran.stall);
+                #[allow(clippy::print_stdout, reason = "shown only when the test fails or is asked to")]
+                {
+                    println!("{side}x{side}, {name}, seed {seed}: {:?}, {:?}", ran.outcome, ran.stall);
+                }
             }
             if ran.broken != 0 || !fine {
                 bad.push(format!("{name}, seed {seed}: {:?} {:?}", ran.violations.first(), ran.stall));

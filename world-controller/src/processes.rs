@@ -45,8 +45,6 @@ pub enum ProcessError {
 /// Runs to the end, or until a signal asks for it. `since` is when the program started.
 pub fn run_processes(plan: &Plan, live: &mut Live, since: Stopwatch) -> Result<Report, ProcessError> {
     let mut world = CubeWorld::new(&plan.cells, plan.setup.params.move_time, plan.seed);
-    // Before anything moves; on a real clock the brain is never woken at exactly the start.
-    world.set_failure(plan.failure);
     let schedule = plan.schedule.clone();
     let brain = Director::new(Arc::clone(&plan.setup), plan.cells.len(), schedule, plan.stop, plan.failure);
     let options = SwarmOptions {
