@@ -65,7 +65,7 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, since: Time
         Reason::NoActiveTarget
     } else {
         let live = walkers_with_a_way(world, known, &spare, &targets, true);
-        let free: Vec<ModuleId> = live.iter().copied().filter(|id| !waits_for_dead(known, *id)).collect();
+        let free: Vec<ModuleId> = live.iter().copied().filter(|id| !is_pinned(known, *id)).collect();
         stall.waiting = live.iter().map(|id| (*id, waits_for(known, *id))).take(20).collect();
         if !free.is_empty() {
             Reason::Blocked
@@ -85,12 +85,12 @@ fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
     known.get(id.index())?.status?.waits_for
 }
 
-/// Whether a module is pinned by a dead one, itself or along whom it waits for.
-fn waits_for_dead(known: &[Known], id: ModuleId) -> bool {
+/// Whether a module is pinned by one that cannot move any more, itself or along whom it waits for.
+fn is_pinned(known: &[Known], id: ModuleId) -> bool {
     let mut at = id;
     for _ in 0..=known.len() {
         let Some(k) = known.get(at.index()) else { return false };
-        if !k.alive || k.status.is_some_and(|s| s.pinned) {
+        if !k.alive || k.status.is_some_and(|s| s.pinned || s.immobile) {
             return true;
         }
         match waits_for(known, at) {

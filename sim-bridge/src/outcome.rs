@@ -61,7 +61,8 @@ impl fmt::Display for Outcome {
 pub enum Reason {
     /// A spare module could walk to a goal cell, but does not: the protocol's fault.
     Blocked,
-    /// Every spare module that could walk holds a dead one and must stay, or waits for one that does.
+    /// Every spare module that could walk holds a dead or stuck one and must stay, or waits for one
+    /// that does.
     Pinned,
     /// There are fewer live spare modules that can move than cells to fill.
     MaterialExhausted,
@@ -83,7 +84,7 @@ impl Reason {
         match self {
             Reason::Blocked => "deadlock: a spare module has a way to a goal cell and does not take it",
             Reason::Pinned => {
-                "pinned: every spare module that has a way holds a dead module, or waits for one that does"
+                "pinned: every spare module that has a way holds a dead or stuck module, or waits for one that does"
             }
             Reason::MaterialExhausted => "infeasible: fewer live spare modules than goal cells to fill",
             Reason::NoActiveTarget => {

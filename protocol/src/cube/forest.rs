@@ -86,8 +86,16 @@ impl Cube {
 
     /// A parent's label must be lower than ours, so that labels fall along parents; without children
     /// that could form a ring, ours may also rise when the parent is gone.
+    /// It must also leave room below the children: the candidate may have been relabelled since it
+    /// was chosen.
     fn adoptable(&self, label: u16) -> bool {
-        label < self.label || (self.children() == 0 && self.parent_is_gone())
+        label.saturating_add(1) < self.least_child_label()
+            && (label < self.label || (self.children() == 0 && self.parent_is_gone()))
+    }
+
+    fn least_child_label(&self) -> u16 {
+        let children = Face::ALL.into_iter().filter(|f| self.side(*f).child.is_some());
+        children.map(|f| self.peer(f).map_or(0, |b| b.label)).min().unwrap_or(UNLABELLED)
     }
 
     fn parent_is_gone(&self) -> bool {
@@ -102,12 +110,7 @@ impl Cube {
     }
 
     fn look_for_parent(&mut self, now: Time) {
-        let least_child = Face::ALL
-            .into_iter()
-            .filter(|f| self.side(*f).child.is_some())
-            .map(|f| self.peer(f).map_or(0, |b| b.label))
-            .min()
-            .unwrap_or(UNLABELLED);
+        let least_child = self.least_child_label();
         let candidate = Face::ALL
             .into_iter()
             .filter_map(|f| {
@@ -168,6 +171,10 @@ impl Cube {
         use super::params::Connectivity::Cycles;
         let cycles = self.setup.params.connectivity == Cycles;
         if !self.is_attached() || self.is_quarantined(now) {
+            return Err(Held(None));
+        }
+        // A restarted module in a goal cell may have been finalized before, and others may hang on it.
+        if self.reborn && self.goal().contains(self.cell) {
             return Err(Held(None));
         }
         let locked = self.locks.iter().find(|l| l.expires > now);

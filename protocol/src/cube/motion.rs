@@ -5,7 +5,7 @@ use super::negotiation::Attempt;
 use super::params::Connectivity;
 use super::{Cube, Side, UNLABELLED};
 use crate::ids::ModuleId;
-use crate::lattice::{Face, Motion, MotionKind};
+use crate::lattice::{Cell, Face, Motion, MotionKind};
 use crate::ratio::Ratio;
 use crate::time::{Span, Time};
 
@@ -210,18 +210,16 @@ impl Cube {
     }
 
     pub(super) fn on_percept(&mut self, now: Time, percept: Percept) {
-        let Some(Moving { attempt }) = self.moving.take() else { return };
+        let moving = self.moving.take();
+        if let Percept::Arrived(cell) = percept {
+            self.arrive(now, cell);
+        }
+        // A restarted module hears of a move that its earlier life began: it has been carried
+        // elsewhere, and goes on listening there.
+        let Some(Moving { attempt }) = moving else { return };
         match percept {
-            Percept::Arrived(cell) => {
-                self.cell = cell;
-                self.settled = now;
+            Percept::Arrived(_) => {
                 self.role = Role::Walker;
-                self.sides = std::array::from_fn(|_| Side::new());
-                self.corners_seen = [0; 6];
-                self.parent = None;
-                self.label = UNLABELLED;
-                self.want = None;
-                self.locks.clear();
                 self.anchor = Some(attempt.motion.landing_support());
                 self.waiting_since = None;
                 self.waits_for = None;
@@ -242,6 +240,20 @@ impl Cube {
                 self.back_off(now);
             }
         }
+        self.touch();
+    }
+
+    /// At a new cell nothing of the old neighbourhood counts.
+    fn arrive(&mut self, now: Time, cell: Cell) {
+        self.cell = cell;
+        self.settled = now;
+        self.sides = std::array::from_fn(|_| Side::new());
+        self.corners_seen = [0; 6];
+        self.parent = None;
+        self.label = UNLABELLED;
+        self.want = None;
+        self.anchor = None;
+        self.locks.clear();
         self.touch();
     }
 
