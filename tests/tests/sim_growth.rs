@@ -5,6 +5,7 @@ use metamorph_protocol::cube::params::Params;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::stream::Stream;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::faults::Fault;
 use metamorph_sim_bridge::outcome::Reason;
@@ -46,10 +47,13 @@ const FURTHER: [Variation; 8] = [
         e.failure = likely("5%");
         e
     }),
-    ("5% stuck joints, 10% crashes, 10% loss", |mut e| {
-        e.faults =
-            (0..e.start.len() as u32 / 20).map(|i| (Time(1), Fault::Stick(ModuleId(i * 20)))).collect();
-        e.crashes(10).loss("10%")
+    ("5% stuck joints, 5% crashes, 10% loss", |mut e| {
+        let mut stream = Stream::named(e.seed, "stuck", 0);
+        let count = e.start.len() as u64;
+        for _ in 0..count / 20 {
+            e.faults.push((Time(1), Fault::Stick(ModuleId(stream.below(count) as u32))));
+        }
+        e.crashes(5).loss("10%")
     }),
 ];
 
