@@ -8,7 +8,7 @@ use crate::grid::{Grid, Occupant};
 use crate::invariants::{Invariant, Violation};
 use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::cube::Cube;
-use metamorph_protocol::cube::message::{Move, Percept, Refusal};
+use metamorph_protocol::cube::body::{Move, Percept, Refusal};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use metamorph_protocol::ratio::Ratio;

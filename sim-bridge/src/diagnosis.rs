@@ -3,7 +3,8 @@
 
 use crate::cube_world::CubeWorld;
 use crate::outcome::{Reason, Stall};
-use metamorph_protocol::cube::message::{Role, Status};
+use metamorph_protocol::cube::control::Status;
+use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::goal::Goal;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};

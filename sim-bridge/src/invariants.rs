@@ -177,7 +177,7 @@ mod tests {
     use crate::cube_world::CubeWorld;
     use crate::world::World;
     use metamorph_protocol::agent::Class;
-    use metamorph_protocol::cube::message::Move;
+    use metamorph_protocol::cube::body::Move;
     use metamorph_protocol::ids::Revision;
     use metamorph_protocol::lattice::{Cell, Motion, MotionKind};
 

@@ -11,7 +11,7 @@ use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::clock::Speed;
 use metamorph_protocol::cube::Cube;
-use metamorph_protocol::cube::message::{Order, Status};
+use metamorph_protocol::cube::control::{Order, Status};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::cube_world::CubeWorld;

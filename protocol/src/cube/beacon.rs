@@ -1,7 +1,8 @@
 //! Beacons: what a module tells its neighbours about itself, and what it makes of theirs.
 
+use super::control::Status;
 use super::field::{Limits, Offer};
-use super::message::{Beacon, Claim, Entry, Message, Role, Status};
+use super::message::{Beacon, Claim, Entry, Message, Role};
 use super::params::Connectivity;
 use super::{Cube, Peer, UNLABELLED};
 use crate::agent::{Class, Output};

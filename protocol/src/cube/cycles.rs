@@ -6,7 +6,8 @@
 //! are refused rather than waited for, so they cannot deadlock.
 
 use super::Cube;
-use super::message::{Ask, Message, RequestId, Role, Route};
+use super::message::{Ask, Message, RequestId, Role};
+use super::route::Route;
 use crate::agent::Class;
 use crate::lattice::Face;
 use crate::time::Time;

@@ -1,8 +1,9 @@
-//! What cubes say to each other, to their bodies and to the world-controller.
+//! What cubes say to each other.
 
-use crate::ids::{ModuleId, Port, Session, Token};
-use crate::lattice::{Cell, Face, Motion, MotionKind};
-use crate::time::{Span, Time};
+use super::route::Route;
+use crate::ids::{ModuleId, Token};
+use crate::lattice::Face;
+use crate::time::Span;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
 /// What a module is in the growth of the goal (thesis 4.1.2: wandering, finalized; a module of the
@@ -19,7 +20,7 @@ pub enum Role {
 }
 
 impl Role {
-    fn decode(v: u8) -> Result<Role, WireError> {
+    pub(super) fn decode(v: u8) -> Result<Role, WireError> {
         match v {
             0 => Ok(Role::Reserve),
             1 => Ok(Role::Walker),
@@ -111,78 +112,6 @@ pub struct Beacon {
     pub subtree: u32,
     /// Distances for the four headings at right angles to the shared face.
     pub field: [Entry; 4],
-}
-
-/// The longest way a request can take.
-pub const MAX_HOPS: usize = 26;
-
-/// A way over faces, from the module that asks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Route {
-    len: u8,
-    hops: [u8; MAX_HOPS],
-}
-
-impl Route {
-    /// A route of at least one and at most [`MAX_HOPS`] hops.
-    pub fn new(hops: &[Face]) -> Option<Route> {
-        if hops.is_empty() || hops.len() > MAX_HOPS {
-            return None;
-        }
-        let mut route = Route { len: hops.len() as u8, hops: [0; MAX_HOPS] };
-        for (slot, face) in route.hops.iter_mut().zip(hops) {
-            *slot = *face as u8;
-        }
-        Some(route)
-    }
-    /// The number of hops.
-    pub fn hop_count(&self) -> usize {
-        self.len.into()
-    }
-    /// The face to leave by on hop `i`.
-    pub fn hop(&self, i: usize) -> Option<Face> {
-        self.hops[..self.hop_count()].get(i).and_then(|f| Face::from_index(*f))
-    }
-    /// All hops in order.
-    pub fn faces(&self) -> impl Iterator<Item = Face> + '_ {
-        (0..self.hop_count()).filter_map(|i| self.hop(i))
-    }
-    /// This route and one hop more.
-    pub fn then(&self, face: Face) -> Option<Route> {
-        let mut next = *self;
-        *next.hops.get_mut(self.hop_count())? = face as u8;
-        next.len += 1;
-        Some(next)
-    }
-
-    fn encode(&self, out: &mut Encoder) {
-        out.u8(self.len);
-        let mut packed = 0u128;
-        for (i, hop) in self.hops.iter().enumerate() {
-            packed |= u128::from(*hop) << (3 * i);
-        }
-        for byte in &packed.to_le_bytes()[..10] {
-            out.u8(*byte);
-        }
-    }
-    fn decode(from: &mut Decoder<'_>) -> Result<Route, WireError> {
-        let len = from.u8()?;
-        let mut bytes = [0u8; 16];
-        for byte in &mut bytes[..10] {
-            *byte = from.u8()?;
-        }
-        let packed = u128::from_le_bytes(bytes);
-        let mut hops = [0; MAX_HOPS];
-        for (i, hop) in hops.iter_mut().enumerate() {
-            *hop = (packed >> (3 * i) & 7) as u8;
-        }
-        let used = usize::from(len);
-        let valid = (1..=MAX_HOPS).contains(&used)
-            && hops[..used].iter().all(|h| *h < 6)
-            && hops[used..].iter().all(|h| *h == 0)
-            && packed >> (3 * MAX_HOPS) == 0;
-        if valid { Ok(Route { len, hops }) } else { Err(WireError::Field("route")) }
-    }
 }
 
 /// What the last module of a route is asked for.
@@ -317,7 +246,8 @@ pub enum Message {
     },
 }
 
-const NOBODY: u32 = u32::MAX;
+/// Stands for no module on the wire.
+pub(super) const NOBODY: u32 = u32::MAX;
 
 impl Wire for Message {
     fn kind(&self) -> u8 {
@@ -492,204 +422,16 @@ impl Wire for Message {
     }
 }
 
-/// What a cube asks of its body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Move {
-    /// Which way.
-    pub motion: Motion,
-    /// The body must refuse to start later than this.
-    pub not_after: Time,
-}
-
-impl Wire for Move {
-    fn kind(&self) -> u8 {
-        0
-    }
-    fn encode(&self, out: &mut Encoder) {
-        out.u8(self.motion.kind as u8);
-        out.face(self.motion.support);
-        out.face(self.motion.heading);
-        out.time(self.not_after);
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Move, WireError> {
-        if kind != 0 {
-            return Err(WireError::Kind(kind));
-        }
-        let kind = match from.u8()? {
-            0 => MotionKind::Slide,
-            1 => MotionKind::Convex,
-            _ => return Err(WireError::Field("motion")),
-        };
-        let (support, heading) = (from.face("support")?, from.face("heading")?);
-        if heading.slot_in(support).is_none() {
-            return Err(WireError::Field("heading"));
-        }
-        Ok(Move { motion: Motion { kind, support, heading }, not_after: from.time()? })
-    }
-}
-
-/// Why a body did not start a move.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(u8)]
-pub enum Refusal {
-    /// A cell that the move needs free is not free, or a support is missing.
-    Blocked = 0,
-    /// It was asked too late.
-    Late = 1,
-    /// The contacts had changed since the agent looked.
-    Stale = 2,
-    /// The body is moving already.
-    Moving = 3,
-}
-
-/// How a move went.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Percept {
-    /// The module is at a new cell now.
-    Arrived(Cell),
-    /// The move was tried and failed; the module is where it was.
-    Failed,
-    /// The move was not started.
-    Refused(Refusal),
-}
-
-impl Wire for Percept {
-    fn kind(&self) -> u8 {
-        match self {
-            Percept::Arrived(_) => 0,
-            Percept::Failed => 1,
-            Percept::Refused(_) => 2,
-        }
-    }
-    fn encode(&self, out: &mut Encoder) {
-        match self {
-            Percept::Arrived(cell) => out.cell(*cell),
-            Percept::Failed => {}
-            Percept::Refused(why) => out.u8(*why as u8),
-        }
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Percept, WireError> {
-        match kind {
-            0 => Ok(Percept::Arrived(from.cell()?)),
-            1 => Ok(Percept::Failed),
-            2 => Ok(Percept::Refused(match from.u8()? {
-                0 => Refusal::Blocked,
-                1 => Refusal::Late,
-                2 => Refusal::Stale,
-                3 => Refusal::Moving,
-                _ => return Err(WireError::Field("refusal")),
-            })),
-            _ => Err(WireError::Kind(kind)),
-        }
-    }
-}
-
-/// What the world-controller asks of a cube.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Order {
-    /// Work for this goal from now on.
-    Goal {
-        /// The place of the goal in the list of goals.
-        epoch: u16,
-    },
-    /// Whoever is behind this contact is certified dead: fenced off, not merely silent.
-    Condemn {
-        /// The port of the contact.
-        port: Port,
-        /// Its session.
-        session: Session,
-    },
-}
-
-impl Wire for Order {
-    fn kind(&self) -> u8 {
-        match self {
-            Order::Goal { .. } => 0,
-            Order::Condemn { .. } => 1,
-        }
-    }
-    fn encode(&self, out: &mut Encoder) {
-        match self {
-            Order::Goal { epoch } => out.u16(*epoch),
-            Order::Condemn { port, session } => {
-                out.u8(port.0);
-                out.u32(session.0);
-            }
-        }
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
-        match kind {
-            0 => Ok(Order::Goal { epoch: from.u16()? }),
-            1 => Ok(Order::Condemn { port: Port(from.face("port")? as u8), session: Session(from.u32()?) }),
-            _ => Err(WireError::Kind(kind)),
-        }
-    }
-}
-
-/// What a cube tells the world-controller when it changes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Status {
-    /// Which goal it works for.
-    pub epoch: u16,
-    /// Its part in the growth.
-    pub role: Role,
-    /// It is finalized or has a parent.
-    pub attached: bool,
-    /// It cannot move any more.
-    pub immobile: bool,
-    /// It holds a child that it believes dead, and so cannot leave.
-    pub pinned: bool,
-    /// It knows a way to a target.
-    pub attracted: bool,
-    /// Faces behind which it wants a cell filled.
-    pub wants: u8,
-    /// Finalized modules that it stands for; at the seed, all of them.
-    pub subtree: u32,
-    /// How often another module held the cell it wanted, so that it did not collide.
-    pub prevented: u32,
-    /// Whom it waits for, if it does.
-    pub waits_for: Option<ModuleId>,
-}
-
-impl Wire for Status {
-    fn kind(&self) -> u8 {
-        0
-    }
-    fn encode(&self, out: &mut Encoder) {
-        out.u16(self.epoch);
-        out.u8(self.role as u8);
-        for flag in [self.attached, self.immobile, self.pinned, self.attracted] {
-            out.bool(flag);
-        }
-        out.u8(self.wants);
-        out.u32(self.subtree);
-        out.u32(self.prevented);
-        out.u32(self.waits_for.map_or(NOBODY, |id| id.0));
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
-        if kind != 0 {
-            return Err(WireError::Kind(kind));
-        }
-        Ok(Status {
-            epoch: from.u16()?,
-            role: Role::decode(from.u8()?)?,
-            attached: from.bool("attached")?,
-            immobile: from.bool("immobile")?,
-            pinned: from.bool("pinned")?,
-            attracted: from.bool("attracted")?,
-            wants: from.u8()?,
-            subtree: from.u32()?,
-            prevented: from.u32()?,
-            waits_for: Some(from.u32()?).filter(|id| *id != NOBODY).map(ModuleId),
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::agent::Class;
-    use crate::ids::Incarnation;
+    use crate::cube::body::{Move, Percept, Refusal};
+    use crate::cube::control::{Order, Status};
+    use crate::cube::route::MAX_HOPS;
+    use crate::ids::{Incarnation, Port, Session};
+    use crate::lattice::{Cell, Motion, MotionKind};
+    use crate::time::Time;
     use crate::wire::{Channel, Frame, HEADER, Header};
     use proptest::prelude::*;
 

@@ -11,6 +11,8 @@
 //! Deliberately absent: any knowledge of the world beyond contacts, messages and the own cell.
 
 mod beacon;
+pub mod body;
+pub mod control;
 mod cycles;
 mod field;
 mod forest;
@@ -18,6 +20,7 @@ pub mod message;
 mod motion;
 mod negotiation;
 pub mod params;
+pub mod route;
 
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use crate::goal::Goal;
@@ -25,8 +28,10 @@ use crate::ids::{Incarnation, ModuleId, Port, Session, Token};
 use crate::lattice::{Cell, Face};
 use crate::stream::Stream;
 use crate::time::{Span, Time};
+use body::{Move, Percept};
+use control::{Order, Status};
 use field::FaceField;
-use message::{Beacon, Message, Move, Order, Percept, Role, Status};
+use message::{Beacon, Message, Role};
 use motion::{Moving, Target};
 use negotiation::{Attempt, Lock};
 use params::{Connectivity, Setup};

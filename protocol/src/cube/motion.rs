@@ -1,6 +1,7 @@
 //! Where to go, and going there.
 
-use super::message::{Percept, Role};
+use super::body::Percept;
+use super::message::Role;
 use super::negotiation::Attempt;
 use super::params::Connectivity;
 use super::{Cube, Side, UNLABELLED};

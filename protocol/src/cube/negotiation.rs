@@ -6,8 +6,9 @@
 //! deadline is earlier than the end of every grant, whatever the delay of the request was.
 
 use super::Cube;
-use super::message::{Ask, Denial, Message, RequestId, Role, Route};
+use super::message::{Ask, Denial, Message, RequestId, Role};
 use super::motion::Moving;
+use super::route::Route;
 use crate::agent::{Class, Output};
 use crate::ids::{ModuleId, Token};
 use crate::lattice::{Cell, Face, Motion};

@@ -1,0 +1,97 @@
+//! What a cube asks of its body, and what the body answers.
+
+use crate::lattice::{Cell, Motion, MotionKind};
+use crate::time::Time;
+use crate::wire::{Decoder, Encoder, Wire, WireError};
+
+/// What a cube asks of its body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Move {
+    /// Which way.
+    pub motion: Motion,
+    /// The body must refuse to start later than this.
+    pub not_after: Time,
+}
+
+impl Wire for Move {
+    fn kind(&self) -> u8 {
+        0
+    }
+    fn encode(&self, out: &mut Encoder) {
+        out.u8(self.motion.kind as u8);
+        out.face(self.motion.support);
+        out.face(self.motion.heading);
+        out.time(self.not_after);
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Move, WireError> {
+        if kind != 0 {
+            return Err(WireError::Kind(kind));
+        }
+        let kind = match from.u8()? {
+            0 => MotionKind::Slide,
+            1 => MotionKind::Convex,
+            _ => return Err(WireError::Field("motion")),
+        };
+        let (support, heading) = (from.face("support")?, from.face("heading")?);
+        if heading.slot_in(support).is_none() {
+            return Err(WireError::Field("heading"));
+        }
+        Ok(Move { motion: Motion { kind, support, heading }, not_after: from.time()? })
+    }
+}
+
+/// Why a body did not start a move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Refusal {
+    /// A cell that the move needs free is not free, or a support is missing.
+    Blocked = 0,
+    /// It was asked too late.
+    Late = 1,
+    /// The contacts had changed since the agent looked.
+    Stale = 2,
+    /// The body is moving already.
+    Moving = 3,
+}
+
+/// How a move went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Percept {
+    /// The module is at a new cell now.
+    Arrived(Cell),
+    /// The move was tried and failed; the module is where it was.
+    Failed,
+    /// The move was not started.
+    Refused(Refusal),
+}
+
+impl Wire for Percept {
+    fn kind(&self) -> u8 {
+        match self {
+            Percept::Arrived(_) => 0,
+            Percept::Failed => 1,
+            Percept::Refused(_) => 2,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        match self {
+            Percept::Arrived(cell) => out.cell(*cell),
+            Percept::Failed => {}
+            Percept::Refused(why) => out.u8(*why as u8),
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Percept, WireError> {
+        match kind {
+            0 => Ok(Percept::Arrived(from.cell()?)),
+            1 => Ok(Percept::Failed),
+            2 => Ok(Percept::Refused(match from.u8()? {
+                0 => Refusal::Blocked,
+                1 => Refusal::Late,
+                2 => Refusal::Stale,
+                3 => Refusal::Moving,
+                _ => return Err(WireError::Field("refusal")),
+            })),
+            _ => Err(WireError::Kind(kind)),
+        }
+    }
+}

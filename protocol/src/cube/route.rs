@@ -1,0 +1,76 @@
+//! A way over faces, as requests and searches take it.
+
+use crate::lattice::Face;
+use crate::wire::{Decoder, Encoder, WireError};
+
+/// The longest way a request can take.
+pub const MAX_HOPS: usize = 26;
+
+/// A way over faces, from the module that asks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Route {
+    len: u8,
+    hops: [u8; MAX_HOPS],
+}
+
+impl Route {
+    /// A route of at least one and at most [`MAX_HOPS`] hops.
+    pub fn new(hops: &[Face]) -> Option<Route> {
+        if hops.is_empty() || hops.len() > MAX_HOPS {
+            return None;
+        }
+        let mut route = Route { len: hops.len() as u8, hops: [0; MAX_HOPS] };
+        for (slot, face) in route.hops.iter_mut().zip(hops) {
+            *slot = *face as u8;
+        }
+        Some(route)
+    }
+    /// The number of hops.
+    pub fn hop_count(&self) -> usize {
+        self.len.into()
+    }
+    /// The face to leave by on hop `i`.
+    pub fn hop(&self, i: usize) -> Option<Face> {
+        self.hops[..self.hop_count()].get(i).and_then(|f| Face::from_index(*f))
+    }
+    /// All hops in order.
+    pub fn faces(&self) -> impl Iterator<Item = Face> + '_ {
+        (0..self.hop_count()).filter_map(|i| self.hop(i))
+    }
+    /// This route and one hop more.
+    pub fn then(&self, face: Face) -> Option<Route> {
+        let mut next = *self;
+        *next.hops.get_mut(self.hop_count())? = face as u8;
+        next.len += 1;
+        Some(next)
+    }
+
+    pub(super) fn encode(&self, out: &mut Encoder) {
+        out.u8(self.len);
+        let mut packed = 0u128;
+        for (i, hop) in self.hops.iter().enumerate() {
+            packed |= u128::from(*hop) << (3 * i);
+        }
+        for byte in &packed.to_le_bytes()[..10] {
+            out.u8(*byte);
+        }
+    }
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Route, WireError> {
+        let len = from.u8()?;
+        let mut bytes = [0u8; 16];
+        for byte in &mut bytes[..10] {
+            *byte = from.u8()?;
+        }
+        let packed = u128::from_le_bytes(bytes);
+        let mut hops = [0; MAX_HOPS];
+        for (i, hop) in hops.iter_mut().enumerate() {
+            *hop = (packed >> (3 * i) & 7) as u8;
+        }
+        let used = usize::from(len);
+        let valid = (1..=MAX_HOPS).contains(&used)
+            && hops[..used].iter().all(|h| *h < 6)
+            && hops[used..].iter().all(|h| *h == 0)
+            && packed >> (3 * MAX_HOPS) == 0;
+        if valid { Ok(Route { len, hops }) } else { Err(WireError::Field("route")) }
+    }
+}
