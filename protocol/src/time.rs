@@ -149,7 +149,7 @@ impl FromStr for Span {
         let scale = 10u128.pow(fraction.len() as u32);
         let total = digits(whole)?
             .checked_mul(nanos_per_unit.into())
-            .and_then(|w| Some(w + digits(fraction).ok()? * u128::from(nanos_per_unit) / scale))
+            .and_then(|w| w.checked_add(digits(fraction).ok()? * u128::from(nanos_per_unit) / scale))
             .ok_or_else(too_long)?;
         u64::try_from(total).ok().filter(|n| *n < u64::MAX / 2).map(Span).ok_or_else(too_long)
     }
@@ -229,6 +229,7 @@ mod tests {
             ("1.2.3s", "number"),
             ("99999999999999999999999h", "too long"),
             ("999999999999999999999999999999999999999999s", "too long"),
+            ("340282366920938463463374607431768211.999us", "too long"),
             ("", "unit"),
         ] {
             let error = text.parse::<Span>().unwrap_err().to_string();

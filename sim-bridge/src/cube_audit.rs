@@ -51,7 +51,7 @@ impl CubeWorld {
             .filter_map(|f| self.neighbour(id, f))
             .filter(|n| agents.get(*n).is_none_or(|a| a.role() == Role::Final || a.has_restarted()))
             .count();
-        invariants::final_grows(cube.activator().is_none(), finals)
+        invariants::final_grows(cube.is_root(), finals)
     }
 
     /// Follows the attraction field from a face, as long as the successor has the same source and

@@ -283,6 +283,17 @@ impl CubeWorld {
                 }
             }
         }
+        for id in (0..self.bodies.len() as u32).map(ModuleId) {
+            if !self.is_moving(id) {
+                continue;
+            }
+            let cell = self.bodies[id.index()].cell;
+            let held = cell.neighbours().iter().any(|c| self.resting(*c).is_some())
+                || self.landing(id).is_some_and(|l| !self.is_moving(l));
+            if !held {
+                self.violate(Invariant::MoverSupported, now, format!("{id} hangs on nothing at {cell}"));
+            }
+        }
         if seen != resting.len() {
             let lost = resting.iter().find(|id| self.marks[id.index()].0 != self.search);
             let what = format!(
@@ -338,8 +349,9 @@ impl CubeWorld {
         self.motions.completed += 1;
         self.bodies[id.index()].cell = to;
         self.sensed.push_back((id, Sensed::Percept(Percept::Arrived(to))));
-        let old = std::mem::take(&mut self.bodies[id.index()].contacts);
-        for contact in old.into_iter().flatten() {
+        for face in Face::ALL {
+            let Some(contact) = self.contact(id, face) else { continue };
+            self.set_contact(id, face, None, true);
             if let Some(face) = Face::from_index(contact.peer_port.0) {
                 self.set_contact(contact.peer, face, None, true);
             }

@@ -23,32 +23,29 @@ pub struct Known {
 }
 
 impl Known {
-    fn is_final(&self) -> bool {
-        self.status.is_some_and(|s| s.role == Role::Final)
+    fn is_final(&self, stage: u16) -> bool {
+        self.status.is_some_and(|s| s.role == Role::Final && s.epoch == stage)
     }
     fn is_walker(&self) -> bool {
         self.status.is_some_and(|s| s.role == Role::Walker)
     }
 }
 
-/// Names the reason for a standstill.
-pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, since: Time) -> Stall {
+/// Names the reason for a standstill in the building of a goal, the `stage`th.
+pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16, since: Time) -> Stall {
     let filled = |cell: Cell| {
-        world.body_at(cell).is_some_and(|id| known[id.index()].is_final() || !known[id.index()].alive)
+        world.body_at(cell).is_some_and(|id| known[id.index()].is_final(stage) || !known[id.index()].alive)
     };
     let unfilled: Vec<Cell> = goal.cells().filter(|c| !filled(*c)).collect();
-    let targets: BTreeSet<Cell> = known
+    // Once it has waited long enough, any live finalized neighbour starts an unfilled cell.
+    let starts = |id: ModuleId| known[id.index()].alive && known[id.index()].is_final(stage);
+    let targets: BTreeSet<Cell> = unfilled
         .iter()
-        .enumerate()
-        .filter(|(_, k)| k.alive)
-        .filter_map(|(i, k)| Some((world.cell(ModuleId(i as u32)), k.status?.wants)))
-        .flat_map(|(cell, wants)| {
-            Face::ALL.into_iter().filter(move |f| wants & f.bit() != 0).map(move |f| cell.step(f))
-        })
-        .filter(|c| unfilled.binary_search(c).is_ok())
+        .copied()
+        .filter(|c| c.neighbours().into_iter().filter_map(|n| world.body_at(n)).any(starts))
         .collect();
     let spare: Vec<ModuleId> = (0..known.len())
-        .filter(|i| known[*i].alive && !known[*i].is_final())
+        .filter(|i| known[*i].alive && !known[*i].is_final(stage))
         .filter(|i| !known[*i].status.is_some_and(|s| s.immobile))
         .map(|i| ModuleId(i as u32))
         .collect();
@@ -234,7 +231,7 @@ mod tests {
         let known: Vec<Known> =
             known.iter().map(|(alive, s)| Known { alive: *alive, status: Some(*s) }).collect();
         let mut world = CubeWorld::new(&bodies, Span::secs(1), 1);
-        let stall = diagnose(&mut world, &known, &goal, Time::ZERO);
+        let stall = diagnose(&mut world, &known, &goal, 0, Time::ZERO);
         assert_eq!(stall.reason, expected, "{stall:?}");
         stall
     }
@@ -249,8 +246,7 @@ mod tests {
         let tower = [[0, 0, 0], [0, 0, 1]];
         check(&row, &[(true, root), (true, spare), (true, spare)], &tower, Reason::Blocked);
         check(&row, &[(true, root), (false, spare), (false, spare)], &tower, Reason::MaterialExhausted);
-        let blind = status(Role::Final, 0, None, false);
-        check(&row, &[(true, blind), (true, spare), (true, spare)], &tower, Reason::NoActiveTarget);
+        check(&row, &[(false, root), (true, spare), (true, spare)], &tower, Reason::NoActiveTarget);
         // The end of the row could only walk over the dead middle.
         check(&row, &[(true, root), (false, spare), (true, spare)], &tower, Reason::NeedsDeadSupport);
         let pinned = status(Role::Reserve, 0, Some(1), true);

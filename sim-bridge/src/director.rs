@@ -26,6 +26,9 @@ pub struct Stop {
     pub stall: Span,
     /// Moving for this long without filling a goal cell is a livelock.
     pub livelock: Span,
+    /// Until then something is planned that may get a standstill going again, besides faults of the
+    /// schedule: the end of the last partition.
+    pub planned_until: Time,
 }
 
 /// How far a run has come.
@@ -78,9 +81,11 @@ pub struct Director {
     crashed: u64,
     filled: usize,
     recount: bool,
-    started_moves: u64,
     moves: u64,
     last_move: Time,
+    last_fault: Time,
+    /// Collisions prevented in lives that have ended.
+    prevented_before: u64,
     last_fill: Time,
     next_check: Time,
     outcome: Option<(Time, Outcome)>,
@@ -121,9 +126,10 @@ impl Director {
             crashed: 0,
             filled: 0,
             recount: true,
-            started_moves: 0,
             moves: 0,
             last_move: Time::ZERO,
+            last_fault: Time::ZERO,
+            prevented_before: 0,
             last_fill: Time::ZERO,
             next_check: Time::ZERO,
             outcome: None,
@@ -153,7 +159,8 @@ impl Director {
     }
     /// Collisions that negotiation has prevented, as reported.
     pub fn prevented(&self) -> u64 {
-        self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum()
+        let now: u64 = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum();
+        self.prevented_before + now
     }
     /// Modules whose process is alive.
     pub fn alive(&self) -> usize {
@@ -189,6 +196,7 @@ impl Director {
     }
 
     fn strike(&mut self, now: Time, fault: Fault, world: &mut CubeWorld) {
+        self.last_fault = now;
         let id = fault.module();
         let known = self.known[id.index()];
         let role = match known.status.map(|s| s.role) {
@@ -240,7 +248,9 @@ impl Director {
         let goal = self.goal();
         let is_filled = |id: ModuleId| {
             let k = &self.known[id.index()];
-            !k.alive || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == self.stage)
+            // A dead body that is still on its way fills nothing.
+            (!k.alive && !world.is_moving(id))
+                || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == self.stage)
         };
         let filled = goal.cells().filter(|c| world.body_at(*c).is_some_and(is_filled)).count();
         if filled > self.filled {
@@ -277,11 +287,11 @@ impl Director {
 
     fn watch(&mut self, now: Time, world: &mut CubeWorld) {
         let motions = world.motions();
-        if motions.started != self.started_moves {
-            self.started_moves = motions.started;
+        // Moves that fail are no progress: a stuck module tries again and again.
+        if motions.completed != self.moves {
+            self.moves = motions.completed;
             self.last_move = now;
         }
-        self.moves = motions.completed;
         if now >= self.next_check || (self.recount && self.may_be_built()) {
             self.next_check = now + self.setup.params.move_time;
             self.count_filled(now, world);
@@ -289,8 +299,11 @@ impl Director {
                 return self.next_stage(now);
             }
         }
-        let planned = self.next_fault < self.schedule.len() || !self.paused.is_empty();
-        let idle_since = self.last_move.max(self.last_fill);
+        let planned =
+            self.next_fault < self.schedule.len() || !self.paused.is_empty() || now < self.stop.planned_until;
+        let changed = self.last_fault.max(self.stop.planned_until);
+        let idle_since = self.last_move.max(self.last_fill).max(changed);
+        let unfilled_since = self.last_fill.max(changed);
         if now >= self.stop.timeout {
             self.stall = Some(self.explain(world, idle_since));
             self.finish(now, Outcome::Timeout);
@@ -299,8 +312,8 @@ impl Director {
         } else if now.since(idle_since) > self.stop.stall {
             self.stall = Some(self.explain(world, idle_since));
             self.finish(now, Outcome::Deadlock);
-        } else if now.since(self.last_fill) > self.stop.livelock {
-            self.stall = Some(self.explain(world, self.last_fill));
+        } else if now.since(unfilled_since) > self.stop.livelock {
+            self.stall = Some(self.explain(world, unfilled_since));
             self.finish(now, Outcome::Livelock);
         }
     }
@@ -312,7 +325,7 @@ impl Director {
     }
 
     fn explain(&self, world: &mut CubeWorld, since: Time) -> Stall {
-        diagnose(world, &self.known, self.goal(), since)
+        diagnose(world, &self.known, self.goal(), self.stage, since)
     }
 }
 
@@ -340,6 +353,8 @@ impl Direct<CubeWorld> for Director {
     }
 
     fn started(&mut self, _now: Time, id: ModuleId) {
+        let before = self.known[id.index()].status.map_or(0, |s| s.prevented);
+        self.prevented_before += u64::from(before);
         self.known[id.index()] = Known { alive: true, status: None };
         self.dead.remove(&id);
         if self.stage > 0 {

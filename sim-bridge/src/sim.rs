@@ -491,9 +491,10 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             }
             Command::Resume(id) => self.resume(id),
             Command::Restart(id) => {
-                if !self.slots[id.index()].alive {
-                    let next = Incarnation(self.slots[id.index()].incarnation.0 + 1);
-                    self.start(id, next);
+                let slot = &self.slots[id.index()];
+                // A module has 65,535 lives; after that it stays dead.
+                if let Some(next) = slot.incarnation.0.checked_add(1).filter(|_| !slot.alive) {
+                    self.start(id, Incarnation(next));
                 }
             }
             Command::Order(id, order) => {

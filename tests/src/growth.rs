@@ -162,7 +162,12 @@ impl Experiment {
     pub fn run(self) -> Ran {
         let setup = Arc::new(self.setup);
         let world = CubeWorld::new(&self.start, MOVE, self.seed);
-        let stop = Stop { timeout: Time(20_000_000_000_000), stall: MOVE * 400, livelock: MOVE * 1_600 };
+        let stop = Stop {
+            timeout: Time(20_000_000_000_000),
+            stall: MOVE * 400,
+            livelock: MOVE * 1_600,
+            planned_until: Time::ZERO,
+        };
         let schedule = Schedule::new(self.faults);
         let director = Director::new(Arc::clone(&setup), self.start.len(), schedule, stop, self.failure);
         let config = SimConfig {

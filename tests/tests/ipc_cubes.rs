@@ -25,7 +25,12 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
     let params = Params::scaled(Span::secs(1), Span::millis(200), 4 * (side as u16 * 2 + 30));
     let setup = Arc::new(Setup { params, goals: vec![goal] });
     let mut world = CubeWorld::new(&start, Span::secs(1), 1);
-    let stop = Stop { timeout: Time(2_000_000_000_000), stall: Span::secs(200), livelock: Span::secs(800) };
+    let stop = Stop {
+        timeout: Time(2_000_000_000_000),
+        stall: Span::secs(200),
+        livelock: Span::secs(800),
+        planned_until: Time::ZERO,
+    };
     let schedule = Schedule::new(faults);
     let mut director = Director::new(setup.clone(), start.len(), schedule, stop, Default::default());
     let options = SwarmOptions {

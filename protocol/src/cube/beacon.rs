@@ -55,7 +55,9 @@ impl Cube {
 
     /// Becomes finalized if it stands in a goal cell that a finalized neighbour wants filled.
     pub(super) fn finalize_if_wanted(&mut self, now: Time) {
-        if self.role == Role::Final || self.moving.is_some() || !self.goal().contains(self.cell) {
+        // A module that has just restarted may be on its way elsewhere without knowing.
+        let settled = self.role != Role::Final && self.moving.is_none() && !self.is_quarantined(now);
+        if !settled || !self.goal().contains(self.cell) {
             return;
         }
         let wanted_by = |f: &Face| {
@@ -345,7 +347,7 @@ impl Cube {
     /// Tells the world-controller when something it counts on has changed: at once what matters for
     /// the outcome, the rest now and then.
     pub(super) fn tend_report(&mut self, now: Time) {
-        let is_seed = self.role == Role::Final && self.activator.is_none();
+        let is_seed = self.role == Role::Final && self.is_root();
         let status = Status {
             epoch: self.epoch,
             role: self.role,

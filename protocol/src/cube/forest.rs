@@ -44,9 +44,9 @@ impl Cube {
         }
     }
 
-    /// Claims to a parent need not be told apart, only claims to different candidates.
+    /// Claims to a parent need not be told apart from each other, only from claims to candidates.
     fn parent_token(&self) -> crate::ids::Token {
-        crate::ids::Token(self.id.0)
+        crate::ids::Token(u32::MAX)
     }
 
     /// Adopts the wanted parent once it has acknowledged, follows the parent's label down, and looks

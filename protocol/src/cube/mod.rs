@@ -205,7 +205,7 @@ impl Agent for Cube {
 
     fn new(setup: &Arc<Setup>, birth: Birth<Cell>, now: Time) -> Cube {
         let reborn = birth.incarnation > Incarnation(0);
-        let mut cube = Cube {
+        Cube {
             setup: Shared(Arc::clone(setup)),
             id: birth.id,
             cell: birth.place,
@@ -248,14 +248,12 @@ impl Agent for Cube {
             field_stale: true,
             wake: now,
             out: VecDeque::new(),
-        };
-        cube.take_root();
-        cube
+        }
     }
 
     fn handle(&mut self, now: Time, input: InputOf<Cube>) {
         match input {
-            Input::Contact { port, session } => self.on_contact(port, session),
+            Input::Contact { port, session } => self.on_contact(now, port, session),
             Input::Message { port, message } => {
                 if let Some(face) = Face::from_index(port.0).filter(|f| self.side(*f).session.is_some()) {
                     self.on_message(now, face, message);
@@ -325,7 +323,8 @@ impl Cube {
     }
 
     fn token(&mut self) -> Token {
-        self.tokens = self.tokens.wrapping_add(1);
+        // The largest one is set apart for claims to a parent.
+        self.tokens = self.tokens.checked_add(1).filter(|t| *t != u32::MAX).unwrap_or(0);
         Token(self.tokens)
     }
 
@@ -337,8 +336,9 @@ impl Cube {
 
     /// The module in the seed cell is finalized from the start, in every life: everything else
     /// grows from there.
-    fn take_root(&mut self) {
-        if self.cell == self.goal().seed() {
+    fn take_root(&mut self, now: Time) {
+        if self.is_root() && self.role != Role::Final && self.moving.is_none() && !self.is_quarantined(now) {
+            self.abort_attempt(now, None);
             self.become_final(None);
         }
     }
@@ -352,7 +352,6 @@ impl Cube {
         self.anchor = None;
         self.waiting_since = None;
         self.waits_for = None;
-        self.quarantine_until = Time::ZERO;
         self.touch();
     }
 
@@ -364,7 +363,7 @@ impl Cube {
         }
     }
 
-    fn on_contact(&mut self, port: Port, session: Option<Session>) {
+    fn on_contact(&mut self, now: Time, port: Port, session: Option<Session>) {
         let Some(face) = Face::from_index(port.0) else { return };
         if self.side(face).session == session {
             return;
@@ -380,12 +379,15 @@ impl Cube {
             }
             self.activator = self.activator.filter(|f| *f != face);
             self.anchor = self.anchor.filter(|f| *f != face);
+            // What a restarted neighbour was granted stays until the lease is up: the body may be on
+            // its way.
+            if let Some(id) = lost {
+                self.release_locks(|lock| lock.id.origin == id);
+            }
         }
         self.want = self.want.filter(|(f, _)| *f != face);
-        if let Some(id) = lost {
-            self.release_locks(|lock| lock.id.origin == id);
-        }
         self.touch();
+        self.decide_soon(now);
     }
 
     fn on_message(&mut self, now: Time, face: Face, message: Message) {
@@ -397,6 +399,7 @@ impl Cube {
             Message::Response { .. } => self.on_response(now, face, message),
             Message::Release { origin, token } => {
                 self.release_locks(|lock| lock.id.origin == origin && lock.id.token == token);
+                self.decide_soon(now);
             }
             Message::Search { id, ttl, route } => self.on_search(now, face, id, ttl, route),
             Message::Found { id, hop, back, route } => self.on_found(now, face, id, hop, back, route),
@@ -442,7 +445,6 @@ impl Cube {
             side.unfilled_since = None;
             side.field = FaceField::new();
         }
-        self.take_root();
         self.touch();
     }
 
@@ -460,6 +462,7 @@ impl Cube {
         {
             self.follow_epoch(now, epoch);
         }
+        self.take_root(now);
         self.finalize_if_wanted(now);
         match self.setup.params.connectivity {
             Connectivity::Forest => self.tend_forest(now),
@@ -591,6 +594,10 @@ impl Cube {
     /// Faces outside which the cell is kept free, and for whom.
     pub fn reservations(&self) -> Vec<(Face, ModuleId)> {
         self.locks.iter().filter_map(|l| l.reserved.map(|f| (f, l.id.origin))).collect()
+    }
+    /// Whether the module stands where its goal begins.
+    pub fn is_root(&self) -> bool {
+        self.cell == self.goal().seed()
     }
     /// The finalized neighbour that made this module finalized; none for the seed.
     pub fn activator(&self) -> Option<Face> {

@@ -64,7 +64,7 @@ impl Cube {
 
     pub(super) fn decide(&mut self, now: Time) {
         self.decide_at = Time::NEVER;
-        if self.role == Role::Final || !self.is_idle() || self.immobile {
+        if self.role == Role::Final || !self.is_idle() {
             return;
         }
         if self.is_quarantined(now) {
@@ -74,6 +74,12 @@ impl Cube {
         if now < self.back_off_until {
             self.decide_at = self.back_off_until;
             return;
+        }
+        if self.immobile {
+            // Joints come free again; one more failure is enough to give up for another while.
+            self.immobile = false;
+            self.failed = self.setup.params.immobile_after.saturating_sub(1);
+            self.touch();
         }
         if self.goal().contains(self.cell) && self.may_be_wanted_here() {
             return self.decide_later(now);
@@ -233,6 +239,10 @@ impl Cube {
                 self.immobile = self.failed >= self.setup.params.immobile_after;
                 self.denied = self.denied.saturating_add(1);
                 self.back_off(now);
+                if self.immobile {
+                    self.back_off_until = now + self.setup.params.relax;
+                    self.decide_at = self.back_off_until;
+                }
             }
             Percept::Refused(_) => {
                 self.give_back(&attempt);
@@ -248,6 +258,8 @@ impl Cube {
     fn arrive(&mut self, now: Time, cell: Cell) {
         self.cell = cell;
         self.settled = now;
+        self.role = Role::Reserve;
+        self.activator = None;
         self.sides = std::array::from_fn(|_| Side::new());
         self.corners_seen = [0; 6];
         self.parent = None;

@@ -68,7 +68,8 @@ pub struct Params {
     pub corner_hint: Span,
     /// After this long an unfilled goal cell may be started from any filled neighbour.
     pub relax: Span,
-    /// How long a restarted module listens before it does anything.
+    /// How long a restarted module only listens and looks for a parent: it grants nothing, does not
+    /// move and is not finalized.
     pub quarantine: Span,
     /// Gradients end at this distance in moves.
     pub range: u16,

@@ -20,6 +20,8 @@ pub const MAX_BYTES: u64 = 16 << 20;
 pub const MAX_VOLUME: u64 = 64_000_000;
 /// How deep unions and differences may be nested.
 pub const MAX_DEPTH: usize = 16;
+/// The most goals of one scenario.
+pub const MAX_GOALS: usize = 32;
 /// The longest move and the longest injected delay.
 pub const LONGEST: Span = Span(3_600_000_000_000);
 /// The shortest move.
@@ -147,6 +149,9 @@ pub enum Flaw {
     /// No goal.
     #[error("the scenario has no [[goal]]")]
     NoGoal,
+    /// Too many goals.
+    #[error("the scenario has {0} goals; {MAX_GOALS} is the most")]
+    TooManyGoals(usize),
     /// The shape cannot be grown.
     #[error(transparent)]
     Goal(#[from] GoalError),
@@ -221,6 +226,7 @@ impl Flaw {
             Flaw::TooDeep => "a union can hold any number of shapes side by side".into(),
             Flaw::TooMuch(_) | Flaw::TooWide(_) | Flaw::TooMany(_) => "make it smaller".into(),
             Flaw::DisconnectedStart { .. } => "let every module touch the rest with a face".into(),
+            Flaw::TooManyGoals(_) => "run it in parts".into(),
             Flaw::NoGoal => {
                 "add for example\n    [[goal]]\n    shape = { box = { min = [0, 0, 0], max = [4, 4, 0] } }"
                     .into()

@@ -31,13 +31,14 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
         Some(cells) => compile_goals(&raw.goals, &shapes, cells, problems),
         None => Vec::new(),
     };
-    let stop = stop(raw, move_time, sides, raw.goals.len(), problems);
+    let mut stop = stop(raw, move_time, sides, raw.goals.len(), problems);
     let modules = cells.as_ref().map_or(0, Vec::len);
     let (mut link, usual_delay) = link(raw, overrides.link, move_time, problems);
     let mut schedule = Default::default();
     if modules > 0 {
         let bounds = Bounds { modules, timeout: stop.timeout.since(Time::ZERO), seed: raw.seed };
         (schedule, link.partitions) = faults::compile(&raw.faults, &bounds, problems);
+        stop.planned_until = link.partitions.iter().map(|p| p.until).max().unwrap_or(Time::ZERO);
     }
     let time_scale = time_scale(raw, problems);
     if !problems.is_empty() {
@@ -193,7 +194,7 @@ fn stop(raw: &Raw, move_time: Span, sides: u64, goals: usize, problems: &mut Pro
     let stall = get(&raw.stall, "stall", move_time * (sides * 3 * 12 / 5).max(300));
     let livelock = get(&raw.livelock, "livelock", stall * 4);
     let timeout = get(&raw.timeout, "timeout", livelock * (3 * goals.max(1) as u64));
-    Stop { timeout: Time::ZERO + timeout, stall, livelock }
+    Stop { timeout: Time::ZERO + timeout, stall, livelock, planned_until: Time::ZERO }
 }
 
 fn link(raw: &Raw, kind: LinkKind, move_time: Span, problems: &mut Problems) -> (LinkModel, Span) {

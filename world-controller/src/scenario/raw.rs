@@ -2,7 +2,7 @@
 //! needs more than one of them.
 
 use super::faults::{self, RawFault, Verb};
-use super::flaw::{Flaw, VERSION};
+use super::flaw::{Flaw, MAX_GOALS, VERSION};
 use super::problems::{At, Place, Problems};
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
@@ -194,8 +194,11 @@ impl Raw {
         if array.is_empty() {
             problems.add(node.span(), Flaw::NoGoal);
         }
+        if array.len() > MAX_GOALS {
+            problems.add(node.span(), Flaw::TooManyGoals(array.len()));
+        }
         let example = "shape = { sphere = { center = [0, 0, 2], radius = 3 } }";
-        for goal in array.iter() {
+        for goal in array.iter().take(MAX_GOALS) {
             let Some(mut section) = Section::of(goal, "[[goal]]", example, problems) else { continue };
             let raw = RawGoal {
                 name: section.get("name", problems).map(|n| n.value),
