@@ -39,7 +39,7 @@ pub struct Report {
     pub livelocks: Vec<Standstill>,
     /// Why goal cells are unfilled, whatever the outcome; null if all are filled or nobody looked.
     pub unbuilt: Option<Standstill>,
-    /// Attempts to use one cell twice.
+    /// Attempts to use one cell twice; a body also refuses a move whose support is missing.
     pub collisions: Collisions,
     /// Moves completed.
     pub moves: u64,
@@ -137,7 +137,7 @@ pub struct Waiting {
     pub waits_for: Option<u32>,
 }
 
-/// Attempts to use one cell twice.
+/// Attempts to use one cell twice; a body also refuses a move whose support is missing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Collisions {
     /// All: prevented by negotiation, refused by the body, suffered.
