@@ -9,6 +9,7 @@ pub mod chaos;
 pub mod command;
 pub mod conformance;
 pub mod growth;
+pub mod metamodules;
 pub mod probe;
 pub mod script;
 pub mod testbed;

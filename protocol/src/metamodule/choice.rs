@@ -1,12 +1,14 @@
 //! What to do next: the best landing by the force field, or the last motion into a seed.
 
 use super::blueprint::SeedSet;
-use super::field::{Force, Middle, WORTH};
+use super::field::{Field, Middle, WORTH};
 use super::motions::{Motions, Sweep};
 use super::params::Setup;
 use super::pose::{Pose, to_world};
 use crate::lattice::Cell;
 use crate::roombots::database::Reach;
+use crate::roombots::grid::GridState;
+use std::collections::BTreeSet;
 
 /// What a motion is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -15,6 +17,8 @@ pub enum Aim {
     Land,
     /// Filling this seed.
     Settle(u8),
+    /// Standing upright, to be in the way as little as possible while there is nothing better to do.
+    Rise,
 }
 
 /// A motion from one pose, to be locked as a whole.
@@ -28,6 +32,8 @@ pub struct Plan {
     pub sweep: Sweep,
     /// What it is for.
     pub aim: Aim,
+    /// The states that the course leads over, the one that this motion leads to first.
+    pub via: Vec<GridState>,
 }
 
 /// What the choice depends on.
@@ -36,10 +42,14 @@ pub struct View<'a> {
     pub setup: &'a Setup,
     /// Where we are.
     pub pose: Pose,
+    /// What is left of the course that was chosen last.
+    pub course: &'a [GridState],
     /// What attracts.
     pub open: SeedSet,
     /// Cells to keep out of.
     pub obstacles: &'a [Cell],
+    /// Connectors on which others stand.
+    pub feet: &'a [(i16, i16)],
     /// The middles of neighbours that push.
     pub neighbours: &'a [Middle],
 }
@@ -52,18 +62,30 @@ pub fn middle(motions: &Motions, pose: Pose) -> Middle {
 impl View<'_> {
     /// The next motion; none if nothing is worth it or possible.
     pub fn choose(&self) -> Option<Plan> {
-        if self.open.is_empty() {
-            return None;
-        }
         let motions = &self.setup.motions;
         let blocked = motions.blocked(self.pose.state, self.obstacles.iter().copied());
         let reach = motions.table().reach(self.pose.posture, &blocked);
         let seeds = self.setup.blueprint.seeds();
         let here = |s: &u8| seeds[usize::from(*s)].foot == self.pose.foot();
-        match self.open.iter().find(here) {
+        let better = match self.open.iter().find(here) {
             Some(seed) => self.into_seed(&reach, seed),
-            None => self.best_landing(&reach),
+            None => self.follow(&reach, self.course).or_else(|| self.best_course(reach.clone())),
+        };
+        better.or_else(|| self.upright(&reach))
+    }
+
+    /// Standing up, for whoever does not stand upright yet.
+    fn upright(&self, reach: &Reach) -> Option<Plan> {
+        let table = self.setup.motions.table();
+        let stands = |posture: u16| {
+            let chain = table.postures()[usize::from(posture)].chain;
+            table.chains()[usize::from(chain)].cells.iter().all(|c| (c.x, c.y) == (0, 0))
+        };
+        if stands(self.pose.posture) {
+            return None;
         }
+        let (to, _) = reach.postures().find(|(p, _)| stands(*p))?;
+        self.plan(reach, to, Aim::Rise)
     }
 
     fn plan(&self, reach: &Reach, to: u16, aim: Aim) -> Option<Plan> {
@@ -75,6 +97,7 @@ impl View<'_> {
             steps: way.steps.iter().map(|(number, _)| *number).collect(),
             sweep: Sweep::of(&way.core.union(&way.graze).union(&own)),
             aim,
+            via: Vec::new(),
         })
     }
 
@@ -90,30 +113,95 @@ impl View<'_> {
         self.plan(reach, to, Aim::Settle(seed))
     }
 
-    fn best_landing(&self, reach: &Reach) -> Option<Plan> {
+    /// The first motion of the best course: of all courses of the fewest strides that end in a place
+    /// worth going to, the one that ends in the best.
+    fn best_course(&self, reach: Reach) -> Option<Plan> {
         let motions = &self.setup.motions;
-        let table = motions.table();
-        let seeds: Vec<(i16, i16)> =
-            self.open.iter().map(|s| self.setup.blueprint.seeds()[usize::from(s)].foot).collect();
-        let at = self.pose.foot();
-        let mut force = Force::attraction(at, seeds.iter().copied());
+        let field = self.field();
+        let mut seen = BTreeSet::from([self.pose.state]);
+        let mut front = self.strides(&self.pose, &reach, &mut seen);
+        let mut course: Vec<Course> = front
+            .drain(..)
+            .map(|(posture, turns, to)| Course { first: posture, turns, at: to, via: vec![to.state] })
+            .collect();
+        let mut looked = 1;
+        for depth in 1..=self.setup.params.look_ahead {
+            let score = |c: &Course| field.score(c.at.state, c.turns);
+            // Of equal ones the first is kept, which is the one with the nearest postures.
+            let best = course.iter().rev().max_by_key(|c| score(c)).filter(|c| score(c) > WORTH);
+            if let Some(best) = best {
+                let mut plan = self.plan(&reach, best.first, Aim::Land)?;
+                plan.via = best.via.clone();
+                return Some(plan);
+            }
+            if depth == self.setup.params.look_ahead {
+                break;
+            }
+            let mut next = Vec::new();
+            for c in course {
+                looked += 1;
+                if looked > MOST_LOOKS {
+                    break;
+                }
+                let blocked = motions.blocked(c.at.state, self.obstacles.iter().copied());
+                let reach = motions.table().reach(c.at.posture, &blocked);
+                for (_, turns, to) in self.strides(&c.at, &reach, &mut seen) {
+                    let via = [&c.via[..], &[to.state]].concat();
+                    next.push(Course { turns: c.turns.saturating_add(turns), at: to, via, ..c });
+                }
+            }
+            course = next;
+        }
+        None
+    }
+
+    fn field(&self) -> Field<'_> {
+        let motions = &self.setup.motions;
+        let foot = |s: u8| self.setup.blueprint.seeds()[usize::from(s)].foot;
+        // Where another one stands already, there is nothing to get.
+        let seeds = self.open.iter().map(foot).filter(|f| !self.feet.contains(f));
+        let mut field = Field::of_seeds(motions, self.pose.state, seeds);
         let own = middle(motions, self.pose);
         for of in self.neighbours {
-            force.push(self.setup.params.repulsion, own, *of);
+            field.add_push(self.setup.params.repulsion, own, *of);
         }
-        let mut best: Option<(i64, u16)> = None;
+        field
+    }
+
+    /// Every state not seen before that a stride leads to: the posture that lands, the number of
+    /// steps, and the pose after it.
+    fn strides(&self, from: &Pose, reach: &Reach, seen: &mut BTreeSet<GridState>) -> Vec<(u16, u8, Pose)> {
+        let motions = &self.setup.motions;
+        let mut found = Vec::new();
         for (posture, turns) in reach.postures() {
-            let Some(landing) = table.postures()[usize::from(posture)].landing else { continue };
-            let to = self.pose.state.then(table.landings()[usize::from(landing)].state);
-            if !self.setup.floor.has(to.x, to.y) {
-                continue;
-            }
-            let score = force.score(at, (to.x, to.y), turns, &seeds);
-            // Nearest postures come first, so of equal ones the first is kept.
-            if score > WORTH && best.is_none_or(|(b, _)| score > b) {
-                best = Some((score, posture));
+            let lands = Pose { posture, ..*from };
+            let Some(to) = motions.turned_around(lands) else { continue };
+            if self.setup.floor.has(to.state.x, to.state.y) && seen.insert(to.state) {
+                found.push((posture, turns, to));
             }
         }
-        self.plan(reach, best?.1, Aim::Land)
+        found
+    }
+
+    /// The next stride of a course, if it is still possible.
+    fn follow(&self, reach: &Reach, via: &[GridState]) -> Option<Plan> {
+        let motions = &self.setup.motions;
+        let next = via.first()?;
+        let lands = |posture: u16| motions.landing(Pose { posture, ..self.pose }) == Some(*next);
+        let (to, _) = reach.postures().find(|(p, _)| lands(*p))?;
+        let mut plan = self.plan(reach, to, Aim::Land)?;
+        plan.via = via.to_vec();
+        Some(plan)
     }
 }
+
+/// A way over several connectors.
+struct Course {
+    first: u16,
+    turns: u8,
+    at: Pose,
+    via: Vec<GridState>,
+}
+
+/// So many places are looked at from, at most, in one choice.
+const MOST_LOOKS: usize = 400;

@@ -27,6 +27,7 @@ pub mod start;
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use crate::ids::{ModuleId, Port, Token};
 use crate::lattice::Cell;
+use crate::roombots::grid::GridState;
 use crate::stream::Stream;
 use crate::time::{Span, Time};
 use blueprint::SeedSet;
@@ -65,6 +66,8 @@ struct Core {
     open: SeedSet,
     filled: SeedSet,
     settled: Option<u8>,
+    /// The states that it means to go over next.
+    course: Vec<GridState>,
     phase: Phase,
     token: Token,
     /// Since when it has not got on; those who have waited longer go first.
@@ -167,7 +170,7 @@ impl Metamodule {
         if self.core.pose.both {
             // An earlier life has gripped and not let go. Letting go sweeps nothing.
             let plan =
-                Plan { from: self.core.pose, steps: Vec::new(), sweep: Default::default(), aim: Aim::Land };
+                Plan { from: self.core.pose, steps: Vec::new(), sweep: Sweep::default(), aim: Aim::Land, via: Vec::new() };
             return self.begin(now, now, plan);
         }
         // Whoever says nothing for long has no process, and its body does not move.
@@ -183,7 +186,13 @@ impl Metamodule {
         let states = self.core.peers.iter().filter_map(|(_, p)| p.state);
         let free = states.filter(|s| !s.settled && !self.core.dead.contains_key(&s.id));
         let neighbours: Vec<_> = free.map(|s| middle(motions, s.pose)).collect();
+        let states = self.core.peers.iter().filter_map(|(_, p)| p.state);
+        let feet: Vec<_> =
+            states.map(|s| s.pose).chain(self.core.dead.values().copied()).map(Pose::foot).collect();
+        let course = std::mem::take(&mut self.core.course);
         let view = View {
+            course: &course,
+            feet: &feet,
             setup: &self.setup,
             pose: self.core.pose,
             open: self.open(),
@@ -256,6 +265,7 @@ impl Metamodule {
         let (deed, takes) = match (plan.steps.get(*next), plan.aim) {
             (Some(step), _) => (Deed::Turn(*step), params.turn_time),
             (None, Aim::Settle(seed)) => return self.settle(now, seed),
+            (None, Aim::Rise) => return self.stop(now, Span::ZERO),
             (None, Aim::Land) if self.core.pose.both => (Deed::Detach, params.connect_time),
             (None, Aim::Land) => (Deed::Attach, params.connect_time),
         };
@@ -306,6 +316,7 @@ impl Metamodule {
                         return self.go_on(now);
                     }
                     // The old end has let go: the move is complete.
+                    self.core.course = plan.via.split_off(plan.via.len().min(1));
                     self.core.waiting_since = now;
                     self.stop(now, Span::ZERO);
                 }
@@ -502,6 +513,7 @@ impl Agent for Metamodule {
                 open: SeedSet::default(),
                 filled: SeedSet::default(),
                 settled: None,
+                course: Vec::new(),
                 phase: Phase::Idle { look_at: now.max(quarantine) },
                 // Tokens of a later life are larger than any of an earlier one.
                 token: Token(u32::from(birth.incarnation.0) << 20),

@@ -4,7 +4,7 @@ use super::pose::{Pose, to_frame, to_world};
 use crate::lattice::Cell;
 use crate::roombots::Kind;
 use crate::roombots::database::{CellSet, Database, Step, Table};
-use crate::roombots::grid::GridState;
+use crate::roombots::grid::{GridState, fewest_moves};
 use crate::roombots::sweep::FloorContact;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 use std::sync::Arc;
@@ -28,6 +28,32 @@ pub enum MotionsError {
 pub struct Motions {
     database: Arc<Database>,
     kind: Kind,
+    strides: Arc<Strides>,
+}
+
+/// The fewest moves from a foot to every connector around it, whatever the class there, when nothing
+/// is in the way. Offsets are in the foot frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Strides(Vec<u8>);
+
+impl Strides {
+    /// Offsets up to this are in the table.
+    const RADIUS: i16 = 16;
+    const SIDE: usize = 2 * Strides::RADIUS as usize + 1;
+
+    fn of(kind: Kind) -> Strides {
+        let mut table = vec![u8::MAX; Strides::SIDE * Strides::SIDE];
+        for (state, moves) in fewest_moves(kind, Strides::RADIUS) {
+            if let Some(slot) = Strides::index(state.x, state.y).and_then(|i| table.get_mut(i)) {
+                *slot = (*slot).min(u8::try_from(moves).unwrap_or(u8::MAX));
+            }
+        }
+        Strides(table)
+    }
+    fn index(x: i16, y: i16) -> Option<usize> {
+        let along = |c: i16| usize::try_from(c + Strides::RADIUS).ok().filter(|i| *i < Strides::SIDE);
+        Some(along(x)? * Strides::SIDE + along(y)?)
+    }
 }
 
 /// A set of cells of the database, seen from a grid state; bit *i* is the *i*-th cell.
@@ -48,7 +74,7 @@ impl Motions {
             return Err(MotionsError::Single);
         }
         match database.cells().len() {
-            0..=128 => Ok(Motions { database, kind }),
+            0..=128 => Ok(Motions { database, kind, strides: Arc::new(Strides::of(kind)) }),
             n => Err(MotionsError::TooManyCells(n)),
         }
     }
@@ -89,6 +115,16 @@ impl Motions {
             _ => return None,
         };
         (step.floor == FloorContact::Free).then_some((step, to))
+    }
+
+    /// The fewest moves from a state to a connector, on the open grid. Farther away than the table
+    /// reaches, what is left of the way is counted in strides of three cells.
+    pub fn moves_to(&self, from: GridState, to: (i16, i16)) -> u16 {
+        let at = to_frame(from, Cell::new(to.0, to.1, 0));
+        let near = |c: i16| c.clamp(-Strides::RADIUS, Strides::RADIUS);
+        let beyond = at.x.abs_diff(near(at.x)) + at.y.abs_diff(near(at.y));
+        let known = Strides::index(near(at.x), near(at.y)).map_or(u8::MAX, |i| self.strides.0[i]);
+        u16::from(known) + beyond / 3
     }
 
     /// Where the free end lies, if it lies on a connector of the floor.

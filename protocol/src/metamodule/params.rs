@@ -90,6 +90,10 @@ pub enum Teller {
 pub struct Params {
     /// How neighbours push.
     pub repulsion: Repulsion,
+    /// So many strides ahead it looks, at most, for a place that is better than its own. With 1 it only
+    /// ever makes a stride that is better by itself; strides are so coarse that built parts then wall
+    /// it out from almost everywhere.
+    pub look_ahead: u8,
     /// From whom open seeds are learnt.
     pub teller: Teller,
     /// How long a joint needs for a step.
@@ -112,6 +116,7 @@ impl Params {
         let round_trip = delay * 2;
         Params {
             repulsion,
+            look_ahead: 3,
             teller: Teller::Controller,
             turn_time,
             connect_time: turn_time,
