@@ -67,11 +67,10 @@ impl View<'_> {
         let reach = motions.table().reach(self.pose.posture, &blocked);
         let seeds = self.setup.blueprint.seeds();
         let here = |s: &u8| seeds[usize::from(*s)].foot == self.pose.foot();
-        let better = match self.open.iter().find(here) {
-            Some(seed) => self.into_seed(&reach, seed),
-            None => self.follow(&reach, self.course).or_else(|| self.best_course(reach.clone())),
-        };
-        better.or_else(|| self.upright(&reach))
+        let home = self.open.iter().find(here).and_then(|seed| self.into_seed(&reach, seed));
+        home.or_else(|| self.follow(&reach, self.course))
+            .or_else(|| self.best_course(&reach))
+            .or_else(|| self.upright(&reach))
     }
 
     /// Standing up, for whoever does not stand upright yet.
@@ -102,35 +101,55 @@ impl View<'_> {
     }
 
     fn into_seed(&self, reach: &Reach, seed: u8) -> Option<Plan> {
+        self.plan(reach, self.filling(self.pose.state, reach, seed)?, Aim::Settle(seed))
+    }
+
+    /// The nearest posture that fills a seed from a state on its connector.
+    fn filling(&self, state: GridState, reach: &Reach, seed: u8) -> Option<u16> {
         let table = self.setup.motions.table();
         let goal = self.setup.blueprint.seeds()[usize::from(seed)].cells();
         let fills = |posture: u16| {
             let chain = table.postures()[usize::from(posture)].chain;
             let cells = &table.chains()[usize::from(chain)].cells;
-            cells.iter().zip(goal).all(|(c, g)| to_world(self.pose.state, *c) == g)
+            cells.iter().zip(goal).all(|(c, g)| to_world(state, *c) == g)
         };
-        let (to, _) = reach.postures().find(|(p, _)| fills(*p))?;
-        self.plan(reach, to, Aim::Settle(seed))
+        reach.postures().find(|(p, _)| fills(*p)).map(|(p, _)| p)
+    }
+
+    /// Whether this is a place on an open seed's connector from which the seed can be filled. How it is
+    /// turned there makes the difference: what is built already is in the way of some of the four.
+    fn is_home(&self, at: Pose) -> bool {
+        let seeds = self.setup.blueprint.seeds();
+        let Some(seed) = self.open.iter().find(|s| seeds[usize::from(*s)].foot == at.foot()) else {
+            return false;
+        };
+        let motions = &self.setup.motions;
+        let blocked = motions.blocked(at.state, self.obstacles.iter().copied());
+        self.filling(at.state, &motions.table().reach(at.posture, &blocked), seed).is_some()
     }
 
     /// The first motion of the best course: of all courses of the fewest strides that end in a place
     /// worth going to, the one that ends in the best.
-    fn best_course(&self, reach: Reach) -> Option<Plan> {
+    fn best_course(&self, reach: &Reach) -> Option<Plan> {
         let motions = &self.setup.motions;
         let field = self.field();
         let mut seen = BTreeSet::from([self.pose.state]);
-        let mut front = self.strides(&self.pose, &reach, &mut seen);
+        let mut front = self.strides(&self.pose, reach, &mut seen);
         let mut course: Vec<Course> = front
             .drain(..)
             .map(|(posture, turns, to)| Course { first: posture, turns, at: to, via: vec![to.state] })
             .collect();
         let mut looked = 1;
         for depth in 1..=self.setup.params.look_ahead {
-            let score = |c: &Course| field.score(c.at.state, c.turns);
             // Of equal ones the first is kept, which is the one with the nearest postures.
-            let best = course.iter().rev().max_by_key(|c| score(c)).filter(|c| score(c) > WORTH);
-            if let Some(best) = best {
-                let mut plan = self.plan(&reach, best.first, Aim::Land)?;
+            let best = course
+                .iter()
+                .map(|c| (field.score(c.at.state, c.turns, self.is_home(c.at)), c))
+                .rev()
+                .max_by_key(|(score, _)| *score)
+                .filter(|(score, _)| *score > WORTH);
+            if let Some((_, best)) = best {
+                let mut plan = self.plan(reach, best.first, Aim::Land)?;
                 plan.via = best.via.clone();
                 return Some(plan);
             }

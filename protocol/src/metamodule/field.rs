@@ -75,15 +75,15 @@ impl<'a> Field<'a> {
     }
 
     /// What a stride to `to` in `turns` steps is worth: nearer to the seeds, away from neighbours,
-    /// short motions first, and at best onto a seed.
-    pub fn score(&self, to: GridState, turns: u8) -> i64 {
+    /// short motions first, and at best `home`, to where a seed can be filled from.
+    pub fn score(&self, to: GridState, turns: u8, home: bool) -> i64 {
         let gain = |(seed, far, weight): &(Place, i64, i64)| {
             (far - distance(self.motions, to, *seed)) * weight / ONE
         };
         let pull: i64 = self.seeds.iter().map(gain).sum();
         let (dx, dy) = (i64::from(to.x) - i64::from(self.at.x), i64::from(to.y) - i64::from(self.at.y));
-        let onto = if self.seeds.iter().any(|(seed, ..)| *seed == (to.x, to.y)) { 10 * ONE } else { 0 };
-        pull + self.push.0 * dx + self.push.1 * dy - i64::from(turns) * ONE / 100 + onto
+        let home = if home { 10 * ONE } else { 0 };
+        pull + self.push.0 * dx + self.push.1 * dy - i64::from(turns) * ONE / 100 + home
     }
 }
 
@@ -137,8 +137,8 @@ mod tests {
                     }
                     assert!(moves < 30, "{}: {at}", motions.kind());
                     let field = Field::of_seeds(&motions, at, [(0, 0)].into_iter());
-                    let best = landings.iter().map(|l| at.then(*l)).max_by_key(|to| field.score(*to, 8));
-                    assert!(field.score(best.unwrap(), 8) > WORTH, "{}: {at}", motions.kind());
+                    let best = landings.iter().map(|l| at.then(*l)).max_by_key(|to| field.score(*to, 8, false));
+                    assert!(field.score(best.unwrap(), 8, false) > WORTH, "{}: {at}", motions.kind());
                     at = best.unwrap();
                     let now = distance(&motions, at, (0, 0));
                     assert!(now < far, "{}: {at}", motions.kind());
