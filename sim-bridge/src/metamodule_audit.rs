@@ -8,7 +8,13 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::time::Time;
 
-fn locks(now: Time, id: ModuleId, mine: &[Cell], agents: &Agents<'_, Metamodule>, found: &mut Vec<Violation>) {
+fn locks(
+    now: Time,
+    id: ModuleId,
+    mine: &[Cell],
+    agents: &Agents<'_, Metamodule>,
+    found: &mut Vec<Violation>,
+) {
     for (other, agent) in agents.iter().filter(|(o, _)| *o != id) {
         if let Err(what) = invariants::one_holder_per_lock(mine, &agent.held(now)) {
             let what = format!("{id} and {other}: {what}");

@@ -227,7 +227,8 @@ impl MetamoduleWorld {
     fn connect(&mut self, id: ModuleId, peer: ModuleId, tell: bool) {
         let free = |of: &Body| of.contacts.iter().position(Option::is_none).map(|p| Port(p as u8));
         // Whoever has no port left does not hear the other; the interlock is all that is between them.
-        let (Some(mine), Some(theirs)) = (free(&self.bodies[id.index()]), free(&self.bodies[peer.index()])) else {
+        let (Some(mine), Some(theirs)) = (free(&self.bodies[id.index()]), free(&self.bodies[peer.index()]))
+        else {
             return;
         };
         self.sessions += 1;

@@ -10,8 +10,10 @@ use metamorph_tests::metamodules::{Assembly, Goal};
 
 fn main() {
     let seeds: u64 = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(100);
-    let look_ahead: u8 = std::env::args().nth(2).and_then(|n| n.parse().ok()).unwrap_or(3);
-    println!("goal  order      strategy kind  built dead live time unsafe | of built: moves turns collisions messages");
+    let look_ahead: u8 = std::env::args().nth(2).and_then(|n| n.parse().ok()).unwrap_or(8);
+    println!(
+        "goal  order      strategy kind  built dead live time unsafe | of built: moves turns collisions messages"
+    );
     for (goal, order) in [
         (Goal::Box, SeedOrder::Circular),
         (Goal::Chair, SeedOrder::Circular),
@@ -27,7 +29,8 @@ fn main() {
                     match ran.outcome.map(|(_, o)| o) {
                         Some(Outcome::Built) => {
                             ends[0] += 1;
-                            let ours = [ran.deeds.moves, ran.deeds.turns, ran.collisions(), ran.tally.total().sent];
+                            let ours =
+                                [ran.deeds.moves, ran.deeds.turns, ran.collisions(), ran.tally.total().sent];
                             sums.iter_mut().zip(ours).for_each(|(s, v)| *s += v);
                         }
                         Some(Outcome::Deadlock) => ends[1] += 1,
@@ -38,8 +41,19 @@ fn main() {
                 let mean = sums.map(|s| s as f64 / ends[0].max(1) as f64);
                 println!(
                     "{:5} {:10} {:8} {:4} {:6} {:4} {:4} {:4} {:6} | {:5.1} {:5.1} {:5.2} {:6.0}",
-                    format!("{goal:?}").to_lowercase(), order.name(), strategy.name(), kind,
-                    ends[0], ends[1], ends[2], ends[3], unsafe_runs, mean[0], mean[1], mean[2], mean[3]
+                    format!("{goal:?}").to_lowercase(),
+                    order.name(),
+                    strategy.name(),
+                    kind,
+                    ends[0],
+                    ends[1],
+                    ends[2],
+                    ends[3],
+                    unsafe_runs,
+                    mean[0],
+                    mean[1],
+                    mean[2],
+                    mean[3]
                 );
             }
         }

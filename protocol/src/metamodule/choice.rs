@@ -223,4 +223,4 @@ struct Course {
 }
 
 /// So many places are looked at from, at most, in one choice.
-const MOST_LOOKS: usize = 400;
+const MOST_LOOKS: usize = 150;

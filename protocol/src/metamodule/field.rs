@@ -128,7 +128,9 @@ mod tests {
     fn alone_every_kind_gets_to_its_seed() {
         for motions in all() {
             let landings: Vec<GridState> = motions.table().landings().iter().map(|l| l.state).collect();
-            for (x, y, class) in [(2, 0, 0), (0, 2, 1), (1, 0, 2), (0, -1, 3), (-7, 5, 0), (12, 12, 1), (40, -3, 2)] {
+            for (x, y, class) in
+                [(2, 0, 0), (0, 2, 1), (1, 0, 2), (0, -1, 3), (-7, 5, 0), (12, 12, 1), (40, -3, 2)]
+            {
                 let mut at = GridState::new(x, y, class);
                 let mut far = distance(&motions, at, (0, 0));
                 for moves in 0.. {
@@ -137,7 +139,8 @@ mod tests {
                     }
                     assert!(moves < 30, "{}: {at}", motions.kind());
                     let field = Field::of_seeds(&motions, at, [(0, 0)].into_iter());
-                    let best = landings.iter().map(|l| at.then(*l)).max_by_key(|to| field.score(*to, 8, false));
+                    let best =
+                        landings.iter().map(|l| at.then(*l)).max_by_key(|to| field.score(*to, 8, false));
                     assert!(field.score(best.unwrap(), 8, false) > WORTH, "{}: {at}", motions.kind());
                     at = best.unwrap();
                     let now = distance(&motions, at, (0, 0));

@@ -169,8 +169,13 @@ impl Metamodule {
         }
         if self.core.pose.both {
             // An earlier life has gripped and not let go. Letting go sweeps nothing.
-            let plan =
-                Plan { from: self.core.pose, steps: Vec::new(), sweep: Sweep::default(), aim: Aim::Land, via: Vec::new() };
+            let plan = Plan {
+                from: self.core.pose,
+                steps: Vec::new(),
+                sweep: Sweep::default(),
+                aim: Aim::Land,
+                via: Vec::new(),
+            };
             return self.begin(now, now, plan);
         }
         // Whoever says nothing for long has no process, and its body does not move.
@@ -210,8 +215,13 @@ impl Metamodule {
     }
 
     fn ask(&mut self, now: Time, plan: Plan) {
-        let asked: Vec<Port> =
-            self.core.peers.iter().filter(|(_, p)| p.state.is_some() && !self.is_dead(p)).map(|(p, _)| p).collect();
+        let asked: Vec<Port> = self
+            .core
+            .peers
+            .iter()
+            .filter(|(_, p)| p.state.is_some() && !self.is_dead(p))
+            .map(|(p, _)| p)
+            .collect();
         self.core.token.0 += 1;
         let pending = asked.iter().fold(0, |mask, p| mask | 1u32 << p.0);
         if pending == 0 {

@@ -116,7 +116,7 @@ impl Params {
         let round_trip = delay * 2;
         Params {
             repulsion,
-            look_ahead: 3,
+            look_ahead: 8,
             teller: Teller::Controller,
             turn_time,
             connect_time: turn_time,
