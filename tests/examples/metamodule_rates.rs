@@ -1,5 +1,5 @@
 //! Measures the thesis's experiment over many seeds and prints a table:
-//! `cargo run --release -p metamorph-tests --example metamodule_rates -- [SEEDS] [LOOK_AHEAD]`.
+//! `cargo run --release -p metamorph-tests --example metamodule_rates -- [SEEDS] [LOOK_AHEAD] [box|chair]`.
 #![allow(clippy::print_stdout, reason = "a program for the terminal")]
 
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
@@ -11,6 +11,7 @@ use metamorph_tests::metamodules::{Assembly, Goal};
 fn main() {
     let seeds: u64 = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(100);
     let look_ahead: u8 = std::env::args().nth(2).and_then(|n| n.parse().ok()).unwrap_or(8);
+    let only = std::env::args().nth(3);
     println!(
         "goal  order      strategy kind  built dead live time unsafe | of built: moves turns collisions messages"
     );
@@ -20,6 +21,9 @@ fn main() {
         (Goal::Chair, SeedOrder::Crosswise),
         (Goal::Chair, SeedOrder::AtOnce),
     ] {
+        if only.as_ref().is_some_and(|name| *name != format!("{goal:?}").to_lowercase()) {
+            continue;
+        }
         for strategy in Strategy::ALL {
             for kind in Kind::METAMODULES {
                 let (mut ends, mut unsafe_runs, mut sums) = ([0u64; 4], 0u64, [0u64; 4]);

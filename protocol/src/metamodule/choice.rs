@@ -67,7 +67,7 @@ impl View<'_> {
         let reach = motions.table().reach(self.pose.posture, &blocked);
         let seeds = self.setup.blueprint.seeds();
         let here = |s: &u8| seeds[usize::from(*s)].foot == self.pose.foot();
-        let home = self.open.iter().find(here).and_then(|seed| self.into_seed(&reach, seed));
+        let home = self.open.iter().find(here).and_then(|seed| self.fill_seed(&reach, seed));
         home.or_else(|| self.follow(&reach, self.course))
             .or_else(|| self.best_course(&reach))
             .or_else(|| self.upright(&reach))
@@ -100,7 +100,7 @@ impl View<'_> {
         })
     }
 
-    fn into_seed(&self, reach: &Reach, seed: u8) -> Option<Plan> {
+    fn fill_seed(&self, reach: &Reach, seed: u8) -> Option<Plan> {
         self.plan(reach, self.filling(self.pose.state, reach, seed)?, Aim::Settle(seed))
     }
 
