@@ -390,3 +390,117 @@ impl World for MetamoduleWorld {
         self.sensed.pop_front()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four};
+    use metamorph_protocol::metamodule::motions::Motions;
+    use metamorph_protocol::metamodule::params::{Floor, Params, Strategy};
+    use metamorph_protocol::metamodule::pose::End;
+    use metamorph_protocol::roombots::Kind;
+    use metamorph_protocol::roombots::database::Database;
+    use metamorph_protocol::roombots::grid::GridState;
+    use metamorph_protocol::roombots::posture::Posture;
+    use metamorph_protocol::time::Span;
+
+    fn setup() -> Arc<Setup> {
+        Arc::new(Setup {
+            params: Params::scaled(Strategy::Greedy.repulsion(), Span::secs(1), Span::millis(10)),
+            floor: Floor { min: (0, 0), max: (12, 12) },
+            blueprint: Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap(),
+            motions: Motions::new(Arc::new(Database::build()), Kind::Srs).unwrap(),
+        })
+    }
+
+    fn upright(setup: &Setup, x: i16, y: i16) -> Pose {
+        let posture = setup.motions.table().find(Posture::zero(Kind::Srs)).unwrap();
+        Pose { state: GridState::new(x, y, 0), end: End::Foot, both: false, posture }
+    }
+
+    fn act(world: &mut MetamoduleWorld, deed: Deed) -> Percept {
+        let (now, id) = (world.due.peek().map_or(Time::ZERO, |Reverse((at, ..))| *at), ModuleId(0));
+        let revision = world.bodies[0].revision;
+        world.act(now, id, revision, &Action { deed, not_after: now });
+        world.advance(Time(u64::MAX - 1));
+        let percept = |s| if let (ModuleId(0), Sensed::Percept(p)) = s { Some(p) } else { None };
+        std::iter::from_fn(|| world.poll()).filter_map(percept).last().unwrap()
+    }
+
+    #[test]
+    fn one_module_per_cell_and_attached_fire() {
+        let setup = setup();
+        let fired = |poses: &[Pose]| {
+            let mut world = MetamoduleWorld::new(Arc::clone(&setup), poses, 1);
+            world.check_all(Time::ZERO);
+            world.take_violations().into_iter().map(|v| v.invariant).collect::<Vec<_>>()
+        };
+        let (a, b) = (upright(&setup, 3, 3), upright(&setup, 4, 3));
+        assert_eq!(fired(&[a, b]), []);
+        assert!(fired(&[a, a]).contains(&Invariant::OneModulePerCell));
+        assert!(fired(&[upright(&setup, 13, 3)]).contains(&Invariant::Attached));
+    }
+
+    #[test]
+    fn the_last_end_does_not_let_go_and_air_cannot_be_gripped() {
+        let setup = setup();
+        let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[upright(&setup, 3, 3)], 1);
+        for deed in [Deed::Detach, Deed::Attach, Deed::Turn(u16::MAX)] {
+            assert_eq!(act(&mut world, deed), Percept::Refused(Refusal::Impossible));
+        }
+    }
+
+    /// Every landing there is, from upright, step by step; then the other end holds.
+    #[test]
+    fn makes_every_landing() {
+        let setup = setup();
+        let (motions, table) = (&setup.motions, setup.motions.table());
+        let from = upright(&setup, 6, 6);
+        let reach = table.reach(from.posture, &CellSet::default());
+        for landing in table.landings() {
+            let (to, _) = reach.postures().find(|(p, _)| landing.postures.contains(p)).unwrap();
+            let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
+            for (step, _) in table.way_within(&reach, from.posture, to).unwrap().steps {
+                assert!(matches!(act(&mut world, Deed::Turn(step)), Percept::Done(_)));
+            }
+            assert!(matches!(act(&mut world, Deed::Attach), Percept::Done(p) if p.both));
+            assert_eq!(act(&mut world, Deed::Turn(0)), Percept::Refused(Refusal::Impossible));
+            let Percept::Done(pose) = act(&mut world, Deed::Detach) else { panic!() };
+            assert_eq!((pose.state, pose.end, pose.both), (from.state.then(landing.state), End::Head, false));
+            let mut cells = motions.cells(Pose { posture: to, ..from });
+            cells.reverse();
+            assert_eq!(world.cells(ModuleId(0)), cells, "the body is where it was, seen from its other end");
+            assert_eq!((world.deeds().moves, world.take_violations().len()), (1, 0));
+        }
+    }
+
+    #[test]
+    fn a_step_into_another_body_is_refused() {
+        let setup = setup();
+        let from = upright(&setup, 6, 6);
+        let mut refused = 0;
+        for number in 0..setup.motions.table().steps().len() as u16 {
+            let Some((step, _)) = setup.motions.step_from(from.posture, number) else { continue };
+            let swept: Vec<Cell> =
+                setup.motions.swept(from.state, Sweep::of(&step.core.union(&step.graze))).collect();
+            for (dx, dy) in [(1, 0), (0, 1), (-1, 0), (0, -1), (3, 3)] {
+                let other = upright(&setup, 6 + dx, 6 + dy);
+                let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from, other], 1);
+                let meets = world.cells(ModuleId(1)).iter().any(|c| swept.contains(c));
+                let blocked = act(&mut world, Deed::Turn(number)) == Percept::Refused(Refusal::Blocked);
+                assert_eq!(blocked, meets, "step {number}, other at {dx}, {dy}");
+                refused += u32::from(blocked);
+            }
+        }
+        assert!(refused > 0);
+    }
+
+    #[test]
+    fn hears_only_whoever_is_near() {
+        let setup = setup();
+        let poses = [upright(&setup, 0, 0), upright(&setup, 9, 0), upright(&setup, 10, 0)];
+        let world = MetamoduleWorld::new(Arc::clone(&setup), &poses, 1);
+        let linked = |a, b| world.link(ModuleId(a), ModuleId(b)).is_some();
+        assert!(linked(0, 1) && linked(1, 0) && linked(1, 2) && !linked(0, 2));
+    }
+}

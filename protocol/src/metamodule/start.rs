@@ -49,3 +49,44 @@ pub fn random_start(setup: &Setup, count: usize, seed: u64) -> Result<Vec<Pose>,
     }
     Ok(poses)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four};
+    use crate::metamodule::motions::Motions;
+    use crate::metamodule::params::{Floor, Params, Strategy};
+    use crate::roombots::Kind;
+    use crate::roombots::database::Database;
+    use crate::time::Span;
+    use std::sync::Arc;
+
+    #[test]
+    fn starts_are_apart_off_the_goal_and_repeatable() {
+        let mut setup = Setup {
+            params: Params::scaled(Strategy::Step.repulsion(), Span::secs(1), Span::millis(10)),
+            floor: Floor { min: (0, 0), max: (12, 12) },
+            blueprint: Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap(),
+            motions: Motions::new(Arc::new(Database::build()), Kind::Par).unwrap(),
+        };
+        for seed in 0..100 {
+            let poses = random_start(&setup, 6, seed).unwrap();
+            assert_eq!(random_start(&setup, 6, seed).unwrap(), poses);
+            for (i, p) in poses.iter().enumerate() {
+                let (x, y) = p.foot();
+                assert!(setup.floor.has(x, y) && !((4..=8).contains(&x) && (4..=8).contains(&y)));
+                for q in &poses[..i] {
+                    assert!(x.abs_diff(q.foot().0).max(y.abs_diff(q.foot().1)) >= 2);
+                }
+            }
+        }
+        assert_ne!(random_start(&setup, 6, 1), random_start(&setup, 6, 2));
+        // What processes are handed is what they get.
+        let text = serde_json::to_string(&setup).unwrap();
+        let again: Setup = serde_json::from_str(&text).unwrap();
+        assert_eq!(again.motions.table(), setup.motions.table());
+        assert_eq!(again.blueprint, setup.blueprint);
+        setup.floor.max = (5, 5);
+        assert!(matches!(random_start(&setup, 20, 1), Err(StartError::NoRoom { wanted: 20, .. })));
+    }
+}
