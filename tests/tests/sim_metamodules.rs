@@ -1,6 +1,7 @@
 //! The thesis's experiment on the simulated link: whatever happens, no invariant breaks; the same seed
 //! gives the same run; what is built is what was to be built. How often it is built is printed, not
 //! promised: the strategies of the thesis deadlock.
+#![allow(clippy::print_stdout, reason = "rates are printed for whoever asks with --nocapture")]
 
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
