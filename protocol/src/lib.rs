@@ -13,6 +13,7 @@ pub mod goal;
 pub mod ids;
 pub mod lattice;
 pub mod link;
+pub mod metamodule;
 pub mod ratio;
 pub mod roombots;
 pub mod shape;

@@ -5,7 +5,7 @@
 //! invariants I1 to I8; thesis 4.1.2 for connectivity.
 
 use metamorph_protocol::ids::{ModuleId, Session};
-use metamorph_protocol::lattice::Face;
+use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
@@ -37,11 +37,15 @@ pub enum Invariant {
     ReservedOnce,
     /// Message counts add up.
     MessagesBalance,
+    /// A metamodule is attached to a connector of the floor by at least one end.
+    Attached,
+    /// A cell is locked by one metamodule at a time.
+    OneHolderPerLock,
 }
 
 impl Invariant {
     /// Every invariant.
-    pub const ALL: [Invariant; 11] = [
+    pub const ALL: [Invariant; 13] = [
         Invariant::OneModulePerCell,
         Invariant::BodyConnected,
         Invariant::MoverSupported,
@@ -53,6 +57,8 @@ impl Invariant {
         Invariant::SessionCurrent,
         Invariant::ReservedOnce,
         Invariant::MessagesBalance,
+        Invariant::Attached,
+        Invariant::OneHolderPerLock,
     ];
 
     /// The name used in reports.
@@ -69,6 +75,8 @@ impl Invariant {
             Invariant::SessionCurrent => "session-current",
             Invariant::ReservedOnce => "reserved-once",
             Invariant::MessagesBalance => "messages-balance",
+            Invariant::Attached => "attached",
+            Invariant::OneHolderPerLock => "one-holder-per-lock",
         }
     }
 }
@@ -109,6 +117,24 @@ pub fn parent_descends(child: u16, parent: u16, registered: bool) -> Result<(), 
 /// [`Invariant::FinalGrows`] for one finalized module.
 pub fn final_grows(is_seed: bool, final_neighbours: usize) -> Result<(), String> {
     if is_seed || final_neighbours > 0 { Ok(()) } else { Err("it touches no finalized module".into()) }
+}
+
+/// [`Invariant::Attached`] for one metamodule: the ends that grip, each with whether it lies on a
+/// connector.
+pub fn attached(grips: &[bool]) -> Result<(), String> {
+    match (grips.is_empty(), grips.iter().all(|on| *on)) {
+        (true, _) => Err("no end grips".into()),
+        (_, false) => Err("an end grips where there is no connector".into()),
+        _ => Ok(()),
+    }
+}
+
+/// [`Invariant::OneHolderPerLock`] for two metamodules: the cells that each holds locked.
+pub fn one_holder_per_lock(mine: &[Cell], theirs: &[Cell]) -> Result<(), String> {
+    match mine.iter().find(|c| theirs.contains(c)) {
+        Some(cell) => Err(format!("both hold {cell}")),
+        None => Ok(()),
+    }
 }
 
 /// [`Invariant::MoverHasNoDependants`] for one mover in reserve.
@@ -225,6 +251,19 @@ mod tests {
         let (a, b) = (ModuleId(1), ModuleId(2));
         assert!(reserved_once(&[(Face::Up, a), (Face::Up, a), (Face::Down, b)]).is_ok());
         assert!(reserved_once(&[(Face::Up, a), (Face::Down, b), (Face::Up, b)]).is_err());
+    }
+
+    #[test]
+    fn attached_fires() {
+        assert!(attached(&[true]).is_ok() && attached(&[true, true]).is_ok());
+        assert!(attached(&[]).is_err() && attached(&[true, false]).is_err());
+    }
+
+    #[test]
+    fn one_holder_per_lock_fires() {
+        let [a, b, c] = [0, 1, 2].map(|x| Cell::new(x, 0, 0));
+        assert!(one_holder_per_lock(&[a, b], &[c]).is_ok());
+        assert!(one_holder_per_lock(&[a, b], &[c, b]).is_err());
     }
 
     #[test]

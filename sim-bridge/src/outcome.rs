@@ -68,6 +68,10 @@ pub enum Reason {
     MaterialExhausted,
     /// No live finalized module touches an unfilled goal cell that it could start.
     NoActiveTarget,
+    /// Metamodules: nobody that is free has a better place to go to. A local minimum of the field.
+    NoBetterPlace,
+    /// Metamodules: somebody that is free has a better place to go to, but does not get the way.
+    NoLock,
     /// The only ways to goal cells lead over dead modules.
     NeedsDeadSupport,
     /// No way leads to a goal cell, even over dead modules.
@@ -77,7 +81,7 @@ pub enum Reason {
 impl Reason {
     /// Whether no protocol could have gone on from here.
     pub const fn is_infeasible(self) -> bool {
-        !matches!(self, Reason::Blocked | Reason::Pinned)
+        !matches!(self, Reason::Blocked | Reason::Pinned | Reason::NoBetterPlace | Reason::NoLock)
     }
     /// For people.
     pub const fn text(self) -> &'static str {
@@ -86,6 +90,10 @@ impl Reason {
             Reason::Pinned => {
                 "pinned: every spare module that has a way holds a dead or stuck module, or waits for one that does"
             }
+            Reason::NoBetterPlace => {
+                "deadlock: no free metamodule can get to a place that the force field prefers to its own"
+            }
+            Reason::NoLock => "deadlock: a free metamodule is refused the way to a better place",
             Reason::MaterialExhausted => "infeasible: fewer live spare modules than goal cells to fill",
             Reason::NoActiveTarget => {
                 "infeasible: no live finalized module can start one of the unfilled goal cells"

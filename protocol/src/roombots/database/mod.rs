@@ -10,7 +10,7 @@ mod format;
 mod path;
 
 pub use format::{DatabaseError, VERSION};
-pub use path::{Direction, Transition};
+pub use path::{Direction, Reach, Transition};
 
 use super::Kind;
 use super::grid::GridState;

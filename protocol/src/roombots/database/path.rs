@@ -27,7 +27,55 @@ pub struct Transition {
     pub graze: CellSet,
 }
 
+/// Every posture that can be got to from one posture, and how.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Reach {
+    /// By which step each posture was first come to: the posture before and the step.
+    came_by: Vec<Option<(u16, u16)>>,
+    /// All postures that can be got to, the first one included, nearest first.
+    order: Vec<(u16, u8)>,
+}
+
+impl Reach {
+    /// The postures that can be got to with the number of steps, nearest first; those equally near in
+    /// the order of the steps.
+    pub fn postures(&self) -> impl Iterator<Item = (u16, u8)> + '_ {
+        self.order.iter().copied()
+    }
+}
+
 impl Table {
+    /// Everything that strict steps lead to from a posture without sweeping a cell of `blocked`.
+    pub fn reach(&self, from: u16, blocked: &CellSet) -> Reach {
+        let mut reach = Reach { came_by: vec![None; self.postures.len()], order: Vec::new() };
+        if usize::from(from) >= self.postures.len() {
+            return reach;
+        }
+        reach.order.push((from, 0));
+        let mut next = 0;
+        while let Some((at, count)) = reach.order.get(next).copied() {
+            next += 1;
+            for i in &self.steps_at[usize::from(at)] {
+                let step = &self.steps[usize::from(*i)];
+                let to = if step.from == at { step.to } else { step.from };
+                let free = step.floor == FloorContact::Free
+                    && !step.core.meets(blocked)
+                    && !step.graze.meets(blocked);
+                if free && to != from && reach.came_by[usize::from(to)].is_none() {
+                    reach.came_by[usize::from(to)] = Some((at, *i));
+                    reach.order.push((to, count.saturating_add(1)));
+                }
+            }
+        }
+        reach
+    }
+
+    /// The way to a posture of a [`Reach`] that began at `from`; none if it is not in it.
+    pub fn way_within(&self, reach: &Reach, from: u16, to: u16) -> Option<Transition> {
+        let known = from == to || reach.came_by.get(usize::from(to)).copied().flatten().is_some();
+        known.then(|| self.trace(from, to, &reach.came_by))
+    }
+
     /// The shortest way by strict steps from a posture to the nearest one that `goal` accepts,
     /// through steps that sweep no cell of `blocked`, core or graze. None if there is no way.
     ///

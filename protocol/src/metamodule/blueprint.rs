@@ -1,0 +1,246 @@
+//! What is to be built: seeds in levels (thesis 4.1.3), and the order in which they open.
+
+use crate::lattice::{Cell, Face};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// The most seeds of a blueprint: sets of seeds are 32 bits.
+pub const MAX_SEEDS: usize = 32;
+
+/// A place for one metamodule: the connector that holds its foot, and the directions from cell to
+/// cell. Which end stands there and how it is turned are free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Seed {
+    /// The connector cell.
+    pub foot: (i16, i16),
+    /// From the first cell to the second, and so on.
+    pub directions: [Face; 3],
+}
+
+impl Seed {
+    /// The four cells, from the foot on.
+    pub fn cells(&self) -> [Cell; 4] {
+        let mut cells = [Cell::new(self.foot.0, self.foot.1, 0); 4];
+        for (i, d) in self.directions.iter().enumerate() {
+            cells[i + 1] = cells[i].step(*d);
+        }
+        cells
+    }
+}
+
+/// The three seeding orders that the thesis compared (4.1.3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum SeedOrder {
+    /// One after the other, as listed.
+    #[default]
+    Circular,
+    /// One after the other, each time the one opposite in the list.
+    Crosswise,
+    /// All seeds of a level at once.
+    AtOnce,
+}
+
+impl SeedOrder {
+    /// All three, as the thesis numbers them.
+    pub const ALL: [SeedOrder; 3] = [SeedOrder::Circular, SeedOrder::Crosswise, SeedOrder::AtOnce];
+
+    /// The name used in scenarios and reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            SeedOrder::Circular => "circular",
+            SeedOrder::Crosswise => "crosswise",
+            SeedOrder::AtOnce => "at-once",
+        }
+    }
+}
+
+/// A set of seeds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
+#[serde(transparent)]
+pub struct SeedSet(pub u32);
+
+impl SeedSet {
+    /// Whether a seed is in it.
+    pub const fn has(self, seed: u8) -> bool {
+        seed < 32 && self.0 >> seed & 1 == 1
+    }
+    /// This set and one seed more.
+    pub const fn with(self, seed: u8) -> SeedSet {
+        SeedSet(if seed < 32 { self.0 | 1 << seed } else { self.0 })
+    }
+    /// The seeds that are not in the other.
+    pub const fn without(self, other: SeedSet) -> SeedSet {
+        SeedSet(self.0 & !other.0)
+    }
+    /// Whether all seeds of the other are in it.
+    pub const fn holds(self, other: SeedSet) -> bool {
+        other.0 & !self.0 == 0
+    }
+    /// How many.
+    pub const fn len(self) -> usize {
+        self.0.count_ones() as usize
+    }
+    /// Whether there is none.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+    /// The seeds in it, ascending.
+    pub fn iter(self) -> impl Iterator<Item = u8> {
+        (0..32).filter(move |s| self.has(*s))
+    }
+}
+
+/// A goal: seeds, and the steps in which they open. A step opens when all before it are filled.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Blueprint {
+    seeds: Vec<Seed>,
+    /// How many seeds each level has.
+    levels: Vec<u8>,
+    steps: Vec<SeedSet>,
+}
+
+/// Why a blueprint cannot be built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum BlueprintError {
+    /// Nothing to do.
+    #[error("there is no seed")]
+    Empty,
+    /// Too much.
+    #[error("there are {0} seeds; {MAX_SEEDS} is the most")]
+    TooMany(usize),
+    /// Two metamodules cannot share a cell.
+    #[error("seeds {} and {} both need the cell {cell}", .first + 1, .second + 1)]
+    Overlap {
+        /// One of the seeds, from 0.
+        first: usize,
+        /// The other.
+        second: usize,
+        /// What both need.
+        cell: Cell,
+    },
+    /// A chain that folds back, or goes into the floor.
+    #[error("seed {} has a cell in the floor or twice the same cell", .0 + 1)]
+    Impossible(usize),
+}
+
+impl Blueprint {
+    /// A blueprint of these levels, from the ground up.
+    pub fn new(levels: &[Vec<Seed>], order: SeedOrder) -> Result<Blueprint, BlueprintError> {
+        let seeds: Vec<Seed> = levels.iter().flatten().copied().collect();
+        match seeds.len() {
+            0 => return Err(BlueprintError::Empty),
+            1..=MAX_SEEDS => {}
+            n => return Err(BlueprintError::TooMany(n)),
+        }
+        for (i, seed) in seeds.iter().enumerate() {
+            let cells = seed.cells();
+            let twice = (1..4).any(|k| cells[..k].contains(&cells[k]));
+            if twice || cells.iter().any(|c| c.z < 0) {
+                return Err(BlueprintError::Impossible(i));
+            }
+            for (j, other) in seeds[..i].iter().enumerate() {
+                if let Some(cell) = cells.into_iter().find(|c| other.cells().contains(c)) {
+                    return Err(BlueprintError::Overlap { first: j, second: i, cell });
+                }
+            }
+        }
+        let (mut steps, mut first) = (Vec::new(), 0u8);
+        for level in levels {
+            let n = level.len() as u8;
+            let one = |i: u8| SeedSet::default().with(first + i);
+            match order {
+                SeedOrder::Circular => steps.extend((0..n).map(one)),
+                SeedOrder::Crosswise => {
+                    let half = n.div_ceil(2);
+                    let pair = |i: u8| [i, i + half].into_iter().filter(move |k| *k < n);
+                    steps.extend((0..half).flat_map(pair).map(one));
+                }
+                SeedOrder::AtOnce => steps.push((0..n).fold(SeedSet::default(), |s, i| s.with(first + i))),
+            }
+            first += n;
+        }
+        steps.retain(|s| !s.is_empty());
+        Ok(Blueprint { seeds, levels: levels.iter().map(|l| l.len() as u8).collect(), steps })
+    }
+
+    /// All seeds, level by level.
+    pub fn seeds(&self) -> &[Seed] {
+        &self.seeds
+    }
+    /// How many seeds each level has.
+    pub fn levels(&self) -> &[u8] {
+        &self.levels
+    }
+    /// All seeds as a set.
+    pub fn all(&self) -> SeedSet {
+        self.steps.iter().fold(SeedSet::default(), |a, b| SeedSet(a.0 | b.0))
+    }
+    /// The seeds that attract when these are filled: those of the first step that is not done.
+    pub fn open(&self, filled: SeedSet) -> SeedSet {
+        let step = self.steps.iter().find(|s| !filled.holds(**s)).copied().unwrap_or_default();
+        step.without(filled)
+    }
+}
+
+/// The box of four: the stool of figure 4.4a as "leg and top" pairs, four L-shapes around a square.
+/// The thesis gives no cells; these are a reading of the figure.
+pub fn box_of_four(x: i16, y: i16) -> Vec<Vec<Seed>> {
+    use Face::{East, North, South, Up, West};
+    let seed = |dx, dy, turn| Seed { foot: (x + dx, y + dy), directions: [Up, Up, turn] };
+    vec![vec![seed(0, 0, East), seed(2, 0, North), seed(2, 2, West), seed(0, 2, South)]]
+}
+
+/// The chair of six: the box with a back of two upright metamodules behind it.
+pub fn chair_of_six(x: i16, y: i16) -> Vec<Vec<Seed>> {
+    let back = |dx, dy| Seed { foot: (x + dx, y + dy), directions: [Face::Up; 3] };
+    let mut levels = box_of_four(x, y);
+    levels.push(vec![back(0, 3), back(2, 3)]);
+    levels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn opened(order: SeedOrder) -> Vec<u32> {
+        let blueprint = Blueprint::new(&chair_of_six(0, 0), order).unwrap();
+        let (mut filled, mut all) = (SeedSet::default(), Vec::new());
+        while !blueprint.open(filled).is_empty() {
+            let open = blueprint.open(filled);
+            all.push(open.0);
+            filled = SeedSet(filled.0 | open.0);
+        }
+        assert_eq!(filled, blueprint.all());
+        all
+    }
+
+    /// The three orders of thesis 4.1.3 for the chair.
+    #[test]
+    fn opens_seeds_in_the_orders_of_the_thesis() {
+        assert_eq!(opened(SeedOrder::Circular), [1, 2, 4, 8, 16, 32]);
+        assert_eq!(opened(SeedOrder::Crosswise), [1, 4, 2, 8, 16, 32]);
+        assert_eq!(opened(SeedOrder::AtOnce), [15, 48]);
+    }
+
+    #[test]
+    fn a_level_waits_for_all_of_the_one_below() {
+        let blueprint = Blueprint::new(&chair_of_six(0, 0), SeedOrder::AtOnce).unwrap();
+        assert_eq!(blueprint.open(SeedSet(0b0111)), SeedSet(0b1000));
+        assert_eq!(blueprint.open(SeedSet(0b1111)), SeedSet(0b11_0000));
+    }
+
+    #[test]
+    fn refuses_what_cannot_be() {
+        use Face::{Down, East, Up, West};
+        let seed = |x, directions| Seed { foot: (x, 0), directions };
+        let of = |seeds: &[Seed]| Blueprint::new(&[seeds.to_vec()], SeedOrder::Circular).unwrap_err();
+        assert_eq!(of(&[]), BlueprintError::Empty);
+        assert_eq!(of(&[seed(0, [Up, Down, Up])]), BlueprintError::Impossible(0));
+        assert_eq!(of(&[seed(0, [East, Down, East])]), BlueprintError::Impossible(0));
+        let overlap = of(&[seed(0, [Up, Up, East]), seed(1, [Up, Up, West])]);
+        assert!(matches!(overlap, BlueprintError::Overlap { first: 0, second: 1, .. }), "{overlap}");
+        let many: Vec<Seed> = (0..33).map(|x| seed(x, [Up; 3])).collect();
+        assert_eq!(of(&many), BlueprintError::TooMany(33));
+    }
+}

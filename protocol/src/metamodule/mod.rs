@@ -1,0 +1,585 @@
+//! The metamodule's protocol: the thesis's experiment (4.1.3) as a sans-IO agent.
+//!
+//! A metamodule is two Roombots modules with two ends that can grip. It stands on one connector of
+//! the floor, knows its absolute position, hears others within [`params::HEARING`], and learns from
+//! the world-controller (or from its neighbours) which seeds are open. It chooses the landing that the
+//! force field likes best (`choice`, `field`), locks the cells of the whole motion with everybody in
+//! hearing, does it step by step, grips, lets go, tells where it is, and starts again. On an open
+//! seed's connector it takes the seed's shape and stays.
+//!
+//! *Safety.* A lock is granted by every neighbour in hearing or not at all; nobody waits for one while
+//! it holds another. Grants end by themselves, after the holder's own time is up, and the body does
+//! not begin what it is asked to begin too late. The interlock of the body is below all that.
+//!
+//! *Progress* is not promised: the force field has local minima, and that is what the experiment
+//! measures. Deliberately absent: any way out of them; gripping other metamodules; walls.
+
+pub mod blueprint;
+mod choice;
+pub mod field;
+pub mod message;
+pub mod motions;
+pub mod params;
+mod peers;
+pub mod pose;
+pub mod start;
+
+use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
+use crate::ids::{ModuleId, Port, Token};
+use crate::lattice::Cell;
+use crate::roombots::grid::GridState;
+use crate::stream::Stream;
+use crate::time::{Span, Time};
+use blueprint::SeedSet;
+use choice::{Aim, Plan, View, middle};
+use message::{Action, Deed, Denial, Message, Order, Percept, Refusal, State, Status};
+use motions::Sweep;
+use params::{Setup, Teller};
+use peers::{Grant, Peer, Peers};
+use pose::Pose;
+use std::collections::{BTreeMap, VecDeque};
+use std::hash::{Hash, Hasher};
+use std::sync::Arc;
+
+/// After so many failures in a row an action is given up for now.
+const TRIES: u8 = 5;
+
+/// What the metamodule is about.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+enum Phase {
+    /// Nothing. It looks for something to do at this time, or earlier if it hears something new.
+    Idle { look_at: Time },
+    /// Waiting for answers of these ports to its request.
+    Asking { plan: Plan, pending: u32, asked: Time, again: Time },
+    /// In motion, up to the step `next`; the lock holds until `until`.
+    Moving { plan: Plan, next: usize, tries: u8, until: Time },
+}
+
+/// All that changes in an agent.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Core {
+    id: ModuleId,
+    pose: Pose,
+    peers: Peers,
+    /// Bodies without a living process.
+    dead: BTreeMap<ModuleId, Pose>,
+    open: SeedSet,
+    filled: SeedSet,
+    settled: Option<u8>,
+    /// The states that it means to go over next.
+    course: Vec<GridState>,
+    phase: Phase,
+    token: Token,
+    /// Since when it has not got on; those who have waited longer go first.
+    waiting_since: Time,
+    /// Not before this time it looks for something to do.
+    rest_until: Time,
+    /// Until then a restarted agent asks and grants nothing: it may have granted something.
+    quarantine: Time,
+    repeat_at: Time,
+    sequence: u32,
+    prevented: u32,
+    waits_for: Option<ModuleId>,
+    reported: Option<Status>,
+    chance: Stream,
+}
+
+/// A metamodule's agent.
+#[derive(Clone, Debug)]
+pub struct Metamodule {
+    setup: Arc<Setup>,
+    core: Core,
+    out: VecDeque<OutputOf<Metamodule>>,
+}
+
+impl Metamodule {
+    /// Where it believes to be.
+    pub fn pose(&self) -> Pose {
+        self.core.pose
+    }
+    /// The seed it fills.
+    pub fn settled(&self) -> Option<u8> {
+        self.core.settled
+    }
+    /// The cells that it holds a lock on, for audits; none while it holds no lock.
+    pub fn held(&self, now: Time) -> Vec<Cell> {
+        match &self.core.phase {
+            Phase::Moving { plan, until, .. } if now <= *until => {
+                self.setup.motions.swept(plan.from.state, plan.sweep).collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    fn broadcast(&mut self, class: Class, message: Message) {
+        for (port, _) in self.core.peers.iter() {
+            self.out.push_back(Output::Send { port, class, message });
+        }
+    }
+
+    fn state(&mut self) -> Message {
+        let c = &mut self.core;
+        c.sequence += 1;
+        Message::State(State {
+            id: c.id,
+            sequence: c.sequence,
+            pose: c.pose,
+            settled: c.settled.is_some(),
+            filled: c.filled,
+        })
+    }
+
+    fn tell(&mut self, now: Time, class: Class) {
+        self.core.repeat_at = now + self.setup.params.repeat;
+        let state = self.state();
+        self.broadcast(class, state);
+    }
+
+    fn open(&self) -> SeedSet {
+        let c = &self.core;
+        match self.setup.params.teller {
+            Teller::Controller => c.open.without(c.filled),
+            Teller::Neighbours => self.setup.blueprint.open(c.filled),
+        }
+    }
+
+    /// Something new is known: whoever has nothing to do looks again.
+    fn look_again(&mut self, now: Time) {
+        let rest = self.core.rest_until;
+        if let Phase::Idle { look_at } = &mut self.core.phase {
+            *look_at = (*look_at).min(now.max(rest));
+        }
+    }
+
+    fn is_dead(&self, peer: &Peer) -> bool {
+        peer.state.is_some_and(|s| self.core.dead.contains_key(&s.id))
+    }
+
+    /// Looks for something to do.
+    fn look(&mut self, now: Time) {
+        let next_expiry = self.core.peers.expire(now);
+        let idle = |look_at| Phase::Idle { look_at };
+        if self.core.settled.is_some() {
+            self.core.phase = idle(Time::NEVER);
+            return;
+        }
+        if now < self.core.quarantine {
+            self.core.phase = idle(self.core.quarantine);
+            return;
+        }
+        if self.core.pose.both {
+            // An earlier life has gripped and not let go. Letting go sweeps nothing.
+            let plan = Plan {
+                from: self.core.pose,
+                steps: Vec::new(),
+                sweep: Sweep::default(),
+                aim: Aim::Land,
+                via: Vec::new(),
+            };
+            return self.begin(now, now, plan);
+        }
+        // Whoever says nothing for long has no process, and its body does not move.
+        let mute = self.setup.params.lease * 2;
+        let unheard = self.core.peers.iter().filter(|(_, p)| p.state.is_none()).map(|(_, p)| p.since + mute);
+        if let Some(until) = unheard.filter(|t| *t > now).max() {
+            self.core.phase = idle(until);
+            return;
+        }
+        let motions = &self.setup.motions;
+        let mut obstacles = self.core.peers.cells(motions);
+        obstacles.extend(self.core.dead.values().flat_map(|p| motions.cells(*p)));
+        let states = self.core.peers.iter().filter_map(|(_, p)| p.state);
+        let free = states.filter(|s| !s.settled && !self.core.dead.contains_key(&s.id));
+        let neighbours: Vec<_> = free.map(|s| middle(motions, s.pose)).collect();
+        let states = self.core.peers.iter().filter_map(|(_, p)| p.state);
+        let feet: Vec<_> =
+            states.map(|s| s.pose).chain(self.core.dead.values().copied()).map(Pose::foot).collect();
+        let course = std::mem::take(&mut self.core.course);
+        let view = View {
+            course: &course,
+            feet: &feet,
+            setup: &self.setup,
+            pose: self.core.pose,
+            open: self.open(),
+            obstacles: &obstacles,
+            neighbours: &neighbours,
+        };
+        match view.choose() {
+            Some(plan) => self.ask(now, plan),
+            // A grant that runs out may open a way; everything else that may is heard.
+            None => {
+                self.core.waits_for = None;
+                self.core.phase = idle(next_expiry);
+            }
+        }
+    }
+
+    fn ask(&mut self, now: Time, plan: Plan) {
+        let asked: Vec<Port> = self
+            .core
+            .peers
+            .iter()
+            .filter(|(_, p)| p.state.is_some() && !self.is_dead(p))
+            .map(|(p, _)| p)
+            .collect();
+        self.core.token.0 += 1;
+        let pending = asked.iter().fold(0, |mask, p| mask | 1u32 << p.0);
+        if pending == 0 {
+            return self.begin(now, now, plan);
+        }
+        let again = now + self.setup.params.resend;
+        self.core.phase = Phase::Asking { plan, pending, asked: now, again };
+        self.send_requests(now);
+    }
+
+    /// Sends the request to all who have not answered.
+    fn send_requests(&mut self, now: Time) {
+        let Phase::Asking { plan, pending, .. } = &self.core.phase else { return };
+        let message = Message::Request {
+            origin: self.core.id,
+            token: self.core.token,
+            age: now.since(self.core.waiting_since),
+            pose: plan.from,
+            sweep: plan.sweep,
+        };
+        let pending = *pending;
+        for port in (0..Self::PORTS as u8).filter(|p| pending >> p & 1 == 1).map(Port) {
+            self.out.push_back(Output::Send { port, class: Class::Negotiation, message });
+        }
+    }
+
+    fn granted(&mut self, now: Time, port: Port) {
+        let Phase::Asking { pending, .. } = &mut self.core.phase else { return };
+        *pending &= !(1 << port.0);
+        if *pending == 0 {
+            let idle = Phase::Idle { look_at: Time::NEVER };
+            let Phase::Asking { plan, asked, .. } = std::mem::replace(&mut self.core.phase, idle) else {
+                return;
+            };
+            self.begin(now, asked, plan);
+        }
+    }
+
+    /// The way is locked since `asked`.
+    fn begin(&mut self, now: Time, asked: Time, plan: Plan) {
+        self.core.waits_for = None;
+        let until = asked + self.setup.params.lease;
+        self.core.phase = Phase::Moving { plan, next: 0, tries: 0, until };
+        self.go_on(now);
+    }
+
+    /// Does the next thing of the motion.
+    fn go_on(&mut self, now: Time) {
+        let Phase::Moving { plan, next, until, .. } = &self.core.phase else { return };
+        let params = &self.setup.params;
+        let (deed, takes) = match (plan.steps.get(*next), plan.aim) {
+            (Some(step), _) => (Deed::Turn(*step), params.turn_time),
+            (None, Aim::Settle(seed)) => return self.settle(now, seed),
+            (None, Aim::Rise) => return self.stop(now, Span::ZERO),
+            (None, Aim::Land) if self.core.pose.both => (Deed::Detach, params.connect_time),
+            (None, Aim::Land) => (Deed::Attach, params.connect_time),
+        };
+        let not_after = *until - takes;
+        if now > not_after {
+            // The lock would run out on the way. Where we are is a place like any other.
+            return self.stop(now, Span::ZERO);
+        }
+        self.out.push_back(Output::Act(Action { deed, not_after }));
+    }
+
+    fn settle(&mut self, now: Time, seed: u8) {
+        self.core.settled = Some(seed);
+        self.core.filled = self.core.filled.with(seed);
+        self.stop(now, Span::ZERO);
+    }
+
+    /// Ends a motion or an attempt, tells everybody, and looks for something else after `rest`.
+    fn stop(&mut self, now: Time, rest: Span) {
+        let origin = self.core.id;
+        let over = std::mem::replace(&mut self.core.phase, Phase::Idle { look_at: now + rest });
+        self.core.rest_until = now + rest;
+        if matches!(over, Phase::Moving { .. }) {
+            self.tell(now, Class::Gradient);
+        }
+        if !matches!(over, Phase::Idle { .. }) {
+            self.broadcast(Class::Negotiation, Message::Release { origin, token: self.core.token });
+        }
+    }
+
+    fn back_off(&mut self) -> Span {
+        let most = self.setup.params.back_off;
+        most + Span(self.core.chance.below(most.0 + 1))
+    }
+
+    fn percept(&mut self, now: Time, percept: Percept) {
+        let back_off = self.back_off();
+        if let Percept::Done(pose) = percept {
+            let before = std::mem::replace(&mut self.core.pose, pose);
+            match &mut self.core.phase {
+                Phase::Moving { plan, next, tries, .. } => {
+                    *tries = 0;
+                    if *next < plan.steps.len() {
+                        *next += 1;
+                        return self.go_on(now);
+                    }
+                    if pose.both {
+                        return self.go_on(now);
+                    }
+                    // The old end has let go: the move is complete.
+                    self.core.course = plan.via.split_off(plan.via.len().min(1));
+                    self.core.waiting_since = now;
+                    self.stop(now, Span::ZERO);
+                }
+                // An action of an earlier life has ended.
+                _ if before != pose => {
+                    self.tell(now, Class::Gradient);
+                    self.look_again(now);
+                }
+                _ => {}
+            }
+            return;
+        }
+        let Phase::Moving { next, tries, .. } = &mut self.core.phase else { return };
+        *tries += 1;
+        let again = match percept {
+            Percept::Failed => *tries < TRIES,
+            // Whoever came into hearing on the way is too far away to be met; at the start it must
+            // be asked.
+            Percept::Refused(Refusal::Stale) => *next > 0 && *tries < TRIES,
+            _ => false,
+        };
+        if again {
+            self.go_on(now);
+        } else {
+            self.stop(now, back_off);
+        }
+    }
+
+    /// Whether a neighbour may have all cells of a motion.
+    fn judge(&mut self, now: Time, age: Span, origin: ModuleId, pose: Pose, sweep: Sweep) -> Option<Denial> {
+        let motions = &self.setup.motions;
+        if now < self.core.quarantine {
+            return Some(Denial::Quarantined);
+        }
+        let meets = |cells: &[Cell]| motions.swept(pose.state, sweep).any(|c| cells.contains(&c));
+        if meets(&motions.cells(self.core.pose)) {
+            return Some(Denial::Occupied);
+        }
+        match &self.core.phase {
+            Phase::Moving { plan, .. } => {
+                let own: Vec<Cell> = motions.swept(plan.from.state, plan.sweep).collect();
+                meets(&own).then_some(Denial::Held)
+            }
+            Phase::Asking { plan, .. } => {
+                let own: Vec<Cell> = motions.swept(plan.from.state, plan.sweep).collect();
+                if !meets(&own) {
+                    return None;
+                }
+                let mine = (now.since(self.core.waiting_since), std::cmp::Reverse(self.core.id));
+                if mine > (age, std::cmp::Reverse(origin)) {
+                    return Some(Denial::Younger);
+                }
+                self.core.prevented += 1;
+                self.core.waits_for = Some(origin);
+                let rest = self.back_off();
+                self.stop(now, rest);
+                None
+            }
+            Phase::Idle { .. } => None,
+        }
+    }
+
+    fn message(&mut self, now: Time, port: Port, message: Message) {
+        match message {
+            Message::State(state) => {
+                let Some(peer) = self.core.peers.get_mut(port) else { return };
+                if peer.state.is_some_and(|s| s.sequence >= state.sequence) {
+                    return;
+                }
+                let before = peer.state.replace(state);
+                self.core.dead.remove(&state.id);
+                let filled = SeedSet(self.core.filled.0 | state.filled.0);
+                let news = before.is_none_or(|b| (b.pose, b.settled) != (state.pose, state.settled))
+                    || filled != self.core.filled;
+                self.core.filled = filled;
+                if news {
+                    self.look_again(now);
+                }
+            }
+            Message::Request { origin, token, age, pose, sweep } => {
+                let known = match self.core.peers.get_mut(port) {
+                    Some(peer) if token > peer.over => peer.grant.is_some_and(|g| g.token == token),
+                    _ => return,
+                };
+                let denial = if known { None } else { self.judge(now, age, origin, pose, sweep) };
+                let until = now + self.setup.params.lease;
+                if let Some(peer) = self.core.peers.get_mut(port)
+                    && denial.is_none()
+                    && !known
+                {
+                    peer.grant = Some(Grant { token, pose, sweep, until });
+                }
+                let from = self.core.id;
+                let message = Message::Response { from, token, denial };
+                self.out.push_back(Output::Send { port, class: Class::Negotiation, message });
+            }
+            Message::Response { from, token, denial } if token == self.core.token => match denial {
+                None => self.granted(now, port),
+                Some(denial) if matches!(self.core.phase, Phase::Asking { .. }) => {
+                    if denial.is_collision() {
+                        self.core.prevented += 1;
+                    }
+                    self.core.waits_for = Some(from);
+                    let rest = self.back_off();
+                    self.stop(now, rest);
+                }
+                Some(_) => {}
+            },
+            Message::Response { .. } => {}
+            Message::Release { token, .. } => {
+                if let Some(peer) = self.core.peers.get_mut(port) {
+                    peer.over = peer.over.max(token);
+                    if peer.grant.is_some_and(|g| g.token <= token) {
+                        peer.grant = None;
+                        self.look_again(now);
+                    }
+                }
+            }
+        }
+    }
+
+    fn contact(&mut self, now: Time, port: Port, session: Option<crate::ids::Session>) {
+        self.core.peers.set(port, session.map(|s| Peer::new(s, now)));
+        if session.is_some() {
+            let message = self.state();
+            self.out.push_back(Output::Send { port, class: Class::Liveness, message });
+            // Whoever has come must be asked too.
+            if matches!(self.core.phase, Phase::Asking { .. }) {
+                self.stop(now, Span::ZERO);
+            }
+        } else {
+            self.granted(now, port);
+        }
+        self.look_again(now);
+    }
+
+    fn order(&mut self, now: Time, order: Order) {
+        match order {
+            Order::Seeds { open, filled } => {
+                if filled.holds(self.core.filled) || self.setup.params.teller == Teller::Controller {
+                    self.core.open = open;
+                }
+                self.core.filled = SeedSet(self.core.filled.0 | filled.0);
+            }
+            Order::Dead { id, pose } => {
+                self.core.dead.insert(id, pose);
+                let port = self.core.peers.iter().find(|(_, p)| p.state.is_some_and(|s| s.id == id));
+                if let Some((port, _)) = port {
+                    if let Some(peer) = self.core.peers.get_mut(port) {
+                        peer.grant = None;
+                        if let Some(state) = &mut peer.state {
+                            state.pose = pose;
+                        }
+                    }
+                    self.granted(now, port);
+                }
+            }
+        }
+        self.look_again(now);
+    }
+
+    fn report(&mut self) {
+        let c = &mut self.core;
+        let status =
+            Status { pose: c.pose, settled: c.settled, prevented: c.prevented, waits_for: c.waits_for };
+        if c.reported != Some(status) {
+            c.reported = Some(status);
+            self.out.push_back(Output::Report(status));
+        }
+    }
+}
+
+impl Agent for Metamodule {
+    type Setup = Setup;
+    type Place = Pose;
+    type Message = Message;
+    type Action = Action;
+    type Percept = Percept;
+    type Order = Order;
+    type Report = Status;
+
+    const PORTS: usize = 24;
+
+    fn new(setup: &Arc<Setup>, birth: Birth<Pose>, now: Time) -> Metamodule {
+        let restarted = birth.incarnation.0 > 0;
+        let quarantine = if restarted { now + setup.params.lease } else { now };
+        let mut agent = Metamodule {
+            setup: Arc::clone(setup),
+            core: Core {
+                id: birth.id,
+                pose: birth.place,
+                peers: Peers::new(Self::PORTS),
+                dead: BTreeMap::new(),
+                open: SeedSet::default(),
+                filled: SeedSet::default(),
+                settled: None,
+                course: Vec::new(),
+                phase: Phase::Idle { look_at: now.max(quarantine) },
+                // Tokens of a later life are larger than any of an earlier one.
+                token: Token(u32::from(birth.incarnation.0) << 20),
+                waiting_since: now,
+                rest_until: quarantine,
+                quarantine,
+                repeat_at: now + setup.params.repeat,
+                sequence: 0,
+                prevented: 0,
+                waits_for: None,
+                reported: None,
+                chance: Stream::named(birth.seed, "metamodule", u64::from(birth.id.0)),
+            },
+            out: VecDeque::new(),
+        };
+        agent.report();
+        agent
+    }
+
+    fn handle(&mut self, now: Time, input: InputOf<Metamodule>) {
+        match input {
+            Input::Contact { port, session } => self.contact(now, port, session),
+            Input::Message { port, message } => self.message(now, port, message),
+            Input::Percept(percept) => self.percept(now, percept),
+            Input::Order(order) => self.order(now, order),
+            Input::Wake => {
+                if now >= self.core.repeat_at {
+                    self.tell(now, Class::Liveness);
+                }
+                match &mut self.core.phase {
+                    Phase::Idle { look_at } if now >= *look_at => self.look(now),
+                    Phase::Asking { again, .. } if now >= *again => {
+                        *again = now + self.setup.params.resend;
+                        self.send_requests(now);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        self.report();
+    }
+
+    fn poll(&mut self) -> Option<OutputOf<Metamodule>> {
+        self.out.pop_front()
+    }
+
+    fn wake_at(&self) -> Time {
+        let next = match &self.core.phase {
+            Phase::Idle { look_at } => *look_at,
+            Phase::Asking { again, .. } => *again,
+            Phase::Moving { .. } => Time::NEVER,
+        };
+        next.min(self.core.repeat_at)
+    }
+
+    fn digest(&self, mut hasher: &mut dyn Hasher) {
+        self.core.hash(&mut hasher);
+    }
+}

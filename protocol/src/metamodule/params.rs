@@ -1,0 +1,149 @@
+//! What all metamodules of a swarm share: the force field's parameters, times, floor, goal, motions.
+
+use super::blueprint::Blueprint;
+use super::motions::Motions;
+use crate::roombots::Kind;
+use crate::time::Span;
+use serde::{Deserialize, Serialize};
+
+/// How neighbours push (thesis 4.1.3). Names for three points of one mechanism, [`Repulsion`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
+#[serde(rename_all = "lowercase")]
+pub enum Strategy {
+    /// Neighbours do not push.
+    #[default]
+    Greedy,
+    /// They push less with distance.
+    Slope,
+    /// They push equally within the range.
+    Step,
+}
+
+impl Strategy {
+    /// All of them.
+    pub const ALL: [Strategy; 3] = [Strategy::Greedy, Strategy::Slope, Strategy::Step];
+
+    /// The name used in scenarios and reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Strategy::Greedy => "greedy",
+            Strategy::Slope => "slope",
+            Strategy::Step => "step",
+        }
+    }
+    /// The parameters it stands for. The thesis gives no numbers; these are protocol design.
+    pub const fn repulsion(self) -> Repulsion {
+        match self {
+            Strategy::Greedy => Repulsion { strength: 0, decay: 0, range: 4 },
+            Strategy::Slope => Repulsion { strength: 1000, decay: 1000, range: 4 },
+            Strategy::Step => Repulsion { strength: 600, decay: 0, range: 4 },
+        }
+    }
+}
+
+/// How strongly a neighbour at distance r pushes: `strength · (1 − decay · r / range)` within the
+/// range, in thousandths of the attraction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Repulsion {
+    /// In thousandths.
+    pub strength: u16,
+    /// How much of it is lost at the edge of the range, in thousandths.
+    pub decay: u16,
+    /// In cells between the middles of the two.
+    pub range: u16,
+}
+
+/// The floor: a rectangle of connectors, both corners included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Floor {
+    /// The corner with the smallest coordinates.
+    pub min: (i16, i16),
+    /// The corner with the largest.
+    pub max: (i16, i16),
+}
+
+impl Floor {
+    /// Whether there is a connector.
+    pub fn has(&self, x: i16, y: i16) -> bool {
+        (self.min.0..=self.max.0).contains(&x) && (self.min.1..=self.max.1).contains(&y)
+    }
+}
+
+/// Feet at most this far apart (the larger of the two distances along x and y) hear each other.
+/// Motions from one foot reach at most four cells to the side, so whoever is farther away cannot be
+/// in the way of a move, nor come into it by a move of its own.
+pub const HEARING: u16 = 9;
+
+/// From whom metamodules learn which seeds are filled and open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
+#[serde(rename_all = "lowercase")]
+pub enum Teller {
+    /// From the world-controller, as in the thesis.
+    #[default]
+    Controller,
+    /// From neighbours in hearing: each tells what it knows to be filled, and works out what is open.
+    Neighbours,
+}
+
+/// Parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Params {
+    /// How neighbours push.
+    pub repulsion: Repulsion,
+    /// So many strides ahead it looks, at most, for a place that is better than its own. With 1 it only
+    /// ever makes a stride that is better by itself; strides are so coarse that built parts then wall
+    /// it out from almost everywhere.
+    pub look_ahead: u8,
+    /// From whom open seeds are learnt.
+    pub teller: Teller,
+    /// How long a joint needs for a step.
+    pub turn_time: Span,
+    /// How long connecting and disconnecting take.
+    pub connect_time: Span,
+    /// How long a lock holds.
+    pub lease: Span,
+    /// After this time without an answer a request is repeated.
+    pub resend: Span,
+    /// A metamodule tells its neighbours where it is at least this often.
+    pub repeat: Span,
+    /// How long to wait, at least, after a lock was refused.
+    pub back_off: Span,
+}
+
+impl Params {
+    /// Parameters for joints and links of this speed.
+    pub fn scaled(repulsion: Repulsion, turn_time: Span, delay: Span) -> Params {
+        let round_trip = delay * 2;
+        Params {
+            repulsion,
+            look_ahead: 8,
+            teller: Teller::Controller,
+            turn_time,
+            connect_time: turn_time,
+            lease: turn_time * 40 + round_trip * 4,
+            resend: round_trip + Span(delay.0 / 2) + Span::millis(20),
+            repeat: turn_time * 10,
+            back_off: turn_time,
+        }
+    }
+}
+
+/// What all agents of a swarm share.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Setup {
+    /// The parameters.
+    pub params: Params,
+    /// The floor.
+    pub floor: Floor,
+    /// What is to be built.
+    pub blueprint: Blueprint,
+    /// What the bodies can do.
+    pub motions: Motions,
+}
+
+impl Setup {
+    /// The kind of the metamodules.
+    pub fn kind(&self) -> Kind {
+        self.motions.kind()
+    }
+}

@@ -1,0 +1,89 @@
+//! Whom a metamodule hears: where they are, what they have been granted.
+
+use super::message::State;
+use super::motions::{Motions, Sweep};
+use super::pose::Pose;
+use crate::ids::{Port, Session, Token};
+use crate::lattice::Cell;
+use crate::time::Time;
+
+/// A lock granted to a neighbour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Grant {
+    /// The neighbour's attempt.
+    pub token: Token,
+    /// Where it began.
+    pub pose: Pose,
+    /// What it sweeps.
+    pub sweep: Sweep,
+    /// Until when it holds, at most.
+    pub until: Time,
+}
+
+/// A neighbour in hearing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Peer {
+    /// The session.
+    pub session: Session,
+    /// Since when it is in hearing.
+    pub since: Time,
+    /// What it told last.
+    pub state: Option<State>,
+    /// What it has been granted.
+    pub grant: Option<Grant>,
+    /// Its latest attempt that is over. Requests of it or earlier ones are late copies.
+    pub over: Token,
+}
+
+impl Peer {
+    /// A neighbour that has said nothing yet.
+    pub fn new(session: Session, since: Time) -> Peer {
+        Peer { session, since, state: None, grant: None, over: Token(0) }
+    }
+}
+
+/// All neighbours in hearing, by port.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Peers(Vec<Option<Peer>>);
+
+impl Peers {
+    /// Nobody yet, on so many ports.
+    pub fn new(ports: usize) -> Peers {
+        Peers(vec![None; ports])
+    }
+    /// Who is on a port.
+    pub fn get_mut(&mut self, port: Port) -> Option<&mut Peer> {
+        self.0.get_mut(port.index())?.as_mut()
+    }
+    /// Who is on a port from now on.
+    pub fn set(&mut self, port: Port, peer: Option<Peer>) {
+        if let Some(slot) = self.0.get_mut(port.index()) {
+            *slot = peer;
+        }
+    }
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = (Port, &Peer)> {
+        self.0.iter().enumerate().filter_map(|(i, p)| Some((Port(i as u8), p.as_ref()?)))
+    }
+    /// Forgets grants that have run out. Says when the next one does.
+    pub fn expire(&mut self, now: Time) -> Time {
+        let mut next = Time::NEVER;
+        for peer in self.0.iter_mut().flatten() {
+            match peer.grant {
+                Some(grant) if grant.until <= now => peer.grant = None,
+                Some(grant) => next = next.min(grant.until),
+                None => {}
+            }
+        }
+        next
+    }
+    /// Cells to keep out of: where neighbours are, and what they have been granted.
+    pub fn cells(&self, motions: &Motions) -> Vec<Cell> {
+        let mut cells = Vec::new();
+        for (_, peer) in self.iter() {
+            cells.extend(peer.state.iter().flat_map(|s| motions.cells(s.pose)));
+            cells.extend(peer.grant.iter().flat_map(|g| motions.swept(g.pose.state, g.sweep)));
+        }
+        cells
+    }
+}

@@ -1,0 +1,127 @@
+//! Where a metamodule stands: the attached end on the grid, the posture seen from there, and the
+//! cells that follow from the two.
+
+use crate::lattice::Cell;
+use crate::roombots::grid::GridState;
+use crate::wire::{Decoder, Encoder, Wire, WireError};
+use serde::{Deserialize, Serialize};
+
+/// One of the two ends that can grip (thesis 4.1.3: the foot connector and the head connector).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum End {
+    /// C0X of the first module.
+    Foot = 0,
+    /// C3X of the second module.
+    Head = 1,
+}
+
+impl End {
+    /// The other one.
+    pub const fn other(self) -> End {
+        match self {
+            End::Foot => End::Head,
+            End::Head => End::Foot,
+        }
+    }
+}
+
+/// Where a metamodule stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Pose {
+    /// The connector that holds it, and how it is turned there.
+    pub state: GridState,
+    /// The end that is attached there. Postures are seen from this end.
+    pub end: End,
+    /// The other end is attached too.
+    pub both: bool,
+    /// The number of the posture in the motion database of its kind.
+    pub posture: u16,
+}
+
+impl Pose {
+    /// The connector cell that holds it.
+    pub const fn foot(self) -> (i16, i16) {
+        (self.state.x, self.state.y)
+    }
+
+    /// Writes nine bytes or fewer: eight.
+    pub fn encode(self, out: &mut Encoder) {
+        out.u16(self.state.x as u16);
+        out.u16(self.state.y as u16);
+        out.u8(self.state.class | (self.end as u8) << 2 | u8::from(self.both) << 3);
+        out.u8(0);
+        out.u16(self.posture);
+    }
+
+    /// Reads eight bytes.
+    pub fn decode(from: &mut Decoder<'_>) -> Result<Pose, WireError> {
+        let (x, y) = (from.u16()? as i16, from.u16()? as i16);
+        let flags = from.u8()?;
+        let zero = from.u8()?;
+        let posture = from.u16()?;
+        let far = |c: i16| c.unsigned_abs() > Cell::LIMIT.unsigned_abs();
+        if flags > 15 || zero != 0 || far(x) || far(y) || posture >= MAX_POSTURES {
+            return Err(WireError::Field("pose"));
+        }
+        let end = if flags & 4 == 0 { End::Foot } else { End::Head };
+        let state = GridState::new(x, y, flags & 3);
+        Ok(Pose { state, end, both: flags & 8 != 0, posture })
+    }
+}
+
+/// No kind has more postures than this (all lattice angles of six joints).
+const MAX_POSTURES: u16 = 1296;
+
+impl Wire for Pose {
+    fn kind(&self) -> u8 {
+        0
+    }
+    fn encode(&self, out: &mut Encoder) {
+        (*self).encode(out);
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Pose, WireError> {
+        if kind == 0 { Pose::decode(from) } else { Err(WireError::Kind(kind)) }
+    }
+}
+
+/// A cell of the foot frame of `state` as a cell of the world.
+pub fn to_world(state: GridState, cell: Cell) -> Cell {
+    let (x, y) = match state.class {
+        0 => (cell.x, cell.y),
+        1 => (-cell.y, cell.x),
+        2 => (-cell.x, -cell.y),
+        _ => (cell.y, -cell.x),
+    };
+    Cell::new(state.x.wrapping_add(x), state.y.wrapping_add(y), cell.z)
+}
+
+/// A cell of the world in the foot frame of `state`.
+pub fn to_frame(state: GridState, cell: Cell) -> Cell {
+    let (x, y) = (cell.x.wrapping_sub(state.x), cell.y.wrapping_sub(state.y));
+    let (x, y) = match state.class {
+        0 => (x, y),
+        1 => (y, x.wrapping_neg()),
+        2 => (x.wrapping_neg(), y.wrapping_neg()),
+        _ => (y.wrapping_neg(), x),
+    };
+    Cell::new(x, y, cell.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_inverse_and_agree_with_landings() {
+        for class in 0..4 {
+            let state = GridState::new(5, -3, class);
+            for (x, y, z) in [(0, 0, 0), (1, 2, 3), (-2, 1, 0)] {
+                let cell = Cell::new(x, y, z);
+                assert_eq!(to_frame(state, to_world(state, cell)), cell);
+                let landed = state.then(GridState::new(x, y, 1));
+                assert_eq!(to_world(state, Cell::new(x, y, 0)), Cell::new(landed.x, landed.y, 0));
+            }
+        }
+    }
+}

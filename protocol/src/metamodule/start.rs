@@ -1,0 +1,92 @@
+//! Where metamodules stand at first: upright, attached by their feet, at random (thesis 4.1.3).
+
+use super::params::Setup;
+use super::pose::{End, Pose};
+use crate::roombots::grid::GridState;
+use crate::roombots::posture::Posture;
+use crate::stream::Stream;
+use thiserror::Error;
+
+/// Why metamodules cannot be placed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum StartError {
+    /// The draw has used up the floor.
+    #[error(
+        "the floor has no room for {wanted} metamodules two cells apart and away from the goal (only {placed} found a place); make it larger"
+    )]
+    NoRoom {
+        /// How many there should be.
+        wanted: usize,
+        /// How many found a place.
+        placed: usize,
+    },
+}
+
+/// Draws places for `count` metamodules: any connector outside the rectangle around the seeds' feet
+/// grown by one, at least two cells from each other along x or y, turned in any of the four ways.
+pub fn random_start(setup: &Setup, count: usize, seed: u64) -> Result<Vec<Pose>, StartError> {
+    let mut stream = Stream::named(seed, "start", 0);
+    let feet = || setup.blueprint.seeds().iter().map(|s| s.foot);
+    // Invariant: a blueprint has a seed; without one nothing would be kept free.
+    let x = (feet().map(|f| f.0).min().unwrap_or(0) - 1, feet().map(|f| f.0).max().unwrap_or(0) + 1);
+    let y = (feet().map(|f| f.1).min().unwrap_or(0) - 1, feet().map(|f| f.1).max().unwrap_or(0) + 1);
+    let floor = setup.floor;
+    let mut free: Vec<(i16, i16)> = (floor.min.0..=floor.max.0)
+        .flat_map(|i| (floor.min.1..=floor.max.1).map(move |j| (i, j)))
+        .filter(|(i, j)| !(x.0..=x.1).contains(i) || !(y.0..=y.1).contains(j))
+        .collect();
+    // Invariant: the zero posture stands upright and is in every database.
+    let posture = setup.motions.table().find(Posture::zero(setup.kind())).unwrap_or(0);
+    let mut poses = Vec::with_capacity(count);
+    while poses.len() < count {
+        if free.is_empty() {
+            return Err(StartError::NoRoom { wanted: count, placed: poses.len() });
+        }
+        let at = free[stream.below(free.len() as u64) as usize];
+        free.retain(|f| f.0.abs_diff(at.0).max(f.1.abs_diff(at.1)) >= 2);
+        let state = GridState::new(at.0, at.1, stream.below(4) as u8);
+        poses.push(Pose { state, end: End::Foot, both: false, posture });
+    }
+    Ok(poses)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four};
+    use crate::metamodule::motions::Motions;
+    use crate::metamodule::params::{Floor, Params, Strategy};
+    use crate::roombots::Kind;
+    use crate::roombots::database::Database;
+    use crate::time::Span;
+    use std::sync::Arc;
+
+    #[test]
+    fn starts_are_apart_off_the_goal_and_repeatable() {
+        let mut setup = Setup {
+            params: Params::scaled(Strategy::Step.repulsion(), Span::secs(1), Span::millis(10)),
+            floor: Floor { min: (0, 0), max: (12, 12) },
+            blueprint: Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap(),
+            motions: Motions::new(Arc::new(Database::build()), Kind::Par).unwrap(),
+        };
+        for seed in 0..100 {
+            let poses = random_start(&setup, 6, seed).unwrap();
+            assert_eq!(random_start(&setup, 6, seed).unwrap(), poses);
+            for (i, p) in poses.iter().enumerate() {
+                let (x, y) = p.foot();
+                assert!(setup.floor.has(x, y) && !((4..=8).contains(&x) && (4..=8).contains(&y)));
+                for q in &poses[..i] {
+                    assert!(x.abs_diff(q.foot().0).max(y.abs_diff(q.foot().1)) >= 2);
+                }
+            }
+        }
+        assert_ne!(random_start(&setup, 6, 1), random_start(&setup, 6, 2));
+        // What processes are handed is what they get.
+        let text = serde_json::to_string(&setup).unwrap();
+        let again: Setup = serde_json::from_str(&text).unwrap();
+        assert_eq!(again.motions.table(), setup.motions.table());
+        assert_eq!(again.blueprint, setup.blueprint);
+        setup.floor.max = (5, 5);
+        assert!(matches!(random_start(&setup, 20, 1), Err(StartError::NoRoom { wanted: 20, .. })));
+    }
+}

@@ -1,0 +1,65 @@
+//! Measures the thesis's experiment over many seeds and prints a table:
+//! `cargo run --release -p metamorph-tests --example metamodule_rates -- [SEEDS] [LOOK_AHEAD] [box|chair]`.
+#![allow(clippy::print_stdout, reason = "a program for the terminal")]
+
+use metamorph_protocol::metamodule::blueprint::SeedOrder;
+use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::roombots::Kind;
+use metamorph_sim_bridge::outcome::Outcome;
+use metamorph_tests::metamodules::{Assembly, Goal};
+
+fn main() {
+    let seeds: u64 = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(100);
+    let look_ahead: u8 = std::env::args().nth(2).and_then(|n| n.parse().ok()).unwrap_or(8);
+    let only = std::env::args().nth(3);
+    println!(
+        "goal  order      strategy kind  built dead live time unsafe | of built: moves turns collisions messages"
+    );
+    for (goal, order) in [
+        (Goal::Box, SeedOrder::Circular),
+        (Goal::Chair, SeedOrder::Circular),
+        (Goal::Chair, SeedOrder::Crosswise),
+        (Goal::Chair, SeedOrder::AtOnce),
+    ] {
+        if only.as_ref().is_some_and(|name| *name != format!("{goal:?}").to_lowercase()) {
+            continue;
+        }
+        for strategy in Strategy::ALL {
+            for kind in Kind::METAMODULES {
+                let (mut ends, mut unsafe_runs, mut sums) = ([0u64; 4], 0u64, [0u64; 4]);
+                for seed in 0..seeds {
+                    let ran = Assembly::new(goal, kind, strategy, order, seed).look_ahead(look_ahead).run();
+                    unsafe_runs += u64::from(ran.broken > 0);
+                    match ran.outcome.map(|(_, o)| o) {
+                        Some(Outcome::Built) => {
+                            ends[0] += 1;
+                            let ours =
+                                [ran.deeds.moves, ran.deeds.turns, ran.collisions(), ran.tally.total().sent];
+                            sums.iter_mut().zip(ours).for_each(|(s, v)| *s += v);
+                        }
+                        Some(Outcome::Deadlock) => ends[1] += 1,
+                        Some(Outcome::Livelock) => ends[2] += 1,
+                        _ => ends[3] += 1,
+                    }
+                }
+                let mean = sums.map(|s| s as f64 / ends[0].max(1) as f64);
+                println!(
+                    "{:5} {:10} {:8} {:4} {:6} {:4} {:4} {:4} {:6} | {:5.1} {:5.1} {:5.2} {:6.0}",
+                    format!("{goal:?}").to_lowercase(),
+                    order.name(),
+                    strategy.name(),
+                    kind,
+                    ends[0],
+                    ends[1],
+                    ends[2],
+                    ends[3],
+                    unsafe_runs,
+                    mean[0],
+                    mean[1],
+                    mean[2],
+                    mean[3]
+                );
+            }
+        }
+    }
+}

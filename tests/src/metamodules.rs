@@ -1,0 +1,194 @@
+//! The thesis's experiment (4.1.3) on the simulated link: a box of four and a chair of six, from
+//! random starts, with each kind of metamodule and each strategy.
+
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four, chair_of_six};
+use metamorph_protocol::metamodule::motions::Motions;
+use metamorph_protocol::metamodule::params::{Floor, Params, Setup, Strategy, Teller};
+use metamorph_protocol::metamodule::pose::Pose;
+use metamorph_protocol::metamodule::start::random_start;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::roombots::Kind;
+use metamorph_protocol::roombots::database::Database;
+use metamorph_protocol::tally::Tally;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::director::Stop;
+use metamorph_sim_bridge::faults::{Fault, Schedule};
+use metamorph_sim_bridge::invariants::Violation;
+use metamorph_sim_bridge::metamodule_director::MetamoduleDirector;
+use metamorph_sim_bridge::metamodule_world::{Deeds, MetamoduleWorld};
+use metamorph_sim_bridge::outcome::{Outcome, Stall};
+use metamorph_sim_bridge::sim::{Sim, SimConfig};
+use std::sync::{Arc, OnceLock};
+
+const TURN: Span = Span::secs(1);
+
+/// The motion database, built once per process.
+pub fn database() -> Arc<Database> {
+    static ONCE: OnceLock<Arc<Database>> = OnceLock::new();
+    Arc::clone(ONCE.get_or_init(|| Arc::new(Database::build())))
+}
+
+/// The motions of each kind, made once per process.
+fn motions(kind: Kind) -> Motions {
+    static ONCE: OnceLock<Vec<Motions>> = OnceLock::new();
+    let of = |kind| Motions::new(database(), kind).expect("invariant: metamodules have motions");
+    let all = ONCE.get_or_init(|| Kind::METAMODULES.map(of).into());
+    all[Kind::METAMODULES.iter().position(|k| *k == kind).expect("invariant: a metamodule")].clone()
+}
+
+/// What is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Goal {
+    /// Four metamodules.
+    Box,
+    /// Six.
+    Chair,
+}
+
+/// One run to be made.
+#[derive(Clone, Debug)]
+pub struct Assembly {
+    /// What everybody shares.
+    pub setup: Arc<Setup>,
+    /// Where the metamodules start.
+    pub start: Vec<Pose>,
+    /// The link.
+    pub link: LinkModel,
+    /// What is broken when.
+    pub faults: Vec<(Time, Fault)>,
+    /// Probability that a connection fails.
+    pub failure: Ratio,
+    /// The seed.
+    pub seed: u64,
+}
+
+/// What a run came to.
+#[derive(Clone, Debug)]
+pub struct Assembled {
+    /// How it ended, and when.
+    pub outcome: Option<(Time, Outcome)>,
+    /// Why it stood still, if it did.
+    pub stall: Option<Stall>,
+    /// Seeds filled.
+    pub filled: usize,
+    /// Invariants broken: the first ones.
+    pub violations: Vec<Violation>,
+    /// How many in all.
+    pub broken: u64,
+    /// Message counts.
+    pub tally: Tally,
+    /// What bodies did.
+    pub deeds: Deeds,
+    /// Locks refused because two would have met.
+    pub prevented: u64,
+    /// The trace hash.
+    pub trace: u64,
+    /// The hash of the final state of all agents.
+    pub digest: u64,
+    /// Where the bodies are at the end.
+    pub poses: Vec<Pose>,
+}
+
+impl Assembled {
+    /// Whether the goal was built.
+    pub fn built(&self) -> bool {
+        matches!(self.outcome, Some((_, Outcome::Built)))
+    }
+    /// What is comparable with the thesis's count of collisions: locks refused and actions refused by
+    /// the interlock.
+    pub fn collisions(&self) -> u64 {
+        self.prevented + self.deeds.blocked
+    }
+}
+
+impl Assembly {
+    /// As many metamodules as seeds, on a floor of 13 × 13 with the goal in the middle; links take 10
+    /// to 100 ms, a step of a joint and a connection 1 s.
+    pub fn new(goal: Goal, kind: Kind, strategy: Strategy, order: SeedOrder, seed: u64) -> Assembly {
+        let levels = match goal {
+            Goal::Box => box_of_four(5, 5),
+            Goal::Chair => chair_of_six(5, 5),
+        };
+        let delay = Span::millis(100);
+        let setup = Setup {
+            params: Params::scaled(strategy.repulsion(), TURN, delay),
+            floor: Floor { min: (0, 0), max: (12, 12) },
+            blueprint: Blueprint::new(&levels, order).expect("invariant: the goals are sound"),
+            motions: motions(kind),
+        };
+        let count = setup.blueprint.seeds().len();
+        let start = random_start(&setup, count, seed).expect("invariant: the floor has room");
+        Assembly {
+            setup: Arc::new(setup),
+            start,
+            link: LinkModel { delay_min: Span::millis(10), delay_max: delay, ..LinkModel::default() },
+            faults: Vec::new(),
+            failure: Ratio::ZERO,
+            seed,
+        }
+    }
+
+    /// Messages are lost with this probability.
+    pub fn loss(mut self, p: &str) -> Assembly {
+        self.link.loss = p.parse().expect("invariant: tests name probabilities");
+        self
+    }
+    /// Connections fail with this probability.
+    pub fn failed_connections(mut self, p: &str) -> Assembly {
+        self.failure = p.parse().expect("invariant: tests name probabilities");
+        self
+    }
+    /// This fault strikes.
+    pub fn fault(mut self, at: Time, fault: Fault) -> Assembly {
+        self.faults.push((at, fault));
+        self
+    }
+    /// So many strides are looked ahead.
+    pub fn look_ahead(mut self, strides: u8) -> Assembly {
+        let mut setup = (*self.setup).clone();
+        setup.params.look_ahead = strides;
+        self.setup = Arc::new(setup);
+        self
+    }
+    /// Open seeds are learnt from neighbours, not from the controller.
+    pub fn decentralised(mut self) -> Assembly {
+        let mut setup = (*self.setup).clone();
+        setup.params.teller = Teller::Neighbours;
+        self.setup = Arc::new(setup);
+        self
+    }
+
+    /// Runs it.
+    pub fn run(self) -> Assembled {
+        let world = MetamoduleWorld::new(Arc::clone(&self.setup), &self.start, self.seed);
+        let stop = Stop { timeout: Time::ZERO + TURN * 50_000, stall: TURN * 120, livelock: TURN * 2_000 };
+        let schedule = Schedule::new(self.faults);
+        let setup = Arc::clone(&self.setup);
+        let director = MetamoduleDirector::new(setup, self.start.len(), schedule, stop, self.failure);
+        let config = SimConfig {
+            setup: self.setup,
+            link: self.link,
+            seed: self.seed,
+            audit_every: TURN * 20,
+            ignore_sessions: false,
+        };
+        let mut sim = Sim::new(config, world, director);
+        while !sim.run_until(sim.now() + TURN * 1_000) {}
+        let (violations, broken) = sim.violations();
+        Assembled {
+            outcome: sim.director().outcome(),
+            stall: sim.director().stall().cloned(),
+            filled: sim.director().progress().filled,
+            violations: violations.to_vec(),
+            broken,
+            tally: *sim.tally(),
+            deeds: sim.world().deeds(),
+            prevented: sim.director().prevented(),
+            trace: sim.trace().value(),
+            digest: sim.digest(),
+            poses: (0..self.start.len() as u32).map(|id| sim.world().pose(ModuleId(id))).collect(),
+        }
+    }
+}
