@@ -163,7 +163,12 @@ impl Assembly {
     /// Runs it.
     pub fn run(self) -> Assembled {
         let world = MetamoduleWorld::new(Arc::clone(&self.setup), &self.start, self.seed);
-        let stop = Stop { timeout: Time::ZERO + TURN * 50_000, stall: TURN * 120, livelock: TURN * 2_000 };
+        let stop = Stop {
+            timeout: Time::ZERO + TURN * 50_000,
+            stall: TURN * 120,
+            livelock: TURN * 2_000,
+            planned_until: Time::ZERO,
+        };
         let schedule = Schedule::new(self.faults);
         let setup = Arc::clone(&self.setup);
         let director = MetamoduleDirector::new(setup, self.start.len(), schedule, stop, self.failure);
