@@ -1,0 +1,26 @@
+//! One cube as a process: what `metamorph agent` does, for a machine that only hosts agents.
+//! Absent: anything but reading the command line and the exit code.
+
+use metamorph_module_agent::{AgentArgs, run};
+use metamorph_protocol::cube::Cube;
+use std::fmt::Display;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let args = match AgentArgs::parse(std::env::args_os().skip(1)) {
+        Ok(args) => args,
+        Err(error) => return fail(&error, 2),
+    };
+    match run::<Cube>(&args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => fail(&error, 1),
+    }
+}
+
+fn fail(error: &dyn Display, code: u8) -> ExitCode {
+    #[allow(clippy::print_stderr, reason = "the supervisor keeps it for its report")]
+    {
+        eprintln!("module-agent: {error}");
+    }
+    ExitCode::from(code)
+}
