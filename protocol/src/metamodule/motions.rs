@@ -1,12 +1,13 @@
 //! The motion database as agents and bodies share it, and sets of swept cells as they travel.
 
+use super::graph::{Bits, Graph};
 use super::pose::{Pose, to_frame, to_world};
 use crate::lattice::Cell;
 use crate::roombots::Kind;
-use crate::roombots::database::{CellSet, Database, Step, Table};
+use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::{GridState, fewest_moves};
-use crate::roombots::sweep::FloorContact;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
+use std::fmt;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -24,28 +25,51 @@ pub enum MotionsError {
 /// The motions of one kind of metamodule.
 ///
 /// Serialised as the bytes of the database, so that whoever reads it has the same one to the bit.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Motions {
     database: Arc<Database>,
     kind: Kind,
-    strides: Arc<Strides>,
+    laid_out: Arc<LaidOut>,
 }
 
-/// The fewest moves from a foot to every connector around it, whatever the class there, when nothing
-/// is in the way. Offsets are in the foot frame.
+impl fmt::Debug for Motions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Motions({})", self.kind)
+    }
+}
+
+/// What is worked out once from the database.
+struct LaidOut {
+    strides: Strides,
+    graph: Graph,
+}
+
+impl LaidOut {
+    fn new(database: &Database, kind: Kind) -> LaidOut {
+        let table = database.table(kind);
+        LaidOut { strides: Strides::of(kind), graph: Graph::new(database, table) }
+    }
+}
+
+/// The fewest moves from a foot to every state around it, and to every connector whatever the class
+/// there, when nothing is in the way. Offsets are in the foot frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Strides(Vec<u8>);
+struct Strides(Vec<[u8; 5]>);
 
 impl Strides {
     /// Offsets up to this are in the table.
     const RADIUS: i16 = 16;
+    /// Where the fewest moves of all classes are.
+    const ANY: usize = 4;
     const SIDE: usize = 2 * Strides::RADIUS as usize + 1;
 
     fn of(kind: Kind) -> Strides {
-        let mut table = vec![u8::MAX; Strides::SIDE * Strides::SIDE];
+        let mut table = vec![[u8::MAX; 5]; Strides::SIDE * Strides::SIDE];
         for (state, moves) in fewest_moves(kind, Strides::RADIUS) {
             if let Some(slot) = Strides::index(state.x, state.y).and_then(|i| table.get_mut(i)) {
-                *slot = (*slot).min(u8::try_from(moves).unwrap_or(u8::MAX));
+                let moves = u8::try_from(moves).unwrap_or(u8::MAX);
+                slot[usize::from(state.class)] = moves;
+                slot[Strides::ANY] = slot[Strides::ANY].min(moves);
             }
         }
         Strides(table)
@@ -58,14 +82,7 @@ impl Strides {
 
 /// A set of cells of the database, seen from a grid state; bit *i* is the *i*-th cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub struct Sweep(pub u128);
-
-impl Sweep {
-    /// Of a set of the database. Invariant: [`Motions::new`] has checked that 128 bits are enough.
-    pub fn of(set: &CellSet) -> Sweep {
-        Sweep(set.indices().filter(|i| *i < 128).fold(0, |bits, i| bits | 1 << i))
-    }
-}
+pub struct Sweep(pub Bits);
 
 impl Motions {
     /// The motions of `kind` in a database.
@@ -74,7 +91,10 @@ impl Motions {
             return Err(MotionsError::Single);
         }
         match database.cells().len() {
-            0..=128 => Ok(Motions { database, kind, strides: Arc::new(Strides::of(kind)) }),
+            0..=128 => {
+                let laid_out = Arc::new(LaidOut::new(&database, kind));
+                Ok(Motions { database, kind, laid_out })
+            }
             n => Err(MotionsError::TooManyCells(n)),
         }
     }
@@ -86,60 +106,70 @@ impl Motions {
     pub fn table(&self) -> &Table {
         self.database.table(self.kind)
     }
+    /// The table, laid out for searching.
+    pub fn graph(&self) -> &Graph {
+        &self.laid_out.graph
+    }
+    /// The number of a posture that lands, below 128.
+    pub fn rest(&self, posture: u16) -> Option<u8> {
+        self.graph().rest(posture)
+    }
+    /// The number of the chain of these cells of the foot frame.
+    pub fn chain_of(&self, cells: [Cell; 4]) -> Option<u16> {
+        self.table().chains().iter().position(|c| c.cells == cells).map(|i| i as u16)
+    }
 
-    /// The four cells of a metamodule in the world, from the attached end on. Empty if the database
-    /// has no such posture, which no checked pose has.
-    pub fn cells(&self, pose: Pose) -> Vec<Cell> {
-        let table = self.table();
-        let Some(entry) = table.postures().get(usize::from(pose.posture)) else { return Vec::new() };
-        table.chains()[usize::from(entry.chain)].cells.iter().map(|c| to_world(pose.state, *c)).collect()
+    /// The postures that fill a chain.
+    pub fn filling(&self, chain: u16) -> &[u16] {
+        self.table().chains().get(usize::from(chain)).map_or(&[], |c| &c.postures)
+    }
+
+    /// The four cells of a metamodule in the world, from the attached end on.
+    pub fn cells(&self, pose: Pose) -> [Cell; 4] {
+        self.graph().filled(pose.posture).map(|c| to_world(pose.state, c))
     }
 
     /// The cells of a sweep seen from a grid state.
     pub fn swept(&self, state: GridState, sweep: Sweep) -> impl Iterator<Item = Cell> + '_ {
-        let cells = self.database.cells();
-        (0..cells.len()).filter(move |i| sweep.0 >> i & 1 == 1).map(move |i| to_world(state, cells[i]))
-    }
-
-    /// Those of `cells` that motions from a grid state can sweep at all.
-    pub fn blocked(&self, state: GridState, cells: impl IntoIterator<Item = Cell>) -> CellSet {
-        self.database.cell_set(cells.into_iter().map(|c| to_frame(state, c)))
-    }
-
-    /// The step of this number and where it leads from a posture, if it is strict and begins there.
-    pub fn step_from(&self, posture: u16, number: u16) -> Option<(&Step, u16)> {
-        let step = self.table().steps().get(usize::from(number))?;
-        let to = match posture {
-            p if p == step.from => step.to,
-            p if p == step.to => step.from,
-            _ => return None,
-        };
-        (step.floor == FloorContact::Free).then_some((step, to))
+        self.graph().cells(sweep.0).map(move |c| to_world(state, c))
     }
 
     /// The fewest moves from a state to a connector, on the open grid. Farther away than the table
     /// reaches, what is left of the way is counted in strides of three cells.
     pub fn moves_to(&self, from: GridState, to: (i16, i16)) -> u16 {
+        self.moves(from, to, Strides::ANY)
+    }
+
+    /// The same to a connector and a class there.
+    pub fn moves_between(&self, from: GridState, to: GridState) -> u16 {
+        self.moves(from, (to.x, to.y), usize::from((to.class + 4 - from.class) % 4))
+    }
+
+    fn moves(&self, from: GridState, to: (i16, i16), class: usize) -> u16 {
         let at = to_frame(from, Cell::new(to.0, to.1, 0));
         let near = |c: i16| c.clamp(-Strides::RADIUS, Strides::RADIUS);
         let beyond = at.x.abs_diff(near(at.x)) + at.y.abs_diff(near(at.y));
-        let known = Strides::index(near(at.x), near(at.y)).map_or(u8::MAX, |i| self.strides.0[i]);
+        let table = &self.laid_out.strides.0;
+        let known = Strides::index(near(at.x), near(at.y)).map_or(u8::MAX, |i| table[i][class]);
         u16::from(known) + beyond / 3
     }
 
     /// Where the free end lies, if it lies on a connector of the floor.
     pub fn landing(&self, pose: Pose) -> Option<GridState> {
-        let table = self.table();
-        let landing = table.postures().get(usize::from(pose.posture))?.landing?;
-        Some(pose.state.then(table.landings()[usize::from(landing)].state))
+        self.graph().landing(pose.posture).map(|(by, _)| then(pose.state, by))
     }
 
     /// The same place and posture seen from the other end, which lies on the floor.
     pub fn turned_around(&self, pose: Pose) -> Option<Pose> {
-        let state = self.landing(pose)?;
-        let posture = self.table().reversed(pose.posture)?;
-        Some(Pose { state, end: pose.end.other(), posture, ..pose })
+        let (by, posture) = self.graph().landing(pose.posture)?;
+        Some(Pose { state: then(pose.state, by), end: pose.end.other(), posture, ..pose })
     }
+}
+
+/// [`GridState::then`] without matrices.
+fn then(from: GridState, by: GridState) -> GridState {
+    let at = to_world(from, Cell::new(by.x, by.y, 0));
+    GridState::new(at.x, at.y, from.class + by.class)
 }
 
 impl Serialize for Motions {
