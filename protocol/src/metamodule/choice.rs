@@ -38,8 +38,9 @@ impl Plan {
     /// The shortest motion to a posture over free ground.
     pub fn to(ground: &Ground<'_>, from: Pose, posture: u16, aim: Aim) -> Option<Plan> {
         let graph = ground.motions.graph();
-        let (steps, swept) = graph.way(from.posture, posture, ground.taken_at(from))?;
-        Some(Plan { from, steps, sweep: Sweep(swept | graph.filled_bits(from.posture)), aim })
+        let way = graph.way(from.posture, posture, ground.taken_at(from))?;
+        let sweep = Sweep(way.swept | graph.filled_bits(from.posture));
+        Some(Plan { from, steps: way.steps.to_vec(), sweep, aim })
     }
 }
 

@@ -38,23 +38,57 @@ pub struct Reach {
     pub chains: Box<[Option<(u16, u8)>]>,
 }
 
+/// A way from one posture to another.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Steps {
+    /// The steps, by their numbers in the database.
+    pub steps: Box<[u16]>,
+    /// All cells they sweep.
+    pub swept: Bits,
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Edge {
-    swept: Bits,
     to: u16,
     step: u16,
 }
 
-/// Answers kept. A power of two; a new answer takes the place of whatever has the same index.
+/// Answers kept of each sort; a new one takes the place of whatever has the same index.
 const KEPT: usize = 1 << 13;
 
-type Kept = Option<(u16, Bits, Arc<Reach>)>;
+/// The latest answers to questions about postures and taken cells.
+struct Kept<T>(Mutex<Vec<Option<(u16, u16, Bits, T)>>>);
+
+impl<T: Clone> Kept<T> {
+    fn answer(&self, from: u16, to: u16, taken: Bits, find: impl FnOnce() -> T) -> T {
+        let mixed = (taken as u64 ^ (taken >> 64) as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let mixed = (mixed ^ u64::from(from) ^ u64::from(to) << 16).wrapping_mul(0xD6E8_FEB8_6659_FD93);
+        let index = (mixed >> 32) as usize % KEPT;
+        // Nothing of what is kept can be half done: a poisoned lock holds answers like any other.
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.is_empty() {
+            kept.resize_with(KEPT, || None);
+        }
+        match &kept[index] {
+            Some((f, t, bits, answer)) if (*f, *t, *bits) == (from, to, taken) => answer.clone(),
+            _ => {
+                let answer = find();
+                kept[index] = Some((from, to, taken, answer.clone()));
+                answer
+            }
+        }
+    }
+}
 
 /// The graph of strict steps of one kind.
 pub struct Graph {
     /// The edges of posture `i` are those from `first[i]` to `first[i + 1]`.
     first: Vec<u32>,
     edges: Vec<Edge>,
+    /// What every step sweeps, by its number.
+    swept: Vec<Bits>,
+    /// For every cell the steps that sweep it, as bits.
+    sweepers: Vec<Box<[u64]>>,
     /// The cells of every posture.
     filled: Vec<[Cell; 4]>,
     filled_bits: Vec<Bits>,
@@ -66,7 +100,8 @@ pub struct Graph {
     cells: Vec<Cell>,
     /// The number of a cell, by [`Graph::slot`]; [`UNKNOWN`] if no motion ever sweeps it.
     numbers: Vec<u8>,
-    kept: Mutex<Vec<Kept>>,
+    kept_reach: Kept<Arc<Reach>>,
+    kept_ways: Kept<Option<Arc<Steps>>>,
 }
 
 const UNKNOWN: u8 = u8::MAX;
@@ -89,10 +124,14 @@ impl Graph {
         };
         let count = table.postures().len();
         let mut at: Vec<Vec<Edge>> = vec![Vec::new(); count];
+        let swept: Vec<Bits> = table.steps().iter().map(|s| bits(&s.core) | bits(&s.graze)).collect();
+        let mut sweepers = vec![vec![0u64; swept.len().div_ceil(64)].into_boxed_slice(); cells.len()];
         for (i, step) in table.steps().iter().enumerate().filter(|(_, s)| s.floor == FloorContact::Free) {
-            let swept = bits(&step.core) | bits(&step.graze);
-            at[usize::from(step.from)].push(Edge { swept, to: step.to, step: i as u16 });
-            at[usize::from(step.to)].push(Edge { swept, to: step.from, step: i as u16 });
+            at[usize::from(step.from)].push(Edge { to: step.to, step: i as u16 });
+            at[usize::from(step.to)].push(Edge { to: step.from, step: i as u16 });
+            for (cell, steps) in sweepers.iter_mut().enumerate() {
+                steps[i / 64] |= ((swept[i] >> cell & 1) as u64) << (i % 64);
+            }
         }
         let (mut first, mut edges) = (vec![0], Vec::new());
         for mut list in at {
@@ -114,6 +153,8 @@ impl Graph {
         Graph {
             first,
             edges,
+            swept,
+            sweepers,
             filled_bits: filled
                 .iter()
                 .map(|f| bits(&database.cell_set(f.iter().copied())))
@@ -125,7 +166,8 @@ impl Graph {
             chains: table.chains().len(),
             cells,
             numbers,
-            kept: Mutex::new(Vec::new()),
+            kept_reach: Kept(Mutex::default()),
+            kept_ways: Kept(Mutex::default()),
         }
     }
 
@@ -197,6 +239,13 @@ impl Graph {
         if usize::from(from) >= self.len() {
             return came_by;
         }
+        let mut blocked = vec![0u64; self.swept.len().div_ceil(64)];
+        let mut bits = taken;
+        while bits != 0 {
+            let sweepers = &self.sweepers[bits.trailing_zeros() as usize];
+            blocked.iter_mut().zip(sweepers).for_each(|(b, s)| *b |= s);
+            bits &= bits - 1;
+        }
         let mut queue = Vec::with_capacity(self.len());
         queue.push((from, 0u8));
         let mut next = 0;
@@ -206,8 +255,9 @@ impl Graph {
                 break;
             }
             for edge in self.edges(at) {
-                let to = usize::from(edge.to);
-                if edge.swept & taken == 0 && came_by[to].is_none() && edge.to != from {
+                let (to, step) = (usize::from(edge.to), usize::from(edge.step));
+                let free = blocked[step / 64] >> (step % 64) & 1 == 0;
+                if free && came_by[to].is_none() && edge.to != from {
                     came_by[to] = Some((at, edge.step));
                     queue.push((edge.to, turns.saturating_add(1)));
                 }
@@ -218,22 +268,7 @@ impl Graph {
 
     /// Everything that strict steps lead to from a posture without sweeping a taken cell.
     pub fn reach(&self, from: u16, taken: Bits) -> Arc<Reach> {
-        let mixed = (taken as u64 ^ (taken >> 64) as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        let mixed = (mixed ^ u64::from(from)).wrapping_mul(0xD6E8_FEB8_6659_FD93);
-        let index = (mixed >> 32) as usize % KEPT;
-        // Nothing of what is kept can be half done: a poisoned lock holds answers like any other.
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.is_empty() {
-            kept.resize(KEPT, None);
-        }
-        if let Some((posture, bits, reach)) = &kept[index]
-            && (*posture, *bits) == (from, taken)
-        {
-            return Arc::clone(reach);
-        }
-        let reach = Arc::new(self.find(from, taken));
-        kept[index] = Some((from, taken, Arc::clone(&reach)));
-        reach
+        self.kept_reach.answer(from, 0, taken, || Arc::new(self.find(from, taken)))
     }
 
     fn find(&self, from: u16, taken: Bits) -> Reach {
@@ -253,28 +288,34 @@ impl Graph {
         Reach { landings: landings.into_boxed_slice(), lands, chains }
     }
 
-    /// The steps of the shortest way to a posture and all cells they sweep; none if there is no way.
-    pub fn way(&self, from: u16, to: u16, taken: Bits) -> Option<(Vec<u16>, Bits)> {
+    /// The shortest way to a posture; none if there is no way.
+    pub fn way(&self, from: u16, to: u16, taken: Bits) -> Option<Arc<Steps>> {
+        self.kept_ways.answer(from, to, taken, || self.find_way(from, to, taken).map(Arc::new))
+    }
+
+    fn find_way(&self, from: u16, to: u16, taken: Bits) -> Option<Steps> {
         let came_by = self.search(from, taken, |at, _| at == to);
         let (mut steps, mut swept, mut at) = (Vec::new(), 0, to);
         while at != from {
             let (before, step) = came_by.get(usize::from(at)).copied().flatten()?;
-            swept |= self.edges(before).iter().find(|e| e.step == step).map_or(0, |e| e.swept);
+            swept |= self.swept[usize::from(step)];
             steps.push(step);
             at = before;
         }
         steps.reverse();
-        Some((steps, swept))
+        Some(Steps { steps: steps.into(), swept })
     }
 
     /// A posture one free step away.
     pub fn neighbour(&self, posture: u16, taken: Bits) -> Option<u16> {
-        self.edges(posture).iter().find(|e| e.swept & taken == 0).map(|e| e.to)
+        let free = |e: &&Edge| self.swept[usize::from(e.step)] & taken == 0;
+        self.edges(posture).iter().find(free).map(|e| e.to)
     }
 
     /// What a step leads to from a posture and what it sweeps, if it is strict and begins there.
     pub fn step(&self, posture: u16, number: u16) -> Option<(u16, Bits)> {
-        self.edges(posture).iter().find(|e| e.step == number).map(|e| (e.to, e.swept))
+        let edge = self.edges(posture).iter().find(|e| e.step == number)?;
+        Some((edge.to, self.swept[usize::from(number)]))
     }
 }
 
@@ -313,9 +354,9 @@ mod tests {
                 }
                 for (to, _) in expected.into_iter().take(3) {
                     let way = table.way_within(&slow, from, to).unwrap();
-                    let (steps, swept) = graph.way(from, to, bits).unwrap();
-                    assert_eq!(steps, way.steps.iter().map(|s| s.0).collect::<Vec<_>>());
-                    let cells: Vec<Cell> = graph.cells(swept).collect();
+                    let found = graph.way(from, to, bits).unwrap();
+                    assert_eq!(*found.steps, *way.steps.iter().map(|s| s.0).collect::<Vec<_>>());
+                    let cells: Vec<Cell> = graph.cells(found.swept).collect();
                     assert_eq!(cells, database.resolve(&way.core.union(&way.graze)).collect::<Vec<_>>());
                 }
             }

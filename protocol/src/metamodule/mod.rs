@@ -17,6 +17,7 @@
 
 pub mod blueprint;
 mod choice;
+pub mod distances;
 pub mod field;
 pub mod graph;
 pub mod message;

@@ -1,6 +1,9 @@
 //! The motion database as agents and bodies share it, and sets of swept cells as they travel.
 
+use super::blueprint::Seed;
+use super::distances::Distances;
 use super::graph::{Bits, Graph};
+use super::params::Floor;
 use super::pose::{Pose, to_frame, to_world};
 use crate::lattice::Cell;
 use crate::roombots::Kind;
@@ -8,7 +11,7 @@ use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::{GridState, fewest_moves};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 
 /// Why a database cannot be used here.
@@ -42,34 +45,34 @@ impl fmt::Debug for Motions {
 struct LaidOut {
     strides: Strides,
     graph: Graph,
+    kept: Mutex<Vec<Option<Box<Distances>>>>,
 }
+
+/// Counts of strides kept; a new one takes the place of whatever has the same index.
+const KEPT: usize = 128;
 
 impl LaidOut {
     fn new(database: &Database, kind: Kind) -> LaidOut {
         let table = database.table(kind);
-        LaidOut { strides: Strides::of(kind), graph: Graph::new(database, table) }
+        LaidOut { strides: Strides::of(kind), graph: Graph::new(database, table), kept: Mutex::default() }
     }
 }
 
-/// The fewest moves from a foot to every state around it, and to every connector whatever the class
-/// there, when nothing is in the way. Offsets are in the foot frame.
+/// The fewest moves from a foot to every connector around it, whatever the class there, when nothing
+/// is in the way. Offsets are in the foot frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Strides(Vec<[u8; 5]>);
+struct Strides(Vec<u8>);
 
 impl Strides {
     /// Offsets up to this are in the table.
     const RADIUS: i16 = 16;
-    /// Where the fewest moves of all classes are.
-    const ANY: usize = 4;
     const SIDE: usize = 2 * Strides::RADIUS as usize + 1;
 
     fn of(kind: Kind) -> Strides {
-        let mut table = vec![[u8::MAX; 5]; Strides::SIDE * Strides::SIDE];
+        let mut table = vec![u8::MAX; Strides::SIDE * Strides::SIDE];
         for (state, moves) in fewest_moves(kind, Strides::RADIUS) {
             if let Some(slot) = Strides::index(state.x, state.y).and_then(|i| table.get_mut(i)) {
-                let moves = u8::try_from(moves).unwrap_or(u8::MAX);
-                slot[usize::from(state.class)] = moves;
-                slot[Strides::ANY] = slot[Strides::ANY].min(moves);
+                *slot = (*slot).min(u8::try_from(moves).unwrap_or(u8::MAX));
             }
         }
         Strides(table)
@@ -110,9 +113,37 @@ impl Motions {
     pub fn graph(&self) -> &Graph {
         &self.laid_out.graph
     }
-    /// The number of a posture that lands, below 128.
-    pub fn rest(&self, posture: u16) -> Option<u8> {
-        self.graph().rest(posture)
+    /// A posture that lands as a set of such postures.
+    pub fn rest_bit(&self, posture: u16) -> u128 {
+        self.graph().rest(posture).map_or(0, |i| 1 << i)
+    }
+    /// Asks for strides to a seed around cells that stay taken.
+    pub fn with_distances<T>(
+        &self,
+        floor: Floor,
+        seed: Seed,
+        fixed: &[Cell],
+        like: Pose,
+        ask: impl FnOnce(&mut Distances) -> T,
+    ) -> T {
+        let mut fixed = fixed.to_vec();
+        fixed.sort_unstable();
+        fixed.dedup();
+        let mix = |h: u64, v: i16| (h ^ u64::from(v as u16)).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(23);
+        let (foot, turn) = (seed.foot, seed.directions.map(|d| d as i16));
+        let numbers = fixed.iter().flat_map(|c| [c.x, c.y, c.z]).chain([foot.0, foot.1]).chain(turn);
+        let index = numbers.fold(1, mix) as usize % KEPT;
+        let kept = || self.laid_out.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = kept().get_mut(index).and_then(Option::take).filter(|d| d.is_for(floor, seed, &fixed));
+        let mut distances =
+            found.unwrap_or_else(|| Box::new(Distances::new(self, floor, seed, fixed, like)));
+        let answer = ask(&mut distances);
+        let mut kept = kept();
+        if kept.is_empty() {
+            kept.resize_with(KEPT, || None);
+        }
+        kept[index] = Some(distances);
+        answer
     }
     /// The number of the chain of these cells of the foot frame.
     pub fn chain_of(&self, cells: [Cell; 4]) -> Option<u16> {
@@ -137,20 +168,10 @@ impl Motions {
     /// The fewest moves from a state to a connector, on the open grid. Farther away than the table
     /// reaches, what is left of the way is counted in strides of three cells.
     pub fn moves_to(&self, from: GridState, to: (i16, i16)) -> u16 {
-        self.moves(from, to, Strides::ANY)
-    }
-
-    /// The same to a connector and a class there.
-    pub fn moves_between(&self, from: GridState, to: GridState) -> u16 {
-        self.moves(from, (to.x, to.y), usize::from((to.class + 4 - from.class) % 4))
-    }
-
-    fn moves(&self, from: GridState, to: (i16, i16), class: usize) -> u16 {
         let at = to_frame(from, Cell::new(to.0, to.1, 0));
         let near = |c: i16| c.clamp(-Strides::RADIUS, Strides::RADIUS);
         let beyond = at.x.abs_diff(near(at.x)) + at.y.abs_diff(near(at.y));
-        let table = &self.laid_out.strides.0;
-        let known = Strides::index(near(at.x), near(at.y)).map_or(u8::MAX, |i| table[i][class]);
+        let known = Strides::index(near(at.x), near(at.y)).map_or(u8::MAX, |i| self.laid_out.strides.0[i]);
         u16::from(known) + beyond / 3
     }
 

@@ -269,10 +269,10 @@ impl Metamodule {
     /// The best course to a seed: around those who stand about if that is not longer than what they
     /// would need to make way, through where they stand otherwise.
     fn course_to(&self, scene: &Scene, seed: Seed, patient: bool) -> Option<Course> {
-        let through = self.ground(&scene.fixed).to_seed(self.core.pose, seed, usize::MAX)?;
+        let through = self.ground(&scene.fixed).to_seed(self.core.pose, seed, &scene.fixed, usize::MAX)?;
         let bodies: Vec<Cell> =
             scene.fixed.iter().copied().chain(scene.free.iter().flat_map(|o| o.cells)).collect();
-        let legs = self.legs(&scene.fixed, &through);
+        let legs = self.legs(scene, &through);
         let swept: Vec<Cell> = self.cells_of(self.core.pose, &legs);
         let meets = |o: &&Other| o.cells.iter().any(|c| swept.contains(c));
         let in_way = scene.free.iter().filter(meets).count();
@@ -280,7 +280,7 @@ impl Metamodule {
             return Some(through);
         }
         let worth = through.strides.len() + in_way + if patient { 0 } else { DETOUR };
-        Some(self.ground(&bodies).to_seed(self.core.pose, seed, worth).unwrap_or(through))
+        Some(self.ground(&bodies).to_seed(self.core.pose, seed, &scene.fixed, worth).unwrap_or(through))
     }
 
     /// The next motion to the claimed seed, if it can be made now.
@@ -401,14 +401,17 @@ impl Metamodule {
         cells
     }
 
-    /// The first legs of a course, around these cells.
-    fn legs(&self, taken: &[Cell], course: &Course) -> Vec<Leg> {
-        let ground = self.ground(taken);
+    /// The first legs of a course, around others where that is possible without another course.
+    fn legs(&self, scene: &Scene, course: &Course) -> Vec<Leg> {
+        let (fixed, taken) = (self.ground(&scene.fixed), self.ground(&scene.taken));
         let (mut at, mut legs) = (self.core.pose, Vec::new());
         for posture in course.strides.iter().copied().chain(course.last).take(LEGS) {
-            let Some(plan) = Plan::to(&ground, at, posture, Aim::Land) else { break };
+            let Some(straight) = Plan::to(&fixed, at, posture, Aim::Land) else { break };
+            let is_free = straight.sweep.0 & taken.taken_at(at) == 0;
+            let around = || Plan::to(&taken, at, posture, Aim::Land);
+            let plan = if is_free { straight } else { around().unwrap_or(straight) };
             legs.push(Leg { posture, sweep: plan.sweep });
-            match ground.landed(at, posture) {
+            match fixed.landed(at, posture) {
                 Some(to) => at = to,
                 None => break,
             }
@@ -424,13 +427,7 @@ impl Metamodule {
         if self.core.intent.told == subject {
             return;
         }
-        let mut told = Vec::new();
-        if subject.is_some() {
-            told = self.legs(&scene.taken, course);
-            if told.is_empty() {
-                told = self.legs(&scene.fixed, course);
-            }
-        }
+        let told = if subject.is_some() { self.legs(scene, course) } else { Vec::new() };
         let mut legs = [Leg::default(); LEGS];
         legs.iter_mut().zip(&told).for_each(|(leg, told)| *leg = *told);
         let core = &mut self.core;
