@@ -139,7 +139,8 @@ impl Metamodule {
         }
         let in_way_of = corridor.iter().filter(|(cells, _)| here.iter().any(|c| cells.contains(c)));
         let in_way_of = in_way_of.map(|(_, rank)| *rank).min();
-        let in_zone = claim.is_none() && here.iter().any(|c| self.is_zone(*c));
+        let is_first = claim.is_some_and(|c| self.is_first(&scene, c));
+        let in_zone = !is_first && here.iter().any(|c| self.is_zone(*c));
         if in_way_of.is_some() || (in_zone && !self.core.filled.holds(self.goal().all())) {
             let rank = in_way_of.map_or(Rank::NONE, Rank::below);
             let kept = std::mem::take(&mut self.core.course);
@@ -292,7 +293,8 @@ impl Metamodule {
         claim: Claim,
     ) -> Option<Plan> {
         let seed = self.setup.seed(self.core.task, claim.seed)?;
-        if let Some(plan) = self.next_leg(&scene.taken, corridor, claim) {
+        let first = self.is_first(scene, claim);
+        if let Some(plan) = self.next_leg(&scene.taken, corridor, claim, first) {
             return Some(plan);
         }
         // Whoever has been granted a way will be through it soon.
@@ -300,7 +302,7 @@ impl Metamodule {
             scene.fixed.iter().copied().chain(scene.free.iter().flat_map(|o| o.cells)).collect();
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
-        let is_blocked = self.next_leg(&bodies, &[], claim).is_none();
+        let is_blocked = self.next_leg(&bodies, &[], claim, true).is_none();
         if is_blocked || waited > patience {
             if waited > patience * 6 {
                 self.drop_claim();
@@ -322,14 +324,20 @@ impl Metamodule {
                     return None;
                 }
             }
-            return self.next_leg(&scene.taken, corridor, claim);
+            return self.next_leg(&scene.taken, corridor, claim, first);
         }
         None
     }
 
-    /// The next leg of the course over free ground. It does not end in a more important way, unless in
-    /// the seed.
-    fn next_leg(&self, taken: &[Cell], corridor: &[(Vec<Cell>, Rank)], claim: Claim) -> Option<Plan> {
+    /// Whether nobody has claimed a seed before this one. Only the first may be in the zone: whoever else
+    /// were there could be walled in.
+    fn is_first(&self, scene: &Scene, claim: Claim) -> bool {
+        scene.free.iter().filter_map(|o| o.claim).all(|c| claim.seed <= c.seed)
+    }
+
+    /// The next leg of the course over free ground. It does not end in a more important way, and not in
+    /// the zone unless it is this one's turn.
+    fn next_leg(&self, taken: &[Cell], corridor: &[(Vec<Cell>, Rank)], claim: Claim, first: bool) -> Option<Plan> {
         let (posture, lands) = self.core.course.next()?;
         let ground = self.ground(taken);
         let pose = self.core.pose;
@@ -340,6 +348,11 @@ impl Metamodule {
             if corridor.iter().any(|(cells, _)| ends.iter().any(|c| cells.contains(c))) {
                 return None;
             }
+            if !first && ends.iter().any(|c| self.is_zone(*c)) {
+                return None;
+            }
+        } else if !first {
+            return None;
         }
         Plan::to(&ground, pose, posture, aim)
     }
