@@ -433,9 +433,11 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         if self.told.is_some() {
             let order = self.seeds();
             self.commands.push_back(Command::Order(id, order));
-            self.commands.extend(self.obstacles.iter().map(|cell| {
-                Command::Order(id, Order::Obstacle { cell: *cell, there: true })
-            }));
+            self.commands.extend(
+                self.obstacles
+                    .iter()
+                    .map(|cell| Command::Order(id, Order::Obstacle { cell: *cell, there: true })),
+            );
             // Who has lost its memory has to be told again who is dead; the others do not mind.
             self.untold.extend(self.dead.iter().copied());
         }

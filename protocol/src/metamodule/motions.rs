@@ -135,8 +135,7 @@ impl Motions {
         let hash = numbers.fold(0, |h, v| mix(h, u64::from(v as u16)));
         let memo = &self.laid_out.distances;
         let found = memo.take(hash, |d| d.is_for(floor, seed, &fixed)).map(|(d, ())| d);
-        let mut distances =
-            found.unwrap_or_else(|| Box::new(Distances::new(self, floor, seed, fixed, like)));
+        let mut distances = found.unwrap_or_else(|| Box::new(Distances::new(self, floor, seed, fixed, like)));
         let answer = ask(&mut distances);
         memo.put(hash, distances, ());
         answer
