@@ -19,7 +19,7 @@ pub struct State {
     pub pose: Pose,
     /// It fills a seed and stays.
     pub settled: bool,
-    /// Its joints do not turn.
+    /// It cannot move now: its joints do not turn, or it is cornered.
     pub stuck: bool,
     /// What it builds.
     pub task: Task,

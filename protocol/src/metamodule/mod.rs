@@ -149,7 +149,7 @@ impl Metamodule {
             sequence: c.sequence,
             pose: c.pose,
             settled: c.settled.is_some(),
-            stuck: c.stuck.is_some(),
+            stuck: c.stuck.is_some() || c.intent.is_cornered(),
             task: c.task,
             filled: c.filled,
             claim: c.intent.claim,

@@ -38,6 +38,8 @@ pub(super) struct Intent {
     looked_in: (u64, bool),
     /// And what was to stand there by the time it comes.
     planned_in: u64,
+    /// Where bodies stood when it had no way out of a more important way.
+    cornered_in: Option<u64>,
     /// What it has announced.
     pub way: Option<Way>,
     /// What that was made from.
@@ -56,10 +58,15 @@ impl Intent {
             unclaimed_since: None,
             looked_in: (0, false),
             planned_in: 0,
+            cornered_in: None,
             way: None,
             told: None,
             rank: Rank::NONE,
         }
+    }
+    /// Whether it is in somebody's way and cannot leave it.
+    pub fn is_cornered(&self) -> bool {
+        self.cornered_in.is_some()
     }
 }
 
@@ -84,6 +91,15 @@ struct Scene {
 
 /// So many strides more are worth it to whoever has waited in vain.
 const DETOUR: usize = 3;
+impl Scene {
+    /// All cells with something in them.
+    fn bodies(&self) -> Vec<Cell> {
+        self.fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells)).collect()
+    }
+}
+
+/// After so many times its patience a metamodule leaves its seed to others.
+const GIVE_UP: u64 = 3;
 /// Leaving a seed that is not open yet to somebody is as bad as so many strides.
 const LATER: i64 = 1 << 20;
 /// And one that it has no way to.
@@ -127,7 +143,7 @@ impl Metamodule {
     pub(super) fn negotiate(&mut self, now: Time, next_expiry: Time) {
         let scene = self.scene();
         self.review(now, &scene);
-        if self.core.intent.claim.is_none() {
+        if self.core.intent.claim.is_none() && !self.core.intent.is_cornered() {
             self.claim(now, &scene);
         }
         let claim = self.core.intent.claim;
@@ -148,6 +164,10 @@ impl Metamodule {
             let rank = in_way_of.map_or(Rank::NONE, Rank::below);
             let kept = std::mem::take(&mut self.core.course);
             let plan = self.make_way(&scene, rank);
+            if plan.is_none() && in_way_of.is_some() && self.core.course.is_over() {
+                self.core.intent.cornered_in = Some(fingerprint(&scene.bodies()));
+                self.tell(now, Class::Gradient);
+            }
             self.announce(rank, &scene);
             if claim.is_some() {
                 // Where it was going is found again from where it ends up.
@@ -180,6 +200,9 @@ impl Metamodule {
         if now >= intent.barred_until || (intent.barred_in != around && !intent.barred.is_empty()) {
             intent.barred = SeedSet::default();
             intent.barred_until = Time::NEVER;
+        }
+        if intent.cornered_in.is_some_and(|at| at != fingerprint(&scene.bodies())) {
+            intent.cornered_in = None;
         }
         if let Some(claim) = intent.claim {
             let better = |o: &Other| {
@@ -318,10 +341,13 @@ impl Metamodule {
             self.core.waiting_since = now;
             return None;
         }
-        let bodies: Vec<Cell> =
-            scene.fixed.iter().copied().chain(scene.free.iter().flat_map(|o| o.cells)).collect();
+        let bodies = scene.bodies();
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
+        if waited > patience * GIVE_UP {
+            self.give_up(now, scene, claim);
+            return None;
+        }
         let looked_in = (fingerprint(&bodies), waited <= patience);
         let fits = self.core.intent.planned_in == planned;
         // Whoever has been granted a way will be through it soon.
@@ -329,16 +355,20 @@ impl Metamodule {
         if fits && (self.core.intent.looked_in == looked_in || (is_open() && waited <= patience)) {
             return None;
         }
-        let course = self.course_to(scene, claim.seed, waited <= patience);
-        let Some(course) = course.filter(|_| waited <= patience * 6) else {
-            self.drop_claim();
-            self.bar(now, claim.seed, scene);
-            self.tell(now, Class::Gradient);
+        let Some(course) = self.course_to(scene, claim.seed, waited <= patience) else {
+            self.give_up(now, scene, claim);
             return None;
         };
         self.core.course = course;
         (self.core.intent.looked_in, self.core.intent.planned_in) = (looked_in, planned);
         self.next_leg(&scene.taken, corridor, claim, first)
+    }
+
+    /// Leaves a seed to somebody else.
+    fn give_up(&mut self, now: Time, scene: &Scene, claim: Claim) {
+        self.drop_claim();
+        self.bar(now, claim.seed, scene);
+        self.tell(now, Class::Gradient);
     }
 
     /// Whether nobody has claimed a seed before this one. Only the first may be in the zone: whoever else
@@ -384,12 +414,17 @@ impl Metamodule {
         };
         let is_apart = |cells: &[Cell; 4]| is_clear(cells) && !cells.iter().any(|c| self.is_zone(*c));
         let pose = self.core.pose;
-        let (free, fixed) = (self.ground(&scene.taken), self.ground(&scene.fixed));
+        // Whoever is more important does not make way.
+        let me = self.core.id;
+        let is_firm = |o: &&Other| o.way.is_some_and(|w| (w.rank, o.id) < (rank, me));
+        let firm = scene.free.iter().filter(is_firm).flat_map(|o| o.cells);
+        let firm: Vec<Cell> = scene.fixed.iter().copied().chain(firm).collect();
+        let (free, firm) = (self.ground(&scene.taken), self.ground(&firm));
         let course = free
             .aside(pose, is_apart)
-            .or_else(|| fixed.aside(pose, is_apart))
+            .or_else(|| firm.aside(pose, is_apart))
             .or_else(|| free.aside(pose, is_clear))
-            .or_else(|| fixed.aside(pose, is_clear))?;
+            .or_else(|| firm.aside(pose, is_clear))?;
         let next = course.next();
         let plan = next.and_then(|(posture, lands)| {
             Plan::to(&free, pose, posture, if lands { Aim::Land } else { Aim::Shift })

@@ -150,6 +150,22 @@ impl Ground<'_> {
         None
     }
 
+    /// Whether there is a way to a connector that `is_it` accepts.
+    pub fn can_get(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> bool {
+        let (mut left, mut edge) = (Places::new(self.floor), vec![from]);
+        while let Some(pose) = edge.pop() {
+            if is_it(pose.foot()) {
+                return true;
+            }
+            let reach = self.reach(pose);
+            if left.get(pose, reach.lands).is_none() && left.len() < MOST_LEFT {
+                left.add(pose, &reach, 0);
+                edge.extend(reach.landings.iter().filter_map(|l| self.landed(pose, l.posture)));
+            }
+        }
+        false
+    }
+
     /// The cheapest course to a place where the body fills only cells that `fits` accepts; changing
     /// its shape on the spot is the cheapest of all.
     pub fn aside(&self, from: Pose, fits: impl Fn(&[Cell; 4]) -> bool) -> Option<Course> {
