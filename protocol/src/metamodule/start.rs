@@ -1,5 +1,6 @@
 //! Where metamodules stand at first: upright, attached by their feet, at random (thesis 4.1.3).
 
+use super::blueprint::Task;
 use super::params::Setup;
 use super::pose::{End, Pose};
 use crate::roombots::grid::GridState;
@@ -26,7 +27,7 @@ pub enum StartError {
 /// grown by one, at least two cells from each other along x or y, turned in any of the four ways.
 pub fn random_start(setup: &Setup, count: usize, seed: u64) -> Result<Vec<Pose>, StartError> {
     let mut stream = Stream::named(seed, "start", 0);
-    let feet = || setup.blueprint.seeds().iter().map(|s| s.foot);
+    let feet = || setup.seeds(Task::default()).map(|(_, s)| s.foot);
     // Invariant: a blueprint has a seed; without one nothing would be kept free.
     let x = (feet().map(|f| f.0).min().unwrap_or(0) - 1, feet().map(|f| f.0).max().unwrap_or(0) + 1);
     let y = (feet().map(|f| f.1).min().unwrap_or(0) - 1, feet().map(|f| f.1).max().unwrap_or(0) + 1);
@@ -64,9 +65,9 @@ mod tests {
     #[test]
     fn starts_are_apart_off_the_goal_and_repeatable() {
         let mut setup = Setup {
-            params: Params::scaled(Strategy::Step.repulsion(), Span::secs(1), Span::millis(10)),
+            params: Params::scaled(Strategy::Step, Span::secs(1), Span::millis(10)),
             floor: Floor { min: (0, 0), max: (12, 12) },
-            blueprint: Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap(),
+            goals: vec![Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap()],
             motions: Motions::new(Arc::new(Database::build()), Kind::Par).unwrap(),
         };
         for seed in 0..100 {
@@ -85,7 +86,7 @@ mod tests {
         let text = serde_json::to_string(&setup).unwrap();
         let again: Setup = serde_json::from_str(&text).unwrap();
         assert_eq!(again.motions.table(), setup.motions.table());
-        assert_eq!(again.blueprint, setup.blueprint);
+        assert_eq!(again.goals, setup.goals);
         setup.floor.max = (5, 5);
         assert!(matches!(random_start(&setup, 20, 1), Err(StartError::NoRoom { wanted: 20, .. })));
     }

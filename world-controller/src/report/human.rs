@@ -87,7 +87,8 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
             r.faults_planned
         )?;
         for f in r.faults.iter().take(SHOWN) {
-            writeln!(out, "    {:>9}  {:<8}{:>6}  {}", seconds(f.at_s), f.fault, f.module, f.effect)?;
+            let whom = f.module.map(|m| m.to_string()).unwrap_or_default();
+            writeln!(out, "    {:>9}  {:<8}{:>6}  {}", seconds(f.at_s), f.fault, whom, f.effect)?;
         }
         more(out, r.faults.len())?;
     }

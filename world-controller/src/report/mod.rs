@@ -236,5 +236,6 @@ fn violation(v: &Violation) -> ViolationReport {
 fn fault(at: Time, fault: Fault, effect: &str) -> FaultReport {
     let text = fault.to_string();
     let verb = text.split(' ').next().unwrap_or("").to_owned();
-    FaultReport { at_s: at.as_secs_f64(), fault: verb, module: fault.module().0, effect: effect.to_owned() }
+    let module = fault.module().map(|id| id.0);
+    FaultReport { at_s: at.as_secs_f64(), fault: verb, module, effect: effect.to_owned() }
 }

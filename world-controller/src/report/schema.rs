@@ -273,10 +273,10 @@ pub struct ViolationReport {
 pub struct FaultReport {
     /// When it struck.
     pub at_s: f64,
-    /// `kill`, `pause`, `resume`, `restart`, `stick` or `unstick`.
+    /// `kill`, `pause`, `resume`, `restart`, `stick`, `unstick`, `block` or `unblock`.
     pub fault: String,
-    /// Whom it hit.
-    pub module: u32,
+    /// Whom it hit; none if it hit a cell.
+    pub module: Option<u32>,
     /// The state it found the module in.
     pub effect: String,
 }
