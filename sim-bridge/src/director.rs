@@ -279,8 +279,7 @@ impl Director {
                 return self.next_stage(now);
             }
         }
-        let planned =
-            self.faults.is_pending() || now < self.stop.planned_until;
+        let planned = self.faults.is_pending() || now < self.stop.planned_until;
         let changed = self.last_fault.max(self.stop.planned_until);
         let idle_since = self.last_move.max(self.last_fill).max(changed);
         let unfilled_since = self.last_fill.max(changed);

@@ -433,9 +433,11 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         if self.told.is_some() {
             let order = self.seeds();
             self.commands.push_back(Command::Order(id, order));
-            self.commands.extend(self.obstacles.iter().map(|cell| {
-                Command::Order(id, Order::Obstacle { cell: *cell, there: true })
-            }));
+            self.commands.extend(
+                self.obstacles
+                    .iter()
+                    .map(|cell| Command::Order(id, Order::Obstacle { cell: *cell, there: true })),
+            );
             // Who has lost its memory has to be told again who is dead; the others do not mind.
             self.untold.extend(self.dead.iter().copied());
         }
@@ -445,9 +447,8 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         if self.outcome.is_some() {
             return;
         }
-        if now == Time::ZERO {
-            world.set_failure(self.failure);
-        }
+        // Real processes are not up at time zero.
+        world.set_failure(self.failure);
         while let Some(fault) = self.faults.due(now) {
             self.strike(now, fault, world);
         }

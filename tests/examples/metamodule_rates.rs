@@ -1,6 +1,10 @@
 //! Measures the thesis's experiment over many seeds and prints a table:
 //! `cargo run --release -p metamorph-tests --example metamodule_rates -- [SEEDS] [LOOK_AHEAD] [box|chair]`.
-#![allow(clippy::print_stdout, clippy::disallowed_methods, reason = "a program for the terminal that measures")]
+#![allow(
+    clippy::print_stdout,
+    clippy::disallowed_methods,
+    reason = "a program for the terminal that measures"
+)]
 
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::Strategy;
@@ -50,7 +54,11 @@ fn main() {
                     }
                     if strategy == Strategy::Negotiated && !ran.built() {
                         let stall = ran.stall.as_ref();
-                        println!("  seed {seed}: {:?} {:?}", stall.map(|s| s.reason), stall.map(|s| &s.unfilled));
+                        println!(
+                            "  seed {seed}: {:?} {:?}",
+                            stall.map(|s| s.reason),
+                            stall.map(|s| &s.unfilled)
+                        );
                     }
                 }
                 let mean = sums.map(|s| s as f64 / ends[0].max(1) as f64);

@@ -292,6 +292,19 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
             format!("{METAMODULES}[[goal]]\n{goal}\n"),
             &["scenario.toml:17:1:", "a later [[goal]] has no `at`"],
         ),
+        (
+            format!("{METAMODULES}[[goal]]\n{goal}\nat = \"60s\"\n[[goal]]\n{goal}\nat = \"60s\"\n"),
+            &["scenario.toml:22:6:", "replaces the one before at 60s, which itself comes at 60s"],
+        ),
+        (
+            format!("{METAMODULES}[[goal]]\n{goal}\nat = \"501s\"\n"),
+            &["scenario.toml:19:6:", "it happens at 501s, but the run ends at 500s"],
+        ),
+        (
+            format!("{METAMODULES}[[goal]]\nshape = {{ chair = [5, 5] }}\nat = \"9s\"\n")
+                .replace("kind", "count = 5\nkind"),
+            &["scenario.toml:7:9:", "6 seeds", "5 metamodules: 1 too few"],
+        ),
         // Faults and ends.
         (
             format!("{METAMODULES}[[fault]]\nkill = 4\nat = \"1s\"\n"),
@@ -334,6 +347,33 @@ fn metamodules_are_checked_run_and_reported() {
         assert_eq!((c.sent + c.duplicated) as i64, out as i64 + c.in_flight, "{class}");
     }
     assert!(ran.err.contains("seeds filled") && ran.err.contains("the interlock"), "{}", ran.err);
+}
+
+/// Goals that replace one another and obstacles, from the scenario to the report.
+#[test]
+fn goals_change_and_obstacles_come_and_go() {
+    let text = METAMODULES.replace("timeout = \"500s\"", "timeout = \"5000s\"")
+        + "[protocol]\nstrategy = \"negotiated\"\nrelocate = true\n"
+        + "[[goal]]\nname = \"elsewhere\"\nshape = { box = [1, 1] }\nat = \"30s\"\n"
+        + "[[fault]]\nobstacle = [6, 6, 4]\nat = \"10s\"\nuntil = \"20s\"\n"
+        // In a cell of the second goal, before it is the goal.
+        + "[[fault]]\nobstacle = [1, 1, 2]\nat = \"25s\"\n";
+    let ran = on(&text, &["check", "{}", "--link", "sim"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    for part in ["elsewhere: 4 seeds", "from 30s on", "strategy negotiated", "at 10s block [6, 6, 4]"] {
+        assert!(ran.out.contains(part), "`{part}` is missing in {}", ran.out);
+    }
+    let ran = on(&text, &["run", "{}", "--link", "sim", "--json", "-"]);
+    let report = json(&ran.out);
+    assert_eq!((ran.code, report.outcome.as_str()), (Some(0), "built"), "{}", ran.err);
+    assert_eq!((report.stages.len(), report.stages[0].name.as_str()), (1, "elsewhere"));
+    assert_eq!(report.stages[0].opened_s, 30.0);
+    let m = report.metamodules.expect("what only metamodules have");
+    assert_eq!((m.levels.len(), m.levels[0].seeds, m.levels[0].filled), (1, 4, 4));
+    assert_ne!(m.shift, [0, 0], "the goal had to make way for the obstacle");
+    let faults: Vec<_> = report.faults.iter().map(|f| (f.fault.as_str(), f.module)).collect();
+    assert_eq!(faults, [("block", None), ("unblock", None), ("block", None)]);
+    assert!(report.faults[0].effect.contains("the cell was free"), "{:?}", report.faults);
 }
 
 #[test]

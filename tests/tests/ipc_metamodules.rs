@@ -42,16 +42,19 @@ fn as_processes(name: &str, options: &[&str]) -> Report {
 #[test]
 fn a_box_of_four_processes() {
     let report = as_processes("box.toml", &["--seed", "3"]);
-    assert_eq!((report.agents.launched, report.agents.alive, report.goal.cells), (4, 4, 4));
+    assert_eq!((report.outcome.as_str(), report.goal.filled), ("built", 4), "{}", report.reason);
+    assert_eq!((report.agents.launched, report.agents.alive), (4, 4));
     assert!(report.moves > 0 && report.messages.all.delivered > 0);
 }
 
-/// With all that the scenario breaks: a kill, failed connections, lost messages.
+/// With all that the scenario breaks: a kill, failed connections, lost messages. With this seed the
+/// fourth connection is the first that fails, and somebody dies long before the chair can be done.
 #[test]
 fn a_chair_of_six_processes_while_things_break() {
-    let report = as_processes("chair-hardware.toml", &["--seed", "8"]);
+    let report = as_processes("chair-hardware.toml", &["--seed", "18"]);
     let agents = (report.agents.launched, report.agents.alive, report.agents.crashed);
-    assert_eq!((agents, report.goal.cells), ((7, 6, 1), 6));
+    assert_eq!((report.outcome.as_str(), report.goal.filled), ("built", 6), "{}", report.reason);
+    assert_eq!(agents, (7, 6, 1));
     assert!(report.move_details.failed > 0 && report.messages.all.lost > 0);
     assert_eq!((report.faults.len(), report.faults[0].fault.as_str()), (1, "kill"));
 }

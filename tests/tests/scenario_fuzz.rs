@@ -94,15 +94,25 @@ levels = [
   [{ foot = [7, 7], directions = ["up", "up", "west"] }],
 ]
 order = "crosswise"
+[[goal]]
+name = "two"
+at = "60s"
+levels = [[{ foot = [2, 8], directions = ["up", "up", "up"] }]]
+order = "at-once"
 [protocol]
-strategy = "slope"
+strategy = "negotiated"
 look_ahead = 4
 teller = "neighbours"
+relocate = true
 [link]
 delay = "10ms..100ms"
 loss = "5%"
 [process]
 time_scale = 20
+[[fault]]
+obstacle = [4, 4, 0]
+at = "1s"
+until = "99s"
 [[fault]]
 kill = 1
 at = "2s"
@@ -117,7 +127,7 @@ livelock = "900s"
 #[test]
 fn the_bases_of_the_mutations_are_valid() {
     let plan = read_text("metamodules.toml", METAMODULES, &sim()).unwrap_or_else(|p| panic!("{p}"));
-    assert_eq!((plan.swarm.len(), plan.stages.len(), plan.schedule.len()), (3, 1, 2));
+    assert_eq!((plan.swarm.len(), plan.stages.len(), plan.schedule.len()), (3, 2, 4));
     let plan = read_text("everything.toml", EVERYTHING, &sim()).unwrap_or_else(|p| panic!("{p}"));
     assert_eq!((plan.swarm.len(), plan.stages.len(), plan.seed), (38, 2, 3));
     assert_eq!(plan.schedule.len(), 1 + 4 + 1 + 2 + 1);
@@ -132,7 +142,7 @@ fn shipped_scenarios_are_valid_on_both_links() {
             let plan = read_file(&path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
             let largest = match &plan.swarm {
                 Swarm::Cubes(cubes) => cubes.setup.goals.iter().map(|goal| goal.len()).max(),
-                Swarm::Metamodules(m) => Some(m.setup.blueprint.seeds().len()),
+                Swarm::Metamodules(m) => m.setup.goals.iter().map(|goal| goal.seeds().len()).max(),
             };
             let count = plan.swarm.len();
             assert!(largest.is_some_and(|cells| cells > 0 && cells <= count), "{}", path.display());

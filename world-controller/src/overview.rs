@@ -4,7 +4,7 @@ use crate::scenario::{Cubes, LinkKind, Metamodules, Plan, Swarm};
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::params::Teller;
+use metamorph_protocol::metamodule::params::{Strategy, Teller};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
@@ -95,11 +95,13 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
         "  moves     {} for a step of a joint, {} to connect; {} of connections fail",
         params.turn_time, params.connect_time, plan.failure
     )?;
-    for (stage, goal) in plan.stages.iter().zip([&setup.blueprint]) {
+    let begins = std::iter::once(Time::ZERO).chain(swarm.changes.iter().map(|(at, _)| *at));
+    for ((stage, goal), at) in plan.stages.iter().zip(&setup.goals).zip(begins) {
         let levels: Vec<String> = goal.levels().iter().map(u8::to_string).collect();
+        let from = if at == Time::ZERO { String::new() } else { format!(", from {at} on") };
         writeln!(
             out,
-            "  goal      {}: {} seeds, level by level {}",
+            "  goal      {}: {} seeds, level by level {}{from}",
             stage.name,
             goal.seeds().len(),
             levels.join(" + ")
@@ -109,11 +111,16 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
         Teller::Controller => "the controller",
         Teller::Neighbours => "neighbours",
     };
+    let looks = match params.strategy {
+        // It searches as far as it has to.
+        Strategy::Negotiated => String::new(),
+        _ => format!("; looks {} strides ahead", params.look_ahead),
+    };
+    let relocates = if swarm.relocate { "; a goal that is in the way of something is moved" } else { "" };
     writeln!(
         out,
-        "  protocol  strategy {}; looks {} strides ahead; {teller} tells which seeds are open",
-        swarm.strategy.name(),
-        params.look_ahead
+        "  protocol  strategy {}{looks}; {teller} tells which seeds are open{relocates}",
+        params.strategy.name(),
     )
 }
 

@@ -3,7 +3,7 @@
 //!
 //! Absent: driving (`simulated`, `processes`) and the layout of reports (`report`).
 
-use crate::report::schema::{MetamoduleReport, MoveReport, StageReport};
+use crate::report::schema::{LevelReport, MetamoduleReport, MoveReport, StageReport};
 use crate::scenario::{Cubes, Metamodules, Plan};
 use metamorph_module_agent::Family;
 use metamorph_protocol::agent::Agent;
@@ -14,7 +14,7 @@ use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::director::{Director, Progress, Stage};
 use metamorph_sim_bridge::faults::Struck;
 use metamorph_sim_bridge::invariants::Violation;
-use metamorph_sim_bridge::metamodule_director::MetamoduleDirector;
+use metamorph_sim_bridge::metamodule_director::{MetamoduleDirector, MetamodulePlan};
 use metamorph_sim_bridge::metamodule_world::MetamoduleWorld;
 use metamorph_sim_bridge::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::sim::Audited;
@@ -143,8 +143,14 @@ impl Runnable for Metamodules {
         MetamoduleWorld::new(Arc::clone(&self.setup), &self.poses, plan.seed)
     }
     fn director(&self, plan: &Plan) -> MetamoduleDirector {
-        let (setup, schedule) = (Arc::clone(&self.setup), plan.schedule.clone());
-        MetamoduleDirector::new(setup, self.poses.len(), schedule, plan.stop, plan.failure)
+        let plan = MetamodulePlan {
+            schedule: plan.schedule.clone(),
+            stop: plan.stop,
+            failure: plan.failure,
+            changes: self.changes.to_vec(),
+            relocate: self.relocate,
+        };
+        MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
     }
     fn beat(&self) -> Span {
         self.setup.params.turn_time
@@ -159,14 +165,21 @@ impl Runnable for Metamodules {
     fn account(&self, plan: &Plan, director: &MetamoduleDirector, world: &MetamoduleWorld) -> Account {
         let (crashed, restarted) = director.crashed_and_restarted();
         let (deeds, progress) = (world.deeds(), director.progress());
+        let (task, filled) = (director.task(), director.filled());
+        let number = usize::from(task.goal);
         let built = director.outcome().filter(|(_, outcome)| *outcome == Outcome::Built);
-        let whole = Stage {
+        let last = Stage {
             cells: progress.goal,
             filled: progress.filled,
-            opened: Time::ZERO,
+            opened: number.checked_sub(1).and_then(|i| self.changes.get(i)).map_or(Time::ZERO, |(at, _)| *at),
             built: built.map(|(at, _)| at),
             known: built.map(|(at, _)| at),
         };
+        let mut seeds = 0u8..;
+        let levels = self.setup.goal(task).levels().iter().map(|seeds_of_it| {
+            let filled = seeds.by_ref().take(usize::from(*seeds_of_it)).filter(|s| filled.has(*s)).count();
+            LevelReport { seeds: u64::from(*seeds_of_it), filled: filled as u64 }
+        });
         Account {
             ended: director.outcome(),
             progress,
@@ -175,7 +188,7 @@ impl Runnable for Metamodules {
             stall: director.stall().cloned(),
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
-            stages: plan.stages.iter().take(1).map(|p| stage(&p.name, &whole)).collect(),
+            stages: plan.stages.iter().skip(number).take(1).map(|p| stage(&p.name, &last)).collect(),
             bodies: MoveReport {
                 started: deeds.started,
                 completed: deeds.turns + deeds.moves + deeds.released,
@@ -187,6 +200,9 @@ impl Runnable for Metamodules {
             },
             metamodules: Some(MetamoduleReport {
                 kind: self.setup.kind().name().to_owned(),
+                strategy: self.setup.params.strategy.name().to_owned(),
+                levels: levels.collect(),
+                shift: task.shift.into(),
                 turns: deeds.turns,
                 connections: deeds.moves,
                 releases: deeds.released,

@@ -155,10 +155,7 @@ impl Graph {
             edges,
             swept,
             sweepers,
-            filled_bits: filled
-                .iter()
-                .map(|f| bits(&database.cell_set(f.iter().copied())))
-                .collect(),
+            filled_bits: filled.iter().map(|f| bits(&database.cell_set(f.iter().copied()))).collect(),
             filled,
             chain: table.postures().iter().map(|e| e.chain).collect(),
             rests: landing.iter().map(number).collect(),
@@ -336,8 +333,9 @@ mod tests {
             let graph = Graph::new(&database, table);
             for round in 0..60 {
                 let from = stream.below(table.postures().len() as u64) as u16;
-                let taken: Vec<Cell> =
-                    (0..round / 6).map(|_| database.cells()[stream.below(database.cells().len() as u64) as usize]).collect();
+                let taken: Vec<Cell> = (0..round / 6)
+                    .map(|_| database.cells()[stream.below(database.cells().len() as u64) as usize])
+                    .collect();
                 let bits = taken.iter().fold(0, |b, c| b | graph.bit(*c));
                 let set: CellSet = database.cell_set(taken.iter().copied());
                 let slow = table.reach(from, &set);

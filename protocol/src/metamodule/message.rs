@@ -590,7 +590,13 @@ mod tests {
         round_trip(&Order::Obstacle { cell: Cell::new(-3, 4, 1), there: true });
         round_trip(&Order::Dead { id: origin, pose: p });
         for settled in [None, Some(31)] {
-            round_trip(&Status { pose: p, settled, prevented: 3, waits_for: settled.map(|_| origin), barred: filled });
+            round_trip(&Status {
+                pose: p,
+                settled,
+                prevented: 3,
+                waits_for: settled.map(|_| origin),
+                barred: filled,
+            });
         }
     }
 
@@ -609,8 +615,8 @@ mod tests {
         assert_eq!(
             &bytes[HEADER..HEADER + 42],
             &[
-                7, 0, 0, 0, 0x0B, 0x0A, 0, 0, 4, 3, 9, 0, 0, 0, 0, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 2, 1, 0,
-                0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3
+                7, 0, 0, 0, 0x0B, 0x0A, 0, 0, 4, 3, 9, 0, 0, 0, 0, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 2,
+                1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3
             ]
         );
         assert_eq!(message.wire_len(), HEADER + 42);
@@ -622,8 +628,8 @@ mod tests {
         assert_eq!(
             &bytes[HEADER..HEADER + 34],
             &[
-                1, 0, 0, 0, 2, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 1, 2, 0, 1, 0xFD, 0xFF, 4, 0, 3, 0,
-                0, 0, 255, 0, 4, 0, 0, 0
+                1, 0, 0, 0, 2, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 1, 2, 0, 1, 0xFD, 0xFF, 4, 0, 3, 0, 0,
+                0, 255, 0, 4, 0, 0, 0
             ]
         );
     }

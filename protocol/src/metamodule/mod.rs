@@ -226,7 +226,8 @@ impl Metamodule {
         }
         if self.core.pose.both {
             // An earlier life has gripped and not let go. Letting go sweeps nothing.
-            let plan = Plan { from: self.core.pose, steps: Vec::new(), sweep: Sweep::default(), aim: Aim::Land };
+            let plan =
+                Plan { from: self.core.pose, steps: Vec::new(), sweep: Sweep::default(), aim: Aim::Land };
             return self.begin(now, now, plan);
         }
         // Whoever says nothing for long has no process, and its body does not move.
@@ -515,7 +516,8 @@ impl Metamodule {
                     true => self.core.filled.and(state.filled),
                     false => self.core.filled,
                 };
-                let still = |b: &State| State { sequence: state.sequence, filled: state.filled, ..*b } == state;
+                let still =
+                    |b: &State| State { sequence: state.sequence, filled: state.filled, ..*b } == state;
                 let news = !before.as_ref().is_some_and(still) || filled != self.core.filled;
                 self.core.filled = filled;
                 if news {

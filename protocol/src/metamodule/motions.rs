@@ -129,14 +129,14 @@ impl Motions {
         let mut fixed = fixed.to_vec();
         fixed.sort_unstable();
         fixed.dedup();
-        let mix = |h: u64, v: i16| (h ^ u64::from(v as u16)).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(23);
+        let mix =
+            |h: u64, v: i16| (h ^ u64::from(v as u16)).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(23);
         let (foot, turn) = (seed.foot, seed.directions.map(|d| d as i16));
         let numbers = fixed.iter().flat_map(|c| [c.x, c.y, c.z]).chain([foot.0, foot.1]).chain(turn);
         let index = numbers.fold(1, mix) as usize % KEPT;
         let kept = || self.laid_out.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let found = kept().get_mut(index).and_then(Option::take).filter(|d| d.is_for(floor, seed, &fixed));
-        let mut distances =
-            found.unwrap_or_else(|| Box::new(Distances::new(self, floor, seed, fixed, like)));
+        let mut distances = found.unwrap_or_else(|| Box::new(Distances::new(self, floor, seed, fixed, like)));
         let answer = ask(&mut distances);
         let mut kept = kept();
         if kept.is_empty() {

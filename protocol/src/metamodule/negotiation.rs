@@ -161,7 +161,8 @@ impl Metamodule {
         }
         let waits = claim.is_some() || in_way_of.is_some() || self.core.intent.unclaimed_since.is_some();
         let patience = if waits { now + self.setup.params.patience } else { Time::NEVER };
-        let barred = if self.core.intent.barred.is_empty() { Time::NEVER } else { self.core.intent.barred_until };
+        let barred =
+            if self.core.intent.barred.is_empty() { Time::NEVER } else { self.core.intent.barred_until };
         self.core.phase = Phase::Idle { look_at: next_expiry.min(patience).min(barred) };
     }
 

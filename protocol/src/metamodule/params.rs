@@ -27,8 +27,7 @@ impl Strategy {
     /// The three of the thesis.
     pub const PUBLISHED: [Strategy; 3] = [Strategy::Greedy, Strategy::Slope, Strategy::Step];
     /// All of them.
-    pub const ALL: [Strategy; 4] =
-        [Strategy::Greedy, Strategy::Slope, Strategy::Step, Strategy::Negotiated];
+    pub const ALL: [Strategy; 4] = [Strategy::Greedy, Strategy::Slope, Strategy::Step, Strategy::Negotiated];
 
     /// The name used in scenarios and reports.
     pub const fn name(self) -> &'static str {

@@ -115,6 +115,12 @@ fn write_moves(out: &mut String, r: &Report) -> std::fmt::Result {
         m.kind,
         count(m.turns)
     )?;
+    let levels: Vec<String> = m.levels.iter().map(|l| format!("{} of {}", l.filled, l.seeds)).collect();
+    let moved = match m.shift {
+        [0, 0] => String::new(),
+        [x, y] => format!("; moved by ({x}, {y}) to where it could be built"),
+    };
+    writeln!(out, "  levels      {} seeds, from the ground up{moved}", levels.join(", "))?;
     if r.goal.filled > 0 {
         writeln!(out, "  last seed   filled at {}", seconds(m.last_fill_s))?;
     }

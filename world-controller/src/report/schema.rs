@@ -33,7 +33,8 @@ pub struct Report {
     pub agents: Agents,
     /// The goal that was being built last.
     pub goal: GoalReport,
-    /// Every goal that was begun.
+    /// Every goal that was begun; of metamodules, whose goals replace one another, the one that was being
+    /// built last.
     pub stages: Vec<StageReport>,
     /// The standstill, if the outcome of the run was a deadlock.
     pub deadlocks: Vec<Standstill>,
@@ -120,7 +121,7 @@ pub struct Standstill {
     /// Since when nothing went on.
     pub since_s: f64,
     /// `blocked`, `pinned`, `material-exhausted`, `no-active-target`, `needs-dead-support`, `no-way`; of
-    /// metamodules `material-exhausted`, `no-better-place` or `no-lock`.
+    /// metamodules `material-exhausted`, `seed-blocked`, `no-way`, `no-better-place`, `no-lock` or `blocked`.
     pub reason: String,
     /// Whether no protocol could have gone on from here.
     pub infeasible: bool,
@@ -185,6 +186,12 @@ pub struct MoveReport {
 pub struct MetamoduleReport {
     /// `PAR`, `PER`, `SRS` or `SRZ`.
     pub kind: String,
+    /// How they decided: `greedy`, `slope`, `step` or `negotiated`.
+    pub strategy: String,
+    /// The levels of the goal that was being built last, from the ground up.
+    pub levels: Vec<LevelReport>,
+    /// How far that goal was moved along x and y, to where it could be built.
+    pub shift: [i16; 2],
     /// Steps of joints.
     pub turns: u64,
     /// Connections made; the same as `moves`.
@@ -193,6 +200,15 @@ pub struct MetamoduleReport {
     pub releases: u64,
     /// When the last seed was filled; 0 if none was.
     pub last_fill_s: f64,
+}
+
+/// One level of a goal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LevelReport {
+    /// Its seeds.
+    pub seeds: u64,
+    /// Those of them that were filled at the end.
+    pub filled: u64,
 }
 
 /// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired +

@@ -104,7 +104,7 @@ fn read_one(node: &Node<'_>, family: Family, problems: &mut Problems) -> Option<
     let partition = section.node("partition");
     if let Some(controller) = section.node("controller") {
         let what = "a fault of the controller itself".to_owned();
-        let instead = "remove it; faults hit modules (kill, pause, restart, stick, crash, partition)";
+        let instead = "remove it; faults hit modules (kill, pause, restart, stick, crash, partition) and cells (obstacle)";
         problems.add(controller.span(), Flaw::NotYet { what, instead });
         return None;
     }
@@ -339,9 +339,15 @@ pub fn compile(
                 }
             }
             RawFault::Obstacle { cell, from, until } => {
-                bounds.span(from, until.as_ref(), problems);
-                let what = "an obstacle".to_owned();
-                problems.add(cell.place.clone(), Flaw::NotYet { what, instead: "remove it" });
+                let (begin, end) = bounds.span(from, until.as_ref(), problems);
+                let At { value: cell, place } = cell;
+                if cell.z < 0 {
+                    let (got, high) = (cell.z.to_string(), Cell::LIMIT.to_string());
+                    let what = "the height of the obstacle above the floor";
+                    problems.add(place.clone(), Flaw::Range { what, got, low: "0".into(), high });
+                }
+                planned.push(Planned::At(begin, Fault::Block(*cell)));
+                planned.extend(end.map(|at| Planned::At(at, Fault::Unblock(*cell))));
             }
             RawFault::Crashes { amount, window, place } => {
                 let Window(from, until) = window.value;

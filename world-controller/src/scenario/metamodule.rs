@@ -23,7 +23,7 @@ use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::grid::GridState;
 use metamorph_protocol::roombots::posture::Posture;
-use metamorph_protocol::time::Span;
+use metamorph_protocol::time::{Span, Time};
 use std::sync::Arc;
 use toml::de::DeValue;
 
@@ -62,6 +62,7 @@ pub struct RawMetamodules {
     strategy: Strategy,
     look_ahead: Option<At<u64>>,
     teller: Teller,
+    relocate: bool,
 }
 
 const GOAL: &str = "shape = { box = [5, 5] }";
@@ -104,6 +105,7 @@ impl RawMetamodules {
             strategy: Strategy::default(),
             look_ahead: None,
             teller: Teller::default(),
+            relocate: false,
         };
         swarm.finish(problems);
         raw.goals = goal_sections(others.goals, GOAL, problems)
@@ -119,6 +121,7 @@ impl RawMetamodules {
             raw.strategy = section.choice("strategy", "strategy", &strategies, problems).unwrap_or_default();
             raw.look_ahead = section.get("look_ahead", problems);
             raw.teller = section.choice("teller", "teller", &TELLERS, problems).unwrap_or_default();
+            raw.relocate = section.get("relocate", problems).is_some_and(|r| r.value);
             section.finish(problems);
         }
         raw
@@ -136,11 +139,12 @@ impl RawMetamodules {
         let motions = motions(self.kind).ok()?;
         let goals: Vec<Option<Blueprint>> =
             self.goals.iter().map(|goal| self.blueprint(goal, &motions, problems)).collect();
+        let goals: Option<Vec<Blueprint>> = goals.into_iter().collect();
         self.check_times(problems);
         let seeds = self.goals.iter().flat_map(|g| &g.levels).map(|l| l.iter().map(Vec::len).sum());
         let (most, all) = seeds.fold((0, 0), |(most, all): (usize, usize), n: usize| (most.max(n), all + n));
         let count = self.count(most, problems)?;
-        let mut params = Params::scaled(self.strategy.repulsion(), turn_time, usual_delay);
+        let mut params = Params::scaled(self.strategy, turn_time, usual_delay);
         params.teller = self.teller;
         if let Some(strides) = &self.look_ahead {
             params.look_ahead =
@@ -155,8 +159,8 @@ impl RawMetamodules {
             // The longest motion is some 30 steps, and waits for one other at most.
             patience: Patience { stall: turn_time * 120, livelock: 16, timeout: all as u64 + 1 },
         };
-        if let (Some(Some(blueprint)), true) = (goals.into_iter().next(), problems.is_empty()) {
-            let setup = Setup { params, floor: self.floor, blueprint, motions };
+        if let (Some(goals), true) = (goals, problems.is_empty()) {
+            let setup = Setup { params, floor: self.floor, goals, motions };
             draft.swarm = self.placed(Arc::new(setup), count, seed, problems);
         }
         Some(draft)
@@ -185,6 +189,11 @@ impl RawMetamodules {
         Some(blueprint)
     }
 
+    /// When goals are replaced.
+    pub fn changes(&self) -> impl Iterator<Item = &At<Span>> {
+        self.goals.iter().filter_map(|goal| goal.at.as_ref())
+    }
+
     /// Later goals replace earlier ones at their times.
     fn check_times(&self, problems: &mut Problems) {
         let mut before = Span::ZERO;
@@ -199,11 +208,7 @@ impl RawMetamodules {
                 (Some(At { value, place }), _) if *value <= before => {
                     problems.add(place.clone(), Flaw::GoalOrder { at: *value, before });
                 }
-                (Some(At { value, place }), _) => {
-                    before = *value;
-                    let what = "a goal that replaces another".to_owned();
-                    problems.add(place.clone(), Flaw::NotYet { what, instead: "leave one goal" });
-                }
+                (Some(at), _) => before = at.value,
             }
         }
     }
@@ -241,7 +246,8 @@ impl RawMetamodules {
             RawStart::Random => (true, problems.note(&self.start.place, random_start(&setup, count, seed))?),
             RawStart::Listed(places) => (false, listed(&setup, places, problems)),
         };
-        Some(Swarm::Metamodules(Metamodules { strategy: self.strategy, drawn, poses, setup }))
+        let changes = (1..).zip(self.changes()).map(|(goal, at)| (Time::ZERO + at.value, goal)).collect();
+        Some(Swarm::Metamodules(Metamodules { drawn, poses, setup, changes, relocate: self.relocate }))
     }
 }
 

@@ -27,10 +27,11 @@ use metamorph_module_agent::Family;
 use metamorph_protocol::cube::params::Setup;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::metamodule::params::{Setup as MetamoduleSetup, Strategy};
+use metamorph_protocol::metamodule::params::Setup as MetamoduleSetup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::{StartError, random_start};
 use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Stop;
 use metamorph_sim_bridge::faults::Schedule;
 use problems::Problems;
@@ -135,14 +136,16 @@ pub struct Cubes {
 /// A swarm of metamodules.
 #[derive(Clone, Debug)]
 pub struct Metamodules {
-    /// How neighbours push, by name.
-    pub strategy: Strategy,
     /// Whether the places at the start are drawn from the seed of the run, instead of listed.
     pub drawn: bool,
     /// Where the metamodules are at first; a metamodule's number is its place here.
     pub poses: Vec<Pose>,
     /// What all agents share.
     pub setup: Arc<MetamoduleSetup>,
+    /// From when on which goal is built instead, in the order of time.
+    pub changes: Arc<[(Time, u8)]>,
+    /// Whether a goal that cannot be built where it is is moved.
+    pub relocate: bool,
 }
 
 impl Swarm {

@@ -57,6 +57,12 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
         (faults, link.partitions) = faults::compile(&raw.faults, &bounds, problems);
         stop.planned_until = link.partitions.iter().map(|p| p.until).max().unwrap_or(Time::ZERO);
     }
+    if let RawSwarm::Metamodules(metamodules) = &raw.swarm {
+        let timeout = stop.timeout.since(Time::ZERO);
+        for At { value: at, place } in metamodules.changes().filter(|c| c.value > timeout) {
+            problems.add(place.clone(), Flaw::AfterTheEnd { at: *at, timeout });
+        }
+    }
     let time_scale = time_scale(raw, problems);
     if !problems.is_empty() {
         return None;
