@@ -5,11 +5,12 @@
 //! They depend on the posture and on the taken cells only, and the same questions come again and again,
 //! so the latest answers are kept. What is kept changes how long an answer takes and nothing else.
 
+use super::memo::{Memo, mix};
 use crate::lattice::Cell;
 use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::GridState;
 use crate::roombots::sweep::FloorContact;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Cells of the database as bits: bit *i* is the *i*-th cell.
 pub type Bits = u128;
@@ -21,10 +22,6 @@ pub struct Landed {
     pub posture: u16,
     /// Steps to it.
     pub turns: u8,
-    /// The same body seen from the end that lands.
-    pub turned: u16,
-    /// Where that end lies, seen from the foot.
-    pub by: GridState,
 }
 
 /// What can be got to from one posture.
@@ -53,32 +50,8 @@ struct Edge {
     step: u16,
 }
 
-/// Answers kept of each sort; a new one takes the place of whatever has the same index.
-const KEPT: usize = 1 << 13;
-
-/// The latest answers to questions about postures and taken cells.
-struct Kept<T>(Mutex<Vec<Option<(u16, u16, Bits, T)>>>);
-
-impl<T: Clone> Kept<T> {
-    fn answer(&self, from: u16, to: u16, taken: Bits, find: impl FnOnce() -> T) -> T {
-        let mixed = (taken as u64 ^ (taken >> 64) as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        let mixed = (mixed ^ u64::from(from) ^ u64::from(to) << 16).wrapping_mul(0xD6E8_FEB8_6659_FD93);
-        let index = (mixed >> 32) as usize % KEPT;
-        // Nothing of what is kept can be half done: a poisoned lock holds answers like any other.
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.is_empty() {
-            kept.resize_with(KEPT, || None);
-        }
-        match &kept[index] {
-            Some((f, t, bits, answer)) if (*f, *t, *bits) == (from, to, taken) => answer.clone(),
-            _ => {
-                let answer = find();
-                kept[index] = Some((from, to, taken, answer.clone()));
-                answer
-            }
-        }
-    }
-}
+/// Answers kept about what can be got to, and about ways.
+const KEPT: (usize, usize) = (1 << 15, 1 << 13);
 
 /// The graph of strict steps of one kind.
 pub struct Graph {
@@ -100,8 +73,8 @@ pub struct Graph {
     cells: Vec<Cell>,
     /// The number of a cell, by [`Graph::slot`]; [`UNKNOWN`] if no motion ever sweeps it.
     numbers: Vec<u8>,
-    kept_reach: Kept<Arc<Reach>>,
-    kept_ways: Kept<Option<Arc<Steps>>>,
+    reached: Memo<(u16, Bits), Arc<Reach>>,
+    ways: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
 }
 
 const UNKNOWN: u8 = u8::MAX;
@@ -163,8 +136,8 @@ impl Graph {
             chains: table.chains().len(),
             cells,
             numbers,
-            kept_reach: Kept(Mutex::default()),
-            kept_ways: Kept(Mutex::default()),
+            reached: Memo::new(KEPT.0),
+            ways: Memo::new(KEPT.1),
         }
     }
 
@@ -224,17 +197,17 @@ impl Graph {
         }
     }
 
-    /// Visits every posture that can be got to, nearest first, until `see` says to stop. Gives, for
-    /// each posture visited, the posture before it and the step between.
+    /// Visits every posture that can be got to, nearest first, until `see` says to stop. `came` is told
+    /// which posture is come to from which by which step.
     fn search(
         &self,
         from: u16,
         taken: Bits,
         mut see: impl FnMut(u16, u8) -> bool,
-    ) -> Vec<Option<(u16, u16)>> {
-        let mut came_by = vec![None; self.len()];
+        mut came: impl FnMut(u16, u16, u16),
+    ) {
         if usize::from(from) >= self.len() {
-            return came_by;
+            return;
         }
         let mut blocked = vec![0u64; self.swept.len().div_ceil(64)];
         let mut bits = taken;
@@ -243,55 +216,68 @@ impl Graph {
             blocked.iter_mut().zip(sweepers).for_each(|(b, s)| *b |= s);
             bits &= bits - 1;
         }
+        let mut visited = vec![false; self.len()];
+        visited[usize::from(from)] = true;
         let mut queue = Vec::with_capacity(self.len());
-        queue.push((from, 0u8));
-        let mut next = 0;
-        while let Some((at, turns)) = queue.get(next).copied() {
+        queue.push(from);
+        let (mut next, mut turns, mut level_ends) = (0, 0u8, 1);
+        while let Some(at) = queue.get(next).copied() {
+            if next == level_ends {
+                (turns, level_ends) = (turns.saturating_add(1), queue.len());
+            }
             next += 1;
             if see(at, turns) {
                 break;
             }
             for edge in self.edges(at) {
                 let (to, step) = (usize::from(edge.to), usize::from(edge.step));
-                let free = blocked[step / 64] >> (step % 64) & 1 == 0;
-                if free && came_by[to].is_none() && edge.to != from {
-                    came_by[to] = Some((at, edge.step));
-                    queue.push((edge.to, turns.saturating_add(1)));
+                if blocked[step / 64] >> (step % 64) & 1 == 0 && !visited[to] {
+                    visited[to] = true;
+                    came(edge.to, at, edge.step);
+                    queue.push(edge.to);
                 }
             }
         }
-        came_by
     }
 
     /// Everything that strict steps lead to from a posture without sweeping a taken cell.
     pub fn reach(&self, from: u16, taken: Bits) -> Arc<Reach> {
-        self.kept_reach.answer(from, 0, taken, || Arc::new(self.find(from, taken)))
+        let hash = mix(hash(taken), u64::from(from));
+        self.reached.answer(hash, (from, taken), |_| Arc::new(self.find(from, taken)))
     }
 
     fn find(&self, from: u16, taken: Bits) -> Reach {
         let (mut landings, mut lands) = (Vec::new(), 0);
         let mut chains = vec![None; self.chains].into_boxed_slice();
-        self.search(from, taken, |posture, turns| {
+        let see = |posture: u16, turns| {
             let chain = &mut chains[usize::from(self.chain[usize::from(posture)])];
             if chain.is_none() {
                 *chain = Some((posture, turns));
             }
-            if let Some((by, turned)) = self.landing(posture) {
-                landings.push(Landed { posture, turns, turned, by });
-                lands |= self.rest(posture).map_or(0, |i| 1 << i);
+            if let Some(rest) = self.rest(posture) {
+                landings.push(Landed { posture, turns });
+                lands |= 1 << rest;
             }
             false
-        });
+        };
+        self.search(from, taken, see, |_, _, _| {});
         Reach { landings: landings.into_boxed_slice(), lands, chains }
     }
 
     /// The shortest way to a posture; none if there is no way.
     pub fn way(&self, from: u16, to: u16, taken: Bits) -> Option<Arc<Steps>> {
-        self.kept_ways.answer(from, to, taken, || self.find_way(from, to, taken).map(Arc::new))
+        let hash = mix(hash(taken), u64::from(from) << 16 | u64::from(to));
+        self.ways.answer(hash, (from, to, taken), |_| self.find_way(from, to, taken).map(Arc::new))
     }
 
     fn find_way(&self, from: u16, to: u16, taken: Bits) -> Option<Steps> {
-        let came_by = self.search(from, taken, |at, _| at == to);
+        let mut came_by = vec![None; self.len()];
+        self.search(
+            from,
+            taken,
+            |at, _| at == to,
+            |to, at, step| came_by[usize::from(to)] = Some((at, step)),
+        );
         let (mut steps, mut swept, mut at) = (Vec::new(), 0, to);
         while at != from {
             let (before, step) = came_by.get(usize::from(at)).copied().flatten()?;
@@ -314,6 +300,10 @@ impl Graph {
         let edge = self.edges(posture).iter().find(|e| e.step == number)?;
         Some((edge.to, self.swept[usize::from(number)]))
     }
+}
+
+fn hash(bits: Bits) -> u64 {
+    mix(mix(0, bits as u64), (bits >> 64) as u64)
 }
 
 #[cfg(test)]

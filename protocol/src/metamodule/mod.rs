@@ -20,6 +20,7 @@ mod choice;
 pub mod distances;
 pub mod field;
 pub mod graph;
+mod memo;
 pub mod message;
 pub mod motions;
 mod negotiation;

@@ -3,6 +3,7 @@
 use super::blueprint::Seed;
 use super::distances::Distances;
 use super::graph::{Bits, Graph};
+use super::memo::{Memo, mix};
 use super::params::Floor;
 use super::pose::{Pose, to_frame, to_world};
 use crate::lattice::Cell;
@@ -11,7 +12,7 @@ use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::{GridState, fewest_moves};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Why a database cannot be used here.
@@ -45,16 +46,16 @@ impl fmt::Debug for Motions {
 struct LaidOut {
     strides: Strides,
     graph: Graph,
-    kept: Mutex<Vec<Option<Box<Distances>>>>,
+    distances: Memo<Box<Distances>, ()>,
 }
 
-/// Counts of strides kept; a new one takes the place of whatever has the same index.
-const KEPT: usize = 128;
+/// Counts of strides kept.
+const KEPT: usize = 512;
 
 impl LaidOut {
     fn new(database: &Database, kind: Kind) -> LaidOut {
         let table = database.table(kind);
-        LaidOut { strides: Strides::of(kind), graph: Graph::new(database, table), kept: Mutex::default() }
+        LaidOut { strides: Strides::of(kind), graph: Graph::new(database, table), distances: Memo::new(KEPT) }
     }
 }
 
@@ -129,20 +130,14 @@ impl Motions {
         let mut fixed = fixed.to_vec();
         fixed.sort_unstable();
         fixed.dedup();
-        let mix =
-            |h: u64, v: i16| (h ^ u64::from(v as u16)).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(23);
         let (foot, turn) = (seed.foot, seed.directions.map(|d| d as i16));
         let numbers = fixed.iter().flat_map(|c| [c.x, c.y, c.z]).chain([foot.0, foot.1]).chain(turn);
-        let index = numbers.fold(1, mix) as usize % KEPT;
-        let kept = || self.laid_out.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = kept().get_mut(index).and_then(Option::take).filter(|d| d.is_for(floor, seed, &fixed));
+        let hash = numbers.fold(0, |h, v| mix(h, u64::from(v as u16)));
+        let memo = &self.laid_out.distances;
+        let found = memo.take(hash, |d| d.is_for(floor, seed, &fixed)).map(|(d, ())| d);
         let mut distances = found.unwrap_or_else(|| Box::new(Distances::new(self, floor, seed, fixed, like)));
         let answer = ask(&mut distances);
-        let mut kept = kept();
-        if kept.is_empty() {
-            kept.resize_with(KEPT, || None);
-        }
-        kept[index] = Some(distances);
+        memo.put(hash, distances, ());
         answer
     }
     /// The number of the chain of these cells of the foot frame.

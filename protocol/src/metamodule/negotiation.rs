@@ -9,7 +9,7 @@
 //! Everything here is decided from what a metamodule knows by itself; nobody is in charge. Locks, which
 //! keep it safe, are not here: a wrong or late word about a way costs time, never safety.
 
-use super::blueprint::{Seed, SeedSet};
+use super::blueprint::SeedSet;
 use super::choice::{Aim, Plan};
 use super::message::{Claim, LEGS, Leg, Message, Rank, Way};
 use super::pose::Pose;
@@ -36,6 +36,8 @@ pub(super) struct Intent {
     unclaimed_since: Option<Time>,
     /// What stood around when it looked for its course.
     looked_in: (u64, bool),
+    /// And what was to stand there by the time it comes.
+    planned_in: u64,
     /// What it has announced.
     pub way: Option<Way>,
     /// What that was made from.
@@ -53,6 +55,7 @@ impl Intent {
             barred_in: 0,
             unclaimed_since: None,
             looked_in: (0, false),
+            planned_in: 0,
             way: None,
             told: None,
             rank: Rank::NONE,
@@ -139,7 +142,8 @@ impl Metamodule {
         }
         let in_way_of = corridor.iter().filter(|(cells, _)| here.iter().any(|c| cells.contains(c)));
         let in_way_of = in_way_of.map(|(_, rank)| *rank).min();
-        let in_zone = claim.is_none() && here.iter().any(|c| self.is_zone(*c));
+        let is_first = claim.is_some_and(|c| self.is_first(&scene, c));
+        let in_zone = !is_first && here.iter().any(|c| self.is_zone(*c));
         if in_way_of.is_some() || (in_zone && !self.core.filled.holds(self.goal().all())) {
             let rank = in_way_of.map_or(Rank::NONE, Rank::below);
             let kept = std::mem::take(&mut self.core.course);
@@ -216,13 +220,13 @@ impl Metamodule {
             let shared = self.share(scene, open, claimed).filter(|s| open.has(*s));
             let nearest = || open.iter().min_by_key(|s| self.strides_to(self.core.pose, *s));
             let Some(number) = shared.or_else(|| nearest().filter(|_| !patient)) else { return };
-            let Some(seed) = self.setup.seed(self.core.task, number) else { return };
-            match self.course_to(scene, seed, true) {
+            match self.course_to(scene, number, true) {
                 Some(course) => {
                     let cost = u8::try_from(course.strides.len()).unwrap_or(u8::MAX);
                     self.core.intent.claim = Some(Claim { seed: number, cost });
                     self.core.intent.unclaimed_since = None;
                     self.core.course = course;
+                    self.core.intent.planned_in = fingerprint(&self.planned(scene, number));
                     self.core.waiting_since = now;
                 }
                 None => self.bar(now, number, scene),
@@ -267,21 +271,31 @@ impl Metamodule {
         }
     }
 
+    /// What will not move, with all that is to be built before this seed.
+    fn planned(&self, scene: &Scene, number: u8) -> Vec<Cell> {
+        let before = self.open().iter().filter(|s| *s < number);
+        let seeds = before.filter_map(|s| self.setup.seed(self.core.task, s));
+        scene.fixed.iter().copied().chain(seeds.flat_map(|s| s.cells())).collect()
+    }
+
     /// The best course to a seed: around those who stand about if that is not longer than what they
     /// would need to make way, through where they stand otherwise.
-    fn course_to(&self, scene: &Scene, seed: Seed, patient: bool) -> Option<Course> {
-        let through = self.ground(&scene.fixed).to_seed(self.core.pose, seed, &scene.fixed, usize::MAX)?;
-        let bodies: Vec<Cell> =
-            scene.fixed.iter().copied().chain(scene.free.iter().flat_map(|o| o.cells)).collect();
-        let legs = self.legs(scene, &through);
-        let swept: Vec<Cell> = self.cells_of(self.core.pose, &legs);
-        let meets = |o: &&Other| o.cells.iter().any(|c| swept.contains(c));
-        let in_way = scene.free.iter().filter(meets).count();
-        if in_way == 0 {
-            return Some(through);
-        }
-        let worth = through.strides.len() + in_way + if patient { 0 } else { DETOUR };
-        Some(self.ground(&bodies).to_seed(self.core.pose, seed, &scene.fixed, worth).unwrap_or(through))
+    fn course_to(&self, scene: &Scene, number: u8, patient: bool) -> Option<Course> {
+        let seed = self.setup.seed(self.core.task, number)?;
+        let find = |fixed: &[Cell]| {
+            let pose = self.core.pose;
+            let through = self.ground(fixed).to_seed(pose, seed, fixed, usize::MAX)?;
+            let swept = self.cells_of(pose, &self.legs(scene, &through));
+            let in_way = scene.free.iter().filter(|o| o.cells.iter().any(|c| swept.contains(c))).count();
+            if in_way == 0 {
+                return Some(through);
+            }
+            let worth = through.strides.len() + in_way + if patient { 0 } else { DETOUR };
+            let bodies: Vec<Cell> =
+                fixed.iter().copied().chain(scene.free.iter().flat_map(|o| o.cells)).collect();
+            Some(self.ground(&bodies).to_seed(pose, seed, fixed, worth).unwrap_or(through))
+        };
+        find(&self.planned(scene, number)).or_else(|| find(&scene.fixed))
     }
 
     /// The next motion to the claimed seed, if it can be made now.
@@ -292,45 +306,56 @@ impl Metamodule {
         corridor: &[(Vec<Cell>, Rank)],
         claim: Claim,
     ) -> Option<Plan> {
-        let seed = self.setup.seed(self.core.task, claim.seed)?;
-        if let Some(plan) = self.next_leg(&scene.taken, corridor, claim) {
+        let first = self.is_first(scene, claim);
+        let planned = fingerprint(&self.planned(scene, claim.seed));
+        if self.core.intent.planned_in == planned
+            && let Some(plan) = self.next_leg(&scene.taken, corridor, claim, first)
+        {
             return Some(plan);
         }
-        // Whoever has been granted a way will be through it soon.
+        if !first {
+            // Its turn will come; that is no reason to lose patience.
+            self.core.waiting_since = now;
+            return None;
+        }
         let bodies: Vec<Cell> =
             scene.fixed.iter().copied().chain(scene.free.iter().flat_map(|o| o.cells)).collect();
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
-        let is_blocked = self.next_leg(&bodies, &[], claim).is_none();
-        if is_blocked || waited > patience {
-            if waited > patience * 6 {
-                self.drop_claim();
-                self.bar(now, claim.seed, scene);
-                self.tell(now, Class::Gradient);
-                return None;
-            }
-            let looked_in = (fingerprint(&bodies), waited <= patience);
-            if !self.core.course.is_over() && self.core.intent.looked_in == looked_in {
-                return None;
-            }
-            self.core.intent.looked_in = looked_in;
-            match self.course_to(scene, seed, waited <= patience) {
-                Some(course) => self.core.course = course,
-                None => {
-                    self.drop_claim();
-                    self.bar(now, claim.seed, scene);
-                    self.tell(now, Class::Gradient);
-                    return None;
-                }
-            }
-            return self.next_leg(&scene.taken, corridor, claim);
+        let looked_in = (fingerprint(&bodies), waited <= patience);
+        let fits = self.core.intent.planned_in == planned;
+        // Whoever has been granted a way will be through it soon.
+        let is_open = || self.next_leg(&bodies, &[], claim, true).is_some();
+        if fits && (self.core.intent.looked_in == looked_in || (is_open() && waited <= patience)) {
+            return None;
         }
-        None
+        let course = self.course_to(scene, claim.seed, waited <= patience);
+        let Some(course) = course.filter(|_| waited <= patience * 6) else {
+            self.drop_claim();
+            self.bar(now, claim.seed, scene);
+            self.tell(now, Class::Gradient);
+            return None;
+        };
+        self.core.course = course;
+        (self.core.intent.looked_in, self.core.intent.planned_in) = (looked_in, planned);
+        self.next_leg(&scene.taken, corridor, claim, first)
     }
 
-    /// The next leg of the course over free ground. It does not end in a more important way, unless in
-    /// the seed.
-    fn next_leg(&self, taken: &[Cell], corridor: &[(Vec<Cell>, Rank)], claim: Claim) -> Option<Plan> {
+    /// Whether nobody has claimed a seed before this one. Only the first may be in the zone: whoever else
+    /// were there could be walled in.
+    fn is_first(&self, scene: &Scene, claim: Claim) -> bool {
+        scene.free.iter().filter_map(|o| o.claim).all(|c| claim.seed <= c.seed)
+    }
+
+    /// The next leg of the course over free ground. It does not end in a more important way, and not in
+    /// the zone unless it is this one's turn.
+    fn next_leg(
+        &self,
+        taken: &[Cell],
+        corridor: &[(Vec<Cell>, Rank)],
+        claim: Claim,
+        first: bool,
+    ) -> Option<Plan> {
         let (posture, lands) = self.core.course.next()?;
         let ground = self.ground(taken);
         let pose = self.core.pose;
@@ -341,6 +366,11 @@ impl Metamodule {
             if corridor.iter().any(|(cells, _)| ends.iter().any(|c| cells.contains(c))) {
                 return None;
             }
+            if !first && ends.iter().any(|c| self.is_zone(*c)) {
+                return None;
+            }
+        } else if !first {
+            return None;
         }
         Plan::to(&ground, pose, posture, aim)
     }
@@ -424,7 +454,9 @@ impl Metamodule {
     fn announce(&mut self, rank: Rank, scene: &Scene) {
         self.core.intent.rank = rank;
         let course = &self.core.course;
-        let subject = (!course.is_over()).then(|| (course.clone(), self.core.pose, rank));
+        let silent =
+            self.core.intent.claim.is_some_and(|c| !self.is_first(scene, c) && Rank::of_seed(c.seed) == rank);
+        let subject = (!course.is_over() && !silent).then(|| (course.clone(), self.core.pose, rank));
         if self.core.intent.told == subject {
             return;
         }
