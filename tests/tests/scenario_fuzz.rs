@@ -1,6 +1,6 @@
 //! No text makes the scenario reader panic, and whatever it refuses comes with a place and a fix.
 
-use metamorph_tests::command::scenarios;
+use metamorph_tests::command::{root, scenarios};
 use metamorph_world_controller::scenario::{LinkKind, Overrides, Swarm, read_file, read_text};
 use proptest::prelude::*;
 use std::fs;
@@ -147,6 +147,18 @@ fn shipped_scenarios_are_valid_on_both_links() {
             let count = plan.swarm.len();
             assert!(largest.is_some_and(|cells| cells > 0 && cells <= count), "{}", path.display());
         }
+    }
+}
+
+/// What README.md shows is what the reader reads.
+#[test]
+fn the_scenarios_of_the_readme_are_valid() {
+    let readme = fs::read_to_string(root().join("README.md")).expect("README.md is there");
+    let blocks = readme.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap_or_default());
+    let blocks: Vec<&str> = blocks.collect();
+    assert_eq!(blocks.len(), 2, "one of each family");
+    for text in blocks {
+        read_text("README.md", text, &sim()).unwrap_or_else(|problems| panic!("{problems}"));
     }
 }
 

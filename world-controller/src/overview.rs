@@ -116,7 +116,7 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
         Strategy::Negotiated => String::new(),
         _ => format!("; looks {} strides ahead", params.look_ahead),
     };
-    let relocates = if swarm.relocate { "; a goal that is in the way of something is moved" } else { "" };
+    let relocates = if swarm.relocate { "; a goal that something stands in is moved" } else { "" };
     writeln!(
         out,
         "  protocol  strategy {}{looks}; {teller} tells which seeds are open{relocates}",
