@@ -447,9 +447,8 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         if self.outcome.is_some() {
             return;
         }
-        if now == Time::ZERO {
-            world.set_failure(self.failure);
-        }
+        // Real processes are not up at time zero.
+        world.set_failure(self.failure);
         while let Some(fault) = self.faults.due(now) {
             self.strike(now, fault, world);
         }
