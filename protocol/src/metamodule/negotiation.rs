@@ -118,7 +118,7 @@ impl Metamodule {
         for (_, peer) in core.peers.iter() {
             let Some(state) = peer.state.filter(|s| !core.dead.contains_key(&s.id)) else { continue };
             let cells = motions.cells(state.pose);
-            if state.settled || state.stuck {
+            if self.stays(&state) || state.stuck {
                 fixed.extend(cells);
                 continue;
             }
