@@ -218,7 +218,7 @@ impl MetamoduleDirector {
     fn relocate(&mut self, now: Time, world: &MetamoduleWorld) {
         self.count_filled(now, world);
         let foreign = self.foreign(world);
-        if self.is_seed_blocked(&foreign) || self.is_out_of_reach() {
+        if self.is_seed_blocked(&foreign) {
             self.move_goal(now, &foreign);
         }
     }
@@ -346,8 +346,9 @@ impl MetamoduleDirector {
             return self.finish(now, Outcome::Built);
         }
         let planned = self.faults.is_pending() || !self.changes.is_empty();
-        if !planned && self.is_out_of_reach() {
-            self.relocate(now, world);
+        // Whoever is shut in stays so wherever the goal is, so that is tried once.
+        if !planned && self.relocations == 0 && self.is_out_of_reach() {
+            self.move_goal(now, &self.foreign(world));
         }
         let idle_since = self.last_deed.max(self.last_fill);
         if now >= self.stop.timeout {
@@ -357,7 +358,7 @@ impl MetamoduleDirector {
             // Something will still happen.
         } else if now.since(idle_since) > self.stop.stall {
             let foreign = self.foreign(world);
-            if !foreign.is_empty() && self.move_goal(now, &foreign) {
+            if self.relocations == 0 && !foreign.is_empty() && self.move_goal(now, &foreign) {
                 return;
             }
             self.stall = Some(self.explain(idle_since, world));

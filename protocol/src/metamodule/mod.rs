@@ -512,7 +512,7 @@ impl Metamodule {
         match message {
             Message::State(state) => {
                 let Some(peer) = self.core.peers.get_mut(port) else { return };
-                if peer.state.is_some_and(|s| s.sequence >= state.sequence) {
+                if peer.condemned || peer.state.is_some_and(|s| s.sequence >= state.sequence) {
                     return;
                 }
                 let before = peer.state.replace(state);
@@ -611,7 +611,7 @@ impl Metamodule {
                 let port = self.core.peers.iter().find(|(_, p)| p.state.is_some_and(|s| s.id == id));
                 if let Some((port, _)) = port {
                     if let Some(peer) = self.core.peers.get_mut(port) {
-                        (peer.grant, peer.way) = (None, None);
+                        (peer.grant, peer.way, peer.condemned) = (None, None, true);
                         if let Some(state) = &mut peer.state {
                             state.pose = pose;
                         }

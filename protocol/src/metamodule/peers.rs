@@ -33,6 +33,8 @@ pub struct Peer {
     pub way: Option<Way>,
     /// What it has been granted.
     pub grant: Option<Grant>,
+    /// Its process is gone: what still arrives in this session was sent before.
+    pub condemned: bool,
     /// Its latest attempt that is over. Requests of it or earlier ones are late copies.
     pub over: Token,
 }
@@ -40,7 +42,7 @@ pub struct Peer {
 impl Peer {
     /// A neighbour that has said nothing yet.
     pub fn new(session: Session, since: Time) -> Peer {
-        Peer { session, since, state: None, way: None, grant: None, over: Token(0) }
+        Peer { session, since, state: None, way: None, grant: None, condemned: false, over: Token(0) }
     }
 }
 
