@@ -1,7 +1,8 @@
 //! The world-controller: reads scenarios, runs swarms, injects failures, measures, reports.
 //!
 //! `scenario` makes a checked plan of what a person wrote; a driver runs it (`simulated` in virtual
-//! time, `processes` and `swarm` with one process per module); `report` says what happened. `robot`
+//! time, `processes` and `swarm` with one process per module); `report` says what happened; `sweep`
+//! runs one scenario many times. `robot`
 //! answers questions about the Roombots model. `command` is the command line, `commands` carries it
 //! out, `terminal` prints what it has to say.
 //!
@@ -19,4 +20,5 @@ pub mod scenario;
 pub mod simulated;
 pub mod stopwatch;
 pub mod swarm;
+pub mod sweep;
 pub mod terminal;

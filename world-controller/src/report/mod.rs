@@ -4,7 +4,7 @@
 mod human;
 pub mod schema;
 
-pub use human::{human, progress};
+pub use human::{count, human, progress, seconds};
 
 use crate::scenario::Plan;
 use metamorph_protocol::ids::ModuleId;
