@@ -183,7 +183,7 @@ pub fn read(line: &[u8], grid: &Grid) -> Result<(u64, Row), RowError> {
 }
 
 #[cfg(test)]
-pub mod tests {
+pub(crate) mod tests {
     use super::super::grid::{Axis, Seeds};
     use super::*;
 
