@@ -62,7 +62,7 @@ fn summary(text: &str) -> Summary {
 }
 
 /// Every file of a sweep.
-const FILES: [&str; 2] = ["runs.csv", "summary.json"];
+const FILES: [&str; 3] = ["runs.csv", "summary.json", "report.html"];
 
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {

@@ -65,8 +65,8 @@ names of tables and keys joined by dots, with the number of an element for lists
 value is TOML, or text without quotes; commas in brackets or quotes belong to it. At most 10 million
 runs and 10,000 combinations.
 
-Files in DIR: runs.csv has a line for every run, summary.json the numbers of the table. They are the
-same on every machine and with any number of jobs.
+Files in DIR: runs.csv has a line for every run, summary.json the numbers of the table, report.html
+shows them. They are the same on every machine and with any number of jobs.
 
 Ctrl-C ends a sweep; with --out every run that was done is kept. A second Ctrl-C ends it at once.
 

@@ -10,6 +10,8 @@
 //! other.
 
 pub mod grid;
+pub mod page;
+pub mod plots;
 pub mod pool;
 pub mod row;
 pub mod statistics;
@@ -25,6 +27,7 @@ use crate::stopwatch::Stopwatch;
 use crate::terminal::{Channel, Live};
 use grid::{Axis, Grid, GridError, Seeds};
 use metamorph_sim_bridge::outcome::Outcome;
+use page::Context;
 use pool::{News, Work};
 use std::collections::BTreeSet;
 use std::fs;
@@ -38,6 +41,8 @@ use thiserror::Error;
 
 /// What the numbers are in.
 const SUMMARY: &str = "summary.json";
+/// What one looks at.
+const PAGE: &str = "report.html";
 /// So much of a sweep is lost, at most, if the program is killed.
 const FLUSH: Duration = Duration::from_millis(100);
 
@@ -116,6 +121,19 @@ impl Scenario {
         Ok(())
     }
 
+    /// The page that shows what came of it.
+    fn page(&self, grid: &Grid, summary: &Summary, command: &str) -> String {
+        // Invariant: every combination was read before the first run.
+        let plan = self.plan(grid, 0).ok();
+        let context = Context {
+            title: plan.as_ref().map_or(&self.origin, |p| p.title()),
+            description: plan.as_ref().and_then(|p| p.description.as_deref()),
+            scenario: &self.text,
+            command,
+        };
+        page::page(summary, &context)
+    }
+
     /// The command that repeats one run alone.
     fn repeat(&self, grid: &Grid, run: u64) -> String {
         let settings = options(grid, grid.combination(run), "--set");
@@ -180,6 +198,7 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
         let text = serde_json::to_string_pretty(&summary)
             .expect("invariant: a summary is made of plain values, text keys and finite numbers");
         write(&dir.join(SUMMARY), &(text + "\n"))?;
+        write(&dir.join(PAGE), &scenario.page(&grid, &summary, &command(request)))?;
     }
     let channel = if request.quiet { Channel::Quiet } else { Channel::Out };
     let new = summary.runs - before;
@@ -202,35 +221,28 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
 
 /// Where the results are, and how to go on if they are not all there.
 fn ending(request: &Request, summary: &Summary) -> String {
-    let place = request.out.as_ref().map(|dir| dir.display().to_string());
     let missing = summary.runs_planned - summary.runs;
-    match (place, missing) {
+    match (&request.out, missing) {
         (None, 0) => "  nothing is kept; --out DIR keeps every run".to_owned(),
-        (Some(dir), 0) => format!("  every run is in {dir}"),
         (None, n) => {
             format!("  interrupted: {} runs were not done, and nothing is kept without --out DIR", count(n))
         }
-        (Some(_), n) => {
-            let resume = if request.resume { "" } else { " --resume" };
-            format!(
-                "  interrupted: {} runs are still to be done, everything else is kept\n  go on with  {}{resume}",
-                count(n),
-                command(request)
-            )
-        }
+        (Some(dir), 0) => format!("  every run and a report are in {}", dir.display()),
+        (Some(dir), n) => format!(
+            "  interrupted: {} runs are still to be done, everything else is kept\n  go on with  {} --out {} --resume",
+            count(n),
+            command(request),
+            quote(dir.display().to_string())
+        ),
     }
 }
 
-/// The command as it was typed, apart from what has no effect on the results.
+/// The command that gives the same results.
 fn command(request: &Request) -> String {
-    let path = |path: &Path| quote(path.display().to_string());
-    let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), path(&request.scenario)];
+    let file = quote(request.scenario.display().to_string());
+    let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), file];
     words.extend(["--seeds".to_owned(), quote(request.seeds.clone())]);
     words.extend(request.vary.iter().flat_map(|v| ["--vary".to_owned(), quote(v.clone())]));
-    words.extend(request.out.iter().flat_map(|dir| ["--out".to_owned(), path(dir)]));
-    if request.resume {
-        words.push("--resume".to_owned());
-    }
     words.join(" ")
 }
 
