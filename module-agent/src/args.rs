@@ -1,6 +1,7 @@
 //! What the supervisor tells an agent process on its command line. Everything else is in the swarm
 //! file. Absent: environment variables, which would be a hidden interface.
 
+use crate::family::{Family, UnknownFamily};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -34,6 +35,9 @@ pub enum ArgsError {
     /// An argument that must be there is not.
     #[error("`{0}` is missing; agents are started by the world-controller")]
     Missing(&'static str),
+    /// A family that does not exist.
+    #[error(transparent)]
+    Family(#[from] UnknownFamily),
 }
 
 impl AgentArgs {
@@ -46,6 +50,15 @@ impl AgentArgs {
             line.push("--verbose".into());
         }
         line
+    }
+
+    /// Reads a command line whose first word names the family of the agent.
+    pub fn parse_with_family(
+        line: impl IntoIterator<Item = OsString>,
+    ) -> Result<(Family, AgentArgs), ArgsError> {
+        let mut line = line.into_iter();
+        let family = line.next().ok_or(ArgsError::Missing("the family"))?;
+        Ok((family.to_string_lossy().parse()?, AgentArgs::parse(line)?))
     }
 
     /// Reads a command line without the program's name.
@@ -103,5 +116,18 @@ mod tests {
         assert_eq!(parse("--id -1"), Err(ArgsError::Number("--id", "-1".into())));
         assert_eq!(parse("--incarnation 70000"), Err(ArgsError::Number("--incarnation", "70000".into())));
         assert_eq!(parse("--root /x --id 1"), Err(ArgsError::Missing("--incarnation")));
+    }
+
+    #[test]
+    fn the_family_comes_first() {
+        let args =
+            AgentArgs { root: "/x".into(), id: ModuleId(0), incarnation: Incarnation(1), verbose: false };
+        for family in Family::ALL {
+            let line = [vec![family.name().into()], args.to_command_line()].concat();
+            assert_eq!(AgentArgs::parse_with_family(line), Ok((family, args.clone())));
+        }
+        let line = [vec!["cubes".into()], args.to_command_line()].concat();
+        assert!(matches!(AgentArgs::parse_with_family(line), Err(ArgsError::Family(_))));
+        assert_eq!(AgentArgs::parse_with_family([]), Err(ArgsError::Missing("the family")));
     }
 }

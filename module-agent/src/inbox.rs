@@ -71,7 +71,8 @@ impl Inbox {
 
     /// Blocks until the bell rings or `timeout` has passed. Bells rung before count.
     pub fn wait(&self, timeout: Duration) -> Result<(), InboxError> {
-        match self.listener.timed_wait(|_| {}, timeout) {
+        // The socket below counts in microseconds, and takes none of them to mean for ever.
+        match self.listener.timed_wait(|_| {}, timeout.max(Duration::from_micros(1))) {
             // A signal such as SIGCONT: look around, then wait again.
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
             Err(e) => Err(InboxError::Wait(e)),

@@ -4,12 +4,14 @@
 //! parts that the world-controller needs too (names, outboxes, the swarm file, ledgers, the clock)
 //! live here, so that both ends of every channel are the same code.
 //!
-//! Deliberately absent: protocol decisions, and knowledge of which family of units it runs.
+//! Deliberately absent: protocol decisions, and, outside of [`family`], knowledge of which family of
+//! units it runs.
 
 pub mod args;
 pub mod clock;
 pub mod contacts;
 mod drive;
+pub mod family;
 pub mod impair;
 pub mod inbox;
 pub mod ledger;
@@ -24,3 +26,4 @@ pub mod uplink;
 
 pub use args::AgentArgs;
 pub use drive::{AgentError, pid_directory, run};
+pub use family::Family;

@@ -1,17 +1,16 @@
-//! One cube as a process: what `metamorph agent` does, for a machine that only hosts agents.
-//! Absent: anything but reading the command line and the exit code.
+//! One agent as a process: what `metamorph agent` does, for a machine that only hosts agents.
+//! `module-agent FAMILY ARGS`. Absent: anything but reading the command line and the exit code.
 
-use metamorph_module_agent::{AgentArgs, run};
-use metamorph_protocol::cube::Cube;
+use metamorph_module_agent::AgentArgs;
 use std::fmt::Display;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let args = match AgentArgs::parse(std::env::args_os().skip(1)) {
-        Ok(args) => args,
+    let (family, args) = match AgentArgs::parse_with_family(std::env::args_os().skip(1)) {
+        Ok(parsed) => parsed,
         Err(error) => return fail(&error, 2),
     };
-    match run::<Cube>(&args) {
+    match family.run(&args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => fail(&error, 1),
     }

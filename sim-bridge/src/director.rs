@@ -5,6 +5,7 @@ use crate::cube_world::CubeWorld;
 use crate::diagnosis::{Known, diagnose};
 use crate::direct::{Command, Direct};
 use crate::faults::{Fault, Schedule, Struck};
+use crate::injector::Injector;
 use crate::outcome::{Outcome, Stall};
 use metamorph_protocol::cube::control::{Order, Status};
 use metamorph_protocol::cube::message::Role;
@@ -66,19 +67,14 @@ pub struct Stage {
 /// The controller's brain for cubes.
 pub struct Director {
     setup: Arc<Setup>,
-    schedule: Schedule,
-    next_fault: usize,
+    faults: Injector,
     stop: Stop,
     failure: Ratio,
     stage: u16,
     stages: Vec<Stage>,
     known: Vec<Known>,
     dead: BTreeMap<ModuleId, BTreeSet<Session>>,
-    paused: BTreeSet<ModuleId>,
     commands: VecDeque<Command<Order>>,
-    struck: Vec<Struck>,
-    restarted: u64,
-    crashed: u64,
     filled: usize,
     recount: bool,
     moves: u64,
@@ -111,19 +107,14 @@ impl Director {
         let stages = setup.goals.first().map(opened).into_iter().collect();
         Director {
             setup,
-            schedule,
-            next_fault: 0,
+            faults: Injector::new(schedule),
             stop,
             failure,
             stage: 0,
             stages,
             known: vec![Known::default(); modules],
             dead: BTreeMap::new(),
-            paused: BTreeSet::new(),
             commands: VecDeque::new(),
-            struck: Vec::new(),
-            restarted: 0,
-            crashed: 0,
             filled: 0,
             recount: true,
             moves: 0,
@@ -147,7 +138,7 @@ impl Director {
     }
     /// What each fault did.
     pub fn struck(&self) -> &[Struck] {
-        &self.struck
+        self.faults.struck()
     }
     /// All stages so far.
     pub fn stages(&self) -> &[Stage] {
@@ -155,7 +146,7 @@ impl Director {
     }
     /// How many processes died, and how many were started again.
     pub fn crashed_and_restarted(&self) -> (u64, u64) {
-        (self.crashed, self.restarted)
+        self.faults.crashed_and_restarted()
     }
     /// Collisions that negotiation has prevented, as reported.
     pub fn prevented(&self) -> u64 {
@@ -197,7 +188,11 @@ impl Director {
 
     fn strike(&mut self, now: Time, fault: Fault, world: &mut CubeWorld) {
         self.last_fault = now;
-        let id = fault.module();
+        let Some(id) = fault.module() else {
+            // The scenario reader refuses obstacles among cubes.
+            let effect = "cubes have no obstacles but each other".to_owned();
+            return self.faults.strike(now, fault, false, effect, &mut self.commands);
+        };
         let known = self.known[id.index()];
         let role = match known.status.map(|s| s.role) {
             _ if !known.alive => "dead",
@@ -207,26 +202,11 @@ impl Director {
         };
         let moving = if world.is_moving(id) { ", moving" } else { "" };
         let effect = format!("it was {role} at {}{moving}", world.cell(id));
-        self.struck.push(Struck { at: now, fault, effect });
+        self.faults.strike(now, fault, known.alive, effect, &mut self.commands);
         match fault {
-            Fault::Kill(_) => self.commands.push_back(Command::Kill(id)),
-            Fault::Pause(_) => {
-                self.paused.insert(id);
-                self.commands.push_back(Command::Pause(id));
-            }
-            Fault::Resume(_) => {
-                self.paused.remove(&id);
-                self.commands.push_back(Command::Resume(id));
-            }
-            Fault::Restart(_) => {
-                if known.alive {
-                    self.commands.push_back(Command::Kill(id));
-                }
-                self.restarted += 1;
-                self.commands.push_back(Command::Restart(id));
-            }
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => world.set_stuck(id, false),
+            _ => {}
         }
     }
 
@@ -299,8 +279,7 @@ impl Director {
                 return self.next_stage(now);
             }
         }
-        let planned =
-            self.next_fault < self.schedule.len() || !self.paused.is_empty() || now < self.stop.planned_until;
+        let planned = self.faults.is_pending() || now < self.stop.planned_until;
         let changed = self.last_fault.max(self.stop.planned_until);
         let idle_since = self.last_move.max(self.last_fill).max(changed);
         let unfilled_since = self.last_fill.max(changed);
@@ -343,9 +322,8 @@ impl Direct<CubeWorld> for Director {
     }
 
     fn died(&mut self, _now: Time, id: ModuleId) {
-        self.crashed += 1;
+        self.faults.died(id);
         self.known[id.index()].alive = false;
-        self.paused.remove(&id);
         self.dead.insert(id, BTreeSet::new());
         self.recount = true;
         // Deaths are certified as soon as the world can be looked at.
@@ -367,8 +345,7 @@ impl Direct<CubeWorld> for Director {
             return;
         }
         world.set_failure(self.failure);
-        while let Some((_, fault)) = self.schedule.get(self.next_fault).filter(|(at, _)| *at <= now) {
-            self.next_fault += 1;
+        while let Some(fault) = self.faults.due(now) {
             self.strike(now, fault, world);
         }
         self.certify_deaths(world);
@@ -379,7 +356,7 @@ impl Direct<CubeWorld> for Director {
         if self.outcome.is_some() {
             return Time::NEVER;
         }
-        let fault = self.schedule.get(self.next_fault).map_or(Time::NEVER, |(at, _)| at);
+        let fault = self.faults.next_at();
         fault.min(self.next_check).min(self.stop.timeout)
     }
 

@@ -2,6 +2,7 @@
 //! that it is injected into, so that it can be printed, repeated and shrunk.
 
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Time;
 use serde::Serialize;
 use std::fmt;
@@ -22,37 +23,43 @@ pub enum Fault {
     Stick(ModuleId),
     /// The joint is free again.
     Unstick(ModuleId),
+    /// Something foreign comes into a cell.
+    Block(Cell),
+    /// It is taken away.
+    Unblock(Cell),
 }
 
 impl Fault {
-    /// Whom it hits.
-    pub const fn module(self) -> ModuleId {
-        match self {
+    /// Whom it hits, unless it hits a cell.
+    pub const fn module(self) -> Option<ModuleId> {
+        Some(match self {
             Fault::Kill(id)
             | Fault::Pause(id)
             | Fault::Resume(id)
             | Fault::Restart(id)
             | Fault::Stick(id)
             | Fault::Unstick(id) => id,
-        }
+            Fault::Block(_) | Fault::Unblock(_) => return None,
+        })
     }
     /// Whether it makes things worse, rather than ending another fault.
     pub const fn harms(self) -> bool {
-        !matches!(self, Fault::Resume(_) | Fault::Unstick(_))
+        !matches!(self, Fault::Resume(_) | Fault::Unstick(_) | Fault::Unblock(_))
     }
 }
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let verb = match self {
-            Fault::Kill(_) => "kill",
-            Fault::Pause(_) => "pause",
-            Fault::Resume(_) => "resume",
-            Fault::Restart(_) => "restart",
-            Fault::Stick(_) => "stick",
-            Fault::Unstick(_) => "unstick",
-        };
-        write!(f, "{verb} {}", self.module())
+        match self {
+            Fault::Kill(id) => write!(f, "kill {id}"),
+            Fault::Pause(id) => write!(f, "pause {id}"),
+            Fault::Resume(id) => write!(f, "resume {id}"),
+            Fault::Restart(id) => write!(f, "restart {id}"),
+            Fault::Stick(id) => write!(f, "stick {id}"),
+            Fault::Unstick(id) => write!(f, "unstick {id}"),
+            Fault::Block(cell) => write!(f, "block {cell}"),
+            Fault::Unblock(cell) => write!(f, "unblock {cell}"),
+        }
     }
 }
 

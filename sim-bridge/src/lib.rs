@@ -6,6 +6,7 @@ pub mod direct;
 pub mod director;
 pub mod faults;
 pub mod grid;
+pub mod injector;
 pub mod invariants;
 pub mod metamodule_audit;
 pub mod metamodule_director;

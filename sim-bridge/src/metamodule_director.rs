@@ -4,13 +4,14 @@
 use crate::direct::{Command, Direct};
 use crate::director::{Progress, Stop};
 use crate::faults::{Fault, Schedule, Struck};
+use crate::injector::Injector;
 use crate::metamodule_world::MetamoduleWorld;
 use crate::outcome::{Outcome, Reason, Stall};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::blueprint::SeedSet;
+use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
 use metamorph_protocol::metamodule::message::{Order, Status};
-use metamorph_protocol::metamodule::params::{Setup, Teller};
+use metamorph_protocol::metamodule::params::{Setup, Strategy, Teller};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Time;
 use std::collections::{BTreeSet, VecDeque};
@@ -23,24 +24,46 @@ struct Known {
     status: Option<Status>,
 }
 
+/// What a run is to go through.
+#[derive(Clone, Debug)]
+pub struct MetamodulePlan {
+    /// What is broken when.
+    pub schedule: Schedule,
+    /// When the run ends. `stall` counts from the last thing that a body completed, `livelock` from the
+    /// last seed filled.
+    pub stop: Stop,
+    /// Probability that a connection fails.
+    pub failure: Ratio,
+    /// From when on which goal is built instead, in the order of time.
+    pub changes: Vec<(Time, u8)>,
+    /// Whether the goal is moved to where it can be built when a dead body or an obstacle is in the way
+    /// of a seed.
+    pub relocate: bool,
+}
+
+/// So often a goal is moved, at most.
+const MOST_RELOCATIONS: u16 = 8;
+
 /// The controller's brain for metamodules.
 pub struct MetamoduleDirector {
     setup: Arc<Setup>,
-    schedule: Schedule,
-    next_fault: usize,
+    faults: Injector,
+    changes: VecDeque<(Time, u8)>,
+    relocations: u16,
     stop: Stop,
     failure: Ratio,
+    task: Task,
     known: Vec<Known>,
+    /// Cells with something foreign in them, as told.
+    obstacles: BTreeSet<Cell>,
     /// The dead whose death is still to be told.
     untold: BTreeSet<ModuleId>,
     dead: BTreeSet<ModuleId>,
-    paused: BTreeSet<ModuleId>,
     commands: VecDeque<Command<Order>>,
-    struck: Vec<Struck>,
-    restarted: u64,
-    crashed: u64,
     filled: SeedSet,
-    told: Option<SeedSet>,
+    told: Option<(Task, SeedSet)>,
+    /// Locks refused in lives that have ended.
+    prevented_before: u64,
     done: u64,
     moves: u64,
     last_deed: Time,
@@ -51,31 +74,25 @@ pub struct MetamoduleDirector {
 }
 
 impl MetamoduleDirector {
-    /// A director for a swarm of this many metamodules. `stop.stall` counts from the last thing that a
-    /// body completed, `stop.livelock` from the last seed filled.
-    pub fn new(
-        setup: Arc<Setup>,
-        metamodules: usize,
-        schedule: Schedule,
-        stop: Stop,
-        failure: Ratio,
-    ) -> MetamoduleDirector {
+    /// A director for a swarm of this many metamodules.
+    pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
+        let MetamodulePlan { schedule, stop, failure, changes, relocate } = plan;
         MetamoduleDirector {
             setup,
-            schedule,
-            next_fault: 0,
+            faults: Injector::new(schedule),
+            changes: changes.into(),
+            relocations: if relocate { 0 } else { MOST_RELOCATIONS },
             stop,
             failure,
+            task: Task::default(),
             known: vec![Known::default(); metamodules],
+            obstacles: BTreeSet::new(),
             untold: BTreeSet::new(),
             dead: BTreeSet::new(),
-            paused: BTreeSet::new(),
             commands: VecDeque::new(),
-            struck: Vec::new(),
-            restarted: 0,
-            crashed: 0,
             filled: SeedSet::default(),
             told: None,
+            prevented_before: 0,
             done: 0,
             moves: 0,
             last_deed: Time::ZERO,
@@ -96,11 +113,11 @@ impl MetamoduleDirector {
     }
     /// Faults that have struck.
     pub fn struck(&self) -> &[Struck] {
-        &self.struck
+        self.faults.struck()
     }
     /// Processes that have died, and those that were started again.
     pub fn crashed_and_restarted(&self) -> (u64, u64) {
-        (self.crashed, self.restarted)
+        self.faults.crashed_and_restarted()
     }
     /// When the last seed was filled.
     pub fn last_fill(&self) -> Time {
@@ -108,14 +125,23 @@ impl MetamoduleDirector {
     }
     /// Locks refused because two would have met.
     pub fn prevented(&self) -> u64 {
-        self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum()
+        let now: u64 = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum();
+        self.prevented_before + now
+    }
+    /// What is being built, and where.
+    pub fn task(&self) -> Task {
+        self.task
+    }
+    /// The seeds that are filled.
+    pub fn filled(&self) -> SeedSet {
+        self.filled
     }
     /// How far the run has come. Seeds stand for cells.
     pub fn progress(&self) -> Progress {
         Progress {
-            stage: 0,
-            stages: 1,
-            goal: self.setup.blueprint.seeds().len(),
+            stage: u16::from(self.task.goal),
+            stages: self.setup.goals.len() as u16,
+            goal: self.setup.goal(self.task).seeds().len(),
             filled: self.filled.len(),
             alive: self.known.iter().filter(|k| k.alive).count(),
             moves: self.moves,
@@ -130,7 +156,7 @@ impl MetamoduleDirector {
     }
 
     fn strike(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
-        let id = fault.module();
+        let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
         let known = self.known[id.index()];
         let doing = match known.status {
             _ if !known.alive => "dead",
@@ -139,51 +165,136 @@ impl MetamoduleDirector {
         };
         let acting = if world.is_acting(id) { ", acting" } else { "" };
         let effect = format!("it was {doing} at {}{acting}", world.pose(id).state);
-        self.struck.push(Struck { at: now, fault, effect });
+        self.faults.strike(now, fault, known.alive, effect, &mut self.commands);
         match fault {
-            Fault::Kill(_) => self.commands.push_back(Command::Kill(id)),
-            Fault::Pause(_) => {
-                self.paused.insert(id);
-                self.commands.push_back(Command::Pause(id));
-            }
-            Fault::Resume(_) => {
-                self.paused.remove(&id);
-                self.commands.push_back(Command::Resume(id));
-            }
-            Fault::Restart(_) => {
-                if known.alive {
-                    self.commands.push_back(Command::Kill(id));
-                }
-                self.restarted += 1;
-                self.commands.push_back(Command::Restart(id));
-            }
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => world.set_stuck(id, false),
+            _ => {}
         }
     }
 
+    fn strike_cell(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
+        let (cell, there, done) = match fault {
+            Fault::Block(cell) => (cell, true, world.block(cell)),
+            Fault::Unblock(cell) => (cell, false, world.unblock(cell)),
+            _ => return,
+        };
+        let effect = match (there, done) {
+            (true, true) => "the cell was free",
+            (true, false) => "a metamodule is in the cell, so nothing came into it",
+            (false, true) => "the obstacle is gone",
+            (false, false) => "there was no obstacle",
+        };
+        self.faults.strike(now, fault, false, format!("{cell}: {effect}"), &mut self.commands);
+        if done {
+            self.obstacles.clone_from(world.obstacles());
+            self.order_all(Order::Obstacle { cell, there });
+            self.relocate(now, world);
+        }
+    }
+
+    fn order_all(&mut self, order: Order) {
+        for id in (0..self.known.len() as u32).map(ModuleId) {
+            self.commands.push_back(Command::Order(id, order));
+        }
+    }
+
+    /// Cells that nobody who lives can clear.
+    fn foreign(&self, world: &MetamoduleWorld) -> BTreeSet<Cell> {
+        let dead = self.dead.iter().flat_map(|id| world.cells(*id));
+        dead.chain(world.obstacles()).copied().collect()
+    }
+
+    /// Whether something that stays is in a cell of a seed that is not filled.
+    fn is_seed_blocked(&self, foreign: &BTreeSet<Cell>) -> bool {
+        let mut unfilled = self.setup.seeds(self.task).filter(|(s, _)| !self.filled.has(*s));
+        unfilled.any(|(_, seed)| seed.cells().iter().any(|c| foreign.contains(c)))
+    }
+
+    /// Moves the goal if something that stays is in the way of a seed, to the nearest place that is
+    /// clear of all that stays, with a cell's width around it if there is room for that.
+    fn relocate(&mut self, now: Time, world: &MetamoduleWorld) {
+        self.count_filled(now, world);
+        let foreign = self.foreign(world);
+        if self.is_seed_blocked(&foreign) || self.is_out_of_reach() {
+            self.move_goal(now, &foreign);
+        }
+    }
+
+    /// Whether an open seed is barred to everybody who could fill it.
+    fn is_out_of_reach(&self) -> bool {
+        let free = || {
+            let living = self.known.iter().filter(|k| k.alive).filter_map(|k| k.status);
+            living.filter(|s| s.settled.is_none())
+        };
+        let open = self.setup.goal(self.task).open(self.filled);
+        free().next().is_some() && open.iter().any(|seed| free().all(|s| s.barred.has(seed)))
+    }
+
+    fn move_goal(&mut self, now: Time, foreign: &BTreeSet<Cell>) -> bool {
+        if self.relocations == MOST_RELOCATIONS {
+            return false;
+        }
+        let feet = || self.setup.goal(self.task).seeds().iter().map(|s| s.foot);
+        let floor = self.setup.floor;
+        let around = |least: Option<i16>, most: Option<i16>, min: i16, max: i16| {
+            min - least.unwrap_or(min)..=max - most.unwrap_or(max)
+        };
+        let xs = around(feet().map(|f| f.0).min(), feet().map(|f| f.0).max(), floor.min.0, floor.max.0);
+        let ys = around(feet().map(|f| f.1).min(), feet().map(|f| f.1).max(), floor.min.1, floor.max.1);
+        let now_at = self.task.shift;
+        let mut shifts: Vec<(i16, i16)> = xs.flat_map(|x| ys.clone().map(move |y| (x, y))).collect();
+        shifts.sort_by_key(|(x, y)| (x.abs_diff(now_at.0) + y.abs_diff(now_at.1), *x, *y));
+        let is_clear = |shift: &(i16, i16), margin: i16| {
+            let task = Task { shift: *shift, ..self.task };
+            *shift != now_at
+                && self.setup.seeds(task).flat_map(|(_, seed)| seed.cells()).all(|cell| {
+                    foreign
+                        .range(Cell::new(cell.x - margin, i16::MIN, i16::MIN)..)
+                        .take_while(|f| f.x <= cell.x + margin)
+                        .all(|f| f.y.abs_diff(cell.y) > margin as u16 || (margin == 0 && f.z != cell.z))
+                })
+        };
+        let place = [2, 1, 0].into_iter().find_map(|margin| shifts.iter().find(|s| is_clear(s, margin)));
+        let Some(shift) = place.copied() else { return false };
+        self.relocations += 1;
+        self.begin(now, self.task.goal, shift);
+        true
+    }
+
+    /// Something else is built from now on.
+    fn begin(&mut self, now: Time, goal: u8, shift: (i16, i16)) {
+        self.task = Task { epoch: self.task.epoch.saturating_add(1), goal, shift };
+        self.filled = SeedSet::default();
+        (self.last_fill, self.last_deed) = (now, now);
+        let order = self.seeds();
+        self.order_all(order);
+        self.told = None;
+        self.next_check = now;
+    }
+
     /// Tells everybody where the dead stay, once their bodies have come to rest.
-    fn tell_deaths(&mut self, world: &MetamoduleWorld) {
+    fn tell_deaths(&mut self, now: Time, world: &MetamoduleWorld) {
         let still: Vec<ModuleId> = self.untold.iter().copied().filter(|id| !world.is_acting(*id)).collect();
-        for dead in still {
-            self.untold.remove(&dead);
-            let order = Order::Dead { id: dead, pose: world.pose(dead) };
-            for id in (0..self.known.len() as u32).map(ModuleId) {
-                self.commands.push_back(Command::Order(id, order));
-            }
+        for dead in &still {
+            self.untold.remove(dead);
+            self.order_all(Order::Dead { id: *dead, pose: world.pose(*dead) });
+        }
+        if !still.is_empty() {
+            self.relocate(now, world);
         }
     }
 
     fn count_filled(&mut self, now: Time, world: &MetamoduleWorld) {
         let mut filled = SeedSet::default();
-        for (i, seed) in self.setup.blueprint.seeds().iter().enumerate() {
+        for (i, seed) in self.setup.seeds(self.task) {
             let cells = seed.cells();
             let fills = |(id, known): (usize, &Known)| {
-                let stays = !known.alive || known.status.is_some_and(|s| s.settled == Some(i as u8));
-                stays && world.cells(ModuleId(id as u32)) == cells
+                let stays = !known.alive || known.status.is_some_and(|s| s.settled == Some(i));
+                stays && *world.cells(ModuleId(id as u32)) == cells
             };
             if self.known.iter().enumerate().any(fills) {
-                filled = filled.with(i as u8);
+                filled = filled.with(i);
             }
         }
         if filled != self.filled {
@@ -193,7 +304,8 @@ impl MetamoduleDirector {
     }
 
     fn seeds(&self) -> Order {
-        Order::Seeds { open: self.setup.blueprint.open(self.filled), filled: self.filled }
+        let open = self.setup.goal(self.task).open(self.filled);
+        Order::Seeds { task: self.task, open, filled: self.filled }
     }
 
     fn watch(&mut self, now: Time, world: &MetamoduleWorld) {
@@ -207,38 +319,42 @@ impl MetamoduleDirector {
         self.next_check = now + self.setup.params.turn_time;
         self.count_filled(now, world);
         let told_by_us = self.setup.params.teller == Teller::Controller;
-        if self.told != Some(self.filled) && (told_by_us || self.told.is_none()) {
-            self.told = Some(self.filled);
+        if self.told != Some((self.task, self.filled)) && (told_by_us || self.told.is_none()) {
+            self.told = Some((self.task, self.filled));
             if told_by_us {
                 let order = self.seeds();
-                for id in (0..self.known.len() as u32).map(ModuleId) {
-                    self.commands.push_back(Command::Order(id, order));
-                }
+                self.order_all(order);
             }
         }
-        if self.filled.holds(self.setup.blueprint.all()) {
+        if self.changes.is_empty() && self.filled.holds(self.setup.goal(self.task).all()) {
             return self.finish(now, Outcome::Built);
         }
-        let planned = self.next_fault < self.schedule.len() || !self.paused.is_empty();
+        let planned = self.faults.is_pending() || !self.changes.is_empty();
+        if !planned && self.is_out_of_reach() {
+            self.relocate(now, world);
+        }
         let idle_since = self.last_deed.max(self.last_fill);
         if now >= self.stop.timeout {
-            self.stall = Some(self.explain(idle_since));
+            self.stall = Some(self.explain(idle_since, world));
             self.finish(now, Outcome::Timeout);
         } else if planned {
             // Something will still happen.
         } else if now.since(idle_since) > self.stop.stall {
-            self.stall = Some(self.explain(idle_since));
+            let foreign = self.foreign(world);
+            if !foreign.is_empty() && self.move_goal(now, &foreign) {
+                return;
+            }
+            self.stall = Some(self.explain(idle_since, world));
             self.finish(now, Outcome::Deadlock);
         } else if now.since(self.last_fill) > self.stop.livelock {
-            self.stall = Some(self.explain(self.last_fill));
+            self.stall = Some(self.explain(self.last_fill, world));
             self.finish(now, Outcome::Livelock);
         }
     }
 
     /// The blocked seeds, and who waits for whom by the last refusal.
-    fn explain(&self, since: Time) -> Stall {
-        let seeds = self.setup.blueprint.seeds();
-        let unfilled = self.setup.blueprint.all().without(self.filled);
+    fn explain(&self, since: Time, world: &MetamoduleWorld) -> Stall {
+        let unfilled = self.setup.goal(self.task).all().without(self.filled);
         let free: Vec<(ModuleId, Option<ModuleId>)> = (0..)
             .map(ModuleId)
             .zip(&self.known)
@@ -247,6 +363,12 @@ impl MetamoduleDirector {
             .collect();
         let reason = if free.len() < unfilled.len() {
             Reason::MaterialExhausted
+        } else if self.is_seed_blocked(&self.foreign(world)) {
+            Reason::SeedBlocked
+        } else if self.is_out_of_reach() {
+            Reason::NoWay
+        } else if self.setup.params.strategy == Strategy::Negotiated {
+            Reason::Blocked
         } else if free.iter().any(|(_, on)| on.is_some()) {
             Reason::NoLock
         } else {
@@ -258,7 +380,8 @@ impl MetamoduleDirector {
             text: reason.text(),
             unfilled: unfilled
                 .iter()
-                .map(|s| seeds[usize::from(s)].foot)
+                .filter_map(|s| self.setup.seed(self.task, s))
+                .map(|s| s.foot)
                 .map(|(x, y)| Cell::new(x, y, 0))
                 .collect(),
             wait_cycle: cycle(&free),
@@ -295,21 +418,26 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
     }
 
     fn died(&mut self, _now: Time, id: ModuleId) {
-        self.crashed += 1;
+        self.faults.died(id);
         self.known[id.index()].alive = false;
-        self.paused.remove(&id);
         self.dead.insert(id);
         self.untold.insert(id);
         self.next_check = Time::ZERO;
     }
 
     fn started(&mut self, _now: Time, id: ModuleId) {
-        self.known[id.index()] = Known { alive: true, status: None };
+        let before = std::mem::replace(&mut self.known[id.index()], Known { alive: true, status: None });
+        self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
         self.dead.remove(&id);
         self.untold.remove(&id);
         if self.told.is_some() {
             let order = self.seeds();
             self.commands.push_back(Command::Order(id, order));
+            self.commands.extend(
+                self.obstacles
+                    .iter()
+                    .map(|cell| Command::Order(id, Order::Obstacle { cell: *cell, there: true })),
+            );
             // Who has lost its memory has to be told again who is dead; the others do not mind.
             self.untold.extend(self.dead.iter().copied());
         }
@@ -319,14 +447,16 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         if self.outcome.is_some() {
             return;
         }
-        if now == Time::ZERO {
-            world.set_failure(self.failure);
-        }
-        while let Some((_, fault)) = self.schedule.get(self.next_fault).filter(|(at, _)| *at <= now) {
-            self.next_fault += 1;
+        // Real processes are not up at time zero.
+        world.set_failure(self.failure);
+        while let Some(fault) = self.faults.due(now) {
             self.strike(now, fault, world);
         }
-        self.tell_deaths(world);
+        while let Some((_, goal)) = self.changes.front().copied().filter(|(at, _)| *at <= now) {
+            self.changes.pop_front();
+            self.begin(now, goal, (0, 0));
+        }
+        self.tell_deaths(now, world);
         self.watch(now, world);
     }
 
@@ -334,8 +464,8 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         if self.outcome.is_some() {
             return Time::NEVER;
         }
-        let fault = self.schedule.get(self.next_fault).map_or(Time::NEVER, |(at, _)| at);
-        fault.min(self.next_check).min(self.stop.timeout)
+        let change = self.changes.front().map_or(Time::NEVER, |(at, _)| *at);
+        self.faults.next_at().min(change).min(self.next_check).min(self.stop.timeout)
     }
 
     fn poll(&mut self) -> Option<Command<Order>> {

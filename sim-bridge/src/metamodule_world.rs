@@ -16,11 +16,10 @@ use metamorph_protocol::metamodule::motions::Sweep;
 use metamorph_protocol::metamodule::params::{HEARING, Setup};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::roombots::database::CellSet;
 use metamorph_protocol::stream::Stream;
 use metamorph_protocol::time::Time;
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
+use std::collections::{BTreeSet, BinaryHeap, VecDeque};
 use std::sync::Arc;
 
 /// An action under way.
@@ -38,7 +37,7 @@ struct Body {
     pose: Pose,
     /// Whether the foot and the head grip.
     grips: [bool; 2],
-    cells: Vec<Cell>,
+    cells: [Cell; 4],
     incarnation: Incarnation,
     revision: Revision,
     contacts: Vec<Option<Contact>>,
@@ -79,6 +78,8 @@ pub struct Deeds {
 pub struct MetamoduleWorld {
     setup: Arc<Setup>,
     bodies: Vec<Body>,
+    /// Cells with something foreign in them.
+    obstacles: BTreeSet<Cell>,
     due: BinaryHeap<Reverse<(Time, u64, ModuleId)>>,
     order: u64,
     sensed: VecDeque<(ModuleId, Sensed<Percept>)>,
@@ -105,6 +106,7 @@ impl MetamoduleWorld {
         let mut world = MetamoduleWorld {
             bodies: poses.iter().map(body).collect(),
             setup,
+            obstacles: BTreeSet::new(),
             due: BinaryHeap::new(),
             order: 0,
             sensed: VecDeque::new(),
@@ -130,6 +132,22 @@ impl MetamoduleWorld {
     /// From now on this metamodule's joints do not turn (stuck), or turn again.
     pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
         self.bodies[id.index()].stuck = stuck;
+    }
+    /// Something foreign comes into a cell, unless a body is there or about to be; whether it did.
+    pub fn block(&mut self, cell: Cell) -> bool {
+        let free = !self.bodies.iter().any(|b| b.taken().contains(&cell));
+        if free {
+            self.obstacles.insert(cell);
+        }
+        free
+    }
+    /// It is taken away; whether it was there.
+    pub fn unblock(&mut self, cell: Cell) -> bool {
+        self.obstacles.remove(&cell)
+    }
+    /// Cells with something foreign in them.
+    pub fn obstacles(&self) -> &BTreeSet<Cell> {
+        &self.obstacles
     }
     /// What bodies did so far.
     pub fn deeds(&self) -> Deeds {
@@ -175,11 +193,15 @@ impl MetamoduleWorld {
         let shared = self.bodies.iter().enumerate().filter(|(i, _)| *i != id.index()).find_map(|(i, o)| {
             o.taken().iter().find(|c| body.cells.contains(c)).map(|cell| (ModuleId(i as u32), *cell))
         });
+        let foreign = body.cells.iter().find(|c| self.obstacles.contains(c)).copied();
         if let Err(what) = grips {
             self.violate(Invariant::Attached, now, format!("module {id}: {what}"));
         }
         if let Some((other, cell)) = shared {
             self.violate(Invariant::OneModulePerCell, now, format!("{other} and {id} at {cell}"));
+        }
+        if let Some(cell) = foreign {
+            self.violate(Invariant::OneModulePerCell, now, format!("{id} and something foreign at {cell}"));
         }
     }
 
@@ -263,32 +285,29 @@ impl MetamoduleWorld {
             // A body held at both ends is a closed chain: its joints cannot turn by a step.
             Deed::Turn(_) if pose.both => None,
             Deed::Turn(number) => {
-                let (step, posture) = motions.step_from(pose.posture, number)?;
-                let swept = self.resolve(pose, &step.core.union(&step.graze));
-                Some((Pose { posture, ..pose }, [swept, body.cells.clone()].concat()))
+                let (posture, swept) = motions.graph().step(pose.posture, number)?;
+                let swept = motions.swept(pose.state, Sweep(swept));
+                Some((Pose { posture, ..pose }, swept.chain(body.cells).collect()))
             }
             Deed::Attach => {
                 motions.landing(pose).filter(|s| self.setup.floor.has(s.x, s.y) && !pose.both)?;
-                Some((Pose { both: true, ..pose }, body.cells.clone()))
+                Some((Pose { both: true, ..pose }, body.cells.to_vec()))
             }
             Deed::Detach => {
                 let around = motions.turned_around(pose).filter(|_| pose.both)?;
-                Some((Pose { both: false, ..around }, body.cells.clone()))
+                Some((Pose { both: false, ..around }, body.cells.to_vec()))
             }
         }
     }
 
-    fn resolve(&self, pose: Pose, set: &CellSet) -> Vec<Cell> {
-        self.setup.motions.swept(pose.state, Sweep::of(set)).collect()
-    }
-
     fn is_free(&self, id: ModuleId, cells: &[Cell]) -> bool {
         let others = self.bodies.iter().enumerate().filter(|(i, _)| *i != id.index());
-        !others.flat_map(|(_, b)| b.taken()).any(|c| cells.contains(c))
+        let mut taken = others.flat_map(|(_, b)| b.taken()).chain(&self.obstacles);
+        !taken.any(|c| cells.contains(c))
     }
 
     fn complete(&mut self, now: Time, id: ModuleId) {
-        let motions = self.setup.motions.clone();
+        let motions = &self.setup.motions;
         let body = &mut self.bodies[id.index()];
         let Some(UnderWay { to, deed, fails, .. }) = body.under_way.take() else { return };
         if fails {
@@ -399,16 +418,16 @@ mod tests {
     use metamorph_protocol::metamodule::params::{Floor, Params, Strategy};
     use metamorph_protocol::metamodule::pose::End;
     use metamorph_protocol::roombots::Kind;
-    use metamorph_protocol::roombots::database::Database;
+    use metamorph_protocol::roombots::database::{CellSet, Database};
     use metamorph_protocol::roombots::grid::GridState;
     use metamorph_protocol::roombots::posture::Posture;
     use metamorph_protocol::time::Span;
 
     fn setup() -> Arc<Setup> {
         Arc::new(Setup {
-            params: Params::scaled(Strategy::Greedy.repulsion(), Span::secs(1), Span::millis(10)),
+            params: Params::scaled(Strategy::Greedy, Span::secs(1), Span::millis(10)),
             floor: Floor { min: (0, 0), max: (12, 12) },
-            blueprint: Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap(),
+            goals: vec![Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap()],
             motions: Motions::new(Arc::new(Database::build()), Kind::Srs).unwrap(),
         })
     }
@@ -480,9 +499,8 @@ mod tests {
         let from = upright(&setup, 6, 6);
         let mut refused = 0;
         for number in 0..setup.motions.table().steps().len() as u16 {
-            let Some((step, _)) = setup.motions.step_from(from.posture, number) else { continue };
-            let swept: Vec<Cell> =
-                setup.motions.swept(from.state, Sweep::of(&step.core.union(&step.graze))).collect();
+            let Some((_, swept)) = setup.motions.graph().step(from.posture, number) else { continue };
+            let swept: Vec<Cell> = setup.motions.swept(from.state, Sweep(swept)).collect();
             for (dx, dy) in [(1, 0), (0, 1), (-1, 0), (0, -1), (3, 3)] {
                 let other = upright(&setup, 6 + dx, 6 + dy);
                 let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from, other], 1);
@@ -493,6 +511,25 @@ mod tests {
             }
         }
         assert!(refused > 0);
+    }
+
+    #[test]
+    fn what_is_foreign_stays_out_of_bodies_and_bodies_out_of_it() {
+        let setup = setup();
+        let from = upright(&setup, 6, 6);
+        let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
+        assert!(!world.block(Cell::new(6, 6, 3)), "a body is there");
+        let steps = 0..setup.motions.table().steps().len() as u16;
+        let swept = |n| setup.motions.graph().step(from.posture, n).map(|(_, s)| (n, s));
+        let (number, swept) = steps.filter_map(swept).next().unwrap();
+        let cell = setup.motions.swept(from.state, Sweep(swept)).find(|c| (c.x, c.y) != (6, 6)).unwrap();
+        assert!(world.block(cell));
+        assert_eq!(act(&mut world, Deed::Turn(number)), Percept::Refused(Refusal::Blocked));
+        assert!(world.unblock(cell) && !world.unblock(cell));
+        assert!(matches!(act(&mut world, Deed::Turn(number)), Percept::Done(_)));
+        world.obstacles.insert(world.cells(ModuleId(0))[2]);
+        world.check_all(Time::ZERO);
+        assert_eq!(world.take_violations()[0].invariant, Invariant::OneModulePerCell);
     }
 
     #[test]

@@ -78,6 +78,8 @@ pub enum Reason {
     MaterialExhausted,
     /// No live finalized module touches an unfilled goal cell that it could start.
     NoActiveTarget,
+    /// Metamodules: something that stays is in a cell of an unfilled seed.
+    SeedBlocked,
     /// Metamodules: nobody that is free has a better place to go to. A local minimum of the field.
     NoBetterPlace,
     /// Metamodules: somebody that is free has a better place to go to, but does not get the way.
@@ -100,6 +102,9 @@ impl Reason {
             Reason::Pinned => {
                 "pinned: every spare module that has a way holds a dead or stuck module, or waits for one that does"
             }
+            Reason::SeedBlocked => {
+                "infeasible: a dead metamodule or an obstacle is in a cell of an unfilled seed"
+            }
             Reason::NoBetterPlace => {
                 "deadlock: no free metamodule can get to a place that the force field prefers to its own"
             }
@@ -109,7 +114,7 @@ impl Reason {
                 "infeasible: no live finalized module can start one of the unfilled goal cells"
             }
             Reason::NeedsDeadSupport => "infeasible: every way to a goal cell leads over dead modules",
-            Reason::NoWay => "infeasible: no way over the surface leads to a goal cell",
+            Reason::NoWay => "infeasible: no way leads to a goal cell",
         }
     }
 }

@@ -29,28 +29,35 @@ pub fn scenarios() -> Vec<PathBuf> {
 }
 
 /// The binary `metamorph` of the profile that these tests are built in.
-///
-/// Building the whole workspace's tests builds it too; where only some tests were built, it is
-/// built here.
 pub fn metamorph() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    BINARY.get_or_init(|| {
-        let test = std::env::current_exe().expect("a running test has an executable");
-        let deps = test.parent().expect("test executables are in target/<profile>/deps");
-        let profile = deps.parent().expect("test executables are in target/<profile>/deps");
-        let binary = profile.join(format!("metamorph{}", std::env::consts::EXE_SUFFIX));
-        if modified(&binary) < newest_library(deps) || !binary.exists() {
-            let mut build = Command::new(env!("CARGO"));
-            build.args(["build", "--quiet", "--package", "metamorph-world-controller", "--bin", "metamorph"]);
-            build.arg("--target-dir").arg(profile.parent().unwrap_or(profile));
-            if profile.ends_with("release") {
-                build.arg("--release");
-            }
-            let built = build.current_dir(root()).status().expect("cargo can be started");
-            assert!(built.success(), "the binary does not build");
+    BINARY.get_or_init(|| binary("metamorph", "metamorph-world-controller"))
+}
+
+/// The binary `module-agent` of the profile that these tests are built in.
+pub fn module_agent() -> &'static Path {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    BINARY.get_or_init(|| binary("module-agent", "metamorph-module-agent"))
+}
+
+/// Building the whole workspace's tests builds its binaries too; where only some tests were built,
+/// they are built here.
+fn binary(name: &str, package: &str) -> PathBuf {
+    let test = std::env::current_exe().expect("a running test has an executable");
+    let deps = test.parent().expect("test executables are in target/<profile>/deps");
+    let profile = deps.parent().expect("test executables are in target/<profile>/deps");
+    let binary = profile.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
+    if modified(&binary) < newest_library(deps) || !binary.exists() {
+        let mut build = Command::new(env!("CARGO"));
+        build.args(["build", "--quiet", "--package", package, "--bin", name]);
+        build.arg("--target-dir").arg(profile.parent().unwrap_or(profile));
+        if profile.ends_with("release") {
+            build.arg("--release");
         }
-        binary
-    })
+        let built = build.current_dir(root()).status().expect("cargo can be started");
+        assert!(built.success(), "the binary {name} does not build");
+    }
+    binary
 }
 
 fn modified(path: &Path) -> Option<SystemTime> {

@@ -16,7 +16,7 @@ use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::Stop;
 use metamorph_sim_bridge::faults::{Fault, Schedule};
 use metamorph_sim_bridge::invariants::Violation;
-use metamorph_sim_bridge::metamodule_director::MetamoduleDirector;
+use metamorph_sim_bridge::metamodule_director::{MetamoduleDirector, MetamodulePlan};
 use metamorph_sim_bridge::metamodule_world::{Deeds, MetamoduleWorld};
 use metamorph_sim_bridge::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::sim::{Sim, SimConfig};
@@ -47,6 +47,17 @@ pub enum Goal {
     Chair,
 }
 
+impl Goal {
+    /// Its blueprint, in the middle of the floor.
+    pub fn blueprint(self, order: SeedOrder) -> Blueprint {
+        let levels = match self {
+            Goal::Box => box_of_four(5, 5),
+            Goal::Chair => chair_of_six(5, 5),
+        };
+        Blueprint::new(&levels, order).expect("invariant: the goals are sound")
+    }
+}
+
 /// One run to be made.
 #[derive(Clone, Debug)]
 pub struct Assembly {
@@ -60,6 +71,10 @@ pub struct Assembly {
     pub faults: Vec<(Time, Fault)>,
     /// Probability that a connection fails.
     pub failure: Ratio,
+    /// When which goal is built instead.
+    pub changes: Vec<(Time, u8)>,
+    /// Whether the goal is moved when something that stays is in its way.
+    pub relocate: bool,
     /// The seed.
     pub seed: u64,
 }
@@ -107,18 +122,14 @@ impl Assembly {
     /// As many metamodules as seeds, on a floor of 13 × 13 with the goal in the middle; links take 10
     /// to 100 ms, a step of a joint and a connection 1 s.
     pub fn new(goal: Goal, kind: Kind, strategy: Strategy, order: SeedOrder, seed: u64) -> Assembly {
-        let levels = match goal {
-            Goal::Box => box_of_four(5, 5),
-            Goal::Chair => chair_of_six(5, 5),
-        };
         let delay = Span::millis(100);
         let setup = Setup {
-            params: Params::scaled(strategy.repulsion(), TURN, delay),
+            params: Params::scaled(strategy, TURN, delay),
             floor: Floor { min: (0, 0), max: (12, 12) },
-            blueprint: Blueprint::new(&levels, order).expect("invariant: the goals are sound"),
+            goals: vec![goal.blueprint(order)],
             motions: motions(kind),
         };
-        let count = setup.blueprint.seeds().len();
+        let count = setup.goals[0].seeds().len();
         let start = random_start(&setup, count, seed).expect("invariant: the floor has room");
         Assembly {
             setup: Arc::new(setup),
@@ -126,6 +137,8 @@ impl Assembly {
             link: LinkModel { delay_min: Span::millis(10), delay_max: delay, ..LinkModel::default() },
             faults: Vec::new(),
             failure: Ratio::ZERO,
+            changes: Vec::new(),
+            relocate: false,
             seed,
         }
     }
@@ -138,6 +151,25 @@ impl Assembly {
     /// Connections fail with this probability.
     pub fn failed_connections(mut self, p: &str) -> Assembly {
         self.failure = p.parse().expect("invariant: tests name probabilities");
+        self
+    }
+    /// So many metamodules more than seeds.
+    pub fn spares(mut self, spares: usize) -> Assembly {
+        let count = self.setup.goals[0].seeds().len() + spares;
+        self.start = random_start(&self.setup, count, self.seed).expect("invariant: the floor has room");
+        self
+    }
+    /// The goal is moved when something that stays is in its way.
+    pub fn relocating(mut self) -> Assembly {
+        self.relocate = true;
+        self
+    }
+    /// From then on this is built instead.
+    pub fn change(mut self, at: Time, goal: Goal, order: SeedOrder) -> Assembly {
+        let mut setup = (*self.setup).clone();
+        setup.goals.push(goal.blueprint(order));
+        self.changes.push((at, setup.goals.len() as u8 - 1));
+        self.setup = Arc::new(setup);
         self
     }
     /// This fault strikes.
@@ -169,9 +201,14 @@ impl Assembly {
             livelock: TURN * 2_000,
             planned_until: Time::ZERO,
         };
-        let schedule = Schedule::new(self.faults);
-        let setup = Arc::clone(&self.setup);
-        let director = MetamoduleDirector::new(setup, self.start.len(), schedule, stop, self.failure);
+        let plan = MetamodulePlan {
+            schedule: Schedule::new(self.faults),
+            stop,
+            failure: self.failure,
+            changes: self.changes,
+            relocate: self.relocate,
+        };
+        let director = MetamoduleDirector::new(Arc::clone(&self.setup), self.start.len(), plan);
         let config = SimConfig {
             setup: self.setup,
             link: self.link,

@@ -65,20 +65,25 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
         (with("min = [0, 0, 0], max = [4", "mni = [0, 0, 0], max = [4"), &["unknown key `mni`", "no `min`"]),
         // Unknown names.
         (
-            with("[stop]", "[protocol]\nstrategy = \"gredy\"\n[stop]"),
-            &["unknown strategy `gredy`", "did you mean `greedy`?"],
+            with("[stop]", "[protocol]\nstrategy = \"greedy\"\n[stop]"),
+            &["scenario.toml:12:1:", "`strategy` in [protocol] is for the family `metamodule`"],
         ),
         (
-            with("[stop]", "[protocol]\nstrategy = \"greedy\"\n[stop]"),
-            &["strategy `greedy`", "not built in yet"],
+            with("[swarm]", "[swarm]\nturn_time = \"1s\""),
+            &["scenario.toml:6:1:", "`turn_time` in [swarm] is for the family `metamodule`"],
         ),
+        (with(goal, &format!("{goal}\norder = \"circular\"")), &["`order` in [[goal]] is for the family"]),
         (
             with("[stop]", "[protocol]\nconnectivity = \"forrest\"\n[stop]"),
             &["unknown connectivity `forrest`", "did you mean `forest`?"],
         ),
         (with("[stop]", "[protocol]\ndead = \"bury\"\n[stop]"), &["unknown policy", "hold, abandon"]),
         (with("[swarm]", "[swarm]\nfamily = \"cubes\""), &["unknown family `cubes`", "did you mean `cube`?"]),
-        (with("[swarm]", "[swarm]\nfamily = \"metamodule\""), &["`metamodule`", "not built in yet"]),
+        // A scenario of cubes that is called one of metamodules.
+        (
+            with("[swarm]", "[swarm]\nfamily = \"metamodule\""),
+            &["expected \"random\" or a list of places, found a table", "two coordinates of a connector"],
+        ),
         (with(goal, &format!("{goal}\ngrowth = \"quick\"")), &["unknown growth `quick`", "scaffold, solid"]),
         // The goal and the swarm.
         (
@@ -146,6 +151,10 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
             &["controller", "not built in yet"],
         ),
         (
+            format!("{SMALL}\n[[fault]]\nobstacle = [9, 9, 9]\nat = \"1s\"\n"),
+            &["scenario.toml:15:1:", "`obstacle` in [[fault]] is for the family `metamodule`"],
+        ),
+        (
             format!("{SMALL}\n[[fault]]\ncrash = {{ count = 25, between = \"0s..9s\" }}\n"),
             &["not between 0 and 24"],
         ),
@@ -163,6 +172,208 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
     for (text, parts) in cases {
         refused(text, &["check", "{}", "--link", "sim"], parts);
     }
+}
+
+const METAMODULES: &str = r#"
+version = 1
+name = "metamodules"
+
+[swarm]
+family = "metamodule"
+kind = "SRS"
+floor = { min = [0, 0], max = [12, 12] }
+start = "random"
+
+[[goal]]
+shape = { box = [5, 5] }
+order = "circular"
+
+[stop]
+timeout = "500s"
+"#;
+
+#[test]
+fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
+    let with = |old: &str, new: &str| {
+        assert!(METAMODULES.contains(old), "{old}");
+        METAMODULES.replace(old, new)
+    };
+    let (goal, start) = ("shape = { box = [5, 5] }", "start = \"random\"");
+    let levels = |seeds: &str| with(goal, &format!("levels = [{seeds}]"));
+    let seed = |x, y, way: &str| format!("{{ foot = [{x}, {y}], directions = [{way}] }}");
+    let (l, folded) = ("\"up\", \"up\", \"east\"", "\"up\", \"down\", \"up\"");
+    let (bent, flat) = ("\"up\", \"up\", \"up\"", "\"east\", \"down\", \"east\"");
+    let cases: &[(String, &[&str])] = &[
+        // Keys of the other family.
+        (
+            with("kind", "move_time = \"1s\"\nkind"),
+            &["scenario.toml:7:1:", "`move_time` in [swarm] is for the family `cube`", "family = \"cube\""],
+        ),
+        (
+            with("order = \"circular\"", "growth = \"solid\""),
+            &["`growth` in [[goal]] is for the family `cube`"],
+        ),
+        (with(goal, "seed = [5, 5, 0]"), &["`seed` in [[goal]] is for the family `cube`", "no `shape`"]),
+        (
+            with("[stop]", "[protocol]\nco_owners = true\n[stop]"),
+            &["`co_owners` in [protocol] is for the family `cube`"],
+        ),
+        // Names.
+        (with("SRS", "SSR"), &["scenario.toml:7:8:", "unknown kind `SSR`", "did you mean `SRS`?"]),
+        (with("SRS", "single"), &["unknown kind `single`", "PAR, SRS, PER, SRZ"]),
+        (with("circular", "cicular"), &["unknown order `cicular`", "did you mean `circular`?"]),
+        (
+            with("[stop]", "[protocol]\nstrategy = \"gredy\"\n[stop]"),
+            &["unknown strategy `gredy`", "did you mean `greedy`?"],
+        ),
+        (with("[stop]", "[protocol]\nteller = \"me\"\n[stop]"), &["unknown teller `me`", "neighbours"]),
+        (with("[stop]", "[protocol]\nlook_ahead = 0\n[stop]"), &["look_ahead is 0", "from 1 to 32"]),
+        (with("kind", "turn_time = \"0s\"\nkind"), &["turn_time is 0s", "1ms to 3600s"]),
+        // The floor and the start.
+        (with("max = [12, 12]", "max = [12, -1]"), &["scenario.toml:8:9:", "side of the floor is 0"]),
+        (with("max = [12, 12]", "max = [12000, 12]"), &["side of the floor is 12001"]),
+        (with("max = [12, 12]", "max = [12, 12, 0]"), &["expected the two coordinates of a connector"]),
+        (with(start, &format!("{start}\ncount = 200")), &["scenario.toml:9:9:", "has no room for 200"]),
+        (with(start, "start = \"anywhere\""), &["unknown start `anywhere`", "random"]),
+        (
+            with(start, "start = [{ at = [1, 1] }, { at = [3, 1] }, { at = [13, 1] }, { at = [1, 3] }]"),
+            &["scenario.toml:9:44:", "the start at (13, 1) is not on the floor", "from (0, 0) to (12, 12)"],
+        ),
+        (
+            with(
+                start,
+                "start = [{ at = [1, 1] }, { at = [3, 1] }, { at = [1, 3] }, { at = [3, 1], class = 2 }]",
+            ),
+            &["scenario.toml:9:61:", "metamodules 1 and 3 both start at (3, 1)"],
+        ),
+        (with(start, "start = [{ at = [1, 1], class = 4 }]"), &["quarter turns, is 4", "from 0 to 3"]),
+        (with(start, "start = [{ at = [1, 1] }]\ncount = 4"), &["`count` is 4, but `start` lists 1"]),
+        // Too few.
+        (
+            with(start, "start = [{ at = [1, 1] }]"),
+            &["scenario.toml:9:9:", "4 seeds", "1 metamodules: 3 too few"],
+        ),
+        (with("kind", "count = 3\nkind"), &["scenario.toml:7:9:", "the swarm has 3 metamodules: 1 too few"]),
+        (with("kind", "count = 2000\nkind"), &["count is 2000", "from 1 to 1000"]),
+        // Goals.
+        (
+            with(goal, "shape = { box = [11, 5] }"),
+            &["scenario.toml:12:17:", "the seed at (13, 5) is not on the floor"],
+        ),
+        (with(goal, "shape = { stool = [5, 5] }"), &["unknown key `stool`", "one shape, `box` or `chair`"]),
+        (with(goal, "shape = { box = [5, 5], chair = [1, 1] }"), &["none or both"]),
+        (with(goal, ""), &["[[goal]] has no `shape`"]),
+        (with(goal, &format!("{goal}\nlevels = []")), &["either `shape` or `levels`, found both"]),
+        (with(goal, "levels = []"), &["scenario.toml:11:", "there is no seed"]),
+        (levels("[]"), &["scenario.toml:12:11:", "there is no seed"]),
+        (
+            levels(&format!("[{}]", seed(5, 5, folded))),
+            &["scenario.toml:12:12:", "seed 1 has a cell in the floor or twice"],
+        ),
+        (levels(&format!("[{}]", seed(5, 5, flat))), &["in the floor"]),
+        (
+            levels(&format!("[{}], [{}]", seed(5, 5, l), seed(6, 5, bent))),
+            &["scenario.toml:12:68:", "seeds 1 and 2 both need the cell [6, 5, 2]"],
+        ),
+        (
+            levels(&format!("[{}]", seed(5, 5, "\"up\", \"upp\", \"up\""))),
+            &["unknown direction `upp`", "did you mean `up`?"],
+        ),
+        (levels(&format!("[{}]", seed(5, 5, "\"up\""))), &["expected three directions"]),
+        // The mirror image of a shape that it takes.
+        (
+            levels(&format!("[{}]", seed(5, 5, "\"up\", \"north\", \"west\""))),
+            &["scenario.toml:12:12:", "no posture of a metamodule of kind SRS fills the seed at (5, 5)"],
+        ),
+        (levels("[{ foot = [5, 5] }]"), &["a seed has no `directions`"]),
+        (levels("{ foot = [5, 5] }"), &["expected a list, found a table"]),
+        (with("shape", "at = \"5s\"\nshape"), &["scenario.toml:12:6:", "the first goal has an `at`"]),
+        (
+            format!("{METAMODULES}[[goal]]\n{goal}\n"),
+            &["scenario.toml:17:1:", "a later [[goal]] has no `at`"],
+        ),
+        (
+            format!("{METAMODULES}[[goal]]\n{goal}\nat = \"60s\"\n[[goal]]\n{goal}\nat = \"60s\"\n"),
+            &["scenario.toml:22:6:", "replaces the one before at 60s, which itself comes at 60s"],
+        ),
+        (
+            format!("{METAMODULES}[[goal]]\n{goal}\nat = \"501s\"\n"),
+            &["scenario.toml:19:6:", "it happens at 501s, but the run ends at 500s"],
+        ),
+        (
+            format!("{METAMODULES}[[goal]]\nshape = {{ chair = [5, 5] }}\nat = \"9s\"\n")
+                .replace("kind", "count = 5\nkind"),
+            &["scenario.toml:7:9:", "6 seeds", "5 metamodules: 1 too few"],
+        ),
+        // Faults and ends.
+        (
+            format!("{METAMODULES}[[fault]]\nkill = 4\nat = \"1s\"\n"),
+            &["scenario.toml:18:8:", "no module 4", "modules 0 to 3"],
+        ),
+        (
+            format!("{METAMODULES}[[fault]]\nobstacle = [1, 1]\nat = \"1s\"\n"),
+            &["the three coordinates of a cell"],
+        ),
+        (format!("{METAMODULES}[[fault]]\nobstacle = [1, 1, 1]\n"), &["[[fault]] has no `at`"]),
+        (
+            format!("{METAMODULES}[[fault]]\nobstacle = [1, 1, 1]\nkill = 3\nat = \"1s\"\n"),
+            &["names kill and obstacle"],
+        ),
+    ];
+    for (text, parts) in cases {
+        refused(text, &["check", "{}", "--link", "sim"], parts);
+    }
+}
+
+#[test]
+fn metamodules_are_checked_run_and_reported() {
+    let ran = on(METAMODULES, &["check", "{}", "--link", "sim"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    for part in ["4 SRS metamodules", "goal 1: 4 seeds", "strategy ", "from (0, 0) to (12, 12)"] {
+        assert!(ran.out.contains(part), "`{part}` is missing in {}", ran.out);
+    }
+    let ran = on(METAMODULES, &["run", "{}", "--link", "sim", "--json", "-", "--loss", "1%"]);
+    let report = json(&ran.out);
+    assert!(matches!(ran.code, Some(0 | 3..=5)), "{ran:?}");
+    assert_eq!((report.family.as_str(), report.goal.cells, report.invariants.broken), ("metamodule", 4, 0));
+    let m = report.metamodules.expect("what only metamodules have");
+    assert_eq!((m.kind.as_str(), m.connections), ("SRS", report.moves));
+    assert!(m.turns > m.connections && m.connections > 0, "{m:?}");
+    assert_eq!(report.move_details.completed, m.turns + m.connections + m.releases);
+    let c = report.collisions;
+    assert_eq!(c.attempted, c.prevented + c.refused + c.suffered);
+    for (class, c) in report.messages.by_class {
+        let out = c.delivered + c.lost + c.overflowed + c.expired + c.refused;
+        assert_eq!((c.sent + c.duplicated) as i64, out as i64 + c.in_flight, "{class}");
+    }
+    assert!(ran.err.contains("seeds filled") && ran.err.contains("the interlock"), "{}", ran.err);
+}
+
+/// Goals that replace one another and obstacles, from the scenario to the report.
+#[test]
+fn goals_change_and_obstacles_come_and_go() {
+    let text = METAMODULES.replace("timeout = \"500s\"", "timeout = \"5000s\"")
+        + "[protocol]\nstrategy = \"negotiated\"\nrelocate = true\n"
+        + "[[goal]]\nname = \"elsewhere\"\nshape = { box = [1, 1] }\nat = \"30s\"\n"
+        + "[[fault]]\nobstacle = [6, 6, 4]\nat = \"10s\"\nuntil = \"20s\"\n"
+        // In a cell of the second goal, before it is the goal.
+        + "[[fault]]\nobstacle = [1, 1, 2]\nat = \"25s\"\n";
+    let ran = on(&text, &["check", "{}", "--link", "sim"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    for part in ["elsewhere: 4 seeds", "from 30s on", "strategy negotiated", "at 10s block [6, 6, 4]"] {
+        assert!(ran.out.contains(part), "`{part}` is missing in {}", ran.out);
+    }
+    let ran = on(&text, &["run", "{}", "--link", "sim", "--json", "-"]);
+    let report = json(&ran.out);
+    assert_eq!((ran.code, report.outcome.as_str()), (Some(0), "built"), "{}", ran.err);
+    assert_eq!((report.stages.len(), report.stages[0].name.as_str()), (1, "elsewhere"));
+    assert_eq!(report.stages[0].opened_s, 30.0);
+    let m = report.metamodules.expect("what only metamodules have");
+    assert_eq!((m.levels.len(), m.levels[0].seeds, m.levels[0].filled), (1, 4, 4));
+    assert_ne!(m.shift, [0, 0], "the goal had to make way for the obstacle");
+    let faults: Vec<_> = report.faults.iter().map(|f| (f.fault.as_str(), f.module)).collect();
+    assert_eq!(faults, [("block", None), ("unblock", None), ("block", None)]);
+    assert!(report.faults[0].effect.contains("the cell was free"), "{:?}", report.faults);
 }
 
 #[test]

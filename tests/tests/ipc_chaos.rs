@@ -1,6 +1,7 @@
 //! Swarms of real processes that are broken from outside: whatever happens, what is still alive
 //! goes on, nothing is silent, and nothing is left behind.
 
+use metamorph_module_agent::inbox::Inbox;
 use metamorph_module_agent::ledger::Ledger;
 use metamorph_module_agent::outbox::{Handed, Outbox};
 use metamorph_module_agent::packet::Packet;
@@ -19,6 +20,7 @@ use metamorph_tests::testbed::{ProcessBed, Testbed};
 use metamorph_world_controller::swarm::{SwarmError, SwarmOptions, clean, run_swarm};
 use rustix::process::Signal;
 use std::collections::BTreeSet;
+use std::sync::mpsc;
 use std::time::Duration;
 
 const AGENT: &str = env!("CARGO_BIN_EXE_probe-agent");
@@ -138,6 +140,26 @@ fn what_strangers_write_is_counted_and_changes_nothing() {
     let came_to = controller.finish();
     assert_eq!((came_to["alive"], came_to["crashes"]), (3, 0));
     assert!(came_to["foreign"] >= 42, "{came_to:?}");
+}
+
+/// Whoever is due in less than a microsecond does not wait for ever.
+#[test]
+fn the_shortest_wait_ends() {
+    let controller = start(2, 0);
+    let root = controller.root.clone();
+    let (sender, ended) = mpsc::channel();
+    std::thread::spawn(move || {
+        // Ports cannot change threads.
+        let at = Rendezvous::join(&root).unwrap();
+        let inbox = Inbox::create(&at, ModuleId(77), FIRST).unwrap();
+        for nanoseconds in [1, 999, 1_000, 1_999] {
+            inbox.wait(Duration::from_nanos(nanoseconds)).unwrap();
+        }
+        drop((inbox, at));
+        sender.send(()).unwrap();
+    });
+    ended.recv_timeout(Duration::from_secs(60)).expect("the wait is over");
+    controller.finish();
 }
 
 /// `kill -9` of the controller, with a stopped agent among the others: no process stays, and one

@@ -1,5 +1,6 @@
 //! The real thing: cubes as processes build a shape, while some of them are killed and stopped.
 
+use metamorph_module_agent::Family;
 use metamorph_module_agent::clock::Speed;
 use metamorph_protocol::cube::params::{Params, Setup};
 use metamorph_protocol::goal::{Goal, Growth};
@@ -11,6 +12,7 @@ use metamorph_sim_bridge::cube_world::CubeWorld;
 use metamorph_sim_bridge::director::{Director, Stop};
 use metamorph_sim_bridge::faults::{Fault, Schedule};
 use metamorph_sim_bridge::outcome::Outcome;
+use metamorph_tests::command::module_agent;
 use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_swarm};
 use std::sync::Arc;
 
@@ -36,7 +38,8 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
     let options = SwarmOptions {
         speed: Speed::new(speed, 1).expect("a speed"),
         seed: 1,
-        ..SwarmOptions::new(env!("CARGO_BIN_EXE_cube-agent").into())
+        program_args: vec![Family::Cube.name().into()],
+        ..SwarmOptions::new(module_agent().into())
     };
     let outcome = run_swarm(&options, setup.as_ref(), &mut world, &mut director).expect("the swarm runs");
     #[allow(clippy::print_stdout, reason = "shown only when the test fails or is asked to")]

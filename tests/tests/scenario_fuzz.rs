@@ -1,7 +1,7 @@
 //! No text makes the scenario reader panic, and whatever it refuses comes with a place and a fix.
 
-use metamorph_tests::command::scenarios;
-use metamorph_world_controller::scenario::{LinkKind, Overrides, read_file, read_text};
+use metamorph_tests::command::{root, scenarios};
+use metamorph_world_controller::scenario::{LinkKind, Overrides, Swarm, read_file, read_text};
 use proptest::prelude::*;
 use std::fs;
 
@@ -74,10 +74,62 @@ stall = "300s"
 livelock = "900s"
 "#;
 
+/// The same for metamodules.
+const METAMODULES: &str = r#"
+version = 1
+name = "everything"
+seed = 3
+[swarm]
+family = "metamodule"
+kind = "PER"
+count = 3
+start = [{ at = [1, 2], class = 3 }, { at = [8, 2] }, { at = [9, 9], class = 1 }]
+floor = { min = [-1, 0], max = [12, 11] }
+turn_time = "1s"
+failed_connections = "5%"
+[[goal]]
+name = "one"
+levels = [
+  [{ foot = [5, 5], directions = ["up", "up", "east"] }, { foot = [3, 3], directions = ["up", "up", "up"] }],
+  [{ foot = [7, 7], directions = ["up", "up", "west"] }],
+]
+order = "crosswise"
+[[goal]]
+name = "two"
+at = "60s"
+levels = [[{ foot = [2, 8], directions = ["up", "up", "up"] }]]
+order = "at-once"
+[protocol]
+strategy = "negotiated"
+look_ahead = 4
+teller = "neighbours"
+relocate = true
+[link]
+delay = "10ms..100ms"
+loss = "5%"
+[process]
+time_scale = 20
+[[fault]]
+obstacle = [4, 4, 0]
+at = "1s"
+until = "99s"
+[[fault]]
+kill = 1
+at = "2s"
+[[fault]]
+crash = { count = 1, between = "0s..60s" }
+[stop]
+timeout = "1000s"
+stall = "300s"
+livelock = "900s"
+"#;
+
 #[test]
-fn the_base_of_the_mutations_is_valid() {
+fn the_bases_of_the_mutations_are_valid() {
+    let plan = read_text("metamodules.toml", METAMODULES, &sim()).unwrap_or_else(|p| panic!("{p}"));
+    assert_eq!((plan.swarm.len(), plan.stages.len(), plan.schedule.len()), (3, 2, 4));
     let plan = read_text("everything.toml", EVERYTHING, &sim()).unwrap_or_else(|p| panic!("{p}"));
-    assert_eq!((plan.cells.len(), plan.setup.goals.len(), plan.seed), (38, 2, 3));
+    assert_eq!((plan.swarm.len(), plan.stages.len(), plan.seed), (38, 2, 3));
     assert_eq!(plan.schedule.len(), 1 + 4 + 1 + 2 + 1);
     assert_eq!(plan.link.partitions.len(), 1);
 }
@@ -88,10 +140,25 @@ fn shipped_scenarios_are_valid_on_both_links() {
         for link in [LinkKind::Sim, LinkKind::Ipc] {
             let overrides = Overrides { link, ..Overrides::default() };
             let plan = read_file(&path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
-            for goal in &plan.setup.goals {
-                assert!(goal.len() <= plan.cells.len(), "{}", path.display());
-            }
+            let largest = match &plan.swarm {
+                Swarm::Cubes(cubes) => cubes.setup.goals.iter().map(|goal| goal.len()).max(),
+                Swarm::Metamodules(m) => m.setup.goals.iter().map(|goal| goal.seeds().len()).max(),
+            };
+            let count = plan.swarm.len();
+            assert!(largest.is_some_and(|cells| cells > 0 && cells <= count), "{}", path.display());
         }
+    }
+}
+
+/// What README.md shows is what the reader reads.
+#[test]
+fn the_scenarios_of_the_readme_are_valid() {
+    let readme = fs::read_to_string(root().join("README.md")).expect("README.md is there");
+    let blocks = readme.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap_or_default());
+    let blocks: Vec<&str> = blocks.collect();
+    assert_eq!(blocks.len(), 2, "one of each family");
+    for text in blocks {
+        read_text("README.md", text, &sim()).unwrap_or_else(|problems| panic!("{problems}"));
     }
 }
 
@@ -156,8 +223,10 @@ proptest! {
 
     #[test]
     fn survives_mutations(changes in prop::collection::vec(change(), 1..6)) {
-        let text = changes.iter().fold(EVERYTHING.to_owned(), |text, c| apply(&text, c));
-        survives(&text, &sim());
+        for base in [EVERYTHING, METAMODULES] {
+            let text = changes.iter().fold(base.to_owned(), |text, c| apply(&text, c));
+            survives(&text, &sim());
+        }
     }
 
     #[test]
@@ -182,7 +251,28 @@ proptest! {
             ..sim()
         };
         survives(EVERYTHING, &overrides);
+        survives(METAMODULES, &overrides);
     }
+}
+
+/// Another seed gives another start and other crashes, and the seed that a plan was read with gives
+/// what reading gave.
+#[test]
+fn seeds_are_drawn_from_again_without_reading_again() {
+    let drawn = METAMODULES.replace("start = [", "# start = [");
+    let plan = read_text("metamodules.toml", &drawn, &sim()).unwrap_or_else(|p| panic!("{p}"));
+    let of = |seed| {
+        let plan = plan.with_seed(seed).expect("the floor has room");
+        let Swarm::Metamodules(m) = &plan.swarm else { panic!("metamodules") };
+        (plan.seed, m.poses.clone(), plan.schedule.clone())
+    };
+    let Swarm::Metamodules(m) = &plan.swarm else { panic!("metamodules") };
+    assert_eq!(of(3), (3, m.poses.clone(), plan.schedule.clone()));
+    assert!(of(3).1 != of(4).1 && of(3).2 != of(4).2);
+    let overrides = Overrides { seed: Some(4), ..sim() };
+    let again = read_text("metamodules.toml", &drawn, &overrides).unwrap_or_else(|p| panic!("{p}"));
+    let Swarm::Metamodules(m) = &again.swarm else { panic!("metamodules") };
+    assert_eq!(of(4), (4, m.poses.clone(), again.schedule.clone()));
 }
 
 /// Bytes that are no text are refused when the file is read.

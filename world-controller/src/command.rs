@@ -1,5 +1,6 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
+use crate::reproduce::{self, Experiment};
 use crate::robot::RobotArgs;
 use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, Overrides};
@@ -77,6 +78,26 @@ Exit codes:
   6  an invariant broke in at least one run, such as two modules in one cell
   7  stopped by Ctrl-C or SIGTERM before every run was done";
 
+const REPRODUCE_EXAMPLES: &str = "\
+Examples:
+  metamorph reproduce 4.1 4.2 fig4.5
+  metamorph reproduce 4.2 --seeds 100 --out results
+  metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
+
+Runs the thesis's experiment with metamodules (4.1.3) with every kind (PAR, PER, SRS, SRZ), strategy
+(greedy, slope, step, and our negotiated) and order of seeds (circular, crosswise, at-once), and
+prints the published numbers beside ours. What the thesis does not say is listed with them.
+
+Files in DIR: report.html with tables and plots, and for each of box and chair the scenario and a
+directory as `metamorph sweep` writes it.
+
+Exit codes:
+  0  every run has ended, however it ended
+  1  the program itself failed, for example because a file could not be written
+  2  the command line or the directory is wrong
+  6  an invariant broke in at least one run, such as two modules in one cell
+  7  stopped by Ctrl-C or SIGTERM before every run was done";
+
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
 and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
@@ -108,6 +129,9 @@ pub enum Command {
     /// Run a scenario with many seeds and varied values, and compare
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
+    /// Run experiments of the thesis and print the published numbers beside ours
+    #[command(after_help = REPRODUCE_EXAMPLES)]
+    Reproduce(ReproduceArgs),
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
@@ -172,6 +196,43 @@ impl From<SweepArgs> for Request {
             jobs: jobs(args.jobs),
             out: args.out,
             resume: args.resume,
+            quiet: args.quiet,
+        }
+    }
+}
+
+/// What `reproduce` takes.
+#[derive(Debug, Args)]
+pub struct ReproduceArgs {
+    /// Which tables and figures
+    #[arg(value_enum, required = true, value_name = "EXPERIMENT")]
+    pub experiments: Vec<Experiment>,
+    /// Random starts for every kind, strategy and order of seeds
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub seeds: u64,
+    /// Runs at the same time; as many as there are processors, if left out
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<NonZeroUsize>,
+    /// Write every run and a report to files in this directory, which must be new or empty
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Write the numbers as JSON to a file, or to standard output with `-` (the text for people then
+    /// goes to standard error)
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
+    pub json: Option<PathBuf>,
+    /// Print nothing but errors, and JSON if asked for
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl From<ReproduceArgs> for reproduce::Request {
+    fn from(args: ReproduceArgs) -> reproduce::Request {
+        reproduce::Request {
+            experiments: args.experiments,
+            seeds: args.seeds,
+            jobs: jobs(args.jobs),
+            out: args.out,
+            json: args.json,
             quiet: args.quiet,
         }
     }

@@ -6,6 +6,7 @@ use crate::overview::overview;
 use crate::processes;
 use crate::report::human;
 use crate::report::schema::Report;
+use crate::reproduce::reproduce;
 use crate::robot::{self, RobotError};
 use crate::scenario::{LinkKind, Overrides, Plan, read_file};
 use crate::simulated::run_simulated;
@@ -106,6 +107,7 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
+        Command::Reproduce(args) => Ok(reproduce(&args.into())?),
         Command::Clean => {
             print_out(&processes::clean_up()?);
             Ok(0)
@@ -152,11 +154,7 @@ fn json_file(json: &Option<PathBuf>) -> Option<&Path> {
 
 fn deliver(report: &Report, json: &Option<PathBuf>, quiet: bool) -> Result<u8, Failure> {
     let to_stdout = json.as_deref() == Some(Path::new("-"));
-    let channel = match (quiet, to_stdout) {
-        (true, _) => Channel::Quiet,
-        (false, true) => Channel::Err,
-        (false, false) => Channel::Out,
-    };
+    let channel = Channel::beside(to_stdout, quiet);
     channel.say(&human(report, channel.paint()));
     let text = serde_json::to_string_pretty(report)
         .expect("invariant: a report is made of plain values, text keys and finite numbers");

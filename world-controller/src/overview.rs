@@ -1,9 +1,10 @@
 //! What a plan would do, for `metamorph check`.
 
-use crate::scenario::{LinkKind, Plan};
+use crate::scenario::{Cubes, LinkKind, Metamodules, Plan, Swarm};
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::params::{Strategy, Teller};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
@@ -25,21 +26,38 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
         writeln!(out, "  {}", description.trim())?;
     }
     writeln!(out)?;
-    let (min, max) = corners(&plan.cells);
+    match &plan.swarm {
+        Swarm::Cubes(cubes) => write_cubes(out, plan, cubes)?,
+        Swarm::Metamodules(metamodules) => write_metamodules(out, plan, metamodules)?,
+    }
+    write_link(out, plan)?;
+    let stop = &plan.stop;
+    writeln!(
+        out,
+        "  ends      at {} at the latest; standing still {} is a deadlock, nothing new filled for {} a livelock",
+        stop.timeout, stop.stall, stop.livelock
+    )?;
+    write_faults(out, plan)?;
+    writeln!(out)?;
+    writeln!(out, "  run it with {}", plan.repeat_with())
+}
+
+fn write_cubes(out: &mut String, plan: &Plan, Cubes { cells, setup }: &Cubes) -> std::fmt::Result {
+    let (min, max) = corners(cells);
     writeln!(
         out,
         "  swarm     {} modules, numbered 0 to {}, from {min} to {max}",
-        plan.cells.len(),
-        plan.cells.len() - 1
+        cells.len(),
+        cells.len() - 1
     )?;
-    let params = &plan.setup.params;
+    let params = &setup.params;
     writeln!(out, "  moves     {} each, {} fail", params.move_time, plan.failure)?;
-    for (stage, goal) in plan.stages.iter().zip(&plan.setup.goals) {
+    for (stage, goal) in plan.stages.iter().zip(&setup.goals) {
         let growth = match goal.growth() {
             Growth::Scaffold => "scaffold",
             Growth::Solid => "solid",
         };
-        let share = goal.len() * 100 / plan.cells.len();
+        let share = goal.len() * 100 / cells.len();
         writeln!(
             out,
             "  goal      {}: {} cells ({share}% of the modules), {growth}, grows from {}",
@@ -54,17 +72,56 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
         Connectivity::Gradient => "gradient (as published; not safe when messages are late)",
     };
     let co_owners = if params.co_owners { "asked" } else { "not asked" };
-    writeln!(out, "  protocol  connectivity {connectivity}; co-owners {co_owners}")?;
-    write_link(out, plan)?;
-    let stop = &plan.stop;
+    writeln!(out, "  protocol  connectivity {connectivity}; co-owners {co_owners}")
+}
+
+fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt::Result {
+    let (setup, count) = (&swarm.setup, swarm.poses.len());
+    let (floor, params) = (setup.floor, &setup.params);
+    let places = if swarm.drawn { "drawn" } else { "listed" };
     writeln!(
         out,
-        "  ends      at {} at the latest; standing still {} is a deadlock, no new goal cell for {} a livelock",
-        stop.timeout, stop.stall, stop.livelock
+        "  swarm     {count} {} metamodules, numbered 0 to {}, on a floor from {:?} to {:?}",
+        setup.kind(),
+        count - 1,
+        floor.min,
+        floor.max
     )?;
-    write_faults(out, plan)?;
-    writeln!(out)?;
-    writeln!(out, "  run it with {}", plan.repeat_with())
+    let feet: Vec<String> = swarm.poses.iter().take(SHOWN).map(|p| format!("{:?}", p.foot())).collect();
+    let dots = if count > SHOWN { ", …" } else { "" };
+    writeln!(out, "  start     {places}: {}{dots}", feet.join(", "))?;
+    writeln!(
+        out,
+        "  moves     {} for a step of a joint, {} to connect; {} of connections fail",
+        params.turn_time, params.connect_time, plan.failure
+    )?;
+    let begins = std::iter::once(Time::ZERO).chain(swarm.changes.iter().map(|(at, _)| *at));
+    for ((stage, goal), at) in plan.stages.iter().zip(&setup.goals).zip(begins) {
+        let levels: Vec<String> = goal.levels().iter().map(u8::to_string).collect();
+        let from = if at == Time::ZERO { String::new() } else { format!(", from {at} on") };
+        writeln!(
+            out,
+            "  goal      {}: {} seeds, level by level {}{from}",
+            stage.name,
+            goal.seeds().len(),
+            levels.join(" + ")
+        )?;
+    }
+    let teller = match params.teller {
+        Teller::Controller => "the controller",
+        Teller::Neighbours => "neighbours",
+    };
+    let looks = match params.strategy {
+        // It searches as far as it has to.
+        Strategy::Negotiated => String::new(),
+        _ => format!("; looks {} strides ahead", params.look_ahead),
+    };
+    let relocates = if swarm.relocate { "; a goal that something stands in is moved" } else { "" };
+    writeln!(
+        out,
+        "  protocol  strategy {}{looks}; {teller} tells which seeds are open{relocates}",
+        params.strategy.name(),
+    )
 }
 
 fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
@@ -73,7 +130,7 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
         LinkKind::Ipc => write!(
             out,
             "  link      ipc, {} processes, {} scenario seconds per second",
-            plan.cells.len(),
+            plan.swarm.len(),
             plan.time_scale
         )?,
         LinkKind::Sim => write!(out, "  link      sim, seed {}", plan.seed)?,

@@ -3,23 +3,21 @@
 
 use crate::report::schema::Report;
 use crate::report::{Facts, progress, report};
-use crate::scenario::Plan;
+use crate::runnable::Runnable;
+use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::swarm::{CleanError, Crash, SwarmError, SwarmOptions, SwarmOutcome, clean, run_swarm};
 use crate::terminal::Live;
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::clock::Speed;
-use metamorph_protocol::cube::Cube;
-use metamorph_protocol::cube::control::{Order, Status};
+use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::cube_world::CubeWorld;
 use metamorph_sim_bridge::direct::{Command, Direct};
-use metamorph_sim_bridge::director::Director;
 use metamorph_sim_bridge::invariants::{Invariant, Violation};
+use metamorph_sim_bridge::world::World;
 use std::ffi::OsString;
-use std::sync::Arc;
 use thiserror::Error;
 
 /// Why processes cannot be run.
@@ -44,12 +42,22 @@ pub enum ProcessError {
 
 /// Runs to the end, or until a signal asks for it. `since` is when the program started.
 pub fn run_processes(plan: &Plan, live: &mut Live, since: Stopwatch) -> Result<Report, ProcessError> {
-    let mut world = CubeWorld::new(&plan.cells, plan.setup.params.move_time, plan.seed);
-    let schedule = plan.schedule.clone();
-    let brain = Director::new(Arc::clone(&plan.setup), plan.cells.len(), schedule, plan.stop, plan.failure);
+    match &plan.swarm {
+        Swarm::Cubes(cubes) => run(cubes, plan, live, since),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since),
+    }
+}
+
+fn run<R: Runnable>(
+    swarm: &R,
+    plan: &Plan,
+    live: &mut Live,
+    since: Stopwatch,
+) -> Result<Report, ProcessError> {
+    let mut world = swarm.world(plan);
     let options = SwarmOptions {
         // `--` keeps the agent's arguments from being read as options of this program.
-        program_args: vec!["agent".into(), "--".into()],
+        program_args: vec!["agent".into(), "--".into(), R::FAMILY.name().into()],
         seed: plan.seed,
         speed: speed(plan.time_scale),
         link: plan.link.clone(),
@@ -57,25 +65,24 @@ pub fn run_processes(plan: &Plan, live: &mut Live, since: Stopwatch) -> Result<R
         catch_signals: true,
         ..SwarmOptions::new(std::env::current_exe().map_err(ProcessError::Program)?)
     };
-    let mut director = Watched { brain, live };
-    tracing::info!(modules = plan.cells.len(), seed = plan.seed, "the swarm starts");
+    let mut director = Watched::<R> { brain: swarm.director(plan), plan, live };
+    tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
-    let outcome = run_swarm(&options, plan.setup.as_ref(), &mut world, &mut director)?;
+    let outcome = run_swarm(&options, swarm.setup().as_ref(), &mut world, &mut director)?;
     director.live.clear();
     let brain = director.brain;
-    world.check_connected(outcome.end);
-    let violations = violations(&mut world, &outcome);
-    let motions = world.motions();
+    let (mut violations, checked) = R::last_check(&mut world, outcome.end);
+    violations.extend(unbalanced(&outcome));
     Ok(report(&Facts {
         plan,
-        director: &brain,
-        motions,
+        account: swarm.account(plan, &brain, &world),
+        beat: swarm.beat(),
         tally: &outcome.tally,
         body_messages: outcome.body_messages + outcome.control_messages,
         violations: &violations,
         broken: violations.len() as u64,
-        // Space, support and connection at every move, once more at the end, and the counts.
-        checked: motions.started * 3 + 2,
+        // The message counts are checked once.
+        checked: checked + 1,
         now: outcome.end,
         wall: outcome.wall,
         setup: before + outcome.setup,
@@ -90,18 +97,16 @@ fn speed(time_scale: f64) -> Speed {
     Speed::new(thousandths, 1_000).unwrap_or(Speed::REAL)
 }
 
-fn violations(world: &mut CubeWorld, outcome: &SwarmOutcome) -> Vec<Violation> {
-    let mut found = world.take_violations();
+/// Message counts that do not add up.
+fn unbalanced(outcome: &SwarmOutcome) -> Option<Violation> {
+    // Of all classes together: the class of a damaged message is what is left of it.
+    let left = outcome.tally.total().in_flight();
     // Without the counts of every life, nothing can be said about their sum.
-    if outcome.missing_ledgers.is_empty() {
-        // Of all classes together: the class of a damaged message is what is left of it.
-        let left = outcome.tally.total().in_flight();
-        if left < 0 {
-            let what = format!("{} messages more arrived than were sent", -left);
-            found.push(Violation { invariant: Invariant::MessagesBalance, at: outcome.end, what });
-        }
+    if left >= 0 || !outcome.missing_ledgers.is_empty() {
+        return None;
     }
-    found
+    let what = format!("{} messages more arrived than were sent", -left);
+    Some(Violation { invariant: Invariant::MessagesBalance, at: outcome.end, what })
 }
 
 /// What does not fit the report's numbers, in words.
@@ -122,13 +127,17 @@ fn notes(outcome: &SwarmOutcome) -> Vec<String> {
 }
 
 /// The director, with somebody watching: draws the progress line.
-struct Watched<'a> {
-    brain: Director,
+struct Watched<'a, R: Runnable> {
+    brain: R::Director,
+    plan: &'a Plan,
     live: &'a mut Live,
 }
 
-impl Direct<CubeWorld> for Watched<'_> {
-    fn report(&mut self, now: Time, id: ModuleId, report: Status) {
+type ReportOf<W> = <<W as World>::Agent as Agent>::Report;
+type OrderOf<W> = <<W as World>::Agent as Agent>::Order;
+
+impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
+    fn report(&mut self, now: Time, id: ModuleId, report: ReportOf<R::World>) {
         self.brain.report(now, id, report);
     }
     fn died(&mut self, now: Time, id: ModuleId) {
@@ -137,14 +146,14 @@ impl Direct<CubeWorld> for Watched<'_> {
     fn started(&mut self, now: Time, id: ModuleId) {
         self.brain.started(now, id);
     }
-    fn wake(&mut self, now: Time, world: &mut CubeWorld) {
+    fn wake(&mut self, now: Time, world: &mut R::World) {
         self.brain.wake(now, world);
-        self.live.show(|| progress(now, &self.brain.progress()));
+        self.live.show(|| progress(self.plan, now, &R::progress(&self.brain)));
     }
     fn wake_at(&self) -> Time {
         self.brain.wake_at()
     }
-    fn poll(&mut self) -> Option<Command<Order>> {
+    fn poll(&mut self) -> Option<Command<OrderOf<R::World>>> {
         self.brain.poll()
     }
 }
@@ -169,6 +178,6 @@ pub fn clean_up() -> Result<String, ProcessError> {
 
 /// The life of one agent process, started by [`run_processes`].
 pub fn agent(args: &[OsString]) -> Result<(), ProcessError> {
-    let args = AgentArgs::parse(args.iter().cloned())?;
-    metamorph_module_agent::run::<Cube>(&args).map_err(|error| ProcessError::Agent(error.to_string()))
+    let (family, args) = AgentArgs::parse_with_family(args.iter().cloned())?;
+    family.run(&args).map_err(|error| ProcessError::Agent(error.to_string()))
 }

@@ -2,46 +2,61 @@
 
 use crate::interrupt::Interrupt;
 use crate::report::{Facts, progress, report, schema::Report};
-use crate::scenario::Plan;
+use crate::runnable::Runnable;
+use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
-use metamorph_sim_bridge::cube_audit::audit_every;
-use metamorph_sim_bridge::cube_world::CubeWorld;
-use metamorph_sim_bridge::director::Director;
+use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::director::Progress;
 use metamorph_sim_bridge::sim::{Sim, SimConfig};
 use std::sync::Arc;
 
 /// Runs to the end, or until interrupted. `since` is when the program started.
 pub fn run_simulated(plan: &Plan, interrupt: &Interrupt, live: &mut Live, since: Stopwatch) -> Report {
-    let move_time = plan.setup.params.move_time;
-    let world = CubeWorld::new(&plan.cells, move_time, plan.seed);
-    let director = Director::new(
-        Arc::clone(&plan.setup),
-        plan.cells.len(),
-        plan.schedule.clone(),
-        plan.stop,
-        plan.failure,
-    );
+    tracing::info!(modules = plan.swarm.len(), seed = plan.seed, "the simulation starts");
+    let report = simulate(plan, since, |now, so_far| {
+        live.show(|| progress(plan, now, &so_far()));
+        !interrupt.is_set()
+    });
+    live.clear();
+    report
+}
+
+/// Runs to the end, or until `watch`, which is asked again and again how to go on, says no. It is
+/// given the scenario time and, if it cares, how far the run has come.
+pub fn simulate(
+    plan: &Plan,
+    since: Stopwatch,
+    watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+) -> Report {
+    match &plan.swarm {
+        Swarm::Cubes(cubes) => run(cubes, plan, since, watch),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch),
+    }
+}
+
+fn run<R: Runnable>(
+    swarm: &R,
+    plan: &Plan,
+    since: Stopwatch,
+    mut watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+) -> Report {
     let config = SimConfig {
-        setup: Arc::clone(&plan.setup),
+        setup: Arc::clone(swarm.setup()),
         link: plan.link.clone(),
         seed: plan.seed,
-        audit_every: audit_every(move_time),
+        audit_every: swarm.audit_every(),
         ignore_sessions: false,
     };
-    let mut sim = Sim::new(config, world, director);
+    let mut sim = Sim::new(config, swarm.world(plan), swarm.director(plan));
     let (setup, running) = (since.elapsed(), Stopwatch::start());
-    tracing::info!(modules = plan.cells.len(), seed = plan.seed, "the simulation starts");
-    // Slices are only for looking at the interrupt; where they end has no effect on the run.
-    while !interrupt.is_set() && !sim.run_until(sim.now() + move_time) {
-        live.show(|| progress(sim.now(), &sim.director().progress()));
-    }
-    live.clear();
+    // Slices are only for being watched; where they end has no effect on the run.
+    while watch(sim.now(), &|| R::progress(sim.director())) && !sim.run_until(sim.now() + swarm.beat()) {}
     let (violations, broken) = sim.violations();
     report(&Facts {
         plan,
-        director: sim.director(),
-        motions: sim.world().motions(),
+        account: swarm.account(plan, sim.director(), sim.world()),
+        beat: swarm.beat(),
         tally: sim.tally(),
         body_messages: sim.body_messages(),
         violations,

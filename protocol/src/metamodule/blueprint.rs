@@ -1,6 +1,7 @@
 //! What is to be built: seeds in levels (thesis 4.1.3), and the order in which they open.
 
 use crate::lattice::{Cell, Face};
+use crate::wire::{Decoder, Encoder, WireError};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -85,9 +86,49 @@ impl SeedSet {
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
+    /// This set and the other.
+    pub const fn and(self, other: SeedSet) -> SeedSet {
+        SeedSet(self.0 | other.0)
+    }
     /// The seeds in it, ascending.
     pub fn iter(self) -> impl Iterator<Item = u8> {
         (0..32).filter(move |s| self.has(*s))
+    }
+}
+
+/// What a swarm builds at a time: one of its goals, moved along the floor. A larger epoch is later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+pub struct Task {
+    /// How often the task has changed.
+    pub epoch: u16,
+    /// The number of the goal.
+    pub goal: u8,
+    /// How far the goal is moved along x and y.
+    pub shift: (i16, i16),
+}
+
+impl Task {
+    /// A seed of the goal where this task wants it.
+    pub fn moved(&self, seed: Seed) -> Seed {
+        let (x, y) = seed.foot;
+        Seed { foot: (x.saturating_add(self.shift.0), y.saturating_add(self.shift.1)), ..seed }
+    }
+    /// Writes seven bytes.
+    pub fn encode(&self, out: &mut Encoder) {
+        out.u16(self.epoch);
+        out.u8(self.goal);
+        out.u16(self.shift.0 as u16);
+        out.u16(self.shift.1 as u16);
+    }
+    /// Reads seven bytes.
+    pub fn decode(from: &mut Decoder<'_>) -> Result<Task, WireError> {
+        let (epoch, goal) = (from.u16()?, from.u8()?);
+        let shift = (from.u16()? as i16, from.u16()? as i16);
+        let far = |c: i16| c.unsigned_abs() > Cell::LIMIT.unsigned_abs();
+        if far(shift.0) || far(shift.1) {
+            return Err(WireError::Field("shift"));
+        }
+        Ok(Task { epoch, goal, shift })
     }
 }
 
@@ -125,6 +166,9 @@ pub enum BlueprintError {
 }
 
 impl Blueprint {
+    /// No seed at all: what an unknown goal stands for.
+    pub const NOTHING: Blueprint = Blueprint { seeds: Vec::new(), levels: Vec::new(), steps: Vec::new() };
+
     /// A blueprint of these levels, from the ground up.
     pub fn new(levels: &[Vec<Seed>], order: SeedOrder) -> Result<Blueprint, BlueprintError> {
         let seeds: Vec<Seed> = levels.iter().flatten().copied().collect();

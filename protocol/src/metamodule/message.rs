@@ -1,9 +1,10 @@
 //! What metamodules say to each other, to their bodies and to the world-controller.
 
-use super::blueprint::SeedSet;
+use super::blueprint::{MAX_SEEDS, SeedSet, Task};
 use super::motions::Sweep;
 use super::pose::Pose;
 use crate::ids::{ModuleId, Token};
+use crate::lattice::Cell;
 use crate::time::{Span, Time};
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
@@ -18,8 +19,85 @@ pub struct State {
     pub pose: Pose,
     /// It fills a seed and stays.
     pub settled: bool,
-    /// The seeds it knows to be filled.
+    /// It cannot move now: its joints do not turn, or it is cornered.
+    pub stuck: bool,
+    /// What it builds.
+    pub task: Task,
+    /// The seeds of it that it knows to be filled.
     pub filled: SeedSet,
+    /// The seed it is on its way to, and how far that was when it set out.
+    pub claim: Option<Claim>,
+    /// Seeds that it has no way to.
+    pub barred: SeedSet,
+}
+
+/// A seed that a metamodule has made its own (`negotiated` only).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Claim {
+    /// Which.
+    pub seed: u8,
+    /// Strides to it when it was claimed; of two that claim one seed the nearer keeps it.
+    pub cost: u8,
+}
+
+/// Who goes first (`negotiated` only): smaller is more important. The rank of a claim is the place of
+/// its seed in the order of seeds; whoever makes way for a rank has the next one below it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Rank(pub u16);
+
+impl Rank {
+    /// Of whoever is about nothing.
+    pub const NONE: Rank = Rank(u16::MAX);
+    const DEPTHS: u16 = 16;
+
+    /// Of whoever is on the way to a seed.
+    pub const fn of_seed(seed: u8) -> Rank {
+        Rank(seed as u16 * Rank::DEPTHS)
+    }
+    /// Of whoever makes way for this rank.
+    pub const fn below(self) -> Rank {
+        match self.0 % Rank::DEPTHS {
+            Rank::LAST => self,
+            _ => Rank(self.0 + 1),
+        }
+    }
+    const LAST: u16 = Rank::DEPTHS - 1;
+}
+
+/// The most legs of a way that one message tells.
+pub const LEGS: usize = 4;
+
+/// One leg of a way: a turn to a posture that lands, or the last one to a posture that does not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub struct Leg {
+    /// The posture at its end, seen from the end that is attached on the way to it.
+    pub posture: u16,
+    /// All cells of it.
+    pub sweep: Sweep,
+}
+
+/// Where the sender means to go; whoever is less important keeps out of it. Empty when it is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Way {
+    /// The sender.
+    pub id: ModuleId,
+    /// Of the same count as the sender's states.
+    pub sequence: u32,
+    /// How important it is.
+    pub rank: Rank,
+    /// Where it begins.
+    pub from: Pose,
+    /// The next legs of it, as many as there is room for.
+    pub legs: [Leg; LEGS],
+    /// How many of them there are.
+    pub count: u8,
+}
+
+impl Way {
+    /// The legs.
+    pub fn legs(&self) -> &[Leg] {
+        &self.legs[..usize::from(self.count).min(LEGS)]
+    }
 }
 
 /// Why a lock is refused.
@@ -58,13 +136,17 @@ impl Denial {
 pub enum Message {
     /// Where the sender is.
     State(State),
+    /// Where it means to go.
+    Way(Way),
     /// Asks to keep out of all cells of a move, and to grant them to nobody else.
     Request {
         /// Who asks.
         origin: ModuleId,
         /// Its attempt.
         token: Token,
-        /// For how long the origin has been waiting; the longer wins.
+        /// How important its move is.
+        rank: Rank,
+        /// For how long the origin has been waiting; of equally important ones the longer wins.
         age: Span,
         /// Where it stands.
         pose: Pose,
@@ -98,6 +180,10 @@ fn wide(out: &mut Encoder, v: u128) {
     out.u64((v >> 64) as u64);
 }
 
+fn sweep(from: &mut Decoder<'_>) -> Result<Sweep, WireError> {
+    Ok(Sweep(u128::from(from.u64()?) | u128::from(from.u64()?) << 64))
+}
+
 impl Wire for Message {
     fn kind(&self) -> u8 {
         match self {
@@ -105,6 +191,7 @@ impl Wire for Message {
             Message::Request { .. } => 17,
             Message::Response { .. } => 18,
             Message::Release { .. } => 19,
+            Message::Way(_) => 20,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -113,12 +200,28 @@ impl Wire for Message {
                 out.u32(s.id.0);
                 out.u32(s.sequence);
                 pose(out, s.pose);
-                out.bool(s.settled);
+                out.u8(u8::from(s.settled) | u8::from(s.stuck) << 1);
+                s.task.encode(out);
                 out.u32(s.filled.0);
+                out.u8(s.claim.map_or(u8::MAX, |c| c.seed));
+                out.u8(s.claim.map_or(0, |c| c.cost));
+                out.u32(s.barred.0);
             }
-            Message::Request { origin, token, age, pose: p, sweep } => {
+            Message::Way(w) => {
+                out.u32(w.id.0);
+                out.u32(w.sequence);
+                out.u16(w.rank.0);
+                pose(out, w.from);
+                out.u8(w.legs().len() as u8);
+                for leg in w.legs() {
+                    out.u16(leg.posture);
+                    wide(out, leg.sweep.0);
+                }
+            }
+            Message::Request { origin, token, rank, age, pose: p, sweep } => {
                 out.u32(origin.0);
                 out.u32(token.0);
+                out.u16(rank.0);
                 out.u64(age.0);
                 pose(out, p);
                 wide(out, sweep.0);
@@ -136,20 +239,41 @@ impl Wire for Message {
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
         Ok(match kind {
-            16 => Message::State(State {
-                id: ModuleId(from.u32()?),
-                sequence: from.u32()?,
-                pose: Pose::decode(from)?,
-                settled: from.bool("settled")?,
-                filled: SeedSet(from.u32()?),
-            }),
+            16 => {
+                let (id, sequence) = (ModuleId(from.u32()?), from.u32()?);
+                let pose = Pose::decode(from)?;
+                let flags = from.u8()?;
+                if flags > 3 {
+                    return Err(WireError::Field("flags"));
+                }
+                let (task, filled) = (Task::decode(from)?, SeedSet(from.u32()?));
+                let claim = match (from.u8()?, from.u8()?) {
+                    (u8::MAX, 0) => None,
+                    (seed, cost) if usize::from(seed) < MAX_SEEDS => Some(Claim { seed, cost }),
+                    _ => return Err(WireError::Field("claim")),
+                };
+                let (settled, stuck) = (flags & 1 != 0, flags & 2 != 0);
+                let barred = SeedSet(from.u32()?);
+                Message::State(State { id, sequence, pose, settled, stuck, task, filled, claim, barred })
+            }
             17 => Message::Request {
                 origin: ModuleId(from.u32()?),
                 token: Token(from.u32()?),
+                rank: Rank(from.u16()?),
                 age: Span(from.u64()?),
                 pose: Pose::decode(from)?,
-                sweep: Sweep(u128::from(from.u64()?) | u128::from(from.u64()?) << 64),
+                sweep: sweep(from)?,
             },
+            20 => {
+                let (id, sequence, rank) = (ModuleId(from.u32()?), from.u32()?, Rank(from.u16()?));
+                let begins = Pose::decode(from)?;
+                let (count, mut legs) = (from.u8()?, [Leg::default(); LEGS]);
+                let told = legs.get_mut(..usize::from(count)).ok_or(WireError::Field("legs"))?;
+                for leg in told {
+                    *leg = Leg { posture: from.u16()?, sweep: sweep(from)? };
+                }
+                Message::Way(Way { id, sequence, rank, from: begins, legs, count })
+            }
             18 => Message::Response {
                 from: ModuleId(from.u32()?),
                 token: Token(from.u32()?),
@@ -269,8 +393,11 @@ impl Wire for Percept {
 /// What the world-controller tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Order {
-    /// These seeds attract, those are filled. Sets of filled seeds only grow, so the larger is later.
+    /// This is to be built; these seeds of it attract, those are filled. Sets of filled seeds only grow
+    /// while the task is the same, so the larger is later.
     Seeds {
+        /// What is to be built.
+        task: Task,
         /// What attracts.
         open: SeedSet,
         /// What is filled.
@@ -284,6 +411,13 @@ pub enum Order {
         /// Where the body is.
         pose: Pose,
     },
+    /// Something foreign is in a cell, or is there no more.
+    Obstacle {
+        /// Where.
+        cell: Cell,
+        /// Whether it is there.
+        there: bool,
+    },
 }
 
 impl Wire for Order {
@@ -291,11 +425,13 @@ impl Wire for Order {
         match self {
             Order::Seeds { .. } => 16,
             Order::Dead { .. } => 17,
+            Order::Obstacle { .. } => 18,
         }
     }
     fn encode(&self, out: &mut Encoder) {
         match self {
-            Order::Seeds { open, filled } => {
+            Order::Seeds { task, open, filled } => {
+                task.encode(out);
                 out.u32(open.0);
                 out.u32(filled.0);
             }
@@ -303,11 +439,20 @@ impl Wire for Order {
                 out.u32(id.0);
                 pose(out, *p);
             }
+            Order::Obstacle { cell, there } => {
+                out.cell(*cell);
+                out.bool(*there);
+            }
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
         Ok(match kind {
-            16 => Order::Seeds { open: SeedSet(from.u32()?), filled: SeedSet(from.u32()?) },
+            16 => Order::Seeds {
+                task: Task::decode(from)?,
+                open: SeedSet(from.u32()?),
+                filled: SeedSet(from.u32()?),
+            },
+            18 => Order::Obstacle { cell: from.cell()?, there: from.bool("there")? },
             17 => Order::Dead { id: ModuleId(from.u32()?), pose: Pose::decode(from)? },
             _ => return Err(WireError::Kind(kind)),
         })
@@ -325,6 +470,8 @@ pub struct Status {
     pub prevented: u32,
     /// Who refused last, while it waits.
     pub waits_for: Option<ModuleId>,
+    /// Seeds that it has no way to.
+    pub barred: SeedSet,
 }
 
 impl Wire for Status {
@@ -336,6 +483,7 @@ impl Wire for Status {
         out.u8(self.settled.unwrap_or(u8::MAX));
         out.u32(self.prevented);
         out.u32(self.waits_for.map_or(u32::MAX, |id| id.0));
+        out.u32(self.barred.0);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
         if kind != 16 {
@@ -349,7 +497,8 @@ impl Wire for Status {
         };
         let prevented = from.u32()?;
         let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
-        Ok(Status { pose, settled, prevented, waits_for })
+        let barred = SeedSet(from.u32()?);
+        Ok(Status { pose, settled, prevented, waits_for, barred })
     }
 }
 
@@ -381,6 +530,24 @@ mod tests {
         Pose { state: GridState::new(-2, 5, 3), end: End::Head, both: true, posture: 0x0102 }
     }
 
+    fn a_task() -> Task {
+        Task { epoch: 2, goal: 1, shift: (-3, 4) }
+    }
+
+    fn a_state() -> State {
+        State {
+            id: ModuleId(1),
+            sequence: 2,
+            pose: a_pose(),
+            settled: true,
+            stuck: false,
+            task: a_task(),
+            filled: SeedSet(3),
+            claim: None,
+            barred: SeedSet(4),
+        }
+    }
+
     fn round_trip<W: Wire>(message: &W) {
         let frame = Frame::seal(header(message.kind()), message);
         frame.open().unwrap();
@@ -392,9 +559,19 @@ mod tests {
         let p = a_pose();
         let filled = SeedSet(0x8000_0001);
         round_trip(&p);
-        round_trip(&Message::State(State { id: ModuleId(3), sequence: 9, pose: p, settled: true, filled }));
+        for claim in [None, Some(Claim { seed: 31, cost: 7 })] {
+            round_trip(&Message::State(State { claim, ..a_state() }));
+        }
+        let leg = Leg { posture: 77, sweep: Sweep(3 << 90) };
+        for count in 0..=LEGS as u8 {
+            let mut legs = [Leg::default(); LEGS];
+            legs[..usize::from(count)].fill(leg);
+            let (id, rank) = (ModuleId(3), Rank::of_seed(31).below());
+            round_trip(&Message::Way(Way { id, sequence: 9, rank, from: p, legs, count }));
+        }
+        let rank = Rank::NONE;
         let (origin, token, sweep) = (ModuleId(7), Token(8), Sweep(1 << 127 | 5));
-        round_trip(&Message::Request { origin, token, age: Span(u64::MAX), pose: p, sweep });
+        round_trip(&Message::Request { origin, token, rank, age: Span(u64::MAX), pose: p, sweep });
         for d in 0..5 {
             let denial = Denial::decode(d).unwrap();
             round_trip(&Message::Response { from: origin, token, denial });
@@ -409,10 +586,17 @@ mod tests {
         }
         round_trip(&Percept::Done(p));
         round_trip(&Percept::Failed);
-        round_trip(&Order::Seeds { open: SeedSet(6), filled });
+        round_trip(&Order::Seeds { task: a_task(), open: SeedSet(6), filled });
+        round_trip(&Order::Obstacle { cell: Cell::new(-3, 4, 1), there: true });
         round_trip(&Order::Dead { id: origin, pose: p });
         for settled in [None, Some(31)] {
-            round_trip(&Status { pose: p, settled, prevented: 3, waits_for: settled.map(|_| origin) });
+            round_trip(&Status {
+                pose: p,
+                settled,
+                prevented: 3,
+                waits_for: settled.map(|_| origin),
+                barred: filled,
+            });
         }
     }
 
@@ -422,28 +606,31 @@ mod tests {
         let message = Message::Request {
             origin: ModuleId(7),
             token: Token(0x0A0B),
+            rank: Rank(0x0304),
             age: Span(9),
             pose: a_pose(),
             sweep: Sweep(0x0102 | 0x03 << 120),
         };
         let bytes = Frame::seal(header(17), &message).to_bytes();
         assert_eq!(
-            &bytes[HEADER..HEADER + 40],
+            &bytes[HEADER..HEADER + 42],
             &[
-                7, 0, 0, 0, 0x0B, 0x0A, 0, 0, 9, 0, 0, 0, 0, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 2, 1, 0,
-                0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3
+                7, 0, 0, 0, 0x0B, 0x0A, 0, 0, 4, 3, 9, 0, 0, 0, 0, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 2,
+                1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3
             ]
         );
-        assert_eq!(message.wire_len(), HEADER + 40);
+        assert_eq!(message.wire_len(), HEADER + 42);
     }
 
     #[test]
     fn golden_state() {
-        let state = State { id: ModuleId(1), sequence: 2, pose: a_pose(), settled: true, filled: SeedSet(3) };
-        let bytes = Frame::seal(header(16), &Message::State(state)).to_bytes();
+        let bytes = Frame::seal(header(16), &Message::State(a_state())).to_bytes();
         assert_eq!(
-            &bytes[HEADER..HEADER + 21],
-            &[1, 0, 0, 0, 2, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 1, 3, 0, 0, 0]
+            &bytes[HEADER..HEADER + 34],
+            &[
+                1, 0, 0, 0, 2, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 1, 2, 0, 1, 0xFD, 0xFF, 4, 0, 3, 0, 0,
+                0, 255, 0, 4, 0, 0, 0
+            ]
         );
     }
 

@@ -11,33 +11,41 @@
 //! it holds another. Grants end by themselves, after the holder's own time is up, and the body does
 //! not begin what it is asked to begin too late. The interlock of the body is below all that.
 //!
-//! *Progress* is not promised: the force field has local minima, and that is what the experiment
-//! measures. Deliberately absent: any way out of them; gripping other metamodules; walls.
+//! *Progress* is not promised by the strategies of the thesis: the force field has local minima, and
+//! that is what the experiment measures. `negotiated` has no field; what it promises is in
+//! `docs/negotiated.md`. Deliberately absent: gripping other metamodules; walls.
 
 pub mod blueprint;
 mod choice;
+pub mod distances;
 pub mod field;
+pub mod graph;
+mod memo;
 pub mod message;
 pub mod motions;
+mod negotiation;
 pub mod params;
 mod peers;
 pub mod pose;
+pub mod search;
 pub mod start;
 
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use crate::ids::{ModuleId, Port, Token};
 use crate::lattice::Cell;
-use crate::roombots::grid::GridState;
 use crate::stream::Stream;
 use crate::time::{Span, Time};
-use blueprint::SeedSet;
+use blueprint::{Blueprint, SeedSet, Task};
 use choice::{Aim, Plan, View, middle};
-use message::{Action, Deed, Denial, Message, Order, Percept, Refusal, State, Status};
+use message::{Action, Deed, Denial, Message, Order, Percept, Rank, Refusal, State, Status};
 use motions::Sweep;
-use params::{Setup, Teller};
+use negotiation::Intent;
+use params::{Setup, Strategy, Teller};
 use peers::{Grant, Peer, Peers};
 use pose::Pose;
-use std::collections::{BTreeMap, VecDeque};
+use search::{Course, Ground};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
@@ -63,11 +71,18 @@ struct Core {
     peers: Peers,
     /// Bodies without a living process.
     dead: BTreeMap<ModuleId, Pose>,
+    /// Cells with something foreign in them.
+    obstacles: BTreeSet<Cell>,
+    task: Task,
     open: SeedSet,
     filled: SeedSet,
     settled: Option<u8>,
-    /// The states that it means to go over next.
-    course: Vec<GridState>,
+    /// Where it means to go next.
+    course: Course,
+    /// What it is about, under `negotiated`.
+    intent: Intent,
+    /// Its joints have not turned when they should; not before this time they are tried again.
+    stuck: Option<Time>,
     phase: Phase,
     token: Token,
     /// Since when it has not got on; those who have waited longer go first.
@@ -82,6 +97,15 @@ struct Core {
     waits_for: Option<ModuleId>,
     reported: Option<Status>,
     chance: Stream,
+}
+
+/// What a lock is asked for.
+struct Asked {
+    rank: Rank,
+    age: Span,
+    origin: ModuleId,
+    pose: Pose,
+    sweep: Sweep,
 }
 
 /// A metamodule's agent.
@@ -125,7 +149,11 @@ impl Metamodule {
             sequence: c.sequence,
             pose: c.pose,
             settled: c.settled.is_some(),
+            stuck: c.stuck.is_some() || c.intent.is_cornered(),
+            task: c.task,
             filled: c.filled,
+            claim: c.intent.claim,
+            barred: c.intent.barred,
         })
     }
 
@@ -135,12 +163,42 @@ impl Metamodule {
         self.broadcast(class, state);
     }
 
+    /// What is built, unmoved.
+    fn goal(&self) -> &Blueprint {
+        self.setup.goal(self.core.task)
+    }
+
     fn open(&self) -> SeedSet {
         let c = &self.core;
         match self.setup.params.teller {
             Teller::Controller => c.open.without(c.filled),
-            Teller::Neighbours => self.setup.blueprint.open(c.filled),
+            Teller::Neighbours => self.goal().open(c.filled),
         }
+    }
+
+    /// The seed of the task whose cells this metamodule fills, and which nobody else does.
+    fn fits(&self) -> Option<u8> {
+        let cells = self.setup.motions.cells(self.core.pose);
+        let seed = self.setup.seeds(self.core.task).find(|(_, seed)| seed.cells() == cells)?.0;
+        (!self.core.filled.has(seed)).then_some(seed)
+    }
+
+    /// Something else is to be built from now on.
+    fn take_task(&mut self, now: Time, task: Task) {
+        if task.epoch <= self.core.task.epoch {
+            return;
+        }
+        self.core.task = task;
+        (self.core.open, self.core.filled) = (SeedSet::default(), SeedSet::default());
+        self.withdraw();
+        let settled = self.core.settled.take().and_then(|_| self.fits());
+        if let Some(seed) = settled {
+            self.core.settled = settled;
+            self.core.filled = self.core.filled.with(seed);
+        }
+        self.core.waiting_since = now;
+        self.tell(now, Class::Gradient);
+        self.look_again(now);
     }
 
     /// Something new is known: whoever has nothing to do looks again.
@@ -169,13 +227,8 @@ impl Metamodule {
         }
         if self.core.pose.both {
             // An earlier life has gripped and not let go. Letting go sweeps nothing.
-            let plan = Plan {
-                from: self.core.pose,
-                steps: Vec::new(),
-                sweep: Sweep::default(),
-                aim: Aim::Land,
-                via: Vec::new(),
-            };
+            let plan =
+                Plan { from: self.core.pose, steps: Vec::new(), sweep: Sweep::default(), aim: Aim::Land };
             return self.begin(now, now, plan);
         }
         // Whoever says nothing for long has no process, and its body does not move.
@@ -185,32 +238,76 @@ impl Metamodule {
             self.core.phase = idle(until);
             return;
         }
+        if let Some(again) = self.core.stuck {
+            self.core.phase = idle(again);
+            if now >= again {
+                self.try_joints(now);
+            }
+            return;
+        }
+        match self.setup.params.strategy {
+            Strategy::Negotiated => self.negotiate(now, next_expiry),
+            _ => self.follow_field(now, next_expiry),
+        }
+    }
+
+    /// Looks for something to do by the force field.
+    fn follow_field(&mut self, now: Time, next_expiry: Time) {
         let motions = &self.setup.motions;
-        let mut obstacles = self.core.peers.cells(motions);
-        obstacles.extend(self.core.dead.values().flat_map(|p| motions.cells(*p)));
-        let states = self.core.peers.iter().filter_map(|(_, p)| p.state);
-        let free = states.filter(|s| !s.settled && !self.core.dead.contains_key(&s.id));
-        let neighbours: Vec<_> = free.map(|s| middle(motions, s.pose)).collect();
-        let states = self.core.peers.iter().filter_map(|(_, p)| p.state);
-        let feet: Vec<_> =
-            states.map(|s| s.pose).chain(self.core.dead.values().copied()).map(Pose::foot).collect();
-        let course = std::mem::take(&mut self.core.course);
+        let (mut taken, mut feet, mut neighbours) = (self.fixed(), Vec::new(), Vec::new());
+        feet.extend(self.core.dead.values().map(|p| p.foot()));
+        for (_, peer) in self.core.peers.iter() {
+            let Some(state) = peer.state else { continue };
+            feet.push(state.pose.foot());
+            taken.extend(motions.cells(state.pose));
+            if !state.settled && !self.core.dead.contains_key(&state.id) {
+                neighbours.push(middle(motions, state.pose));
+            }
+        }
+        taken.extend(self.core.peers.granted(motions));
         let view = View {
-            course: &course,
-            feet: &feet,
             setup: &self.setup,
+            task: self.core.task,
             pose: self.core.pose,
+            course: &self.core.course,
             open: self.open(),
-            obstacles: &obstacles,
+            ground: &Ground { motions, floor: self.setup.floor, taken: &taken },
+            feet: &feet,
             neighbours: &neighbours,
         };
         match view.choose() {
-            Some(plan) => self.ask(now, plan),
+            Some((plan, course)) => {
+                self.core.course = course;
+                self.ask(now, plan);
+            }
             // A grant that runs out may open a way; everything else that may is heard.
             None => {
+                self.core.course = Course::default();
                 self.core.waits_for = None;
-                self.core.phase = idle(next_expiry);
+                self.core.phase = Phase::Idle { look_at: next_expiry };
             }
+        }
+    }
+
+    /// Cells of the dead and of what is foreign.
+    fn fixed(&self) -> Vec<Cell> {
+        let dead = self.core.dead.values().flat_map(|p| self.setup.motions.cells(*p));
+        self.core.obstacles.iter().copied().chain(dead).collect()
+    }
+
+    /// Tries whether the joints turn again, by any step that is free.
+    fn try_joints(&mut self, now: Time) {
+        let motions = &self.setup.motions;
+        let mut taken = self.fixed();
+        taken.extend(self.core.peers.iter().filter_map(|(_, p)| p.state).flat_map(|s| motions.cells(s.pose)));
+        taken.extend(self.core.peers.granted(motions));
+        let ground = Ground { motions, floor: self.setup.floor, taken: &taken };
+        let bits = ground.taken_at(self.core.pose);
+        let next = motions.graph().neighbour(self.core.pose.posture, bits);
+        let plan = next.and_then(|posture| Plan::to(&ground, self.core.pose, posture, Aim::Shift));
+        self.core.stuck = Some(now + self.setup.params.patience * 3);
+        if let Some(plan) = plan {
+            self.ask(now, plan);
         }
     }
 
@@ -219,7 +316,8 @@ impl Metamodule {
             .core
             .peers
             .iter()
-            .filter(|(_, p)| p.state.is_some() && !self.is_dead(p))
+            // Whoever stays where it is cannot come into the way; before it leaves, it asks us.
+            .filter(|(_, p)| p.state.is_some_and(|s| !s.settled) && !self.is_dead(p))
             .map(|(p, _)| p)
             .collect();
         self.core.token.0 += 1;
@@ -238,6 +336,7 @@ impl Metamodule {
         let message = Message::Request {
             origin: self.core.id,
             token: self.core.token,
+            rank: self.core.intent.rank,
             age: now.since(self.core.waiting_since),
             pose: plan.from,
             sweep: plan.sweep,
@@ -274,8 +373,11 @@ impl Metamodule {
         let params = &self.setup.params;
         let (deed, takes) = match (plan.steps.get(*next), plan.aim) {
             (Some(step), _) => (Deed::Turn(*step), params.turn_time),
-            (None, Aim::Settle(seed)) => return self.settle(now, seed),
-            (None, Aim::Rise) => return self.stop(now, Span::ZERO),
+            (None, Aim::Settle(_)) => return self.settle(now),
+            (None, Aim::Shift) => {
+                self.core.course.advance();
+                return self.stop(now, Span::ZERO);
+            }
             (None, Aim::Land) if self.core.pose.both => (Deed::Detach, params.connect_time),
             (None, Aim::Land) => (Deed::Attach, params.connect_time),
         };
@@ -287,9 +389,14 @@ impl Metamodule {
         self.out.push_back(Output::Act(Action { deed, not_after }));
     }
 
-    fn settle(&mut self, now: Time, seed: u8) {
-        self.core.settled = Some(seed);
-        self.core.filled = self.core.filled.with(seed);
+    fn settle(&mut self, now: Time) {
+        // The task may have changed on the way.
+        if let Some(seed) = self.fits() {
+            self.core.settled = Some(seed);
+            self.core.filled = self.core.filled.with(seed);
+        }
+        self.withdraw();
+        self.core.waiting_since = now;
         self.stop(now, Span::ZERO);
     }
 
@@ -320,13 +427,14 @@ impl Metamodule {
                     *tries = 0;
                     if *next < plan.steps.len() {
                         *next += 1;
+                        self.core.stuck = None;
                         return self.go_on(now);
                     }
                     if pose.both {
                         return self.go_on(now);
                     }
                     // The old end has let go: the move is complete.
-                    self.core.course = plan.via.split_off(plan.via.len().min(1));
+                    self.core.course.advance();
                     self.core.waiting_since = now;
                     self.stop(now, Span::ZERO);
                 }
@@ -339,7 +447,7 @@ impl Metamodule {
             }
             return;
         }
-        let Phase::Moving { next, tries, .. } = &mut self.core.phase else { return };
+        let Phase::Moving { plan, next, tries, .. } = &mut self.core.phase else { return };
         *tries += 1;
         let again = match percept {
             Percept::Failed => *tries < TRIES,
@@ -348,15 +456,21 @@ impl Metamodule {
             Percept::Refused(Refusal::Stale) => *next > 0 && *tries < TRIES,
             _ => false,
         };
+        let is_stuck = percept == Percept::Failed && *next < plan.steps.len();
         if again {
             self.go_on(now);
         } else {
+            if is_stuck {
+                self.core.stuck = Some(now + self.setup.params.patience * 3);
+                self.withdraw();
+            }
             self.stop(now, back_off);
         }
     }
 
     /// Whether a neighbour may have all cells of a motion.
-    fn judge(&mut self, now: Time, age: Span, origin: ModuleId, pose: Pose, sweep: Sweep) -> Option<Denial> {
+    fn judge(&mut self, now: Time, asked: Asked) -> Option<Denial> {
+        let Asked { rank, age, origin, pose, sweep } = asked;
         let motions = &self.setup.motions;
         if now < self.core.quarantine {
             return Some(Denial::Quarantined);
@@ -375,8 +489,8 @@ impl Metamodule {
                 if !meets(&own) {
                     return None;
                 }
-                let mine = (now.since(self.core.waiting_since), std::cmp::Reverse(self.core.id));
-                if mine > (age, std::cmp::Reverse(origin)) {
+                let mine = (self.core.intent.rank, Reverse(now.since(self.core.waiting_since)), self.core.id);
+                if mine < (rank, Reverse(age), origin) {
                     return Some(Denial::Younger);
                 }
                 self.core.prevented += 1;
@@ -398,20 +512,27 @@ impl Metamodule {
                 }
                 let before = peer.state.replace(state);
                 self.core.dead.remove(&state.id);
-                let filled = SeedSet(self.core.filled.0 | state.filled.0);
-                let news = before.is_none_or(|b| (b.pose, b.settled) != (state.pose, state.settled))
-                    || filled != self.core.filled;
+                self.take_task(now, state.task);
+                let filled = match state.task == self.core.task {
+                    true => self.core.filled.and(state.filled),
+                    false => self.core.filled,
+                };
+                let still =
+                    |b: &State| State { sequence: state.sequence, filled: state.filled, ..*b } == state;
+                let news = !before.as_ref().is_some_and(still) || filled != self.core.filled;
                 self.core.filled = filled;
                 if news {
                     self.look_again(now);
                 }
             }
-            Message::Request { origin, token, age, pose, sweep } => {
+            Message::Way(way) => self.hear_way(now, port, way),
+            Message::Request { origin, token, rank, age, pose, sweep } => {
                 let known = match self.core.peers.get_mut(port) {
                     Some(peer) if token > peer.over => peer.grant.is_some_and(|g| g.token == token),
                     _ => return,
                 };
-                let denial = if known { None } else { self.judge(now, age, origin, pose, sweep) };
+                let asked = Asked { rank, age, origin, pose, sweep };
+                let denial = if known { None } else { self.judge(now, asked) };
                 let until = now + self.setup.params.lease;
                 if let Some(peer) = self.core.peers.get_mut(port)
                     && denial.is_none()
@@ -453,6 +574,10 @@ impl Metamodule {
         if session.is_some() {
             let message = self.state();
             self.out.push_back(Output::Send { port, class: Class::Liveness, message });
+            if let Some(way) = self.core.intent.way {
+                let (class, message) = (Class::Liveness, Message::Way(way));
+                self.out.push_back(Output::Send { port, class, message });
+            }
             // Whoever has come must be asked too.
             if matches!(self.core.phase, Phase::Asking { .. }) {
                 self.stop(now, Span::ZERO);
@@ -465,18 +590,23 @@ impl Metamodule {
 
     fn order(&mut self, now: Time, order: Order) {
         match order {
-            Order::Seeds { open, filled } => {
-                if filled.holds(self.core.filled) || self.setup.params.teller == Teller::Controller {
-                    self.core.open = open;
+            Order::Seeds { task, open, filled } => {
+                self.take_task(now, task);
+                if task == self.core.task {
+                    if filled.holds(self.core.filled) || self.setup.params.teller == Teller::Controller {
+                        self.core.open = open;
+                    }
+                    self.core.filled = self.core.filled.and(filled);
                 }
-                self.core.filled = SeedSet(self.core.filled.0 | filled.0);
             }
+            Order::Obstacle { cell, there: true } => _ = self.core.obstacles.insert(cell),
+            Order::Obstacle { cell, there: false } => _ = self.core.obstacles.remove(&cell),
             Order::Dead { id, pose } => {
                 self.core.dead.insert(id, pose);
                 let port = self.core.peers.iter().find(|(_, p)| p.state.is_some_and(|s| s.id == id));
                 if let Some((port, _)) = port {
                     if let Some(peer) = self.core.peers.get_mut(port) {
-                        peer.grant = None;
+                        (peer.grant, peer.way) = (None, None);
                         if let Some(state) = &mut peer.state {
                             state.pose = pose;
                         }
@@ -490,8 +620,13 @@ impl Metamodule {
 
     fn report(&mut self) {
         let c = &mut self.core;
-        let status =
-            Status { pose: c.pose, settled: c.settled, prevented: c.prevented, waits_for: c.waits_for };
+        let status = Status {
+            pose: c.pose,
+            settled: c.settled,
+            prevented: c.prevented,
+            waits_for: c.waits_for,
+            barred: c.intent.barred,
+        };
         if c.reported != Some(status) {
             c.reported = Some(status);
             self.out.push_back(Output::Report(status));
@@ -520,10 +655,14 @@ impl Agent for Metamodule {
                 pose: birth.place,
                 peers: Peers::new(Self::PORTS),
                 dead: BTreeMap::new(),
+                obstacles: BTreeSet::new(),
+                task: Task::default(),
                 open: SeedSet::default(),
                 filled: SeedSet::default(),
                 settled: None,
-                course: Vec::new(),
+                course: Course::default(),
+                intent: Intent::new(),
+                stuck: None,
                 phase: Phase::Idle { look_at: now.max(quarantine) },
                 // Tokens of a later life are larger than any of an earlier one.
                 token: Token(u32::from(birth.incarnation.0) << 20),
@@ -552,6 +691,9 @@ impl Agent for Metamodule {
             Input::Wake => {
                 if now >= self.core.repeat_at {
                     self.tell(now, Class::Liveness);
+                    if let Some(way) = self.core.intent.way {
+                        self.broadcast(Class::Liveness, Message::Way(way));
+                    }
                 }
                 match &mut self.core.phase {
                     Phase::Idle { look_at } if now >= *look_at => self.look(now),

@@ -1,12 +1,17 @@
 //! The motion database as agents and bodies share it, and sets of swept cells as they travel.
 
+use super::blueprint::Seed;
+use super::distances::Distances;
+use super::graph::{Bits, Graph};
+use super::memo::{Memo, mix};
+use super::params::Floor;
 use super::pose::{Pose, to_frame, to_world};
 use crate::lattice::Cell;
 use crate::roombots::Kind;
-use crate::roombots::database::{CellSet, Database, Step, Table};
+use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::{GridState, fewest_moves};
-use crate::roombots::sweep::FloorContact;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
+use std::fmt;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -24,11 +29,34 @@ pub enum MotionsError {
 /// The motions of one kind of metamodule.
 ///
 /// Serialised as the bytes of the database, so that whoever reads it has the same one to the bit.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Motions {
     database: Arc<Database>,
     kind: Kind,
-    strides: Arc<Strides>,
+    laid_out: Arc<LaidOut>,
+}
+
+impl fmt::Debug for Motions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Motions({})", self.kind)
+    }
+}
+
+/// What is worked out once from the database.
+struct LaidOut {
+    strides: Strides,
+    graph: Graph,
+    distances: Memo<Box<Distances>, ()>,
+}
+
+/// Counts of strides kept.
+const KEPT: usize = 512;
+
+impl LaidOut {
+    fn new(database: &Database, kind: Kind) -> LaidOut {
+        let table = database.table(kind);
+        LaidOut { strides: Strides::of(kind), graph: Graph::new(database, table), distances: Memo::new(KEPT) }
+    }
 }
 
 /// The fewest moves from a foot to every connector around it, whatever the class there, when nothing
@@ -58,14 +86,7 @@ impl Strides {
 
 /// A set of cells of the database, seen from a grid state; bit *i* is the *i*-th cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub struct Sweep(pub u128);
-
-impl Sweep {
-    /// Of a set of the database. Invariant: [`Motions::new`] has checked that 128 bits are enough.
-    pub fn of(set: &CellSet) -> Sweep {
-        Sweep(set.indices().filter(|i| *i < 128).fold(0, |bits, i| bits | 1 << i))
-    }
-}
+pub struct Sweep(pub Bits);
 
 impl Motions {
     /// The motions of `kind` in a database.
@@ -74,7 +95,10 @@ impl Motions {
             return Err(MotionsError::Single);
         }
         match database.cells().len() {
-            0..=128 => Ok(Motions { database, kind, strides: Arc::new(Strides::of(kind)) }),
+            0..=128 => {
+                let laid_out = Arc::new(LaidOut::new(&database, kind));
+                Ok(Motions { database, kind, laid_out })
+            }
             n => Err(MotionsError::TooManyCells(n)),
         }
     }
@@ -86,35 +110,54 @@ impl Motions {
     pub fn table(&self) -> &Table {
         self.database.table(self.kind)
     }
+    /// The table, laid out for searching.
+    pub fn graph(&self) -> &Graph {
+        &self.laid_out.graph
+    }
+    /// A posture that lands as a set of such postures.
+    pub fn rest_bit(&self, posture: u16) -> u128 {
+        self.graph().rest(posture).map_or(0, |i| 1 << i)
+    }
+    /// Asks for strides to a seed around cells that stay taken.
+    pub fn with_distances<T>(
+        &self,
+        floor: Floor,
+        seed: Seed,
+        fixed: &[Cell],
+        like: Pose,
+        ask: impl FnOnce(&mut Distances) -> T,
+    ) -> T {
+        let mut fixed = fixed.to_vec();
+        fixed.sort_unstable();
+        fixed.dedup();
+        let (foot, turn) = (seed.foot, seed.directions.map(|d| d as i16));
+        let numbers = fixed.iter().flat_map(|c| [c.x, c.y, c.z]).chain([foot.0, foot.1]).chain(turn);
+        let hash = numbers.fold(0, |h, v| mix(h, u64::from(v as u16)));
+        let memo = &self.laid_out.distances;
+        let found = memo.take(hash, |d| d.is_for(floor, seed, &fixed)).map(|(d, ())| d);
+        let mut distances = found.unwrap_or_else(|| Box::new(Distances::new(self, floor, seed, fixed, like)));
+        let answer = ask(&mut distances);
+        memo.put(hash, distances, ());
+        answer
+    }
+    /// The number of the chain of these cells of the foot frame.
+    pub fn chain_of(&self, cells: [Cell; 4]) -> Option<u16> {
+        self.table().chains().iter().position(|c| c.cells == cells).map(|i| i as u16)
+    }
 
-    /// The four cells of a metamodule in the world, from the attached end on. Empty if the database
-    /// has no such posture, which no checked pose has.
-    pub fn cells(&self, pose: Pose) -> Vec<Cell> {
-        let table = self.table();
-        let Some(entry) = table.postures().get(usize::from(pose.posture)) else { return Vec::new() };
-        table.chains()[usize::from(entry.chain)].cells.iter().map(|c| to_world(pose.state, *c)).collect()
+    /// The postures that fill a chain.
+    pub fn filling(&self, chain: u16) -> &[u16] {
+        self.table().chains().get(usize::from(chain)).map_or(&[], |c| &c.postures)
+    }
+
+    /// The four cells of a metamodule in the world, from the attached end on.
+    pub fn cells(&self, pose: Pose) -> [Cell; 4] {
+        self.graph().filled(pose.posture).map(|c| to_world(pose.state, c))
     }
 
     /// The cells of a sweep seen from a grid state.
     pub fn swept(&self, state: GridState, sweep: Sweep) -> impl Iterator<Item = Cell> + '_ {
-        let cells = self.database.cells();
-        (0..cells.len()).filter(move |i| sweep.0 >> i & 1 == 1).map(move |i| to_world(state, cells[i]))
-    }
-
-    /// Those of `cells` that motions from a grid state can sweep at all.
-    pub fn blocked(&self, state: GridState, cells: impl IntoIterator<Item = Cell>) -> CellSet {
-        self.database.cell_set(cells.into_iter().map(|c| to_frame(state, c)))
-    }
-
-    /// The step of this number and where it leads from a posture, if it is strict and begins there.
-    pub fn step_from(&self, posture: u16, number: u16) -> Option<(&Step, u16)> {
-        let step = self.table().steps().get(usize::from(number))?;
-        let to = match posture {
-            p if p == step.from => step.to,
-            p if p == step.to => step.from,
-            _ => return None,
-        };
-        (step.floor == FloorContact::Free).then_some((step, to))
+        self.graph().cells(sweep.0).map(move |c| to_world(state, c))
     }
 
     /// The fewest moves from a state to a connector, on the open grid. Farther away than the table
@@ -123,23 +166,26 @@ impl Motions {
         let at = to_frame(from, Cell::new(to.0, to.1, 0));
         let near = |c: i16| c.clamp(-Strides::RADIUS, Strides::RADIUS);
         let beyond = at.x.abs_diff(near(at.x)) + at.y.abs_diff(near(at.y));
-        let known = Strides::index(near(at.x), near(at.y)).map_or(u8::MAX, |i| self.strides.0[i]);
+        let known = Strides::index(near(at.x), near(at.y)).map_or(u8::MAX, |i| self.laid_out.strides.0[i]);
         u16::from(known) + beyond / 3
     }
 
     /// Where the free end lies, if it lies on a connector of the floor.
     pub fn landing(&self, pose: Pose) -> Option<GridState> {
-        let table = self.table();
-        let landing = table.postures().get(usize::from(pose.posture))?.landing?;
-        Some(pose.state.then(table.landings()[usize::from(landing)].state))
+        self.graph().landing(pose.posture).map(|(by, _)| then(pose.state, by))
     }
 
     /// The same place and posture seen from the other end, which lies on the floor.
     pub fn turned_around(&self, pose: Pose) -> Option<Pose> {
-        let state = self.landing(pose)?;
-        let posture = self.table().reversed(pose.posture)?;
-        Some(Pose { state, end: pose.end.other(), posture, ..pose })
+        let (by, posture) = self.graph().landing(pose.posture)?;
+        Some(Pose { state: then(pose.state, by), end: pose.end.other(), posture, ..pose })
     }
+}
+
+/// [`GridState::then`] without matrices.
+fn then(from: GridState, by: GridState) -> GridState {
+    let at = to_world(from, Cell::new(by.x, by.y, 0));
+    GridState::new(at.x, at.y, from.class + by.class)
 }
 
 impl Serialize for Motions {

@@ -1,12 +1,13 @@
 //! What all metamodules of a swarm share: the force field's parameters, times, floor, goal, motions.
 
-use super::blueprint::Blueprint;
+use super::blueprint::{Blueprint, Seed, Task};
 use super::motions::Motions;
 use crate::roombots::Kind;
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
 
-/// How neighbours push (thesis 4.1.3). Names for three points of one mechanism, [`Repulsion`].
+/// How a metamodule decides what to do next. The first three are the thesis's (4.1.3) and differ only
+/// in how neighbours push, [`Repulsion`]; the fourth is ours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
 #[serde(rename_all = "lowercase")]
 pub enum Strategy {
@@ -17,11 +18,16 @@ pub enum Strategy {
     Slope,
     /// They push equally within the range.
     Step,
+    /// Seeds are shared out, ways announced, and whoever stands in a more important way leaves it (see
+    /// `docs/negotiated.md`).
+    Negotiated,
 }
 
 impl Strategy {
+    /// The three of the thesis.
+    pub const PUBLISHED: [Strategy; 3] = [Strategy::Greedy, Strategy::Slope, Strategy::Step];
     /// All of them.
-    pub const ALL: [Strategy; 3] = [Strategy::Greedy, Strategy::Slope, Strategy::Step];
+    pub const ALL: [Strategy; 4] = [Strategy::Greedy, Strategy::Slope, Strategy::Step, Strategy::Negotiated];
 
     /// The name used in scenarios and reports.
     pub const fn name(self) -> &'static str {
@@ -29,12 +35,13 @@ impl Strategy {
             Strategy::Greedy => "greedy",
             Strategy::Slope => "slope",
             Strategy::Step => "step",
+            Strategy::Negotiated => "negotiated",
         }
     }
     /// The parameters it stands for. The thesis gives no numbers; these are protocol design.
     pub const fn repulsion(self) -> Repulsion {
         match self {
-            Strategy::Greedy => Repulsion { strength: 0, decay: 0, range: 4 },
+            Strategy::Greedy | Strategy::Negotiated => Repulsion { strength: 0, decay: 0, range: 4 },
             Strategy::Slope => Repulsion { strength: 1000, decay: 1000, range: 4 },
             Strategy::Step => Repulsion { strength: 600, decay: 0, range: 4 },
         }
@@ -88,6 +95,8 @@ pub enum Teller {
 /// Parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Params {
+    /// How decisions are made.
+    pub strategy: Strategy,
     /// How neighbours push.
     pub repulsion: Repulsion,
     /// So many strides ahead it looks, at most, for a place that is better than its own. With 1 it only
@@ -108,14 +117,18 @@ pub struct Params {
     pub repeat: Span,
     /// How long to wait, at least, after a lock was refused.
     pub back_off: Span,
+    /// For how long it waits for others to make way, or to claim a seed that is rather theirs, before
+    /// it looks for another way.
+    pub patience: Span,
 }
 
 impl Params {
     /// Parameters for joints and links of this speed.
-    pub fn scaled(repulsion: Repulsion, turn_time: Span, delay: Span) -> Params {
+    pub fn scaled(strategy: Strategy, turn_time: Span, delay: Span) -> Params {
         let round_trip = delay * 2;
         Params {
-            repulsion,
+            strategy,
+            repulsion: strategy.repulsion(),
             look_ahead: 8,
             teller: Teller::Controller,
             turn_time,
@@ -124,6 +137,7 @@ impl Params {
             resend: round_trip + Span(delay.0 / 2) + Span::millis(20),
             repeat: turn_time * 10,
             back_off: turn_time,
+            patience: turn_time * 10 + round_trip * 4,
         }
     }
 }
@@ -135,13 +149,28 @@ pub struct Setup {
     pub params: Params,
     /// The floor.
     pub floor: Floor,
-    /// What is to be built.
-    pub blueprint: Blueprint,
+    /// What may have to be built, one at a time. The first one is the task at the beginning.
+    pub goals: Vec<Blueprint>,
     /// What the bodies can do.
     pub motions: Motions,
 }
 
 impl Setup {
+    /// What a swarm without a goal builds: nothing. Whoever makes a setup gives it a goal.
+    pub const NO_GOAL: &'static Blueprint = &Blueprint::NOTHING;
+
+    /// The goal of a task, unmoved.
+    pub fn goal(&self, task: Task) -> &Blueprint {
+        self.goals.get(usize::from(task.goal)).unwrap_or(Setup::NO_GOAL)
+    }
+    /// A seed of a task, where it is to be.
+    pub fn seed(&self, task: Task, seed: u8) -> Option<Seed> {
+        self.goal(task).seeds().get(usize::from(seed)).map(|s| task.moved(*s))
+    }
+    /// All seeds of a task, where they are to be.
+    pub fn seeds(&self, task: Task) -> impl Iterator<Item = (u8, Seed)> + '_ {
+        (0u8..).zip(self.goal(task).seeds()).map(move |(i, s)| (i, task.moved(*s)))
+    }
     /// The kind of the metamodules.
     pub fn kind(&self) -> Kind {
         self.motions.kind()

@@ -1,6 +1,6 @@
 //! Whom a metamodule hears: where they are, what they have been granted.
 
-use super::message::State;
+use super::message::{State, Way};
 use super::motions::{Motions, Sweep};
 use super::pose::Pose;
 use crate::ids::{Port, Session, Token};
@@ -29,6 +29,8 @@ pub struct Peer {
     pub since: Time,
     /// What it told last.
     pub state: Option<State>,
+    /// Where it means to go, if it has told.
+    pub way: Option<Way>,
     /// What it has been granted.
     pub grant: Option<Grant>,
     /// Its latest attempt that is over. Requests of it or earlier ones are late copies.
@@ -38,7 +40,7 @@ pub struct Peer {
 impl Peer {
     /// A neighbour that has said nothing yet.
     pub fn new(session: Session, since: Time) -> Peer {
-        Peer { session, since, state: None, grant: None, over: Token(0) }
+        Peer { session, since, state: None, way: None, grant: None, over: Token(0) }
     }
 }
 
@@ -77,13 +79,9 @@ impl Peers {
         }
         next
     }
-    /// Cells to keep out of: where neighbours are, and what they have been granted.
-    pub fn cells(&self, motions: &Motions) -> Vec<Cell> {
-        let mut cells = Vec::new();
-        for (_, peer) in self.iter() {
-            cells.extend(peer.state.iter().flat_map(|s| motions.cells(s.pose)));
-            cells.extend(peer.grant.iter().flat_map(|g| motions.swept(g.pose.state, g.sweep)));
-        }
-        cells
+    /// Cells that neighbours have been granted.
+    pub fn granted<'a>(&'a self, motions: &'a Motions) -> impl Iterator<Item = Cell> + 'a {
+        let grants = self.iter().filter_map(|(_, peer)| peer.grant);
+        grants.flat_map(|g| motions.swept(g.pose.state, g.sweep))
     }
 }

@@ -1,7 +1,10 @@
 //! Where metamodules stand at first: upright, attached by their feet, at random (thesis 4.1.3).
 
+use super::blueprint::Task;
 use super::params::Setup;
 use super::pose::{End, Pose};
+use super::search::Ground;
+use crate::lattice::Cell;
 use crate::roombots::grid::GridState;
 use crate::roombots::posture::Posture;
 use crate::stream::Stream;
@@ -22,11 +25,29 @@ pub enum StartError {
     },
 }
 
+/// So often a start is drawn again because somebody in it is shut in.
+const TRIES: usize = 100;
+
 /// Draws places for `count` metamodules: any connector outside the rectangle around the seeds' feet
-/// grown by one, at least two cells from each other along x or y, turned in any of the four ways.
+/// grown by one, at least two cells from each other along x or y, turned in any of the four ways. Nobody
+/// is shut in: everybody can get away from where it starts while the others stand where they stand.
+/// (PAR has landings in front of it only: in a corner, turned to the wall, it has none at all, and two at
+/// one wall can be each other's only way out for ever.)
 pub fn random_start(setup: &Setup, count: usize, seed: u64) -> Result<Vec<Pose>, StartError> {
     let mut stream = Stream::named(seed, "start", 0);
-    let feet = || setup.blueprint.seeds().iter().map(|s| s.foot);
+    let mut most = 0;
+    for _ in 0..TRIES {
+        let poses = draw(setup, count, &mut stream);
+        if poses.len() == count && !is_anybody_shut_in(setup, &poses) {
+            return Ok(poses);
+        }
+        most = most.max(poses.len());
+    }
+    Err(StartError::NoRoom { wanted: count, placed: most.min(count.saturating_sub(1)) })
+}
+
+fn draw(setup: &Setup, count: usize, stream: &mut Stream) -> Vec<Pose> {
+    let feet = || setup.seeds(Task::default()).map(|(_, s)| s.foot);
     // Invariant: a blueprint has a seed; without one nothing would be kept free.
     let x = (feet().map(|f| f.0).min().unwrap_or(0) - 1, feet().map(|f| f.0).max().unwrap_or(0) + 1);
     let y = (feet().map(|f| f.1).min().unwrap_or(0) - 1, feet().map(|f| f.1).max().unwrap_or(0) + 1);
@@ -38,16 +59,27 @@ pub fn random_start(setup: &Setup, count: usize, seed: u64) -> Result<Vec<Pose>,
     // Invariant: the zero posture stands upright and is in every database.
     let posture = setup.motions.table().find(Posture::zero(setup.kind())).unwrap_or(0);
     let mut poses = Vec::with_capacity(count);
-    while poses.len() < count {
-        if free.is_empty() {
-            return Err(StartError::NoRoom { wanted: count, placed: poses.len() });
-        }
+    while poses.len() < count && !free.is_empty() {
         let at = free[stream.below(free.len() as u64) as usize];
         free.retain(|f| f.0.abs_diff(at.0).max(f.1.abs_diff(at.1)) >= 2);
         let state = GridState::new(at.0, at.1, stream.below(4) as u8);
         poses.push(Pose { state, end: End::Foot, both: false, posture });
     }
-    Ok(poses)
+    poses
+}
+
+/// How far one must be able to get to be free.
+const AWAY: u16 = 5;
+
+fn is_anybody_shut_in(setup: &Setup, poses: &[Pose]) -> bool {
+    let motions = &setup.motions;
+    poses.iter().enumerate().any(|(i, pose)| {
+        let others = poses.iter().enumerate().filter(|(j, _)| *j != i);
+        let taken: Vec<Cell> = others.flat_map(|(_, p)| motions.cells(*p)).collect();
+        let ground = Ground { motions, floor: setup.floor, taken: &taken };
+        let (x, y) = pose.foot();
+        !ground.can_get(*pose, |to| to.0.abs_diff(x).max(to.1.abs_diff(y)) >= AWAY)
+    })
 }
 
 #[cfg(test)]
@@ -64,9 +96,9 @@ mod tests {
     #[test]
     fn starts_are_apart_off_the_goal_and_repeatable() {
         let mut setup = Setup {
-            params: Params::scaled(Strategy::Step.repulsion(), Span::secs(1), Span::millis(10)),
+            params: Params::scaled(Strategy::Step, Span::secs(1), Span::millis(10)),
             floor: Floor { min: (0, 0), max: (12, 12) },
-            blueprint: Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap(),
+            goals: vec![Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap()],
             motions: Motions::new(Arc::new(Database::build()), Kind::Par).unwrap(),
         };
         for seed in 0..100 {
@@ -85,7 +117,7 @@ mod tests {
         let text = serde_json::to_string(&setup).unwrap();
         let again: Setup = serde_json::from_str(&text).unwrap();
         assert_eq!(again.motions.table(), setup.motions.table());
-        assert_eq!(again.blueprint, setup.blueprint);
+        assert_eq!(again.goals, setup.goals);
         setup.floor.max = (5, 5);
         assert!(matches!(random_start(&setup, 20, 1), Err(StartError::NoRoom { wanted: 20, .. })));
     }

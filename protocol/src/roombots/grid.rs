@@ -96,9 +96,18 @@ pub fn landings(kind: Kind) -> BTreeMap<GridState, Vec<Posture>> {
 /// The fewest landings that lead to every state within `radius` cells of the start on the open
 /// grid, all connectors free. States that are not reached are missing.
 pub fn fewest_moves(kind: Kind, radius: i16) -> BTreeMap<GridState, u32> {
-    let moves: Vec<GridState> = landings(kind).into_keys().collect();
+    let landings: Vec<GridState> = landings(kind).into_keys().collect();
+    // Every process that moves metamodules asks for this: moves are turned once for each class, and
+    // what has been seen is an array.
+    let turned = |class| landings.iter().map(move |m| GridState::new(0, 0, class).then(*m));
+    let moves: [Vec<GridState>; 4] = [0, 1, 2, 3].map(|class| turned(class).collect());
     // Paths may leave the square they end in; four cells more are enough for moves of three cells.
     let margin = radius + 4;
+    let side = 2 * usize::from(margin.unsigned_abs()) + 1;
+    let place =
+        |s: GridState| ((s.x + margin) as usize * side + (s.y + margin) as usize) * 4 + usize::from(s.class);
+    let mut seen = vec![false; side * side * 4];
+    seen[place(GridState::default())] = true;
     let mut found = BTreeMap::from([(GridState::default(), 0)]);
     let mut edge = vec![GridState::default()];
     let mut count = 0;
@@ -106,16 +115,15 @@ pub fn fewest_moves(kind: Kind, radius: i16) -> BTreeMap<GridState, u32> {
         count += 1;
         let mut next = Vec::new();
         for state in edge {
-            for m in &moves {
-                let to = state.then(*m);
-                if to.x.abs().max(to.y.abs()) <= margin && !found.contains_key(&to) {
-                    found.insert(to, count);
+            for m in &moves[usize::from(state.class)] {
+                let to = GridState { x: state.x + m.x, y: state.y + m.y, class: m.class };
+                if to.x.abs().max(to.y.abs()) <= margin && !std::mem::replace(&mut seen[place(to)], true) {
                     next.push(to);
                 }
             }
         }
+        found.extend(next.iter().filter(|s| s.x.abs().max(s.y.abs()) <= radius).map(|s| (*s, count)));
         edge = next;
     }
-    found.retain(|s, _| s.x.abs().max(s.y.abs()) <= radius);
     found
 }

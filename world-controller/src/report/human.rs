@@ -1,6 +1,8 @@
 //! The report as a person reads it: outcome first, then numbers, then how to repeat it.
 
+use super::Words;
 use super::schema::{ClassCounts, Report, Standstill};
+use crate::scenario::Plan;
 use crate::terminal::Paint;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Progress;
@@ -24,7 +26,9 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     writeln!(out, "  {}", r.reason)?;
     writeln!(out)?;
     let g = &r.goal;
-    writeln!(out, "  goal        {} of {} cells filled ({})", g.filled, g.cells, percent(g.filled, g.cells))?;
+    let words = Words::of(r.family.parse().unwrap_or_default());
+    let share = percent(g.filled, g.cells);
+    writeln!(out, "  goal        {} of {} {} filled ({share})", g.filled, g.cells, words.cells)?;
     if r.stages.len() > 1 {
         for s in &r.stages {
             let built = s.built_s.map_or("not built".to_owned(), |t| format!("built at {}", seconds(t)));
@@ -38,28 +42,24 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
         "  {kind:<11} {} launched, {} alive, {} crashed, {} restarted",
         a.launched, a.alive, a.crashed, a.restarted
     )?;
-    let m = &r.move_details;
-    let per_module = r.moves as f64 / a.launched.max(1) as f64;
+    write_moves(out, r)?;
+    let (c, t) = (&r.collisions, &r.time);
     writeln!(
         out,
-        "  moves       {} completed ({per_module:.1} a module), {} failed",
-        count(r.moves),
-        count(m.failed)
-    )?;
-    let c = &r.collisions;
-    writeln!(
-        out,
-        "  collisions  {} attempted, {} prevented by negotiation, {} suffered",
+        "  collisions  {} attempted, {} prevented by {}, {} by {}, {} suffered",
         count(c.attempted),
         count(c.prevented),
+        words.negotiation,
+        count(c.refused),
+        words.body,
         c.suffered
     )?;
-    let t = &r.time;
     writeln!(
         out,
-        "  time        {} in the scenario ({:.0} move times), {} real, {} to set up",
+        "  time        {} in the scenario ({:.0} {}), {} real, {} to set up",
         seconds(t.virtual_s),
         t.move_times,
+        words.beats,
         seconds(t.wall_s),
         seconds(t.setup_s)
     )?;
@@ -75,7 +75,7 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     writeln!(out)?;
     write_messages(out, r, paint)?;
     if let Some(unbuilt) = &r.unbuilt {
-        write_unbuilt(out, unbuilt, paint)?;
+        write_unbuilt(out, unbuilt, &words, paint)?;
     }
     if !r.faults.is_empty() || r.faults_planned > 0 {
         writeln!(out)?;
@@ -87,7 +87,8 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
             r.faults_planned
         )?;
         for f in r.faults.iter().take(SHOWN) {
-            writeln!(out, "    {:>9}  {:<8}{:>6}  {}", seconds(f.at_s), f.fault, f.module, f.effect)?;
+            let whom = f.module.map(|m| m.to_string()).unwrap_or_default();
+            writeln!(out, "    {:>9}  {:<8}{:>6}  {}", seconds(f.at_s), f.fault, whom, f.effect)?;
         }
         more(out, r.faults.len())?;
     }
@@ -98,6 +99,30 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     writeln!(out, "  repeat with {}", r.repeat)?;
     if let Some(hash) = &r.trace_hash {
         writeln!(out, "  trace hash  {hash}")?;
+    }
+    Ok(())
+}
+
+fn write_moves(out: &mut String, r: &Report) -> std::fmt::Result {
+    let per_module = r.moves as f64 / r.agents.launched.max(1) as f64;
+    let (moves, failed) = (count(r.moves), count(r.move_details.failed));
+    let Some(m) = &r.metamodules else {
+        return writeln!(out, "  moves       {moves} completed ({per_module:.1} a module), {failed} failed");
+    };
+    writeln!(
+        out,
+        "  moves       {moves} connections ({per_module:.1} a metamodule of kind {}), {} steps of joints, {failed} failed",
+        m.kind,
+        count(m.turns)
+    )?;
+    let levels: Vec<String> = m.levels.iter().map(|l| format!("{} of {}", l.filled, l.seeds)).collect();
+    let moved = match m.shift {
+        [0, 0] => String::new(),
+        [x, y] => format!("; moved by ({x}, {y}) to where it could be built"),
+    };
+    writeln!(out, "  levels      {} seeds, from the ground up{moved}", levels.join(", "))?;
+    if r.goal.filled > 0 {
+        writeln!(out, "  last seed   filled at {}", seconds(m.last_fill_s))?;
     }
     Ok(())
 }
@@ -135,20 +160,23 @@ fn write_messages(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Resul
     )
 }
 
-fn write_unbuilt(out: &mut String, s: &Standstill, paint: Paint) -> std::fmt::Result {
+fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) -> std::fmt::Result {
     let cells: Vec<String> = s.unfilled.iter().take(5).map(|c| format!("{c:?}")).collect();
     let dots = if s.unfilled.len() > 5 { ", …" } else { "" };
     writeln!(out)?;
     writeln!(out, "  {} since {}: {}", paint.strong("unbuilt"), seconds(s.since_s), s.text)?;
-    writeln!(out, "    {} cells: {}{dots}", s.unfilled.len(), cells.join(", "))?;
+    let what = if s.unfilled.len() == 1 { words.cell } else { words.cells };
+    writeln!(out, "    {} {what}: {}{dots}", s.unfilled.len(), cells.join(", "))?;
     if !s.wait_cycle.is_empty() {
         let ids: Vec<String> = s.wait_cycle.iter().take(10).map(u32::to_string).collect();
         writeln!(out, "    wait for each other: {}", ids.join(", "))?;
     }
     for w in s.waiting.iter().take(5) {
         match w.waits_for {
-            Some(other) => writeln!(out, "    module {} has a way and waits for {other}", w.module)?,
-            None => writeln!(out, "    module {} has a way and does not take it", w.module)?,
+            Some(other) => {
+                writeln!(out, "    {} {} {} and waits for {other}", words.module, w.module, words.idle)?;
+            }
+            None => writeln!(out, "    {} {} {} and does not move", words.module, w.module, words.idle)?,
         }
     }
     Ok(())
@@ -162,13 +190,15 @@ fn more(out: &mut String, all: usize) -> std::fmt::Result {
 }
 
 /// One line that says how far a run has come.
-pub fn progress(now: Time, p: &Progress) -> String {
+pub fn progress(plan: &Plan, now: Time, p: &Progress) -> String {
+    let words = Words::of(plan.swarm.family());
     let stage = if p.stages > 1 { format!("goal {} of {}  ", p.stage + 1, p.stages) } else { String::new() };
     format!(
-        "{:>9}  {stage}{} of {} cells  {}  {} moves  {} alive",
+        "{:>9}  {stage}{} of {} {}  {}  {} moves  {} alive",
         seconds(now.as_secs_f64()),
         p.filled,
         p.goal,
+        words.cells,
         percent(p.filled as u64, p.goal as u64),
         count(p.moves),
         p.alive

@@ -6,18 +6,18 @@ pub mod schema;
 
 pub use human::{count, human, progress, seconds};
 
+use crate::runnable::Account;
 use crate::scenario::Plan;
+use metamorph_module_agent::Family;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::tally::Tally;
-use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::cube_world::Motions;
-use metamorph_sim_bridge::director::{Director, Stage};
+use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::faults::Fault;
 use metamorph_sim_bridge::invariants::{Invariant, Violation};
 use metamorph_sim_bridge::outcome::{Outcome, Stall};
 use schema::{
-    Agents, ClassCounts, Collisions, FaultReport, GoalReport, Invariants, Machine, Messages, MoveReport,
-    Report, SCHEMA, StageReport, Standstill, Times, ViolationReport, Waiting,
+    Agents, ClassCounts, Collisions, FaultReport, GoalReport, Invariants, Machine, Messages, Report, SCHEMA,
+    Standstill, Times, ViolationReport, Waiting,
 };
 use std::time::Duration;
 
@@ -25,10 +25,10 @@ use std::time::Duration;
 pub struct Facts<'a> {
     /// What was to be run.
     pub plan: &'a Plan,
-    /// The controller's brain after the run.
-    pub director: &'a Director,
-    /// What the bodies did.
-    pub motions: Motions,
+    /// What director and world know.
+    pub account: Account,
+    /// How long a move, or a step of a joint, takes.
+    pub beat: Span,
     /// Message counts.
     pub tally: &'a Tally,
     /// Messages between agents, bodies and controller, which are not protocol messages.
@@ -51,53 +51,94 @@ pub struct Facts<'a> {
     pub notes: Vec<String>,
 }
 
+/// What a family calls things, in reports for people.
+struct Words {
+    /// One of those that move.
+    module: &'static str,
+    /// All of them.
+    modules: &'static str,
+    /// A part of a goal.
+    cell: &'static str,
+    /// Its parts.
+    cells: &'static str,
+    /// What keeps modules out of each other's way.
+    negotiation: &'static str,
+    /// What does if that does not.
+    body: &'static str,
+    /// How one that does nothing is called, if it is needed.
+    idle: &'static str,
+    /// What time is counted in.
+    beats: &'static str,
+}
+
+impl Words {
+    const fn of(family: Family) -> Words {
+        match family {
+            Family::Cube => Words {
+                module: "module",
+                modules: "modules",
+                cell: "goal cell",
+                cells: "cells",
+                negotiation: "negotiation",
+                body: "the body",
+                idle: "has a way",
+                beats: "move times",
+            },
+            Family::Metamodule => Words {
+                module: "metamodule",
+                modules: "metamodules",
+                cell: "seed",
+                cells: "seeds",
+                negotiation: "locks",
+                body: "the interlock",
+                idle: "is free",
+                beats: "steps of a joint",
+            },
+        }
+    }
+}
+
 /// Makes the report of a run. A run without an outcome was stopped from outside.
 pub fn report(facts: &Facts<'_>) -> Report {
-    let (plan, director, motions) = (facts.plan, facts.director, facts.motions);
-    let ended = director.outcome().map_or(Outcome::Aborted, |(_, outcome)| outcome);
+    let (plan, account) = (facts.plan, &facts.account);
+    let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
     let outcome = if facts.broken > 0 { Outcome::Unsafe } else { ended };
-    let progress = director.progress();
-    let (crashed, restarted) = director.crashed_and_restarted();
-    let unbuilt = director.stall().map(standstill);
+    let progress = account.progress;
+    let unbuilt = account.stall.as_ref().map(standstill);
     let listed = |when| (ended == when).then(|| unbuilt.clone()).flatten().into_iter().collect();
     let one_cell = |v: &&Violation| v.invariant == Invariant::OneModulePerCell;
     let suffered = facts.violations.iter().filter(one_cell).count() as u64;
-    let prevented = director.prevented();
+    let (prevented, refused) = (account.prevented, account.bodies.refused_taken);
     Report {
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         scenario: plan.title().to_owned(),
         file: plan.origin.clone(),
+        family: plan.swarm.family().name().to_owned(),
         seed: plan.seed,
         link: plan.overrides.link.name().to_owned(),
         outcome: outcome.name().to_owned(),
         reason: reason(outcome, facts, progress.filled, progress.goal),
         agents: Agents {
-            launched: plan.cells.len() as u64,
+            launched: plan.swarm.len() as u64,
             alive: progress.alive as u64,
-            crashed,
-            restarted,
+            crashed: account.crashed,
+            restarted: account.restarted,
         },
         goal: GoalReport { cells: progress.goal as u64, filled: progress.filled as u64 },
-        stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
+        stages: account.stages.clone(),
         deadlocks: listed(Outcome::Deadlock),
         livelocks: listed(Outcome::Livelock),
         unbuilt,
-        collisions: Collisions { attempted: motions.blocked + prevented + suffered, prevented, suffered },
-        moves: motions.completed,
-        move_details: MoveReport {
-            started: motions.started,
-            completed: motions.completed,
-            failed: motions.failed,
-            refused_taken: motions.blocked,
-            refused_late: motions.late,
-            refused_stale: motions.stale,
-        },
+        collisions: Collisions { attempted: refused + prevented + suffered, prevented, refused, suffered },
+        moves: account.metamodules.as_ref().map_or(account.bodies.completed, |m| m.connections),
+        move_details: account.bodies.clone(),
+        metamodules: account.metamodules.clone(),
         messages: messages(facts.tally),
         body_messages: facts.body_messages,
         time: Times {
             virtual_s: facts.now.as_secs_f64(),
-            move_times: facts.now.0 as f64 / plan.setup.params.move_time.0 as f64,
+            move_times: facts.now.0 as f64 / facts.beat.0 as f64,
             wall_s: facts.wall.as_secs_f64(),
             setup_s: facts.setup.as_secs_f64(),
         },
@@ -106,7 +147,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
             broken: facts.broken,
             violated: facts.violations.iter().map(violation).collect(),
         },
-        faults: director.struck().iter().map(|s| fault(s.at, s.fault, &s.effect)).collect(),
+        faults: account.struck.iter().map(|s| fault(s.at, s.fault, &s.effect)).collect(),
         faults_planned: plan.schedule.len() as u64,
         notes: facts.notes.clone(),
         trace_hash: facts.trace_hash.map(|hash| format!("{hash:016x}")),
@@ -121,38 +162,25 @@ pub fn report(facts: &Facts<'_>) -> Report {
 }
 
 fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> String {
-    let stall = facts.director.stall().map(|s| s.text);
+    let Words { modules, cells, cell, .. } = Words::of(facts.plan.swarm.family());
+    let why = facts.account.stall.as_ref().map(|s| s.text);
+    let unknown = "no reason found";
     match outcome {
-        Outcome::Built => "every goal cell is filled".to_owned(),
+        Outcome::Built => format!("every {cell} is filled"),
         Outcome::Unsafe => match facts.violations.first() {
             Some(first) => format!("an invariant broke: {first}"),
             None => "an invariant broke".to_owned(),
         },
-        Outcome::Aborted => format!("stopped from outside with {filled} of {goal} goal cells filled"),
+        Outcome::Aborted => format!("stopped from outside with {filled} of {goal} {cells} filled"),
         Outcome::Timeout => {
-            format!(
-                "the time was up with {filled} of {goal} goal cells filled; {}",
-                stall.unwrap_or("no reason found")
-            )
+            format!("the time was up with {filled} of {goal} {cells} filled; {}", why.unwrap_or(unknown))
         }
         Outcome::Livelock => format!(
-            "modules moved, but no goal cell was filled for {}; {}",
+            "{modules} moved, but no {cell} was filled for {}; {}",
             facts.plan.stop.livelock,
-            stall.unwrap_or("no reason found")
+            why.unwrap_or(unknown)
         ),
-        Outcome::Deadlock => stall.unwrap_or("nothing moves").to_owned(),
-    }
-}
-
-fn stage(name: &str, stage: &Stage) -> StageReport {
-    StageReport {
-        name: name.to_owned(),
-        cells: stage.cells as u64,
-        filled: stage.filled as u64,
-        opened_s: stage.opened.as_secs_f64(),
-        built_s: stage.built.map(Time::as_secs_f64),
-        known_s: stage.known.map(Time::as_secs_f64),
-        detect_lag_s: stage.built.zip(stage.known).map(|(built, known)| known.since(built).as_secs_f64()),
+        Outcome::Deadlock => why.unwrap_or("nothing moves").to_owned(),
     }
 }
 
@@ -208,5 +236,6 @@ fn violation(v: &Violation) -> ViolationReport {
 fn fault(at: Time, fault: Fault, effect: &str) -> FaultReport {
     let text = fault.to_string();
     let verb = text.split(' ').next().unwrap_or("").to_owned();
-    FaultReport { at_s: at.as_secs_f64(), fault: verb, module: fault.module().0, effect: effect.to_owned() }
+    let module = fault.module().map(|id| id.0);
+    FaultReport { at_s: at.as_secs_f64(), fault: verb, module, effect: effect.to_owned() }
 }

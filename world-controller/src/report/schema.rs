@@ -19,6 +19,8 @@ pub struct Report {
     pub scenario: String,
     /// The scenario's file, as named by the user.
     pub file: String,
+    /// What was run: `cube` or `metamodule`.
+    pub family: String,
     /// The seed of the run.
     pub seed: u64,
     /// What carried the messages: `ipc` or `sim`.
@@ -31,7 +33,8 @@ pub struct Report {
     pub agents: Agents,
     /// The goal that was being built last.
     pub goal: GoalReport,
-    /// Every goal that was begun.
+    /// Every goal that was begun; of metamodules, whose goals replace one another, the one that was being
+    /// built last.
     pub stages: Vec<StageReport>,
     /// The standstill, if the outcome of the run was a deadlock.
     pub deadlocks: Vec<Standstill>,
@@ -39,12 +42,14 @@ pub struct Report {
     pub livelocks: Vec<Standstill>,
     /// Why goal cells are unfilled, whatever the outcome; null if all are filled or nobody looked.
     pub unbuilt: Option<Standstill>,
-    /// Attempts to use one cell twice; a body also refuses a move whose support is missing.
+    /// Attempts to use one cell twice; the body of a cube also refuses a move whose support is missing.
     pub collisions: Collisions,
-    /// Moves completed.
+    /// Moves completed. A move of a metamodule is all that it does between two connections.
     pub moves: u64,
-    /// What became of moves.
+    /// What became of moves; of metamodules, of all steps of joints, connections and releases.
     pub move_details: MoveReport,
+    /// What only metamodules have; null for other families.
+    pub metamodules: Option<MetamoduleReport>,
     /// Protocol messages.
     pub messages: Messages,
     /// Messages between agents, bodies and controller: actions, percepts, contact changes, reports,
@@ -84,9 +89,10 @@ pub struct Agents {
 /// How much of a goal is there.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GoalReport {
-    /// Cells of the goal.
+    /// Cells of the goal; of metamodules, its seeds.
     pub cells: u64,
-    /// Cells filled by a finalized module, or occupied by a dead one.
+    /// Cells filled by a finalized module, or occupied by a dead one; seeds filled by a settled
+    /// metamodule, or by a dead one.
     pub filled: u64,
 }
 
@@ -95,9 +101,9 @@ pub struct GoalReport {
 pub struct StageReport {
     /// What the scenario calls it.
     pub name: String,
-    /// Cells of the goal.
+    /// Cells, or seeds, of the goal.
     pub cells: u64,
-    /// Cells filled at the end.
+    /// Cells, or seeds, filled at the end.
     pub filled: u64,
     /// When it was begun.
     pub opened_s: f64,
@@ -114,17 +120,19 @@ pub struct StageReport {
 pub struct Standstill {
     /// Since when nothing went on.
     pub since_s: f64,
-    /// `blocked`, `pinned`, `material-exhausted`, `no-active-target`, `needs-dead-support` or `no-way`.
+    /// `blocked`, `pinned`, `material-exhausted`, `no-active-target`, `needs-dead-support`, `no-way`; of
+    /// metamodules `material-exhausted`, `seed-blocked`, `no-way`, `no-better-place`, `no-lock` or `blocked`.
     pub reason: String,
     /// Whether no protocol could have gone on from here.
     pub infeasible: bool,
     /// The reason in words.
     pub text: String,
-    /// Goal cells that are not filled.
+    /// Goal cells that are not filled; of seeds, the cells of their feet.
     pub unfilled: Vec<[i16; 3]>,
     /// Modules that wait for each other in a circle; empty if none do.
     pub wait_cycle: Vec<u32>,
-    /// Spare modules that have a way to a goal cell and do not take it (the first 20).
+    /// Spare modules that have a way to a goal cell and do not take it (the first 20); of metamodules,
+    /// all that are free.
     pub waiting: Vec<Waiting>,
 }
 
@@ -137,13 +145,18 @@ pub struct Waiting {
     pub waits_for: Option<u32>,
 }
 
-/// Attempts to use one cell twice; a body also refuses a move whose support is missing.
+/// Attempts to use one cell twice; the body of a cube also refuses a move whose support is missing.
+///
+/// Of metamodules, `prevented + refused` is what can be compared with the collisions ("CL") in tables
+/// 4.1 and 4.2 of the thesis, which leaves out those of runs that were not built.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Collisions {
     /// All: prevented by negotiation, refused by the body, suffered.
     pub attempted: u64,
-    /// Prevented by negotiation between modules.
+    /// Prevented between modules: by negotiation, of metamodules by locks.
     pub prevented: u64,
+    /// Refused by the body itself; of metamodules, the interlock.
+    pub refused: u64,
     /// Two modules in one cell. Must be 0.
     pub suffered: u64,
 }
@@ -163,6 +176,39 @@ pub struct MoveReport {
     pub refused_late: u64,
     /// Refused by the body because contacts had changed since the decision.
     pub refused_stale: u64,
+    /// Refused by the body because it could not do that from where it was, or was acting already; 0 for
+    /// cubes.
+    pub refused_impossible: u64,
+}
+
+/// What only metamodules have.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MetamoduleReport {
+    /// `PAR`, `PER`, `SRS` or `SRZ`.
+    pub kind: String,
+    /// How they decided: `greedy`, `slope`, `step` or `negotiated`.
+    pub strategy: String,
+    /// The levels of the goal that was being built last, from the ground up.
+    pub levels: Vec<LevelReport>,
+    /// How far that goal was moved along x and y, to where it could be built.
+    pub shift: [i16; 2],
+    /// Steps of joints.
+    pub turns: u64,
+    /// Connections made; the same as `moves`.
+    pub connections: u64,
+    /// Ends let go.
+    pub releases: u64,
+    /// When the last seed was filled; 0 if none was.
+    pub last_fill_s: f64,
+}
+
+/// One level of a goal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LevelReport {
+    /// Its seeds.
+    pub seeds: u64,
+    /// Those of them that were filled at the end.
+    pub filled: u64,
 }
 
 /// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired +
@@ -208,7 +254,7 @@ pub struct ClassCounts {
 pub struct Times {
     /// Scenario time from the start to the end.
     pub virtual_s: f64,
-    /// The same, in durations of a move.
+    /// The same, in durations of a move; of metamodules, of a step of a joint.
     pub move_times: f64,
     /// Real time from the first event to the last.
     pub wall_s: f64,
@@ -243,10 +289,10 @@ pub struct ViolationReport {
 pub struct FaultReport {
     /// When it struck.
     pub at_s: f64,
-    /// `kill`, `pause`, `resume`, `restart`, `stick` or `unstick`.
+    /// `kill`, `pause`, `resume`, `restart`, `stick`, `unstick`, `block` or `unblock`.
     pub fault: String,
-    /// Whom it hit.
-    pub module: u32,
+    /// Whom it hit; none if it hit a cell.
+    pub module: Option<u32>,
     /// The state it found the module in.
     pub effect: String,
 }

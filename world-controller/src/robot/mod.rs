@@ -3,7 +3,6 @@
 //! Answers go to one writer, as text or with `--json` as one JSON value. Absent: anything that runs
 //! a swarm.
 
-mod cache;
 mod motions;
 mod poses;
 mod report;
@@ -123,7 +122,7 @@ pub fn run(args: RobotArgs) -> Result<(), RobotError> {
 
 /// Answers on a writer.
 pub fn run_to(args: RobotArgs, out: &mut dyn Write) -> Result<(), RobotError> {
-    let database = || cache::database(!args.no_cache);
+    let database = || crate::database::database(!args.no_cache);
     let answer = match args.command {
         RobotCommand::Table { number } => report::table(&number)?,
         RobotCommand::Shapes { kind } => motions::shapes(&database(), kind),

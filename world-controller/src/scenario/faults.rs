@@ -4,7 +4,9 @@
 use super::flaw::Flaw;
 use super::problems::{At, Place, Problems};
 use super::table::{Node, Read, Section, Window, elements, span, span_range};
+use metamorph_module_agent::Family;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::Partition;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::stream::Stream;
@@ -56,6 +58,15 @@ pub enum RawFault {
         /// Where it is written.
         place: Place,
     },
+    /// Something foreign is in a cell.
+    Obstacle {
+        /// The cell.
+        cell: At<Cell>,
+        /// From when on.
+        from: At<Span>,
+        /// Until when.
+        until: Option<At<Span>>,
+    },
     /// Modules are cut off from the others.
     Partition {
         /// The modules on one side.
@@ -71,40 +82,55 @@ const VERBS: [(&str, Verb); 4] =
     [("kill", Verb::Kill), ("pause", Verb::Pause), ("restart", Verb::Restart), ("stick", Verb::Stick)];
 
 /// Reads all `[[fault]]` tables.
-pub fn read(node: &Node<'_>, problems: &mut Problems) -> Vec<RawFault> {
+pub fn read(node: &Node<'_>, family: Family, problems: &mut Problems) -> Vec<RawFault> {
     let array = elements(node, "[[fault]]", problems);
-    array.into_iter().flat_map(|a| a.iter()).filter_map(|fault| read_one(fault, problems)).collect()
+    array.into_iter().flat_map(|a| a.iter()).filter_map(|fault| read_one(fault, family, problems)).collect()
 }
 
-fn read_one(node: &Node<'_>, problems: &mut Problems) -> Option<RawFault> {
+fn read_one(node: &Node<'_>, family: Family, problems: &mut Problems) -> Option<RawFault> {
     let mut section = Section::of(node, "[[fault]]", "kill = 3\nat = \"2s\"", problems)?;
+    let obstacle = match family {
+        Family::Cube if section.present(&["obstacle"]).is_empty() => None,
+        Family::Cube => {
+            section.foreign(&["obstacle"], Family::Metamodule);
+            ask_for_times(&mut section);
+            section.finish(problems);
+            return None;
+        }
+        Family::Metamodule => section.node("obstacle"),
+    };
     let named: Vec<_> = VERBS.iter().filter_map(|(key, verb)| Some((*verb, section.node(key)?))).collect();
     let crash = section.node("crash");
     let partition = section.node("partition");
     if let Some(controller) = section.node("controller") {
         let what = "a fault of the controller itself".to_owned();
-        let instead = "remove it; faults hit modules (kill, pause, restart, stick, crash, partition)";
+        let instead = "remove it; faults hit modules (kill, pause, restart, stick, crash, partition) and cells (obstacle)";
         problems.add(controller.span(), Flaw::NotYet { what, instead });
         return None;
     }
-    let kinds = ["kill", "pause", "restart", "stick", "crash", "partition"];
-    let fault = match (&named[..], crash, partition) {
-        ([(verb, modules)], None, None) => read_named(*verb, modules, &mut section, problems),
-        ([], Some(crash), None) => read_crashes(crash, problems),
-        ([], None, Some(partition)) => read_partition(partition, problems),
+    let kinds = ["kill", "pause", "restart", "stick", "crash", "partition", "obstacle"];
+    let fault = match (&named[..], crash, partition, obstacle) {
+        ([(verb, modules)], None, None, None) => read_named(*verb, modules, &mut section, problems),
+        ([], Some(crash), None, None) => read_crashes(crash, problems),
+        ([], None, Some(partition), None) => read_partition(partition, problems),
+        ([], None, None, Some(cell)) => read_obstacle(cell, &mut section, problems),
         _ => {
             let present = section.present(&kinds);
             let names = if present.is_empty() { "nothing".into() } else { present.join(" and ") };
-            // The keys of the faults that were meant are not to be called unknown as well.
-            for key in ["at", "from", "until", "memory"] {
-                section.node(key);
-            }
+            ask_for_times(&mut section);
             problems.add(section.place().clone(), Flaw::OneVerb(names));
             None
         }
     };
     section.finish(problems);
     fault
+}
+
+/// The keys of the faults that were meant are not to be called unknown as well.
+fn ask_for_times(section: &mut Section<'_, '_>) {
+    for key in ["at", "from", "until", "memory"] {
+        section.node(key);
+    }
 }
 
 fn read_named(
@@ -156,6 +182,17 @@ fn read_crashes(node: &Node<'_>, problems: &mut Problems) -> Option<RawFault> {
     Some(RawFault::Crashes { amount: amount?, window: window?, place: node.span().into() })
 }
 
+fn read_obstacle(
+    cell: &Node<'_>,
+    section: &mut Section<'_, '_>,
+    problems: &mut Problems,
+) -> Option<RawFault> {
+    let from = section.need("at", "at = \"2s\"", problems);
+    let until = section.get("until", problems);
+    let cell = Cell::read(cell, problems).map(|value| At::new(value, cell.span()));
+    Some(RawFault::Obstacle { cell: cell?, from: from?, until })
+}
+
 fn read_partition(node: &Node<'_>, problems: &mut Problems) -> Option<RawFault> {
     let example = "{ modules = [1, 2, 3], from = \"5s\", until = \"10s\" }";
     let mut section = Section::of(node, "partition", example, problems)?;
@@ -202,8 +239,43 @@ pub struct Bounds {
     pub modules: usize,
     /// When the run ends at the latest.
     pub timeout: Span,
-    /// The seed of the run, from which random crashes are drawn.
-    pub seed: u64,
+}
+
+/// A fault that has passed every check.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Planned {
+    /// It is known whom it hits and when.
+    At(Time, Fault),
+    /// Crashes that the seed of the run decides on.
+    Crashes {
+        /// How many.
+        count: usize,
+        /// Of how many modules.
+        of: usize,
+        /// The earliest time.
+        from: Span,
+        /// No crash comes as late as this.
+        until: Span,
+    },
+}
+
+/// What is broken when in the run of this seed.
+pub fn draw(planned: &[Planned], seed: u64) -> Schedule {
+    let (mut schedule, mut draws) = (Vec::new(), 0);
+    for fault in planned {
+        match *fault {
+            Planned::At(at, fault) => schedule.push((at, fault)),
+            Planned::Crashes { count, of, from, until } => {
+                let mut stream = Stream::named(seed, "crashes", draws);
+                draws += 1;
+                for id in draw_modules(of, count, &mut stream) {
+                    let at = Time::ZERO + from + Span(stream.below((until - from).0));
+                    schedule.push((at, Fault::Kill(id)));
+                }
+            }
+        }
+    }
+    Schedule::new(schedule)
 }
 
 impl Bounds {
@@ -225,6 +297,21 @@ impl Bounds {
         Time::ZERO + at.value
     }
 
+    fn span(
+        &self,
+        from: &At<Span>,
+        until: Option<&At<Span>>,
+        problems: &mut Problems,
+    ) -> (Time, Option<Time>) {
+        match until {
+            None => (self.time(from, problems), None),
+            Some(until) => {
+                let (from, until) = self.window(from, until, problems);
+                (from, Some(until))
+            }
+        }
+    }
+
     fn window(&self, from: &At<Span>, until: &At<Span>, problems: &mut Problems) -> (Time, Time) {
         if from.value >= until.value {
             let flaw = Flaw::Order { from: from.value, until: until.value };
@@ -234,24 +321,33 @@ impl Bounds {
     }
 }
 
-/// Checks all faults and puts them in order: what hits processes and bodies, and what cuts links.
-pub fn compile(faults: &[RawFault], bounds: &Bounds, problems: &mut Problems) -> (Schedule, Vec<Partition>) {
-    let (mut schedule, mut partitions, mut draws) = (Vec::new(), Vec::new(), 0);
+/// Checks all faults: what hits processes and bodies, and what cuts links.
+pub fn compile(
+    faults: &[RawFault],
+    bounds: &Bounds,
+    problems: &mut Problems,
+) -> (Vec<Planned>, Vec<Partition>) {
+    let (mut planned, mut partitions) = (Vec::new(), Vec::new());
     for fault in faults {
         match fault {
             RawFault::Named { verb, modules, from, until } => {
-                let (begin, end) = match until {
-                    Some(until) => {
-                        let (begin, end) = bounds.window(from, until, problems);
-                        (begin, Some(end))
-                    }
-                    None => (bounds.time(from, problems), None),
-                };
+                let (begin, end) = bounds.span(from, until.as_ref(), problems);
                 for id in modules.iter().filter_map(|id| bounds.module(id, problems)) {
                     let (first, second) = events(*verb, id);
-                    schedule.push((begin, first));
-                    schedule.extend(end.zip(second));
+                    planned.push(Planned::At(begin, first));
+                    planned.extend(end.zip(second).map(|(at, fault)| Planned::At(at, fault)));
                 }
+            }
+            RawFault::Obstacle { cell, from, until } => {
+                let (begin, end) = bounds.span(from, until.as_ref(), problems);
+                let At { value: cell, place } = cell;
+                if cell.z < 0 {
+                    let (got, high) = (cell.z.to_string(), Cell::LIMIT.to_string());
+                    let what = "the height of the obstacle above the floor";
+                    problems.add(place.clone(), Flaw::Range { what, got, low: "0".into(), high });
+                }
+                planned.push(Planned::At(begin, Fault::Block(*cell)));
+                planned.extend(end.map(|at| Planned::At(at, Fault::Unblock(*cell))));
             }
             RawFault::Crashes { amount, window, place } => {
                 let Window(from, until) = window.value;
@@ -274,12 +370,7 @@ pub fn compile(faults: &[RawFault], bounds: &Bounds, problems: &mut Problems) ->
                     problems.add(place.clone(), flaw);
                     continue;
                 }
-                let mut stream = Stream::named(bounds.seed, "crashes", draws);
-                draws += 1;
-                for id in draw(bounds.modules, count as usize, &mut stream) {
-                    let at = Time::ZERO + from + Span(stream.below((until - from).0));
-                    schedule.push((at, Fault::Kill(id)));
-                }
+                planned.push(Planned::Crashes { count: count as usize, of: bounds.modules, from, until });
             }
             RawFault::Partition { modules, from, until } => {
                 let (from, until) = bounds.window(from, until, problems);
@@ -290,7 +381,7 @@ pub fn compile(faults: &[RawFault], bounds: &Bounds, problems: &mut Problems) ->
             }
         }
     }
-    (Schedule::new(schedule), partitions)
+    (planned, partitions)
 }
 
 fn events(verb: Verb, id: ModuleId) -> (Fault, Option<Fault>) {
@@ -303,7 +394,7 @@ fn events(verb: Verb, id: ModuleId) -> (Fault, Option<Fault>) {
 }
 
 /// `count` different modules (Fisher and Yates's shuffle, stopped early).
-fn draw(modules: usize, count: usize, stream: &mut Stream) -> Vec<ModuleId> {
+fn draw_modules(modules: usize, count: usize, stream: &mut Stream) -> Vec<ModuleId> {
     let mut ids: Vec<u32> = (0..modules as u32).collect();
     for i in 0..count {
         let other = i + stream.below((modules - i) as u64) as usize;

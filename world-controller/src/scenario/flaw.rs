@@ -4,9 +4,14 @@
 //! the reason, [`Flaw::fix`] the way out. Absent: where it was found (see `problems`).
 
 use super::settings::KeyError;
+use metamorph_module_agent::Family;
 use metamorph_protocol::goal::GoalError;
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::blueprint::BlueprintError;
+use metamorph_protocol::metamodule::params::Floor;
+use metamorph_protocol::metamodule::start::StartError;
 use metamorph_protocol::ratio::RatioError;
+use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::shape::ShapeError;
 use metamorph_protocol::time::{Span, SpanError};
 use thiserror::Error;
@@ -15,6 +20,12 @@ use thiserror::Error;
 pub const VERSION: u64 = 1;
 /// The most modules of one swarm.
 pub const MAX_MODULES: usize = 1_000_000;
+/// The most metamodules of one swarm.
+pub const MAX_METAMODULES: usize = 1_000;
+/// The most connectors of a floor along each side.
+pub const MAX_FLOOR: u16 = 256;
+/// The farthest that a metamodule can be told to look ahead.
+pub const MAX_LOOK_AHEAD: u8 = 32;
 /// The largest file that is read as a scenario, in bytes.
 pub const MAX_BYTES: u64 = 16 << 20;
 /// The most cells that the boxes around all parts of a shape may have together.
@@ -59,6 +70,17 @@ pub enum Flaw {
         section: String,
         /// The keys that mean something there.
         known: Vec<&'static str>,
+    },
+    /// A key that means something in scenarios of another family.
+    #[error("`{key}` in {section} is for the family `{}`; this scenario is of the family `{}`",
+        theirs.name(), other(*theirs).name())]
+    Foreign {
+        /// The key.
+        key: &'static str,
+        /// Where it stands.
+        section: String,
+        /// The family whose it is.
+        theirs: Family,
     },
     /// A key that must be there is not.
     #[error("{section} has no `{key}`")]
@@ -180,6 +202,74 @@ pub enum Flaw {
         /// A cell that would do.
         example: Option<Cell>,
     },
+    /// The seeds cannot be.
+    #[error(transparent)]
+    Blueprint(#[from] BlueprintError),
+    /// A seed where nothing can hold on.
+    #[error("the seed at {at:?} is not on the floor, which goes from {:?} to {:?}", floor.min, floor.max)]
+    SeedOffFloor {
+        /// The connector of the seed.
+        at: (i16, i16),
+        /// The floor.
+        floor: Floor,
+    },
+    /// A seed that no posture fills.
+    #[error("no posture of a metamodule of kind {kind} fills the seed at {at:?}")]
+    SeedShape {
+        /// The connector of the seed.
+        at: (i16, i16),
+        /// The kind.
+        kind: Kind,
+    },
+    /// A metamodule starts where nothing can hold it.
+    #[error("the start at {at:?} is not on the floor, which goes from {:?} to {:?}", floor.min, floor.max)]
+    StartOffFloor {
+        /// The connector.
+        at: (i16, i16),
+        /// The floor.
+        floor: Floor,
+    },
+    /// Two metamodules start in each other.
+    #[error("metamodules {first} and {second} both start at {at:?}")]
+    StartTwice {
+        /// One of them.
+        first: usize,
+        /// The other.
+        second: usize,
+        /// The connector.
+        at: (i16, i16),
+    },
+    /// Nowhere to start.
+    #[error(transparent)]
+    NoRoom(#[from] StartError),
+    /// More or fewer places than metamodules.
+    #[error("`count` is {count}, but `start` lists {listed} places")]
+    Count {
+        /// As counted.
+        count: u64,
+        /// As listed.
+        listed: usize,
+    },
+    /// More seeds than metamodules.
+    #[error("the goal has {seeds} seeds and the swarm has {metamodules} metamodules: {} too few",
+        seeds - metamodules)]
+    TooFewMetamodules {
+        /// Seeds of the goal.
+        seeds: usize,
+        /// Metamodules of the swarm.
+        metamodules: usize,
+    },
+    /// The first goal is there from the beginning.
+    #[error("the first goal has an `at`, but it is the goal from the beginning")]
+    FirstGoalAt,
+    /// Goals in the wrong order.
+    #[error("this goal replaces the one before at {at}, which itself comes at {before}")]
+    GoalOrder {
+        /// When this one comes.
+        at: Span,
+        /// When the one before comes.
+        before: Span,
+    },
     /// A fault hits nobody.
     #[error("there is no module {module}; the swarm has modules 0 to {last}")]
     NoSuchModule {
@@ -207,6 +297,14 @@ pub enum Flaw {
     Form(String, &'static str),
 }
 
+/// There are two families.
+fn other(family: Family) -> Family {
+    match family {
+        Family::Cube => Family::Metamodule,
+        Family::Metamodule => Family::Cube,
+    }
+}
+
 impl Flaw {
     /// What to do about it.
     pub fn fix(&self) -> String {
@@ -218,6 +316,9 @@ impl Flaw {
             Flaw::Newer { .. } => format!("use a newer metamorph, or write `version = {VERSION}`"),
             Flaw::UnknownKey { key, known, .. } => did_you_mean(key, known),
             Flaw::Name { got, known, .. } => did_you_mean(got, known),
+            Flaw::Foreign { theirs, .. } => {
+                format!("remove it, or write `family = \"{}\"` in [swarm]", theirs.name())
+            }
             Flaw::Missing { example, .. } | Flaw::Kind { example, .. } => {
                 format!("write for example `{example}`")
             }
@@ -248,9 +349,24 @@ impl Flaw {
                 format!("name a cell of both, such as {cell}, or leave `seed` out to have one chosen")
             }
             Flaw::SeedEmpty { .. } => "move one of the shapes so that they share at least one cell".into(),
+            Flaw::Blueprint(error) => blueprint_fix(error).into(),
+            Flaw::SeedOffFloor { .. } => "move the goal, or make `floor` in [swarm] larger".into(),
+            Flaw::SeedShape { .. } => {
+                "choose other `directions` or another `kind`; `metamorph robot shapes` lists what they take"
+                    .into()
+            }
+            Flaw::StartOffFloor { floor: Floor { min, max }, .. } => {
+                format!("name a connector from {min:?} to {max:?}, or make `floor` larger")
+            }
+            Flaw::StartTwice { .. } => "give each a connector of its own".into(),
+            Flaw::NoRoom(_) => "make `floor` in [swarm] larger, or list the places in `start`".into(),
+            Flaw::Count { .. } => "leave `count` out; the list says how many there are".into(),
+            Flaw::TooFewMetamodules { seeds, .. } => format!("let there be at least {seeds} in [swarm]"),
+            Flaw::FirstGoalAt => "leave `at` out, or move this goal behind the one it replaces".into(),
+            Flaw::GoalOrder { .. } => "list the goals in the order of their times".into(),
             Flaw::NoSuchModule { last, .. } => format!("name a module from 0 to {last}"),
             Flaw::OneVerb(_) => {
-                "write one of kill, pause, restart, stick, crash, partition per [[fault]]".into()
+                "write one of kill, pause, restart, stick, crash, partition, obstacle per [[fault]]".into()
             }
             Flaw::AfterTheEnd { .. } => "let it happen earlier, or raise `timeout` in [stop]".into(),
             Flaw::Key(error) => error.fix(),
@@ -280,12 +396,21 @@ fn shape_fix(error: &ShapeError) -> &'static str {
     }
 }
 
+fn blueprint_fix(error: &BlueprintError) -> &'static str {
+    match error {
+        BlueprintError::Empty => "name at least one seed",
+        BlueprintError::TooMany(_) => "make the goal smaller",
+        BlueprintError::Overlap { .. } => "move one of the two, or choose other `directions`",
+        BlueprintError::Impossible(_) => "let the cells go up from the floor, and never back",
+    }
+}
+
 /// The nearest known name, if one is near, and all of them.
 fn did_you_mean(got: &str, known: &[&str]) -> String {
     let lower: String = got.chars().take(64).flat_map(char::to_lowercase).collect();
     let near = known
         .iter()
-        .map(|k| (strsim::damerau_levenshtein(&lower, k), *k))
+        .map(|k| (strsim::damerau_levenshtein(&lower, &k.to_lowercase()), *k))
         .filter(|(distance, k)| *distance <= 1 + k.len() / 3)
         .min();
     let all = known.join(", ");

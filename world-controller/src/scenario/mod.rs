@@ -1,14 +1,21 @@
 //! Scenarios: what a person writes in TOML, checked and made into a plan that a driver can run.
 //!
 //! `settings` puts values of the command line into the document, `table` and `shapes` read values with
-//! their places, `raw` and `faults` a whole document and the other options on the command line, `plan` checks what belongs together; `flaw` and `problems` say what
-//! is wrong, where, and what to do. Everything wrong is collected and shown at once.
+//! their places, `raw` and `faults` a whole document and the other options on the command line, `plan`
+//! checks what belongs together, `cube` and `metamodule` do both for what only one family has; `flaw`
+//! and `problems` say what is wrong, where, and what to do. Everything wrong is collected and shown at
+//! once.
+//!
+//! Reading is slow and done once; [`Plan::with_seed`] is quick and gives the same plan with other
+//! chance: other places that are drawn, other crashes.
 //!
 //! *Invariants.* No text makes the reader panic, and none makes it use more memory or time than the
 //! limits in `flaw` allow. Deliberately absent: anything that runs.
 
+mod cube;
 pub mod faults;
 pub mod flaw;
+mod metamodule;
 mod plan;
 pub mod problems;
 mod raw;
@@ -16,11 +23,17 @@ pub mod settings;
 mod shapes;
 mod table;
 
+use faults::Planned;
 use flaw::{Flaw, MAX_BYTES};
+use metamorph_module_agent::Family;
 use metamorph_protocol::cube::params::Setup;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::metamodule::params::Setup as MetamoduleSetup;
+use metamorph_protocol::metamodule::pose::Pose;
+use metamorph_protocol::metamodule::start::{StartError, random_start};
 use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Stop;
 use metamorph_sim_bridge::faults::Schedule;
 use problems::Problems;
@@ -109,8 +122,62 @@ pub struct StagePlan {
     pub name: String,
 }
 
+/// What runs.
+#[derive(Clone, Debug)]
+pub enum Swarm {
+    /// Cubes that slide over each other.
+    Cubes(Cubes),
+    /// Metamodules that walk over a floor.
+    Metamodules(Metamodules),
+}
+
+/// A swarm of cubes.
+#[derive(Clone, Debug)]
+pub struct Cubes {
+    /// Where the modules are at first; a module's number is its place here.
+    pub cells: Arc<[Cell]>,
+    /// What all agents share.
+    pub setup: Arc<Setup>,
+}
+
+/// A swarm of metamodules.
+#[derive(Clone, Debug)]
+pub struct Metamodules {
+    /// Whether the places at the start are drawn from the seed of the run, instead of listed.
+    pub drawn: bool,
+    /// Where the metamodules are at first; a metamodule's number is its place here.
+    pub poses: Vec<Pose>,
+    /// What all agents share.
+    pub setup: Arc<MetamoduleSetup>,
+    /// From when on which goal is built instead, in the order of time.
+    pub changes: Arc<[(Time, u8)]>,
+    /// Whether a goal that cannot be built where it is is moved.
+    pub relocate: bool,
+}
+
+impl Swarm {
+    /// Which family it is of.
+    pub fn family(&self) -> Family {
+        match self {
+            Swarm::Cubes(_) => Family::Cube,
+            Swarm::Metamodules(_) => Family::Metamodule,
+        }
+    }
+    /// How many modules, or metamodules, it has.
+    pub fn len(&self) -> usize {
+        match self {
+            Swarm::Cubes(cubes) => cubes.cells.len(),
+            Swarm::Metamodules(metamodules) => metamodules.poses.len(),
+        }
+    }
+    /// Whether it has none, which no checked one has.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
 /// A scenario that has passed every check, with what the command line changed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Plan {
     /// What the scenario calls itself.
     pub name: Option<String>,
@@ -124,17 +191,17 @@ pub struct Plan {
     pub overrides: Overrides,
     /// The seed of the run.
     pub seed: u64,
-    /// Where the modules are at first; a module's number is its place here.
-    pub cells: Vec<Cell>,
+    /// What runs.
+    pub swarm: Swarm,
     /// The goals, one built after the other. As many as in the setup.
     pub stages: Vec<StagePlan>,
-    /// What all agents share.
-    pub setup: Arc<Setup>,
     /// What is done to messages. On the process link it comes on top of the real link.
     pub link: LinkModel,
-    /// The probability that a move fails.
+    /// The probability that a move or a connection fails.
     pub failure: Ratio,
-    /// What is broken when.
+    /// What is to be broken, before the seed has decided on whom and when.
+    pub faults: Arc<[Planned]>,
+    /// What is broken when, with this seed.
     pub schedule: Schedule,
     /// When the run ends.
     pub stop: Stop,
@@ -148,11 +215,13 @@ impl Plan {
         self.name.as_deref().unwrap_or(&self.origin)
     }
 
-    /// The same with another seed. The text is read again, because the seed decides what crashes.
-    pub fn with_seed(&self, seed: u64) -> Plan {
-        let overrides = Overrides { seed: Some(seed), ..self.overrides.clone() };
-        read_text(&self.origin, &self.text, &overrides)
-            .expect("invariant: it was read before, and no check depends on the seed")
+    /// The same plan with another seed. Cheap: what does not depend on the seed is shared.
+    pub fn with_seed(&self, seed: u64) -> Result<Plan, StartError> {
+        let mut plan = Plan { seed, schedule: faults::draw(&self.faults, seed), ..self.clone() };
+        if let Swarm::Metamodules(Metamodules { drawn: true, poses, setup, .. }) = &mut plan.swarm {
+            *poses = random_start(setup, poses.len(), seed)?;
+        }
+        Ok(plan)
     }
 
     /// The command that repeats the run.
@@ -210,12 +279,7 @@ pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan
     }
     settings::apply(document.get_mut(), &overrides.settings, text, &mut problems);
     let raw = raw::Raw::read(document.get_ref(), overrides, &mut problems);
-    let plan = if problems.is_empty() || !raw.goals.is_empty() {
-        plan::make(&raw, overrides, &mut problems)
-    } else {
-        None
-    };
-    match plan {
+    match plan::make(&raw, overrides, &mut problems) {
         Some(plan) if problems.is_empty() => {
             Ok(Plan { origin: origin.to_owned(), text: Arc::from(text), ..plan })
         }

@@ -1,31 +1,17 @@
 //! A scenario as it is written: typed values with their places, before anything is checked that
 //! needs more than one of them.
 
+use super::cube::RawCubes;
 use super::faults::{self, RawFault, Verb};
 use super::flaw::{Flaw, MAX_GOALS, VERSION};
+use super::metamodule::RawMetamodules;
 use super::problems::{At, Place, Problems};
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
-use metamorph_protocol::cube::params::Connectivity;
-use metamorph_protocol::goal::Growth;
-use metamorph_protocol::lattice::Cell;
+use metamorph_module_agent::Family;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::shape::Shape;
 use metamorph_protocol::time::Span;
 use toml::de::DeTable;
-
-/// A goal as written.
-#[derive(Clone, Debug)]
-pub struct RawGoal {
-    /// What it is called.
-    pub name: Option<String>,
-    /// The shape; none if it could not be read.
-    pub shape: Option<At<Shape>>,
-    /// The cell to grow from.
-    pub seed: Option<At<Cell>>,
-    /// How it grows.
-    pub growth: Growth,
-}
 
 /// A link as written.
 #[derive(Clone, Debug, Default)]
@@ -51,18 +37,10 @@ pub struct Raw {
     pub description: Option<String>,
     /// The seed of the run.
     pub seed: u64,
-    /// Where the modules are at first; none if it could not be read.
-    pub start: Option<At<Shape>>,
-    /// How long a move takes.
-    pub move_time: Option<At<Span>>,
-    /// The probability that a move fails.
+    /// What belongs to one family.
+    pub swarm: RawSwarm,
+    /// The probability that a move or a connection fails.
     pub failed_connections: Option<At<Ratio>>,
-    /// What shall be built.
-    pub goals: Vec<RawGoal>,
-    /// The connectivity check.
-    pub connectivity: Connectivity,
-    /// Whether all that touch a cell are asked.
-    pub co_owners: bool,
     /// The link.
     pub link: RawLink,
     /// Scenario seconds per second on the process link.
@@ -77,18 +55,27 @@ pub struct Raw {
     pub livelock: Option<At<Span>>,
 }
 
-const GROWTH: [(&str, Growth); 2] = [("scaffold", Growth::Scaffold), ("solid", Growth::Solid)];
-const CONNECTIVITY: [(&str, Connectivity); 3] = [
-    ("forest", Connectivity::Forest),
-    ("cycles", Connectivity::Cycles),
-    ("gradient", Connectivity::Gradient),
-];
-/// Whether modules stay with a dead neighbour. Letting go of it could tear the body apart, so that
-/// there is one policy so far; the key is there so that scenarios can say what they rely on.
-const DEAD: [(&str, bool); 2] = [("hold", true), ("abandon", false)];
-/// Strategies of the metamodule family; refused by name, so that nobody thinks they had an effect.
-const STRATEGIES: [&str; 4] = ["greedy", "slope", "step", "negotiated"];
-const START: &str = "start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
+const FAMILIES: [(&str, Family); 2] =
+    [(Family::Cube.name(), Family::Cube), (Family::Metamodule.name(), Family::Metamodule)];
+
+/// What belongs to one family, as written.
+#[derive(Clone, Debug)]
+pub enum RawSwarm {
+    /// Of cubes.
+    Cubes(RawCubes),
+    /// Of metamodules.
+    Metamodules(RawMetamodules),
+}
+
+/// The sections, besides `[swarm]`, that mean something else in each family.
+pub struct Sections<'d, 'i> {
+    /// All `[[goal]]` tables.
+    pub goals: Option<&'d Node<'i>>,
+    /// `[protocol]`.
+    pub protocol: Option<&'d Node<'i>>,
+}
+
+const SWARM: &str = "[swarm]\n    start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
 
 impl Raw {
     /// Reads the whole document and the options. Values that cannot be read are noted and left out.
@@ -116,20 +103,22 @@ impl Raw {
         raw.description = top.get("description", problems).map(|d| d.value);
         let seed = top.get::<u64>("seed", problems).map_or(1, |s| s.value);
         raw.seed = overrides.seed.unwrap_or(seed);
-        match top.node("swarm") {
-            Some(node) => raw.read_swarm(node, problems),
-            None => top.missing(
-                "swarm",
-                "[swarm]\n    start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }",
-                problems,
-            ),
+        let swarm = top.node("swarm");
+        let others = Sections { goals: top.node("goal"), protocol: top.node("protocol") };
+        if swarm.is_none() {
+            top.missing("swarm", SWARM, problems);
         }
-        match top.node("goal") {
-            Some(node) => raw.read_goals(node, problems),
-            None => problems.add(Place::File, Flaw::NoGoal),
+        if others.goals.is_none() {
+            problems.add(Place::File, Flaw::NoGoal);
         }
-        if let Some(node) = top.node("protocol") {
-            raw.read_protocol(node, problems);
+        let mut family = Family::default();
+        if let Some(mut section) = swarm.and_then(|node| Section::of(node, "[swarm]", SWARM, problems)) {
+            family = section.choice("family", "family", &FAMILIES, problems).unwrap_or_default();
+            raw.failed_connections = section.get("failed_connections", problems);
+            raw.swarm = match family {
+                Family::Cube => RawSwarm::Cubes(RawCubes::read(section, &others, problems)),
+                Family::Metamodule => RawSwarm::Metamodules(RawMetamodules::read(section, &others, problems)),
+            };
         }
         if let Some(node) = top.node("link") {
             raw.read_link(node, problems);
@@ -138,7 +127,7 @@ impl Raw {
             raw.read_process(node, problems);
         }
         if let Some(node) = top.node("fault") {
-            raw.faults = faults::read(node, problems);
+            raw.faults = faults::read(node, family, problems);
         }
         if let Some(node) = top.node("stop") {
             raw.read_stop(node, problems);
@@ -153,12 +142,8 @@ impl Raw {
             name: None,
             description: None,
             seed: overrides.seed.unwrap_or(1),
-            start: None,
-            move_time: None,
+            swarm: RawSwarm::Cubes(RawCubes::default()),
             failed_connections: None,
-            goals: Vec::new(),
-            connectivity: Connectivity::default(),
-            co_owners: true,
             link: RawLink::default(),
             time_scale: None,
             faults: Vec::new(),
@@ -166,77 +151,6 @@ impl Raw {
             stall: None,
             livelock: None,
         }
-    }
-
-    fn read_swarm(&mut self, node: &Node<'_>, problems: &mut Problems) {
-        let Some(mut section) = Section::of(node, "[swarm]", START, problems) else { return };
-        if let Some(family) = section.get::<String>("family", problems) {
-            match family.value.as_str() {
-                "cube" => {}
-                "metamodule" => {
-                    let what = "the family `metamodule`".to_owned();
-                    problems.add(family.place, Flaw::NotYet { what, instead: "write `family = \"cube\"`" });
-                }
-                _ => {
-                    let flaw = Flaw::Name { what: "family", got: family.value, known: vec!["cube"] };
-                    problems.add(family.place, flaw);
-                }
-            }
-        }
-        self.start = section.need("start", START, problems);
-        self.move_time = section.get("move_time", problems);
-        self.failed_connections = section.get("failed_connections", problems);
-        section.finish(problems);
-    }
-
-    fn read_goals(&mut self, node: &Node<'_>, problems: &mut Problems) {
-        let Some(array) = elements(node, "[[goal]]", problems) else { return };
-        if array.is_empty() {
-            problems.add(node.span(), Flaw::NoGoal);
-        }
-        if array.len() > MAX_GOALS {
-            problems.add(node.span(), Flaw::TooManyGoals(array.len()));
-        }
-        let example = "shape = { sphere = { center = [0, 0, 2], radius = 3 } }";
-        for goal in array.iter().take(MAX_GOALS) {
-            let Some(mut section) = Section::of(goal, "[[goal]]", example, problems) else { continue };
-            let raw = RawGoal {
-                name: section.get("name", problems).map(|n| n.value),
-                shape: section.need("shape", example, problems),
-                seed: section.get("seed", problems),
-                growth: section.choice("growth", "growth", &GROWTH, problems).unwrap_or_default(),
-            };
-            section.finish(problems);
-            self.goals.push(raw);
-        }
-    }
-
-    fn read_protocol(&mut self, node: &Node<'_>, problems: &mut Problems) {
-        let Some(mut section) = Section::of(node, "[protocol]", "connectivity = \"forest\"", problems) else {
-            return;
-        };
-        let connectivity = section.choice("connectivity", "connectivity", &CONNECTIVITY, problems);
-        self.connectivity = connectivity.unwrap_or_default();
-        let dead = section.node("dead").map(|node| node.span());
-        if let (Some(false), Some(place)) =
-            (section.choice("dead", "policy for dead modules", &DEAD, problems), dead)
-        {
-            let what = "letting go of dead modules".to_owned();
-            problems.add(place, Flaw::NotYet { what, instead: "write `dead = \"hold\"`, or leave it out" });
-        }
-        self.co_owners = section.get("co_owners", problems).is_none_or(|c| c.value);
-        if let Some(strategy) = section.get::<String>("strategy", problems) {
-            let flaw = if STRATEGIES.contains(&strategy.value.as_str()) {
-                Flaw::NotYet {
-                    what: format!("the strategy `{}`, which belongs to metamodules,", strategy.value),
-                    instead: "remove it; cubes choose with `connectivity` and `co_owners`",
-                }
-            } else {
-                Flaw::Name { what: "strategy", got: strategy.value, known: STRATEGIES.to_vec() }
-            };
-            problems.add(strategy.place, flaw);
-        }
-        section.finish(problems);
     }
 
     fn read_link(&mut self, node: &Node<'_>, problems: &mut Problems) {
@@ -297,6 +211,24 @@ impl Raw {
             }
         }
     }
+}
+
+/// The `[[goal]]` tables, as many as are allowed.
+pub fn goal_sections<'d, 'i>(
+    node: Option<&'d Node<'i>>,
+    example: &'static str,
+    problems: &mut Problems,
+) -> Vec<Section<'d, 'i>> {
+    let Some(array) = node.and_then(|node| elements(node, "[[goal]]", problems)) else { return Vec::new() };
+    let place = || node.map_or(Place::File, |node| node.span().into());
+    if array.is_empty() {
+        problems.add(place(), Flaw::NoGoal);
+    }
+    if array.len() > MAX_GOALS {
+        problems.add(place(), Flaw::TooManyGoals(array.len()));
+    }
+    let goals = array.iter().take(MAX_GOALS);
+    goals.filter_map(|goal| Section::of(goal, "[[goal]]", example, problems)).collect()
 }
 
 /// The delay of messages if the scenario names none: on the simulated link from a hundredth to a

@@ -3,6 +3,7 @@
 
 use super::flaw::Flaw;
 use super::problems::{At, Place, Problems};
+use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, SpanError};
@@ -19,12 +20,15 @@ pub struct Section<'d, 'i> {
     name: String,
     place: Place,
     asked: Vec<&'static str>,
+    /// Keys that mean something here only in scenarios of another family, and that family.
+    foreign: (&'static [&'static str], Family),
 }
 
 impl<'d, 'i> Section<'d, 'i> {
     /// Starts reading a table; `name` is how messages call it.
     pub fn new(table: &'d DeTable<'i>, name: &str, place: impl Into<Place>) -> Section<'d, 'i> {
-        Section { table, name: name.to_owned(), place: place.into(), asked: Vec::new() }
+        let foreign = (&[][..], Family::default());
+        Section { table, name: name.to_owned(), place: place.into(), asked: Vec::new(), foreign }
     }
 
     /// Starts reading a value that must be a table.
@@ -41,6 +45,12 @@ impl<'d, 'i> Section<'d, 'i> {
                 None
             }
         }
+    }
+
+    /// Names keys that mean something here only in scenarios of another family, so that whoever writes
+    /// one of them is told so.
+    pub fn foreign(&mut self, keys: &'static [&'static str], family: Family) {
+        self.foreign = (keys, family);
     }
 
     /// Where the table is.
@@ -106,9 +116,16 @@ impl<'d, 'i> Section<'d, 'i> {
         for (key, _) in self.table.iter().filter(|(key, _)| !known.contains(key.get_ref().as_ref())) {
             let mut names = self.asked.clone();
             names.dedup();
+            let (foreign, theirs) = self.foreign;
             let key_text: String = key.get_ref().chars().take(80).collect();
-            let flaw = Flaw::UnknownKey { key: key_text, section: self.name.clone(), known: names };
-            problems.add(key.span(), flaw);
+            let section = self.name.clone();
+            problems.add(
+                key.span(),
+                match foreign.iter().find(|k| **k == key_text) {
+                    Some(key) => Flaw::Foreign { key, section, theirs },
+                    None => Flaw::UnknownKey { key: key_text, section, known: names },
+                },
+            );
         }
     }
 }
@@ -329,19 +346,41 @@ impl Read for Ratio {
     }
 }
 
+fn coordinates<const N: usize>(
+    node: &Node<'_>,
+    expected: &'static str,
+    example: &'static str,
+    problems: &mut Problems,
+) -> Option<[i16; N]> {
+    let DeValue::Array(array) = node.get_ref() else {
+        problems.add(node.span(), wrong(expected, node.get_ref(), example));
+        return None;
+    };
+    if array.len() != N {
+        problems.add(node.span(), Flaw::Kind { expected, found: "a list of another length", example });
+        return None;
+    }
+    let limit = i64::from(Cell::LIMIT);
+    let mut coordinates = [0; N];
+    for (axis, element) in coordinates.iter_mut().zip(array.iter()) {
+        *axis = whole(element, "the coordinate", -limit..=limit, example, problems)? as i16;
+    }
+    Some(coordinates)
+}
+
 impl Read for Cell {
     fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Cell> {
-        let array = elements(node, "[0, 0, 0]", problems)?;
-        if array.len() != 3 {
-            let (expected, found) = ("the three coordinates of a cell", "a list of another length");
-            problems.add(node.span(), Flaw::Kind { expected, found, example: "[0, 0, 0]" });
-            return None;
-        }
-        let limit = i64::from(Cell::LIMIT);
-        let mut coordinates = [0; 3];
-        for (axis, element) in coordinates.iter_mut().zip(array.iter()) {
-            *axis = whole(element, "the coordinate", -limit..=limit, "[0, 0, 0]", problems)? as i16;
-        }
-        Some(Cell::from(coordinates))
+        coordinates(node, "the three coordinates of a cell", "[0, 0, 0]", problems).map(Cell::from)
+    }
+}
+
+/// A connector of the floor, by the two coordinates of its cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Connector(pub i16, pub i16);
+
+impl Read for Connector {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Connector> {
+        let [x, y] = coordinates(node, "the two coordinates of a connector", "[0, 0]", problems)?;
+        Some(Connector(x, y))
     }
 }

@@ -21,11 +21,13 @@ pub mod table;
 
 use crate::interrupt::Interrupt;
 use crate::report::{count, seconds};
+use crate::scenario::flaw::Flaw;
 use crate::scenario::problems::Problems;
 use crate::scenario::{LinkKind, Overrides, Plan, load, quote, read_text};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::{Channel, Live};
 use grid::{Axis, Grid, GridError, Seeds};
+use metamorph_protocol::metamodule::start::StartError;
 use metamorph_sim_bridge::outcome::Outcome;
 use page::Context;
 use pool::{News, Work};
@@ -35,6 +37,7 @@ use std::io;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+pub use store::create_directory;
 use store::{Done, Manifest, Store, StoreError};
 use summary::{Summary, Tallies};
 use thiserror::Error;
@@ -66,8 +69,16 @@ pub enum SweepError {
     /// The directory.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// The numbers cannot go where they shall.
+    #[error("--json {}: cannot write there: {error}\n  fix: name a file in a directory that exists and is yours, or `-`", .path.display())]
+    Json {
+        /// Where.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
     /// A file beside the runs.
-    #[error("cannot write {}: {error}; the runs are kept", .path.display())]
+    #[error("cannot write {}: {error}", .path.display())]
     File {
         /// Which.
         path: PathBuf,
@@ -77,6 +88,16 @@ pub enum SweepError {
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
+    /// A seed with which the start cannot be drawn.
+    #[error("{error}\n  in the run: {repeat}\n  fix: {fix}")]
+    NoStart {
+        /// The command for this run alone.
+        repeat: String,
+        /// Why.
+        error: StartError,
+        /// The way out.
+        fix: String,
+    },
     /// A panic in a run.
     #[error("a run made the program panic, which is a defect of the program. It alone: {0}")]
     Defect(String),
@@ -86,7 +107,11 @@ impl SweepError {
     /// Whether what was typed is wrong, and not the program or the machine.
     pub fn is_input(&self) -> bool {
         match self {
-            SweepError::Grid(_) | SweepError::Scenario(_) | SweepError::Combination { .. } => true,
+            SweepError::Grid(_)
+            | SweepError::Scenario(_)
+            | SweepError::Combination { .. }
+            | SweepError::NoStart { .. }
+            | SweepError::Json { .. } => true,
             SweepError::Store(error) => !matches!(error, StoreError::Write { .. }),
             SweepError::File { .. } | SweepError::Signals(_) | SweepError::Defect(_) => false,
         }
@@ -121,17 +146,30 @@ impl Scenario {
         Ok(())
     }
 
+    /// What a sweep of it is known by.
+    pub fn manifest(&self, grid: &Grid) -> Manifest {
+        Manifest::new(&self.origin, &self.text, grid)
+    }
+
     /// The page that shows what came of it.
-    fn page(&self, grid: &Grid, summary: &Summary, command: &str) -> String {
+    fn page(&self, grid: &Grid, summary: &Summary) -> String {
         // Invariant: every combination was read before the first run.
         let plan = self.plan(grid, 0).ok();
         let context = Context {
             title: plan.as_ref().map_or(&self.origin, |p| p.title()),
             description: plan.as_ref().and_then(|p| p.description.as_deref()),
             scenario: &self.text,
-            command,
+            command: &self.command(grid),
         };
         page::page(summary, &context)
+    }
+
+    /// The command that gives the same results.
+    fn command(&self, grid: &Grid) -> String {
+        let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), quote(self.origin.clone())];
+        words.extend(["--seeds".to_owned(), grid.seeds.to_string()]);
+        words.extend(grid.vary.iter().flat_map(|v| ["--vary".to_owned(), quote(v.to_string())]));
+        words.join(" ")
     }
 
     /// The command that repeats one run alone.
@@ -179,7 +217,7 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     let (store, done) = match &request.out {
         None => (None, Done::default()),
         Some(dir) => {
-            let manifest = Manifest::new(&scenario.origin, &scenario.text, &grid);
+            let manifest = scenario.manifest(&grid);
             let (store, done) = if request.resume {
                 Store::resume(dir, &manifest, |run, row| tallies.add(grid.combination(run), row))?
             } else {
@@ -195,10 +233,7 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     let tallies = run(&scenario, &grid, Progress { store, done, tallies }, jobs, &interrupt, !request.quiet)?;
     let summary = tallies.summary(&scenario.origin, &grid);
     if let Some(dir) = &request.out {
-        let text = serde_json::to_string_pretty(&summary)
-            .expect("invariant: a summary is made of plain values, text keys and finite numbers");
-        write(&dir.join(SUMMARY), &(text + "\n"))?;
-        write(&dir.join(PAGE), &scenario.page(&grid, &summary, &command(request)))?;
+        write_results(dir, &scenario, &grid, &summary)?;
     }
     let channel = if request.quiet { Channel::Quiet } else { Channel::Out };
     let new = summary.runs - before;
@@ -210,7 +245,7 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
         seconds(took),
         if jobs.get() == 1 { "" } else { "s" },
         count((new as f64 / took.max(1e-9)) as u64),
-        ending(request, &summary),
+        ending(request, &scenario.command(&grid), &summary),
     ));
     Ok(match () {
         () if summary.runs < summary.runs_planned => Outcome::Aborted.exit_code(),
@@ -220,7 +255,7 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
 }
 
 /// Where the results are, and how to go on if they are not all there.
-fn ending(request: &Request, summary: &Summary) -> String {
+fn ending(request: &Request, command: &str, summary: &Summary) -> String {
     let missing = summary.runs_planned - summary.runs;
     match (&request.out, missing) {
         (None, 0) => "  nothing is kept; --out DIR keeps every run".to_owned(),
@@ -229,24 +264,28 @@ fn ending(request: &Request, summary: &Summary) -> String {
         }
         (Some(dir), 0) => format!("  every run and a report are in {}", dir.display()),
         (Some(dir), n) => format!(
-            "  interrupted: {} runs are still to be done, everything else is kept\n  go on with  {} --out {} --resume",
+            "  interrupted: {} runs are still to be done, everything else is kept\n  go on with  {command} --out {} --resume",
             count(n),
-            command(request),
             quote(dir.display().to_string())
         ),
     }
 }
 
-/// The command that gives the same results.
-fn command(request: &Request) -> String {
-    let file = quote(request.scenario.display().to_string());
-    let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), file];
-    words.extend(["--seeds".to_owned(), quote(request.seeds.clone())]);
-    words.extend(request.vary.iter().flat_map(|v| ["--vary".to_owned(), quote(v.clone())]));
-    words.join(" ")
+/// Writes the numbers and the page beside the runs.
+pub fn write_results(
+    dir: &Path,
+    scenario: &Scenario,
+    grid: &Grid,
+    summary: &Summary,
+) -> Result<(), SweepError> {
+    let text = serde_json::to_string_pretty(summary)
+        .expect("invariant: a summary is made of plain values, text keys and finite numbers");
+    write(&dir.join(SUMMARY), &(text + "\n"))?;
+    write(&dir.join(PAGE), &scenario.page(grid, summary))
 }
 
-fn write(path: &Path, text: &str) -> Result<(), SweepError> {
+/// Writes a file beside the runs.
+pub fn write(path: &Path, text: &str) -> Result<(), SweepError> {
     fs::write(path, text).map_err(|error| SweepError::File { path: path.into(), error })
 }
 
@@ -258,6 +297,13 @@ pub struct Progress {
     pub done: Done,
     /// The runs counted so far: those at the beginning of `done`.
     pub tallies: Tallies,
+}
+
+impl Progress {
+    /// Nothing done so far.
+    pub fn new(grid: &Grid, store: Option<Store>) -> Progress {
+        Progress { store, done: Done::default(), tallies: Tallies::new(grid) }
+    }
 }
 
 /// Does all runs that are not done yet, or until interrupted. Everything that was done is kept and
@@ -282,6 +328,10 @@ pub fn run(
                 waiting.insert(run, row);
             }
             News::Defect(run) => return Err(SweepError::Defect(scenario.repeat(grid, run))),
+            News::NoStart(run, error) => {
+                let fix = Flaw::NoRoom(error).fix();
+                return Err(SweepError::NoStart { repeat: scenario.repeat(grid, run), error, fix });
+            }
             News::Nothing => {}
         }
         while let Some(row) = waiting.remove(&next) {

@@ -127,7 +127,6 @@ pub fn boxes(rows: &[Row<Option<Spread>>], about: &str) -> Markup {
     }
     // A scale that nearly begins at zero might as well do so.
     let scale = Scale::over(if low < high / 3.0 { 0.0 } else { low }, high, left(rows));
-    let tick = |value| number(value).trim_end_matches(".0").to_owned();
     plot(rows, &scale, about, tick, |spread, y| {
         let Some(s) = *spread else { return nothing(&scale, y) };
         let x = |value| place(scale.at(value));
@@ -157,6 +156,28 @@ pub fn boxes(rows: &[Row<Option<Spread>>], about: &str) -> Markup {
             }
         }
     })
+}
+
+/// Values as bars from zero.
+pub fn bars(rows: &[Row<Option<f64>>], about: &str) -> Markup {
+    let high = rows.iter().filter_map(|row| row.value).fold(0.0, f64::max);
+    let scale = Scale::over(0.0, high, left(rows));
+    plot(rows, &scale, about, tick, |value, y| {
+        let Some(value) = *value else { return nothing(&scale, y) };
+        html! {
+            g {
+                title { (number(value)) }
+                rect.bar x=(place(scale.left)) y=(place(y - 7.0)) height="14" rx="2"
+                    width=(place(scale.at(value) - scale.left)) {}
+                text.number x=(place(scale.at(value) + 6.0)) y=(place(y + 4.0)) { (number(value)) }
+            }
+        }
+    })
+}
+
+/// A number at the scale, as short as it can be.
+fn tick(value: f64) -> String {
+    number(value).trim_end_matches(".0").to_owned()
 }
 
 fn nothing(scale: &Scale, y: f64) -> Markup {

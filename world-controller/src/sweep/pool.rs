@@ -9,9 +9,9 @@ use super::grid::Grid;
 use super::row::Row;
 use crate::interrupt::Interrupt;
 use crate::scenario::Plan;
-use crate::simulated::run_simulated;
+use crate::simulated::simulate;
 use crate::stopwatch::Stopwatch;
-use crate::terminal::Live;
+use metamorph_protocol::metamodule::start::StartError;
 use metamorph_sim_bridge::outcome::Outcome;
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
@@ -49,6 +49,8 @@ pub enum News {
     Row(u64, Row),
     /// This run made the program panic: a defect of the program.
     Defect(u64),
+    /// This run finds no places to start from.
+    NoStart(u64, StartError),
     /// Nothing new for a moment.
     Nothing,
 }
@@ -96,9 +98,13 @@ fn labour(work: Work<'_>, next: &AtomicU64, sender: &SyncSender<News>) {
                 &other.insert((combination, read)).1
             }
         };
-        let simulate = || run_simulated(&plan.with_seed(seed), work.interrupt, &mut Live::new(false), since);
+        let simulate = || {
+            let plan = plan.with_seed(seed)?;
+            Ok(Row::of(&simulate(&plan, since, |_, _| !work.interrupt.is_set())))
+        };
         let news = match catch_unwind(AssertUnwindSafe(simulate)) {
-            Ok(report) => News::Row(run, Row::of(&report)),
+            Ok(Ok(row)) => News::Row(run, row),
+            Ok(Err(error)) => News::NoStart(run, error),
             Err(_) => News::Defect(run),
         };
         if matches!(&news, News::Row(_, row) if row.outcome == Outcome::Aborted) {

@@ -27,6 +27,8 @@ pub struct Row {
     pub cells: u64,
     /// Moves completed.
     pub moves: u64,
+    /// Steps of joints; of metamodules only.
+    pub turns: Option<u64>,
     /// Attempts to use one cell twice that negotiation prevented.
     pub collisions_prevented: u64,
     /// Those that the body refused.
@@ -59,13 +61,14 @@ pub struct Row {
 
 impl Row {
     /// The names of the fields.
-    pub const COLUMNS: [&str; 20] = [
+    pub const COLUMNS: [&str; 21] = [
         "seed",
         "outcome",
         "reason",
         "filled",
         "cells",
         "moves",
+        "turns",
         "collisions_prevented",
         "collisions_refused",
         "collisions_suffered",
@@ -101,8 +104,9 @@ impl Row {
             filled: report.goal.filled,
             cells: report.goal.cells,
             moves: report.moves,
+            turns: report.metamodules.as_ref().map(|m| m.turns),
             collisions_prevented: report.collisions.prevented,
-            collisions_refused: report.move_details.refused_taken,
+            collisions_refused: report.collisions.refused,
             collisions_suffered: report.collisions.suffered,
             sent_gradient: sent(Class::Gradient),
             sent_seed: sent(Class::Seed),
@@ -196,6 +200,7 @@ pub(crate) mod tests {
             filled: 21,
             cells: 22,
             moves: 23,
+            turns: Some(24),
             collisions_prevented: 1,
             collisions_refused: 2,
             collisions_suffered: 3,
@@ -229,7 +234,7 @@ pub(crate) mod tests {
     #[test]
     fn lines_are_read_as_they_were_written() {
         for (run, expected) in
-            [(0, row(7)), (7, Row { outcome: Outcome::Deadlock, makespan_s: None, ..row(8) })]
+            [(0, row(7)), (7, Row { outcome: Outcome::Deadlock, turns: None, makespan_s: None, ..row(8) })]
         {
             let text = lines(run, &expected);
             let (header, line) = text.trim_end().split_once('\n').unwrap();

@@ -200,19 +200,11 @@ pub struct Done {
 impl Store {
     /// Begins a sweep in a directory that is new or empty.
     pub fn create(dir: &Path, manifest: &Manifest) -> Result<Store, StoreError> {
-        let failed = |path: &Path| {
-            let path = path.to_owned();
-            move |error| StoreError::File { path, error }
-        };
-        fs::create_dir_all(dir).map_err(failed(dir))?;
-        if fs::read_dir(dir).map_err(failed(dir))?.next().is_some() {
-            let resumable = dir.join(MANIFEST).exists();
-            return Err(StoreError::NotEmpty { dir: dir.into(), resumable });
-        }
+        create_directory(dir)?;
         let text = serde_json::to_string_pretty(manifest)
             .expect("invariant: a manifest is made of texts and numbers");
         let path = dir.join(MANIFEST);
-        fs::write(&path, text + "\n").map_err(failed(&path))?;
+        fs::write(&path, text + "\n").map_err(|error| StoreError::File { path, error })?;
         Store::open(dir, &manifest.grid, |_, _| {}).map(|(store, _)| store)
     }
 
@@ -262,6 +254,16 @@ impl Store {
     fn check(&self, written: csv::Result<()>) -> Result<(), StoreError> {
         let error = |e: csv::Error| StoreError::Write { path: self.path.clone(), error: e.into() };
         written.map_err(error)
+    }
+}
+
+/// Makes a directory for results, or takes an empty one.
+pub fn create_directory(dir: &Path) -> Result<(), StoreError> {
+    let failed = |error| StoreError::File { path: dir.into(), error };
+    fs::create_dir_all(dir).map_err(failed)?;
+    match fs::read_dir(dir).map_err(failed)?.next() {
+        None => Ok(()),
+        Some(_) => Err(StoreError::NotEmpty { dir: dir.into(), resumable: dir.join(MANIFEST).exists() }),
     }
 }
 

@@ -203,10 +203,12 @@ impl Reader<'_> {
     fn cell_set(&mut self, cells: usize) -> Result<CellSet, DatabaseError> {
         let n = usize::from(self.byte()?);
         let mut set = CellSet::default();
+        let mut known = true;
         for i in self.take(n)? {
+            known &= usize::from(*i) < cells;
             set.insert(*i);
         }
-        if set.len() != n || set.indices().any(|i| usize::from(i) >= cells) {
+        if set.len() != n || !known {
             return Err(self.wrong("a set of cells names one twice or one that is not there"));
         }
         Ok(set)

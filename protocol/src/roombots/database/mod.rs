@@ -129,8 +129,14 @@ impl CellSet {
     }
     /// The numbers of the cells, ascending.
     pub fn indices(&self) -> impl Iterator<Item = u8> + use<> {
-        let bits = self.0;
-        (0..=u8::MAX).filter(move |i| bits[usize::from(i / 64)] >> (i % 64) & 1 == 1)
+        self.0.into_iter().zip([0, 64, 128, 192]).flat_map(|(mut word, first)| {
+            std::iter::from_fn(move || {
+                let bit = (word != 0).then(|| word.trailing_zeros() as u8)?;
+                // Without its lowest bit.
+                word &= word - 1;
+                Some(first + bit)
+            })
+        })
     }
     /// How many cells are in it.
     pub fn len(&self) -> usize {

@@ -1,12 +1,27 @@
-//! Keeps the bytes of the motion database between runs.
+//! Keeps the bytes of the motion database between runs, and what is made of it within one.
 //!
 //! A kept file that is missing, damaged or of another version is built anew; one that cannot be
 //! written is done without.
 
+use metamorph_protocol::metamodule::motions::{Motions, MotionsError};
+use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::database::{Database, VERSION};
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+/// The motions of a kind of metamodule; made once in the life of this program.
+pub fn motions(kind: Kind) -> Result<Motions, MotionsError> {
+    static DATABASE: OnceLock<Arc<Database>> = OnceLock::new();
+    static MADE: [OnceLock<Motions>; Kind::ALL.len()] = [const { OnceLock::new() }; Kind::ALL.len()];
+    let slot = &MADE[kind as usize];
+    if let Some(motions) = slot.get() {
+        return Ok(motions.clone());
+    }
+    let made = Motions::new(Arc::clone(DATABASE.get_or_init(|| Arc::new(database(true)))), kind)?;
+    Ok(slot.get_or_init(|| made).clone())
+}
 
 /// The database, from the kept bytes if `keep` is set and they are good.
 pub fn database(keep: bool) -> Database {

@@ -1,0 +1,96 @@
+//! The latest answers to questions that come again and again. Keeping them changes how long an answer
+//! takes and nothing else, so agents that share them stay independent of each other.
+
+use std::sync::{Mutex, PoisonError};
+
+/// Answers by question: sets of four, of which the one asked for least recently makes room.
+pub struct Memo<K, V> {
+    sets: Mutex<Vec<[Option<(K, V)>; WAYS]>>,
+    count: usize,
+}
+
+const WAYS: usize = 4;
+
+impl<K, V> Memo<K, V> {
+    /// Keeps this many answers at most; a multiple of four. Takes room only when it is used.
+    pub const fn new(answers: usize) -> Memo<K, V> {
+        Memo { sets: Mutex::new(Vec::new()), count: answers / WAYS }
+    }
+
+    /// Takes a kept answer out.
+    pub fn take(&self, hash: u64, is_it: impl Fn(&K) -> bool) -> Option<(K, V)> {
+        // Nothing of what is kept can be half done: a poisoned lock holds answers like any other.
+        let mut sets = self.sets.lock().unwrap_or_else(PoisonError::into_inner);
+        let set = sets.get_mut(hash as usize % self.count)?;
+        set.iter_mut().find(|slot| slot.as_ref().is_some_and(|(k, _)| is_it(k)))?.take()
+    }
+
+    /// Keeps an answer.
+    pub fn put(&self, hash: u64, question: K, answer: V) {
+        let mut sets = self.sets.lock().unwrap_or_else(PoisonError::into_inner);
+        if sets.is_empty() {
+            sets.resize_with(self.count, || [const { None }; WAYS]);
+        }
+        let set = &mut sets[hash as usize % self.count];
+        let free = set.iter().position(Option::is_none).unwrap_or(WAYS - 1);
+        set[..=free].rotate_right(1);
+        set[0] = Some((question, answer));
+    }
+
+    /// The kept answer, or a new one.
+    pub fn answer(&self, hash: u64, question: K, find: impl FnOnce(&K) -> V) -> V
+    where
+        K: PartialEq,
+        V: Clone,
+    {
+        {
+            let mut sets = self.sets.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(set) = sets.get_mut(hash as usize % self.count) {
+                let is_it = |slot: &Option<(K, V)>| slot.as_ref().is_some_and(|(k, _)| *k == question);
+                if let Some(at) = set.iter().position(is_it) {
+                    set[..=at].rotate_right(1);
+                    if let Some((_, answer)) = &set[0] {
+                        return answer.clone();
+                    }
+                }
+            }
+        }
+        let answer = find(&question);
+        self.put(hash, question, answer.clone());
+        answer
+    }
+}
+
+/// Mixes numbers into a hash.
+pub fn mix(hash: u64, number: u64) -> u64 {
+    let mixed = (hash ^ number).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    mixed ^ mixed >> 29
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keeps_the_latest_and_forgets_the_least_used() {
+        let memo: Memo<u32, u32> = Memo::new(4);
+        let found = std::cell::Cell::new(0);
+        let ask = |q: u32| {
+            memo.answer(0, q, |q| {
+                found.set(found.get() + 1);
+                q * 10
+            })
+        };
+        assert_eq!([1, 2, 3, 4, 1].map(ask), [10, 20, 30, 40, 10]);
+        assert_eq!(found.get(), 4);
+        ask(5);
+        assert_eq!(ask(1), 10);
+        assert_eq!(found.get(), 5, "1 was used last but for 5 and is still there");
+        ask(2);
+        assert_eq!(found.get(), 6, "2 had to go");
+        assert_eq!(memo.take(0, |q| *q == 5), Some((5, 50)));
+        assert_eq!(memo.take(0, |q| *q == 5), None);
+        memo.put(0, 5, 55);
+        assert_eq!(ask(5), 55);
+    }
+}

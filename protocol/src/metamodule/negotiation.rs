@@ -1,0 +1,541 @@
+//! The `negotiated` strategy: who goes to which seed, by which way, and who makes way.
+//!
+//! Seeds are shared out so that all together make as few strides as possible; whoever has got one
+//! claims it and announces its way. Claims are ranked by the order of their seeds. Whoever stands in a
+//! more important way leaves it, and is as important as that way, one place below it, until it has:
+//! ranks travel along chains of those who have to make way for each other. What is promised, under
+//! which assumptions, and why, is in `docs/negotiated.md`.
+//!
+//! Everything here is decided from what a metamodule knows by itself; nobody is in charge. Locks, which
+//! keep it safe, are not here: a wrong or late word about a way costs time, never safety.
+
+use super::blueprint::SeedSet;
+use super::choice::{Aim, Plan};
+use super::message::{Claim, LEGS, Leg, Message, Rank, Way};
+use super::pose::Pose;
+use super::search::{Course, Ground};
+use super::{Metamodule, Phase};
+use crate::agent::Class;
+use crate::ids::ModuleId;
+use crate::lattice::Cell;
+use crate::time::Time;
+use pathfinding::kuhn_munkres::kuhn_munkres_min;
+use pathfinding::matrix::Matrix;
+
+/// What a metamodule is about, under `negotiated`.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Intent {
+    /// The seed it is on its way to.
+    pub claim: Option<Claim>,
+    /// Seeds that it has no way to, until what stands around changes, or this time.
+    pub barred: SeedSet,
+    barred_until: Time,
+    /// What stood around when the first of them was barred.
+    barred_in: u64,
+    /// Since when an open seed has been nobody's.
+    unclaimed_since: Option<Time>,
+    /// What stood around when it looked for its course.
+    looked_in: (u64, bool),
+    /// And what was to stand there by the time it comes.
+    planned_in: u64,
+    /// Where bodies stood when it had no way out of a more important way.
+    cornered_in: Option<u64>,
+    /// What it has announced.
+    pub way: Option<Way>,
+    /// What that was made from.
+    told: Option<(Course, Pose, Rank)>,
+    /// How important what it does is.
+    pub rank: Rank,
+}
+
+impl Intent {
+    pub fn new() -> Intent {
+        Intent {
+            claim: None,
+            barred: SeedSet::default(),
+            barred_until: Time::NEVER,
+            barred_in: 0,
+            unclaimed_since: None,
+            looked_in: (0, false),
+            planned_in: 0,
+            cornered_in: None,
+            way: None,
+            told: None,
+            rank: Rank::NONE,
+        }
+    }
+    /// Whether it is in somebody's way and cannot leave it.
+    pub fn is_cornered(&self) -> bool {
+        self.cornered_in.is_some()
+    }
+}
+
+/// Another metamodule that can move.
+struct Other {
+    id: ModuleId,
+    pose: Pose,
+    cells: [Cell; 4],
+    claim: Option<Claim>,
+    barred: SeedSet,
+    way: Option<Way>,
+}
+
+/// What is around.
+struct Scene {
+    /// Cells of what does not move: the built, the dead, the stuck, obstacles.
+    fixed: Vec<Cell>,
+    free: Vec<Other>,
+    /// All cells to keep out of now: fixed ones, bodies, grants.
+    taken: Vec<Cell>,
+}
+
+/// So many strides more are worth it to whoever has waited in vain.
+const DETOUR: usize = 3;
+impl Scene {
+    /// All cells with something in them.
+    fn bodies(&self) -> Vec<Cell> {
+        self.fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells)).collect()
+    }
+}
+
+/// After so many times its patience a metamodule leaves its seed to others.
+const GIVE_UP: u64 = 3;
+/// Leaving a seed that is not open yet to somebody is as bad as so many strides.
+const LATER: i64 = 1 << 20;
+/// And one that it has no way to.
+const BARRED: i64 = 1 << 30;
+
+impl Metamodule {
+    fn scene(&self) -> Scene {
+        let (core, motions) = (&self.core, &self.setup.motions);
+        let mut fixed: Vec<Cell> = core.obstacles.iter().copied().collect();
+        fixed.extend(core.dead.values().flat_map(|p| motions.cells(*p)));
+        let mut free = Vec::new();
+        for (_, peer) in core.peers.iter() {
+            let Some(state) = peer.state.filter(|s| !core.dead.contains_key(&s.id)) else { continue };
+            let cells = motions.cells(state.pose);
+            if state.settled || state.stuck {
+                fixed.extend(cells);
+                continue;
+            }
+            let fits = |c: &Claim| state.task == core.task && !core.filled.has(c.seed);
+            free.push(Other {
+                id: state.id,
+                pose: state.pose,
+                cells,
+                claim: state.claim.filter(fits),
+                barred: state.barred,
+                way: peer.way.filter(|w| w.count > 0),
+            });
+        }
+        free.sort_by_key(|o| o.id);
+        let mut taken = fixed.clone();
+        taken.extend(free.iter().flat_map(|o| o.cells));
+        taken.extend(core.peers.granted(motions));
+        Scene { fixed, free, taken }
+    }
+
+    fn ground<'a>(&'a self, taken: &'a [Cell]) -> Ground<'a> {
+        Ground { motions: &self.setup.motions, floor: self.setup.floor, taken }
+    }
+
+    /// Looks for something to do.
+    pub(super) fn negotiate(&mut self, now: Time, next_expiry: Time) {
+        let scene = self.scene();
+        self.review(now, &scene);
+        if self.core.intent.claim.is_none() && !self.core.intent.is_cornered() {
+            self.claim(now, &scene);
+        }
+        let claim = self.core.intent.claim;
+        let rank = claim.map_or(Rank::NONE, |c| Rank::of_seed(c.seed));
+        let corridor = self.corridor(&scene, rank);
+        let here = self.setup.motions.cells(self.core.pose);
+        if let Some(claim) = claim
+            && let Some(plan) = self.go_to_seed(now, &scene, &corridor, claim)
+        {
+            self.announce(rank, &scene);
+            return self.ask(now, plan);
+        }
+        let in_way_of = corridor.iter().filter(|(cells, _)| here.iter().any(|c| cells.contains(c)));
+        let in_way_of = in_way_of.map(|(_, rank)| *rank).min();
+        let is_first = claim.is_some_and(|c| self.is_first(&scene, c));
+        let in_zone = !is_first && here.iter().any(|c| self.is_zone(*c));
+        if in_way_of.is_some() || (in_zone && !self.core.filled.holds(self.goal().all())) {
+            let rank = in_way_of.map_or(Rank::NONE, Rank::below);
+            let kept = std::mem::take(&mut self.core.course);
+            let plan = self.make_way(&scene, rank);
+            if plan.is_none() && in_way_of.is_some() && self.core.course.is_over() {
+                self.core.intent.cornered_in = Some(fingerprint(&scene.bodies()));
+                self.tell(now, Class::Gradient);
+            }
+            self.announce(rank, &scene);
+            if claim.is_some() {
+                // Where it was going is found again from where it ends up.
+                self.core.course = kept;
+            }
+            if let Some(plan) = plan {
+                self.core.course = Course::default();
+                return self.ask(now, plan);
+            }
+        } else {
+            if claim.is_none() {
+                self.core.course = Course::default();
+            }
+            self.announce(rank, &scene);
+        }
+        let waits = claim.is_some() || in_way_of.is_some() || self.core.intent.unclaimed_since.is_some();
+        let patience = if waits { now + self.setup.params.patience } else { Time::NEVER };
+        let barred =
+            if self.core.intent.barred.is_empty() { Time::NEVER } else { self.core.intent.barred_until };
+        self.core.phase = Phase::Idle { look_at: next_expiry.min(patience).min(barred) };
+    }
+
+    /// Drops what no longer holds: a claim that somebody nearer has made too, or on what is filled; bars
+    /// from when something else stood around.
+    fn review(&mut self, now: Time, scene: &Scene) {
+        let open = self.open();
+        let around = fingerprint(&scene.fixed);
+        let me = self.core.id;
+        let intent = &mut self.core.intent;
+        if now >= intent.barred_until || (intent.barred_in != around && !intent.barred.is_empty()) {
+            intent.barred = SeedSet::default();
+            intent.barred_until = Time::NEVER;
+        }
+        if intent.cornered_in.is_some_and(|at| at != fingerprint(&scene.bodies())) {
+            intent.cornered_in = None;
+        }
+        if let Some(claim) = intent.claim {
+            let better = |o: &Other| {
+                o.claim.is_some_and(|c| c.seed == claim.seed && (c.cost, o.id) < (claim.cost, me))
+            };
+            if !open.has(claim.seed) || scene.free.iter().any(better) {
+                self.drop_claim();
+            }
+        }
+    }
+
+    fn drop_claim(&mut self) {
+        self.core.intent.claim = None;
+        self.core.course = Course::default();
+    }
+
+    fn bar(&mut self, now: Time, seed: u8, scene: &Scene) {
+        let params = &self.setup.params;
+        let intent = &mut self.core.intent;
+        intent.barred = intent.barred.with(seed);
+        intent.barred_in = fingerprint(&scene.fixed);
+        intent.barred_until = now + params.patience * 20;
+    }
+
+    /// Claims an open seed, if the best way of sharing them out gives it one, or if nobody takes one
+    /// for long.
+    fn claim(&mut self, now: Time, scene: &Scene) {
+        loop {
+            let claimed = scene.free.iter().filter_map(|o| o.claim);
+            let claimed = claimed.fold(SeedSet::default(), |set, c| set.with(c.seed));
+            let open = self.open().without(claimed).without(self.core.intent.barred);
+            if open.is_empty() {
+                self.core.intent.unclaimed_since = None;
+                return;
+            }
+            let since = *self.core.intent.unclaimed_since.get_or_insert(now);
+            let patient = now < since + self.setup.params.patience;
+            let shared = self.share(scene, open, claimed).filter(|s| open.has(*s));
+            let nearest = || open.iter().min_by_key(|s| self.strides_to(self.core.pose, *s));
+            let Some(number) = shared.or_else(|| nearest().filter(|_| !patient)) else { return };
+            match self.course_to(scene, number, true) {
+                Some(course) => {
+                    let cost = u8::try_from(course.strides.len()).unwrap_or(u8::MAX);
+                    self.core.intent.claim = Some(Claim { seed: number, cost });
+                    self.core.intent.unclaimed_since = None;
+                    self.core.course = course;
+                    self.core.intent.planned_in = fingerprint(&self.planned(scene, number));
+                    self.core.waiting_since = now;
+                }
+                None => self.bar(now, number, scene),
+            }
+            let class = Class::Gradient;
+            self.tell(now, class);
+            if self.core.intent.claim.is_some() {
+                return;
+            }
+        }
+    }
+
+    fn strides_to(&self, pose: Pose, seed: u8) -> i64 {
+        let foot = self.setup.seed(self.core.task, seed).map_or(pose.foot(), |s| s.foot);
+        i64::from(self.setup.motions.moves_to(pose.state, foot))
+    }
+
+    /// The seed that falls to this metamodule if all that are nobody's yet are shared out among those
+    /// without one, with the fewest strides on the open floor; open seeds before later ones.
+    fn share(&self, scene: &Scene, open: SeedSet, claimed: SeedSet) -> Option<u8> {
+        let me = (self.core.id, self.core.pose, self.core.intent.barred);
+        let others = scene.free.iter().filter(|o| o.claim.is_none()).map(|o| (o.id, o.pose, o.barred));
+        let mut walkers: Vec<_> = others.chain([me]).collect();
+        walkers.sort_by_key(|w| w.0);
+        let seeds: Vec<u8> = self.goal().all().without(self.core.filled).without(claimed).iter().collect();
+        let cost = |walker: usize, seed: usize| {
+            let ((_, pose, barred), seed) = (walkers[walker], seeds[seed]);
+            let later = if open.has(seed) { 0 } else { LATER };
+            let barred = if barred.has(seed) { BARRED } else { 0 };
+            self.strides_to(pose, seed) + later + barred
+        };
+        let mine = walkers.iter().position(|w| w.0 == self.core.id)?;
+        // The method wants as many columns as rows, or more.
+        if walkers.len() <= seeds.len() {
+            let costs = Matrix::from_fn(walkers.len(), seeds.len(), |(w, s)| cost(w, s));
+            let (_, seed_of) = kuhn_munkres_min(&costs);
+            Some(seeds[seed_of[mine]])
+        } else {
+            let costs = Matrix::from_fn(seeds.len(), walkers.len(), |(s, w)| cost(w, s));
+            let (_, walker_of) = kuhn_munkres_min(&costs);
+            walker_of.iter().position(|w| *w == mine).map(|s| seeds[s])
+        }
+    }
+
+    /// What will not move, with all that is to be built before this seed.
+    fn planned(&self, scene: &Scene, number: u8) -> Vec<Cell> {
+        let before = self.open().iter().filter(|s| *s < number);
+        let seeds = before.filter_map(|s| self.setup.seed(self.core.task, s));
+        scene.fixed.iter().copied().chain(seeds.flat_map(|s| s.cells())).collect()
+    }
+
+    /// The best course to a seed: around those who stand about if that is not longer than what they
+    /// would need to make way, through where they stand otherwise.
+    fn course_to(&self, scene: &Scene, number: u8, patient: bool) -> Option<Course> {
+        let seed = self.setup.seed(self.core.task, number)?;
+        let find = |fixed: &[Cell]| {
+            let pose = self.core.pose;
+            let through = self.ground(fixed).to_seed(pose, seed, fixed, usize::MAX)?;
+            let swept = self.cells_of(pose, &self.legs(scene, &through));
+            let in_way = scene.free.iter().filter(|o| o.cells.iter().any(|c| swept.contains(c))).count();
+            if in_way == 0 {
+                return Some(through);
+            }
+            let worth = through.strides.len() + in_way + if patient { 0 } else { DETOUR };
+            let bodies: Vec<Cell> =
+                fixed.iter().copied().chain(scene.free.iter().flat_map(|o| o.cells)).collect();
+            Some(self.ground(&bodies).to_seed(pose, seed, fixed, worth).unwrap_or(through))
+        };
+        find(&self.planned(scene, number)).or_else(|| find(&scene.fixed))
+    }
+
+    /// The next motion to the claimed seed, if it can be made now.
+    fn go_to_seed(
+        &mut self,
+        now: Time,
+        scene: &Scene,
+        corridor: &[(Vec<Cell>, Rank)],
+        claim: Claim,
+    ) -> Option<Plan> {
+        let first = self.is_first(scene, claim);
+        let planned = fingerprint(&self.planned(scene, claim.seed));
+        if self.core.intent.planned_in == planned
+            && let Some(plan) = self.next_leg(&scene.taken, corridor, claim, first)
+        {
+            return Some(plan);
+        }
+        if !first {
+            // Its turn will come; that is no reason to lose patience.
+            self.core.waiting_since = now;
+            return None;
+        }
+        let bodies = scene.bodies();
+        let waited = now.since(self.core.waiting_since);
+        let patience = self.setup.params.patience;
+        if waited > patience * GIVE_UP {
+            self.give_up(now, scene, claim);
+            return None;
+        }
+        let looked_in = (fingerprint(&bodies), waited <= patience);
+        let fits = self.core.intent.planned_in == planned;
+        // Whoever has been granted a way will be through it soon.
+        let is_open = || self.next_leg(&bodies, &[], claim, true).is_some();
+        if fits && (self.core.intent.looked_in == looked_in || (is_open() && waited <= patience)) {
+            return None;
+        }
+        let Some(course) = self.course_to(scene, claim.seed, waited <= patience) else {
+            self.give_up(now, scene, claim);
+            return None;
+        };
+        self.core.course = course;
+        (self.core.intent.looked_in, self.core.intent.planned_in) = (looked_in, planned);
+        self.next_leg(&scene.taken, corridor, claim, first)
+    }
+
+    /// Leaves a seed to somebody else.
+    fn give_up(&mut self, now: Time, scene: &Scene, claim: Claim) {
+        self.drop_claim();
+        self.bar(now, claim.seed, scene);
+        self.tell(now, Class::Gradient);
+    }
+
+    /// Whether nobody has claimed a seed before this one. Only the first may be in the zone: whoever else
+    /// were there could be walled in.
+    fn is_first(&self, scene: &Scene, claim: Claim) -> bool {
+        scene.free.iter().filter_map(|o| o.claim).all(|c| claim.seed <= c.seed)
+    }
+
+    /// The next leg of the course over free ground. It does not end in a more important way, and not in
+    /// the zone unless it is this one's turn.
+    fn next_leg(
+        &self,
+        taken: &[Cell],
+        corridor: &[(Vec<Cell>, Rank)],
+        claim: Claim,
+        first: bool,
+    ) -> Option<Plan> {
+        let (posture, lands) = self.core.course.next()?;
+        let ground = self.ground(taken);
+        let pose = self.core.pose;
+        let aim = if lands { Aim::Land } else { Aim::Settle(claim.seed) };
+        if lands {
+            ground.landed(pose, posture)?;
+            let ends = self.setup.motions.cells(Pose { posture, ..pose });
+            if corridor.iter().any(|(cells, _)| ends.iter().any(|c| cells.contains(c))) {
+                return None;
+            }
+            if !first && ends.iter().any(|c| self.is_zone(*c)) {
+                return None;
+            }
+        } else if !first {
+            return None;
+        }
+        Plan::to(&ground, pose, posture, aim)
+    }
+
+    /// The way out of everything at least as important as what this metamodule makes way for. Its
+    /// first leg, if it is free.
+    fn make_way(&mut self, scene: &Scene, rank: Rank) -> Option<Plan> {
+        let corridor = self.corridor(scene, rank);
+        let is_clear = |cells: &[Cell; 4]| {
+            !cells.iter().any(|cell| corridor.iter().any(|(cells, _)| cells.contains(cell)))
+        };
+        let is_apart = |cells: &[Cell; 4]| is_clear(cells) && !cells.iter().any(|c| self.is_zone(*c));
+        let pose = self.core.pose;
+        // Whoever is more important does not make way.
+        let me = self.core.id;
+        let is_firm = |o: &&Other| o.way.is_some_and(|w| (w.rank, o.id) < (rank, me));
+        let firm = scene.free.iter().filter(is_firm).flat_map(|o| o.cells);
+        let firm: Vec<Cell> = scene.fixed.iter().copied().chain(firm).collect();
+        let (free, firm) = (self.ground(&scene.taken), self.ground(&firm));
+        let course = free
+            .aside(pose, is_apart)
+            .or_else(|| firm.aside(pose, is_apart))
+            .or_else(|| free.aside(pose, is_clear))
+            .or_else(|| firm.aside(pose, is_clear))?;
+        let next = course.next();
+        let plan = next.and_then(|(posture, lands)| {
+            Plan::to(&free, pose, posture, if lands { Aim::Land } else { Aim::Shift })
+        });
+        self.core.course = course;
+        plan
+    }
+
+    /// The goal, and one cell around it: whoever is not needed there keeps out.
+    fn is_zone(&self, cell: Cell) -> bool {
+        let feet = || self.setup.seeds(self.core.task).map(|(_, s)| s.foot);
+        let within = |of: fn((i16, i16)) -> i16, v: i16| {
+            let (min, max) = (feet().map(of).min(), feet().map(of).max());
+            min.is_some_and(|min| v >= min - 1) && max.is_some_and(|max| v <= max + 1)
+        };
+        within(|f| f.0, cell.x) && within(|f| f.1, cell.y)
+    }
+
+    /// The ways that are more important than a rank, with the cells of each.
+    fn corridor(&self, scene: &Scene, rank: Rank) -> Vec<(Vec<Cell>, Rank)> {
+        let me = self.core.id;
+        let ways = scene.free.iter().filter_map(|o| Some((o.id, o.way?)));
+        let above = ways.filter(|(id, w)| (w.rank, *id) < (rank, me));
+        above.map(|(_, w)| (self.cells_of(w.from, w.legs()), w.rank)).collect()
+    }
+
+    /// All cells of a way.
+    fn cells_of(&self, from: Pose, legs: &[Leg]) -> Vec<Cell> {
+        let motions = &self.setup.motions;
+        let (mut at, mut cells) = (from, Vec::new());
+        for leg in legs {
+            cells.extend(motions.swept(at.state, leg.sweep));
+            let ends = Pose { posture: leg.posture, ..at };
+            cells.extend(motions.cells(ends));
+            match motions.turned_around(ends) {
+                Some(to) => at = to,
+                None => break,
+            }
+        }
+        cells
+    }
+
+    /// The first legs of a course, around others where that is possible without another course.
+    fn legs(&self, scene: &Scene, course: &Course) -> Vec<Leg> {
+        let (fixed, taken) = (self.ground(&scene.fixed), self.ground(&scene.taken));
+        let (mut at, mut legs) = (self.core.pose, Vec::new());
+        for posture in course.strides.iter().copied().chain(course.last).take(LEGS) {
+            let Some(straight) = Plan::to(&fixed, at, posture, Aim::Land) else { break };
+            let is_free = straight.sweep.0 & taken.taken_at(at) == 0;
+            let around = || Plan::to(&taken, at, posture, Aim::Land);
+            let plan = if is_free { straight } else { around().unwrap_or(straight) };
+            legs.push(Leg { posture, sweep: plan.sweep });
+            match fixed.landed(at, posture) {
+                Some(to) => at = to,
+                None => break,
+            }
+        }
+        legs
+    }
+
+    /// Tells where it means to go, if that has changed.
+    fn announce(&mut self, rank: Rank, scene: &Scene) {
+        self.core.intent.rank = rank;
+        let course = &self.core.course;
+        let silent =
+            self.core.intent.claim.is_some_and(|c| !self.is_first(scene, c) && Rank::of_seed(c.seed) == rank);
+        let subject = (!course.is_over() && !silent).then(|| (course.clone(), self.core.pose, rank));
+        if self.core.intent.told == subject {
+            return;
+        }
+        let told = if subject.is_some() { self.legs(scene, course) } else { Vec::new() };
+        let mut legs = [Leg::default(); LEGS];
+        legs.iter_mut().zip(&told).for_each(|(leg, told)| *leg = *told);
+        let core = &mut self.core;
+        core.intent.told = subject;
+        core.sequence += 1;
+        let (id, sequence, from, count) = (core.id, core.sequence, core.pose, told.len() as u8);
+        let way = Way { id, sequence, rank, from, legs, count };
+        let before = std::mem::replace(&mut core.intent.way, (count > 0).then_some(way));
+        if before.is_some() || count > 0 {
+            self.broadcast(Class::Negotiation, Message::Way(way));
+        }
+    }
+
+    /// Is about nothing any more, and says so.
+    pub(super) fn withdraw(&mut self) {
+        self.core.course = Course::default();
+        let before = std::mem::replace(&mut self.core.intent, Intent::new());
+        if let Some(way) = before.way {
+            self.core.sequence += 1;
+            let way = Way { sequence: self.core.sequence, rank: Rank::NONE, count: 0, ..way };
+            self.broadcast(Class::Negotiation, Message::Way(way));
+        }
+    }
+
+    /// Somebody tells where it means to go.
+    pub(super) fn hear_way(&mut self, now: Time, port: crate::ids::Port, way: Way) {
+        let Some(peer) = self.core.peers.get_mut(port) else { return };
+        if peer.way.is_none_or(|w| w.sequence < way.sequence) {
+            peer.way = Some(way);
+            self.look_again(now);
+        }
+    }
+}
+
+/// Tells one set of cells from another.
+fn fingerprint(cells: &[Cell]) -> u64 {
+    let mix = |c: &Cell| {
+        let v = (c.x as u16 as u64) << 32 | (c.y as u16 as u64) << 16 | c.z as u16 as u64;
+        (v + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29).wrapping_mul(0xBF58_476D_1CE4_E5B9)
+    };
+    // The order of the cells does not matter.
+    cells.iter().map(mix).fold(0, u64::wrapping_add)
+}

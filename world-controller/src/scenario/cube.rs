@@ -1,0 +1,229 @@
+//! The parts of a scenario that only cubes have: shapes to start from and to grow, the protocol's
+//! options; read, checked, and made into what a run of cubes needs.
+
+use super::flaw::{Flaw, MAX_MODULES, MAX_VOLUME};
+use super::plan::{Draft, Patience};
+use super::problems::{At, Place, Problems};
+use super::raw::{Sections, goal_sections};
+use super::shapes::lay_out;
+use super::table::Section;
+use super::{Cubes, Swarm};
+use metamorph_module_agent::Family;
+use metamorph_protocol::cube::params::{Connectivity, Params, Setup};
+use metamorph_protocol::goal::{Goal, Growth};
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::shape::{Shape, components};
+use metamorph_protocol::time::Span;
+use std::sync::Arc;
+
+/// A goal as written.
+#[derive(Clone, Debug)]
+struct RawGoal {
+    name: Option<String>,
+    /// None if it could not be read.
+    shape: Option<At<Shape>>,
+    seed: Option<At<Cell>>,
+    growth: Growth,
+}
+
+/// The parts as written.
+#[derive(Clone, Debug, Default)]
+pub struct RawCubes {
+    /// Where the modules are at first; none if it could not be read.
+    start: Option<At<Shape>>,
+    /// How long a move takes.
+    pub move_time: Option<At<Span>>,
+    goals: Vec<RawGoal>,
+    connectivity: Connectivity,
+    co_owners: Option<bool>,
+}
+
+const START: &str = "start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
+const GOAL: &str = "shape = { sphere = { center = [0, 0, 2], radius = 3 } }";
+const GROWTH: [(&str, Growth); 2] = [("scaffold", Growth::Scaffold), ("solid", Growth::Solid)];
+const CONNECTIVITY: [(&str, Connectivity); 3] = [
+    ("forest", Connectivity::Forest),
+    ("cycles", Connectivity::Cycles),
+    ("gradient", Connectivity::Gradient),
+];
+/// Whether modules stay with a dead neighbour. Letting go of it could tear the body apart, so that
+/// there is one policy so far; the key is there so that scenarios can say what they rely on.
+const DEAD: [(&str, bool); 2] = [("hold", true), ("abandon", false)];
+
+impl RawCubes {
+    /// Reads what belongs to cubes. `swarm` has been begun; it and the others are finished here.
+    pub fn read(mut swarm: Section<'_, '_>, others: &Sections<'_, '_>, problems: &mut Problems) -> RawCubes {
+        let mut raw = RawCubes::default();
+        swarm.foreign(&["kind", "count", "turn_time", "floor"], Family::Metamodule);
+        raw.start = swarm.need("start", START, problems);
+        raw.move_time = swarm.get("move_time", problems);
+        swarm.finish(problems);
+        for mut section in goal_sections(others.goals, GOAL, problems) {
+            section.foreign(&["levels", "order", "at"], Family::Metamodule);
+            raw.goals.push(RawGoal {
+                name: section.get("name", problems).map(|n| n.value),
+                shape: section.need("shape", GOAL, problems),
+                seed: section.get("seed", problems),
+                growth: section.choice("growth", "growth", &GROWTH, problems).unwrap_or_default(),
+            });
+            section.finish(problems);
+        }
+        let example = "connectivity = \"forest\"";
+        if let Some(section) =
+            others.protocol.and_then(|node| Section::of(node, "[protocol]", example, problems))
+        {
+            raw.read_protocol(section, problems);
+        }
+        raw
+    }
+
+    fn read_protocol(&mut self, mut section: Section<'_, '_>, problems: &mut Problems) {
+        section.foreign(&["strategy", "look_ahead", "teller"], Family::Metamodule);
+        let connectivity = section.choice("connectivity", "connectivity", &CONNECTIVITY, problems);
+        self.connectivity = connectivity.unwrap_or_default();
+        let dead = section.node("dead").map(|node| node.span());
+        if let (Some(false), Some(place)) =
+            (section.choice("dead", "policy for dead modules", &DEAD, problems), dead)
+        {
+            let what = "letting go of dead modules".to_owned();
+            problems.add(place, Flaw::NotYet { what, instead: "write `dead = \"hold\"`, or leave it out" });
+        }
+        self.co_owners = section.get("co_owners", problems).map(|c| c.value);
+        section.finish(problems);
+    }
+
+    /// Checks everything that needs more than one value.
+    pub fn draft(&self, move_time: Span, usual_delay: Span, problems: &mut Problems) -> Option<Draft> {
+        let cells = self.start_cells(problems);
+        let shapes: Vec<Option<Vec<Cell>>> =
+            self.goals.iter().map(|goal| goal_cells(goal, problems)).collect();
+        let sides = check_box(cells.iter().flatten().chain(shapes.iter().flatten().flatten()), problems)?;
+        let goals = match &cells {
+            Some(cells) => compile_goals(&self.goals, &shapes, cells, problems),
+            None => Vec::new(),
+        };
+        let name =
+            |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
+        let range = u16::try_from(sides * 4).unwrap_or(u16::MAX).min(60_000);
+        let params = Params {
+            connectivity: self.connectivity,
+            co_owners: self.co_owners.unwrap_or(true),
+            ..Params::scaled(move_time, usual_delay, range)
+        };
+        Some(Draft {
+            modules: cells.as_ref().map_or(0, Vec::len),
+            goals: self.goals.iter().enumerate().map(name).collect(),
+            // The bounds grow with the body, because a module may have to walk all around it before
+            // the next cell is filled: standing still for three diameters at 2.4 moves a cell.
+            patience: Patience {
+                stall: move_time * (sides * 3 * 12 / 5).max(300),
+                livelock: 4,
+                timeout: 3 * self.goals.len().max(1) as u64,
+            },
+            swarm: cells.map(|cells| {
+                Swarm::Cubes(Cubes { cells: cells.into(), setup: Arc::new(Setup { params, goals }) })
+            }),
+        })
+    }
+
+    fn start_cells(&self, problems: &mut Problems) -> Option<Vec<Cell>> {
+        let start = self.start.as_ref()?;
+        let cells = problems.note(&start.place, lay_out(&start.value))?;
+        if cells.len() > MAX_MODULES {
+            problems.add(start.place.clone(), Flaw::TooMany(cells.len()));
+            return None;
+        }
+        let parts = components(&cells);
+        if parts.len() > 1 {
+            let examples: Vec<String> = parts.iter().take(4).map(|part| part[0].to_string()).collect();
+            let mut examples = examples.join(", ");
+            if parts.len() > 4 {
+                examples.push_str(", …");
+            }
+            problems.add(start.place.clone(), Flaw::DisconnectedStart { count: parts.len(), examples });
+        }
+        Some(cells)
+    }
+}
+
+fn goal_cells(goal: &RawGoal, problems: &mut Problems) -> Option<Vec<Cell>> {
+    let shape = goal.shape.as_ref()?;
+    problems.note(&shape.place, lay_out(&shape.value))
+}
+
+/// The sum of the sides of the box around all cells; none if that box is too large to keep in memory.
+fn check_box<'c>(cells: impl Iterator<Item = &'c Cell>, problems: &mut Problems) -> Option<u64> {
+    let mut bounds: Option<([i16; 3], [i16; 3])> = None;
+    for cell in cells {
+        let at: [i16; 3] = (*cell).into();
+        let (min, max) = bounds.get_or_insert((at, at));
+        for axis in 0..3 {
+            min[axis] = min[axis].min(at[axis]);
+            max[axis] = max[axis].max(at[axis]);
+        }
+    }
+    let (min, max) = bounds.unwrap_or_default();
+    let side = |axis: usize| u64::from(max[axis].abs_diff(min[axis])) + 1;
+    let volume = side(0) * side(1) * side(2);
+    if volume > MAX_VOLUME {
+        problems.add(Place::File, Flaw::TooWide(volume));
+        return None;
+    }
+    Some(side(0) + side(1) + side(2))
+}
+
+/// Compiles one goal after the other. A goal is judged only if the one before could be compiled,
+/// because growth begins from what that one leaves behind.
+fn compile_goals(
+    raw: &[RawGoal],
+    shapes: &[Option<Vec<Cell>>],
+    start: &[Cell],
+    problems: &mut Problems,
+) -> Vec<Goal> {
+    let mut goals: Vec<Goal> = Vec::new();
+    for (goal, shape) in raw.iter().zip(shapes) {
+        let (Some(shape), Some(at)) = (shape, &goal.shape) else { break };
+        let before = goals.last();
+        let occupied = |cell: &Cell| match before {
+            None => start.binary_search(cell).is_ok(),
+            Some(before) => before.contains(*cell),
+        };
+        let when = if before.is_none() { "at the start" } else { "by the goal before" };
+        let middle = nearest_to_middle(shape, occupied);
+        let seed = match (&goal.seed, middle) {
+            (Some(At { value, place }), example) if !occupied(value) => {
+                problems.add(place.clone(), Flaw::SeedEmpty { seed: *value, when, example });
+                break;
+            }
+            (Some(At { value, .. }), _) => *value,
+            (None, Some(cell)) => cell,
+            (None, None) => {
+                problems.add(at.place.clone(), Flaw::NoOverlap { when });
+                break;
+            }
+        };
+        let place = goal.seed.as_ref().map_or(&at.place, |s| &s.place);
+        let Some(compiled) = problems.note(place, Goal::compile(shape, seed, goal.growth)) else { break };
+        if compiled.len() > start.len() {
+            let flaw = Flaw::TooFewModules { goal: compiled.len(), modules: start.len() };
+            problems.add(at.place.clone(), flaw);
+        }
+        goals.push(compiled);
+    }
+    goals
+}
+
+/// The occupied cell of a shape that is nearest to the middle of the box around it.
+fn nearest_to_middle(shape: &[Cell], occupied: impl Fn(&Cell) -> bool) -> Option<Cell> {
+    let along = |pick: fn(&Cell) -> i16| {
+        let coordinates = || shape.iter().map(pick);
+        // Twice the middle, which is a whole number.
+        i64::from(coordinates().min().unwrap_or(0)) + i64::from(coordinates().max().unwrap_or(0))
+    };
+    let middle = [along(|c| c.x), along(|c| c.y), along(|c| c.z)];
+    let distance = |cell: &Cell| -> i64 {
+        let at: [i16; 3] = (*cell).into();
+        at.iter().zip(middle).map(|(a, m)| (2 * i64::from(*a) - m).pow(2)).sum()
+    };
+    shape.iter().filter(|c| occupied(c)).min_by_key(|c| (distance(c), **c)).copied()
+}

@@ -1,0 +1,428 @@
+//! The parts of a scenario that only metamodules have: kind, floor and places to start from, seeds in
+//! levels, the strategy; read, checked, and made into what a run of metamodules needs.
+//!
+//! Coordinates of the floor are those of connectors, two each. Absent: placing them at random, which
+//! the protocol's own library does.
+
+use super::flaw::{Flaw, MAX_FLOOR, MAX_LOOK_AHEAD, MAX_METAMODULES};
+use super::plan::{Draft, Patience};
+use super::problems::{At, Place, Problems};
+use super::raw::{Sections, goal_sections};
+use super::table::{Connector, Node, Read, Section, elements, wrong};
+use super::{Metamodules, Swarm};
+use crate::database::motions;
+use metamorph_module_agent::Family;
+use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_protocol::metamodule::blueprint::{
+    Blueprint, BlueprintError, Seed, SeedOrder, box_of_four, chair_of_six,
+};
+use metamorph_protocol::metamodule::motions::Motions;
+use metamorph_protocol::metamodule::params::{Floor, Params, Setup, Strategy, Teller};
+use metamorph_protocol::metamodule::pose::{End, Pose, to_world};
+use metamorph_protocol::metamodule::start::random_start;
+use metamorph_protocol::roombots::Kind;
+use metamorph_protocol::roombots::grid::GridState;
+use metamorph_protocol::roombots::posture::Posture;
+use metamorph_protocol::time::{Span, Time};
+use std::sync::Arc;
+use toml::de::DeValue;
+
+/// Where metamodules stand at first, as written.
+#[derive(Clone, Debug, Default)]
+enum RawStart {
+    /// Drawn from the seed of the run.
+    #[default]
+    Random,
+    /// On these connectors, turned by so many quarters.
+    Listed(Vec<At<GridState>>),
+}
+
+/// A goal as written.
+#[derive(Clone, Debug)]
+struct RawGoal {
+    name: Option<String>,
+    place: Place,
+    at: Option<At<Span>>,
+    /// The seeds, level by level; none if they could not be read.
+    levels: Option<Vec<Vec<At<Seed>>>>,
+    order: SeedOrder,
+}
+
+/// The parts as written.
+#[derive(Clone, Debug)]
+pub struct RawMetamodules {
+    place: Place,
+    kind: Kind,
+    count: Option<At<u64>>,
+    /// How long a joint needs for a step, and a connector to connect.
+    pub turn_time: Option<At<Span>>,
+    floor: Floor,
+    start: At<RawStart>,
+    goals: Vec<RawGoal>,
+    strategy: Strategy,
+    look_ahead: Option<At<u64>>,
+    teller: Teller,
+    relocate: bool,
+}
+
+const GOAL: &str = "shape = { box = [5, 5] }";
+const SEED: &str = "{ foot = [5, 5], directions = [\"up\", \"up\", \"east\"] }";
+const LEVELS: &str = "[[{ foot = [5, 5], directions = [\"up\", \"up\", \"east\"] }]]";
+const FLOOR: Floor = Floor { min: (0, 0), max: (12, 12) };
+const FLOOR_EXAMPLE: &str = "{ min = [0, 0], max = [12, 12] }";
+const START: &str = "start = [{ at = [1, 2], class = 0 }]";
+const FACES: [(&str, Face); 6] = [
+    ("up", Face::Up),
+    ("down", Face::Down),
+    ("north", Face::North),
+    ("south", Face::South),
+    ("east", Face::East),
+    ("west", Face::West),
+];
+const TELLERS: [(&str, Teller); 2] = [("controller", Teller::Controller), ("neighbours", Teller::Neighbours)];
+/// The goals of the thesis, by name.
+type Library = (&'static str, fn(i16, i16) -> Vec<Vec<Seed>>);
+const LIBRARY: [Library; 2] = [("box", box_of_four), ("chair", chair_of_six)];
+
+impl RawMetamodules {
+    /// Reads what belongs to metamodules. `swarm` has been begun; it and the others are finished here.
+    pub fn read(
+        mut swarm: Section<'_, '_>,
+        others: &Sections<'_, '_>,
+        problems: &mut Problems,
+    ) -> RawMetamodules {
+        swarm.foreign(&["move_time"], Family::Cube);
+        let kinds = Kind::METAMODULES.map(|k| (k.name(), k));
+        let start = swarm.get("start", problems);
+        let mut raw = RawMetamodules {
+            place: swarm.place().clone(),
+            kind: swarm.choice("kind", "kind", &kinds, problems).unwrap_or(Kind::Srs),
+            count: swarm.get("count", problems),
+            turn_time: swarm.get("turn_time", problems),
+            floor: swarm.get("floor", problems).map_or(FLOOR, |f| f.value),
+            start: start.unwrap_or_else(|| At { value: RawStart::Random, place: swarm.place().clone() }),
+            goals: Vec::new(),
+            strategy: Strategy::default(),
+            look_ahead: None,
+            teller: Teller::default(),
+            relocate: false,
+        };
+        swarm.finish(problems);
+        raw.goals = goal_sections(others.goals, GOAL, problems)
+            .into_iter()
+            .map(|section| read_goal(section, problems))
+            .collect();
+        let example = "strategy = \"step\"";
+        if let Some(mut section) =
+            others.protocol.and_then(|node| Section::of(node, "[protocol]", example, problems))
+        {
+            section.foreign(&["connectivity", "dead", "co_owners"], Family::Cube);
+            let strategies = Strategy::ALL.map(|s| (s.name(), s));
+            raw.strategy = section.choice("strategy", "strategy", &strategies, problems).unwrap_or_default();
+            raw.look_ahead = section.get("look_ahead", problems);
+            raw.teller = section.choice("teller", "teller", &TELLERS, problems).unwrap_or_default();
+            raw.relocate = section.get("relocate", problems).is_some_and(|r| r.value);
+            section.finish(problems);
+        }
+        raw
+    }
+
+    /// Checks everything that needs more than one value.
+    pub fn draft(
+        &self,
+        turn_time: Span,
+        usual_delay: Span,
+        seed: u64,
+        problems: &mut Problems,
+    ) -> Option<Draft> {
+        // Invariant: only kinds of metamodules can be chosen, and the database is small enough for them.
+        let motions = motions(self.kind).ok()?;
+        let goals: Vec<Option<Blueprint>> =
+            self.goals.iter().map(|goal| self.blueprint(goal, &motions, problems)).collect();
+        let goals: Option<Vec<Blueprint>> = goals.into_iter().collect();
+        self.check_times(problems);
+        let seeds = self.goals.iter().flat_map(|g| &g.levels).map(|l| l.iter().map(Vec::len).sum());
+        let (most, all) = seeds.fold((0, 0), |(most, all): (usize, usize), n: usize| (most.max(n), all + n));
+        let count = self.count(most, problems)?;
+        let mut params = Params::scaled(self.strategy, turn_time, usual_delay);
+        params.teller = self.teller;
+        if let Some(strides) = &self.look_ahead {
+            params.look_ahead =
+                range(strides, "look_ahead", 1, u64::from(MAX_LOOK_AHEAD), problems).unwrap_or(1) as u8;
+        }
+        let name =
+            |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
+        let mut draft = Draft {
+            swarm: None,
+            modules: count,
+            goals: self.goals.iter().enumerate().map(name).collect(),
+            // The longest motion is some 30 steps, and waits for one other at most.
+            patience: Patience { stall: turn_time * 120, livelock: 16, timeout: all as u64 + 1 },
+        };
+        if let (Some(goals), true) = (goals, problems.is_empty()) {
+            let setup = Setup { params, floor: self.floor, goals, motions };
+            draft.swarm = self.placed(Arc::new(setup), count, seed, problems);
+        }
+        Some(draft)
+    }
+
+    fn blueprint(&self, goal: &RawGoal, motions: &Motions, problems: &mut Problems) -> Option<Blueprint> {
+        let levels = goal.levels.as_ref()?;
+        let bare: Vec<Vec<Seed>> = levels.iter().map(|l| l.iter().map(|s| s.value).collect()).collect();
+        let seeds: Vec<&At<Seed>> = levels.iter().flatten().collect();
+        let blueprint = Blueprint::new(&bare, goal.order).map_err(|error| {
+            let guilty = match error {
+                BlueprintError::Overlap { second: i, .. } | BlueprintError::Impossible(i) => seeds.get(i),
+                BlueprintError::Empty | BlueprintError::TooMany(_) => None,
+            };
+            problems.add(guilty.map_or(&goal.place, |s| &s.place).clone(), error);
+        });
+        let blueprint = blueprint.ok()?;
+        for At { value: seed, place } in seeds {
+            let (at, floor) = (seed.foot, self.floor);
+            if !floor.has(at.0, at.1) {
+                problems.add(place.clone(), Flaw::SeedOffFloor { at, floor });
+            } else if !can_fill(motions, seed) {
+                problems.add(place.clone(), Flaw::SeedShape { at, kind: self.kind });
+            }
+        }
+        Some(blueprint)
+    }
+
+    /// When goals are replaced.
+    pub fn changes(&self) -> impl Iterator<Item = &At<Span>> {
+        self.goals.iter().filter_map(|goal| goal.at.as_ref())
+    }
+
+    /// Later goals replace earlier ones at their times.
+    fn check_times(&self, problems: &mut Problems) {
+        let mut before = Span::ZERO;
+        for (i, goal) in self.goals.iter().enumerate() {
+            match (&goal.at, i) {
+                (Some(at), 0) => problems.add(at.place.clone(), Flaw::FirstGoalAt),
+                (None, 0) => {}
+                (None, _) => {
+                    let (section, example) = ("a later [[goal]]".into(), "at = \"60s\"");
+                    problems.add(goal.place.clone(), Flaw::Missing { key: "at", section, example });
+                }
+                (Some(At { value, place }), _) if *value <= before => {
+                    problems.add(place.clone(), Flaw::GoalOrder { at: *value, before });
+                }
+                (Some(at), _) => before = at.value,
+            }
+        }
+    }
+
+    /// How many metamodules there are; `seeds` is what the largest goal needs.
+    fn count(&self, seeds: usize, problems: &mut Problems) -> Option<usize> {
+        let listed = match &self.start.value {
+            RawStart::Random => None,
+            RawStart::Listed(places) => Some(places.len()),
+        };
+        let (metamodules, place) = match (&self.count, listed) {
+            (Some(count), Some(listed)) if count.value != listed as u64 => {
+                problems.add(count.place.clone(), Flaw::Count { count: count.value, listed });
+                return None;
+            }
+            (Some(count), _) => {
+                let most = MAX_METAMODULES as u64;
+                (range(count, "count", 1, most, problems)? as usize, &count.place)
+            }
+            (None, Some(listed)) => {
+                let count = At::new(listed as u64, self.start.place.clone());
+                let most = MAX_METAMODULES as u64;
+                (range(&count, "the number of places", 1, most, problems)? as usize, &self.start.place)
+            }
+            (None, None) => (seeds, &self.place),
+        };
+        if metamodules < seeds {
+            problems.add(place.clone(), Flaw::TooFewMetamodules { seeds, metamodules });
+        }
+        Some(metamodules)
+    }
+
+    fn placed(&self, setup: Arc<Setup>, count: usize, seed: u64, problems: &mut Problems) -> Option<Swarm> {
+        let (drawn, poses) = match &self.start.value {
+            RawStart::Random => (true, problems.note(&self.start.place, random_start(&setup, count, seed))?),
+            RawStart::Listed(places) => (false, listed(&setup, places, problems)),
+        };
+        let changes = (1..).zip(self.changes()).map(|(goal, at)| (Time::ZERO + at.value, goal)).collect();
+        Some(Swarm::Metamodules(Metamodules { drawn, poses, setup, changes, relocate: self.relocate }))
+    }
+}
+
+/// Upright on each of these connectors.
+fn listed(setup: &Setup, places: &[At<GridState>], problems: &mut Problems) -> Vec<Pose> {
+    // Invariant: the zero posture stands upright and is in every database.
+    let posture = setup.motions.table().find(Posture::zero(setup.kind())).unwrap_or(0);
+    for (second, At { value, place }) in places.iter().enumerate() {
+        let at = (value.x, value.y);
+        if !setup.floor.has(at.0, at.1) {
+            problems.add(place.clone(), Flaw::StartOffFloor { at, floor: setup.floor });
+        }
+        if let Some(first) = places[..second].iter().position(|p| (p.value.x, p.value.y) == at) {
+            problems.add(place.clone(), Flaw::StartTwice { first, second, at });
+        }
+    }
+    let upright = |state| Pose { state, end: End::Foot, both: false, posture };
+    places.iter().map(|p| upright(p.value)).collect()
+}
+
+/// Whether some posture, turned in some way, fills the cells of a seed and can be reached.
+fn can_fill(motions: &Motions, seed: &Seed) -> bool {
+    let (table, goal) = (motions.table(), seed.cells());
+    let foot = |class| GridState::new(seed.foot.0, seed.foot.1, class);
+    let fills = |cells: &[Cell]| (0..4).any(|class| cells.iter().map(|c| to_world(foot(class), *c)).eq(goal));
+    table.chains().iter().any(|chain| fills(&chain.cells) && table.chain_is_main(chain))
+}
+
+fn range(number: &At<u64>, what: &'static str, low: u64, high: u64, problems: &mut Problems) -> Option<u64> {
+    if (low..=high).contains(&number.value) {
+        return Some(number.value);
+    }
+    let (got, low, high) = (number.value.to_string(), low.to_string(), high.to_string());
+    problems.add(number.place.clone(), Flaw::Range { what, got, low, high });
+    None
+}
+
+fn read_goal(mut section: Section<'_, '_>, problems: &mut Problems) -> RawGoal {
+    section.foreign(&["seed", "growth"], Family::Cube);
+    let orders = SeedOrder::ALL.map(|o| (o.name(), o));
+    let name = section.get("name", problems).map(|n| n.value);
+    let at = section.get("at", problems);
+    let order = section.choice("order", "order", &orders, problems).unwrap_or_default();
+    let levels = match (section.node("shape"), section.node("levels")) {
+        (Some(shape), None) => read_shape(shape, problems),
+        (None, Some(levels)) => read_levels(levels, problems),
+        (None, None) => {
+            section.missing("shape", GOAL, problems);
+            None
+        }
+        (Some(_), Some(levels)) => {
+            let (expected, found) = ("either `shape` or `levels`", "both");
+            problems.add(levels.span(), Flaw::Kind { expected, found, example: GOAL });
+            None
+        }
+    };
+    let place = section.place().clone();
+    section.finish(problems);
+    RawGoal { name, place, at, levels, order }
+}
+
+/// One of the goals of the thesis, by its name and the corner where it stands.
+fn read_shape(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Vec<At<Seed>>>> {
+    let mut section = Section::of(node, "the shape of a goal", "{ box = [5, 5] }", problems)?;
+    let named = LIBRARY.iter().filter_map(|(name, make)| Some((section.node(name)?, make)));
+    let named: Vec<_> = named.collect();
+    section.finish(problems);
+    let [(corner, make)] = named[..] else {
+        let (expected, found) = ("one shape, `box` or `chair`", "none or both");
+        problems.add(node.span(), Flaw::Kind { expected, found, example: "{ box = [5, 5] }" });
+        return None;
+    };
+    let Connector(x, y) = Connector::read(corner, problems)?;
+    let at = |seed| At::new(seed, corner.span());
+    Some(make(x, y).into_iter().map(|level| level.into_iter().map(at).collect()).collect())
+}
+
+fn read_levels(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Vec<At<Seed>>>> {
+    let mut levels = Vec::new();
+    for level in elements(node, LEVELS, problems)?.iter() {
+        let seeds = elements(level, LEVELS, problems)?;
+        if seeds.is_empty() {
+            problems.add(level.span(), BlueprintError::Empty);
+        }
+        let read = |n: &Node<'_>| Seed::read(n, problems).map(|seed| At::new(seed, n.span()));
+        levels.push(seeds.iter().map(read).collect::<Option<_>>()?);
+    }
+    Some(levels)
+}
+
+impl Read for Seed {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Seed> {
+        let mut section = Section::of(node, "a seed", SEED, problems)?;
+        let foot = section.need::<Connector>("foot", "foot = [5, 5]", problems);
+        let example = "directions = [\"up\", \"up\", \"east\"]";
+        let directions = match section.node("directions") {
+            Some(node) => directions(node, example, problems),
+            None => {
+                section.missing("directions", example, problems);
+                None
+            }
+        };
+        section.finish(problems);
+        let Connector(x, y) = foot?.value;
+        Some(Seed { foot: (x, y), directions: directions? })
+    }
+}
+
+fn directions(node: &Node<'_>, example: &'static str, problems: &mut Problems) -> Option<[Face; 3]> {
+    let array = elements(node, example, problems)?;
+    let mut faces = Vec::new();
+    for element in array.iter() {
+        let got = String::read(element, problems)?;
+        let Some((_, face)) = FACES.iter().find(|(name, _)| *name == got) else {
+            let known = FACES.iter().map(|(name, _)| *name).collect();
+            problems.add(element.span(), Flaw::Name { what: "direction", got, known });
+            return None;
+        };
+        faces.push(*face);
+    }
+    let three = <[Face; 3]>::try_from(faces);
+    if three.is_err() {
+        let (expected, found) = ("three directions, from cell to cell", "a list of another length");
+        problems.add(node.span(), Flaw::Kind { expected, found, example });
+    }
+    three.ok()
+}
+
+impl Read for Floor {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Floor> {
+        let mut section = Section::of(node, "floor", FLOOR_EXAMPLE, problems)?;
+        let min = section.need::<Connector>("min", "min = [0, 0]", problems);
+        let max = section.need::<Connector>("max", "max = [12, 12]", problems);
+        section.finish(problems);
+        let (Connector(x0, y0), Connector(x1, y1)) = (min?.value, max?.value);
+        for (low, high) in [(x0, x1), (y0, y1)] {
+            let side = i32::from(high) - i32::from(low) + 1;
+            if !(1..=i32::from(MAX_FLOOR)).contains(&side) {
+                let what = "the number of connectors along a side of the floor";
+                let (low, high) = ("1".into(), MAX_FLOOR.to_string());
+                problems.add(node.span(), Flaw::Range { what, got: side.to_string(), low, high });
+                return None;
+            }
+        }
+        Some(Floor { min: (x0, y0), max: (x1, y1) })
+    }
+}
+
+impl Read for RawStart {
+    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<RawStart> {
+        match node.get_ref() {
+            DeValue::String(text) if text == "random" => Some(RawStart::Random),
+            DeValue::String(text) => {
+                let got = text.clone().into_owned();
+                problems.add(node.span(), Flaw::Name { what: "start", got, known: vec!["random"] });
+                None
+            }
+            DeValue::Array(places) => {
+                let read = |n: &Node<'_>| read_place(n, problems).map(|state| At::new(state, n.span()));
+                places.iter().map(read).collect::<Option<_>>().map(RawStart::Listed)
+            }
+            other => {
+                problems.add(node.span(), wrong("\"random\" or a list of places", other, START));
+                None
+            }
+        }
+    }
+}
+
+fn read_place(node: &Node<'_>, problems: &mut Problems) -> Option<GridState> {
+    let mut section = Section::of(node, "a place", "{ at = [1, 2], class = 0 }", problems)?;
+    let at = section.need::<Connector>("at", "at = [1, 2]", problems);
+    let class = section.get::<u64>("class", problems).unwrap_or_else(|| At::new(0, Place::File));
+    let class = range(&class, "the class, which counts quarter turns,", 0, 3, problems);
+    section.finish(problems);
+    let Connector(x, y) = at?.value;
+    Some(GridState::new(x, y, class? as u8))
+}
