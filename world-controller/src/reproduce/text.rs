@@ -45,7 +45,16 @@ fn write_all(out: &mut String, all: &Reproduction, paint: Paint) -> std::fmt::Re
 /// Two columns of keys, then the thesis's numbers, then ours.
 fn write_table(out: &mut String, experiment: &Comparison, paint: Paint) -> std::fmt::Result {
     let mut table = Table::new(&["", "", "thesis"]);
-    table.head(&["DL", "CL each", "not built here", "95 % interval", "", "circular", "crosswise", "at-once"]);
+    table.head(&[
+        "DL",
+        "CL each",
+        "not built here",
+        "95 % interval",
+        "agrees",
+        "circular",
+        "crosswise",
+        "at-once",
+    ]);
     table.head(&["collisions", "moves", "built"]);
     let mut before = "";
     for cell in &experiment.cells {
@@ -53,8 +62,8 @@ fn write_table(out: &mut String, experiment: &Comparison, paint: Paint) -> std::
         before = &cell.kind;
         let (not_built, interval) = rate(cell.ours.not_built);
         let agrees = match cell.agrees {
-            Some(true) => "=",
-            Some(false) => "≠",
+            Some(true) => "yes",
+            Some(false) => "no",
             None => "",
         };
         let mut numbers = vec![
@@ -76,7 +85,7 @@ fn write_table(out: &mut String, experiment: &Comparison, paint: Paint) -> std::
         out,
         &[
             format!("thesis: collisions of {each} experiments, * for a deadlock; CL each: mean of those without"),
-            "= our rate lies in the 95 % interval of the thesis's DL, ≠ it does not; so few experiments tell little"
+            "agrees: whether our rate lies in the 95 % interval of the thesis's DL; so few experiments tell little"
                 .to_owned(),
             "collisions and moves are means of the runs that were built".to_owned(),
         ],
