@@ -38,8 +38,8 @@ pub(super) struct Intent {
     looked_in: (u64, bool),
     /// And what was to stand there by the time it comes.
     planned_in: u64,
-    /// Where bodies stood when it had no way out of a more important way.
-    cornered_in: Option<u64>,
+    /// Until when it counts as cornered: it had no way out of a more important way.
+    cornered_until: Option<Time>,
     /// What it has announced.
     pub way: Option<Way>,
     /// What that was made from.
@@ -58,7 +58,7 @@ impl Intent {
             unclaimed_since: None,
             looked_in: (0, false),
             planned_in: 0,
-            cornered_in: None,
+            cornered_until: None,
             way: None,
             told: None,
             rank: Rank::NONE,
@@ -66,7 +66,7 @@ impl Intent {
     }
     /// Whether it is in somebody's way and cannot leave it.
     pub fn is_cornered(&self) -> bool {
-        self.cornered_in.is_some()
+        self.cornered_until.is_some()
     }
 }
 
@@ -98,6 +98,8 @@ impl Scene {
     }
 }
 
+/// Whoever can get this far away is not walled in.
+const AWAY: u16 = 5;
 /// After so many times its patience a metamodule leaves its seed to others.
 const GIVE_UP: u64 = 3;
 /// Leaving a seed that is not open yet to somebody is as bad as so many strides.
@@ -159,13 +161,13 @@ impl Metamodule {
         let in_way_of = corridor.iter().filter(|(cells, _)| here.iter().any(|c| cells.contains(c)));
         let in_way_of = in_way_of.map(|(_, rank)| *rank).min();
         let is_first = claim.is_some_and(|c| self.is_first(&scene, c));
-        let in_zone = !is_first && here.iter().any(|c| self.is_zone(*c));
-        if in_way_of.is_some() || (in_zone && !self.core.filled.holds(self.goal().all())) {
+        let is_done = self.core.filled.holds(self.goal().all());
+        if in_way_of.is_some() || !(is_first || is_done || self.is_safe(self.core.pose)) {
             let rank = in_way_of.map_or(Rank::NONE, Rank::below);
             let kept = std::mem::take(&mut self.core.course);
             let plan = self.make_way(&scene, rank);
             if plan.is_none() && in_way_of.is_some() && self.core.course.is_over() {
-                self.core.intent.cornered_in = Some(fingerprint(&scene.bodies()));
+                self.core.intent.cornered_until = Some(now + self.setup.params.patience);
                 self.tell(now, Class::Gradient);
             }
             self.announce(rank, &scene);
@@ -185,14 +187,20 @@ impl Metamodule {
         }
         let waits = claim.is_some() || in_way_of.is_some() || self.core.intent.unclaimed_since.is_some();
         let patience = if waits { now + self.setup.params.patience } else { Time::NEVER };
-        let barred =
-            if self.core.intent.barred.is_empty() { Time::NEVER } else { self.core.intent.barred_until };
-        self.core.phase = Phase::Idle { look_at: next_expiry.min(patience).min(barred) };
+        let intent = &self.core.intent;
+        let barred = if intent.barred.is_empty() { Time::NEVER } else { intent.barred_until };
+        let cornered = intent.cornered_until.unwrap_or(Time::NEVER);
+        let look_at = [next_expiry, patience, barred, cornered].into_iter().fold(Time::NEVER, Time::min);
+        self.core.phase = Phase::Idle { look_at };
     }
 
     /// Drops what no longer holds: a claim that somebody nearer has made too, or on what is filled; bars
     /// from when something else stood around.
     fn review(&mut self, now: Time, scene: &Scene) {
+        if self.core.intent.cornered_until.is_some_and(|until| now >= until) {
+            self.core.intent.cornered_until = None;
+            self.tell(now, Class::Gradient);
+        }
         let open = self.open();
         let around = fingerprint(&scene.fixed);
         let me = self.core.id;
@@ -200,9 +208,6 @@ impl Metamodule {
         if now >= intent.barred_until || (intent.barred_in != around && !intent.barred.is_empty()) {
             intent.barred = SeedSet::default();
             intent.barred_until = Time::NEVER;
-        }
-        if intent.cornered_in.is_some_and(|at| at != fingerprint(&scene.bodies())) {
-            intent.cornered_in = None;
         }
         if let Some(claim) = intent.claim {
             let better = |o: &Other| {
@@ -330,9 +335,12 @@ impl Metamodule {
         claim: Claim,
     ) -> Option<Plan> {
         let first = self.is_first(scene, claim);
+        let waited = now.since(self.core.waiting_since);
+        let patience = self.setup.params.patience;
+        let walls_in = waited <= patience && scene.free.iter().any(|o| !self.is_safe(o.pose));
         let planned = fingerprint(&self.planned(scene, claim.seed));
         if self.core.intent.planned_in == planned
-            && let Some(plan) = self.next_leg(&scene.taken, corridor, claim, first)
+            && let Some(plan) = self.next_leg(&scene.taken, corridor, claim, first, walls_in)
         {
             return Some(plan);
         }
@@ -342,8 +350,6 @@ impl Metamodule {
             return None;
         }
         let bodies = scene.bodies();
-        let waited = now.since(self.core.waiting_since);
-        let patience = self.setup.params.patience;
         if waited > patience * GIVE_UP {
             self.give_up(now, scene, claim);
             return None;
@@ -351,7 +357,7 @@ impl Metamodule {
         let looked_in = (fingerprint(&bodies), waited <= patience);
         let fits = self.core.intent.planned_in == planned;
         // Whoever has been granted a way will be through it soon.
-        let is_open = || self.next_leg(&bodies, &[], claim, true).is_some();
+        let is_open = || self.next_leg(&bodies, &[], claim, true, false).is_some();
         if fits && (self.core.intent.looked_in == looked_in || (is_open() && waited <= patience)) {
             return None;
         }
@@ -361,7 +367,7 @@ impl Metamodule {
         };
         self.core.course = course;
         (self.core.intent.looked_in, self.core.intent.planned_in) = (looked_in, planned);
-        self.next_leg(&scene.taken, corridor, claim, first)
+        self.next_leg(&scene.taken, corridor, claim, first, walls_in)
     }
 
     /// Leaves a seed to somebody else.
@@ -377,14 +383,16 @@ impl Metamodule {
         scene.free.iter().filter_map(|o| o.claim).all(|c| claim.seed <= c.seed)
     }
 
-    /// The next leg of the course over free ground. It does not end in a more important way, and not in
-    /// the zone unless it is this one's turn.
+    /// The next leg of the course over free ground. It does not end in a more important way, and not where
+    /// it is not safe unless it is this one's turn. The seed is not filled while that could wall somebody
+    /// in.
     fn next_leg(
         &self,
         taken: &[Cell],
         corridor: &[(Vec<Cell>, Rank)],
         claim: Claim,
         first: bool,
+        walls_in: bool,
     ) -> Option<Plan> {
         let (posture, lands) = self.core.course.next()?;
         let ground = self.ground(taken);
@@ -396,10 +404,10 @@ impl Metamodule {
             if corridor.iter().any(|(cells, _)| ends.iter().any(|c| cells.contains(c))) {
                 return None;
             }
-            if !first && ends.iter().any(|c| self.is_zone(*c)) {
+            if !first && !self.is_safe(Pose { posture, ..pose }) {
                 return None;
             }
-        } else if !first {
+        } else if !first || walls_in {
             return None;
         }
         Plan::to(&ground, pose, posture, aim)
@@ -409,10 +417,12 @@ impl Metamodule {
     /// first leg, if it is free.
     fn make_way(&mut self, scene: &Scene, rank: Rank) -> Option<Plan> {
         let corridor = self.corridor(scene, rank);
-        let is_clear = |cells: &[Cell; 4]| {
+        let motions = &self.setup.motions;
+        let is_clear = |pose: Pose| {
+            let cells = motions.cells(pose);
             !cells.iter().any(|cell| corridor.iter().any(|(cells, _)| cells.contains(cell)))
         };
-        let is_apart = |cells: &[Cell; 4]| is_clear(cells) && !cells.iter().any(|c| self.is_zone(*c));
+        let is_apart = |pose: Pose| is_clear(pose) && self.is_safe(pose);
         let pose = self.core.pose;
         // Whoever is more important does not make way.
         let me = self.core.id;
@@ -433,14 +443,29 @@ impl Metamodule {
         plan
     }
 
-    /// The goal, and one cell around it: whoever is not needed there keeps out.
-    fn is_zone(&self, cell: Cell) -> bool {
+    /// Whether whoever stands like this is out of the way of what is built, and can get away when all of
+    /// it is: the goal and one cell around it are kept free, and whoever lies beside it may need room
+    /// that the goal will take.
+    fn is_safe(&self, pose: Pose) -> bool {
+        let motions = &self.setup.motions;
         let feet = || self.setup.seeds(self.core.task).map(|(_, s)| s.foot);
-        let within = |of: fn((i16, i16)) -> i16, v: i16| {
+        let beyond = |of: fn((i16, i16)) -> i16, v: i16, by: i16| {
             let (min, max) = (feet().map(of).min(), feet().map(of).max());
-            min.is_some_and(|min| v >= min - 1) && max.is_some_and(|max| v <= max + 1)
+            min.is_none_or(|min| v < min - by) || max.is_none_or(|max| v > max + by)
         };
-        within(|f| f.0, cell.x) && within(|f| f.1, cell.y)
+        let is_beyond = |x: i16, y: i16, by: i16| beyond(|f| f.0, x, by) || beyond(|f| f.1, y, by);
+        if !motions.cells(pose).iter().all(|c| is_beyond(c.x, c.y, 1)) {
+            return false;
+        }
+        let mut taken = self.fixed();
+        taken.extend(self.setup.seeds(self.core.task).flat_map(|(_, s)| s.cells()));
+        if self.ground(&taken).taken_at(pose) == 0 {
+            return true;
+        }
+        let (x, y) = pose.foot();
+        let away =
+            |to: (i16, i16)| to.0.abs_diff(x).max(to.1.abs_diff(y)) >= AWAY || is_beyond(to.0, to.1, 4);
+        self.ground(&taken).can_get(pose, away)
     }
 
     /// The ways that are more important than a rank, with the cells of each.

@@ -55,7 +55,7 @@ pub struct Ground<'a> {
 /// What a stride costs in units of a turn: a stride more is only worth it to save this many turns.
 const STRIDE: u32 = 64;
 /// No stride needs fewer turns.
-const TURNS: u32 = 3;
+const TURNS: u32 = 6;
 /// So many places are left in one search, at most. The floor of the published experiment has about a
 /// thousand; a search that finds its goal leaves a few.
 const MOST_LEFT: usize = 20_000;
@@ -166,9 +166,8 @@ impl Ground<'_> {
         false
     }
 
-    /// The cheapest course to a place where the body fills only cells that `fits` accepts; changing
-    /// its shape on the spot is the cheapest of all.
-    pub fn aside(&self, from: Pose, fits: impl Fn(&[Cell; 4]) -> bool) -> Option<Course> {
+    /// The cheapest course to a pose that `fits`; changing its shape on the spot is the cheapest of all.
+    pub fn aside(&self, from: Pose, fits: impl Fn(Pose) -> bool) -> Option<Course> {
         let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
         let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);
         let mut left = Places::new(self.floor);
@@ -182,7 +181,7 @@ impl Ground<'_> {
                 continue;
             }
             let rests = reach.chains.iter().flatten();
-            let fitting = rests.filter(|(p, _)| fits(&self.motions.cells(Pose { posture: *p, ..pose })));
+            let fitting = rests.filter(|(p, _)| fits(Pose { posture: *p, ..pose }));
             if let Some((last, turns)) = fitting.min_by_key(|(_, turns)| *turns) {
                 queue.push((Reverse(cost + u32::from(*turns)), Reverse(at), Some(*last)));
             }
