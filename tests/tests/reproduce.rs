@@ -38,7 +38,7 @@ fn published_and_own_numbers_stand_side_by_side() {
         assert!(out.join(file).is_file(), "{file} is missing");
     }
     let page = fs::read_to_string(out.join("report.html")).unwrap();
-    assert!(page.contains("metamorph reproduce 4.1 --seeds 1") && page.contains("add up to 11"));
+    assert!(page.contains("metamorph reproduce 4.1 --seeds 1") && page.contains("4, really 11"));
     // One of the runs alone, from the scenario that was left there.
     let runs = fs::read_to_string(out.join("box/runs.csv")).unwrap();
     let line = runs.lines().find(|line| line.contains(",SRS,negotiated,crosswise,")).unwrap();

@@ -162,7 +162,7 @@ pub fn verdict(claim: &Claim) -> &'static str {
     match claim.holds {
         Some(true) => "so it is here",
         Some(false) => "not so here",
-        None => "here",
+        None => "not judged",
     }
 }
 
