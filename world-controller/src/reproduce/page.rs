@@ -103,7 +103,8 @@ fn table(experiment: &Comparison) -> Markup {
         div.wide { table {
             caption {
                 "Published: collisions of each experiment, * for a deadlock; then deadlocks, and mean collisions of "
-                "those without. Here: not built, by order; collisions and moves are means of the runs that were built."
+                "those without. Here: runs that were not built, of all orders and, to the right, of each; whether their "
+                "share lies in the 95 % interval of DL; means of the runs that were built."
             }
             thead {
                 tr {
@@ -115,9 +116,9 @@ fn table(experiment: &Comparison) -> Markup {
                 tr {
                     th.first scope="col" { "experiments" } th scope="col" { "DL" } th scope="col" { "CL each" }
                     th.first scope="col" { "not built" } th scope="col" { "95 % interval" }
-                    th scope="col" { "in that of DL" }
-                    @for order in &orders { th scope="col" { (order) } }
+                    th scope="col" { "agrees" }
                     th scope="col" { "collisions" } th scope="col" { "moves" } th scope="col" { "built" }
+                    @for order in &orders { th scope="col" { (order) } }
                 }
             }
             tbody { @for cell in &experiment.cells { tr {
@@ -134,10 +135,10 @@ fn table(experiment: &Comparison) -> Markup {
                 td.bad[cell.agrees == Some(false)] {
                     (cell.agrees.map_or("–", |agrees| if agrees { "yes" } else { "no" }))
                 }
+                td { (tenths(cell.ours.collisions)) } td { (tenths(cell.ours.moves)) } td { (count(cell.ours.built)) }
                 @for (_, ours) in &cell.by_order {
                     td { (ours.not_built.map_or("–".to_owned(), |r| percent(r.rate))) }
                 }
-                td { (tenths(cell.ours.collisions)) } td { (tenths(cell.ours.moves)) } td { (count(cell.ours.built)) }
             } } }
         } }
     }
