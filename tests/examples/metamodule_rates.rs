@@ -1,5 +1,5 @@
 //! Measures the thesis's experiment over many seeds and prints a table:
-//! `cargo run --release -p metamorph-tests --example metamodule_rates -- [SEEDS] [LOOK_AHEAD] [box|chair]`.
+//! `cargo run --release -p metamorph-tests --example metamodule_rates -- [SEEDS] [box|chair|all] [STRATEGY]`.
 #![allow(
     clippy::print_stdout,
     clippy::disallowed_methods,
@@ -14,9 +14,8 @@ use metamorph_tests::metamodules::{Assembly, Goal};
 
 fn main() {
     let seeds: u64 = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(100);
-    let look_ahead: u8 = std::env::args().nth(2).and_then(|n| n.parse().ok()).unwrap_or(8);
-    let only = std::env::args().nth(3).filter(|s| s != "all");
-    let which = std::env::args().nth(4);
+    let only = std::env::args().nth(2).filter(|s| s != "all");
+    let which = std::env::args().nth(3);
     println!(
         "goal  order      strategy kind  built dead live time unsafe | of built: moves turns collisions messages"
     );
@@ -39,7 +38,7 @@ fn main() {
                 let (mut ends, mut unsafe_runs, mut sums) = ([0u64; 4], 0u64, [0u64; 4]);
                 let since = std::time::Instant::now();
                 for seed in 0..seeds {
-                    let ran = Assembly::new(goal, kind, strategy, order, seed).look_ahead(look_ahead).run();
+                    let ran = Assembly::new(goal, kind, strategy, order, seed).run();
                     unsafe_runs += u64::from(ran.broken > 0);
                     match ran.outcome.map(|(_, o)| o) {
                         Some(Outcome::Built) => {

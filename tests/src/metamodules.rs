@@ -177,13 +177,6 @@ impl Assembly {
         self.faults.push((at, fault));
         self
     }
-    /// So many strides are looked ahead.
-    pub fn look_ahead(mut self, strides: u8) -> Assembly {
-        let mut setup = (*self.setup).clone();
-        setup.params.look_ahead = strides;
-        self.setup = Arc::new(setup);
-        self
-    }
     /// Open seeds are learnt from neighbours, not from the controller.
     pub fn decentralised(mut self) -> Assembly {
         let mut setup = (*self.setup).clone();

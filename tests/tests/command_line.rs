@@ -227,7 +227,6 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
             &["unknown strategy `gredy`", "did you mean `greedy`?"],
         ),
         (with("[stop]", "[protocol]\nteller = \"me\"\n[stop]"), &["unknown teller `me`", "neighbours"]),
-        (with("[stop]", "[protocol]\nlook_ahead = 0\n[stop]"), &["look_ahead is 0", "from 1 to 32"]),
         (with("kind", "turn_time = \"0s\"\nkind"), &["turn_time is 0s", "1ms to 3600s"]),
         // The floor and the start.
         (with("max = [12, 12]", "max = [12, -1]"), &["scenario.toml:8:9:", "side of the floor is 0"]),

@@ -101,7 +101,6 @@ levels = [[{ foot = [2, 8], directions = ["up", "up", "up"] }]]
 order = "at-once"
 [protocol]
 strategy = "negotiated"
-look_ahead = 4
 teller = "neighbours"
 relocate = true
 [link]

@@ -4,7 +4,7 @@ use crate::scenario::{Cubes, LinkKind, Metamodules, Plan, Swarm};
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::params::{Strategy, Teller};
+use metamorph_protocol::metamodule::params::Teller;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
@@ -111,15 +111,10 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
         Teller::Controller => "the controller",
         Teller::Neighbours => "neighbours",
     };
-    let looks = match params.strategy {
-        // It searches as far as it has to.
-        Strategy::Negotiated => String::new(),
-        _ => format!("; looks {} strides ahead", params.look_ahead),
-    };
     let relocates = if swarm.relocate { "; a goal that something stands in is moved" } else { "" };
     writeln!(
         out,
-        "  protocol  strategy {}{looks}; {teller} tells which seeds are open{relocates}",
+        "  protocol  strategy {}; {teller} tells which seeds are open{relocates}",
         params.strategy.name(),
     )
 }

@@ -220,6 +220,16 @@ impl Blueprint {
     pub fn all(&self) -> SeedSet {
         self.steps.iter().fold(SeedSet::default(), |a, b| SeedSet(a.0 | b.0))
     }
+    /// The seeds that are to be filled before this one: those of the steps before, and of its own step
+    /// those with smaller numbers.
+    pub fn before(&self, seed: u8) -> SeedSet {
+        let mut before = SeedSet::default();
+        for step in self.steps.iter().take_while(|s| !s.has(seed)) {
+            before = before.and(*step);
+        }
+        let step = self.steps.iter().find(|s| s.has(seed)).copied().unwrap_or_default();
+        before.and(SeedSet(step.0 & ((1 << seed) - 1)))
+    }
     /// The seeds that attract when these are filled: those of the first step that is not done.
     pub fn open(&self, filled: SeedSet) -> SeedSet {
         let step = self.steps.iter().find(|s| !filled.holds(**s)).copied().unwrap_or_default();
@@ -265,6 +275,13 @@ mod tests {
         assert_eq!(opened(SeedOrder::Circular), [1, 2, 4, 8, 16, 32]);
         assert_eq!(opened(SeedOrder::Crosswise), [1, 4, 2, 8, 16, 32]);
         assert_eq!(opened(SeedOrder::AtOnce), [15, 48]);
+    }
+
+    #[test]
+    fn seeds_before_others_are_of_earlier_steps_or_smaller_numbers() {
+        let before = |order, seed| Blueprint::new(&chair_of_six(0, 0), order).unwrap().before(seed).0;
+        assert_eq!([0, 1, 2, 3, 4, 5].map(|s| before(SeedOrder::Crosswise, s)), [0, 5, 1, 7, 15, 31]);
+        assert_eq!([0, 1, 2, 3, 4, 5].map(|s| before(SeedOrder::AtOnce, s)), [0, 1, 3, 7, 15, 31]);
     }
 
     #[test]

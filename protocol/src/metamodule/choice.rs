@@ -3,12 +3,12 @@
 
 use super::blueprint::{Seed, SeedSet, Task};
 use super::field::{Field, Middle, WORTH};
+use super::graph::{Landed, Reach};
 use super::motions::{Motions, Sweep};
 use super::params::Setup;
 use super::pose::Pose;
-use super::search::{Course, Ground};
-use crate::roombots::grid::GridState;
-use std::collections::BTreeSet;
+use super::search::Ground;
+use crate::lattice::Cell;
 
 /// What a motion is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -57,12 +57,12 @@ pub struct View<'a> {
     pub task: Task,
     /// Where we are.
     pub pose: Pose,
-    /// What is left of the course that was chosen last.
-    pub course: &'a Course,
     /// What attracts.
     pub open: SeedSet,
     /// Cells to keep out of.
     pub ground: &'a Ground<'a>,
+    /// Those of them that stay taken.
+    pub fixed: &'a [Cell],
     /// Connectors on which others stand.
     pub feet: &'a [(i16, i16)],
     /// The middles of neighbours that push.
@@ -70,113 +70,56 @@ pub struct View<'a> {
 }
 
 impl View<'_> {
-    /// The next motion and the course that begins with it; none if nothing is worth it or possible.
-    pub fn choose(&self) -> Option<(Plan, Course)> {
-        let home = self.home(self.pose).and_then(|(number, posture)| {
-            Some((Plan::to(self.ground, self.pose, posture, Aim::Settle(number))?, Course::default()))
-        });
-        home.or_else(|| self.follow(self.course.clone()))
-            .or_else(|| self.follow(self.best_course()?))
-            .or_else(|| self.upright())
+    /// The next motion; none if nothing is worth it or possible.
+    pub fn choose(&self) -> Option<Plan> {
+        let reach = self.ground.reach(self.pose);
+        self.home().or_else(|| self.best_landing(&reach)).or_else(|| self.upright(&reach))
     }
 
     fn open_seeds(&self) -> impl Iterator<Item = (u8, Seed)> {
         self.open.iter().filter_map(|s| Some((s, self.setup.seed(self.task, s)?)))
     }
 
-    /// The open seed on whose connector this is, and the posture that fills it. How one is turned there
-    /// makes the difference: what is built already is in the way of some of the four classes.
-    fn home(&self, at: Pose) -> Option<(u8, u16)> {
-        let (number, seed) = self.open_seeds().find(|(_, seed)| seed.foot == at.foot())?;
-        Some((number, self.ground.filling(at, seed)?.0))
-    }
-
-    /// The next stride of a course, if it is possible.
-    fn follow(&self, course: Course) -> Option<(Plan, Course)> {
-        let (posture, _) = course.next()?;
-        Some((Plan::to(self.ground, self.pose, posture, Aim::Land)?, course))
+    /// Filling the open seed on whose connector this is.
+    fn home(&self) -> Option<Plan> {
+        let (number, seed) = self.open_seeds().find(|(_, seed)| seed.foot == self.pose.foot())?;
+        let (posture, _) = self.ground.filling(self.pose, seed)?;
+        Plan::to(self.ground, self.pose, posture, Aim::Settle(number))
     }
 
     /// Standing up, for whoever does not stand upright yet.
-    fn upright(&self) -> Option<(Plan, Course)> {
+    fn upright(&self, reach: &Reach) -> Option<Plan> {
         let motions = self.ground.motions;
         let stands = |p: u16| motions.graph().filled(p).iter().all(|c| (c.x, c.y) == (0, 0));
         if stands(self.pose.posture) {
             return None;
         }
-        let reach = self.ground.reach(self.pose);
         let (to, _) = reach.chains.iter().flatten().find(|(p, _)| stands(*p))?;
-        Some((Plan::to(self.ground, self.pose, *to, Aim::Shift)?, Course::default()))
+        Plan::to(self.ground, self.pose, *to, Aim::Shift)
     }
 
-    /// Of all courses of the fewest strides that end in a place worth going to, the one that ends in
-    /// the best.
-    fn best_course(&self) -> Option<Course> {
-        let field = self.field();
-        let mut seen = BTreeSet::from([self.pose.state]);
-        let mut places = vec![Place { at: self.pose, turns: 0, by: None }];
-        let mut front = 0..1;
-        for _ in 0..self.setup.params.look_ahead {
-            for i in front.clone().take(MOST_LOOKS) {
-                self.strides(i, &mut places, &mut seen);
-            }
-            front = front.end..places.len();
-            // Of equal ones the first is kept, which is the one with the nearest postures.
-            let best = front
-                .clone()
-                .map(|i| {
-                    let place = &places[i];
-                    (field.score(place.at.state, place.turns, self.home(place.at).is_some()), i)
-                })
-                .rev()
-                .max_by_key(|(score, _)| *score)
-                .filter(|(score, _)| *score > WORTH);
-            if let Some((_, mut at)) = best {
-                let mut strides = Vec::new();
-                while let Some((before, posture)) = places[at].by {
-                    strides.push(posture);
-                    at = before;
-                }
-                strides.reverse();
-                return Some(Course { strides, last: None });
-            }
-        }
-        None
-    }
-
-    fn field(&self) -> Field<'_> {
-        let motions = &self.setup.motions;
+    /// The landing that the force field likes best, if it likes it at all.
+    fn best_landing(&self, reach: &Reach) -> Option<Plan> {
+        let motions = self.ground.motions;
+        let landings: Vec<(Landed, Pose)> = reach
+            .landings
+            .iter()
+            .filter_map(|l| Some((*l, self.ground.landed(self.pose, l.posture)?)))
+            .filter(|(_, to)| to.state != self.pose.state)
+            .collect();
+        let places: Vec<Pose> = landings.iter().map(|(_, to)| *to).collect();
         // Where another one stands already, there is nothing to get.
-        let seeds = self.open_seeds().map(|(_, seed)| seed.foot).filter(|f| !self.feet.contains(f));
-        let mut field = Field::of_seeds(motions, self.pose.state, seeds);
+        let seeds = self.open_seeds().map(|(_, seed)| seed).filter(|s| !self.feet.contains(&s.foot));
+        let mut field = Field::new(motions, self.ground.floor, self.fixed, self.pose, places);
+        seeds.for_each(|seed| field.add_seed(seed));
         let own = middle(motions, self.pose);
         for of in self.neighbours {
             field.add_push(self.setup.params.repulsion, own, *of);
         }
-        field
-    }
-
-    /// Adds every state not seen before that a stride leads to.
-    fn strides(&self, from: usize, places: &mut Vec<Place>, seen: &mut BTreeSet<GridState>) {
-        let Place { at, turns, .. } = places[from];
-        for landed in &self.ground.reach(at).landings {
-            if let Some(to) = self.ground.landed(at, landed.posture)
-                && seen.insert(to.state)
-            {
-                let turns = turns.saturating_add(landed.turns);
-                places.push(Place { at: to, turns, by: Some((from, landed.posture)) });
-            }
-        }
+        // Of equal ones the first is kept, which is the one with the nearest posture.
+        let scores = (0..landings.len()).map(|i| (field.score(i, landings[i].0.turns), i));
+        let (score, best) = scores.rev().max_by_key(|(score, _)| *score)?;
+        let posture = landings[best].0.posture;
+        (score > WORTH).then(|| Plan::to(self.ground, self.pose, posture, Aim::Land))?
     }
 }
-
-/// A place that has been looked at.
-#[derive(Clone, Copy)]
-struct Place {
-    at: Pose,
-    turns: u8,
-    by: Option<(usize, u16)>,
-}
-
-/// So many places are left for the next depth, at most.
-const MOST_LOOKS: usize = 150;

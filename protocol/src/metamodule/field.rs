@@ -4,9 +4,12 @@
 //! Everything is an integer: vectors are in units of 1/65536 (so 1.0 is [`ONE`]), so that every
 //! build on every machine makes the same choice.
 
+use super::blueprint::Seed;
 use super::motions::Motions;
-use super::params::Repulsion;
-use crate::roombots::grid::GridState;
+use super::params::{Floor, Repulsion};
+use super::pose::Pose;
+use super::search::Ground;
+use crate::lattice::Cell;
 
 /// 1.0 in the field's units.
 pub const ONE: i64 = 1 << 16;
@@ -21,14 +24,19 @@ pub type Middle = (i64, i64);
 ///
 /// Each seed pulls with 1/distance, and all together with a force of one. The pull is not taken where a
 /// stride begins but over all of it, as the difference of distances; and distance is what matters to a
-/// metamodule, mainly the number of moves, because its strides are coarse: no kind has one of two cells
-/// straight ahead, PAR has none of one. So a stride that overshoots its seed gains nothing.
-#[derive(Clone, Debug)]
+/// metamodule: the strides that are left, around all that does not move. As the crow flies, what has
+/// been built would wall almost everybody out, because strides are coarse: no kind has one of two cells
+/// straight ahead, PAR has none of one. What is left to stand in the way are those who move, and they
+/// are what the strategies are about.
 pub struct Field<'a> {
     motions: &'a Motions,
-    at: GridState,
-    /// Seeds with their distances and weights, which add up to one.
-    seeds: Vec<(Place, i64, i64)>,
+    floor: Floor,
+    fixed: &'a [Cell],
+    at: Pose,
+    /// Where strides lead.
+    places: Vec<Pose>,
+    /// For every seed its weight and what each stride gains.
+    seeds: Vec<(i64, Vec<i64>)>,
     push: (i64, i64),
 }
 
@@ -37,26 +45,43 @@ fn length(x: i64, y: i64) -> i64 {
     (x.unsigned_abs() * x.unsigned_abs() + y.unsigned_abs() * y.unsigned_abs()).isqrt() as i64
 }
 
-/// Two cells for every move, and a quarter of the distance as the crow flies to tell equals apart.
-fn distance(motions: &Motions, from: GridState, to: Place) -> i64 {
-    let (dx, dy) = (i64::from(to.0) - i64::from(from.x), i64::from(to.1) - i64::from(from.y));
-    2 * ONE * i64::from(motions.moves_to(from, to)) + length(dx * ONE, dy * ONE) / 4
+/// Two cells for every stride, and a quarter of the distance as the crow flies to tell equals apart.
+fn distance(strides: u16, from: Pose, to: Place) -> i64 {
+    let (dx, dy) = (i64::from(to.0) - i64::from(from.state.x), i64::from(to.1) - i64::from(from.state.y));
+    2 * ONE * i64::from(strides) + length(dx * ONE, dy * ONE) / 4
 }
 
+/// The last stride, to where the seed can be filled from, is worth this much more.
+const HOME: i64 = 10 * ONE;
+
 impl<'a> Field<'a> {
-    /// The pull of these seeds on a metamodule that stands at `at`.
-    pub fn of_seeds(motions: &'a Motions, at: GridState, seeds: impl Iterator<Item = Place>) -> Field<'a> {
-        let weighted = |seed: Place| {
-            let far = distance(motions, at, seed);
-            (seed, far, ONE * ONE / far.max(1))
-        };
-        // Whoever stands on a seed's connector does not ask for the way to it.
-        let mut seeds: Vec<_> = seeds.filter(|seed| *seed != (at.x, at.y)).map(weighted).collect();
-        let sum: i64 = seeds.iter().map(|(_, _, w)| w).sum();
-        for (_, _, weight) in &mut seeds {
-            *weight = *weight * ONE / sum.max(1);
-        }
-        Field { motions, at, seeds, push: (0, 0) }
+    /// No seed yet, and nobody who pushes, on a metamodule at `at` whose strides lead to `places`.
+    /// `fixed` are the cells that stay taken.
+    pub fn new(
+        motions: &'a Motions,
+        floor: Floor,
+        fixed: &'a [Cell],
+        at: Pose,
+        places: Vec<Pose>,
+    ) -> Field<'a> {
+        Field { motions, floor, fixed, at, places, seeds: Vec::new(), push: (0, 0) }
+    }
+
+    /// Adds the pull of a seed, unless there is no way to it.
+    pub fn add_seed(&mut self, seed: Seed) {
+        let (motions, at) = (self.motions, self.at);
+        let gains = motions.with_distances(self.floor, seed, self.fixed, at, |distances| {
+            let here = Ground { motions, floor: self.floor, taken: self.fixed }.reach(at).lands;
+            let far = distance(distances.strides(motions, at, here)?, at, seed.foot);
+            let gain = |to: &Pose| {
+                let strides = distances.strides(motions, *to, motions.rest_bit(to.posture));
+                // Whoever goes where there is no way loses all.
+                let gain = strides.map_or(-far, |s| far - distance(s, *to, seed.foot));
+                gain + if strides == Some(0) { HOME } else { 0 }
+            };
+            Some((ONE * ONE / far.max(1), self.places.iter().map(gain).collect()))
+        });
+        self.seeds.extend(gains);
     }
 
     /// Adds the push of a neighbour with its middle at `of` on a metamodule with its middle at `on`.
@@ -74,16 +99,14 @@ impl<'a> Field<'a> {
         self.push.1 += strength * (dy << 8) / distance;
     }
 
-    /// What a stride to `to` in `turns` steps is worth: nearer to the seeds, away from neighbours,
-    /// short motions first, and at best `home`, to where a seed can be filled from.
-    pub fn score(&self, to: GridState, turns: u8, home: bool) -> i64 {
-        let gain = |(seed, far, weight): &(Place, i64, i64)| {
-            (far - distance(self.motions, to, *seed)) * weight / ONE
-        };
-        let pull: i64 = self.seeds.iter().map(gain).sum();
-        let (dx, dy) = (i64::from(to.x) - i64::from(self.at.x), i64::from(to.y) - i64::from(self.at.y));
-        let home = if home { 10 * ONE } else { 0 };
-        pull + self.push.0 * dx + self.push.1 * dy - i64::from(turns) * ONE / 100 + home
+    /// What the stride to a place in `turns` steps is worth: nearer to the seeds, away from neighbours,
+    /// short motions first, and at best to where a seed can be filled from.
+    pub fn score(&self, place: usize, turns: u8) -> i64 {
+        let sum: i64 = self.seeds.iter().map(|(weight, _)| weight).sum();
+        let pull: i64 = self.seeds.iter().map(|(weight, gains)| gains[place] * weight / sum.max(1)).sum();
+        let (to, at) = (self.places[place].state, self.at.state);
+        let (dx, dy) = (i64::from(to.x) - i64::from(at.x), i64::from(to.y) - i64::from(at.y));
+        pull + self.push.0 * dx + self.push.1 * dy - i64::from(turns) * ONE / 100
     }
 }
 
@@ -93,21 +116,22 @@ pub const WORTH: i64 = ONE / 20;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::metamodule::blueprint::chair_of_six;
     use crate::metamodule::params::Strategy;
+    use crate::metamodule::pose::End;
     use crate::roombots::Kind;
     use crate::roombots::database::Database;
+    use crate::roombots::grid::GridState;
+    use crate::roombots::posture::Posture;
     use std::sync::Arc;
-
-    fn all() -> Vec<Motions> {
-        let database = Arc::new(Database::build());
-        Kind::METAMODULES.map(|kind| Motions::new(Arc::clone(&database), kind).unwrap()).into()
-    }
 
     #[test]
     fn strategies_differ_in_how_neighbours_push() {
-        let motions = &all()[0];
+        let motions = Motions::new(Arc::new(Database::build()), Kind::Srs).unwrap();
+        let floor = Floor { min: (0, 0), max: (12, 12) };
+        let at = Pose { state: GridState::new(6, 6, 0), end: End::Foot, both: false, posture: 0 };
         let push = |strategy: Strategy, cells: i64| {
-            let mut field = Field::of_seeds(motions, GridState::default(), std::iter::empty());
+            let mut field = Field::new(&motions, floor, &[], at, Vec::new());
             field.add_push(strategy.repulsion(), (0, 0), (-4 * cells, 0));
             assert_eq!(field.push.1, 0);
             field.push.0
@@ -122,30 +146,36 @@ mod tests {
         assert_eq!([Strategy::Slope, Strategy::Step].map(|s| push(s, 4)), [0, 0]);
     }
 
-    /// Alone on the open grid every kind comes from everywhere to a single seed, each stride nearer
-    /// than the one before: no local minimum, no going to and fro.
+    /// Alone, every kind comes from everywhere to every seed of the chair, in their order, around what
+    /// is built already: no local minimum, no going to and fro.
     #[test]
-    fn alone_every_kind_gets_to_its_seed() {
-        for motions in all() {
-            let landings: Vec<GridState> = motions.table().landings().iter().map(|l| l.state).collect();
-            for (x, y, class) in
-                [(2, 0, 0), (0, 2, 1), (1, 0, 2), (0, -1, 3), (-7, 5, 0), (12, 12, 1), (40, -3, 2)]
-            {
-                let mut at = GridState::new(x, y, class);
-                let mut far = distance(&motions, at, (0, 0));
-                for moves in 0.. {
-                    if (at.x, at.y) == (0, 0) {
-                        break;
+    fn alone_every_kind_gets_to_every_seed() {
+        let database = Arc::new(Database::build());
+        let floor = Floor { min: (0, 0), max: (12, 12) };
+        let seeds: Vec<Seed> = chair_of_six(5, 5).into_iter().flatten().collect();
+        for kind in Kind::METAMODULES {
+            let motions = Motions::new(Arc::clone(&database), kind).unwrap();
+            let zero = motions.table().find(Posture::zero(kind)).unwrap();
+            for (built, seed) in seeds.iter().enumerate() {
+                let fixed: Vec<Cell> = seeds[..built].iter().flat_map(|s| s.cells()).collect();
+                let ground = Ground { motions: &motions, floor, taken: &fixed };
+                for (x, y, class) in [(2, 2, 0), (10, 1, 1), (6, 11, 2), (11, 7, 3)] {
+                    let state = GridState::new(x, y, class);
+                    let mut at = Pose { state, end: End::Foot, both: false, posture: zero };
+                    let mut strides = 0;
+                    while at.foot() != seed.foot || ground.filling(at, *seed).is_none() {
+                        let reach = ground.reach(at);
+                        let landed = reach.landings.iter();
+                        let (turns, places): (Vec<u8>, Vec<Pose>) =
+                            landed.filter_map(|l| Some((l.turns, ground.landed(at, l.posture)?))).unzip();
+                        let mut field = Field::new(&motions, floor, &fixed, at, places.clone());
+                        field.add_seed(*seed);
+                        let best = (0..places.len()).max_by_key(|i| field.score(*i, turns[*i])).unwrap();
+                        assert!(field.score(best, turns[best]) > WORTH, "{kind}: {at:?}");
+                        at = places[best];
+                        strides += 1;
+                        assert!(strides < 12, "{kind}: {at:?}");
                     }
-                    assert!(moves < 30, "{}: {at}", motions.kind());
-                    let field = Field::of_seeds(&motions, at, [(0, 0)].into_iter());
-                    let best =
-                        landings.iter().map(|l| at.then(*l)).max_by_key(|to| field.score(*to, 8, false));
-                    assert!(field.score(best.unwrap(), 8, false) > WORTH, "{}: {at}", motions.kind());
-                    at = best.unwrap();
-                    let now = distance(&motions, at, (0, 0));
-                    assert!(now < far, "{}: {at}", motions.kind());
-                    far = now;
                 }
             }
         }

@@ -254,35 +254,35 @@ impl Metamodule {
     /// Looks for something to do by the force field.
     fn follow_field(&mut self, now: Time, next_expiry: Time) {
         let motions = &self.setup.motions;
-        let (mut taken, mut feet, mut neighbours) = (self.fixed(), Vec::new(), Vec::new());
+        let (mut fixed, mut moving) = (self.fixed(), Vec::new());
+        let (mut feet, mut neighbours) = (Vec::new(), Vec::new());
         feet.extend(self.core.dead.values().map(|p| p.foot()));
         for (_, peer) in self.core.peers.iter() {
             let Some(state) = peer.state else { continue };
             feet.push(state.pose.foot());
-            taken.extend(motions.cells(state.pose));
-            if !state.settled && !self.core.dead.contains_key(&state.id) {
+            if state.settled || self.core.dead.contains_key(&state.id) {
+                fixed.extend(motions.cells(state.pose));
+            } else {
+                moving.extend(motions.cells(state.pose));
                 neighbours.push(middle(motions, state.pose));
             }
         }
-        taken.extend(self.core.peers.granted(motions));
+        moving.extend(self.core.peers.granted(motions));
+        let taken = [&fixed[..], &moving].concat();
         let view = View {
             setup: &self.setup,
             task: self.core.task,
             pose: self.core.pose,
-            course: &self.core.course,
             open: self.open(),
             ground: &Ground { motions, floor: self.setup.floor, taken: &taken },
+            fixed: &fixed,
             feet: &feet,
             neighbours: &neighbours,
         };
         match view.choose() {
-            Some((plan, course)) => {
-                self.core.course = course;
-                self.ask(now, plan);
-            }
+            Some(plan) => self.ask(now, plan),
             // A grant that runs out may open a way; everything else that may is heard.
             None => {
-                self.core.course = Course::default();
                 self.core.waits_for = None;
                 self.core.phase = Phase::Idle { look_at: next_expiry };
             }

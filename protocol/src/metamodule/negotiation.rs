@@ -104,6 +104,8 @@ const AWAY: u16 = 5;
 const GIVE_UP: u64 = 3;
 /// Leaving a seed that is not open yet to somebody is as bad as so many strides.
 const LATER: i64 = 1 << 20;
+/// A way that is not there counts as so many strides: it may be there when its time comes.
+const FAR: i64 = 1 << 10;
 /// And one that it has no way to.
 const BARRED: i64 = 1 << 30;
 
@@ -272,19 +274,32 @@ impl Metamodule {
         i64::from(self.setup.motions.moves_to(pose.state, foot))
     }
 
+    /// Strides to a seed from everybody, around what will be built before it.
+    fn strides(&self, scene: &Scene, from: &[(ModuleId, Pose, SeedSet)], number: u8) -> Vec<i64> {
+        let Some(seed) = self.setup.seed(self.core.task, number) else { return vec![BARRED; from.len()] };
+        let (motions, floor) = (&self.setup.motions, self.setup.floor);
+        let planned = self.planned(scene, number);
+        let ground = self.ground(&planned);
+        motions.with_distances(floor, seed, &planned, self.core.pose, |distances| {
+            let strides = |pose: Pose| distances.strides(motions, pose, ground.reach(pose).lands);
+            from.iter().map(|(_, pose, _)| *pose).map(strides).map(|s| s.map_or(FAR, i64::from)).collect()
+        })
+    }
+
     /// The seed that falls to this metamodule if all that are nobody's yet are shared out among those
-    /// without one, with the fewest strides on the open floor; open seeds before later ones.
+    /// without one, with the fewest strides; open seeds before later ones.
     fn share(&self, scene: &Scene, open: SeedSet, claimed: SeedSet) -> Option<u8> {
         let me = (self.core.id, self.core.pose, self.core.intent.barred);
         let others = scene.free.iter().filter(|o| o.claim.is_none()).map(|o| (o.id, o.pose, o.barred));
         let mut walkers: Vec<_> = others.chain([me]).collect();
         walkers.sort_by_key(|w| w.0);
         let seeds: Vec<u8> = self.goal().all().without(self.core.filled).without(claimed).iter().collect();
-        let cost = |walker: usize, seed: usize| {
-            let ((_, pose, barred), seed) = (walkers[walker], seeds[seed]);
+        let strides: Vec<Vec<i64>> = seeds.iter().map(|s| self.strides(scene, &walkers, *s)).collect();
+        let cost = |walker: usize, place: usize| {
+            let ((_, _, barred), seed) = (walkers[walker], seeds[place]);
             let later = if open.has(seed) { 0 } else { LATER };
             let barred = if barred.has(seed) { BARRED } else { 0 };
-            self.strides_to(pose, seed) + later + barred
+            strides[place][walker] + later + barred
         };
         let mine = walkers.iter().position(|w| w.0 == self.core.id)?;
         // The method wants as many columns as rows, or more.
@@ -301,8 +316,8 @@ impl Metamodule {
 
     /// What will not move, with all that is to be built before this seed.
     fn planned(&self, scene: &Scene, number: u8) -> Vec<Cell> {
-        let before = self.open().iter().filter(|s| *s < number);
-        let seeds = before.filter_map(|s| self.setup.seed(self.core.task, s));
+        let before = self.goal().before(number).without(self.core.filled);
+        let seeds = before.iter().filter_map(|s| self.setup.seed(self.core.task, s));
         scene.fixed.iter().copied().chain(seeds.flat_map(|s| s.cells())).collect()
     }
 

@@ -99,10 +99,6 @@ pub struct Params {
     pub strategy: Strategy,
     /// How neighbours push.
     pub repulsion: Repulsion,
-    /// So many strides ahead it looks, at most, for a place that is better than its own. With 1 it only
-    /// ever makes a stride that is better by itself; strides are so coarse that built parts then wall
-    /// it out from almost everywhere.
-    pub look_ahead: u8,
     /// From whom open seeds are learnt.
     pub teller: Teller,
     /// How long a joint needs for a step.
@@ -129,7 +125,6 @@ impl Params {
         Params {
             strategy,
             repulsion: strategy.repulsion(),
-            look_ahead: 8,
             teller: Teller::Controller,
             turn_time,
             connect_time: turn_time,

@@ -24,8 +24,6 @@ pub const MAX_MODULES: usize = 1_000_000;
 pub const MAX_METAMODULES: usize = 1_000;
 /// The most connectors of a floor along each side.
 pub const MAX_FLOOR: u16 = 256;
-/// The farthest that a metamodule can be told to look ahead.
-pub const MAX_LOOK_AHEAD: u8 = 32;
 /// The largest file that is read as a scenario, in bytes.
 pub const MAX_BYTES: u64 = 16 << 20;
 /// The most cells that the boxes around all parts of a shape may have together.

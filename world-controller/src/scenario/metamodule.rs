@@ -4,7 +4,7 @@
 //! Coordinates of the floor are those of connectors, two each. Absent: placing them at random, which
 //! the protocol's own library does.
 
-use super::flaw::{Flaw, MAX_FLOOR, MAX_LOOK_AHEAD, MAX_METAMODULES};
+use super::flaw::{Flaw, MAX_FLOOR, MAX_METAMODULES};
 use super::plan::{Draft, Patience};
 use super::problems::{At, Place, Problems};
 use super::raw::{Sections, goal_sections};
@@ -60,7 +60,6 @@ pub struct RawMetamodules {
     start: At<RawStart>,
     goals: Vec<RawGoal>,
     strategy: Strategy,
-    look_ahead: Option<At<u64>>,
     teller: Teller,
     relocate: bool,
 }
@@ -103,7 +102,6 @@ impl RawMetamodules {
             start: start.unwrap_or_else(|| At { value: RawStart::Random, place: swarm.place().clone() }),
             goals: Vec::new(),
             strategy: Strategy::default(),
-            look_ahead: None,
             teller: Teller::default(),
             relocate: false,
         };
@@ -119,7 +117,6 @@ impl RawMetamodules {
             section.foreign(&["connectivity", "dead", "co_owners"], Family::Cube);
             let strategies = Strategy::ALL.map(|s| (s.name(), s));
             raw.strategy = section.choice("strategy", "strategy", &strategies, problems).unwrap_or_default();
-            raw.look_ahead = section.get("look_ahead", problems);
             raw.teller = section.choice("teller", "teller", &TELLERS, problems).unwrap_or_default();
             raw.relocate = section.get("relocate", problems).is_some_and(|r| r.value);
             section.finish(problems);
@@ -146,10 +143,6 @@ impl RawMetamodules {
         let count = self.count(most, problems)?;
         let mut params = Params::scaled(self.strategy, turn_time, usual_delay);
         params.teller = self.teller;
-        if let Some(strides) = &self.look_ahead {
-            params.look_ahead =
-                range(strides, "look_ahead", 1, u64::from(MAX_LOOK_AHEAD), problems).unwrap_or(1) as u8;
-        }
         let name =
             |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
         let mut draft = Draft {
