@@ -360,7 +360,7 @@ const UNKNOWN: [&str; 6] = [
      and the back of the chair two upright metamodules behind it.",
     "The motion database is not published. Here it is computed from the kinematic model of the Roombots.",
     "Force fields: strength, decay and range of slope and step are not given. The values here are our design, \
-     and so is looking several strides ahead.",
+     and so is the pull of a seed, which counts the strides to it around everything that does not move.",
     "A deadlock is there \"when the MMs were not able to build the final shape\". So every run of ours that was \
      not built counts: deadlock, livelock and timeout.",
     "What counts as a collision is not said. Here: every lock that another metamodule refused, and every action \
