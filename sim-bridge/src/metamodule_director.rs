@@ -41,6 +41,8 @@ pub struct MetamodulePlan {
     pub relocate: bool,
 }
 
+/// As many cells are left around a goal that is moved, if there is room for them.
+const ROOM: i16 = 3;
 /// So often a goal is moved, at most.
 const MOST_RELOCATIONS: u16 = 8;
 
@@ -235,8 +237,24 @@ impl MetamoduleDirector {
         if self.relocations == MOST_RELOCATIONS {
             return false;
         }
+        let Some(shift) = self.clear_place(foreign) else { return false };
+        self.relocations += 1;
+        self.begin(now, self.task.goal, shift);
+        true
+    }
+
+    /// The nearest place that is clear of all that stays, with as much room around it, to the edge of the
+    /// floor too, as can be had.
+    fn clear_place(&self, foreign: &BTreeSet<Cell>) -> Option<(i16, i16)> {
         let feet = || self.setup.goal(self.task).seeds().iter().map(|s| s.foot);
         let floor = self.setup.floor;
+        let rim = |shift: &(i16, i16)| {
+            let task = Task { shift: *shift, ..self.task };
+            let to_edge = |(x, y): (i16, i16)| {
+                [x - floor.min.0, floor.max.0 - x, y - floor.min.1, floor.max.1 - y].into_iter().min()
+            };
+            self.setup.seeds(task).filter_map(|(_, s)| to_edge(s.foot)).min().unwrap_or(0)
+        };
         let around = |least: Option<i16>, most: Option<i16>, min: i16, max: i16| {
             min - least.unwrap_or(min)..=max - most.unwrap_or(max)
         };
@@ -255,11 +273,9 @@ impl MetamoduleDirector {
                         .all(|f| f.y.abs_diff(cell.y) > margin as u16 || (margin == 0 && f.z != cell.z))
                 })
         };
-        let place = [2, 1, 0].into_iter().find_map(|margin| shifts.iter().find(|s| is_clear(s, margin)));
-        let Some(shift) = place.copied() else { return false };
-        self.relocations += 1;
-        self.begin(now, self.task.goal, shift);
-        true
+        (0..=ROOM)
+            .rev()
+            .find_map(|room| shifts.iter().find(|s| is_clear(s, room.min(2)) && rim(s) >= room).copied())
     }
 
     /// Something else is built from now on.

@@ -209,6 +209,12 @@ impl Metamodule {
         }
     }
 
+    /// Whether a neighbour stays where it is while the task is what it is. Before it leaves for another
+    /// task, it asks us; two of whom each takes the other for settled in an old one would both not ask.
+    fn stays(&self, state: &State) -> bool {
+        state.settled && state.task == self.core.task
+    }
+
     fn is_dead(&self, peer: &Peer) -> bool {
         peer.state.is_some_and(|s| self.core.dead.contains_key(&s.id))
     }
@@ -260,7 +266,7 @@ impl Metamodule {
         for (_, peer) in self.core.peers.iter() {
             let Some(state) = peer.state else { continue };
             feet.push(state.pose.foot());
-            if state.settled || self.core.dead.contains_key(&state.id) {
+            if self.stays(&state) || self.core.dead.contains_key(&state.id) {
                 fixed.extend(motions.cells(state.pose));
             } else {
                 moving.extend(motions.cells(state.pose));
@@ -316,8 +322,7 @@ impl Metamodule {
             .core
             .peers
             .iter()
-            // Whoever stays where it is cannot come into the way; before it leaves, it asks us.
-            .filter(|(_, p)| p.state.is_some_and(|s| !s.settled) && !self.is_dead(p))
+            .filter(|(_, p)| p.state.is_some_and(|s| !self.stays(&s)) && !self.is_dead(p))
             .map(|(p, _)| p)
             .collect();
         self.core.token.0 += 1;

@@ -118,7 +118,7 @@ impl Metamodule {
         for (_, peer) in core.peers.iter() {
             let Some(state) = peer.state.filter(|s| !core.dead.contains_key(&s.id)) else { continue };
             let cells = motions.cells(state.pose);
-            if state.settled || state.stuck {
+            if self.stays(&state) || state.stuck {
                 fixed.extend(cells);
                 continue;
             }
@@ -188,8 +188,11 @@ impl Metamodule {
             self.announce(rank, &scene);
         }
         let waits = claim.is_some() || in_way_of.is_some() || self.core.intent.unclaimed_since.is_some();
-        let patience = if waits { now + self.setup.params.patience } else { Time::NEVER };
         let intent = &self.core.intent;
+        let params = &self.setup.params;
+        let patience = if waits { now + params.patience } else { Time::NEVER };
+        let shared = intent.unclaimed_since.map(|since| since + params.resend);
+        let patience = shared.filter(|at| *at > now).unwrap_or(patience);
         let barred = if intent.barred.is_empty() { Time::NEVER } else { intent.barred_until };
         let cornered = intent.cornered_until.unwrap_or(Time::NEVER);
         let look_at = [next_expiry, patience, barred, cornered].into_iter().fold(Time::NEVER, Time::min);
@@ -246,6 +249,10 @@ impl Metamodule {
                 return;
             }
             let since = *self.core.intent.unclaimed_since.get_or_insert(now);
+            if now < since + self.setup.params.resend {
+                // Until everybody has heard what this one has, they would share out differently.
+                return;
+            }
             let patient = now < since + self.setup.params.patience;
             let shared = self.share(scene, open, claimed).filter(|s| open.has(*s));
             let nearest = || open.iter().min_by_key(|s| self.strides_to(self.core.pose, *s));
