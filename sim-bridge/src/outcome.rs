@@ -3,11 +3,11 @@
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Time;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// How a run ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Outcome {
     /// Every goal cell is filled.
@@ -25,6 +25,16 @@ pub enum Outcome {
 }
 
 impl Outcome {
+    /// All of them.
+    pub const ALL: [Outcome; 6] = [
+        Outcome::Built,
+        Outcome::Deadlock,
+        Outcome::Livelock,
+        Outcome::Timeout,
+        Outcome::Unsafe,
+        Outcome::Aborted,
+    ];
+
     /// The name used in reports.
     pub const fn name(self) -> &'static str {
         match self {

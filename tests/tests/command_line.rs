@@ -400,6 +400,9 @@ fn bad_options_are_refused_like_lines_of_the_scenario() {
         (&["--dup", "much"], &["`much` is not a probability"]),
         (&["--delay", "5"], &["no known unit"]),
         (&["--time-scale", "-1"], &["time_scale is -1"]),
+        (&["--set", "link.lose=5%"], &["--set link.lose=5%: unknown key `lose`", "did you mean `loss`?"]),
+        (&["--set", "link.loss=120%"], &["--set link.loss=120%: `120%` is not between 0 and 1"]),
+        (&["--set", "link.loss"], &["--set link.loss: `link.loss` is not of the form KEY=VALUE"]),
         (
             &["--json", "/no/such/directory/report.json"],
             &["--json /no/such/directory/report.json: cannot write"],
@@ -459,6 +462,7 @@ fn help_is_enough_to_use_every_command() {
                 "--json",
                 "--quiet",
                 "--time-scale",
+                "--set <KEY=VALUE>",
                 "Examples",
                 "Exit codes",
                 "scenario times with a unit",

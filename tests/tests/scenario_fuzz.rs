@@ -1,6 +1,7 @@
 //! No text makes the scenario reader panic, and whatever it refuses comes with a place and a fix.
 
 use metamorph_tests::command::{root, scenarios};
+use metamorph_world_controller::scenario::settings::Setting;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, Swarm, read_file, read_text};
 use proptest::prelude::*;
 use std::fs;
@@ -251,6 +252,18 @@ proptest! {
         };
         survives(EVERYTHING, &overrides);
         survives(METAMODULES, &overrides);
+    }
+
+    #[test]
+    fn survives_any_setting(any in any::<String>(), value in any::<String>(),
+                            key in "(goal|swarm|link|fault|start|shape|seed|loss|min|[0-9]){1}(\\.(0|1|9|seed|start|box|loss|x)){0,4}",
+                            toml in "([a-z0-9=\"{}\\[\\], .%-]){0,30}") {
+        let setting = |text| Setting { option: "--set", text };
+        for texts in [vec![any], vec![format!("{key}={value}"), format!("{key}={toml}")]] {
+            let overrides = Overrides { settings: texts.into_iter().map(setting).collect(), ..sim() };
+            survives(EVERYTHING, &overrides);
+            survives(METAMODULES, &overrides);
+        }
     }
 }
 

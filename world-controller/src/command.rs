@@ -1,9 +1,13 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
+use crate::reproduce::{self, Experiment};
 use crate::robot::RobotArgs;
+use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, Overrides};
+use crate::sweep::Request;
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 use std::ffi::OsString;
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 const EXIT_CODES: &str = "\
@@ -49,6 +53,51 @@ Exit codes:
   0  the scenario can be run
   2  the command line or the scenario is wrong; every error names its place, reason and fix";
 
+const SWEEP_EXAMPLES: &str = "\
+Examples:
+  metamorph sweep deploy/scenarios/swarm.toml --seeds 0..1000
+  metamorph sweep deploy/scenarios/swarm.toml --seeds 0..1000 --vary link.loss=0%,1%,5%
+  metamorph sweep deploy/scenarios/swarm.toml --seeds 0..200 --vary protocol.connectivity=forest,cycles \\
+      --vary goal.0.growth=scaffold,solid --out results
+  metamorph sweep (the same again) --out results --resume
+
+Every combination of the varied values is run with every seed, on the simulated link. A key is the
+names of tables and keys joined by dots, with the number of an element for lists: goal.0.growth. A
+value is TOML, or text without quotes; commas in brackets or quotes belong to it. At most 10 million
+runs and 10,000 combinations.
+
+Files in DIR: runs.csv has a line for every run, summary.json the numbers of the table, report.html
+shows them. They are the same on every machine and with any number of jobs.
+
+Ctrl-C ends a sweep; with --out every run that was done is kept. A second Ctrl-C ends it at once.
+
+Exit codes:
+  0  every run has ended, however it ended
+  1  the program itself failed, for example because a file could not be written
+  2  the command line, the scenario or the directory is wrong
+  6  an invariant broke in at least one run, such as two modules in one cell
+  7  stopped by Ctrl-C or SIGTERM before every run was done";
+
+const REPRODUCE_EXAMPLES: &str = "\
+Examples:
+  metamorph reproduce 4.1 4.2 fig4.5
+  metamorph reproduce 4.2 --seeds 100 --out results
+  metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
+
+Runs the thesis's experiment with metamodules (4.1.3) with every kind (PAR, PER, SRS, SRZ), strategy
+(greedy, slope, step, and our negotiated) and order of seeds (circular, crosswise, at-once), and
+prints the published numbers beside ours. What the thesis does not say is listed with them.
+
+Files in DIR: report.html with tables and plots, and for each of box and chair the scenario and a
+directory as `metamorph sweep` writes it.
+
+Exit codes:
+  0  every run has ended, however it ended
+  1  the program itself failed, for example because a file could not be written
+  2  the command line or the directory is wrong
+  6  an invariant broke in at least one run, such as two modules in one cell
+  7  stopped by Ctrl-C or SIGTERM before every run was done";
+
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
 and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
@@ -77,6 +126,12 @@ pub enum Command {
     /// Run a scenario and report what happened
     #[command(after_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
     Run(RunArgs),
+    /// Run a scenario with many seeds and varied values, and compare
+    #[command(after_help = SWEEP_EXAMPLES)]
+    Sweep(SweepArgs),
+    /// Run experiments of the thesis and print the published numbers beside ours
+    #[command(after_help = REPRODUCE_EXAMPLES)]
+    Reproduce(ReproduceArgs),
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
@@ -103,6 +158,93 @@ pub struct RunArgs {
     /// Print nothing but errors, and JSON if asked for
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// What `sweep` takes.
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    /// The scenario, a TOML file (see deploy/scenarios for examples)
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: PathBuf,
+    /// The seeds, from A to B without B: 0..1000 are 1,000 runs
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
+    pub seeds: String,
+    /// Run with each of these values of a key, for example link.loss=0%,1%,5% (repeatable: every
+    /// combination is run)
+    #[arg(long, value_name = "KEY=V1,V2,..", allow_hyphen_values = true)]
+    pub vary: Vec<String>,
+    /// Runs at the same time; as many as there are processors, if left out
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<NonZeroUsize>,
+    /// Write the results to files in this directory, which must be new or empty
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Go on with an interrupted sweep in DIR
+    #[arg(long, requires = "out")]
+    pub resume: bool,
+    /// Print nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl From<SweepArgs> for Request {
+    fn from(args: SweepArgs) -> Request {
+        Request {
+            scenario: args.scenario,
+            seeds: args.seeds,
+            vary: args.vary,
+            jobs: jobs(args.jobs),
+            out: args.out,
+            resume: args.resume,
+            quiet: args.quiet,
+        }
+    }
+}
+
+/// What `reproduce` takes.
+#[derive(Debug, Args)]
+pub struct ReproduceArgs {
+    /// Which tables and figures
+    #[arg(value_enum, required = true, value_name = "EXPERIMENT")]
+    pub experiments: Vec<Experiment>,
+    /// Random starts for every kind, strategy and order of seeds
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub seeds: u64,
+    /// Runs at the same time; as many as there are processors, if left out
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<NonZeroUsize>,
+    /// Write every run and a report to files in this directory, which must be new or empty
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Write the numbers as JSON to a file, or to standard output with `-` (the text for people then
+    /// goes to standard error)
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
+    pub json: Option<PathBuf>,
+    /// Print nothing but errors, and JSON if asked for
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl From<ReproduceArgs> for reproduce::Request {
+    fn from(args: ReproduceArgs) -> reproduce::Request {
+        reproduce::Request {
+            experiments: args.experiments,
+            seeds: args.seeds,
+            jobs: jobs(args.jobs),
+            out: args.out,
+            json: args.json,
+            quiet: args.quiet,
+        }
+    }
+}
+
+/// More threads than this are a slip of the finger.
+const MAX_JOBS: NonZeroUsize = NonZeroUsize::new(1024).expect("invariant: 1024 is not 0");
+
+/// How many runs at the same time.
+fn jobs(typed: Option<NonZeroUsize>) -> NonZeroUsize {
+    let all = || std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    typed.unwrap_or_else(all).min(MAX_JOBS)
 }
 
 /// What `check` takes.
@@ -148,6 +290,9 @@ pub struct PlanArgs {
     /// Probability that a message is overtaken by later ones
     #[arg(long, value_name = "P", allow_hyphen_values = true)]
     pub reorder: Option<String>,
+    /// Put a value into the scenario, for example link.loss=5% or goal.0.growth=solid (repeatable)
+    #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
+    pub set: Vec<String>,
     /// Scenario seconds per real second on `ipc`; `sim` is always as fast as it can be
     #[arg(long, value_name = "X", allow_hyphen_values = true)]
     pub time_scale: Option<String>,
@@ -178,6 +323,7 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
             duplicate: args.dup,
             reorder: args.reorder,
             time_scale: args.time_scale,
+            settings: args.set.into_iter().map(|text| Setting { option: "--set", text }).collect(),
         };
         (args.scenario, overrides)
     }

@@ -6,10 +6,12 @@ use crate::overview::overview;
 use crate::processes;
 use crate::report::human;
 use crate::report::schema::Report;
+use crate::reproduce::reproduce;
 use crate::robot::{self, RobotError};
 use crate::scenario::{LinkKind, Overrides, Plan, read_file};
 use crate::simulated::run_simulated;
 use crate::stopwatch::Stopwatch;
+use crate::sweep::{SweepError, sweep};
 use crate::terminal::{Channel, Live, complain, print_out};
 use clap::Parser;
 use metamorph_sim_bridge::outcome::Outcome;
@@ -55,6 +57,9 @@ enum Failure {
     /// The process link failed.
     #[error(transparent)]
     Processes(#[from] processes::ProcessError),
+    /// A sweep failed.
+    #[error(transparent)]
+    Sweep(#[from] SweepError),
     /// The Roombots model has no answer.
     #[error("metamorph: {0}")]
     Robot(#[from] RobotError),
@@ -64,6 +69,8 @@ impl Failure {
     fn exit_code(&self) -> u8 {
         match self {
             Failure::Robot(error) => error.exit_code(),
+            Failure::Sweep(error) if error.is_input() => BAD_USAGE,
+            Failure::Sweep(_) => FAILED,
             Failure::Input(_) | Failure::Json { .. } => BAD_USAGE,
             Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
         }
@@ -99,6 +106,8 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             print_out(&overview(&plan(&path, &overrides)?));
             Ok(0)
         }
+        Command::Sweep(args) => Ok(sweep(&args.into())?),
+        Command::Reproduce(args) => Ok(reproduce(&args.into())?),
         Command::Clean => {
             print_out(&processes::clean_up()?);
             Ok(0)
@@ -145,11 +154,7 @@ fn json_file(json: &Option<PathBuf>) -> Option<&Path> {
 
 fn deliver(report: &Report, json: &Option<PathBuf>, quiet: bool) -> Result<u8, Failure> {
     let to_stdout = json.as_deref() == Some(Path::new("-"));
-    let channel = match (quiet, to_stdout) {
-        (true, _) => Channel::Quiet,
-        (false, true) => Channel::Err,
-        (false, false) => Channel::Out,
-    };
+    let channel = Channel::beside(to_stdout, quiet);
     channel.say(&human(report, channel.paint()));
     let text = serde_json::to_string_pretty(report)
         .expect("invariant: a report is made of plain values, text keys and finite numbers");
@@ -160,16 +165,7 @@ fn deliver(report: &Report, json: &Option<PathBuf>, quiet: bool) -> Result<u8, F
         std::fs::write(file, text + "\n")
             .map_err(|error| Failure::Report { path: file.display().to_string(), error })?;
     }
-    let outcome = [
-        Outcome::Built,
-        Outcome::Deadlock,
-        Outcome::Livelock,
-        Outcome::Timeout,
-        Outcome::Unsafe,
-        Outcome::Aborted,
-    ]
-    .into_iter()
-    .find(|o| o.name() == report.outcome);
+    let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
     Ok(outcome.map_or(FAILED, Outcome::exit_code))
 }
 

@@ -1,10 +1,11 @@
 //! The world-controller: reads scenarios, runs swarms, injects failures, measures, reports.
 //!
 //! `scenario` makes a checked plan of what a person wrote; a driver runs it (`simulated` in virtual
-//! time, `processes` and `swarm` with one process per module); `report` says what happened. `robot`
-//! answers questions about the Roombots model, from the `database` that metamodules move by; `runnable`
-//! is what drivers and reports need of each family of units. `command` is the command line, `commands` carries it
-//! out, `terminal` prints what it has to say.
+//! time, `processes` and `swarm` with one process per module); `report` says what happened; `sweep`
+//! runs one scenario many times, `reproduce` the thesis's experiments. `robot` answers questions about the Roombots model, from the
+//! `database` that metamodules move by; `runnable` is what drivers and reports need of each family of
+//! units. `command` is the command line, `commands` carries it out, `terminal` prints what it has to
+//! say.
 //!
 //! Deliberately absent: decisions of the protocol (they are in `protocol`) and ground truth about
 //! the world (it is in `sim-bridge`).
@@ -16,10 +17,12 @@ pub mod interrupt;
 pub mod overview;
 pub mod processes;
 pub mod report;
+pub mod reproduce;
 pub mod robot;
 pub mod runnable;
 pub mod scenario;
 pub mod simulated;
 pub mod stopwatch;
 pub mod swarm;
+pub mod sweep;
 pub mod terminal;

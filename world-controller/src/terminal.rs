@@ -53,6 +53,14 @@ pub enum Channel {
 }
 
 impl Channel {
+    /// Standard output, unless a program reads it.
+    pub fn beside(taken: bool, quiet: bool) -> Channel {
+        match (quiet, taken) {
+            (true, _) => Channel::Quiet,
+            (false, true) => Channel::Err,
+            (false, false) => Channel::Out,
+        }
+    }
     /// The colours that suit the channel.
     pub fn paint(self) -> Paint {
         match self {

@@ -210,7 +210,7 @@ fn percent(part: u64, whole: u64) -> String {
 }
 
 /// Thousands apart, so that long numbers can be read.
-fn count(n: u64) -> String {
+pub fn count(n: u64) -> String {
     let digits = n.to_string();
     let mut out = String::new();
     for (i, digit) in digits.chars().enumerate() {
@@ -230,7 +230,8 @@ fn bytes(n: u64) -> String {
     }
 }
 
-fn seconds(s: f64) -> String {
+/// A length of time as short as it can be said.
+pub fn seconds(s: f64) -> String {
     if s < 0.000_5 {
         "0 s".to_owned()
     } else if s < 1.0 {

@@ -4,7 +4,7 @@
 mod human;
 pub mod schema;
 
-pub use human::{human, progress};
+pub use human::{count, human, progress, seconds};
 
 use crate::runnable::Account;
 use crate::scenario::Plan;
@@ -19,6 +19,7 @@ use schema::{
     Agents, ClassCounts, Collisions, FaultReport, GoalReport, Invariants, Machine, Messages, Report, SCHEMA,
     Standstill, Times, ViolationReport, Waiting,
 };
+use std::sync::OnceLock;
 use std::time::Duration;
 
 /// What a driver knows at the end of a run.
@@ -155,10 +156,16 @@ pub fn report(facts: &Facts<'_>) -> Report {
         machine: Machine {
             os: std::env::consts::OS.to_owned(),
             arch: std::env::consts::ARCH.to_owned(),
-            cores: std::thread::available_parallelism().map_or(1, |n| n.get() as u64),
+            cores: cores(),
             build: if cfg!(debug_assertions) { "debug" } else { "release" }.to_owned(),
         },
     }
+}
+
+/// Processors available. Looked up once: asking the system takes as long as a short run.
+fn cores() -> u64 {
+    static CORES: OnceLock<u64> = OnceLock::new();
+    *CORES.get_or_init(|| std::thread::available_parallelism().map_or(1, |n| n.get() as u64))
 }
 
 fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> String {

@@ -3,6 +3,7 @@
 //! One variant per reason, so that tests and callers can tell them apart; the text of a variant is
 //! the reason, [`Flaw::fix`] the way out. Absent: where it was found (see `problems`).
 
+use super::settings::KeyError;
 use metamorph_module_agent::Family;
 use metamorph_protocol::goal::GoalError;
 use metamorph_protocol::lattice::Cell;
@@ -286,6 +287,9 @@ pub enum Flaw {
         /// When the run ends.
         timeout: Span,
     },
+    /// A value for a key that leads nowhere.
+    #[error(transparent)]
+    Key(#[from] KeyError),
     /// An option that cannot be taken apart.
     #[error("`{0}` is not of the form {1}")]
     Form(String, &'static str),
@@ -363,6 +367,7 @@ impl Flaw {
                 "write one of kill, pause, restart, stick, crash, partition, obstacle per [[fault]]".into()
             }
             Flaw::AfterTheEnd { .. } => "let it happen earlier, or raise `timeout` in [stop]".into(),
+            Flaw::Key(error) => error.fix(),
             Flaw::Form(_, form) => format!("write for example `{}`", option_example(form)),
         }
     }
@@ -373,6 +378,7 @@ fn option_example(form: &str) -> &'static str {
         "ID@T..T" => "2@1s..3s",
         "T or T..T" => "10ms..100ms",
         "T..T" => "0s..60s",
+        "KEY=VALUE" => "link.loss=5%",
         _ => "3@2s",
     }
 }

@@ -1,9 +1,10 @@
 //! Scenarios: what a person writes in TOML, checked and made into a plan that a driver can run.
 //!
-//! `table` and `shapes` read values with their places, `raw` and `faults` a whole document and the
-//! options on the command line, `plan` checks what belongs together, `cube` and `metamodule` do both
-//! for what only one family has; `flaw` and `problems` say what is wrong, where, and what to do.
-//! Everything wrong is collected and shown at once.
+//! `settings` puts values of the command line into the document, `table` and `shapes` read values with
+//! their places, `raw` and `faults` a whole document and the other options on the command line, `plan`
+//! checks what belongs together, `cube` and `metamodule` do both for what only one family has; `flaw`
+//! and `problems` say what is wrong, where, and what to do. Everything wrong is collected and shown at
+//! once.
 //!
 //! Reading is slow and done once; [`Plan::with_seed`] is quick and gives the same plan with other
 //! chance: other places that are drawn, other crashes.
@@ -18,6 +19,7 @@ mod metamodule;
 mod plan;
 pub mod problems;
 mod raw;
+pub mod settings;
 mod shapes;
 mod table;
 
@@ -35,6 +37,7 @@ use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Stop;
 use metamorph_sim_bridge::faults::Schedule;
 use problems::Problems;
+use settings::Setting;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -85,6 +88,8 @@ pub struct Overrides {
     pub reorder: Option<String>,
     /// Scenario seconds per second on the process link.
     pub time_scale: Option<String>,
+    /// Values put into the scenario before it is read.
+    pub settings: Vec<Setting>,
 }
 
 impl Overrides {
@@ -94,7 +99,9 @@ impl Overrides {
             texts.iter().flat_map(|t| [name.to_owned(), t.clone()]).collect()
         };
         let one = |name: &'static str, text: &Option<String>| many(name, text.as_slice());
+        let settings: Vec<String> = self.settings.iter().map(|s| s.text.clone()).collect();
         [
+            many("--set", &settings),
             many("--kill", &self.kill),
             many("--pause", &self.pause),
             many("--restart", &self.restart),
@@ -219,14 +226,6 @@ impl Plan {
 
     /// The command that repeats the run.
     pub fn repeat_with(&self) -> String {
-        let quote = |text: String| {
-            let plain = |c: char| c.is_ascii_alphanumeric() || "/._-@%+=:,".contains(c);
-            if !text.is_empty() && text.chars().all(plain) {
-                text
-            } else {
-                format!("'{}'", text.replace('\'', r"'\''"))
-            }
-        };
         let mut words = vec!["metamorph".to_owned(), "run".to_owned(), quote(self.origin.clone())];
         words.extend(["--link".to_owned(), self.overrides.link.name().to_owned()]);
         words.extend(["--seed".to_owned(), self.seed.to_string()]);
@@ -235,8 +234,23 @@ impl Plan {
     }
 }
 
+/// A word of a command as a shell takes it.
+pub fn quote(text: String) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-@%+=:,".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        text
+    } else {
+        format!("'{}'", text.replace('\'', r"'\''"))
+    }
+}
+
 /// Reads and checks a scenario file.
 pub fn read_file(path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
+    read_text(&path.display().to_string(), &load(path)?, overrides)
+}
+
+/// The text of a scenario file.
+pub fn load(path: &Path) -> Result<String, Problems> {
     let origin = path.display().to_string();
     let unreadable = |error: std::io::Error| Problems::of_file(&origin, Flaw::Unreadable(error.to_string()));
     let file = File::open(path).map_err(unreadable)?;
@@ -245,14 +259,13 @@ pub fn read_file(path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
     if bytes.len() as u64 > MAX_BYTES {
         return Err(Problems::of_file(&origin, Flaw::FileTooLarge));
     }
-    let text = String::from_utf8(bytes).map_err(|_| Problems::of_file(&origin, Flaw::NotUtf8))?;
-    read_text(&origin, &text, overrides)
+    String::from_utf8(bytes).map_err(|_| Problems::of_file(&origin, Flaw::NotUtf8))
 }
 
 /// Reads and checks the text of a scenario; `origin` is how messages call it.
 pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan, Problems> {
     let mut problems = Problems::new(origin, text);
-    let (document, errors) = DeTable::parse_recoverable(text);
+    let (mut document, errors) = DeTable::parse_recoverable(text);
     for error in errors {
         let flaw = Flaw::Syntax(error.message().to_owned());
         match error.span() {
@@ -264,6 +277,7 @@ pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan
     if !problems.is_empty() {
         return Err(problems.sorted());
     }
+    settings::apply(document.get_mut(), &overrides.settings, text, &mut problems);
     let raw = raw::Raw::read(document.get_ref(), overrides, &mut problems);
     match plan::make(&raw, overrides, &mut problems) {
         Some(plan) if problems.is_empty() => {

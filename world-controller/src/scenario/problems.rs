@@ -2,6 +2,7 @@
 //! a caret, and the fix.
 
 use super::flaw::Flaw;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
@@ -62,13 +63,25 @@ pub struct Problem {
 pub struct Problems {
     origin: String,
     text: String,
+    /// Values that came from options lie behind the end of the text, at these places.
+    options: BTreeMap<usize, String>,
     list: Vec<Problem>,
 }
 
 impl Problems {
     /// No problem yet, in a text from a file of this name.
     pub fn new(origin: &str, text: &str) -> Problems {
-        Problems { origin: origin.to_owned(), text: text.to_owned(), list: Vec::new() }
+        Problems {
+            origin: origin.to_owned(),
+            text: text.to_owned(),
+            options: BTreeMap::new(),
+            list: Vec::new(),
+        }
+    }
+    /// From now on, what is wrong at this place behind the end of the text is wrong with this option.
+    pub fn option_at(&mut self, start: usize, option: String) -> Place {
+        self.options.insert(start, option.clone());
+        Place::Option(option)
     }
     /// A single problem with a file whose text is not known.
     pub fn of_file(origin: &str, flaw: Flaw) -> Problems {
@@ -78,7 +91,13 @@ impl Problems {
     }
     /// Notes a flaw.
     pub fn add(&mut self, place: impl Into<Place>, flaw: impl Into<Flaw>) {
-        self.list.push(Problem { place: place.into(), flaw: flaw.into() });
+        let mut place = place.into();
+        if let Place::Text { start, .. } = place
+            && let Some(option) = self.options.get(&start)
+        {
+            place = Place::Option(option.clone());
+        }
+        self.list.push(Problem { place, flaw: flaw.into() });
     }
     /// The value, or the flaw noted.
     pub fn note<T, F: Into<Flaw>>(&mut self, place: &Place, result: Result<T, F>) -> Option<T> {

@@ -1,0 +1,89 @@
+//! `metamorph reproduce` as a user types it.
+#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+
+use metamorph_tests::command::run;
+use metamorph_world_controller::reproduce::compare::{Reproduction, SCHEMA};
+use std::fs;
+
+#[test]
+fn published_and_own_numbers_stand_side_by_side() {
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("results");
+    let json = directory.path().join("numbers.json");
+    let (out_text, json_text) = (out.display().to_string(), json.display().to_string());
+    let ran = run(&["reproduce", "4.1", "--seeds", "1", "--out", &out_text, "--json", &json_text]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    for part in [
+        "Table 4.1: four metamodules build the box",
+        "4* 0 0*",
+        "CL of slope is printed as 4, its cells add up to 11",
+        "negotiated",
+        "95 % interval",
+        "What the thesis does not say",
+        "Start positions",
+    ] {
+        assert!(ran.out.contains(part), "`{part}` is missing in {}", ran.out);
+    }
+    let all: Reproduction = serde_json::from_str(&fs::read_to_string(&json).unwrap()).unwrap();
+    assert_eq!((all.schema, all.runs, all.runs_planned, all.violations), (SCHEMA, 48, 48, 0));
+    assert_eq!(all.experiments[0].cells.len(), 16);
+    for file in [
+        "report.html",
+        "box.toml",
+        "box/manifest.json",
+        "box/runs.csv",
+        "box/summary.json",
+        "box/report.html",
+    ] {
+        assert!(out.join(file).is_file(), "{file} is missing");
+    }
+    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("metamorph reproduce 4.1 --seeds 1") && page.contains("4, really 11"));
+    // One of the runs alone, from the scenario that was left there.
+    let runs = fs::read_to_string(out.join("box/runs.csv")).unwrap();
+    let line = runs.lines().find(|line| line.contains(",SRS,negotiated,crosswise,")).unwrap();
+    let scenario = out.join("box.toml").display().to_string();
+    let ran = run(&[
+        "run",
+        &scenario,
+        "--link",
+        "sim",
+        "--seed",
+        "0",
+        "--quiet",
+        "--json",
+        "-",
+        "--set",
+        "swarm.kind=SRS",
+        "--set",
+        "protocol.strategy=negotiated",
+        "--set",
+        "goal.0.order=crosswise",
+    ]);
+    let report: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+    assert!(line.ends_with(report["trace_hash"].as_str().unwrap()), "{line} {}", report["trace_hash"]);
+}
+
+#[test]
+fn what_is_typed_wrong_is_refused() {
+    let full = tempfile::tempdir().unwrap();
+    fs::write(full.path().join("something"), "").unwrap();
+    let full = full.path().display().to_string();
+    let cases: &[(&[&str], &str)] = &[
+        (&[], "EXPERIMENT"),
+        (&["4.3"], "[possible values: 4.1, 4.2, fig4.5]"),
+        (&["4.1", "--seeds", "0"], "--seeds"),
+        (&["4.1", "--seeds", "1000000"], "--seeds"),
+        (&["4.1", "--out", &full], "is not empty\n  fix: "),
+        (&["4.1", "--json", "/no/such/directory/numbers.json"], "cannot write there"),
+    ];
+    for (args, part) in cases {
+        let ran = run(&[&["reproduce"], *args].concat());
+        assert_eq!(ran.code, Some(2), "{args:?}: {ran:?}");
+        assert!(ran.err.contains(part) && ran.out.is_empty(), "`{part}` is missing in: {}", ran.err);
+    }
+    let help = run(&["reproduce", "--help"]).out;
+    for part in ["fig4.5", "--seeds", "--jobs", "--out", "--json", "Exit codes", "Examples"] {
+        assert!(help.contains(part), "`{part}` is missing in {help}");
+    }
+}
