@@ -32,7 +32,7 @@ impl Places {
         Places { first: vec![0; states], entries: Vec::new(), floor }
     }
     /// How many there are.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.entries.len()
     }
     /// Invariant: poses on their way through a search stand on the floor.

@@ -162,10 +162,6 @@ impl Graph {
             self.cells.get(i as usize).copied()
         })
     }
-    /// How many postures there are; their numbers are below.
-    pub fn len(&self) -> usize {
-        self.filled.len()
-    }
     /// The cells of a posture, from the foot on; of an unknown one those of the first.
     pub fn filled(&self, posture: u16) -> [Cell; 4] {
         self.filled.get(usize::from(posture)).copied().unwrap_or_default()
@@ -206,7 +202,7 @@ impl Graph {
         mut see: impl FnMut(u16, u8) -> bool,
         mut came: impl FnMut(u16, u16, u16),
     ) {
-        if usize::from(from) >= self.len() {
+        if usize::from(from) >= self.filled.len() {
             return;
         }
         let mut blocked = vec![0u64; self.swept.len().div_ceil(64)];
@@ -216,9 +212,9 @@ impl Graph {
             blocked.iter_mut().zip(sweepers).for_each(|(b, s)| *b |= s);
             bits &= bits - 1;
         }
-        let mut visited = vec![false; self.len()];
+        let mut visited = vec![false; self.filled.len()];
         visited[usize::from(from)] = true;
-        let mut queue = Vec::with_capacity(self.len());
+        let mut queue = Vec::with_capacity(self.filled.len());
         queue.push(from);
         let (mut next, mut turns, mut level_ends) = (0, 0u8, 1);
         while let Some(at) = queue.get(next).copied() {
@@ -271,7 +267,7 @@ impl Graph {
     }
 
     fn find_way(&self, from: u16, to: u16, taken: Bits) -> Option<Steps> {
-        let mut came_by = vec![None; self.len()];
+        let mut came_by = vec![None; self.filled.len()];
         self.search(
             from,
             taken,
@@ -349,7 +345,7 @@ mod tests {
                 }
             }
             assert_eq!(graph.way(0, u16::MAX, 0), None);
-            let turned = (0..graph.len() as u16).filter_map(|p| graph.landing(p)).map(|(_, t)| t);
+            let turned = (0..graph.filled.len() as u16).filter_map(|p| graph.landing(p)).map(|(_, t)| t);
             assert!(turned.into_iter().all(|t| graph.rest(t).is_some()), "who has landed can land back");
             assert!(database.cells().iter().all(|c| graph.bit(*c) != 0), "every cell has a bit");
         }

@@ -5,11 +5,13 @@ use std::sync::{Mutex, PoisonError};
 
 /// Answers by question: sets of four, of which the one asked for least recently makes room.
 pub struct Memo<K, V> {
-    sets: Mutex<Vec<[Option<(K, V)>; WAYS]>>,
+    sets: Mutex<Vec<Set<K, V>>>,
     count: usize,
 }
 
 const WAYS: usize = 4;
+/// The one used last comes first.
+type Set<K, V> = [Option<(K, V)>; WAYS];
 
 impl<K, V> Memo<K, V> {
     /// Keeps this many answers at most; a multiple of four. Takes room only when it is used.

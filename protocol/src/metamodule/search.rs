@@ -131,7 +131,7 @@ impl Ground<'_> {
             {
                 queue.push((Reverse(cost + u32::from(turns)), Reverse(at), Some(last)));
             }
-            if left.len() == MOST_LEFT {
+            if left.count() == MOST_LEFT {
                 return None;
             }
             left.add(pose, &reach, 0);
@@ -158,7 +158,7 @@ impl Ground<'_> {
                 return true;
             }
             let reach = self.reach(pose);
-            if left.get(pose, reach.lands).is_none() && left.len() < MOST_LEFT {
+            if left.get(pose, reach.lands).is_none() && left.count() < MOST_LEFT {
                 left.add(pose, &reach, 0);
                 edge.extend(reach.landings.iter().filter_map(|l| self.landed(pose, l.posture)));
             }
@@ -185,7 +185,7 @@ impl Ground<'_> {
             if let Some((last, turns)) = fitting.min_by_key(|(_, turns)| *turns) {
                 queue.push((Reverse(cost + u32::from(*turns)), Reverse(at), Some(*last)));
             }
-            if left.len() == MOST_LEFT {
+            if left.count() == MOST_LEFT {
                 return None;
             }
             left.add(pose, &reach, 0);
