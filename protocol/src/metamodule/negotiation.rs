@@ -164,7 +164,8 @@ impl Metamodule {
         let in_way_of = in_way_of.map(|(_, rank)| *rank).min();
         let is_first = claim.is_some_and(|c| self.is_first(&scene, c));
         let is_done = self.core.filled.holds(self.goal().all());
-        if in_way_of.is_some() || !(is_first || is_done || self.is_safe(self.core.pose)) {
+        if in_way_of.is_some() || !(is_first || is_done || self.is_safe(&scene, self.core.id, self.core.pose))
+        {
             let rank = in_way_of.map_or(Rank::NONE, Rank::below);
             let kept = std::mem::take(&mut self.core.course);
             let plan = self.make_way(&scene, rank);
@@ -359,10 +360,10 @@ impl Metamodule {
         let first = self.is_first(scene, claim);
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
-        let walls_in = waited <= patience && scene.free.iter().any(|o| !self.is_safe(o.pose));
+        let walls_in = waited <= patience && scene.free.iter().any(|o| !self.is_safe(scene, o.id, o.pose));
         let planned = fingerprint(&self.planned(scene, claim.seed));
         if self.core.intent.planned_in == planned
-            && let Some(plan) = self.next_leg(&scene.taken, corridor, claim, first, walls_in)
+            && let Some(plan) = self.next_leg(scene, &scene.taken, corridor, claim, first, walls_in)
         {
             return Some(plan);
         }
@@ -379,7 +380,7 @@ impl Metamodule {
         let looked_in = (fingerprint(&bodies), waited <= patience);
         let fits = self.core.intent.planned_in == planned;
         // Whoever has been granted a way will be through it soon.
-        let is_open = || self.next_leg(&bodies, &[], claim, true, false).is_some();
+        let is_open = || self.next_leg(scene, &bodies, &[], claim, true, false).is_some();
         if fits && (self.core.intent.looked_in == looked_in || (is_open() && waited <= patience)) {
             return None;
         }
@@ -389,7 +390,7 @@ impl Metamodule {
         };
         self.core.course = course;
         (self.core.intent.looked_in, self.core.intent.planned_in) = (looked_in, planned);
-        self.next_leg(&scene.taken, corridor, claim, first, walls_in)
+        self.next_leg(scene, &scene.taken, corridor, claim, first, walls_in)
     }
 
     /// Leaves a seed to somebody else.
@@ -410,6 +411,7 @@ impl Metamodule {
     /// in.
     fn next_leg(
         &self,
+        scene: &Scene,
         taken: &[Cell],
         corridor: &[(Vec<Cell>, Rank)],
         claim: Claim,
@@ -426,7 +428,7 @@ impl Metamodule {
             if corridor.iter().any(|(cells, _)| ends.iter().any(|c| cells.contains(c))) {
                 return None;
             }
-            if !first && !self.is_safe(Pose { posture, ..pose }) {
+            if !first && !self.is_safe(scene, self.core.id, Pose { posture, ..pose }) {
                 return None;
             }
         } else if !first || walls_in {
@@ -438,16 +440,15 @@ impl Metamodule {
     /// The way out of everything at least as important as what this metamodule makes way for. Its
     /// first leg, if it is free.
     fn make_way(&mut self, scene: &Scene, rank: Rank) -> Option<Plan> {
-        let corridor = self.corridor(scene, rank);
+        let (corridor, me) = (self.corridor(scene, rank), self.core.id);
         let motions = &self.setup.motions;
         let is_clear = |pose: Pose| {
             let cells = motions.cells(pose);
             !cells.iter().any(|cell| corridor.iter().any(|(cells, _)| cells.contains(cell)))
         };
-        let is_apart = |pose: Pose| is_clear(pose) && self.is_safe(pose);
+        let is_apart = |pose: Pose| is_clear(pose) && self.is_safe(scene, me, pose);
         let pose = self.core.pose;
         // Whoever is more important does not make way.
-        let me = self.core.id;
         let is_firm = |o: &&Other| o.way.is_some_and(|w| (w.rank, o.id) < (rank, me));
         let firm = scene.free.iter().filter(is_firm).flat_map(|o| o.cells);
         let firm: Vec<Cell> = scene.fixed.iter().copied().chain(firm).collect();
@@ -466,9 +467,9 @@ impl Metamodule {
     }
 
     /// Whether whoever stands like this is out of the way of what is built, and can get away when all of
-    /// it is: the goal and one cell around it are kept free, and whoever lies beside it may need room
-    /// that the goal will take.
-    fn is_safe(&self, pose: Pose) -> bool {
+    /// it is, even if nobody else moves: the goal and one cell around it are kept free, and whoever lies
+    /// beside it may need room that the goal will take.
+    fn is_safe(&self, scene: &Scene, id: ModuleId, pose: Pose) -> bool {
         let motions = &self.setup.motions;
         let feet = || self.setup.seeds(self.core.task).map(|(_, s)| s.foot);
         let beyond = |of: fn((i16, i16)) -> i16, v: i16, by: i16| {
@@ -481,6 +482,10 @@ impl Metamodule {
         }
         let mut taken = self.fixed();
         taken.extend(self.setup.seeds(self.core.task).flat_map(|(_, s)| s.cells()));
+        taken.extend(scene.free.iter().filter(|o| o.id != id).flat_map(|o| o.cells));
+        if id != self.core.id {
+            taken.extend(motions.cells(self.core.pose));
+        }
         if self.ground(&taken).taken_at(pose) == 0 {
             return true;
         }
