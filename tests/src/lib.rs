@@ -3,8 +3,10 @@
 //! [`probe`] is a family of units that does nothing but send what it is told and report what it
 //! sees; [`mod@conformance`] is the one suite that every driver passes, written against it; [`chaos`]
 //! breaks swarms of real processes from outside; [`growth`] is the experiment that tests of the cube
-//! protocol vary, [`metamodules`] the one of the thesis; [`command`] is `metamorph` as a user types it.
+//! protocol vary, [`metamodules`] the one of the thesis, whose variations [`cases`] gives names;
+//! [`command`] is `metamorph` as a user types it; [`statistics`] compares samples.
 
+pub mod cases;
 pub mod chaos;
 pub mod command;
 pub mod conformance;
@@ -12,4 +14,5 @@ pub mod growth;
 pub mod metamodules;
 pub mod probe;
 pub mod script;
+pub mod statistics;
 pub mod testbed;

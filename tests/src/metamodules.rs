@@ -14,7 +14,7 @@ use metamorph_protocol::roombots::database::Database;
 use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::Stop;
-use metamorph_sim_bridge::faults::{Fault, Schedule};
+use metamorph_sim_bridge::faults::{Fault, Schedule, Struck};
 use metamorph_sim_bridge::invariants::Violation;
 use metamorph_sim_bridge::metamodule_director::{MetamoduleDirector, MetamodulePlan};
 use metamorph_sim_bridge::metamodule_world::{Deeds, MetamoduleWorld};
@@ -30,11 +30,14 @@ pub fn database() -> Arc<Database> {
     Arc::clone(ONCE.get_or_init(|| Arc::new(Database::build())))
 }
 
+fn new_motions(kind: Kind) -> Motions {
+    Motions::new(database(), kind).expect("invariant: metamodules have motions")
+}
+
 /// The motions of each kind, made once per process.
 fn motions(kind: Kind) -> Motions {
     static ONCE: OnceLock<Vec<Motions>> = OnceLock::new();
-    let of = |kind| Motions::new(database(), kind).expect("invariant: metamodules have motions");
-    let all = ONCE.get_or_init(|| Kind::METAMODULES.map(of).into());
+    let all = ONCE.get_or_init(|| Kind::METAMODULES.map(new_motions).into());
     all[Kind::METAMODULES.iter().position(|k| *k == kind).expect("invariant: a metamodule")].clone()
 }
 
@@ -48,6 +51,16 @@ pub enum Goal {
 }
 
 impl Goal {
+    /// Both.
+    pub const ALL: [Goal; 2] = [Goal::Box, Goal::Chair];
+
+    /// The name used in scenarios.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Goal::Box => "box",
+            Goal::Chair => "chair",
+        }
+    }
     /// Its blueprint, in the middle of the floor.
     pub fn blueprint(self, order: SeedOrder) -> Blueprint {
         let levels = match self {
@@ -88,6 +101,10 @@ pub struct Assembled {
     pub stall: Option<Stall>,
     /// Seeds filled.
     pub filled: usize,
+    /// How far the goal was moved.
+    pub shift: (i16, i16),
+    /// What was broken.
+    pub struck: Vec<Struck>,
     /// Invariants broken: the first ones.
     pub violations: Vec<Violation>,
     /// How many in all.
@@ -172,6 +189,13 @@ impl Assembly {
         self.setup = Arc::new(setup);
         self
     }
+    /// Nothing has been worked out before: the motions keep answers, and these have been asked nothing.
+    pub fn with_new_motions(mut self) -> Assembly {
+        let mut setup = (*self.setup).clone();
+        setup.motions = new_motions(setup.kind());
+        self.setup = Arc::new(setup);
+        self
+    }
     /// This fault strikes.
     pub fn fault(mut self, at: Time, fault: Fault) -> Assembly {
         self.faults.push((at, fault));
@@ -216,6 +240,8 @@ impl Assembly {
             outcome: sim.director().outcome(),
             stall: sim.director().stall().cloned(),
             filled: sim.director().progress().filled,
+            shift: sim.director().task().shift,
+            struck: sim.director().struck().to_vec(),
             violations: violations.to_vec(),
             broken,
             tally: *sim.tally(),

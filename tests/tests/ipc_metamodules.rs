@@ -1,7 +1,9 @@
 //! The real thing: metamodules as processes run the thesis's box and chair, as `metamorph run` does.
+#![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
 
 use metamorph_tests::chaos::signal_to;
 use metamorph_tests::command::{Ran, command, scenario};
+use metamorph_tests::statistics::{critical_distance, kolmogorov_smirnov, mean};
 use metamorph_world_controller::report::schema::Report;
 use rustix::process::Signal;
 use std::process::Stdio;
@@ -11,10 +13,10 @@ use std::time::Duration;
 /// No run takes longer. One that does is asked to end, so that it removes what it has made.
 const WATCHDOG: Duration = Duration::from_secs(240);
 
-/// Runs a scenario that ships with the program as processes, fifty times as fast as real ones.
-fn as_processes(name: &str, options: &[&str]) -> Report {
+/// Runs a scenario that ships with the program, and returns what must not be otherwise.
+fn run(name: &str, link: &str, options: &[&str]) -> Report {
     let path = scenario(name).display().to_string();
-    let fixed = ["run", path.as_str(), "--link", "ipc", "--time-scale", "50", "--json", "-"];
+    let fixed = ["run", path.as_str(), "--link", link, "--json", "-"];
     let mut command = command(&[&fixed, options].concat());
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
     let pid = child.id() as i32;
@@ -22,21 +24,23 @@ fn as_processes(name: &str, options: &[&str]) -> Report {
     std::thread::spawn(move || sender.send(child.wait_with_output()));
     let Ok(output) = ended.recv_timeout(WATCHDOG) else {
         signal_to(pid, Signal::TERM);
-        panic!("{name} was not over in time");
+        panic!("{name} {options:?} was not over in time");
     };
     let ran = Ran::from(output.expect("a child can be waited for"));
     let report: Report = serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"));
-    #[allow(clippy::print_stdout, reason = "shown only when the test fails or is asked to")]
-    {
-        println!("{}", ran.err);
-    }
-    assert_eq!((report.family.as_str(), report.link.as_str()), ("metamodule", "ipc"));
+    println!("{}", ran.err);
+    assert_eq!((report.family.as_str(), report.link.as_str()), ("metamodule", link));
     assert_eq!((report.invariants.broken, report.collisions.suffered), (0, 0), "{:?}", report.invariants);
     assert_eq!(report.notes, [""; 0]);
     for (class, counts) in &report.messages.by_class {
         assert!(counts.in_flight >= 0, "{class} {counts:?}");
     }
     report
+}
+
+/// Runs it as processes, fifty times as fast as real ones: in two to four seconds.
+fn as_processes(name: &str, options: &[&str]) -> Report {
+    run(name, "ipc", &[&["--time-scale", "50"], options].concat())
 }
 
 #[test]
@@ -57,4 +61,56 @@ fn a_chair_of_six_processes_while_things_break() {
     assert_eq!(agents, (7, 6, 1));
     assert!(report.move_details.failed > 0 && report.messages.all.lost > 0);
     assert_eq!((report.faults.len(), report.faults[0].fault.as_str()), (1, "kill"));
+}
+
+#[test]
+fn chairs_of_six_processes() {
+    for seed in ["4", "5"] {
+        let report = as_processes("chair.toml", &["--seed", seed]);
+        let came_to = (report.outcome.as_str(), report.goal.filled, report.agents.crashed);
+        assert_eq!(came_to, ("built", 6, 0), "seed {seed}: {}", report.reason);
+    }
+}
+
+/// The simulator stands for the real thing: from the same starts, over links with the same delays,
+/// both build, with as many moves. Real processes do not repeat a run event by event, so it is the
+/// distributions that are compared.
+///
+/// At fifty times real speed a millisecond that a process is late counts as 50 ms of scenario time,
+/// which is within the 10 to 100 ms that links are slow by anyway; at ten times that speed the scheduler
+/// would decide who goes first, and slower it would only take longer.
+fn compare(name: &str, seeds: std::ops::RangeInclusive<u64>) {
+    let (mut real, mut simulated) = (Vec::new(), Vec::new());
+    for seed in seeds {
+        let number = seed.to_string();
+        let options = ["--seed", number.as_str(), "--delay", "10ms..100ms"];
+        let (r, s) = (as_processes(name, &options), run(name, "sim", &options));
+        let repeat = (&r.repeat, &s.repeat);
+        assert_eq!(r.outcome, s.outcome, "{name}, seed {seed}: {} / {}: {repeat:?}", r.reason, s.reason);
+        real.push(r.moves);
+        simulated.push(s.moves);
+    }
+    let distance = kolmogorov_smirnov(&real, &simulated);
+    let most = critical_distance(real.len(), simulated.len());
+    println!(
+        "{name}, {} seeds: {:.2} moves by processes, {:.2} simulated; KS distance {distance:.3}, 1% level {most:.3}",
+        real.len(),
+        mean(&real),
+        mean(&simulated)
+    );
+    assert!(distance <= most, "{name}: {distance} is more than {most}: {real:?} {simulated:?}");
+}
+
+/// `cargo test -p metamorph-tests --test ipc_metamodules -- --ignored --nocapture boxes_of_processes_and_simulated`
+#[test]
+#[ignore = "minutes: fifty runs of processes"]
+fn boxes_of_processes_and_simulated_are_alike() {
+    compare("box.toml", 1..=50);
+}
+
+/// `cargo test -p metamorph-tests --test ipc_metamodules -- --ignored --nocapture chairs_of_processes_and_simulated`
+#[test]
+#[ignore = "minutes: fifty runs of processes"]
+fn chairs_of_processes_and_simulated_are_alike() {
+    compare("chair.toml", 1..=50);
 }

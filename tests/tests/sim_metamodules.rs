@@ -1,54 +1,45 @@
 //! The thesis's experiment on the simulated link: whatever happens, no invariant breaks; the same seed
-//! gives the same run; what is built is what was to be built. How often it is built is printed, not
-//! promised: the strategies of the thesis deadlock.
+//! gives the same run; what is built is what was to be built. How often the strategies of the thesis
+//! build is printed, not promised: they deadlock. `negotiated` builds.
 #![allow(clippy::print_stdout, reason = "rates are printed for whoever asks with --nocapture")]
+#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
-use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::roombots::Kind;
-use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::faults::Fault;
+use metamorph_tests::cases::{Case, REPEAT, VARIATIONS, Variation, check_all, run_all};
 use metamorph_tests::metamodules::{Assembled, Assembly, Goal};
 
-fn check(name: &str, ran: &Assembled) {
-    assert_eq!(ran.broken, 0, "{name}: {:?}", ran.violations);
-    assert!(ran.outcome.is_some(), "{name}: it must end");
-
-    if !ran.built() {
-        assert!(ran.stall.is_some(), "{name}: whoever does not build says why");
-    }
+fn variation(name: &str) -> &'static Variation {
+    Variation::named(name).unwrap()
 }
 
-fn goal_with_every_strategy(goal: Goal, seeds: u64) {
-    for strategy in Strategy::ALL {
-        for kind in Kind::METAMODULES {
-            let mut built = 0;
-            for seed in 0..seeds {
-                let name = format!("{goal:?} {kind} {} seed {seed}", strategy.name());
-                let order = SeedOrder::ALL[(seed % 3) as usize];
-                let ran = Assembly::new(goal, kind, strategy, order, seed).run();
-                check(&name, &ran);
-                built += u64::from(ran.built());
-            }
-            println!("{goal:?} {} {kind}: {built} of {seeds} built", strategy.name());
-        }
+/// The runs of these variations, each with so many seeds.
+fn varied(strategy: Strategy, names: &[&str], seeds: u64) -> impl Iterator<Item = Case> + Send {
+    let variations: Vec<_> = names.iter().map(|n| variation(n)).collect();
+    variations.into_iter().flat_map(move |v| Case::all(strategy, v, 0..seeds))
+}
+
+#[test]
+fn the_strategies_of_the_thesis_break_no_invariant() {
+    for strategy in Strategy::PUBLISHED {
+        let names = ["plain", "decentralised", "loss", "failed-connections", "restart", "stuck-joint"];
+        check_all(varied(strategy, &names, 1));
     }
 }
 
 #[test]
-fn a_box_of_four_breaks_no_invariant() {
-    goal_with_every_strategy(Goal::Box, 3);
-}
-
-#[test]
-fn a_chair_of_six_breaks_no_invariant() {
-    goal_with_every_strategy(Goal::Chair, 1);
+#[ignore = "fails: two that had settled do not ask each other when the goal has moved (box/PER/greedy/at-once/0/everything)"]
+fn the_strategies_of_the_thesis_break_no_invariant_when_the_goal_moves() {
+    for strategy in Strategy::PUBLISHED {
+        check_all(varied(strategy, &["change", "relocation", "crash", "everything"], 1));
+    }
 }
 
 /// Somebody builds something: the machinery is not only safe by standing still.
 #[test]
-fn boxes_get_built() {
+fn the_strategies_of_the_thesis_build_boxes() {
     let run = |seed| Assembly::new(Goal::Box, Kind::Per, Strategy::Step, SeedOrder::Circular, seed).run();
     let built: Vec<Assembled> = (0..10).map(run).filter(Assembled::built).collect();
     assert!(!built.is_empty());
@@ -58,39 +49,140 @@ fn boxes_get_built() {
     }
 }
 
+/// Whoever tells which seeds are open.
 #[test]
-fn the_same_seed_gives_the_same_run() {
-    let run = |seed| {
-        let ran = Assembly::new(Goal::Box, Kind::Srz, Strategy::Slope, SeedOrder::AtOnce, seed).run();
-        (ran.trace, ran.digest, ran.poses)
-    };
-    assert_eq!(run(5), run(5));
-    assert_ne!(run(5).0, run(6).0);
+fn negotiated_builds() {
+    let told = ["plain", "decentralised"].map(variation).into_iter();
+    let came = check_all(told.flat_map(|v| Case::all(Strategy::Negotiated, v, 0..25)));
+    for sum in came.sums.values() {
+        assert_eq!((sum.runs, sum.built, sum.broken), (200, 200, 0));
+    }
 }
 
-type Variation = (&'static str, fn(Assembly) -> Assembly);
+#[test]
+fn negotiated_builds_whatever_breaks() {
+    let names =
+        ["failed-connections", "long-pause", "change", "relocation", "stuck-joint", "crash", "everything"];
+    check_all(varied(Strategy::Negotiated, &names, 3));
+}
 
 #[test]
-fn faults_break_no_invariant() {
-    let at = |s: u64| Time(s * 1_000_000_000);
-    let variations: [Variation; 6] = [
-        ("10% loss", |a| a.loss("10%")),
-        ("5% failed connections", |a| a.failed_connections("5%")),
-        ("decentralised", Assembly::decentralised),
-        ("a stuck joint", |a| a.fault(Time(1), Fault::Stick(ModuleId(1)))),
-        ("a crash on the way", |a| a.fault(Time(7_500_000_000), Fault::Kill(ModuleId(2)))),
-        ("a restart on the way, 5% loss", |a| {
-            a.loss("5%").fault(Time(7_500_000_000), Fault::Restart(ModuleId(2)))
-        }),
-    ];
-    for (name, vary) in variations {
-        for seed in 0..3 {
-            let base = Assembly::new(Goal::Box, Kind::Per, Strategy::Step, SeedOrder::Circular, seed);
-            check(&format!("{name}, seed {seed}"), &vary(base).run());
+#[ignore = "fails: a seed stays barred to the last one for longer than a standstill lasts (box/SRZ/negotiated/at-once/2/loss)"]
+fn negotiated_builds_when_messages_are_lost() {
+    check_all(varied(Strategy::Negotiated, &["loss"], 3));
+}
+
+#[test]
+#[ignore = "fails: the seed of a settled one that restarts is taken for filled for ever (box/PAR/negotiated/crosswise/1/restart)"]
+fn negotiated_builds_after_a_restart() {
+    check_all(varied(Strategy::Negotiated, &["restart"], 3));
+}
+
+#[test]
+fn negotiated_builds_when_obstacles_have_gone() {
+    check_all(varied(Strategy::Negotiated, &["passing-obstacles"], 3));
+}
+
+#[test]
+#[ignore = "fails: the time without a deed while an obstacle stayed counts as a standstill as soon as it goes"]
+fn negotiated_builds_when_obstacles_have_gone_after_a_long_time() {
+    check_all(varied(Strategy::Negotiated, &["lasting-obstacles"], 3));
+}
+
+/// Where it does not get on, it is safe.
+#[test]
+fn negotiated_breaks_no_invariant() {
+    for (of, sum) in run_all(varied(Strategy::Negotiated, &["loss", "restart", "lasting-obstacles"], 1)).sums
+    {
+        assert_eq!((sum.runs, sum.broken), (8, 0), "{of:?}");
+    }
+}
+
+/// What is made difficult does happen: obstacles and whom faults hit are where they matter.
+#[test]
+fn variations_vary() {
+    let of = |name, seed| Case {
+        goal: Goal::Box,
+        kind: Kind::Srs,
+        strategy: Strategy::Negotiated,
+        order: SeedOrder::Crosswise,
+        seed,
+        variation: variation(name),
+    };
+    for seed in 0..3 {
+        let plain = of("plain", seed).run().0;
+        assert_eq!((plain.struck.len(), plain.deeds.failed, plain.shift), (0, 0, (0, 0)));
+        let hindered = of("passing-obstacles", seed).run().0;
+        let came = |s: &&metamorph_sim_bridge::faults::Struck| {
+            matches!(s.fault, Fault::Block(_)) && s.effect.ends_with("the cell was free")
+        };
+        assert!(hindered.struck.iter().filter(came).count() >= 3, "{:?}", hindered.struck);
+        assert!(hindered.outcome.unwrap().0 > plain.outcome.unwrap().0, "the first seed has to wait");
+        assert_ne!(of("relocation", seed).run().0.shift, (0, 0));
+        assert_eq!(of("change", seed).run().0.filled, 6);
+        assert!(of("loss", seed).run().0.tally.total().lost > 0);
+        for fault in ["restart", "stuck-joint", "crash"] {
+            assert_eq!(of(fault, seed).run().0.struck.len(), 1, "{fault}");
         }
     }
-    let paused = Assembly::new(Goal::Box, Kind::Srs, Strategy::Slope, SeedOrder::AtOnce, 1)
-        .fault(at(5), Fault::Pause(ModuleId(0)))
-        .fault(at(90), Fault::Resume(ModuleId(0)));
-    check("a long stop", &paused.run());
+}
+
+#[test]
+fn the_same_seed_gives_the_same_run() {
+    for strategy in [Strategy::Slope, Strategy::Negotiated] {
+        let run = |seed| {
+            let ran = Assembly::new(Goal::Box, Kind::Srz, strategy, SeedOrder::AtOnce, seed).run();
+            (ran.trace, ran.digest, ran.poses)
+        };
+        assert_eq!(run(5), run(5));
+        assert_ne!(run(5).0, run(6).0);
+    }
+}
+
+/// What has been worked out before and is kept changes how long a run takes, and nothing else.
+#[test]
+fn what_ran_before_makes_no_difference() {
+    for goal in Goal::ALL {
+        let run = |seed| Assembly::new(goal, Kind::Per, Strategy::Negotiated, SeedOrder::AtOnce, seed);
+        let seen = |ran: Assembled| (ran.trace, ran.digest, ran.poses);
+        let before = seen(run(5).run());
+        (10..30).for_each(|seed| drop(run(seed).run()));
+        assert_eq!(seen(run(5).run()), before);
+        assert_eq!(seen(run(5).with_new_motions().run()), before);
+    }
+}
+
+/// A hundred thousand random starts:
+/// `cargo test --release -p metamorph-tests --test sim_metamodules -- --ignored --exact
+/// negotiated_builds_from_a_hundred_thousand_starts --nocapture`
+#[test]
+#[ignore = "minutes; run with --release --ignored"]
+fn negotiated_builds_from_a_hundred_thousand_starts() {
+    let came = check_all(Case::all(Strategy::Negotiated, variation("plain"), 1_000..13_500));
+    let sum = came.sums[&(Strategy::Negotiated, "plain")];
+    assert_eq!((sum.runs, sum.built, sum.broken), (100_000, 100_000, 0));
+}
+
+/// Every variation with many seeds:
+/// `cargo test --release -p metamorph-tests --test sim_metamodules -- --ignored --exact
+/// negotiated_builds_whatever_breaks_from_many_starts --nocapture`
+#[test]
+#[ignore = "minutes; run with --release --ignored"]
+fn negotiated_builds_whatever_breaks_from_many_starts() {
+    check_all(varied(Strategy::Negotiated, &VARIATIONS.map(|v| v.name), 500));
+}
+
+/// Repeats one run: what a failing test prints names it.
+#[test]
+#[ignore = "repeats the run that the environment names"]
+fn the_run_that_is_named() {
+    let name = std::env::var(REPEAT).unwrap_or_else(|_| {
+        panic!("no run is named; set {REPEAT}, for example to box/SRS/negotiated/circular/17/plain")
+    });
+    let case: Case = name.parse().unwrap_or_else(|e| panic!("{REPEAT}: {e}"));
+    let (ran, complaint) = case.run();
+    println!("{ran:#?}");
+    if let Some(complaint) = complaint {
+        panic!("{complaint}");
+    }
 }
