@@ -158,6 +158,8 @@ impl MetamoduleDirector {
     }
 
     fn strike(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
+        // What is broken or mended may get a standstill going again.
+        self.last_deed = now;
         let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
         let known = self.known[id.index()];
         let doing = match known.status {

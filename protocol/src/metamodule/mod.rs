@@ -176,11 +176,10 @@ impl Metamodule {
         }
     }
 
-    /// The seed of the task whose cells this metamodule fills, and which nobody else does.
+    /// The seed of the task whose cells this metamodule fills.
     fn fits(&self) -> Option<u8> {
         let cells = self.setup.motions.cells(self.core.pose);
-        let seed = self.setup.seeds(self.core.task).find(|(_, seed)| seed.cells() == cells)?.0;
-        (!self.core.filled.has(seed)).then_some(seed)
+        Some(self.setup.seeds(self.core.task).find(|(_, seed)| seed.cells() == cells)?.0)
     }
 
     /// Something else is to be built from now on.
@@ -230,6 +229,13 @@ impl Metamodule {
         if now < self.core.quarantine {
             self.core.phase = idle(self.core.quarantine);
             return;
+        }
+        if let Some(seed) = self.fits().filter(|s| self.core.filled.has(*s)) {
+            // It is known to be filled, and nobody else can be in its cells: an earlier life did it.
+            self.core.settled = Some(seed);
+            self.withdraw();
+            self.core.phase = idle(Time::NEVER);
+            return self.tell(now, Class::Gradient);
         }
         if self.core.pose.both {
             // An earlier life has gripped and not let go. Letting go sweeps nothing.
@@ -526,6 +532,12 @@ impl Metamodule {
                     |b: &State| State { sequence: state.sequence, filled: state.filled, ..*b } == state;
                 let news = !before.as_ref().is_some_and(still) || filled != self.core.filled;
                 self.core.filled = filled;
+                if before.is_none() {
+                    // Contacts need not begin on both sides at once: what was told on ours may have come
+                    // too early on the other.
+                    let message = self.state();
+                    self.out.push_back(Output::Send { port, class: Class::Liveness, message });
+                }
                 if news {
                     self.look_again(now);
                 }

@@ -235,7 +235,7 @@ impl Metamodule {
         let intent = &mut self.core.intent;
         intent.barred = intent.barred.with(seed);
         intent.barred_in = fingerprint(&scene.fixed);
-        intent.barred_until = now + params.patience * 20;
+        intent.barred_until = now + params.patience * 4;
     }
 
     /// Claims an open seed, if the best way of sharing them out gives it one, or if nobody takes one
