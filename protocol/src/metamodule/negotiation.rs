@@ -360,7 +360,8 @@ impl Metamodule {
         let first = self.is_first(scene, claim);
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
-        let walls_in = waited <= patience * (GIVE_UP - 1) && scene.free.iter().any(|o| !self.is_safe(scene, o.id, o.pose));
+        let walls_in = waited <= patience * (GIVE_UP - 1)
+            && scene.free.iter().any(|o| !self.is_safe(scene, o.id, o.pose));
         let planned = fingerprint(&self.planned(scene, claim.seed));
         if self.core.intent.planned_in == planned
             && let Some(plan) = self.next_leg(scene, &scene.taken, corridor, claim, first, walls_in)
