@@ -110,7 +110,7 @@ fn boxes_of_processes_and_simulated_are_alike() {
 
 /// `cargo test -p metamorph-tests --test ipc_metamodules -- --ignored --nocapture chairs_of_processes_and_simulated`
 #[test]
-#[ignore = "minutes, and fails: processes take a fifth more moves, and a minute more of scenario time"]
+#[ignore = "minutes: fifty runs of processes"]
 fn chairs_of_processes_and_simulated_are_alike() {
     compare("chair.toml", 1..=50);
 }
