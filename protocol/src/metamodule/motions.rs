@@ -5,11 +5,11 @@ use super::distances::Distances;
 use super::graph::{Bits, Graph};
 use super::memo::{Memo, mix};
 use super::params::Floor;
-use super::pose::{Pose, to_frame, to_world};
+use super::pose::{Pose, to_world};
 use crate::lattice::Cell;
 use crate::roombots::Kind;
 use crate::roombots::database::{Database, Table};
-use crate::roombots::grid::{GridState, fewest_moves};
+use crate::roombots::grid::GridState;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 use std::fmt;
 use std::sync::Arc;
@@ -44,7 +44,6 @@ impl fmt::Debug for Motions {
 
 /// What is worked out once from the database.
 struct LaidOut {
-    strides: Strides,
     graph: Graph,
     distances: Memo<Box<Distances>, ()>,
 }
@@ -55,32 +54,7 @@ const KEPT: usize = 512;
 impl LaidOut {
     fn new(database: &Database, kind: Kind) -> LaidOut {
         let table = database.table(kind);
-        LaidOut { strides: Strides::of(kind), graph: Graph::new(database, table), distances: Memo::new(KEPT) }
-    }
-}
-
-/// The fewest moves from a foot to every connector around it, whatever the class there, when nothing
-/// is in the way. Offsets are in the foot frame.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Strides(Vec<u8>);
-
-impl Strides {
-    /// Offsets up to this are in the table.
-    const RADIUS: i16 = 16;
-    const SIDE: usize = 2 * Strides::RADIUS as usize + 1;
-
-    fn of(kind: Kind) -> Strides {
-        let mut table = vec![u8::MAX; Strides::SIDE * Strides::SIDE];
-        for (state, moves) in fewest_moves(kind, Strides::RADIUS) {
-            if let Some(slot) = Strides::index(state.x, state.y).and_then(|i| table.get_mut(i)) {
-                *slot = (*slot).min(u8::try_from(moves).unwrap_or(u8::MAX));
-            }
-        }
-        Strides(table)
-    }
-    fn index(x: i16, y: i16) -> Option<usize> {
-        let along = |c: i16| usize::try_from(c + Strides::RADIUS).ok().filter(|i| *i < Strides::SIDE);
-        Some(along(x)? * Strides::SIDE + along(y)?)
+        LaidOut { graph: Graph::new(database, table), distances: Memo::new(KEPT) }
     }
 }
 
@@ -158,16 +132,6 @@ impl Motions {
     /// The cells of a sweep seen from a grid state.
     pub fn swept(&self, state: GridState, sweep: Sweep) -> impl Iterator<Item = Cell> + '_ {
         self.graph().cells(sweep.0).map(move |c| to_world(state, c))
-    }
-
-    /// The fewest moves from a state to a connector, on the open grid. Farther away than the table
-    /// reaches, what is left of the way is counted in strides of three cells.
-    pub fn moves_to(&self, from: GridState, to: (i16, i16)) -> u16 {
-        let at = to_frame(from, Cell::new(to.0, to.1, 0));
-        let near = |c: i16| c.clamp(-Strides::RADIUS, Strides::RADIUS);
-        let beyond = at.x.abs_diff(near(at.x)) + at.y.abs_diff(near(at.y));
-        let known = Strides::index(near(at.x), near(at.y)).map_or(u8::MAX, |i| self.laid_out.strides.0[i]);
-        u16::from(known) + beyond / 3
     }
 
     /// Where the free end lies, if it lies on a connector of the floor.

@@ -89,8 +89,6 @@ struct Scene {
     taken: Vec<Cell>,
 }
 
-/// So many strides more are worth it to whoever has waited in vain.
-const DETOUR: usize = 3;
 impl Scene {
     /// All cells with something in them.
     fn bodies(&self) -> Vec<Cell> {
@@ -104,16 +102,17 @@ const AWAY: u16 = 5;
 const GIVE_UP: u64 = 3;
 /// Leaving a seed that is not open yet to somebody is as bad as so many strides.
 const LATER: i64 = 1 << 20;
+/// And one that it has barred, as so many.
+const BARRED: i64 = 1 << 30;
 /// A way that is not there counts as so many strides: it may be there when its time comes.
 const FAR: i64 = 1 << 10;
-/// And one that it has no way to.
-const BARRED: i64 = 1 << 30;
+/// So many strides more are worth it to whoever has waited in vain.
+const DETOUR: usize = 3;
 
 impl Metamodule {
     fn scene(&self) -> Scene {
         let (core, motions) = (&self.core, &self.setup.motions);
-        let mut fixed: Vec<Cell> = core.obstacles.iter().copied().collect();
-        fixed.extend(core.dead.values().flat_map(|p| motions.cells(*p)));
+        let mut fixed = self.fixed();
         let mut free = Vec::new();
         for (_, peer) in core.peers.iter() {
             let Some(state) = peer.state.filter(|s| !core.dead.contains_key(&s.id)) else { continue };
@@ -256,7 +255,8 @@ impl Metamodule {
             }
             let patient = now < since + self.setup.params.patience;
             let shared = self.share(scene, open, claimed).filter(|s| open.has(*s));
-            let nearest = || open.iter().min_by_key(|s| self.strides_to(self.core.pose, *s));
+            let me = [(self.core.id, self.core.pose, SeedSet::default())];
+            let nearest = || open.iter().min_by_key(|s| self.strides(scene, &me, *s));
             let Some(number) = shared.or_else(|| nearest().filter(|_| !patient)) else { return };
             match self.course_to(scene, number, true) {
                 Some(course) => {
@@ -269,17 +269,11 @@ impl Metamodule {
                 }
                 None => self.bar(now, number, scene),
             }
-            let class = Class::Gradient;
-            self.tell(now, class);
+            self.tell(now, Class::Gradient);
             if self.core.intent.claim.is_some() {
                 return;
             }
         }
-    }
-
-    fn strides_to(&self, pose: Pose, seed: u8) -> i64 {
-        let foot = self.setup.seed(self.core.task, seed).map_or(pose.foot(), |s| s.foot);
-        i64::from(self.setup.motions.moves_to(pose.state, foot))
     }
 
     /// Strides to a seed from everybody, around what will be built before it.

@@ -54,7 +54,8 @@ pub struct Ground<'a> {
 
 /// What a stride costs in units of a turn: a stride more is only worth it to save this many turns.
 const STRIDE: u32 = 64;
-/// No stride needs fewer turns.
+/// About as many turns as a stride takes. A little too many, so that of equally long ways the one that
+/// is nearly there is looked at first; it is too little to matter beside [`STRIDE`].
 const TURNS: u32 = 6;
 /// So many places are left in one search, at most. The floor of the published experiment has about a
 /// thousand; a search that finds its goal leaves a few.
@@ -82,14 +83,6 @@ impl Ground<'_> {
     pub fn landed(&self, pose: Pose, posture: u16) -> Option<Pose> {
         let to = self.motions.turned_around(Pose { posture, ..pose })?;
         self.floor.has(to.state.x, to.state.y).then_some(Pose { both: false, ..to })
-    }
-    /// Whether a body in this place can take this posture now.
-    pub fn can_take(&self, pose: Pose, posture: u16) -> bool {
-        let reach = self.reach(pose);
-        match self.motions.graph().landing(posture) {
-            Some(_) => reach.landings.iter().any(|l| l.posture == posture),
-            None => self.motions.graph().way(pose.posture, posture, self.taken_at(pose)).is_some(),
-        }
     }
     /// The posture that fills a seed from its connector with the steps to it, if there is a way to it.
     pub fn filling(&self, pose: Pose, seed: Seed) -> Option<(u16, u8)> {
