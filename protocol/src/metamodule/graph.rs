@@ -10,7 +10,7 @@ use crate::lattice::Cell;
 use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::GridState;
 use crate::roombots::sweep::FloorContact;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Cells of the database as bits: bit *i* is the *i*-th cell.
 pub type Bits = u128;
@@ -33,6 +33,15 @@ pub struct Reach {
     pub lands: u128,
     /// The nearest posture of every chain of cells, with the steps to it, by the chain's number.
     pub chains: Box<[Option<(u16, u8)>]>,
+}
+
+/// A landing over open ground: the shortest way to it when nothing is in the way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OpenWay {
+    /// The posture that lands.
+    pub posture: u16,
+    /// All cells that the way sweeps.
+    pub swept: Bits,
 }
 
 /// A way from one posture to another.
@@ -73,6 +82,8 @@ pub struct Graph {
     cells: Vec<Cell>,
     /// The number of a cell, by [`Graph::slot`]; [`UNKNOWN`] if no motion ever sweeps it.
     numbers: Vec<u8>,
+    /// For every posture its ways over open ground, worked out when they are asked for.
+    open_ways: Vec<OnceLock<Box<[OpenWay]>>>,
     reached: Memo<(u16, Bits), Arc<Reach>>,
     ways: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
 }
@@ -129,6 +140,7 @@ impl Graph {
             swept,
             sweepers,
             filled_bits: filled.iter().map(|f| bits(&database.cell_set(f.iter().copied()))).collect(),
+            open_ways: vec![OnceLock::new(); filled.len()],
             filled,
             chain: table.postures().iter().map(|e| e.chain).collect(),
             rests: landing.iter().map(number).collect(),
@@ -258,6 +270,25 @@ impl Graph {
         };
         self.search(from, taken, see, |_, _, _| {});
         Reach { landings: landings.into_boxed_slice(), lands, chains }
+    }
+
+    /// Landings with the shortest ways to them over open ground. If none of a way's cells is taken, the
+    /// landing can be got to; if some are, there may still be a way around them.
+    pub fn open_ways(&self, from: u16) -> &[OpenWay] {
+        let Some(ways) = self.open_ways.get(usize::from(from)) else { return &[] };
+        ways.get_or_init(|| {
+            let mut swept = vec![0; self.filled.len()];
+            let came = |to: u16, at: u16, step: u16| {
+                swept[usize::from(to)] = swept[usize::from(at)] | self.swept[usize::from(step)];
+            };
+            let mut lands = Vec::new();
+            let see = |posture, _| {
+                lands.extend(self.rest(posture).map(|_| posture));
+                false
+            };
+            self.search(from, 0, see, came);
+            lands.into_iter().map(|posture| OpenWay { posture, swept: swept[usize::from(posture)] }).collect()
+        })
     }
 
     /// The shortest way to a posture; none if there is no way.
