@@ -453,7 +453,8 @@ impl Metamodule {
             if corridor.iter().any(|(cells, _)| ends.iter().any(|c| cells.contains(c))) {
                 return None;
             }
-            if !first && !self.is_safe(scene, self.core.id, Pose { posture, ..pose }) {
+            let end = Pose { posture, ..pose };
+            if !first && (!self.is_safe(scene, self.core.id, end) || self.shuts_in(scene, end)) {
                 return None;
             }
         } else if !first || walls_in || !self.keeps_open(scene, claim.seed) {
@@ -471,7 +472,8 @@ impl Metamodule {
             let cells = motions.cells(pose);
             !cells.iter().any(|cell| corridor.iter().any(|(cells, _)| cells.contains(cell)))
         };
-        let is_apart = |pose: Pose| is_clear(pose) && self.is_safe(scene, me, pose);
+        let is_apart =
+            |pose: Pose| is_clear(pose) && self.is_safe(scene, me, pose) && !self.shuts_in(scene, pose);
         let pose = self.core.pose;
         // Whoever is more important does not make way.
         let is_firm = |o: &&Other| o.way.is_some_and(|w| (w.rank, o.id) < (rank, me));
@@ -495,6 +497,11 @@ impl Metamodule {
     /// it is, even if nobody else moves: the goal and one cell around it are kept free, and whoever lies
     /// beside it may need room that the goal will take.
     fn is_safe(&self, scene: &Scene, id: ModuleId, pose: Pose) -> bool {
+        self.is_safe_beside(scene, id, pose, self.core.pose)
+    }
+
+    /// The same if this metamodule stood somewhere else.
+    fn is_safe_beside(&self, scene: &Scene, id: ModuleId, pose: Pose, me: Pose) -> bool {
         let motions = &self.setup.motions;
         if !motions.cells(pose).iter().all(|c| scene.is_beyond(c.x, c.y, 1)) {
             return false;
@@ -504,10 +511,16 @@ impl Metamodule {
         let (before, after) = scene.free.split_at(scene.free.partition_point(|o| o.id < self.core.id));
         taken.extend(before.iter().filter(|o| o.id != id).flat_map(|o| o.cells));
         if id != self.core.id {
-            taken.extend(motions.cells(self.core.pose));
+            taken.extend(motions.cells(me));
         }
         taken.extend(after.iter().filter(|o| o.id != id).flat_map(|o| o.cells));
         !self.is_shut_in(scene, pose, &taken)
+    }
+
+    /// Whether somebody who is safe now would not be any more if this metamodule stood somewhere else.
+    fn shuts_in(&self, scene: &Scene, me: Pose) -> bool {
+        let is_safe = |o: &Other, me: Pose| self.is_safe_beside(scene, o.id, o.pose, me);
+        scene.free.iter().any(|o| !is_safe(o, me) && is_safe(o, self.core.pose))
     }
 
     /// Whether whoever stands like this cannot get away from there around taken cells.
