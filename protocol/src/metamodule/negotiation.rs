@@ -210,7 +210,7 @@ impl Metamodule {
         if in_way_of.is_some() || !(is_first || is_done || self.is_safe(&scene, self.core.id, self.core.pose))
         {
             // Until it is in a safe place, the next seed waits for it.
-            let next = self.goal().all().without(self.core.filled).iter().next();
+            let next = self.open().iter().next();
             let rank = in_way_of.or(next.map(Rank::of_seed)).map_or(Rank::NONE, Rank::below);
             let kept = std::mem::take(&mut self.core.course);
             let plan = self.make_way(&scene, rank);
