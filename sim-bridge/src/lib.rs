@@ -12,6 +12,7 @@ pub mod metamodule_audit;
 pub mod metamodule_director;
 pub mod metamodule_world;
 pub mod outcome;
+pub mod queue;
 pub mod sim;
 pub mod trace;
 pub mod world;

@@ -2,9 +2,13 @@
 //!
 //! One queue, ordered by time and then by the order of scheduling; one named random stream per
 //! sender. Same setup and seed, same events, on every machine and build.
+//!
+//! What every module has lies in flat arrays, and messages under way in one slab, so that a message
+//! costs no allocation and a module a few hundred bytes.
 
 use crate::direct::{Command, Direct};
 use crate::invariants::{self, Invariant, Violation};
+use crate::queue::Queue;
 use crate::trace::Trace;
 use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
@@ -15,8 +19,8 @@ use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire, WireError};
 use siphasher::sip::SipHasher13;
-use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
+use slab::Slab;
+use std::collections::{BTreeMap, VecDeque};
 use std::hash::Hasher;
 use std::sync::Arc;
 
@@ -51,13 +55,15 @@ pub trait Audited: World {
 
 /// Read access to the living agents, for audits.
 pub struct Agents<'a, A: Agent> {
-    slots: &'a [Slot<A>],
+    agents: &'a [Option<A>],
+    slots: &'a [Slot],
 }
 
 impl<A: Agent> Agents<'_, A> {
     /// The agent of a module, if its process lives.
     pub fn get(&self, id: ModuleId) -> Option<&A> {
-        self.slots.get(id.index()).filter(|s| s.alive).and_then(|s| s.agent.as_ref())
+        self.slots.get(id.index()).filter(|s| s.is_alive())?;
+        self.agents.get(id.index())?.as_ref()
     }
     /// All living agents.
     pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {
@@ -80,37 +86,59 @@ pub struct SimConfig<A: Agent> {
     pub ignore_sessions: bool,
 }
 
-struct Slot<A: Agent> {
-    agent: Option<A>,
-    alive: bool,
-    paused: bool,
-    incarnation: Incarnation,
-    contacts: Vec<Option<Contact>>,
-    last_arrival: Vec<Time>,
-    revision: Revision,
+/// A module's process.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Process {
+    Dead,
+    Running,
+    Stopped,
+}
+
+/// What a module has besides its agent and its links.
+struct Slot {
     stream: Stream,
     /// The time of the wake-up that is in the queue.
     wake: Time,
+    revision: Revision,
+    incarnation: Incarnation,
+    process: Process,
+}
+
+impl Slot {
+    fn is_alive(&self) -> bool {
+        self.process != Process::Dead
+    }
+}
+
+/// One port of a module.
+#[derive(Clone, Copy)]
+struct Link {
+    contact: Option<Contact>,
+    last_arrival: Time,
+}
+
+/// What waits for a stopped process, in order.
+struct Backlog<A: Agent> {
     waiting: VecDeque<Waiting<A>>,
-    waiting_messages: usize,
+    messages: usize,
+}
+
+impl<A: Agent> Default for Backlog<A> {
+    fn default() -> Self {
+        Backlog { waiting: VecDeque::new(), messages: 0 }
+    }
 }
 
 /// What reaches a stopped process.
 enum Waiting<A: Agent> {
     Sensed(Sensed<A::Percept>),
-    Message { port: Port, session: Session, class: Class, message: A::Message },
+    Message(Parcel<A::Message>),
     Order(A::Order),
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Event {
-    at: Time,
-    order: u64,
-    what: What,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum What {
+#[derive(Clone, Copy)]
+enum Event {
+    /// A message arrives; its place in the slab.
     Arrive(u32),
     Wake(ModuleId),
 }
@@ -118,8 +146,8 @@ enum What {
 /// A message under way.
 struct Parcel<M> {
     to: ModuleId,
-    port: Port,
     session: Session,
+    port: Port,
     class: Class,
     message: M,
 }
@@ -130,11 +158,13 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     config: SimConfig<W::Agent>,
     world: W,
     director: D,
-    slots: Vec<Slot<W::Agent>>,
-    queue: BinaryHeap<Reverse<Event>>,
-    order: u64,
-    parcels: Vec<Option<Parcel<<W::Agent as Agent>::Message>>>,
-    free: Vec<u32>,
+    agents: Vec<Option<W::Agent>>,
+    slots: Vec<Slot>,
+    /// [`Agent::PORTS`] for each module.
+    links: Vec<Link>,
+    backlogs: BTreeMap<ModuleId, Backlog<W::Agent>>,
+    queue: Queue<Event>,
+    parcels: Slab<Parcel<<W::Agent as Agent>::Message>>,
     tally: Tally,
     body_messages: u64,
     trace: Trace,
@@ -150,30 +180,25 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     pub fn new(config: SimConfig<W::Agent>, world: W, director: D) -> Self {
         let slots = (0..world.len())
             .map(|i| Slot {
-                agent: None,
-                alive: false,
-                paused: false,
-                incarnation: Incarnation(0),
-                contacts: vec![None; W::Agent::PORTS],
-                last_arrival: vec![Time::ZERO; W::Agent::PORTS],
-                revision: Revision(0),
                 stream: Stream::named(config.seed, "link", i as u64),
                 wake: Time::NEVER,
-                waiting: VecDeque::new(),
-                waiting_messages: 0,
+                revision: Revision(0),
+                incarnation: Incarnation(0),
+                process: Process::Dead,
             })
             .collect();
         let mut sim = Sim {
             now: Time::ZERO,
             next_audit: Time::ZERO + config.audit_every,
+            agents: std::iter::repeat_with(|| None).take(world.len()).collect(),
+            slots,
+            links: vec![Link { contact: None, last_arrival: Time::ZERO }; world.len() * W::Agent::PORTS],
+            backlogs: BTreeMap::new(),
+            queue: Queue::new(config.link.delay_max),
+            parcels: Slab::new(),
             config,
             world,
             director,
-            slots,
-            queue: BinaryHeap::new(),
-            order: 0,
-            parcels: Vec::new(),
-            free: Vec::new(),
             tally: Tally::default(),
             body_messages: 0,
             trace: Trace::default(),
@@ -204,7 +229,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
     /// The living agents.
     pub fn agents(&self) -> Agents<'_, W::Agent> {
-        Agents { slots: &self.slots }
+        Agents { agents: &self.agents, slots: &self.slots }
     }
     /// Message counts.
     pub fn tally(&self) -> &Tally {
@@ -231,7 +256,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// Says whether the run is over.
     pub fn run_until(&mut self, until: Time) -> bool {
         while !self.finished {
-            let event = self.queue.peek().map_or(Time::NEVER, |Reverse(e)| e.at);
+            let event = self.queue.next_at();
             let (world, director) = (self.world.next_event(), self.director.wake_at());
             let next = event.min(world).min(director).max(self.now);
             if next == Time::NEVER || next > until {
@@ -244,8 +269,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 self.world.advance(next);
                 self.settle();
             } else if event <= next {
-                if let Some(Reverse(event)) = self.queue.pop() {
-                    self.dispatch(event);
+                if let Some((at, event)) = self.queue.pop() {
+                    self.dispatch(at, event);
                 }
             } else {
                 self.director.wake(self.now, &mut self.world);
@@ -260,56 +285,46 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         true
     }
 
-    fn dispatch(&mut self, event: Event) {
-        match event.what {
-            What::Wake(id) => {
+    fn dispatch(&mut self, at: Time, event: Event) {
+        match event {
+            Event::Wake(id) => {
                 let slot = &mut self.slots[id.index()];
                 // Only the latest wake-up asked for counts; earlier plans may have been given up.
-                if slot.wake != event.at {
+                if slot.wake != at {
                     return;
                 }
                 slot.wake = Time::NEVER;
-                if slot.alive && !slot.paused {
+                if slot.process == Process::Running {
                     self.feed(id, Input::Wake);
                 }
             }
-            What::Arrive(index) => {
-                let parcel = self.parcels[index as usize].take();
-                self.free.push(index);
-                if let Some(parcel) = parcel {
-                    self.arrive(parcel);
-                }
+            Event::Arrive(index) => {
+                let parcel = self.parcels.remove(index as usize);
+                self.arrive(parcel);
             }
         }
         self.settle();
     }
 
     fn arrive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
-        let Parcel { to, port, session, class, message } = parcel;
-        let slot = &mut self.slots[to.index()];
-        if !slot.alive {
-            self.tally[class].expired += 1;
-        } else if slot.paused {
-            if slot.waiting_messages == INBOX {
-                self.tally[class].overflowed += 1;
-            } else {
-                slot.waiting_messages += 1;
-                slot.waiting.push_back(Waiting::Message { port, session, class, message });
+        match self.slots[parcel.to.index()].process {
+            Process::Dead => self.tally[parcel.class].expired += 1,
+            Process::Running => self.receive(parcel),
+            Process::Stopped => {
+                let backlog = self.backlogs.entry(parcel.to).or_default();
+                if backlog.messages == INBOX {
+                    self.tally[parcel.class].overflowed += 1;
+                } else {
+                    backlog.messages += 1;
+                    backlog.waiting.push_back(Waiting::Message(parcel));
+                }
             }
-        } else {
-            self.receive(to, port, session, class, message);
         }
     }
 
-    fn receive(
-        &mut self,
-        to: ModuleId,
-        port: Port,
-        session: Session,
-        class: Class,
-        message: <W::Agent as Agent>::Message,
-    ) {
-        let current = self.slots[to.index()].contacts[port.index()].map(|c| c.session);
+    fn receive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
+        let Parcel { to, session, port, class, message } = parcel;
+        let current = self.link(to, port).contact.map(|c| c.session);
         if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
             self.tally[class].expired += 1;
             return;
@@ -323,35 +338,35 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         self.feed(to, Input::Message { port, message });
     }
 
+    fn link(&mut self, id: ModuleId, port: Port) -> &mut Link {
+        &mut self.links[id.index() * W::Agent::PORTS + port.index()]
+    }
+
     /// Hands one input to an agent and carries out what it does.
     fn feed(&mut self, id: ModuleId, input: InputOf<W::Agent>) {
         let now = self.now;
-        let Some(agent) = &mut self.slots[id.index()].agent else { return };
+        let Some(agent) = &mut self.agents[id.index()] else { return };
         agent.handle(now, input);
-        while let Some(output) = self.slots[id.index()].agent.as_mut().and_then(Agent::poll) {
+        while let Some(output) = self.agents[id.index()].as_mut().and_then(Agent::poll) {
             self.carry_out(id, output);
         }
         self.plan_wake(id);
         self.checked += 1;
-        let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
+        let (agents, mut found) = (Agents { agents: &self.agents, slots: &self.slots }, Vec::new());
         self.world.audit_agent(now, id, &agents, &mut found);
         found.into_iter().for_each(|v| self.note(v));
     }
 
     fn plan_wake(&mut self, id: ModuleId) {
+        let Some(at) = self.agents[id.index()].as_ref().map(Agent::wake_at) else { return };
         let slot = &mut self.slots[id.index()];
-        let Some(at) = slot.agent.as_ref().map(Agent::wake_at) else { return };
-        if at != slot.wake {
-            slot.wake = at;
-            if at != Time::NEVER {
-                self.order += 1;
-                self.queue.push(Reverse(Event {
-                    at: at.max(self.now),
-                    order: self.order,
-                    what: What::Wake(id),
-                }));
-                slot.wake = at.max(self.now);
-            }
+        if at == slot.wake {
+            return;
+        }
+        slot.wake = at;
+        if at != Time::NEVER {
+            slot.wake = at.max(self.now);
+            self.queue.push(slot.wake, Event::Wake(id));
         }
     }
 
@@ -364,7 +379,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 let revision = self.slots[id.index()].revision;
                 self.world.act(self.now, id, revision, &action);
                 self.checked += 1;
-                let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
+                let (agents, mut found) = (Agents { agents: &self.agents, slots: &self.slots }, Vec::new());
                 self.world.audit_action(self.now, id, &agents, &mut found);
                 found.into_iter().for_each(|v| self.note(v));
             }
@@ -379,13 +394,13 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         let counts = &mut self.tally[class];
         counts.sent += 1;
         counts.bytes += message.wire_len() as u64;
-        let slot = &mut self.slots[from.index()];
-        let Some(contact) = slot.contacts[port.index()] else {
+        let link = &mut self.links[from.index() * W::Agent::PORTS + port.index()];
+        let Some(contact) = link.contact else {
             counts.expired += 1;
             return;
         };
-        let last = &mut slot.last_arrival[port.index()];
-        let fate = self.config.link.carry(self.now, from, contact.peer, &mut slot.stream, last);
+        let (stream, last) = (&mut self.slots[from.index()].stream, &mut link.last_arrival);
+        let fate = self.config.link.carry(self.now, from, contact.peer, stream, last);
         let mut copies = 0;
         for arrival in fate.arrivals.into_iter().flatten() {
             copies += 1;
@@ -396,8 +411,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             let parcel = match message {
                 Ok(message) => Parcel {
                     to: contact.peer,
-                    port: contact.peer_port,
                     session: contact.session,
+                    port: contact.peer_port,
                     class,
                     message,
                 },
@@ -406,13 +421,9 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                     continue;
                 }
             };
-            let index = self.free.pop().unwrap_or_else(|| {
-                self.parcels.push(None);
-                self.parcels.len() as u32 - 1
-            });
-            self.parcels[index as usize] = Some(parcel);
-            self.order += 1;
-            self.queue.push(Reverse(Event { at: arrival.at, order: self.order, what: What::Arrive(index) }));
+            // Invariant: 2^32 messages under way would not fit into memory.
+            let index = self.parcels.insert(parcel) as u32;
+            self.queue.push(arrival.at, Event::Arrive(index));
         }
         match copies {
             0 => self.tally[class].lost += 1,
@@ -442,21 +453,19 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
 
     fn sense(&mut self, id: ModuleId, sensed: Sensed<<W::Agent as Agent>::Percept>) {
-        let slot = &mut self.slots[id.index()];
-        if !slot.alive {
-            return;
-        }
-        if slot.paused {
-            slot.waiting.push_back(Waiting::Sensed(sensed));
-            return;
+        match self.slots[id.index()].process {
+            Process::Dead => return,
+            Process::Stopped => {
+                return self.backlogs.entry(id).or_default().waiting.push_back(Waiting::Sensed(sensed));
+            }
+            Process::Running => {}
         }
         self.body_messages += 1;
         match sensed {
             Sensed::Contact { port, revision, contact } => {
                 let session = contact.map(|c| c.session);
-                slot.contacts[port.index()] = contact;
-                slot.last_arrival[port.index()] = self.now;
-                slot.revision = revision;
+                *self.link(id, port) = Link { contact, last_arrival: self.now };
+                self.slots[id.index()].revision = revision;
                 self.trace.event(self.now, 3, id.0, session.map_or(0, |s| u64::from(s.0)));
                 self.feed(id, Input::Contact { port, session });
             }
@@ -472,13 +481,10 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         match command {
             Command::Kill(id) => {
                 let slot = &mut self.slots[id.index()];
-                if std::mem::replace(&mut slot.alive, false) {
-                    slot.paused = false;
-                    slot.waiting_messages = 0;
-                    let unread: Vec<_> = slot.waiting.drain(..).collect();
-                    for waiting in unread {
-                        if let Waiting::Message { class, .. } = waiting {
-                            self.tally[class].expired += 1;
+                if std::mem::replace(&mut slot.process, Process::Dead) != Process::Dead {
+                    for unread in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
+                        if let Waiting::Message(parcel) = unread {
+                            self.tally[parcel.class].expired += 1;
                         }
                     }
                     self.trace.event(now, 5, id.0, 0);
@@ -486,46 +492,47 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 }
             }
             Command::Pause(id) => {
-                self.slots[id.index()].paused = self.slots[id.index()].alive;
+                let slot = &mut self.slots[id.index()];
+                if slot.is_alive() {
+                    slot.process = Process::Stopped;
+                }
                 self.trace.event(now, 6, id.0, 0);
             }
             Command::Resume(id) => self.resume(id),
             Command::Restart(id) => {
                 let slot = &self.slots[id.index()];
                 // A module has 65,535 lives; after that it stays dead.
-                if let Some(next) = slot.incarnation.0.checked_add(1).filter(|_| !slot.alive) {
+                if let Some(next) = slot.incarnation.0.checked_add(1).filter(|_| !slot.is_alive()) {
                     self.start(id, Incarnation(next));
                 }
             }
-            Command::Order(id, order) => {
-                let slot = &mut self.slots[id.index()];
-                if slot.paused {
-                    slot.waiting.push_back(Waiting::Order(order));
-                } else if slot.alive {
+            Command::Order(id, order) => match self.slots[id.index()].process {
+                Process::Dead => {}
+                Process::Stopped => {
+                    self.backlogs.entry(id).or_default().waiting.push_back(Waiting::Order(order));
+                }
+                Process::Running => {
                     self.body_messages += 1;
                     self.trace.event(now, 7, id.0, u64::from(order.kind()));
                     self.feed(id, Input::Order(order));
                 }
-            }
+            },
             Command::Finish => self.finished = true,
         }
     }
 
     fn resume(&mut self, id: ModuleId) {
         let slot = &mut self.slots[id.index()];
-        if !std::mem::replace(&mut slot.paused, false) {
+        if slot.process != Process::Stopped {
             return;
         }
-        slot.waiting_messages = 0;
+        slot.process = Process::Running;
         self.trace.event(self.now, 8, id.0, 0);
-        let waiting: Vec<_> = slot.waiting.drain(..).collect();
-        for waiting in waiting {
+        for waiting in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
             match waiting {
                 Waiting::Sensed(sensed) => self.sense(id, sensed),
                 Waiting::Order(order) => self.obey(Command::Order(id, order)),
-                Waiting::Message { port, session, class, message } => {
-                    self.receive(id, port, session, class, message);
-                }
+                Waiting::Message(parcel) => self.receive(parcel),
             }
         }
         self.feed(id, Input::Wake);
@@ -533,13 +540,12 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     fn start(&mut self, id: ModuleId, incarnation: Incarnation) {
         let birth = Birth { id, incarnation, place: self.world.place(id), seed: self.config.seed };
+        self.agents[id.index()] = Some(W::Agent::new(&self.config.setup, birth, self.now));
         let slot = &mut self.slots[id.index()];
-        slot.agent = Some(W::Agent::new(&self.config.setup, birth, self.now));
-        slot.alive = true;
-        slot.paused = false;
+        slot.process = Process::Running;
         slot.incarnation = incarnation;
-        slot.contacts.fill(None);
-        slot.last_arrival.fill(self.now);
+        let first = id.index() * W::Agent::PORTS;
+        self.links[first..first + W::Agent::PORTS].fill(Link { contact: None, last_arrival: self.now });
         self.trace.event(self.now, 9, id.0, u64::from(incarnation.0));
         self.plan_wake(id);
         self.world.start(self.now, id, incarnation);
@@ -555,11 +561,11 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     fn audit_all(&mut self) {
         self.checked += 1;
-        let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
+        let (agents, mut found) = (Agents { agents: &self.agents, slots: &self.slots }, Vec::new());
         self.world.audit_all(self.now, &agents, &mut found);
         found.extend(self.world.take_violations());
-        let waiting: usize = self.slots.iter().map(|s| s.waiting_messages).sum();
-        let in_flight = self.parcels.iter().flatten().count() + waiting;
+        let waiting: usize = self.backlogs.values().map(|b| b.messages).sum();
+        let in_flight = self.parcels.len() + waiting;
         if let Err(what) = invariants::messages_balance(&self.tally, in_flight as u64) {
             found.push(Violation { invariant: Invariant::MessagesBalance, at: self.now, what });
         }
@@ -569,9 +575,9 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// The hash of the state of all agents, for comparing runs.
     pub fn digest(&self) -> u64 {
         let mut hasher = SipHasher13::new();
-        for slot in &self.slots {
-            hasher.write_u8(slot.alive.into());
-            if let Some(agent) = &slot.agent {
+        for (slot, agent) in self.slots.iter().zip(&self.agents) {
+            hasher.write_u8(slot.is_alive().into());
+            if let Some(agent) = agent {
                 agent.digest(&mut hasher);
             }
         }
