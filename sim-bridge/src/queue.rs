@@ -20,10 +20,13 @@ const BLOCKS: u64 = 256;
 /// Blocks last at least this long, however short the delays: timers are longer.
 const SHORTEST_BLOCK: Span = Span::millis(200);
 
+/// An event in the queue.
 #[derive(Clone, Copy)]
-struct Entry<T> {
-    at: Time,
-    what: T,
+pub struct Entry<T> {
+    /// When it is due.
+    pub at: Time,
+    /// What happens.
+    pub what: T,
 }
 
 /// An entry of a heap, which does not keep the order of what is equal by itself.
@@ -121,6 +124,15 @@ impl<T: Copy> Queue<T> {
         self.open_next();
         let current = self.current.get(self.taken).map_or(Time::NEVER, |e| e.at);
         self.late.peek().map_or(current, |Reverse(l)| l.entry.at.min(current))
+    }
+
+    /// What comes next, unless something is scheduled before it; as far as it is sorted already.
+    pub fn coming(&self) -> &[Entry<T>] {
+        &self.current[self.taken..]
+    }
+    /// How many of them have been taken since they were sorted.
+    pub fn taken(&self) -> usize {
+        self.taken
     }
 
     /// Takes the next event.

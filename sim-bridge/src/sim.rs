@@ -26,6 +26,8 @@ use std::sync::Arc;
 
 /// Messages that a stopped process can have waiting, as in a real inbox.
 const INBOX: usize = 32;
+/// Events for which the kernel looks ahead at a time.
+const AT_HAND: usize = 16;
 /// Violations kept; a broken protocol makes many, and the first ones tell the story.
 const MAX_VIOLATIONS: usize = 100;
 
@@ -55,19 +57,17 @@ pub trait Audited: World {
 
 /// Read access to the living agents, for audits.
 pub struct Agents<'a, A: Agent> {
-    agents: &'a [Option<A>],
-    slots: &'a [Slot],
+    modules: &'a [Module<A>],
 }
 
 impl<A: Agent> Agents<'_, A> {
     /// The agent of a module, if its process lives.
     pub fn get(&self, id: ModuleId) -> Option<&A> {
-        self.slots.get(id.index()).filter(|s| s.is_alive())?;
-        self.agents.get(id.index())?.as_ref()
+        self.modules.get(id.index()).filter(|m| m.is_alive()).and_then(|m| m.agent.as_ref())
     }
     /// All living agents.
     pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {
-        (0..self.slots.len() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
+        (0..self.modules.len() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
     }
 }
 
@@ -94,17 +94,19 @@ enum Process {
     Stopped,
 }
 
-/// What a module has besides its agent and its links.
-struct Slot {
+/// What a module has besides its links.
+struct Module<A> {
     stream: Stream,
     /// The time of the wake-up that is in the queue.
     wake: Time,
     revision: Revision,
     incarnation: Incarnation,
     process: Process,
+    /// The agent, or what it was when its process died; none before the start.
+    agent: Option<A>,
 }
 
-impl Slot {
+impl<A> Module<A> {
     fn is_alive(&self) -> bool {
         self.process != Process::Dead
     }
@@ -158,8 +160,7 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     config: SimConfig<W::Agent>,
     world: W,
     director: D,
-    agents: Vec<Option<W::Agent>>,
-    slots: Vec<Slot>,
+    modules: Vec<Module<W::Agent>>,
     /// [`Agent::PORTS`] for each module.
     links: Vec<Link>,
     backlogs: BTreeMap<ModuleId, Backlog<W::Agent>>,
@@ -178,20 +179,20 @@ pub struct Sim<W: Audited, D: Direct<W>> {
 impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// A run at time zero, with all agents started.
     pub fn new(config: SimConfig<W::Agent>, world: W, director: D) -> Self {
-        let slots = (0..world.len())
-            .map(|i| Slot {
+        let modules = (0..world.len())
+            .map(|i| Module {
                 stream: Stream::named(config.seed, "link", i as u64),
                 wake: Time::NEVER,
                 revision: Revision(0),
                 incarnation: Incarnation(0),
                 process: Process::Dead,
+                agent: None,
             })
             .collect();
         let mut sim = Sim {
             now: Time::ZERO,
             next_audit: Time::ZERO + config.audit_every,
-            agents: std::iter::repeat_with(|| None).take(world.len()).collect(),
-            slots,
+            modules,
             links: vec![Link { contact: None, last_arrival: Time::ZERO }; world.len() * W::Agent::PORTS],
             backlogs: BTreeMap::new(),
             queue: Queue::new(config.link.delay_max),
@@ -207,7 +208,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             checked: 0,
             finished: false,
         };
-        for i in 0..sim.slots.len() as u32 {
+        for i in 0..sim.modules.len() as u32 {
             sim.start(ModuleId(i), Incarnation(0));
         }
         sim.audit_all();
@@ -229,7 +230,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
     /// The living agents.
     pub fn agents(&self) -> Agents<'_, W::Agent> {
-        Agents { agents: &self.agents, slots: &self.slots }
+        Agents { modules: &self.modules }
     }
     /// Message counts.
     pub fn tally(&self) -> &Tally {
@@ -269,6 +270,9 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 self.world.advance(next);
                 self.settle();
             } else if event <= next {
+                if self.queue.taken().is_multiple_of(AT_HAND) {
+                    self.look_ahead();
+                }
                 if let Some((at, event)) = self.queue.pop() {
                     self.dispatch(at, event);
                 }
@@ -285,16 +289,45 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         true
     }
 
+    /// Reads what the next events will need. Changes nothing; but in a large swarm all of it is far away
+    /// in memory, and a processor waits for many places at once as long as for one.
+    fn look_ahead(&self) {
+        let coming = self.queue.coming();
+        if coming.len() < AT_HAND {
+            return;
+        }
+        let parcels = |from: usize| {
+            let events = coming.iter().skip(from).take(AT_HAND);
+            events.filter_map(|e| match e.what {
+                Event::Arrive(index) => self.parcels.get(index as usize),
+                Event::Wake(_) => None,
+            })
+        };
+        let mut read = 0;
+        for parcel in parcels(AT_HAND) {
+            read ^= parcel.to.0;
+        }
+        for parcel in parcels(0) {
+            let first = parcel.to.index() * W::Agent::PORTS;
+            // Every other one, for two lie within a line of the cache.
+            for link in self.links[first..first + W::Agent::PORTS].iter().step_by(2) {
+                read ^= link.last_arrival.0 as u32;
+            }
+            read ^= self.modules[parcel.to.index()].revision.0;
+        }
+        std::hint::black_box(read);
+    }
+
     fn dispatch(&mut self, at: Time, event: Event) {
         match event {
             Event::Wake(id) => {
-                let slot = &mut self.slots[id.index()];
+                let module = &mut self.modules[id.index()];
                 // Only the latest wake-up asked for counts; earlier plans may have been given up.
-                if slot.wake != at {
+                if module.wake != at {
                     return;
                 }
-                slot.wake = Time::NEVER;
-                if slot.process == Process::Running {
+                module.wake = Time::NEVER;
+                if module.process == Process::Running {
                     self.feed(id, Input::Wake);
                 }
             }
@@ -307,7 +340,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
 
     fn arrive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
-        match self.slots[parcel.to.index()].process {
+        match self.modules[parcel.to.index()].process {
             Process::Dead => self.tally[parcel.class].expired += 1,
             Process::Running => self.receive(parcel),
             Process::Stopped => {
@@ -345,28 +378,28 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// Hands one input to an agent and carries out what it does.
     fn feed(&mut self, id: ModuleId, input: InputOf<W::Agent>) {
         let now = self.now;
-        let Some(agent) = &mut self.agents[id.index()] else { return };
+        let Some(agent) = &mut self.modules[id.index()].agent else { return };
         agent.handle(now, input);
-        while let Some(output) = self.agents[id.index()].as_mut().and_then(Agent::poll) {
+        while let Some(output) = self.modules[id.index()].agent.as_mut().and_then(Agent::poll) {
             self.carry_out(id, output);
         }
         self.plan_wake(id);
         self.checked += 1;
-        let (agents, mut found) = (Agents { agents: &self.agents, slots: &self.slots }, Vec::new());
+        let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
         self.world.audit_agent(now, id, &agents, &mut found);
         found.into_iter().for_each(|v| self.note(v));
     }
 
     fn plan_wake(&mut self, id: ModuleId) {
-        let Some(at) = self.agents[id.index()].as_ref().map(Agent::wake_at) else { return };
-        let slot = &mut self.slots[id.index()];
-        if at == slot.wake {
+        let module = &mut self.modules[id.index()];
+        let Some(at) = module.agent.as_ref().map(Agent::wake_at) else { return };
+        if at == module.wake {
             return;
         }
-        slot.wake = at;
+        module.wake = at;
         if at != Time::NEVER {
-            slot.wake = at.max(self.now);
-            self.queue.push(slot.wake, Event::Wake(id));
+            module.wake = at.max(self.now);
+            self.queue.push(module.wake, Event::Wake(id));
         }
     }
 
@@ -376,10 +409,10 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             Output::Act(action) => {
                 self.body_messages += 1;
                 self.trace.event(self.now, 2, id.0, u64::from(action.kind()));
-                let revision = self.slots[id.index()].revision;
+                let revision = self.modules[id.index()].revision;
                 self.world.act(self.now, id, revision, &action);
                 self.checked += 1;
-                let (agents, mut found) = (Agents { agents: &self.agents, slots: &self.slots }, Vec::new());
+                let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
                 self.world.audit_action(self.now, id, &agents, &mut found);
                 found.into_iter().for_each(|v| self.note(v));
             }
@@ -399,7 +432,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             counts.expired += 1;
             return;
         };
-        let (stream, last) = (&mut self.slots[from.index()].stream, &mut link.last_arrival);
+        let (stream, last) = (&mut self.modules[from.index()].stream, &mut link.last_arrival);
         let fate = self.config.link.carry(self.now, from, contact.peer, stream, last);
         let mut copies = 0;
         for arrival in fate.arrivals.into_iter().flatten() {
@@ -453,7 +486,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
 
     fn sense(&mut self, id: ModuleId, sensed: Sensed<<W::Agent as Agent>::Percept>) {
-        match self.slots[id.index()].process {
+        match self.modules[id.index()].process {
             Process::Dead => return,
             Process::Stopped => {
                 return self.backlogs.entry(id).or_default().waiting.push_back(Waiting::Sensed(sensed));
@@ -465,7 +498,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             Sensed::Contact { port, revision, contact } => {
                 let session = contact.map(|c| c.session);
                 *self.link(id, port) = Link { contact, last_arrival: self.now };
-                self.slots[id.index()].revision = revision;
+                self.modules[id.index()].revision = revision;
                 self.trace.event(self.now, 3, id.0, session.map_or(0, |s| u64::from(s.0)));
                 self.feed(id, Input::Contact { port, session });
             }
@@ -480,8 +513,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         let now = self.now;
         match command {
             Command::Kill(id) => {
-                let slot = &mut self.slots[id.index()];
-                if std::mem::replace(&mut slot.process, Process::Dead) != Process::Dead {
+                let module = &mut self.modules[id.index()];
+                if std::mem::replace(&mut module.process, Process::Dead) != Process::Dead {
                     for unread in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
                         if let Waiting::Message(parcel) = unread {
                             self.tally[parcel.class].expired += 1;
@@ -492,21 +525,21 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 }
             }
             Command::Pause(id) => {
-                let slot = &mut self.slots[id.index()];
-                if slot.is_alive() {
-                    slot.process = Process::Stopped;
+                let module = &mut self.modules[id.index()];
+                if module.is_alive() {
+                    module.process = Process::Stopped;
                 }
                 self.trace.event(now, 6, id.0, 0);
             }
             Command::Resume(id) => self.resume(id),
             Command::Restart(id) => {
-                let slot = &self.slots[id.index()];
+                let module = &self.modules[id.index()];
                 // A module has 65,535 lives; after that it stays dead.
-                if let Some(next) = slot.incarnation.0.checked_add(1).filter(|_| !slot.is_alive()) {
+                if let Some(next) = module.incarnation.0.checked_add(1).filter(|_| !module.is_alive()) {
                     self.start(id, Incarnation(next));
                 }
             }
-            Command::Order(id, order) => match self.slots[id.index()].process {
+            Command::Order(id, order) => match self.modules[id.index()].process {
                 Process::Dead => {}
                 Process::Stopped => {
                     self.backlogs.entry(id).or_default().waiting.push_back(Waiting::Order(order));
@@ -522,11 +555,11 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
 
     fn resume(&mut self, id: ModuleId) {
-        let slot = &mut self.slots[id.index()];
-        if slot.process != Process::Stopped {
+        let module = &mut self.modules[id.index()];
+        if module.process != Process::Stopped {
             return;
         }
-        slot.process = Process::Running;
+        module.process = Process::Running;
         self.trace.event(self.now, 8, id.0, 0);
         for waiting in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
             match waiting {
@@ -540,10 +573,10 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     fn start(&mut self, id: ModuleId, incarnation: Incarnation) {
         let birth = Birth { id, incarnation, place: self.world.place(id), seed: self.config.seed };
-        self.agents[id.index()] = Some(W::Agent::new(&self.config.setup, birth, self.now));
-        let slot = &mut self.slots[id.index()];
-        slot.process = Process::Running;
-        slot.incarnation = incarnation;
+        let module = &mut self.modules[id.index()];
+        module.agent = Some(W::Agent::new(&self.config.setup, birth, self.now));
+        module.process = Process::Running;
+        module.incarnation = incarnation;
         let first = id.index() * W::Agent::PORTS;
         self.links[first..first + W::Agent::PORTS].fill(Link { contact: None, last_arrival: self.now });
         self.trace.event(self.now, 9, id.0, u64::from(incarnation.0));
@@ -561,7 +594,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     fn audit_all(&mut self) {
         self.checked += 1;
-        let (agents, mut found) = (Agents { agents: &self.agents, slots: &self.slots }, Vec::new());
+        let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
         self.world.audit_all(self.now, &agents, &mut found);
         found.extend(self.world.take_violations());
         let waiting: usize = self.backlogs.values().map(|b| b.messages).sum();
@@ -575,9 +608,9 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// The hash of the state of all agents, for comparing runs.
     pub fn digest(&self) -> u64 {
         let mut hasher = SipHasher13::new();
-        for (slot, agent) in self.slots.iter().zip(&self.agents) {
-            hasher.write_u8(slot.is_alive().into());
-            if let Some(agent) = agent {
+        for module in &self.modules {
+            hasher.write_u8(module.is_alive().into());
+            if let Some(agent) = &module.agent {
                 agent.digest(&mut hasher);
             }
         }
