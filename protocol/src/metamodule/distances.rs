@@ -5,7 +5,6 @@
 //! latest counts are kept; that changes how long an answer takes and nothing else.
 
 use super::blueprint::Seed;
-use super::graph::Reach;
 use super::motions::Motions;
 use super::params::Floor;
 use super::pose::{Pose, to_frame};
@@ -52,10 +51,10 @@ impl Places {
         }
         None
     }
-    /// Adds the place of this pose.
-    pub fn add(&mut self, pose: Pose, reach: &Reach, number: u16) {
+    /// Adds the place of this pose, with the postures there that land.
+    pub fn add(&mut self, pose: Pose, lands: u128, number: u16) {
         let index = self.index(pose);
-        self.entries.push((reach.lands, number, self.first[index]));
+        self.entries.push((lands, number, self.first[index]));
         self.first[index] = self.entries.len() as u32;
     }
 }
@@ -104,13 +103,16 @@ impl Distances {
     fn leave_next(&mut self, motions: &Motions) -> Option<()> {
         let (pose, strides) = self.front.pop_front()?;
         let ground = Ground { motions, floor: self.places.floor, taken: &self.fixed };
-        let reach = ground.reach(pose);
-        if reach.lands == 0 || self.places.get(pose, reach.lands).is_some() {
+        if self.places.get(pose, motions.rest_bit(pose.posture)).is_some() {
             return Some(());
         }
-        self.places.add(pose, &reach, strides);
-        for landed in &reach.landings {
-            if let Some(to) = ground.landed(pose, landed.posture)
+        let lands = ground.lands(pose);
+        if lands == 0 || self.places.get(pose, lands).is_some() {
+            return Some(());
+        }
+        self.places.add(pose, lands, strides);
+        for posture in motions.graph().landings(lands) {
+            if let Some(to) = ground.landed(pose, posture)
                 && self.places.get(to, motions.rest_bit(to.posture)).is_none()
             {
                 self.front.push_back((to, strides.saturating_add(1)));

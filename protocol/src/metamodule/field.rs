@@ -71,7 +71,7 @@ impl<'a> Field<'a> {
     pub fn add_seed(&mut self, seed: Seed) {
         let (motions, at) = (self.motions, self.at);
         let gains = motions.with_distances(self.floor, seed, self.fixed, at, |distances| {
-            let here = Ground { motions, floor: self.floor, taken: self.fixed }.reach(at).lands;
+            let here = Ground { motions, floor: self.floor, taken: self.fixed }.lands(at);
             let far = distance(distances.strides(motions, at, here)?, at, seed.foot);
             let gain = |to: &Pose| {
                 let strides = distances.strides(motions, *to, motions.rest_bit(to.posture));

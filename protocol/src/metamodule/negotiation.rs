@@ -283,7 +283,7 @@ impl Metamodule {
         let planned = self.planned(scene, number);
         let ground = self.ground(&planned);
         motions.with_distances(floor, seed, &planned, self.core.pose, |distances| {
-            let strides = |pose: Pose| distances.strides(motions, pose, ground.reach(pose).lands);
+            let strides = |pose: Pose| distances.strides(motions, pose, ground.lands(pose));
             from.iter().map(|(_, pose, _)| *pose).map(strides).map(|s| s.map_or(FAR, i64::from)).collect()
         })
     }

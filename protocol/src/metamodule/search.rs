@@ -60,6 +60,8 @@ const TURNS: u32 = 6;
 /// So many places are left in one search, at most. The floor of the published experiment has about a
 /// thousand; a search that finds its goal leaves a few.
 const MOST_LEFT: usize = 20_000;
+/// So many places are looked at for an easy way, at most.
+const EASY: usize = 24;
 /// So many strides to get out of the way, at most.
 const MOST_ASIDE: u32 = 4;
 
@@ -78,6 +80,10 @@ impl Ground<'_> {
     /// What can be got to without leaving the place.
     pub fn reach(&self, pose: Pose) -> Arc<Reach> {
         self.motions.graph().reach(pose.posture, self.taken_at(pose))
+    }
+    /// Where that lands, as bits; much less work.
+    pub fn lands(&self, pose: Pose) -> u128 {
+        self.motions.graph().lands(pose.posture, self.taken_at(pose))
     }
     /// Where a body is after it has landed by this posture; none if there is no connector.
     pub fn landed(&self, pose: Pose, posture: u16) -> Option<Pose> {
@@ -115,10 +121,10 @@ impl Ground<'_> {
                 return Some(course(&nodes, at, Some(last)));
             }
             let Node { pose, cost, .. } = nodes[at as usize];
-            let reach = self.reach(pose);
-            if left.get(pose, reach.lands).is_some() {
+            if left.get(pose, self.motions.rest_bit(pose.posture)).is_some() {
                 continue;
             }
+            let reach = self.reach(pose);
             if pose.foot() == seed.foot
                 && let Some((last, turns)) = self.filling(pose, seed)
             {
@@ -127,7 +133,7 @@ impl Ground<'_> {
             if left.count() == MOST_LEFT {
                 return None;
             }
-            left.add(pose, &reach, 0);
+            left.add(pose, reach.lands, 0);
             for landed in &reach.landings {
                 let Some(to) = self.landed(pose, landed.posture) else { continue };
                 let bit = self.motions.rest_bit(to.posture);
@@ -145,16 +151,42 @@ impl Ground<'_> {
 
     /// Whether there is a way to a connector that `is_it` accepts.
     pub fn can_get(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> bool {
+        if self.can_easily_get(from, &is_it) {
+            return true;
+        }
         let (mut left, mut edge) = (Places::new(self.floor), vec![from]);
         while let Some(pose) = edge.pop() {
             if is_it(pose.foot()) {
                 return true;
             }
-            let reach = self.reach(pose);
-            if left.get(pose, reach.lands).is_none() && left.count() < MOST_LEFT {
-                left.add(pose, &reach, 0);
-                edge.extend(reach.landings.iter().filter_map(|l| self.landed(pose, l.posture)));
+            if left.get(pose, self.motions.rest_bit(pose.posture)).is_none() && left.count() < MOST_LEFT {
+                let lands = self.lands(pose);
+                left.add(pose, lands, 0);
+                let landings = self.motions.graph().landings(lands);
+                edge.extend(landings.filter_map(|p| self.landed(pose, p)));
             }
+        }
+        false
+    }
+
+    /// Whether there is a way to such a connector that takes few strides and no detours. Mostly there is,
+    /// and then this is much faster than looking at all ways.
+    fn can_easily_get(&self, from: Pose, is_it: &impl Fn((i16, i16)) -> bool) -> bool {
+        let (mut left, mut edge) = (Vec::with_capacity(EASY), vec![from]);
+        while let Some(pose) = edge.pop() {
+            if is_it(pose.foot()) {
+                return true;
+            }
+            if left.contains(&pose) {
+                continue;
+            }
+            if left.len() == EASY {
+                return false;
+            }
+            left.push(pose);
+            let taken = self.taken_at(pose);
+            let ways = self.motions.graph().open_ways(pose.posture).iter();
+            edge.extend(ways.filter(|w| w.swept & taken == 0).filter_map(|w| self.landed(pose, w.posture)));
         }
         false
     }
@@ -169,19 +201,19 @@ impl Ground<'_> {
             if let Some(last) = last {
                 return Some(course(&nodes, at, (pose.posture != last).then_some(last)));
             }
-            let reach = self.reach(pose);
-            if left.get(pose, reach.lands).is_some() {
+            if left.get(pose, self.motions.rest_bit(pose.posture)).is_some() {
                 continue;
             }
-            let rests = reach.chains.iter().flatten();
-            let fitting = rests.filter(|(p, _)| fits(Pose { posture: *p, ..pose }));
-            if let Some((last, turns)) = fitting.min_by_key(|(_, turns)| *turns) {
-                queue.push((Reverse(cost + u32::from(*turns)), Reverse(at), Some(*last)));
+            let reach = self.reach(pose);
+            let mut rests: Vec<(u16, u8)> = reach.chains.iter().flatten().copied().collect();
+            rests.sort_by_key(|(_, turns)| *turns);
+            if let Some((last, turns)) = rests.into_iter().find(|(p, _)| fits(Pose { posture: *p, ..pose })) {
+                queue.push((Reverse(cost + u32::from(turns)), Reverse(at), Some(last)));
             }
             if left.count() == MOST_LEFT {
                 return None;
             }
-            left.add(pose, &reach, 0);
+            left.add(pose, reach.lands, 0);
             if cost / STRIDE >= MOST_ASIDE {
                 continue;
             }
