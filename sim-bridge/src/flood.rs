@@ -1,9 +1,9 @@
-//! The smallest useful agent: one module floods its distance in hops, every other takes the first
-//! word it hears and passes it on once to everybody else. What is left of a run's cost is the
-//! kernel's, which is what this is for.
+//! The smallest useful agent: module 0 floods its distance in hops; every other takes the first word
+//! it hears, passes it on once to everybody else, and reports. What is left of a run's cost is the
+//! driver's, which is what this is for.
 //!
-//! On links whose delays differ by less than one part in the number of hops, the first word comes
-//! over a shortest way, so distances are exact and the number of messages is `2E − (N − 1)`.
+//! The number of messages is `2E − (N − 1)`. On links whose delays differ by less than one part in the
+//! number of hops, the first word comes over a shortest way, and distances are exact.
 
 use crate::direct::{Command, Direct};
 use crate::world::World;
@@ -41,7 +41,7 @@ pub struct Flooded {
     /// Faces that touch somebody, and faces still to be told, a bit each.
     faces: u8,
     untold: u8,
-    begins: bool,
+    unreported: bool,
 }
 
 const UNKNOWN: u32 = u32::MAX;
@@ -60,26 +60,30 @@ impl Agent for Flooded {
     type Action = Never;
     type Percept = Never;
     type Order = Never;
-    type Report = Never;
+    type Report = Hops;
 
     const PORTS: usize = 6;
 
     fn new(_: &Arc<()>, birth: Birth<Cell>, _now: Time) -> Flooded {
-        Flooded { hops: UNKNOWN, faces: 0, untold: 0, begins: birth.id == ModuleId(0) }
+        let begins = birth.id == ModuleId(0);
+        Flooded { hops: if begins { 0 } else { UNKNOWN }, faces: 0, untold: 0, unreported: begins }
     }
 
     fn handle(&mut self, _now: Time, input: InputOf<Flooded>) {
         match input {
             Input::Contact { port, session } => {
                 let bit = 1 << port.0;
-                self.faces = if session.is_some() { self.faces | bit } else { self.faces & !bit };
+                (self.faces, self.untold) = (self.faces & !bit, self.untold & !bit);
+                if session.is_some() {
+                    self.faces |= bit;
+                    // Whoever knows already tells whoever comes.
+                    self.untold |= if self.hops == UNKNOWN { 0 } else { bit };
+                }
             }
             Input::Message { port, message } if self.hops == UNKNOWN => {
                 self.hops = message.0 + 1;
                 self.untold = self.faces & !(1 << port.0);
-            }
-            Input::Wake if self.begins => {
-                (self.hops, self.untold, self.begins) = (0, self.faces, false);
+                self.unreported = true;
             }
             Input::Message { .. } | Input::Wake => {}
             Input::Percept(never) | Input::Order(never) => match never {},
@@ -87,13 +91,16 @@ impl Agent for Flooded {
     }
 
     fn poll(&mut self) -> Option<OutputOf<Flooded>> {
-        let port = Port(u8::try_from(self.untold.trailing_zeros()).ok().filter(|p| *p < 8)?);
+        if self.untold == 0 {
+            return std::mem::take(&mut self.unreported).then_some(Output::Report(Hops(self.hops)));
+        }
+        let port = Port(self.untold.trailing_zeros() as u8);
         self.untold &= self.untold - 1;
         Some(Output::Send { port, class: Class::Gradient, message: Hops(self.hops) })
     }
 
     fn wake_at(&self) -> Time {
-        if self.begins { Time::ZERO } else { Time::NEVER }
+        Time::NEVER
     }
 
     fn digest(&self, hasher: &mut dyn Hasher) {
@@ -101,12 +108,16 @@ impl Agent for Flooded {
     }
 }
 
-/// A controller that wants nothing; the run ends when nothing is left to happen.
-pub struct Onlooker;
+/// A controller that only counts who knows; the run ends when nothing is left to happen.
+#[derive(Debug, Default)]
+pub struct Onlooker {
+    /// Modules that know their distance.
+    pub know: u64,
+}
 
 impl<W: World<Agent = Flooded>> Direct<W> for Onlooker {
-    fn report(&mut self, _: Time, _: ModuleId, report: Never) {
-        match report {}
+    fn report(&mut self, _: Time, _: ModuleId, _: Hops) {
+        self.know += 1;
     }
     fn died(&mut self, _: Time, _: ModuleId) {}
     fn started(&mut self, _: Time, _: ModuleId) {}
@@ -129,7 +140,7 @@ mod tests {
 
     #[test]
     fn everybody_learns_the_distance_and_tells_it_once() {
-        for side in [1, 2, 5, 9] {
+        for sides in [[1, 1, 1], [2, 2, 2], [5, 5, 5], [2, 9, 5]] {
             let link = LinkModel {
                 delay_min: Span::millis(100),
                 delay_max: Span::millis(101),
@@ -142,14 +153,14 @@ mod tests {
                 audit_every: Span::secs(1),
                 ignore_sessions: false,
             };
-            let world = StillWorld::<Flooded>::new(side);
+            let world = StillWorld::<Flooded>::new(sides);
             let (modules, contacts) = (world.len() as u64, world.contacts());
-            let mut sim = Sim::new(config, world, Onlooker);
+            let mut sim = Sim::new(config, world, Onlooker::default());
             assert!(sim.run_until(Time(Span::secs(1_000).0)));
             let counts = sim.tally()[Class::Gradient];
             let expected = 2 * contacts - (modules - 1);
             assert_eq!((counts.sent, counts.delivered, counts.in_flight()), (expected, expected, 0));
-            assert_eq!(sim.violations().1, 0);
+            assert_eq!((sim.violations().1, sim.director().know), (0, modules));
             for (id, agent) in sim.agents().iter() {
                 let far = sim.world().place(id).manhattan(Cell::new(0, 0, 0));
                 assert_eq!(agent.hops(), Some(far), "{id}");

@@ -13,9 +13,9 @@ use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Never;
 use std::marker::PhantomData;
 
-/// A block of `side`³ modules, numbered along z, then y, then x. `A` is the agent in each.
+/// A block of modules, numbered along z, then y, then x. `A` is the agent in each.
 pub struct StillWorld<A> {
-    side: i16,
+    sides: [u32; 3],
     /// Modules started so far, in the order of their numbers, and how many contacts were told of.
     started: u32,
     told: u32,
@@ -23,27 +23,27 @@ pub struct StillWorld<A> {
 }
 
 impl<A> StillWorld<A> {
-    /// A block of `side`³ modules, at most 1,000 along a side.
-    pub fn new(side: u16) -> StillWorld<A> {
-        StillWorld { side: side.min(1_000) as i16, started: 0, told: 0, agent: PhantomData }
+    /// A block with so many modules along x, y and z; at most 1,000 along each.
+    pub fn new(sides: [u16; 3]) -> StillWorld<A> {
+        StillWorld { sides: sides.map(|n| n.min(1_000).into()), started: 0, told: 0, agent: PhantomData }
     }
 
     /// The number of contacts between two modules.
     pub fn contacts(&self) -> u64 {
-        let n = self.side as u64;
-        3 * n * n * n.saturating_sub(1)
+        let [x, y, z] = self.sides.map(u64::from);
+        let along = |n: u64, area: u64| n.saturating_sub(1) * area;
+        along(x, y * z) + along(y, x * z) + along(z, x * y)
     }
 
     fn cell(&self, id: ModuleId) -> Cell {
-        let n = self.side as u32;
-        Cell::new((id.0 / (n * n)) as i16, (id.0 / n % n) as i16, (id.0 % n) as i16)
+        let [_, y, z] = self.sides;
+        Cell::new((id.0 / (y * z)) as i16, (id.0 / z % y) as i16, (id.0 % z) as i16)
     }
 
     fn module(&self, cell: Cell) -> Option<ModuleId> {
-        let inside = |c: i16| (0..self.side).contains(&c);
-        let n = self.side as u32;
-        (inside(cell.x) && inside(cell.y) && inside(cell.z))
-            .then(|| ModuleId((cell.x as u32 * n + cell.y as u32) * n + cell.z as u32))
+        let [x, y, z] = self.sides;
+        let along = |c: i16, n: u32| u32::try_from(c).ok().filter(|c| *c < n);
+        Some(ModuleId((along(cell.x, x)? * y + along(cell.y, y)?) * z + along(cell.z, z)?))
     }
 
     fn contact(&self, id: ModuleId, face: Face) -> Option<Contact> {
@@ -63,7 +63,7 @@ impl<A: Agent<Place = Cell, Action = Never, Percept = Never>> World for StillWor
     type Agent = A;
 
     fn len(&self) -> usize {
-        (self.side as usize).pow(3)
+        self.sides.iter().product::<u32>() as usize
     }
     fn place(&self, id: ModuleId) -> Cell {
         self.cell(id)

@@ -1,5 +1,6 @@
 //! Carries commands out: from what was typed to an exit code.
 
+use crate::bench::{self, BenchError, PartError};
 use crate::command::{Command, CommandLine, RunArgs};
 use crate::interrupt::Interrupt;
 use crate::overview::overview;
@@ -60,6 +61,12 @@ enum Failure {
     /// A sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
+    /// A measurement failed.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// A measurement's other process failed.
+    #[error(transparent)]
+    BenchPart(#[from] PartError),
     /// The Roombots model has no answer.
     #[error("metamorph: {0}")]
     Robot(#[from] RobotError),
@@ -71,7 +78,8 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Sweep(_) => FAILED,
-            Failure::Input(_) | Failure::Json { .. } => BAD_USAGE,
+            Failure::Input(_) | Failure::Json { .. } | Failure::Bench(BenchError::Json { .. }) => BAD_USAGE,
+            Failure::Bench(_) | Failure::BenchPart(_) => FAILED,
             Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
         }
     }
@@ -108,6 +116,11 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
+        Command::Bench(args) => Ok(bench::bench(&args.into())?),
+        Command::BenchPart(args) => {
+            bench::part(&args.args)?;
+            Ok(0)
+        }
         Command::Clean => {
             print_out(&processes::clean_up()?);
             Ok(0)
