@@ -166,9 +166,6 @@ pub enum Command {
     Clean,
     /// Ask the Roombots model: shapes, moves, kinematics, published tables
     Robot(RobotArgs),
-    /// The other process of a measurement; started by `bench`
-    #[command(hide = true)]
-    BenchPart(BenchPartArgs),
     /// One agent process; started by `run`
     #[command(hide = true)]
     Agent(AgentArgs),
@@ -288,14 +285,6 @@ impl From<BenchArgs> for bench::Request {
     fn from(args: BenchArgs) -> bench::Request {
         bench::Request { names: args.names, most: args.most, json: args.json, quiet: args.quiet }
     }
-}
-
-/// What `bench` tells its other process.
-#[derive(Debug, Args)]
-pub struct BenchPartArgs {
-    /// Passed on as they are.
-    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-    pub args: Vec<OsString>,
 }
 
 /// More threads than this are a slip of the finger.

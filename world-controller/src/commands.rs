@@ -88,6 +88,18 @@ impl Failure {
 /// Does what these arguments (the program's name first) ask for.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let since = Stopwatch::start();
+    let args: Vec<OsString> = args.into_iter().collect();
+    // Thousands of these are started at a time: reading a command line for people costs each of them
+    // milliseconds, and memory that it keeps.
+    if let Some(done) = short_cut(&args) {
+        return match done {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(failure) => {
+                complain(&failure.to_string());
+                ExitCode::from(failure.exit_code())
+            }
+        };
+    }
     let line = match CommandLine::try_parse_from(args) {
         Ok(line) => line,
         Err(error) => {
@@ -106,6 +118,17 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
 }
 
+/// Becomes an agent if the arguments are those that a swarm of this program starts its agents with.
+fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
+    match args {
+        [_, agent, dashes, rest @ ..] if agent == "agent" && dashes == "--" => {
+            Some(processes::agent(rest).map_err(Failure::from))
+        }
+        [_, part, rest @ ..] if part == bench::SUBCOMMAND => Some(bench::part(rest).map_err(Failure::from)),
+        _ => None,
+    }
+}
+
 fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
     match command {
         Command::Run(args) => run(args, since),
@@ -117,10 +140,6 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
         Command::Sweep(args) => Ok(sweep(&args.into())?),
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
-        Command::BenchPart(args) => {
-            bench::part(&args.args)?;
-            Ok(0)
-        }
         Command::Clean => {
             print_out(&processes::clean_up()?);
             Ok(0)

@@ -71,7 +71,7 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Growth, BenchError> {
     })
 }
 
-/// A slab and the largest ball of at most three quarters of its modules.
+/// A slab and a ball.
 fn scenario(side: u16, half_cells: u32) -> String {
     let (last, middle) = (side - 1, side / 2);
     let radius = f64::from(half_cells) / 2.0;
@@ -85,6 +85,7 @@ fn scenario(side: u16, half_cells: u32) -> String {
     )
 }
 
+/// The largest ball of at most three quarters of the modules of a slab.
 fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
     let modules = u64::from(side).pow(2);
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
@@ -99,16 +100,14 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
             Swarm::Metamodules(_) => Err(BenchError::Wrong("the scenario is not one of cubes".to_owned())),
         }
     };
-    let mut half_cells = 2;
-    let mut best = plan_of(half_cells)?;
-    loop {
-        half_cells += 1;
-        // A scaffold that is too thin somewhere is passed over; a ball beyond the bound ends the search.
-        match plan_of(half_cells) {
-            Ok(larger) if larger.0 * 4 > modules * 3 => break,
-            Ok(larger) => best = larger,
-            Err(_) if half_cells < 2 * u32::from(side) => {}
-            Err(e) => return Err(e),
+    let mut best = plan_of(2)?;
+    // A scaffold fills half of a ball, so that a radius of the cube root of the modules is too large.
+    // One that is too thin somewhere is passed over.
+    for half_cells in (3..).take_while(|h| u64::from(*h).pow(3) <= 8 * modules) {
+        if let Ok(larger) = plan_of(half_cells)
+            && larger.0 * 4 <= modules * 3
+        {
+            best = larger;
         }
     }
     let (goal, least_moves, plan) = best;

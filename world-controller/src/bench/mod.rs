@@ -13,7 +13,7 @@ mod swarm;
 mod text;
 mod wire;
 
-pub use part::{PartError, part};
+pub use part::{PartError, SUBCOMMAND, part};
 
 use crate::processes::ProcessError;
 use crate::swarm::{RunDirError, SwarmError};

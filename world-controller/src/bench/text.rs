@@ -93,25 +93,24 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
 /// The process link.
 pub fn wire(rows: &[wire::Row], paint: Paint) -> String {
     let mut table = Table::new(&["mechanism"]);
-    table.head(&["polling: round trip ns", "messages/s", "waiting: round trip ns", "messages/s"]);
-    table.head(&["polling ours/this", "waiting ours/this"]);
+    for mode in ["polling", "waiting"] {
+        table.head(&[&format!("{mode}: median ns"), "undisturbed", "ours/this", "messages/s"]);
+    }
     let ours = rows.first();
-    let ratio = |f: fn(&wire::Row) -> f64, r| ours.map_or("–".to_owned(), |o| times(f(o) / f(r)));
     for r in rows {
-        table.row(
-            &[r.mechanism.to_owned()],
-            vec![
-                number(r.polling.round_trip_ns),
-                number(r.polling.messages_per_s),
-                number(r.waiting.round_trip_ns),
-                number(r.waiting.messages_per_s),
-                ratio(|r| r.polling.round_trip_ns, r),
-                ratio(|r| r.waiting.round_trip_ns, r),
-            ],
-        );
+        let cells = |f: fn(&wire::Row) -> wire::Cost| {
+            let (this, own) = (f(r), ours.map_or(f(r), f));
+            [
+                number(this.round_trip_ns),
+                number(this.undisturbed_ns),
+                times(own.undisturbed_ns / this.undisturbed_ns),
+                number(this.messages_per_s),
+            ]
+        };
+        table.row(&[r.mechanism.to_owned()], [cells(|r| r.polling), cells(|r| r.waiting)].concat());
     }
     format!(
-        "{}\n64 bytes between two processes: polling on two processors, waiting on one.\n{}",
+        "{}\nRound trips of 64 bytes between two processes, and throughput one way: polling on two processors,\nwaiting on one.\n{}",
         paint.strong("wire"),
         table.text(paint)
     )
