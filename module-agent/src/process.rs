@@ -96,7 +96,9 @@ impl Guard {
         let is_signalled = is_parent
             && rustix::process::set_parent_process_death_signal(death)
                 .inspect_err(|e| {
-                    tracing::warn!("no signal when the controller dies ({e}); it is looked for once a second");
+                    tracing::warn!(
+                        "no signal when the controller dies ({e}); it is looked for once a second"
+                    );
                 })
                 .is_ok();
         Guard { controller, is_parent, is_signalled }

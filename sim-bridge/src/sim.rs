@@ -6,6 +6,7 @@
 //! What every module has lies in flat arrays, and messages under way in one slab, so that a message
 //! costs no allocation and a module a few hundred bytes.
 
+use crate::chronicle::Log;
 use crate::direct::{Command, Direct};
 use crate::invariants::{self, Invariant, Violation};
 use crate::queue::Queue;
@@ -13,6 +14,7 @@ use crate::trace::Trace;
 use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::journal::{self, Diary, MessageName};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::stream::Stream;
 use metamorph_protocol::tally::Tally;
@@ -100,6 +102,8 @@ struct Module<A> {
     /// The time of the wake-up that is in the queue.
     wake: Time,
     revision: Revision,
+    /// Messages sent in this life.
+    sent: u32,
     incarnation: Incarnation,
     process: Process,
     /// The agent, or what it was when its process died; none before the start.
@@ -151,6 +155,8 @@ struct Parcel<M> {
     session: Session,
     port: Port,
     class: Class,
+    /// Its number among all messages of its sender's life.
+    number: u32,
     message: M,
 }
 
@@ -174,21 +180,31 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     checked: u64,
     next_audit: Time,
     finished: bool,
+    log: Option<Log>,
+    /// One for each module if there is a log.
+    diaries: Vec<Option<Diary>>,
 }
 
 impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// A run at time zero, with all agents started.
     pub fn new(config: SimConfig<W::Agent>, world: W, director: D) -> Self {
-        let modules = (0..world.len())
+        Sim::with_journal(config, world, director, None)
+    }
+
+    /// The same, writing down what agents do. World and director are the recorded ones then.
+    pub fn with_journal(config: SimConfig<W::Agent>, world: W, director: D, log: Option<Log>) -> Self {
+        let modules: Vec<Module<W::Agent>> = (0..world.len())
             .map(|i| Module {
                 stream: Stream::named(config.seed, "link", i as u64),
                 wake: Time::NEVER,
                 revision: Revision(0),
+                sent: 0,
                 incarnation: Incarnation(0),
                 process: Process::Dead,
                 agent: None,
             })
             .collect();
+        let diaries = modules.iter().map(|_| None).take(if log.is_some() { usize::MAX } else { 0 }).collect();
         let mut sim = Sim {
             now: Time::ZERO,
             next_audit: Time::ZERO + config.audit_every,
@@ -207,6 +223,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             broken: 0,
             checked: 0,
             finished: false,
+            diaries,
+            log,
         };
         for i in 0..sim.modules.len() as u32 {
             sim.start(ModuleId(i), Incarnation(0));
@@ -356,8 +374,9 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
 
     fn receive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
-        let Parcel { to, session, port, class, message } = parcel;
-        let current = self.link(to, port).contact.map(|c| c.session);
+        let Parcel { to, session, port, class, number, message } = parcel;
+        let contact = self.link(to, port).contact;
+        let current = contact.map(|c| c.session);
         if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
             self.tally[class].expired += 1;
             return;
@@ -368,7 +387,12 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }
         self.tally[class].delivered += 1;
         self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
-        self.feed(to, Input::Message { port, message });
+        let input = Input::Message { port, message };
+        if self.log.is_some() {
+            let name = |c: Contact| MessageName { from: c.peer, life: c.peer_incarnation, number };
+            return self.feed_recorded(to, input, contact.map(|c| (name(c), class)));
+        }
+        self.feed(to, input);
     }
 
     fn link(&mut self, id: ModuleId, port: Port) -> &mut Link {
@@ -377,16 +401,39 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     /// Hands one input to an agent and carries out what it does.
     fn feed(&mut self, id: ModuleId, input: InputOf<W::Agent>) {
+        if self.log.is_some() {
+            return self.feed_recorded(id, input, None);
+        }
         let now = self.now;
         let Some(agent) = &mut self.modules[id.index()].agent else { return };
         agent.handle(now, input);
         while let Some(output) = self.modules[id.index()].agent.as_mut().and_then(Agent::poll) {
             self.carry_out(id, output);
         }
+        self.fed(id);
+    }
+
+    /// The same with a journal: the step is written down before its outputs are carried out.
+    fn feed_recorded(&mut self, id: ModuleId, input: InputOf<W::Agent>, heard: Option<(MessageName, Class)>) {
+        let now = self.now;
+        let Module { agent: Some(agent), revision, .. } = &mut self.modules[id.index()] else { return };
+        let Some(diary) = &mut self.diaries[id.index()] else { return };
+        let links = &self.links[id.index() * W::Agent::PORTS..];
+        let (taken, mut outputs) = (Diary::taken::<W::Agent>(&input, heard), Vec::new());
+        let digest = journal::step(agent, now, input, &mut outputs);
+        if let Some(log) = &self.log {
+            let peer = |port: Port| links[port.index()].contact.map(|c| c.peer);
+            diary.step(now, taken, agent, &outputs, digest, *revision, peer, &mut *log.borrow_mut());
+        }
+        outputs.into_iter().for_each(|output| self.carry_out(id, output));
+        self.fed(id);
+    }
+
+    fn fed(&mut self, id: ModuleId) {
         self.plan_wake(id);
         self.checked += 1;
         let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
-        self.world.audit_agent(now, id, &agents, &mut found);
+        self.world.audit_agent(self.now, id, &agents, &mut found);
         found.into_iter().for_each(|v| self.note(v));
     }
 
@@ -427,12 +474,15 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         let counts = &mut self.tally[class];
         counts.sent += 1;
         counts.bytes += message.wire_len() as u64;
+        let module = &mut self.modules[from.index()];
+        let number = module.sent;
+        module.sent = number.wrapping_add(1);
         let link = &mut self.links[from.index() * W::Agent::PORTS + port.index()];
         let Some(contact) = link.contact else {
             counts.expired += 1;
             return;
         };
-        let (stream, last) = (&mut self.modules[from.index()].stream, &mut link.last_arrival);
+        let (stream, last) = (&mut module.stream, &mut link.last_arrival);
         let fate = self.config.link.carry(self.now, from, contact.peer, stream, last);
         let mut copies = 0;
         for arrival in fate.arrivals.into_iter().flatten() {
@@ -447,6 +497,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                     session: contact.session,
                     port: contact.peer_port,
                     class,
+                    number,
                     message,
                 },
                 Err(_) => {
@@ -577,8 +628,14 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         module.agent = Some(W::Agent::new(&self.config.setup, birth, self.now));
         module.process = Process::Running;
         module.incarnation = incarnation;
+        module.sent = 0;
         let first = id.index() * W::Agent::PORTS;
         self.links[first..first + W::Agent::PORTS].fill(Link { contact: None, last_arrival: self.now });
+        if let Some(log) = &self.log {
+            let (diary, born) = Diary::new::<W::Agent>(self.now, id, incarnation, &self.world.place(id));
+            self.diaries[id.index()] = Some(diary);
+            log.borrow_mut().put(&born);
+        }
         self.trace.event(self.now, 9, id.0, u64::from(incarnation.0));
         self.plan_wake(id);
         self.world.start(self.now, id, incarnation);

@@ -37,11 +37,21 @@ pub struct Reach {
 
 /// Which landings lead to which around some taken cells, without leaving the place.
 #[derive(Debug, PartialEq, Eq)]
-struct Parts {
+pub struct Parts {
     /// The part of every posture that lands, by [`Graph::rest`].
     of: [u8; 128],
-    /// The landings of every part, as bits.
     lands: Box<[u128]>,
+}
+
+impl Parts {
+    /// The part of a posture that lands, by [`Graph::rest`].
+    pub fn of(&self, rest: u8) -> usize {
+        self.of.get(usize::from(rest)).copied().map_or(0, usize::from)
+    }
+    /// The landings of every part, as bits by [`Graph::rest`].
+    pub fn lands(&self) -> &[u128] {
+        &self.lands
+    }
 }
 
 /// A landing over open ground: the shortest way to it when nothing is in the way.
@@ -98,6 +108,22 @@ pub struct Graph {
     reached: Memo<(u16, Bits), Arc<Reach>>,
     parts: Memo<Bits, Arc<Parts>>,
     ways: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
+}
+
+/// So many postures of one search are mostly equally far away, at most; more are no harm.
+const LEVEL: usize = 128;
+
+/// Postures that a search has come to, as bits.
+struct Visited(Vec<u64>);
+
+impl Visited {
+    /// Adds one; whether it is new.
+    fn add(&mut self, posture: u16) -> bool {
+        let (word, bit) = (&mut self.0[usize::from(posture) / 64], 1 << (posture % 64));
+        let new = *word & bit == 0;
+        *word |= bit;
+        new
+    }
 }
 
 const UNKNOWN: u8 = u8::MAX;
@@ -237,61 +263,66 @@ impl Graph {
         &self,
         from: u16,
         blocked: &[u64],
-        visited: &mut [bool],
+        visited: &mut Visited,
         mut see: impl FnMut(u16, u8) -> bool,
         mut came: impl FnMut(u16, u16, u16),
     ) {
-        match visited.get_mut(usize::from(from)) {
-            Some(visited) if !*visited => *visited = true,
-            _ => return,
+        if usize::from(from) >= self.filled.len() || !visited.add(from) {
+            return;
         }
-        let mut queue = Vec::with_capacity(self.filled.len());
-        queue.push(from);
-        let (mut next, mut turns, mut level_ends) = (0, 0u8, 1);
-        while let Some(at) = queue.get(next).copied() {
-            if next == level_ends {
-                (turns, level_ends) = (turns.saturating_add(1), queue.len());
-            }
-            next += 1;
-            if see(at, turns) {
-                break;
-            }
-            for edge in self.edges(at) {
-                let (to, step) = (usize::from(edge.to), usize::from(edge.step));
-                if blocked[step / 64] >> (step % 64) & 1 == 0 && !visited[to] {
-                    visited[to] = true;
-                    came(edge.to, at, edge.step);
-                    queue.push(edge.to);
+        let (mut level, mut next) = (Vec::with_capacity(LEVEL), Vec::with_capacity(LEVEL));
+        level.push(from);
+        for turns in 0..=u8::MAX {
+            for at in level.drain(..) {
+                if see(at, turns) {
+                    return;
+                }
+                for edge in self.edges(at) {
+                    let step = usize::from(edge.step);
+                    if blocked[step / 64] >> (step % 64) & 1 == 0 && visited.add(edge.to) {
+                        came(edge.to, at, edge.step);
+                        next.push(edge.to);
+                    }
                 }
             }
+            if next.is_empty() {
+                return;
+            }
+            std::mem::swap(&mut level, &mut next);
         }
     }
 
-    fn unvisited(&self) -> Vec<bool> {
-        vec![false; self.filled.len()]
+    fn unvisited(&self) -> Visited {
+        Visited(vec![0; self.filled.len().div_ceil(64)])
     }
 
     /// The landings that can be got to without sweeping a taken cell, as bits by [`Graph::rest`]. This is
     /// [`Reach::lands`], for less.
     pub fn lands(&self, from: u16, taken: Bits) -> u128 {
         let Some(rest) = self.rest(from) else { return self.reach(from, taken).lands };
-        let parts = self.parts.answer(hash(taken), taken, |_| Arc::new(self.find_parts(taken)));
-        parts.lands[usize::from(parts.of[usize::from(rest)])]
+        let parts = self.parts(taken);
+        parts.lands[parts.of(rest)]
+    }
+
+    /// Which landings lead to which without sweeping a taken cell.
+    pub fn parts(&self, taken: Bits) -> Arc<Parts> {
+        self.parts.answer(hash(taken), taken, |_| Arc::new(self.find_parts(taken)))
     }
 
     fn find_parts(&self, taken: Bits) -> Parts {
         let (blocked, mut visited) = (self.blocked(taken), self.unvisited());
         let (mut of, mut lands) = ([0; 128], Vec::new());
         for from in self.resting.iter().copied().filter(|p| self.rest(*p).is_some()) {
-            if visited[usize::from(from)] {
-                continue;
-            }
             let mut part: u128 = 0;
             let see = |posture, _| {
                 part |= self.rest(posture).map_or(0, |i| 1 << i);
                 false
             };
             self.search(from, &blocked, &mut visited, see, |_, _, _| {});
+            if part == 0 {
+                // It is in the part of an earlier one.
+                continue;
+            }
             (0..of.len()).filter(|i| part >> i & 1 == 1).for_each(|i| of[i] = lands.len() as u8);
             lands.push(part);
         }

@@ -4,7 +4,7 @@
 //! sweeps, every class. What moves is not in it; whoever asks says which cells are taken.
 
 use super::blueprint::Seed;
-use super::distances::{Distances, Places};
+use super::distances::{Distances, index, states};
 use super::graph::{Bits, Reach};
 use super::motions::Motions;
 use super::params::Floor;
@@ -72,6 +72,28 @@ struct Node {
     by: Option<(u32, u16)>,
 }
 
+/// Places that a search has left.
+struct Left {
+    /// For every grid state the postures that land there.
+    postures: Vec<u128>,
+    count: usize,
+    floor: Floor,
+}
+
+impl Left {
+    fn new(floor: Floor) -> Left {
+        Left { postures: vec![0; states(floor)], count: 0, floor }
+    }
+    /// Whether one of these postures has been there.
+    fn has(&self, pose: Pose, postures: u128) -> bool {
+        self.postures[index(self.floor, pose.state)] & postures != 0
+    }
+    fn add(&mut self, pose: Pose, postures: u128) {
+        self.postures[index(self.floor, pose.state)] |= postures;
+        self.count += 1;
+    }
+}
+
 impl Ground<'_> {
     /// The taken cells as a body in this place sees them.
     pub fn taken_at(&self, pose: Pose) -> Bits {
@@ -102,26 +124,25 @@ impl Ground<'_> {
         if seed.cells().iter().any(|c| self.taken.contains(c)) {
             return None;
         }
-        self.motions.with_distances(self.floor, seed, fixed, from, |distances| {
-            self.find_seed(from, seed, distances, u32::try_from(most).unwrap_or(u32::MAX))
-        })
+        let distances = self.motions.distances(self.floor, seed, fixed);
+        self.find_seed(from, seed, &distances, u32::try_from(most).unwrap_or(u32::MAX))
     }
 
-    fn find_seed(&self, from: Pose, seed: Seed, distances: &mut Distances, most: u32) -> Option<Course> {
+    fn find_seed(&self, from: Pose, seed: Seed, distances: &Distances, most: u32) -> Option<Course> {
         // What moves can only make a way longer, so the strides around what does not move are a bound.
-        let mut left_to_go = |pose: Pose, postures: u128| {
-            let strides = u32::from(distances.strides(self.motions, pose, postures)?);
+        let left_to_go = |pose: Pose, postures: u128| {
+            let strides = u32::from(distances.strides(pose, postures)?);
             (strides <= most).then_some(strides)
         };
         let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
         let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);
-        let mut left = Places::new(self.floor);
+        let mut left = Left::new(self.floor);
         while let Some((_, Reverse(at), last)) = queue.pop() {
             if let Some(last) = last {
                 return Some(course(&nodes, at, Some(last)));
             }
             let Node { pose, cost, .. } = nodes[at as usize];
-            if left.get(pose, self.motions.rest_bit(pose.posture)).is_some() {
+            if left.has(pose, self.motions.rest_bit(pose.posture)) {
                 continue;
             }
             let reach = self.reach(pose);
@@ -130,14 +151,14 @@ impl Ground<'_> {
             {
                 queue.push((Reverse(cost + u32::from(turns)), Reverse(at), Some(last)));
             }
-            if left.count() == MOST_LEFT {
+            if left.count == MOST_LEFT {
                 return None;
             }
-            left.add(pose, reach.lands, 0);
+            left.add(pose, reach.lands);
             for landed in &reach.landings {
                 let Some(to) = self.landed(pose, landed.posture) else { continue };
                 let bit = self.motions.rest_bit(to.posture);
-                if left.get(to, bit).is_some() {
+                if left.has(to, bit) {
                     continue;
                 }
                 let cost = cost + STRIDE + u32::from(landed.turns);
@@ -154,14 +175,14 @@ impl Ground<'_> {
         if self.can_easily_get(from, &is_it) {
             return true;
         }
-        let (mut left, mut edge) = (Places::new(self.floor), vec![from]);
+        let (mut left, mut edge) = (Left::new(self.floor), vec![from]);
         while let Some(pose) = edge.pop() {
             if is_it(pose.foot()) {
                 return true;
             }
-            if left.get(pose, self.motions.rest_bit(pose.posture)).is_none() && left.count() < MOST_LEFT {
+            if !left.has(pose, self.motions.rest_bit(pose.posture)) && left.count < MOST_LEFT {
                 let lands = self.lands(pose);
-                left.add(pose, lands, 0);
+                left.add(pose, lands);
                 let landings = self.motions.graph().landings(lands);
                 edge.extend(landings.filter_map(|p| self.landed(pose, p)));
             }
@@ -195,13 +216,13 @@ impl Ground<'_> {
     pub fn aside(&self, from: Pose, fits: impl Fn(Pose) -> bool) -> Option<Course> {
         let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
         let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);
-        let mut left = Places::new(self.floor);
+        let mut left = Left::new(self.floor);
         while let Some((_, Reverse(at), last)) = queue.pop() {
             let Node { pose, cost, .. } = nodes[at as usize];
             if let Some(last) = last {
                 return Some(course(&nodes, at, (pose.posture != last).then_some(last)));
             }
-            if left.get(pose, self.motions.rest_bit(pose.posture)).is_some() {
+            if left.has(pose, self.motions.rest_bit(pose.posture)) {
                 continue;
             }
             let reach = self.reach(pose);
@@ -210,16 +231,16 @@ impl Ground<'_> {
             if let Some((last, turns)) = rests.into_iter().find(|(p, _)| fits(Pose { posture: *p, ..pose })) {
                 queue.push((Reverse(cost + u32::from(turns)), Reverse(at), Some(last)));
             }
-            if left.count() == MOST_LEFT {
+            if left.count == MOST_LEFT {
                 return None;
             }
-            left.add(pose, reach.lands, 0);
+            left.add(pose, reach.lands);
             if cost / STRIDE >= MOST_ASIDE {
                 continue;
             }
             for landed in &reach.landings {
                 let Some(to) = self.landed(pose, landed.posture) else { continue };
-                if left.get(to, self.motions.rest_bit(to.posture)).is_none() {
+                if !left.has(to, self.motions.rest_bit(to.posture)) {
                     let cost = cost + STRIDE + u32::from(landed.turns);
                     queue.push((Reverse(cost), Reverse(nodes.len() as u32), None));
                     nodes.push(Node { pose: to, cost, by: Some((at, landed.posture)) });
