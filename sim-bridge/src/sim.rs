@@ -49,19 +49,40 @@ pub trait Audited: World {
     fn take_violations(&mut self) -> Vec<Violation>;
 }
 
-/// Read access to the living agents, for audits.
-pub struct Agents<'a, A: Agent> {
-    slots: &'a [Slot<A>],
+/// Whoever drives agents and lets audits look at them.
+pub trait Swarm<A> {
+    /// How many modules there are.
+    fn modules(&self) -> usize;
+    /// The agent of the module with this number, if its process lives.
+    fn living(&self, index: usize) -> Option<&A>;
 }
 
-impl<A: Agent> Agents<'_, A> {
+/// Read access to the living agents, for audits.
+pub struct Agents<'a, A> {
+    swarm: &'a dyn Swarm<A>,
+}
+
+impl<'a, A> Agents<'a, A> {
+    /// The agents of a swarm.
+    pub fn of(swarm: &'a dyn Swarm<A>) -> Agents<'a, A> {
+        Agents { swarm }
+    }
     /// The agent of a module, if its process lives.
     pub fn get(&self, id: ModuleId) -> Option<&A> {
-        self.slots.get(id.index()).filter(|s| s.alive).and_then(|s| s.agent.as_ref())
+        self.swarm.living(id.index())
     }
     /// All living agents.
     pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {
-        (0..self.slots.len() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
+        (0..self.swarm.modules() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
+    }
+}
+
+impl<A: Agent> Swarm<A> for Vec<Slot<A>> {
+    fn modules(&self) -> usize {
+        self.len()
+    }
+    fn living(&self, index: usize) -> Option<&A> {
+        self.get(index).filter(|s| s.alive).and_then(|s| s.agent.as_ref())
     }
 }
 
@@ -204,7 +225,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
     /// The living agents.
     pub fn agents(&self) -> Agents<'_, W::Agent> {
-        Agents { slots: &self.slots }
+        Agents::of(&self.slots)
     }
     /// Message counts.
     pub fn tally(&self) -> &Tally {
@@ -333,7 +354,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }
         self.plan_wake(id);
         self.checked += 1;
-        let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
+        let (agents, mut found) = (Agents::of(&self.slots), Vec::new());
         self.world.audit_agent(now, id, &agents, &mut found);
         found.into_iter().for_each(|v| self.note(v));
     }
@@ -364,7 +385,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 let revision = self.slots[id.index()].revision;
                 self.world.act(self.now, id, revision, &action);
                 self.checked += 1;
-                let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
+                let (agents, mut found) = (Agents::of(&self.slots), Vec::new());
                 self.world.audit_action(self.now, id, &agents, &mut found);
                 found.into_iter().for_each(|v| self.note(v));
             }
@@ -555,7 +576,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     fn audit_all(&mut self) {
         self.checked += 1;
-        let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
+        let (agents, mut found) = (Agents::of(&self.slots), Vec::new());
         self.world.audit_all(self.now, &agents, &mut found);
         found.extend(self.world.take_violations());
         let waiting: usize = self.slots.iter().map(|s| s.waiting_messages).sum();
