@@ -53,6 +53,11 @@ fn agree(kinds: &[Kind], seeds: std::ops::Range<u64>) {
                 }
             }
             let Sum { runs, built, stood_still, found, turns } = sum;
+            // Messages that are lost may cost it more time than the bound allows.
+            assert!(
+                found == stood_still || (name != "plain" && found > 0),
+                "{name}, {strategy:?}: {found} of {stood_still}"
+            );
             let after = turns / u64::from(found.max(1));
             println!(
                 "{name}, {strategy:?}: {runs} runs, {built} built with 0 alarms, {found} of {stood_still} standstills found, after {after} turns on average"
@@ -78,7 +83,7 @@ fn judge(sum: &mut Sum, ran: &Assembled, name: &str) {
                 sum.found += 1;
                 sum.turns += at.since(since).0 / 1_000_000_000;
             }
-            assert!(ran.alarms <= u32::from(ran.detected.is_some()), "{name}: an alarm was taken back");
+            assert!(ran.alarms == 0 || ran.detected.is_some(), "{name}: an alarm was taken back");
         }
         other => assert_eq!(ran.alarms, 0, "{name}: {other}"),
     }

@@ -742,7 +742,7 @@ impl Agent for Metamodule {
             Phase::Asking { again, .. } => *again,
             Phase::Moving { .. } => Time::NEVER,
         };
-        next.min(self.core.repeat_at).min(self.core.watch.next)
+        next.min(self.core.repeat_at).min(self.core.watch.wake_at())
     }
 
     fn digest(&self, mut hasher: &mut dyn Hasher) {

@@ -62,7 +62,7 @@ pub struct RawMetamodules {
     strategy: Strategy,
     teller: Teller,
     relocate: bool,
-    detector: bool,
+    detector: Option<At<bool>>,
 }
 
 const GOAL: &str = "shape = { box = [5, 5] }";
@@ -105,7 +105,7 @@ impl RawMetamodules {
             strategy: Strategy::default(),
             teller: Teller::default(),
             relocate: false,
-            detector: false,
+            detector: None,
         };
         swarm.finish(problems);
         raw.goals = goal_sections(others.goals, GOAL, problems)
@@ -121,7 +121,7 @@ impl RawMetamodules {
             raw.strategy = section.choice("strategy", "strategy", &strategies, problems).unwrap_or_default();
             raw.teller = section.choice("teller", "teller", &TELLERS, problems).unwrap_or_default();
             raw.relocate = section.get("relocate", problems).is_some_and(|r| r.value);
-            raw.detector = section.get("detector", problems).is_some_and(|d| d.value);
+            raw.detector = section.get("detector", problems).filter(|d: &At<bool>| d.value);
             section.finish(problems);
         }
         raw
@@ -147,7 +147,12 @@ impl RawMetamodules {
         let mut params = Params::scaled(self.strategy, turn_time, usual_delay);
         params.teller = self.teller;
         let metamodules = u16::try_from(count).unwrap_or(u16::MAX);
-        params.detector = self.detector.then_some(Detector { after: params.patience, metamodules });
+        if let Some(asked) = &self.detector {
+            params.detector = Some(Detector { after: params.patience, metamodules });
+            if self.strategy == Strategy::Negotiated {
+                problems.add(asked.place.clone(), Flaw::NoDetector);
+            }
+        }
         let name =
             |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
         let mut draft = Draft {
