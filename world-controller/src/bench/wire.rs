@@ -32,13 +32,14 @@ use std::time::Duration;
 /// Bytes of a message.
 const SIZE: usize = 64;
 /// Round trips timed together, for the clock costs something, too.
-const BATCH: u32 = 32;
+const BATCH: u32 = 16;
 /// Messages sent before the receiver is woken.
 const BURST: u32 = 16;
 /// How long round trips are measured, and throughput.
-const LONG: Duration = Duration::from_millis(700);
-/// Looks after which whoever spins lets others run; the other end may be one of them.
-const LOOKS: u64 = 2_000;
+const LONG: Duration = Duration::from_secs(1);
+/// Looks after which whoever spins lets others run; the other end may be one of them. Long enough that
+/// on a busy machine both ends run at the same time now and then.
+const LOOKS: u64 = 50_000;
 /// Looks after which the other process counts as gone: minutes of spinning.
 const PATIENCE: u64 = 1 << 36;
 /// The longest wait for the other process to start.
