@@ -137,10 +137,18 @@ pub struct Row {
 pub fn measure(live: &mut Live) -> Result<Vec<Row>, BenchError> {
     rendezvous::set_verbosity(false);
     let before = sched_getaffinity(None).ok();
+    let roam = || {
+        if let Some(before) = &before {
+            // It was this before, so it can be this again.
+            let _ = sched_setaffinity(None, before);
+        }
+    };
     let mut rows = Vec::new();
     for mechanism in Mechanism::ALL {
         let mut cost = |mode: Mode| {
             live.show(|| format!("wire: {}, {}", mechanism.name(), mode.name()));
+            // The other process starts where this one may run.
+            roam();
             between_processes(mechanism, mode)
         };
         rows.push(Row {
@@ -150,10 +158,7 @@ pub fn measure(live: &mut Live) -> Result<Vec<Row>, BenchError> {
         });
     }
     live.clear();
-    if let Some(before) = before {
-        // It was this before, so it can be this again.
-        let _ = sched_setaffinity(None, &before);
-    }
+    roam();
     Ok(rows)
 }
 
@@ -235,7 +240,6 @@ pub fn echo(mechanism: Mechanism, mode: Mode, root: &str) -> Result<(), BenchErr
 }
 
 fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Cost, BenchError> {
-    stay_on(mode, 0);
     let dir = RunDir::create()?;
     let root = dir.root().to_str().ok_or_else(|| BenchError::Part("has no root".to_owned()))?.to_owned();
     let mut peer = command(&["echo", mechanism.name(), mode.name(), &root])?;
@@ -269,6 +273,7 @@ fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Cost, BenchErro
             (peer, Box::new(pair(copy(&ours)?, ours)?))
         }
     };
+    stay_on(mode, 0);
     let cost = exchange(end.as_mut(), mode)?;
     send(end.as_mut(), mode, ask::STOP)?;
     end.ring();
