@@ -82,8 +82,8 @@ impl SwarmOptions {
 
 /// The most modules of one run on one machine; pids and descriptors end soon after.
 pub const MODULE_LIMIT: usize = 16_000;
-/// Descriptors that the controller needs for each agent, and for itself.
-const DESCRIPTORS: (u64, u64) = (16, 256);
+/// Descriptors that the controller needs for each agent (13 were measured), and for itself.
+const DESCRIPTORS: (u64, u64) = (14, 256);
 
 /// Lives that modules of one shard may have beyond their first: the slots of killed ones are not
 /// given back. A restart beyond that fails, and is reported as a crash that says so.
