@@ -13,7 +13,7 @@ use crate::outbox::{Handed, Outbox};
 use crate::process::{Guard, Identity};
 use crate::rendezvous::{ChannelError, Rendezvous, set_verbosity};
 use crate::runtime::{Contact, Runtime};
-use crate::seat::Seat;
+use crate::seat::{Seat, is_marked};
 use crate::swarm_file::{SwarmFile, SwarmFileError};
 use crate::uplink::Uplink;
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
@@ -275,8 +275,8 @@ impl<A: Agent> Driver<'_, A> {
     /// neighbours; but another may take the seat.
     fn look_for_controller(&mut self, now: u64) -> Result<(), AgentError> {
         let since = *self.orphaned.get_or_insert(now);
-        // Whoever has not begun has nothing to go on with.
-        if self.agent.is_none() || now.saturating_sub(since) >= self.patience {
+        // A run that has not begun is not gone on with.
+        if !is_marked(&self.args.root) || now.saturating_sub(since) >= self.patience {
             return Err(AgentError::Orphan(self.seat.controller.pid));
         }
         self.follow_seat()
@@ -285,7 +285,7 @@ impl<A: Agent> Driver<'_, A> {
     /// Turns to the controller that has the seat now, if it is another than before.
     fn follow_seat(&mut self) -> Result<(), AgentError> {
         let Ok(seat) = Seat::read(&self.args.root) else { return Ok(()) };
-        if seat.generation <= self.seat.generation || self.agent.is_none() {
+        if seat.generation <= self.seat.generation {
             return Ok(());
         }
         let outbox = match Outbox::to_controller(&self.at, self.args.id, seat.generation) {

@@ -17,6 +17,18 @@ pub struct Seat {
 }
 
 const NAME: &str = "controller";
+/// Marks a run that has begun, and whose agents wait when their controller is killed.
+const AWAITED: &str = "awaited";
+
+/// From now on the agents of this run wait for a while when their controller is killed.
+pub fn mark_awaited(root: &Path) -> io::Result<()> {
+    fs::write(root.join(AWAITED), b"")
+}
+
+/// Whether the agents of this run are to wait when their controller is killed.
+pub fn is_marked(root: &Path) -> bool {
+    root.join(AWAITED).exists()
+}
 
 impl Seat {
     /// Who controls the run in `root`.

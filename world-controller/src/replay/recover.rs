@@ -81,7 +81,7 @@ struct Notes<A: Agent> {
 impl<A: Agent> Notes<A> {
     fn take(&mut self, event: &Event) -> Result<(), String> {
         match event {
-            Event::Start { id, life, .. } => {
+            Event::Start { id, life, place } => {
                 self.awaited.remove(id);
                 self.counted.restarted += u32::from(*life > Incarnation(0));
                 if let Some(latest) = self.latest.get_mut(id.index()) {
@@ -90,6 +90,7 @@ impl<A: Agent> Notes<A> {
                 let begun = TakenOver {
                     id: *id,
                     life: *life,
+                    place: read(place)?,
                     heard: 0,
                     told: VecDeque::new(),
                     condemned: false,

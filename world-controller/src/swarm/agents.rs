@@ -66,7 +66,8 @@ pub struct Process<A: Agent> {
     pub heard: u32,
     outbox: Option<Outbox>,
     queue: VecDeque<Letter<A>>,
-    /// All that earlier controllers have told this life, until it says how much of that it knows.
+    /// All that earlier controllers have told this life since and with its beginning, until it says how
+    /// much of that it knows.
     backlog: VecDeque<Letter<A>>,
     sequence: u32,
     retry_at: u64,
@@ -116,11 +117,10 @@ impl<A: Agent> Process<A> {
     /// It has turned to this controller and expects the message of this number. What it was told before
     /// and has not taken is told again. False if that cannot be.
     pub fn found(&mut self, expected: u32) -> bool {
-        // Its beginning was the first message of all.
-        let Some(known) = expected.checked_sub(1).filter(|k| *k as usize <= self.backlog.len()) else {
+        if expected as usize > self.backlog.len() {
             return false;
-        };
-        self.backlog.drain(..known as usize);
+        }
+        self.backlog.drain(..expected as usize);
         self.backlog.append(&mut self.queue);
         self.queue = std::mem::take(&mut self.backlog);
         self.sequence = expected;

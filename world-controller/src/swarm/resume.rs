@@ -36,6 +36,8 @@ pub struct TakenOver<A: Agent> {
     pub id: ModuleId,
     /// Which life of it.
     pub life: Incarnation,
+    /// Where its body stood when it began.
+    pub place: A::Place,
     /// Actions and reports of it that were taken.
     pub heard: u32,
     /// Everything that it was told, since its beginning.

@@ -11,6 +11,7 @@ use metamorph_module_agent::ledger;
 use metamorph_module_agent::pid_directory;
 use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::run_name::{HOME, MARK, RunName};
+use metamorph_module_agent::seat::is_marked;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
@@ -158,18 +159,9 @@ fn is_locked(root: &Path) -> bool {
     })
 }
 
-/// Marks a run whose agents wait for their controller to come back.
-const AWAITED: &str = "awaited";
-
-/// From now on the agents of this run wait for a while when their controller is killed, and so does
-/// cleaning.
-pub fn mark_awaited(root: &Path) -> io::Result<()> {
-    fs::write(root.join(AWAITED), b"")
-}
-
 /// Whether agents of this run still wait. Stopped ones cannot end by themselves, so they do not count.
 fn is_awaited(root: &Path) -> bool {
-    root.join(AWAITED).exists() && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
+    is_marked(root) && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
 }
 
 /// The processes of agents that have said who they are, by the names of their lives.
@@ -230,16 +222,18 @@ pub fn clean() -> Result<CleanReport, CleanError> {
 
 /// Kills the agents of a dead run that still live, and waits for their end.
 fn kill_agents(root: &Path) -> u32 {
-    let mut killed = 0;
-    for (_, agent) in identities(root) {
-        let Some(pid) = agent.as_pid() else { continue };
-        // The descriptor is taken before the identity is checked: from then on it cannot change.
-        let Ok(fd) = pidfd_open(pid, PidfdFlags::empty()) else { continue };
-        if agent.is_alive() && pidfd_send_signal(&fd, Signal::KILL).is_ok() {
-            let limit = Timespec { tv_sec: 5, tv_nsec: 0 };
-            let _ = poll(&mut [PollFd::new(&fd, PollFlags::IN)], Some(&limit));
-            killed += 1;
-        }
+    identities(root).map(|(_, agent)| u32::from(kill(agent))).sum()
+}
+
+/// Kills an agent that nobody supervises, and waits for its end; false if it is dead.
+pub fn kill(agent: Identity) -> bool {
+    // The descriptor is taken before the identity is checked: from then on it cannot change.
+    let fd = agent.as_pid().and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+    let Some(fd) = fd.filter(|_| agent.is_alive()) else { return false };
+    let killed = pidfd_send_signal(&fd, Signal::KILL).is_ok();
+    if killed {
+        let limit = Timespec { tv_sec: 5, tv_nsec: 0 };
+        let _ = poll(&mut [PollFd::new(&fd, PollFlags::IN)], Some(&limit));
     }
     killed
 }

@@ -2,13 +2,14 @@
 //! it again what it has not taken, and takes what it has told meanwhile from its part of the journal.
 
 use super::Conductor;
-use crate::swarm::agents::Stage;
+use crate::swarm::agents::{Letter, Stage};
 use crate::swarm::outcome::{SwarmError, SwarmOutcome};
 use crate::swarm::resume::Resumption;
-use crate::swarm::run_dir::identities;
+use crate::swarm::run_dir::{identities, kill};
 use crate::swarm::supervise::Task;
 use metamorph_module_agent::clock::Clock;
 use metamorph_module_agent::journal::{JournalError, Reader, agent_part};
+use metamorph_module_agent::runtime::Runtime;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::journal::{Blob, Event, Told};
@@ -16,7 +17,7 @@ use metamorph_protocol::wire::{Header, Wire};
 use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     /// Goes on with a run to its end.
@@ -38,7 +39,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             process.incarnation = life;
         }
         let known: BTreeMap<String, _> = identities(self.dir.root()).collect();
-        // Whoever was started and had not begun ends by itself; its number is used up.
+        // Numbers of lives that had not begun are used up, too.
         for (id, life) in known.keys().filter_map(|name| name.split_once('.')) {
             if let (Ok(id), Ok(life)) = (id.parse::<usize>(), life.parse())
                 && let Some(process) = self.processes.get_mut(id)
@@ -46,7 +47,15 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                 process.incarnation = process.incarnation.max(Incarnation(life));
             }
         }
-        for life in lives {
+        let taken_over: BTreeSet<String> = lives.iter().map(|l| format!("{}.{}", l.id, l.life)).collect();
+        for (name, identity) in &known {
+            if !taken_over.contains(name) && kill(*identity) {
+                tracing::debug!("{name} had been started, and was not to take part yet");
+            }
+        }
+        for mut life in lives {
+            let begin = Runtime::Begin { epoch, place: life.place };
+            life.told.push_front(Letter::Runtime(begin));
             let process = &mut self.processes[life.id.index()];
             process.take_over(life.life, life.heard, life.told);
             process.condemned = life.condemned;
