@@ -65,6 +65,12 @@ impl<A: Agent> Agents<'_, A> {
     }
 }
 
+/// Looks on while a simulation goes on; nothing that happens depends on it.
+pub trait Observer<A: Agent>: Send {
+    /// A message has arrived.
+    fn delivered(&mut self, now: Time, from: ModuleId, to: ModuleId, class: Class, message: &A::Message);
+}
+
 /// What a simulated run starts from, besides its world and its director.
 pub struct SimConfig<A: Agent> {
     /// What the agents share.
@@ -143,6 +149,7 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     checked: u64,
     next_audit: Time,
     finished: bool,
+    observer: Option<Box<dyn Observer<W::Agent>>>,
 }
 
 impl<W: Audited, D: Direct<W>> Sim<W, D> {
@@ -181,6 +188,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             broken: 0,
             checked: 0,
             finished: false,
+            observer: None,
         };
         for i in 0..sim.slots.len() as u32 {
             sim.start(ModuleId(i), Incarnation(0));
@@ -190,6 +198,10 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         sim
     }
 
+    /// From now on somebody looks on.
+    pub fn observe(&mut self, observer: Box<dyn Observer<W::Agent>>) {
+        self.observer = Some(observer);
+    }
     /// The present.
     pub fn now(&self) -> Time {
         self.now
@@ -309,7 +321,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         class: Class,
         message: <W::Agent as Agent>::Message,
     ) {
-        let current = self.slots[to.index()].contacts[port.index()].map(|c| c.session);
+        let contact = self.slots[to.index()].contacts[port.index()];
+        let current = contact.map(|c| c.session);
         if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
             self.tally[class].expired += 1;
             return;
@@ -320,6 +333,9 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }
         self.tally[class].delivered += 1;
         self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
+        if let (Some(observer), Some(contact)) = (&mut self.observer, contact) {
+            observer.delivered(self.now, contact.peer, to, class, &message);
+        }
         self.feed(to, Input::Message { port, message });
     }
 

@@ -42,6 +42,21 @@ Modules are numbered from 0; `metamorph check SCENARIO` says how many there are.
 
 Ctrl-C ends a run with a partial report; a second Ctrl-C ends it at once.";
 
+const VIEW_EXAMPLES: &str = "\
+Examples:
+  metamorph view deploy/scenarios/chair.toml               simulate, and look at it
+  metamorph view deploy/scenarios/swarm.toml --kill 3@2s
+  metamorph run deploy/scenarios/swarm.toml --view         look at processes while they run
+
+The address of the page is printed; open it in a browser of this machine. It works without a network,
+listens on the loopback interface only, and lets in only whoever has the whole address. `?` on the page
+lists its keys. Ctrl-C ends it.
+
+Exit codes:
+  0  the page was shown until Ctrl-C
+  1  the program itself failed, for example because there was no port
+  2  the command line or the scenario is wrong";
+
 const CHECK_EXAMPLES: &str = "\
 Examples:
   metamorph check deploy/scenarios/swarm.toml
@@ -126,6 +141,9 @@ pub enum Command {
     /// Run a scenario and report what happened
     #[command(after_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
     Run(RunArgs),
+    /// Look at a run in the browser: in 3D, with what happened over time
+    #[command(after_help = VIEW_EXAMPLES)]
+    View(ViewArgs),
     /// Run a scenario with many seeds and varied values, and compare
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
@@ -155,9 +173,21 @@ pub struct RunArgs {
     /// goes to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
+    /// Show the run in the browser while it goes on and afterwards, until Ctrl-C; the address is
+    /// printed
+    #[arg(long)]
+    pub view: bool,
     /// Print nothing but errors, and JSON if asked for
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// What `view` takes.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// What and how. The scenario is simulated.
+    #[command(flatten)]
+    pub plan: PlanArgs,
 }
 
 /// What `sweep` takes.

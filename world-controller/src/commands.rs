@@ -1,6 +1,6 @@
 //! Carries commands out: from what was typed to an exit code.
 
-use crate::command::{Command, CommandLine, RunArgs};
+use crate::command::{Command, CommandLine, RunArgs, ViewArgs};
 use crate::interrupt::Interrupt;
 use crate::overview::overview;
 use crate::processes;
@@ -13,6 +13,9 @@ use crate::simulated::run_simulated;
 use crate::stopwatch::Stopwatch;
 use crate::sweep::{SweepError, sweep};
 use crate::terminal::{Channel, Live, complain, print_out};
+use crate::view::scene::Scene;
+use crate::view::server::{Server, ServerError};
+use crate::view::watch::Shared;
 use clap::Parser;
 use metamorph_sim_bridge::outcome::Outcome;
 use std::ffi::OsString;
@@ -60,6 +63,9 @@ enum Failure {
     /// A sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
+    /// A run cannot be shown.
+    #[error(transparent)]
+    Server(#[from] ServerError),
     /// The Roombots model has no answer.
     #[error("metamorph: {0}")]
     Robot(#[from] RobotError),
@@ -72,7 +78,9 @@ impl Failure {
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Sweep(_) => FAILED,
             Failure::Input(_) | Failure::Json { .. } => BAD_USAGE,
-            Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
+            Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) | Failure::Server(_) => {
+                FAILED
+            }
         }
     }
 }
@@ -101,6 +109,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
     match command {
         Command::Run(args) => run(args, since),
+        Command::View(args) => view(args, since),
         Command::Check(args) => {
             let (path, overrides) = args.plan.into();
             print_out(&overview(&plan(&path, &overrides)?));
@@ -139,13 +148,40 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
             .map_err(|error| Failure::Json { path: file.display().to_string(), error })?;
     }
     let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
+    let scene = args.view.then(|| Shared::new(Scene::new(&plan, overrides.link == LinkKind::Sim)));
+    if let Some(scene) = &scene {
+        // Standard output is for the report.
+        complain(&shown(scene)?);
+    }
     let mut live = Live::new(!args.quiet);
     let report = match overrides.link {
-        LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since),
-        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since)?,
+        LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since, scene.as_ref()),
+        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, scene.as_ref())?,
     };
     drop(live);
-    deliver(&report, &args.json, args.quiet)
+    let code = deliver(&report, &args.json, args.quiet)?;
+    if scene.is_some() {
+        interrupt.wait();
+    }
+    Ok(code)
+}
+
+/// Serves a scene, and says where.
+fn shown(scene: &Shared) -> Result<String, ServerError> {
+    let server = Server::start(scene.clone())?;
+    Ok(format!("look at it at {}\nCtrl-C ends it", server.address()))
+}
+
+fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
+    let (path, overrides) = args.plan.into();
+    let overrides = Overrides { link: LinkKind::Sim, ..overrides };
+    let plan = plan(&path, &overrides)?;
+    let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
+    let scene = Shared::new(Scene::new(&plan, true));
+    print_out(&shown(&scene)?);
+    run_simulated(&plan, &interrupt, &mut Live::new(true), since, Some(&scene));
+    interrupt.wait();
+    Ok(0)
 }
 
 fn json_file(json: &Option<PathBuf>) -> Option<&Path> {

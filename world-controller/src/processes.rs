@@ -8,6 +8,7 @@ use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::swarm::{CleanError, Crash, SwarmError, SwarmOptions, SwarmOutcome, clean, run_swarm};
 use crate::terminal::Live;
+use crate::view::watch::{Shared, Watched, WatchedDirector};
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::clock::Speed;
@@ -41,10 +42,15 @@ pub enum ProcessError {
 }
 
 /// Runs to the end, or until a signal asks for it. `since` is when the program started.
-pub fn run_processes(plan: &Plan, live: &mut Live, since: Stopwatch) -> Result<Report, ProcessError> {
+pub fn run_processes(
+    plan: &Plan,
+    live: &mut Live,
+    since: Stopwatch,
+    scene: Option<&Shared>,
+) -> Result<Report, ProcessError> {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, live, since),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since),
+        Swarm::Cubes(cubes) => run(cubes, plan, live, since, scene),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since, scene),
     }
 }
 
@@ -53,8 +59,9 @@ fn run<R: Runnable>(
     plan: &Plan,
     live: &mut Live,
     since: Stopwatch,
+    scene: Option<&Shared>,
 ) -> Result<Report, ProcessError> {
-    let mut world = swarm.world(plan);
+    let mut world = Watched::new(swarm.world(plan), swarm.setup(), scene.cloned());
     let options = SwarmOptions {
         // `--` keeps the agent's arguments from being read as options of this program.
         program_args: vec!["agent".into(), "--".into(), R::FAMILY.name().into()],
@@ -65,15 +72,16 @@ fn run<R: Runnable>(
         catch_signals: true,
         ..SwarmOptions::new(std::env::current_exe().map_err(ProcessError::Program)?)
     };
-    let mut director = Watched::<R> { brain: swarm.director(plan), plan, live };
+    let brain = WatchedDirector::<R>::new(swarm.director(plan), scene.cloned());
+    let mut director = Shown::<R> { brain, plan, live };
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let outcome = run_swarm(&options, swarm.setup().as_ref(), &mut world, &mut director)?;
     director.live.clear();
-    let brain = director.brain;
+    let (brain, mut world) = (director.brain.brain, world.world);
     let (mut violations, checked) = R::last_check(&mut world, outcome.end);
     violations.extend(unbalanced(&outcome));
-    Ok(report(&Facts {
+    let report = report(&Facts {
         plan,
         account: swarm.account(plan, &brain, &world),
         beat: swarm.beat(),
@@ -88,7 +96,11 @@ fn run<R: Runnable>(
         setup: before + outcome.setup,
         trace_hash: None,
         notes: notes(&outcome),
-    }))
+    });
+    if let Some(scene) = scene {
+        scene.lock().finish(outcome.end, report.clone());
+    }
+    Ok(report)
 }
 
 /// Thousandths are as fine as anybody writes them; the plan keeps the range.
@@ -127,8 +139,8 @@ fn notes(outcome: &SwarmOutcome) -> Vec<String> {
 }
 
 /// The director, with somebody watching: draws the progress line.
-struct Watched<'a, R: Runnable> {
-    brain: R::Director,
+struct Shown<'a, R: Runnable> {
+    brain: WatchedDirector<R>,
     plan: &'a Plan,
     live: &'a mut Live,
 }
@@ -136,7 +148,7 @@ struct Watched<'a, R: Runnable> {
 type ReportOf<W> = <<W as World>::Agent as Agent>::Report;
 type OrderOf<W> = <<W as World>::Agent as Agent>::Order;
 
-impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
+impl<R: Runnable> Direct<Watched<R::World>> for Shown<'_, R> {
     fn report(&mut self, now: Time, id: ModuleId, report: ReportOf<R::World>) {
         self.brain.report(now, id, report);
     }
@@ -146,9 +158,9 @@ impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
     fn started(&mut self, now: Time, id: ModuleId) {
         self.brain.started(now, id);
     }
-    fn wake(&mut self, now: Time, world: &mut R::World) {
+    fn wake(&mut self, now: Time, world: &mut Watched<R::World>) {
         self.brain.wake(now, world);
-        self.live.show(|| progress(self.plan, now, &R::progress(&self.brain)));
+        self.live.show(|| progress(self.plan, now, &R::progress(&self.brain.brain)));
     }
     fn wake_at(&self) -> Time {
         self.brain.wake_at()

@@ -6,15 +6,22 @@ use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
+use crate::view::watch::{Listener, Shared, Watched, WatchedDirector};
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Progress;
 use metamorph_sim_bridge::sim::{Sim, SimConfig};
 use std::sync::Arc;
 
 /// Runs to the end, or until interrupted. `since` is when the program started.
-pub fn run_simulated(plan: &Plan, interrupt: &Interrupt, live: &mut Live, since: Stopwatch) -> Report {
+pub fn run_simulated(
+    plan: &Plan,
+    interrupt: &Interrupt,
+    live: &mut Live,
+    since: Stopwatch,
+    scene: Option<&Shared>,
+) -> Report {
     tracing::info!(modules = plan.swarm.len(), seed = plan.seed, "the simulation starts");
-    let report = simulate(plan, since, |now, so_far| {
+    let report = simulate(plan, since, scene, |now, so_far| {
         live.show(|| progress(plan, now, &so_far()));
         !interrupt.is_set()
     });
@@ -23,15 +30,17 @@ pub fn run_simulated(plan: &Plan, interrupt: &Interrupt, live: &mut Live, since:
 }
 
 /// Runs to the end, or until `watch`, which is asked again and again how to go on, says no. It is
-/// given the scenario time and, if it cares, how far the run has come.
+/// given the scenario time and, if it cares, how far the run has come. What happens is written to
+/// `scene`, if there is one.
 pub fn simulate(
     plan: &Plan,
     since: Stopwatch,
+    scene: Option<&Shared>,
     watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
 ) -> Report {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, since, watch),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch),
+        Swarm::Cubes(cubes) => run(cubes, plan, since, scene, watch),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, scene, watch),
     }
 }
 
@@ -39,6 +48,7 @@ fn run<R: Runnable>(
     swarm: &R,
     plan: &Plan,
     since: Stopwatch,
+    scene: Option<&Shared>,
     mut watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
 ) -> Report {
     let config = SimConfig {
@@ -48,14 +58,19 @@ fn run<R: Runnable>(
         audit_every: swarm.audit_every(),
         ignore_sessions: false,
     };
-    let mut sim = Sim::new(config, swarm.world(plan), swarm.director(plan));
+    let world = Watched::new(swarm.world(plan), swarm.setup(), scene.cloned());
+    let director = WatchedDirector::<R>::new(swarm.director(plan), scene.cloned());
+    let mut sim = Sim::new(config, world, director);
+    if let Some(scene) = scene {
+        sim.observe(Box::new(Listener(scene.clone())));
+    }
     let (setup, running) = (since.elapsed(), Stopwatch::start());
     // Slices are only for being watched; where they end has no effect on the run.
-    while watch(sim.now(), &|| R::progress(sim.director())) && !sim.run_until(sim.now() + swarm.beat()) {}
+    while watch(sim.now(), &|| R::progress(&sim.director().brain)) && !sim.run_until(sim.now() + swarm.beat()) {}
     let (violations, broken) = sim.violations();
-    report(&Facts {
+    let report = report(&Facts {
         plan,
-        account: swarm.account(plan, sim.director(), sim.world()),
+        account: swarm.account(plan, &sim.director().brain, &sim.world().world),
         beat: swarm.beat(),
         tally: sim.tally(),
         body_messages: sim.body_messages(),
@@ -67,5 +82,9 @@ fn run<R: Runnable>(
         setup,
         trace_hash: Some(sim.trace().value()),
         notes: Vec::new(),
-    })
+    });
+    if let Some(scene) = scene {
+        scene.lock().finish(sim.now(), report.clone());
+    }
+    report
 }
