@@ -173,6 +173,9 @@ pub struct RunArgs {
     /// goes to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
+    /// Write a report for people, with plots, to this file: one HTML page that can be sent to somebody
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// Show the run in the browser while it goes on and afterwards, until Ctrl-C; the address is
     /// printed
     #[arg(long)]

@@ -5,6 +5,7 @@ use crate::interrupt::Interrupt;
 use crate::overview::overview;
 use crate::processes;
 use crate::report::human;
+use crate::report::page::page;
 use crate::report::schema::Report;
 use crate::reproduce::reproduce;
 use crate::robot::{self, RobotError};
@@ -38,9 +39,13 @@ enum Failure {
     Input(String),
     /// The report cannot go where it shall.
     #[error(
-        "--json {path}: cannot write there: {error}\n  fix: name a file in a directory that exists and is yours, or `-`"
+        "{option} {path}: cannot write there: {error}\n  fix: name a file in a directory that exists and is yours{or}"
     )]
-    Json {
+    Unwritable {
+        /// What asked for it.
+        option: &'static str,
+        /// What else could be named.
+        or: &'static str,
         /// Where.
         path: String,
         /// Why.
@@ -77,7 +82,7 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Sweep(_) => FAILED,
-            Failure::Input(_) | Failure::Json { .. } => BAD_USAGE,
+            Failure::Input(_) | Failure::Unwritable { .. } => BAD_USAGE,
             Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) | Failure::Server(_) => {
                 FAILED
             }
@@ -140,16 +145,15 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
     if let Some(file) = json_file(&args.json) {
-        // Found out now, and not after a long run. What the file holds is kept until then.
-        OpenOptions::new()
-            .append(true)
-            .create(true)
-            .open(file)
-            .map_err(|error| Failure::Json { path: file.display().to_string(), error })?;
+        check_writable("--json", ", or `-`", file)?;
+    }
+    if let Some(file) = &args.html {
+        check_writable("--html", "", file)?;
     }
     let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
-    let scene = args.view.then(|| Shared::new(Scene::new(&plan, overrides.link == LinkKind::Sim)));
-    if let Some(scene) = &scene {
+    let watched = args.view || args.html.is_some();
+    let scene = watched.then(|| Shared::new(Scene::new(&plan, overrides.link == LinkKind::Sim)));
+    if let Some(scene) = scene.as_ref().filter(|_| args.view) {
         // Standard output is for the report.
         complain(&shown(scene)?);
     }
@@ -160,10 +164,27 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     };
     drop(live);
     let code = deliver(&report, &args.json, args.quiet)?;
-    if scene.is_some() {
+    if let (Some(file), Some(scene)) = (&args.html, &scene) {
+        let scene = scene.lock();
+        let (width, bins) = scene.bins();
+        write(file, &page(&report, &plan, width, bins))?;
+    }
+    if args.view {
         interrupt.wait();
     }
     Ok(code)
+}
+
+/// Finds out now, and not after a long run, whether a file can be written. What it holds is kept.
+fn check_writable(option: &'static str, or: &'static str, file: &Path) -> Result<(), Failure> {
+    let path = || file.display().to_string();
+    let opened = OpenOptions::new().append(true).create(true).open(file);
+    opened.map(drop).map_err(|error| Failure::Unwritable { option, or, path: path(), error })
+}
+
+fn write(file: &Path, text: &str) -> Result<(), Failure> {
+    let path = file.display().to_string();
+    std::fs::write(file, text).map_err(|error| Failure::Report { path, error })
 }
 
 /// Serves a scene, and says where.
@@ -198,8 +219,7 @@ fn deliver(report: &Report, json: &Option<PathBuf>, quiet: bool) -> Result<u8, F
         print_out(&text);
     }
     if let Some(file) = json_file(json) {
-        std::fs::write(file, text + "\n")
-            .map_err(|error| Failure::Report { path: file.display().to_string(), error })?;
+        write(file, &(text + "\n"))?;
     }
     let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
     Ok(outcome.map_or(FAILED, Outcome::exit_code))

@@ -188,7 +188,7 @@ impl Scene {
             Swarm::Metamodules(m) => (m.poses.len(), m.setup.params.lease),
         };
         let beginning = Beginning::of(plan, messages);
-        let width = Span(beginning.beat * 1_000 / 2);
+        let width = Span(beginning.beat * 1_000);
         Scene {
             flow: Flow::new(modules, width, lease),
             beginning,

@@ -10,14 +10,27 @@ export class Camera {
     this.onChange = () => {};
   }
 
-  /** Looks at everything between two corners. */
-  fit(low, high) {
-    this.target = low.map((x, i) => (x + high[i]) / 2);
-    const radius = Math.hypot(...high.map((x, i) => x - low[i])) / 2 + 0.5;
-    const narrow = Math.min(1, this.aspect);
-    this.distance = (radius / Math.sin(FIELD / 2) / narrow) * 0.92;
+  /** Looks at all of these points, from as near as it can. */
+  fit(points) {
     this.azimuth = -0.9;
-    this.height = 0.5;
+    this.height = 0.46;
+    this.target = [0, 1, 2].map((i) => {
+      const along = points.map((p) => p[i]);
+      return (Math.min(...along) + Math.max(...along)) / 2;
+    });
+    const { right, up } = this.axes();
+    const { out } = this.eye();
+    const t = Math.tan(FIELD / 2);
+    const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    // Again and again: each time finds the middle of what is seen, which is not that of the points.
+    for (let i = 0; i < 4; i++) {
+      const seen = points.map((c) => c.map((x, k) => x - this.target[k]));
+      const far = (axis, wide) => Math.max(...seen.map((c) => Math.abs(dot(c, axis)) / (t * wide) + dot(c, out)));
+      this.distance = Math.max(far(right, this.aspect), far(up, 1)) * 1.1;
+      const heights = seen.map((c) => dot(c, up) / (this.distance - dot(c, out)));
+      const off = ((Math.max(...heights) + Math.min(...heights)) / 2) * this.distance;
+      this.target = this.target.map((x, k) => x + up[k] * off);
+    }
     this.onChange();
   }
 

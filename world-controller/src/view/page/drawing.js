@@ -83,6 +83,7 @@ void main() {
     line = smoothstep(0.035 + blur, 0.03 - blur * 0.5, border) * 0.8;
   }
   vec3 base = paintOf.rgb;
+  vec3 ink = round ? base * 0.42 : edgeOf.rgb;
   float blurOn = fwidth(on.x) + fwidth(on.y) + 1e-5;
   if (pattern == 1) {
     float cross_ = min(abs(on.x - on.y), abs(on.x + on.y));
@@ -100,7 +101,7 @@ void main() {
   float sky = n.z * 0.5 + 0.5;
   float side = max(dot(n, normalize(eye)), 0.0);
   vec3 shade = base * (ambient * (0.55 + 0.45 * sky) + (1.0 - ambient) * lit * 1.1 + 0.1 * side);
-  colour = vec4(mix(shade, edgeOf.rgb * (0.4 + 0.6 * ambient + 0.2 * lit), line), 1.0);
+  colour = vec4(mix(shade, ink * (0.6 + 0.4 * ambient + 0.2 * lit), line), 1.0);
 }`;
 
 const RIBBON_VERTEX = `#version 300 es
@@ -109,6 +110,7 @@ in vec4 begin, end, tint;
 in float flow;
 uniform mat4 view;
 uniform vec3 eyeAt;
+uniform float pixel;
 out vec4 tintOf;
 out vec2 along;
 out float flowOf, long_;
@@ -116,7 +118,10 @@ void main() {
   vec3 span = end.xyz - begin.xyz;
   vec3 at = mix(begin.xyz, end.xyz, corner.x);
   vec3 side = normalize(cross(span, eyeAt - at) + vec3(1e-6));
-  at += side * corner.y * mix(begin.w, end.w, corner.x);
+  float wide = mix(begin.w, end.w, corner.x);
+  // A line that flows stays at least a line.
+  if (flow > 0.0) wide = max(wide, pixel * length(eyeAt - at));
+  at += side * corner.y * wide;
   tintOf = tint;
   along = corner;
   flowOf = flow;
@@ -136,7 +141,7 @@ void main() {
   float pulse = 1.0;
   if (flowOf > 0.0) {
     float wave = fract(along.x - clock * 0.7);
-    pulse = 0.38 + 0.62 * smoothstep(0.55, 1.0, wave);
+    pulse = 0.55 + 0.45 * smoothstep(0.5, 1.0, wave);
   }
   colour = vec4(tintOf.rgb, tintOf.a * soft * pulse);
 }`;
@@ -178,13 +183,26 @@ void main() {
   colour.a = (plates ? colour.a : mix(fill.a, line.a, k)) * fade;
 }`;
 
+function isSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  if (!gl) return false;
+  const info = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|softpipe/i.test(name);
+}
+
 export class Drawing {
   constructor(canvas) {
-    const gl = canvas.getContext("webgl2", { antialias: true, stencil: true, preserveDrawingBuffer: false });
+    // Without a graphics card smooth edges are too slow while things move; when the picture rests,
+    // it is drawn with more pixels instead.
+    this.slow = isSoftware();
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: !this.slow, stencil: true });
     if (!gl) throw new Error("this browser has no WebGL 2");
     this.gl = gl;
     this.canvas = canvas;
-    this.sharpness = Math.min(window.devicePixelRatio || 1, 2);
+    this.sharpness = 1;
+    this.shadows = true;
     this.parts = this.program(PARTS_VERTEX, PARTS_FRAGMENT);
     this.ribbons = this.program(RIBBON_VERTEX, RIBBON_FRAGMENT);
     this.ground = this.program(GROUND_VERTEX, GROUND_FRAGMENT);
@@ -319,11 +337,11 @@ export class Drawing {
     gl.uniformMatrix4fv(u("view"), false, view);
     gl.uniform3fv(u("light"), light);
     gl.uniform3fv(u("eye"), out);
-    gl.uniform1f(u("ambient"), dark ? 0.42 : 0.58);
+    gl.uniform1f(u("ambient"), dark ? 0.5 : 0.66);
     gl.uniform1f(u("ground"), (ground?.z ?? 0) + 0.004);
     for (const { mesh, numbers } of groups) this.fill(mesh.instances, numbers);
 
-    if (ground && above) {
+    if (ground && above && this.shadows) {
       // Each place of the ground is darkened once, however many shadows meet there.
       gl.enable(gl.BLEND);
       gl.enable(gl.STENCIL_TEST);
@@ -351,8 +369,6 @@ export class Drawing {
       this.instances(chosen);
       gl.cullFace(gl.BACK);
       gl.uniform1i(u("outline"), 0);
-      const group = groups.find((g) => g.mesh === chosen.mesh);
-      if (group) this.fill(group.mesh.instances, group.numbers);
     }
     gl.uniform1f(u("grow"), 0);
     groups.forEach((group) => this.instances(group));
@@ -366,6 +382,21 @@ export class Drawing {
       this.instances(ghosts);
       gl.enable(gl.CULL_FACE);
       gl.depthMask(true);
+      gl.disable(gl.BLEND);
+    }
+    if (chosen) {
+      // What is chosen is seen through everything.
+      gl.useProgram(this.parts.program);
+      gl.enable(gl.BLEND);
+      gl.disable(gl.DEPTH_TEST);
+      gl.uniform1i(u("outline"), 1);
+      gl.uniform1f(u("grow"), 0.1);
+      gl.uniform4f(u("flat_"), ...chosen.colour, 0.2);
+      this.fill(chosen.mesh.instances, chosen.numbers);
+      this.instances(chosen);
+      gl.uniform1i(u("outline"), 0);
+      gl.uniform1f(u("grow"), 0);
+      gl.enable(gl.DEPTH_TEST);
       gl.disable(gl.BLEND);
     }
     this.drawRibbons(marks, view, position, clock, false);
@@ -392,6 +423,7 @@ export class Drawing {
     gl.uniformMatrix4fv(u("view"), false, view);
     gl.uniform3fv(u("eyeAt"), position);
     gl.uniform1f(u("clock"), clock);
+    gl.uniform1f(u("pixel"), 0.7 / this.canvas.clientHeight);
     gl.enable(gl.BLEND);
     gl.disable(gl.CULL_FACE);
     gl.depthMask(false);

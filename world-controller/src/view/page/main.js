@@ -38,7 +38,11 @@ class Page {
     this.dirty = true;
     this.clock = 0;
     this.last = null;
-    this.slow = 0;
+    this.rested = null;
+    this.moving = false;
+    this.plain = false;
+    this.scale = 1;
+    this.late = 0;
     this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches);
     this.camera = new Camera();
     this.drawing = new Drawing(by("space"));
@@ -51,7 +55,10 @@ class Page {
     this.listen();
     this.fit();
     this.redraw = () => (this.dirty = true);
-    this.camera.onChange = this.redraw;
+    this.camera.onChange = () => {
+      this.moving = true;
+      this.redraw();
+    };
     story.onTalk = this.redraw;
     story.onLost = (error) => this.lost(error);
     new ResizeObserver(() => {
@@ -214,6 +221,7 @@ class Page {
   seek(t, pause) {
     this.t = Math.max(0, Math.min(this.story.now, t));
     if (pause && this.playing) this.setPlaying(false);
+    this.moving = true;
     this.redraw();
   }
 
@@ -235,7 +243,7 @@ class Page {
   fit() {
     const canvas = by("space");
     this.camera.aspect = canvas.clientWidth / Math.max(canvas.clientHeight, 1);
-    this.camera.fit(this.picture.bounds.low, this.picture.bounds.high);
+    this.camera.fit(this.picture.bounds.points);
   }
 
   note(text) {
@@ -279,18 +287,37 @@ class Page {
     if (this.playing || this.dirty) this.show();
   }
 
-  /** Fewer pixels while a slow machine plays; all of them again when it rests. */
+  /** A slow machine draws less while things move: first no shadows, then fewer pixels. */
   adapt(passed) {
-    this.slow = passed > 60 ? this.slow + 1 : Math.max(0, this.slow - 0.2);
-    if (this.slow > 10 && this.drawing.sharpness > 0.6) {
-      this.drawing.sharpness *= 0.75;
-      this.slow = 0;
+    this.late = passed > 50 ? this.late + 1 : Math.max(0, this.late - 0.25);
+    if (this.late < 4) return;
+    this.late = 0;
+    if (!this.plain) this.plain = true;
+    else this.scale = Math.max(0.5, this.scale * 0.8);
+  }
+
+  /** As fast as needed while things move, as fine as possible when they rest. */
+  quality() {
+    const { drawing } = this;
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    clearTimeout(this.rested);
+    if (this.playing || this.moving) {
+      drawing.sharpness = ratio * this.scale;
+      drawing.shadows = !this.plain;
+      if (this.playing) return;
+      this.rested = setTimeout(() => {
+        this.moving = false;
+        this.redraw();
+      }, 200);
+    } else {
+      drawing.sharpness = drawing.slow ? Math.max(ratio, 2) : ratio;
+      drawing.shadows = true;
     }
   }
 
   show() {
-    if (!this.playing) this.drawing.sharpness = Math.min(window.devicePixelRatio || 1, 2);
     this.dirty = false;
+    this.quality();
     const options = {
       meaning: this.meaning,
       messages: by("messages").checked,
@@ -324,7 +351,9 @@ class Page {
 const story = new Story();
 try {
   await story.begin();
-  new Page(story).setPlaying(false);
+  // For whoever wants to look closer, from the console of the browser.
+  window.page = new Page(story);
+  window.page.setPlaying(false);
 } catch (error) {
   document.body.dataset.state = "failed";
   by("note").hidden = false;

@@ -132,16 +132,17 @@ export class Panel {
       [8, "knows a way to a target"],
     ].filter(([bit]) => standing.flags & bit);
     const owner = this.owner(id, talk);
+    const dead = life === "dead";
     const facts = [
       ["process", known.stuck ? `${life}, joint stuck` : life],
-      ["part", role],
+      [dead ? "was" : "part", role],
       ["at", place],
-      ["does", does],
-      [picture.cubes ? "target in" : "seed in", known.gradient === 65535 ? "unknown" : `${known.gradient} ${picture.cubes ? "moves" : "strides"}`],
-      ["waits for", standing.waits === null ? "nobody" : this.link(standing.waits)],
+      ["does", dead ? null : does],
+      [picture.cubes ? "target in" : "seed in", dead ? null : known.gradient === 65535 ? "unknown" : `${known.gradient} ${picture.cubes ? "moves" : "strides"}`],
+      ["waits for", dead ? null : standing.waits === null ? "nobody" : this.link(standing.waits)],
       ["in a circle", circle.has(id) ? "yes" : null],
-      ["locked by", owner === null ? "nobody" : this.link(owner)],
-      ["knows", flags.length ? flags.map(([, text]) => text).join(", ") : null],
+      ["locked by", dead ? null : owner === null ? "nobody" : this.link(owner)],
+      ["knows", flags.length && !dead ? flags.map(([, text]) => text).join(", ") : null],
     ].filter(([, value]) => value !== null);
     section.dataset.id = id;
     section.dataset.life = life;

@@ -37,6 +37,12 @@ const ownColour = (id) => {
   return [0, 1 / 3, 2 / 3].map((o) => 0.5 + 0.32 * Math.cos(2 * Math.PI * (hue + o)));
 };
 
+/** A cell as one number. */
+const key = ([x, y, z]) => ((x + 32768) * 65536 + (y + 32768)) * 65536 + z + 32768;
+
+const least = (list) => list.reduce((a, b) => Math.min(a, b), Infinity);
+const most = (list) => list.reduce((a, b) => Math.max(a, b), -Infinity);
+
 class Numbers {
   constructor() {
     this.list = new Float32Array(1024);
@@ -87,28 +93,33 @@ export class Picture {
   }
 
   readGoal({ cells }) {
-    const levels = new Map(cells.map(([x, y, z, level]) => [`${x},${y},${z}`, level]));
-    return { cells, levels, highest: Math.max(1, ...levels.values()) };
+    const levels = new Map(cells.map(([x, y, z, level]) => [key([x, y, z]), level]));
+    // Of a large goal the outside is enough to be seen.
+    const inside = (c) => [0, 1, 2].every((i) => [-1, 1].every((d) => levels.has(key(c.slice(0, 3).map((x, k) => x + (k === i ? d : 0))))));
+    return { cells, levels, highest: most([1, ...levels.values()]), outside: cells.filter((c) => !inside(c)) };
   }
 
-  /** Both corners of all that will ever be there, about: start, goals and floor. */
+  /** The corners of what will be there, about (start, each goal, floor), and the lowest height. */
   measure() {
-    const low = [Infinity, Infinity, Infinity];
-    const high = [-Infinity, -Infinity, -Infinity];
-    const add = (p) =>
-      p.forEach((x, i) => {
-        low[i] = Math.min(low[i], x);
-        high[i] = Math.max(high[i], x);
-      });
-    const floor = this.story.scene.floor;
-    const up = this.cubes ? 0 : 0.5;
-    for (const goal of this.goals) goal.cells.forEach(([x, y, z]) => add([x, y, z + up]));
-    if (this.cubes) this.story.scene.start.forEach(add);
+    const points = [];
+    const box = (cells, up) => {
+      const low = [0, 1, 2].map((i) => least(cells.map((c) => c[i])) - 0.5);
+      const high = [0, 1, 2].map((i) => most(cells.map((c) => c[i])) + 0.5);
+      for (let k = 0; k < 8; k++) {
+        points.push([0, 1, 2].map((i) => ((k >> i) & 1 ? high : low)[i] + (i === 2 ? up : 0)));
+      }
+    };
+    for (const goal of this.goals) box(goal.cells, this.cubes ? 0 : 0.5);
+    if (this.cubes) box(this.story.scene.start, 0);
     else {
-      add([floor.min[0], floor.min[1], 0]);
-      add([floor.max[0], floor.max[1], 3]);
+      const { min, max } = this.story.scene.floor;
+      for (const x of [min[0] - 0.5, max[0] + 0.5]) for (const y of [min[1] - 0.5, max[1] + 0.5]) points.push([x, y, 0]);
+      for (const [x, y] of this.story.scene.start) points.push([x, y, 4]);
     }
-    return { low: low.map((x) => x - 0.5), high: high.map((x) => x + 0.5) };
+    const along = (i) => points.map((p) => p[i]);
+    const low = [0, 1, 2].map((i) => least(along(i)));
+    const high = [0, 1, 2].map((i) => most(along(i)));
+    return { points, low, high };
   }
 
   /** Reads the colours of the page again. */
@@ -124,7 +135,7 @@ export class Picture {
     for (const name of ["reserve", "walker", "final", "dead", "paused", "stuck", "none"]) {
       this.colour[name] = read(`--m-${name}`);
     }
-    for (const name of ["paper", "sky", "edge", "mark", "ghost", "foreign", "accent", "wait", "bad", "floor", "line"]) {
+    for (const name of ["paper", "sky", "edge", "mark", "ghost", "foreign", "chosen", "wait", "bad", "floor", "line"]) {
       this.colour[name] = read(`--${name}`);
     }
     this.classColours = this.story.scene.classes.map((name) => read(`--c-${name}`));
@@ -159,7 +170,7 @@ export class Picture {
     const locking = new Set(owners.values());
     let farthest = 1;
     if (options.meaning === "gradient") talk?.gradient.forEach((d) => d !== FAR && (farthest = Math.max(farthest, d)));
-    const size = this.cubes ? (options.messages ? 0.52 : 0.95) : 0.985;
+    const size = this.cubes ? (options.messages ? 0.42 : 0.95) : 0.985;
     const { goal, shift } = story.goalAt(t);
     const now = this.goals[Math.min(goal, this.goals.length - 1)];
     const taken = new Set();
@@ -183,6 +194,8 @@ export class Picture {
         const owner = owners.get(id);
         paint = owner !== undefined ? ownColour(owner) : locking.has(id) ? ownColour(id) : colour.none;
       }
+      // Among messages, modules step back.
+      if (options.messages && this.cubes) paint = paint.map((c, i) => c + (colour.sky[i] - c) * 0.45);
       let pattern = PATTERN.plain;
       let edge = colour.edge;
       if (known.life === "dead") [pattern, edge] = [PATTERN.dead, colour.mark];
@@ -195,16 +208,19 @@ export class Picture {
       this.foreign.push(x, y, z + (this.cubes ? 0 : 0.5), 0.9, ...UPRIGHT, ...colour.foreign, 0, ...colour.edge, 1);
     }
     if (options.goal) {
-      for (const [x, y, z] of now.cells) {
+      for (const [x, y, z] of now.outside) {
         const at = [x + shift[0], y + shift[1], z];
-        if (taken.has(at.join())) continue;
+        if (taken.has(key(at))) continue;
         const up = this.cubes ? 0 : 0.5;
-        this.ghosts.push(at[0], at[1], at[2] + up, 0.94, ...UPRIGHT, ...colour.ghost, PATTERN.ghost, ...colour.ghost, now.cells.length > 200 ? 0.35 : 0.75);
+        this.ghosts.push(at[0], at[1], at[2] + up, 0.94, ...UPRIGHT, ...colour.ghost, PATTERN.ghost, ...colour.ghost, now.cells.length > 200 ? 0.4 : 0.8);
       }
     }
     if (options.messages && talk) this.drawTalk(talk, options);
+    const stall = t >= story.now ? story.report?.unbuilt : null;
+    for (const { module, waits_for } of stall?.waiting ?? []) if (waits_for !== null) waits.set(module, waits_for);
     const circle = story.circle(waits);
-    if (options.waits) this.drawWaits(waits, circle);
+    stall?.wait_cycle.forEach((id) => circle.add(id));
+    this.drawWaits(waits, circle, options);
     if (options.meaning === "locks") {
       for (const [holder, owner] of owners) this.arrow(holder, owner, [...ownColour(owner), 0.9], 0.05);
     }
@@ -213,7 +229,7 @@ export class Picture {
 
   levelColour(id, known, body, goal) {
     if (this.cubes) {
-      const level = goal.levels.get(body.to.join());
+      const level = goal.levels.get(key(body.to));
       if (known.standing.role !== 2 || level === undefined) return this.colour.none;
       return scale(0.08 + 0.88 * (level / goal.highest));
     }
@@ -229,7 +245,7 @@ export class Picture {
       this.middles[id] = [x, y, z];
       this.parts.push(x, y, z, size, ...UPRIGHT, ...paint, pattern, ...edge, 1);
       if (isChosen) this.chosen.push(x, y, z, size, ...UPRIGHT, ...paint, 0, ...edge, 1);
-      taken.add((body.part >= 1 || !body.what ? body.to : body.from).join());
+      taken.add(key(body.part >= 1 || !body.what ? body.to : body.from));
       return;
     }
     const halves = halvesAt(body, this.body.quarterTurns);
@@ -245,7 +261,7 @@ export class Picture {
     });
     this.middles[id] = sum;
     this.middles[id].cells = cells;
-    cells.forEach(([x, y, z]) => taken.add([Math.round(x), Math.round(y), Math.round(z - 0.5)].join()));
+    cells.forEach(([x, y, z]) => taken.add(key([Math.round(x), Math.round(y), Math.round(z - 0.5)])));
   }
 
   /** One ribbon. */
@@ -260,15 +276,16 @@ export class Picture {
     const middles = this.middles;
     for (let i = 0; i < talk.edges.length; i += step) {
       const [from, to] = [middles[talk.edges[i]], middles[talk.edges[i + 1]]];
-      let [sum, most, which] = [0, 0, 0];
+      let [sum, top, which] = [0, 0, 0];
       for (let k = 0; k < n; k++) {
         const count = classes[k] ? talk.edges[i + 2 + k] : 0;
         sum += count;
-        if (count > most) [most, which] = [count, k];
+        if (count > top) [top, which] = [count, k];
       }
       if (sum === 0 || !from || !to) continue;
-      const strong = Math.min(1, 0.35 + 0.22 * Math.log2(1 + sum / seconds));
-      const width = 0.03 + 0.045 * Math.min(1, Math.log2(1 + sum / seconds) / 5);
+      const often = Math.log2(1 + sum / seconds);
+      const strong = Math.min(1, 0.5 + 0.2 * often);
+      const width = 0.03 + 0.05 * Math.min(1, often / 5);
       // The two directions run beside each other.
       const d = to.map((x, k) => x - from[k]);
       const across = [d[1] - d[2], d[2] - d[0], d[0] - d[1]];
@@ -280,9 +297,11 @@ export class Picture {
     }
   }
 
-  drawWaits(waits, circle) {
+  /** Those that wait in a circle are always drawn; the others if asked for. */
+  drawWaits(waits, circle, options) {
     for (const [from, to] of waits) {
       const within = circle.has(from) && circle.has(to);
+      if (!within && !options.waits && from !== options.chosen && to !== options.chosen) continue;
       const rgb = within ? this.colour.bad : this.colour.wait;
       this.arrow(from, to, [...rgb, within ? 1 : 0.85], within ? 0.11 : 0.055);
     }
@@ -330,7 +349,7 @@ export class Picture {
       groups,
       ghosts: this.ghosts.length ? { mesh: this.ghostMesh, numbers: this.ghosts.view() } : null,
       chosen: this.chosen.length
-        ? { mesh: this.chosenMesh, numbers: this.chosen.view(), colour: colour.accent }
+        ? { mesh: this.chosenMesh, numbers: this.chosen.view(), colour: colour.chosen }
         : null,
       links: this.links.view(),
       marks: this.marks.view(),

@@ -1,7 +1,7 @@
 // What happened in a run, and what was at any moment of it. Filled piece by piece from the server;
 // asked by the drawing. Times are microseconds. Knows nothing of how things look.
 
-const AT_ONCE = 16;
+const AT_ONCE = 8;
 
 /** The place of the last entry of `list` that is not after `t`, by its `t`; -1 if there is none. */
 export function before(list, t) {

@@ -124,23 +124,34 @@ export class Timeline {
       const tall = (room * row.share) / shares;
       const base = top + tall;
       const parts = this.rows(row.key, seconds);
-      const most = Math.max(parts.most, 1e-9);
+      // A single high peak, as at the beginning, shall not flatten all the rest; it is cut and told.
+      const sorted = [...parts.tops].sort((a, b) => a - b);
+      const usual = sorted[Math.floor(sorted.length * 0.97)] ?? 0;
+      const cut = usual > 0 && parts.most > 2.5 * usual;
+      const most = Math.max(cut ? usual * 1.25 : parts.most, 1e-9);
+      const y = (v) => base - Math.min(v / most, 1) * tall;
       for (const { colour: name, low, high } of parts.areas) {
         paint.fillStyle = colour(name);
         paint.beginPath();
-        this.outline(high, (i, v) => paint.lineTo(i, base - (v / most) * tall), false);
-        this.outline(low, (i, v) => paint.lineTo(i, base - (v / most) * tall), true);
+        this.outline(high, (i, v) => paint.lineTo(i, y(v)), false);
+        this.outline(low, (i, v) => paint.lineTo(i, y(v)), true);
         paint.fill();
       }
       paint.fillStyle = colour("--line");
       paint.fillRect(LEFT, base, width - LEFT - RIGHT, 1);
       paint.textAlign = "right";
-      paint.textBaseline = "middle";
+      paint.textBaseline = "bottom";
       paint.fillStyle = colour("--ink");
-      paint.fillText(row.title, LEFT - 8, base - tall / 2 - 1);
+      paint.fillText(row.title, LEFT - 8, base + 2);
       paint.fillStyle = colour("--soft");
       paint.textBaseline = "top";
-      if (parts.most > 0) paint.fillText(short(parts.most), LEFT - 8, top - 3);
+      if (parts.most > 0) paint.fillText(short(most), LEFT - 8, top - 3);
+      if (cut) {
+        paint.textAlign = "left";
+        const peak = parts.tops.indexOf(parts.most);
+        const x = this.x(Math.min((peak + 1) * story.width, this.span));
+        paint.fillText(`peak ${short(parts.most)}`, Math.min(x + 14, width - 80), top - 2);
+      }
       top = base + gap;
     }
     this.faults(paint, height, colour);
@@ -153,11 +164,11 @@ export class Timeline {
       const high = totals.map((b) => b[2]);
       const goal = totals.map((b) => b[3]);
       const most = Math.max(0, ...goal);
-      return { most, areas: [{ colour: "--goal", low: high.map(() => 0), high: goal }, { colour: "--filled", low: high.map(() => 0), high }] };
+      return { most, tops: goal, areas: [{ colour: "--goal", low: high.map(() => 0), high: goal }, { colour: "--filled", low: high.map(() => 0), high }] };
     }
     if (key === "moves") {
       const high = totals.map((b) => b[1] / seconds);
-      return { most: Math.max(0, ...high), areas: [{ colour: "--moves", low: high.map(() => 0), high }] };
+      return { most: Math.max(0, ...high), tops: high, areas: [{ colour: "--moves", low: high.map(() => 0), high }] };
     }
     let low = totals.map(() => 0);
     const areas = [];
@@ -167,7 +178,7 @@ export class Timeline {
       areas.push({ colour: `--c-${name}`, low, high });
       low = high;
     });
-    return { most: Math.max(0, ...low), areas };
+    return { most: Math.max(0, ...low), tops: low, areas };
   }
 
   /** Follows values from left to right, one step for each stretch of time, or back. */
