@@ -109,7 +109,9 @@ impl Browser {
         let parameters = &event["params"];
         match event["method"].as_str().unwrap_or_default() {
             "Runtime.exceptionThrown" => self.complaints.push(parameters["exceptionDetails"].to_string()),
-            "Runtime.consoleAPICalled" if parameters["type"] == "error" || parameters["type"] == "warning" => {
+            "Runtime.consoleAPICalled"
+                if parameters["type"] == "error" || parameters["type"] == "warning" =>
+            {
                 self.complaints.push(parameters["args"].to_string());
             }
             "Log.entryAdded" if parameters["entry"]["level"] == "error" => {

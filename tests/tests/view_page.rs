@@ -92,7 +92,8 @@ fn only_whoever_has_the_address_is_let_in() {
         assert!(status == 404 && !answer.contains("classes"), "{path}: {answer}");
     }
     // There is nothing but the page behind the token.
-    for file in ["../../etc/passwd", "..%2f..%2fetc%2fpasswd", "Cargo.toml", "scene/", "page/main.js", "%00"] {
+    for file in ["../../etc/passwd", "..%2f..%2fetc%2fpasswd", "Cargo.toml", "scene/", "page/main.js", "%00"]
+    {
         assert_eq!(view.get(&format!("{root}{file}"), "").0, 404, "{file}");
     }
     let scene = format!("{root}scene");
@@ -116,7 +117,12 @@ fn only_whoever_has_the_address_is_let_in() {
         assert_eq!(view.raw(&request).0, 405, "{method}");
     }
     // Numbers that make no sense do no harm.
-    for query in ["events?from=99999999999999999999", "talk?first=18446744073709551615&count=9", "messages?id=-1", "talk?count=x"] {
+    for query in [
+        "events?from=99999999999999999999",
+        "talk?first=18446744073709551615&count=9",
+        "messages?id=-1",
+        "talk?count=x",
+    ] {
         assert_eq!(view.get(&format!("{root}{query}"), "").0, 200, "{query}");
     }
     let port = host.rsplit(':').next().and_then(|p| p.parse::<u16>().ok()).unwrap();
@@ -166,7 +172,9 @@ fn text(browser: &mut Browser, id: &str) -> String {
 /// Goes to a moment with the scrubber.
 fn scrub(browser: &mut Browser, to: f64) {
     let event = "scrub.dispatchEvent(new Event('input', { bubbles: true }))";
-    browser.evaluate(&format!("{{ const scrub = document.getElementById('scrub'); scrub.value = {to}; {event}; }}"));
+    browser.evaluate(&format!(
+        "{{ const scrub = document.getElementById('scrub'); scrub.value = {to}; {event}; }}"
+    ));
     browser.until("!window.page.dirty");
 }
 
@@ -195,7 +203,9 @@ fn plays_a_chair_to_its_end() {
 
     // It plays, and pauses.
     browser.press(" ");
-    browser.until("document.body.dataset.state === 'playing' && document.getElementById('time').dataset.micros > 0");
+    browser.until(
+        "document.body.dataset.state === 'playing' && document.getElementById('time').dataset.micros > 0",
+    );
     browser.press(" ");
     browser.until("document.body.dataset.state === 'paused'");
     let paused = micros(&mut browser);
@@ -267,7 +277,11 @@ fn a_killed_module_is_shown_as_dead_and_a_stopped_one_as_paused() {
     ] {
         scrub(&mut browser, at * 1e6);
         choose(&mut browser, id);
-        assert_eq!(browser.evaluate("document.getElementById('module').dataset.life"), json!(life), "{id} at {at} s");
+        assert_eq!(
+            browser.evaluate("document.getElementById('module').dataset.life"),
+            json!(life),
+            "{id} at {at} s"
+        );
         assert_eq!(browser.evaluate(&pattern(id)), json!(drawn), "{id} at {at} s");
     }
     let faults = text(&mut browser, "[data-part=faults]");
@@ -285,7 +299,9 @@ fn messages_locks_gradients_and_circles_of_a_thousand_modules_are_shown() {
     browser.press("m");
     for (key, meaning) in [("2", "level"), ("3", "gradient"), ("4", "locks"), ("1", "state")] {
         browser.press(key);
-        browser.until(&format!("!window.page.dirty && document.getElementById('meaning').value === '{meaning}'"));
+        browser.until(&format!(
+            "!window.page.dirty && document.getElementById('meaning').value === '{meaning}'"
+        ));
         let colours = "new Set([...Array(1058).keys()].map((i) => \
                        [...window.page.picture.parts.list.slice(i * 16 + 8, i * 16 + 11)].join())).size";
         browser.until(&format!("{colours} >= 3"));

@@ -1,11 +1,14 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
+use crate::replay;
 use crate::reproduce::{self, Experiment};
 use crate::robot::RobotArgs;
 use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, Overrides};
 use crate::sweep::Request;
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::time::{Span, SpanError, Time};
 use std::ffi::OsString;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -44,9 +47,10 @@ Ctrl-C ends a run with a partial report; a second Ctrl-C ends it at once.";
 
 const VIEW_EXAMPLES: &str = "\
 Examples:
-  metamorph view deploy/scenarios/chair.toml               simulate, and look at it
-  metamorph view deploy/scenarios/swarm.toml --kill 3@2s
-  metamorph run deploy/scenarios/swarm.toml --view         look at processes while they run
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal
+  metamorph view run.journal                             look at what happened
+  metamorph view deploy/scenarios/chair.toml --seed 7    simulate a scenario, and look at it
+  metamorph run deploy/scenarios/swarm.toml --view       look at processes while they run
 
 The address of the page is printed; open it in a browser of this machine. It works without a network,
 listens on the loopback interface only, and lets in only whoever has the whole address. `?` on the page
@@ -55,7 +59,7 @@ lists its keys. Ctrl-C ends it.
 Exit codes:
   0  the page was shown until Ctrl-C
   1  the program itself failed, for example because there was no port
-  2  the command line or the scenario is wrong";
+  2  the command line or the scenario is wrong, or the file is no journal of this version";
 
 const CHECK_EXAMPLES: &str = "\
 Examples:
@@ -113,6 +117,23 @@ Exit codes:
   6  an invariant broke in at least one run, such as two modules in one cell
   7  stopped by Ctrl-C or SIGTERM before every run was done";
 
+const REPLAY_EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal
+  metamorph replay run.journal                       is everything as it was recorded?
+  metamorph replay run.journal --until 10s           how every module stood at 10 s
+  metamorph replay run.journal --agent 7 --until 5s  what module 7 went through up to there
+
+Every agent, the world and the controller are handed the inputs that were recorded, in the order of
+cause and effect, and must come to the same states, messages and counts. Of a run that was killed, what
+is there in FILE.parts is replayed.
+
+Exit codes:
+  0  everything came as recorded
+  1  the program itself failed
+  2  the command line is wrong, or the file is no journal of this version
+  8  something did not come as recorded; the first such event is named";
+
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
 and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
@@ -147,6 +168,9 @@ pub enum Command {
     /// Run a scenario with many seeds and varied values, and compare
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
+    /// Carry the journal of a run out again, and say where it differs
+    #[command(after_help = REPLAY_EXAMPLES)]
+    Replay(ReplayArgs),
     /// Run experiments of the thesis and print the published numbers beside ours
     #[command(after_help = REPRODUCE_EXAMPLES)]
     Reproduce(ReproduceArgs),
@@ -173,11 +197,14 @@ pub struct RunArgs {
     /// goes to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
+    /// Write everything that happens to a file, for `metamorph replay` and for viewers
+    #[arg(long, value_name = "FILE")]
+    pub journal: Option<PathBuf>,
     /// Write a report for people, with plots, to this file: one HTML page that can be sent to somebody
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
     /// Show the run in the browser while it goes on and afterwards, until Ctrl-C; the address is
-    /// printed
+    /// printed. Messages between processes are seen afterwards, and with --journal only
     #[arg(long)]
     pub view: bool,
     /// Print nothing but errors, and JSON if asked for
@@ -188,9 +215,65 @@ pub struct RunArgs {
 /// What `view` takes.
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// What and how. The scenario is simulated.
-    #[command(flatten)]
-    pub plan: PlanArgs,
+    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml), which is
+    /// simulated and shown
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Of a scenario: the seed of all chance in the run, instead of the scenario's
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Of a scenario: put a value into it, as for `run` (repeatable)
+    #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
+    pub set: Vec<String>,
+    /// Of a scenario: kill the process of module ID at time T (repeatable)
+    #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
+    pub kill: Vec<String>,
+    /// Of a scenario: stop the process of module ID from one time to another (repeatable)
+    #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
+    pub pause: Vec<String>,
+}
+
+impl ViewArgs {
+    /// What is changed in a scenario.
+    pub fn overrides(self) -> Overrides {
+        let setting = |text| Setting { option: "--set", text };
+        Overrides {
+            link: LinkKind::Sim,
+            seed: self.seed,
+            kill: self.kill,
+            pause: self.pause,
+            settings: self.set.into_iter().map(setting).collect(),
+            ..Overrides::default()
+        }
+    }
+}
+
+/// What `replay` takes.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// The journal that `run --journal` wrote, or the directory of its parts
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Stop at this scenario time, and show how every module stands there
+    #[arg(long, value_name = "T", value_parser = scenario_time)]
+    pub until: Option<Time>,
+    /// Show what this module goes through
+    #[arg(long, value_name = "ID")]
+    pub agent: Option<u32>,
+    /// Print nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+fn scenario_time(text: &str) -> Result<Time, String> {
+    let span: Span = text.parse().map_err(|e: SpanError| e.to_string())?;
+    Ok(Time::ZERO + span)
+}
+
+impl From<ReplayArgs> for replay::Request {
+    fn from(args: ReplayArgs) -> replay::Request {
+        replay::Request { file: args.file, until: args.until, agent: args.agent.map(ModuleId) }
+    }
 }
 
 /// What `sweep` takes.

@@ -2,8 +2,10 @@
 
 use crate::command::{Command, CommandLine, RunArgs, ViewArgs};
 use crate::interrupt::Interrupt;
+use crate::journal::{Journal, JournalError, Keeping, plan_of};
 use crate::overview::overview;
 use crate::processes;
+use crate::replay::{self, ReplayError, replay};
 use crate::report::human;
 use crate::report::page::page;
 use crate::report::schema::Report;
@@ -15,8 +17,8 @@ use crate::stopwatch::Stopwatch;
 use crate::sweep::{SweepError, sweep};
 use crate::terminal::{Channel, Live, complain, print_out};
 use crate::view::scene::Scene;
+use crate::view::scribe::{self, Shared};
 use crate::view::server::{Server, ServerError};
-use crate::view::watch::Shared;
 use clap::Parser;
 use metamorph_sim_bridge::outcome::Outcome;
 use std::ffi::OsString;
@@ -30,6 +32,8 @@ use thiserror::Error;
 const FAILED: u8 = 1;
 /// What was typed, or the scenario, is wrong.
 const BAD_USAGE: u8 = 2;
+/// A replay did not come as recorded.
+const DIFFERENT: u8 = 8;
 
 /// Why a command did not get as far as an outcome.
 #[derive(Debug, Error)]
@@ -65,9 +69,20 @@ enum Failure {
     /// The process link failed.
     #[error(transparent)]
     Processes(#[from] processes::ProcessError),
+    /// The journal cannot be begun.
+    #[error("--journal: {0}")]
+    Journal(JournalError),
+    /// A journal cannot be replayed.
+    #[error("metamorph: {0}")]
+    Replay(#[from] ReplayError),
     /// A sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
+    /// A file cannot be shown.
+    #[error(
+        "metamorph: {0}\n  fix: name a journal that `metamorph run --journal` wrote, or a scenario that ends in .toml"
+    )]
+    NoJournal(scribe::ReadError),
     /// A run cannot be shown.
     #[error(transparent)]
     Server(#[from] ServerError),
@@ -82,7 +97,10 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Sweep(_) => FAILED,
-            Failure::Input(_) | Failure::Unwritable { .. } => BAD_USAGE,
+            Failure::Input(_) | Failure::Unwritable { .. } | Failure::Journal(_) | Failure::Replay(_) => {
+                BAD_USAGE
+            }
+            Failure::NoJournal(_) => BAD_USAGE,
             Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) | Failure::Server(_) => {
                 FAILED
             }
@@ -121,6 +139,14 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
+        Command::Replay(args) => {
+            let quiet = args.quiet;
+            let (plan, replayed) = replay(&args.into())?;
+            if !quiet {
+                print_out(&replay::text(&plan, &replayed));
+            }
+            Ok(if replayed.difference.is_some() { DIFFERENT } else { 0 })
+        }
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
         Command::Clean => {
             print_out(&processes::clean_up()?);
@@ -157,12 +183,22 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
         // Standard output is for the report.
         complain(&shown(scene)?);
     }
+    let scribe = scene.as_ref().map(|scene| scribe::log(&plan, scene));
     let mut live = Live::new(!args.quiet);
+    let begin = match overrides.link {
+        LinkKind::Sim => Keeping::simulated,
+        LinkKind::Ipc => Keeping::of_processes,
+    };
+    let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
+    let keeping = keeping.map_err(Failure::Journal)?;
     let report = match overrides.link {
-        LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since, scene.as_ref()),
-        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, scene.as_ref())?,
+        LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since, keeping, scribe),
+        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping, scribe)?,
     };
     drop(live);
+    if let Some(scene) = &scene {
+        finish(scene, &plan, &report, args.journal.as_deref());
+    }
     let code = deliver(&report, &args.json, args.quiet)?;
     if let (Some(file), Some(scene)) = (&args.html, &scene) {
         let scene = scene.lock();
@@ -193,14 +229,49 @@ fn shown(scene: &Shared) -> Result<String, ServerError> {
     Ok(format!("look at it at {}\nCtrl-C ends it", server.address()))
 }
 
-fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
-    let (path, overrides) = args.plan.into();
-    let overrides = Overrides { link: LinkKind::Sim, ..overrides };
-    let plan = plan(&path, &overrides)?;
-    let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
+/// Ends a scene with the report. What processes have said to each other is in their journal only.
+fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) {
+    if plan.overrides.link == LinkKind::Ipc
+        && let Some(journal) = journal
+    {
+        match recorded(journal) {
+            Ok(whole) => scene.replace(whole),
+            Err(error) => tracing::warn!("the page goes without messages: {error}"),
+        }
+    }
+    scene.lock().finish(report.clone());
+}
+
+/// The scene of a journal.
+fn recorded(file: &Path) -> Result<Scene, scribe::ReadError> {
+    let mut journal = Journal::open(file)?;
+    let plan = plan_of(journal.head())?;
     let scene = Shared::new(Scene::new(&plan, true));
-    print_out(&shown(&scene)?);
-    run_simulated(&plan, &interrupt, &mut Live::new(true), since, Some(&scene));
+    let log = scribe::log(&plan, &scene);
+    journal.by_ref().for_each(|record| log.borrow_mut().put(&record));
+    drop(log);
+    let mut scene = scene.into_inner();
+    scene.end(journal.troubles());
+    Ok(scene)
+}
+
+fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
+    let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
+    if args.file.extension().is_none_or(|extension| extension != "toml") {
+        let scene = recorded(&args.file).map_err(Failure::NoJournal)?;
+        for trouble in scene.troubles() {
+            complain(&format!("note: {trouble}"));
+        }
+        print_out(&shown(&Shared::new(scene))?);
+    } else {
+        let file = args.file.clone();
+        let plan = plan(&file, &args.overrides())?;
+        let scene = Shared::new(Scene::new(&plan, true));
+        print_out(&shown(&scene)?);
+        let scribe = Some(scribe::log(&plan, &scene));
+        let report = run_simulated(&plan, &interrupt, &mut Live::new(true), since, None, scribe);
+        scene.lock().finish(report);
+    }
     interrupt.wait();
     Ok(0)
 }

@@ -1,6 +1,7 @@
 //! Runs a plan with one process per module, over shared memory. What a swarm of processes is, and
 //! how it is supervised, is in `swarm`; here a plan goes in and a report comes out.
 
+use crate::journal::Keeping;
 use crate::report::schema::Report;
 use crate::report::{Facts, progress, report};
 use crate::runnable::Runnable;
@@ -8,17 +9,21 @@ use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::swarm::{CleanError, Crash, SwarmError, SwarmOptions, SwarmOutcome, clean, run_swarm};
 use crate::terminal::Live;
-use crate::view::watch::{Shared, Watched, WatchedDirector};
+use crate::view::scribe::both;
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::clock::Speed;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::chronicle::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::direct::{Command, Direct};
+use metamorph_sim_bridge::faults::Struck;
 use metamorph_sim_bridge::invariants::{Invariant, Violation};
+use metamorph_sim_bridge::outcome::Outcome;
 use metamorph_sim_bridge::world::World;
 use std::ffi::OsString;
+use std::path::Path;
 use thiserror::Error;
 
 /// Why processes cannot be run.
@@ -46,11 +51,12 @@ pub fn run_processes(
     plan: &Plan,
     live: &mut Live,
     since: Stopwatch,
-    scene: Option<&Shared>,
+    keeping: Option<Keeping>,
+    scribe: Option<Log>,
 ) -> Result<Report, ProcessError> {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, live, since, scene),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since, scene),
+        Swarm::Cubes(cubes) => run(cubes, plan, live, since, keeping, scribe),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since, keeping, scribe),
     }
 }
 
@@ -59,9 +65,10 @@ fn run<R: Runnable>(
     plan: &Plan,
     live: &mut Live,
     since: Stopwatch,
-    scene: Option<&Shared>,
+    keeping: Option<Keeping>,
+    scribe: Option<Log>,
 ) -> Result<Report, ProcessError> {
-    let mut world = Watched::new(swarm.world(plan), swarm.setup(), scene.cloned());
+    let mut world = swarm.world(plan);
     let options = SwarmOptions {
         // `--` keeps the agent's arguments from being read as options of this program.
         program_args: vec!["agent".into(), "--".into(), R::FAMILY.name().into()],
@@ -70,20 +77,39 @@ fn run<R: Runnable>(
         link: plan.link.clone(),
         // A swarm ends at once if it is interrupted while it is being set up.
         catch_signals: true,
+        journal: keeping.as_ref().and_then(|k| k.parts().map(Path::to_owned)),
         ..SwarmOptions::new(std::env::current_exe().map_err(ProcessError::Program)?)
     };
-    let brain = WatchedDirector::<R>::new(swarm.director(plan), scene.cloned());
-    let mut director = Shown::<R> { brain, plan, live };
+    let mut director = Watched::<R> { brain: swarm.director(plan), plan, live };
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
-    let outcome = run_swarm(&options, swarm.setup().as_ref(), &mut world, &mut director)?;
+    let setup = swarm.setup().as_ref();
+    let outcome = match both(keeping.as_ref().map(Keeping::log), scribe) {
+        None => run_swarm(&options, setup, &mut world, &mut director)?,
+        Some(log) => {
+            let mut recorded = RecordedWorld::new(world, log.clone());
+            let mut brain = RecordedDirector::new(director, log);
+            let ran = run_swarm(&options, setup, &mut recorded, &mut brain);
+            let give_up = |_: &SwarmError| keeping.iter().for_each(Keeping::give_up);
+            let outcome = ran.inspect_err(give_up)?;
+            (world, director) = (recorded.into_inner(), brain.into_inner());
+            outcome
+        }
+    };
     director.live.clear();
-    let (brain, mut world) = (director.brain.brain, world.world);
+    let brain = director.brain;
     let (mut violations, checked) = R::last_check(&mut world, outcome.end);
     violations.extend(unbalanced(&outcome));
-    let report = report(&Facts {
+    let account = swarm.account(plan, &brain, &world);
+    let mut notes = notes(&outcome);
+    if let Some(keeping) = keeping {
+        let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
+        let SwarmOutcome { end, tally, accounts, unrecorded, .. } = &outcome;
+        notes.extend(keeping.finish(*end, ended.name(), tally, accounts, *unrecorded));
+    }
+    Ok(report(&Facts {
         plan,
-        account: swarm.account(plan, &brain, &world),
+        account,
         beat: swarm.beat(),
         tally: &outcome.tally,
         body_messages: outcome.body_messages + outcome.control_messages,
@@ -95,12 +121,8 @@ fn run<R: Runnable>(
         wall: outcome.wall,
         setup: before + outcome.setup,
         trace_hash: None,
-        notes: notes(&outcome),
-    });
-    if let Some(scene) = scene {
-        scene.lock().finish(outcome.end, report.clone());
-    }
-    Ok(report)
+        notes,
+    }))
 }
 
 /// Thousandths are as fine as anybody writes them; the plan keeps the range.
@@ -139,8 +161,8 @@ fn notes(outcome: &SwarmOutcome) -> Vec<String> {
 }
 
 /// The director, with somebody watching: draws the progress line.
-struct Shown<'a, R: Runnable> {
-    brain: WatchedDirector<R>,
+struct Watched<'a, R: Runnable> {
+    brain: R::Director,
     plan: &'a Plan,
     live: &'a mut Live,
 }
@@ -148,7 +170,7 @@ struct Shown<'a, R: Runnable> {
 type ReportOf<W> = <<W as World>::Agent as Agent>::Report;
 type OrderOf<W> = <<W as World>::Agent as Agent>::Order;
 
-impl<R: Runnable> Direct<Watched<R::World>> for Shown<'_, R> {
+impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
     fn report(&mut self, now: Time, id: ModuleId, report: ReportOf<R::World>) {
         self.brain.report(now, id, report);
     }
@@ -158,15 +180,18 @@ impl<R: Runnable> Direct<Watched<R::World>> for Shown<'_, R> {
     fn started(&mut self, now: Time, id: ModuleId) {
         self.brain.started(now, id);
     }
-    fn wake(&mut self, now: Time, world: &mut Watched<R::World>) {
+    fn wake(&mut self, now: Time, world: &mut R::World) {
         self.brain.wake(now, world);
-        self.live.show(|| progress(self.plan, now, &R::progress(&self.brain.brain)));
+        self.live.show(|| progress(self.plan, now, &R::progress(&self.brain)));
     }
     fn wake_at(&self) -> Time {
         self.brain.wake_at()
     }
     fn poll(&mut self) -> Option<Command<OrderOf<R::World>>> {
         self.brain.poll()
+    }
+    fn struck(&self) -> &[Struck] {
+        self.brain.struck()
     }
 }
 

@@ -5,7 +5,6 @@
 
 use crate::report::schema::{LevelReport, MetamoduleReport, MoveReport, StageReport};
 use crate::scenario::{Cubes, Metamodules, Plan};
-use crate::view::visible::Visible;
 use metamorph_module_agent::Family;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::time::{Span, Time};
@@ -52,7 +51,7 @@ pub struct Account {
 /// A swarm that can be run.
 pub trait Runnable {
     /// Its world.
-    type World: Audited<Agent: Visible>;
+    type World: Audited;
     /// Its director.
     type Director: Direct<Self::World>;
     /// Its family.
@@ -68,8 +67,6 @@ pub trait Runnable {
     fn beat(&self) -> Span;
     /// How often everything is audited in a simulation.
     fn audit_every(&self) -> Span;
-    /// What each fault did so far.
-    fn struck(director: &Self::Director) -> &[Struck];
     /// How far a run has come.
     fn progress(director: &Self::Director) -> Progress;
     /// What there is to report.
@@ -99,9 +96,6 @@ impl Runnable for Cubes {
     }
     fn audit_every(&self) -> Span {
         audit_every(self.beat())
-    }
-    fn struck(director: &Director) -> &[Struck] {
-        director.struck()
     }
     fn progress(director: &Director) -> Progress {
         director.progress()
@@ -164,9 +158,6 @@ impl Runnable for Metamodules {
     fn audit_every(&self) -> Span {
         // A handful of bodies is cheap to check; every action is checked besides.
         self.beat() * 20
-    }
-    fn struck(director: &MetamoduleDirector) -> &[Struck] {
-        director.struck()
     }
     fn progress(director: &MetamoduleDirector) -> Progress {
         director.progress()

@@ -1,46 +1,54 @@
 //! Runs a plan on the simulated link: one thread, virtual time, the same every time.
 
 use crate::interrupt::Interrupt;
+use crate::journal::Keeping;
 use crate::report::{Facts, progress, report, schema::Report};
 use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
-use crate::view::watch::{Listener, Shared, Watched, WatchedDirector};
+use crate::view::scribe::both;
 use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::chronicle::{Log, RecordedDirector, RecordedWorld};
+use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::director::Progress;
-use metamorph_sim_bridge::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::outcome::Outcome;
+use metamorph_sim_bridge::sim::{Audited, Sim, SimConfig};
 use std::sync::Arc;
 
-/// Runs to the end, or until interrupted. `since` is when the program started.
+/// Runs to the end, or until interrupted. `since` is when the program started; what happens is written
+/// to a journal and for a page, if somebody wants it.
 pub fn run_simulated(
     plan: &Plan,
     interrupt: &Interrupt,
     live: &mut Live,
     since: Stopwatch,
-    scene: Option<&Shared>,
+    keeping: Option<Keeping>,
+    scribe: Option<Log>,
 ) -> Report {
     tracing::info!(modules = plan.swarm.len(), seed = plan.seed, "the simulation starts");
-    let report = simulate(plan, since, scene, |now, so_far| {
+    let watch = |now, so_far: &dyn Fn() -> Progress| {
         live.show(|| progress(plan, now, &so_far()));
         !interrupt.is_set()
-    });
+    };
+    let report = match &plan.swarm {
+        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, keeping, scribe),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, keeping, scribe),
+    };
     live.clear();
     report
 }
 
 /// Runs to the end, or until `watch`, which is asked again and again how to go on, says no. It is
-/// given the scenario time and, if it cares, how far the run has come. What happens is written to
-/// `scene`, if there is one.
+/// given the scenario time and, if it cares, how far the run has come.
 pub fn simulate(
     plan: &Plan,
     since: Stopwatch,
-    scene: Option<&Shared>,
     watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
 ) -> Report {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, since, scene, watch),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, scene, watch),
+        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, None, None),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, None, None),
     }
 }
 
@@ -48,8 +56,9 @@ fn run<R: Runnable>(
     swarm: &R,
     plan: &Plan,
     since: Stopwatch,
-    scene: Option<&Shared>,
-    mut watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+    watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+    keeping: Option<Keeping>,
+    scribe: Option<Log>,
 ) -> Report {
     let config = SimConfig {
         setup: Arc::clone(swarm.setup()),
@@ -58,19 +67,44 @@ fn run<R: Runnable>(
         audit_every: swarm.audit_every(),
         ignore_sessions: false,
     };
-    let world = Watched::new(swarm.world(plan), swarm.setup(), scene.cloned());
-    let director = WatchedDirector::<R>::new(swarm.director(plan), scene.cloned());
-    let mut sim = Sim::new(config, world, director);
-    if let Some(scene) = scene {
-        sim.observe(Box::new(Listener(scene.clone())));
-    }
+    let (world, director) = (swarm.world(plan), swarm.director(plan));
+    let Some(log) = both(keeping.as_ref().map(Keeping::log), scribe) else {
+        let sim = Sim::new(config, world, director);
+        return drive(swarm, plan, since, watch, sim, |w| w, |d| d, |_, _| Vec::new());
+    };
+    let world = RecordedWorld::new(world, log.clone());
+    let director = RecordedDirector::new(director, log.clone());
+    let sim = Sim::with_journal(config, world, director, Some(log));
+    let finish = |sim: &Sim<_, _>, outcome: Outcome| {
+        let kept = keeping.map(|k| k.finish(sim.now(), outcome.name(), sim.tally(), &[], 0));
+        kept.unwrap_or_default()
+    };
+    drive(swarm, plan, since, watch, sim, RecordedWorld::inner, RecordedDirector::inner, finish)
+}
+
+#[allow(clippy::too_many_arguments, reason = "the same for runs with and without a journal")]
+fn drive<R: Runnable, W: Audited, D: Direct<W>>(
+    swarm: &R,
+    plan: &Plan,
+    since: Stopwatch,
+    mut watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+    mut sim: Sim<W, D>,
+    world: fn(&W) -> &R::World,
+    director: fn(&D) -> &R::Director,
+    finish: impl FnOnce(&Sim<W, D>, Outcome) -> Vec<String>,
+) -> Report {
     let (setup, running) = (since.elapsed(), Stopwatch::start());
     // Slices are only for being watched; where they end has no effect on the run.
-    while watch(sim.now(), &|| R::progress(&sim.director().brain)) && !sim.run_until(sim.now() + swarm.beat()) {}
+    while watch(sim.now(), &|| R::progress(director(sim.director())))
+        && !sim.run_until(sim.now() + swarm.beat())
+    {}
+    let wall = running.elapsed();
+    let account = swarm.account(plan, director(sim.director()), world(sim.world()));
+    let notes = finish(&sim, account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome));
     let (violations, broken) = sim.violations();
-    let report = report(&Facts {
+    report(&Facts {
         plan,
-        account: swarm.account(plan, &sim.director().brain, &sim.world().world),
+        account,
         beat: swarm.beat(),
         tally: sim.tally(),
         body_messages: sim.body_messages(),
@@ -78,13 +112,9 @@ fn run<R: Runnable>(
         broken,
         checked: sim.checked(),
         now: sim.now(),
-        wall: running.elapsed(),
+        wall,
         setup,
         trace_hash: Some(sim.trace().value()),
-        notes: Vec::new(),
-    });
-    if let Some(scene) = scene {
-        scene.lock().finish(sim.now(), report.clone());
-    }
-    report
+        notes,
+    })
 }

@@ -32,6 +32,7 @@ pub mod start;
 
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use crate::ids::{ModuleId, Port, Token};
+use crate::journal::Summary;
 use crate::lattice::Cell;
 use crate::stream::Stream;
 use crate::time::{Span, Time};
@@ -740,5 +741,29 @@ impl Agent for Metamodule {
 
     fn digest(&self, mut hasher: &mut dyn Hasher) {
         self.core.hash(&mut hasher);
+    }
+
+    fn summary(&self, _now: Time) -> Summary {
+        let c = &self.core;
+        let claim = c.intent.claim;
+        let role = match (c.settled, claim) {
+            (Some(_), _) => "settled",
+            (None, Some(_)) => "claiming",
+            (None, None) => "free",
+        };
+        let activity = match c.phase {
+            Phase::Idle { .. } => "idle",
+            Phase::Asking { .. } => "asking",
+            Phase::Moving { .. } => "moving",
+        };
+        Summary {
+            role: role.to_owned(),
+            activity: activity.to_owned(),
+            goal: u16::from(c.task.goal),
+            level: c.settled.or(claim.map(|c| c.seed)).map(u16::from),
+            gradient: claim.map(|c| u32::from(c.cost)),
+            lock: c.peers.iter().find_map(|(_, p)| p.grant.and(p.state).map(|s| s.id)),
+            waits_for: c.waits_for,
+        }
     }
 }

@@ -605,7 +605,9 @@ impl Metamodule {
         let before = std::mem::replace(&mut self.core.intent, Intent::new());
         if let Some(way) = before.way {
             self.core.sequence += 1;
-            let way = Way { sequence: self.core.sequence, rank: Rank::NONE, count: 0, ..way };
+            // No legs, not even those that are not told: all who hear it keep the same.
+            let legs = [Leg::default(); LEGS];
+            let way = Way { sequence: self.core.sequence, rank: Rank::NONE, legs, count: 0, ..way };
             self.broadcast(Class::Negotiation, Message::Way(way));
         }
     }

@@ -50,8 +50,7 @@ pub fn areas(layers: &[Layer], width: f64, end: f64, marks: &[Mark], about: &str
     let drawn: Vec<(&Layer, String)> = layers
         .iter()
         .map(|layer| {
-            let top: Vec<f64> =
-                floor.iter().zip(&layer.values).map(|(below, value)| below + value).collect();
+            let top: Vec<f64> = floor.iter().zip(&layer.values).map(|(below, value)| below + value).collect();
             let outline = outline(&floor, &top, |i, v| (x(i as f64 * width), y(v)));
             floor[..top.len()].copy_from_slice(&top);
             (layer, outline)

@@ -91,10 +91,10 @@ fn over_time(report: &Report, words: &Words, width: f64, bins: &[Bin]) -> Markup
             mends: matches!(f.fault.as_str(), "resume" | "unstick" | "unblock" | "restart"),
         })
         .collect();
-    let layer = |name, class, of: &dyn Fn(&Bin) -> f64| Layer { name, class, values: bins.iter().map(of).collect() };
-    let classes = Class::ALL.map(|class| {
-        layer(class.name(), class_of(class), &|b| b.totals[class.index()] as f64 / width)
-    });
+    let layer =
+        |name, class, of: &dyn Fn(&Bin) -> f64| Layer { name, class, values: bins.iter().map(of).collect() };
+    let classes = Class::ALL
+        .map(|class| layer(class.name(), class_of(class), &|b| b.totals[class.index()] as f64 / width));
     let marked = if marks.is_empty() { "" } else { " Strokes are faults; more on hovering." };
     html! {
         (figure(

@@ -100,7 +100,7 @@ fn labour(work: Work<'_>, next: &AtomicU64, sender: &SyncSender<News>) {
         };
         let simulate = || {
             let plan = plan.with_seed(seed)?;
-            Ok(Row::of(&simulate(&plan, since, None, |_, _| !work.interrupt.is_set())))
+            Ok(Row::of(&simulate(&plan, since, |_, _| !work.interrupt.is_set())))
         };
         let news = match catch_unwind(AssertUnwindSafe(simulate)) {
             Ok(Ok(row)) => News::Row(run, row),

@@ -6,7 +6,7 @@ use metamorph_protocol::agent::Class;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 /// The number of classes.
 const CLASSES: usize = Class::ALL.len();
@@ -85,11 +85,10 @@ pub struct Flow {
     edges: usize,
     /// Where an edge of the last bin is in it.
     places: HashMap<(ModuleId, ModuleId), usize>,
-    /// Of each module the distances that its latest messages told, by who heard it.
-    told: Vec<BTreeMap<ModuleId, u16>>,
-    /// Promises to stay: who to whom, and until when at the latest.
-    locks: BTreeMap<(ModuleId, ModuleId), Time>,
-    lease: Span,
+    /// How far each module is from a target, as it says itself.
+    gradient: Vec<u16>,
+    /// For whom it stays where it is.
+    locks: Vec<Option<ModuleId>>,
     log: Vec<Vec<Logged>>,
     logged: usize,
     /// The stretch of time in which messages are thinned out.
@@ -97,17 +96,16 @@ pub struct Flow {
 }
 
 impl Flow {
-    /// No messages yet. Stretches begin with this width; promises end by themselves after `lease`.
-    pub fn new(modules: usize, width: Span, lease: Span) -> Flow {
+    /// No messages yet. Stretches begin with this width.
+    pub fn new(modules: usize, width: Span) -> Flow {
         let width = width.max(Span(1));
         Flow {
             width,
             bins: vec![Bin::default()],
             edges: 0,
             places: HashMap::new(),
-            told: vec![BTreeMap::new(); modules],
-            locks: BTreeMap::new(),
-            lease,
+            gradient: vec![FAR; modules],
+            locks: vec![None; modules],
             log: vec![Vec::new(); modules],
             logged: 0,
             thinned: Span(width.0 / 4),
@@ -126,17 +124,6 @@ impl Flow {
     /// A message has arrived.
     pub fn delivered(&mut self, now: Time, from: ModuleId, to: ModuleId, class: Class, said: Said) {
         self.advance(now);
-        if let Some(distance) = said.distance
-            && let Some(told) = self.told.get_mut(from.index())
-        {
-            told.insert(to, distance);
-        }
-        if let Some((holder, owner)) = said.locks {
-            self.locks.insert((holder, owner), now + self.lease);
-        }
-        if let Some(pair) = said.frees {
-            self.locks.remove(&pair);
-        }
         let bin = self.bins.last_mut().expect("invariant: there is always a bin");
         bin.totals[class.index()] += 1;
         let place = *self.places.entry((from, to)).or_insert_with(|| {
@@ -156,13 +143,18 @@ impl Flow {
         }
     }
 
-    /// A module has gone somewhere else: what it told its old neighbours is of no importance now.
-    pub fn moved(&mut self, now: Time, id: ModuleId) {
+    /// A module is this far from a target and stays for another one, as it says itself.
+    pub fn state(&mut self, now: Time, id: ModuleId, gradient: u16, lock: Option<ModuleId>) {
+        self.advance(now);
+        if let (Some(far), Some(own)) = (self.gradient.get_mut(id.index()), self.locks.get_mut(id.index())) {
+            (*far, *own) = (gradient, lock);
+        }
+    }
+
+    /// A move has ended.
+    pub fn moved(&mut self, now: Time) {
         self.advance(now);
         self.current().moves += 1;
-        if let Some(told) = self.told.get_mut(id.index()) {
-            told.clear();
-        }
     }
 
     /// How far the goal has come.
@@ -175,7 +167,7 @@ impl Flow {
     /// Nothing follows.
     pub fn finish(&mut self, now: Time) {
         self.advance(now);
-        self.close(now);
+        self.close();
     }
 
     fn current(&mut self) -> &mut Bin {
@@ -185,7 +177,7 @@ impl Flow {
     /// Begins the stretches up to now.
     fn advance(&mut self, now: Time) {
         while now.0 / self.width.0 >= self.bins.len() as u64 {
-            self.close(Time(self.bins.len() as u64 * self.width.0));
+            self.close();
             let Bin { filled, goal, .. } = *self.current();
             self.bins.push(Bin { filled, goal, ..Bin::default() });
             if self.bins.len() > MOST_BINS || self.edges > MOST_EDGES {
@@ -195,12 +187,11 @@ impl Flow {
     }
 
     /// Notes the state at the end of the last stretch.
-    fn close(&mut self, now: Time) {
+    fn close(&mut self) {
         self.places.clear();
-        self.locks.retain(|_, until| *until > now);
-        let nearest = |told: &BTreeMap<ModuleId, u16>| told.values().copied().min().unwrap_or(FAR);
-        let gradient = self.told.iter().map(nearest).collect();
-        let locks = self.locks.keys().copied().collect();
+        let gradient = self.gradient.clone();
+        let ids = (0..self.locks.len() as u32).map(ModuleId);
+        let locks = ids.zip(&self.locks).filter_map(|(id, owner)| Some((id, (*owner)?))).collect();
         let bin = self.current();
         (bin.gradient, bin.locks) = (gradient, locks);
         bin.edges.sort_unstable_by_key(|e| (e.from, e.to));
@@ -219,7 +210,11 @@ impl Flow {
         }
         self.width = self.width * 2;
         self.edges = merged.iter().map(|b| b.edges.len()).sum();
-        let open = merged.last().map_or_else(Bin::default, |b| Bin { filled: b.filled, goal: b.goal, ..Bin::default() });
+        let open = merged.last().map_or_else(Bin::default, |b| Bin {
+            filled: b.filled,
+            goal: b.goal,
+            ..Bin::default()
+        });
         self.bins = merged;
         self.bins.push(open);
         self.places.clear();
@@ -287,7 +282,7 @@ mod tests {
 
     #[test]
     fn messages_are_counted_where_and_when_they_arrive() {
-        let mut flow = Flow::new(3, Span(10), Span(100));
+        let mut flow = Flow::new(3, Span(10));
         for at in [0, 9, 10, 35] {
             talk(&mut flow, at, 0, 1);
         }
@@ -304,7 +299,7 @@ mod tests {
 
     #[test]
     fn a_long_run_keeps_all_counts_in_bounded_memory() {
-        let mut flow = Flow::new(2, Span(1), Span(10));
+        let mut flow = Flow::new(2, Span(1));
         let n = 100_000u64;
         (0..n).for_each(|at| talk(&mut flow, at, 0, 1));
         assert!(flow.bins().len() <= MOST_BINS && flow.width() > Span(1));
@@ -314,22 +309,29 @@ mod tests {
     }
 
     #[test]
-    fn a_promise_ends_when_it_is_given_back_or_has_run_out() {
-        let mut flow = Flow::new(3, Span(10), Span(25));
-        let pair = |holder, owner| Some((ModuleId(holder), ModuleId(owner)));
-        let granted = |holder, owner| Said { locks: pair(holder, owner), ..said() };
-        flow.delivered(Time(1), ModuleId(1), ModuleId(0), Class::Negotiation, granted(1, 0));
-        flow.delivered(Time(2), ModuleId(2), ModuleId(0), Class::Negotiation, granted(2, 0));
-        let freed = Said { frees: pair(1, 0), ..said() };
-        flow.delivered(Time(12), ModuleId(0), ModuleId(1), Class::Negotiation, freed);
+    fn what_modules_say_of_themselves_holds_until_they_say_otherwise() {
+        let mut flow = Flow::new(2, Span(10));
+        flow.state(Time(1), ModuleId(1), 4, Some(ModuleId(0)));
+        flow.state(Time(25), ModuleId(1), FAR, None);
+        flow.state(Time(25), ModuleId(7), 1, None);
         flow.finish(Time(40));
         let held: Vec<usize> = flow.bins().iter().map(|b| b.locks.len()).collect();
-        assert_eq!(held, [2, 1, 0, 0, 0]);
+        assert_eq!(held, [1, 1, 0, 0, 0]);
+        let far: Vec<u16> = flow.bins().iter().map(|b| b.gradient[1]).collect();
+        assert_eq!(far, [4, 4, FAR, FAR, FAR]);
+    }
+
+    #[test]
+    fn a_time_without_end_is_survived() {
+        let mut flow = Flow::new(2, Span(1));
+        talk(&mut flow, u64::MAX, 0, 1);
+        flow.finish(Time(u64::MAX));
+        assert!(flow.bins().len() <= MOST_BINS);
     }
 
     #[test]
     fn old_messages_are_thinned_out_evenly() {
-        let mut flow = Flow::new(2, Span(1_000), Span(10));
+        let mut flow = Flow::new(2, Span(1_000));
         (0..MOST_LOGGED as u64).for_each(|at| talk(&mut flow, at, 0, 1));
         assert!(flow.logged <= MOST_LOGGED);
         for at in [10_000, 500_000, 1_000_000] {

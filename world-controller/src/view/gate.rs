@@ -97,9 +97,8 @@ impl Gate {
         if hosts.next().is_some() || !host.is_some_and(|host| names.iter().any(|name| name == host)) {
             return Err(Refusal::Host);
         }
-        let is_ours = |origin: &str| {
-            origin.strip_prefix("http://").is_some_and(|name| names.iter().any(|n| n == name))
-        };
+        let is_ours =
+            |origin: &str| origin.strip_prefix("http://").is_some_and(|name| names.iter().any(|n| n == name));
         if headers.get_all(ORIGIN).iter().any(|o| !o.to_str().is_ok_and(is_ours)) {
             return Err(Refusal::Origin);
         }
@@ -145,17 +144,28 @@ mod tests {
 
     #[test]
     fn nobody_else_does() {
-        for path in ["/", "/scene", "//scene", "/00112233445566778899aabbccddeefe/", "/0011/", "", &PATH[..33]] {
+        for path in
+            ["/", "/scene", "//scene", "/00112233445566778899aabbccddeefe/", "/0011/", "", &PATH[..33]]
+        {
             assert_eq!(admit(Method::GET, &[HERE], path), Err(Refusal::Token), "{path}");
         }
-        for host in ["evil.example", "127.0.0.1", "127.0.0.1:4001", "evil.example:4000", "127.0.0.1:4000.evil.example"]
-        {
+        for host in [
+            "evil.example",
+            "127.0.0.1",
+            "127.0.0.1:4001",
+            "evil.example:4000",
+            "127.0.0.1:4000.evil.example",
+        ] {
             assert_eq!(admit(Method::GET, &[("host", host)], PATH), Err(Refusal::Host), "{host}");
         }
         assert_eq!(admit(Method::GET, &[], PATH), Err(Refusal::Host));
         assert_eq!(admit(Method::GET, &[HERE, ("host", "evil.example")], PATH), Err(Refusal::Host));
         for origin in ["http://evil.example", "null", "https://127.0.0.1:4000", "http://127.0.0.1:80"] {
-            assert_eq!(admit(Method::GET, &[HERE, ("origin", origin)], PATH), Err(Refusal::Origin), "{origin}");
+            assert_eq!(
+                admit(Method::GET, &[HERE, ("origin", origin)], PATH),
+                Err(Refusal::Origin),
+                "{origin}"
+            );
         }
         for site in ["cross-site", "same-site", "anything"] {
             assert_eq!(admit(Method::GET, &[HERE, ("sec-fetch-site", site)], PATH), Err(Refusal::Origin));

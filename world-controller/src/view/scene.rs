@@ -15,11 +15,11 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::Task;
 use metamorph_protocol::metamodule::params::Floor;
-use metamorph_protocol::roombots::{OUTER_RADIUS, HALF_EDGE};
+use metamorph_protocol::roombots::{HALF_EDGE, OUTER_RADIUS};
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 
 /// Increased whenever the layout changes.
 pub const VERSION: u32 = 1;
@@ -29,6 +29,10 @@ const MOST_EVENTS: usize = 5_000_000;
 const EVENTS_AT_ONCE: usize = 20_000;
 /// Messages shown of a module.
 const LAST_MESSAGES: usize = 40;
+/// Complaints kept; the first ones tell the story.
+const MOST_TROUBLES: usize = 20;
+/// The role of who fills a goal cell or a seed.
+const FILLS: u8 = 2;
 
 /// How a run begins.
 #[derive(Clone, Debug, Serialize)]
@@ -61,6 +65,18 @@ struct Goal {
     name: String,
     /// Cells with their levels; of metamodules the four cells of each seed one after the other.
     cells: Vec<(i16, i16, i16, u16)>,
+    #[serde(skip)]
+    set: HashSet<[i16; 3]>,
+}
+
+impl Goal {
+    fn new(name: String, cells: Vec<(i16, i16, i16, u16)>) -> Goal {
+        let set = cells.iter().map(|(x, y, z, _)| [*x, *y, *z]).collect();
+        Goal { name, cells, set }
+    }
+    fn has(&self, cell: &[i16]) -> bool {
+        <[i16; 3]>::try_from(cell).is_ok_and(|cell| self.set.contains(&cell))
+    }
 }
 
 fn micros(t: Time) -> u64 {
@@ -89,7 +105,7 @@ impl Beginning {
             classes: Class::ALL.into_iter().map(Class::name).collect(),
             beat: beat.0 / 1_000,
             start,
-            goals: names.zip(cells).map(|(name, cells)| Goal { name, cells }).collect(),
+            goals: names.zip(cells).map(|(name, cells)| Goal::new(name, cells)).collect(),
             floor,
             body,
             partitions: plan.link.partitions.iter().map(cut).collect(),
@@ -174,23 +190,30 @@ pub struct Scene {
     asked: Vec<(Time, ModuleId, Doing)>,
     obstacles: BTreeSet<Cell>,
     goal: Option<(u16, (i16, i16))>,
+    /// Where bodies stand, which of them are on the way somewhere, and whose process is gone.
+    stances: Vec<Stance>,
+    moving: BTreeSet<ModuleId>,
+    dead: BTreeSet<ModuleId>,
     flow: Flow,
     now: Time,
+    /// How the run ended, as its journal tells.
+    outcome: Option<String>,
+    over: bool,
     report: Option<Report>,
-    failed: Option<String>,
+    troubles: Vec<String>,
+    /// How many times this run has been told anew.
+    telling: u32,
 }
 
 impl Scene {
     /// A run that has not begun.
     pub fn new(plan: &Plan, messages: bool) -> Scene {
-        let (modules, lease) = match &plan.swarm {
-            Swarm::Cubes(cubes) => (cubes.cells.len(), cubes.setup.params.keep_for()),
-            Swarm::Metamodules(m) => (m.poses.len(), m.setup.params.lease),
-        };
         let beginning = Beginning::of(plan, messages);
         let width = Span(beginning.beat * 1_000);
+        let modules = beginning.start.len();
         Scene {
-            flow: Flow::new(modules, width, lease),
+            flow: Flow::new(modules, width),
+            stances: beginning.start.clone(),
             beginning,
             events: Vec::new(),
             forgotten: 0,
@@ -198,15 +221,23 @@ impl Scene {
             asked: Vec::new(),
             obstacles: BTreeSet::new(),
             goal: None,
+            moving: BTreeSet::new(),
+            dead: BTreeSet::new(),
             now: Time::ZERO,
+            outcome: None,
+            over: false,
             report: None,
-            failed: None,
+            troubles: Vec::new(),
+            telling: 0,
         }
     }
 
     /// Something happens.
     pub fn note(&mut self, now: Time, event: Event) {
         self.reach(now);
+        if let Event::Started(id) = event {
+            self.dead.remove(&id);
+        }
         self.push(now, event);
     }
     fn push(&mut self, at: Time, event: Event) {
@@ -215,18 +246,56 @@ impl Scene {
             _ => self.events.push((at, event)),
         }
     }
-    /// The run has come so far.
-    pub fn reach(&mut self, now: Time) {
+    /// The run has come so far. Time does not go back: returns how far it has come.
+    pub fn reach(&mut self, now: Time) -> Time {
         if now > self.now {
             self.begin_asked();
+            let width = self.flow.width();
+            if now.0 / width.0 > self.now.0 / width.0 {
+                self.count();
+            }
             self.now = now;
         }
+        self.now
     }
     /// What was not refused at once has begun.
     fn begin_asked(&mut self) {
         for (at, id, doing) in std::mem::take(&mut self.asked) {
+            self.moving.insert(id);
             self.push(at, Event::Does(id, doing));
         }
+    }
+    /// Counts the cells of the goal that are filled, or its seeds.
+    fn count(&mut self) {
+        let number = self.goal.map_or(0, |(goal, _)| goal);
+        let Some(goal) = self.beginning.goals.get(usize::from(number)) else { return };
+        let standings = self.standings.iter().flatten().filter(|s| s.role == FILLS);
+        let (filled, all) = if self.beginning.body.is_some() {
+            let seeds: BTreeSet<i32> = standings.map(|s| s.place).collect();
+            (seeds.len(), goal.cells.len() / 4)
+        } else {
+            let fills = |i: usize| {
+                let id = ModuleId(i as u32);
+                // A dead body that is still on its way fills nothing.
+                let stands = self.dead.contains(&id) && !self.moving.contains(&id);
+                let is_final = |s: Standing| s.role == FILLS && s.place == i32::from(number);
+                stands || (!self.dead.contains(&id) && self.standings[i].is_some_and(is_final))
+            };
+            let inside = |(i, stance): (usize, &Stance)| goal.has(stance) && fills(i);
+            (self.stances.iter().enumerate().filter(|s| inside(*s)).count(), goal.cells.len())
+        };
+        self.flow.progress(self.now, filled as u64, all as u64);
+    }
+    /// Where a body stands now.
+    pub fn placed(&mut self, id: ModuleId, stance: Stance) {
+        if let Some(known) = self.stances.get_mut(id.index()) {
+            *known = stance;
+        }
+    }
+    /// The process of a module is gone.
+    pub fn died(&mut self, now: Time, id: ModuleId) {
+        self.dead.insert(id);
+        self.note(now, Event::Died(id));
     }
     /// A body is asked to do something.
     pub fn asked(&mut self, now: Time, id: ModuleId, doing: Doing) {
@@ -237,8 +306,14 @@ impl Scene {
     pub fn went(&mut self, now: Time, id: ModuleId, fate: Fate) {
         self.reach(now);
         match fate {
-            Fate::Done => self.flow.moved(now, id),
-            Fate::Failed => self.push(now, Event::Failed(id)),
+            Fate::Done => {
+                self.moving.remove(&id);
+                self.flow.moved(now);
+            }
+            Fate::Failed => {
+                self.moving.remove(&id);
+                self.push(now, Event::Failed(id));
+            }
             Fate::Refused => {
                 if let Some(i) = self.asked.iter().rposition(|(_, whose, _)| *whose == id) {
                     self.asked.remove(i);
@@ -276,24 +351,41 @@ impl Scene {
     pub fn flow(&mut self) -> &mut Flow {
         &mut self.flow
     }
-    /// The run is over.
-    pub fn finish(&mut self, now: Time, report: Report) {
-        self.reach(now);
-        self.begin_asked();
-        self.flow.finish(now);
+    /// What could not be read, or is missing.
+    pub fn trouble(&mut self, what: String) {
+        if self.troubles.len() < MOST_TROUBLES {
+            self.troubles.push(what);
+        }
+    }
+    /// The same, all of it.
+    pub fn troubles(&self) -> &[String] {
+        &self.troubles
+    }
+    /// How the run ended, as its journal tells.
+    pub fn ended(&mut self, outcome: &str) {
+        self.outcome = Some(outcome.to_owned());
+    }
+    /// Nothing follows.
+    pub fn end(&mut self, troubles: Vec<String>) {
+        self.close(self.now);
+        troubles.into_iter().for_each(|trouble| self.trouble(trouble));
+    }
+    /// The run is over, and this is its report.
+    pub fn finish(&mut self, report: Report) {
+        let end = Time((report.time.virtual_s * 1e9) as u64);
+        self.close(self.now.max(end));
         self.report = Some(report);
     }
-    /// The run has ended without a report.
-    pub fn fail(&mut self, why: String) {
-        self.failed = Some(why);
+    fn close(&mut self, end: Time) {
+        self.reach(end);
+        self.begin_asked();
+        self.count();
+        self.flow.finish(end);
+        self.over = true;
     }
-    /// How far the run has come.
-    pub fn now(&self) -> Time {
-        self.now
-    }
-    /// The report, once there is one.
-    pub fn report(&self) -> Option<&Report> {
-        self.report.as_ref()
+    /// This is told instead of another scene of the same run.
+    pub fn succeed(&mut self, other: &Scene) {
+        self.telling = other.telling + 1;
     }
     /// Stretches of time with what was counted in them, and how long each is.
     pub fn bins(&self) -> (Span, &[Bin]) {
@@ -310,7 +402,8 @@ impl Scene {
     pub fn since(&self, from: usize, bin: usize, width: u64) -> Value {
         let from = from.min(self.events.len());
         let until = (from + EVENTS_AT_ONCE).min(self.events.len());
-        let events: Vec<Value> = self.events[from..until].iter().map(|(at, e)| told(micros(*at), e)).collect();
+        let events: Vec<Value> =
+            self.events[from..until].iter().map(|(at, e)| told(micros(*at), e)).collect();
         let present = self.flow.width().0 / 1_000;
         let first = if width == present { bin.min(self.flow.bins().len()) } else { 0 };
         let total = |b: &Bin| json!([b.totals, b.moves, b.filled, b.goal]);
@@ -323,9 +416,11 @@ impl Scene {
             "width": present,
             "first": first,
             "totals": self.flow.bins()[first..].iter().map(total).collect::<Vec<_>>(),
-            "over": self.report.is_some() || self.failed.is_some(),
+            "over": self.over,
             "report": self.report,
-            "failed": self.failed,
+            "outcome": self.report.as_ref().map(|r| &r.outcome).or(self.outcome.as_ref()),
+            "troubles": self.troubles,
+            "telling": self.telling,
         })
     }
 

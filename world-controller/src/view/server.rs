@@ -2,7 +2,7 @@
 //! hands out the files that are in the program and the scene as JSON, and nothing else.
 
 use super::gate::{Gate, Token};
-use super::watch::Shared;
+use super::scribe::Shared;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::State;

@@ -6,7 +6,7 @@ use metamorph_protocol::agent::Agent;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept as CubePercept};
 use metamorph_protocol::cube::control::{Order as CubeOrder, Status as CubeStatus};
-use metamorph_protocol::cube::message::{Ask, Denial, Message as CubeMessage};
+use metamorph_protocol::cube::message::{Ask, Denial, Entry, Message as CubeMessage};
 use metamorph_protocol::cube::params::Setup as CubeSetup;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
@@ -57,17 +57,13 @@ pub struct Said {
     /// Whom it is about.
     whom: Option<ModuleId>,
     /// How far the sender is from a target.
-    pub distance: Option<u16>,
-    /// It tells that the first has promised the second to stay.
-    pub locks: Option<(ModuleId, ModuleId)>,
-    /// It ends such a promise.
-    pub frees: Option<(ModuleId, ModuleId)>,
+    distance: Option<u16>,
 }
 
 impl Said {
     /// Nothing but words.
     pub const fn of(what: &'static str) -> Said {
-        Said { what, whom: None, distance: None, locks: None, frees: None }
+        Said { what, whom: None, distance: None }
     }
     const fn about(what: &'static str, whom: ModuleId) -> Said {
         Said { whom: Some(whom), ..Said::of(what) }
@@ -110,7 +106,10 @@ pub trait Visible: Agent {
     /// What a report tells.
     fn standing(report: &Self::Report) -> Standing;
     /// What a message tells.
-    fn said(from: ModuleId, to: ModuleId, message: &Self::Message) -> Said;
+    fn said(message: &Self::Message) -> Said;
+    /// How far it is to a target, in moves, from what an agent's summary tells; [`FAR`] if it knows of
+    /// none.
+    fn moves(gradient: Option<u32>) -> u16;
     /// Which goal an order opens, and how far that is moved.
     fn goal(order: &Self::Order) -> Option<(u16, (i16, i16))>;
 }
@@ -135,7 +134,7 @@ impl Visible for Cube {
         let flags = flags.into_iter().rev().fold(0, |bits, flag| bits << 1 | u8::from(flag));
         Standing { role: s.role as u8, flags, place: s.epoch.into(), waits_for: s.waits_for }
     }
-    fn said(from: ModuleId, to: ModuleId, message: &CubeMessage) -> Said {
+    fn said(message: &CubeMessage) -> Said {
         match message {
             CubeMessage::Beacon(b) => {
                 let known = b.field.iter().filter(|e| e.is_known()).map(|e| e.moves()).min();
@@ -145,9 +144,7 @@ impl Visible for Cube {
             CubeMessage::Request { id, ask: Ask::Reserve(_), .. } => {
                 Said::about("keep a cell free, for", id.origin)
             }
-            CubeMessage::Response { id, denial: None, .. } => {
-                Said { locks: Some((from, id.origin)), ..Said::about("granted, to", id.origin) }
-            }
+            CubeMessage::Response { id, denial: None, .. } => Said::about("granted, to", id.origin),
             CubeMessage::Response { denial: Some(why), blocker, .. } => Said {
                 whom: *blocker,
                 ..Said::of(match (why, blocker) {
@@ -163,12 +160,14 @@ impl Visible for Cube {
                     (Denial::Quarantined, _) => "turned down: just restarted",
                 })
             },
-            CubeMessage::Release { origin, .. } => {
-                Said { frees: Some((to, *origin)), ..Said::about("released, by", *origin) }
-            }
+            CubeMessage::Release { origin, .. } => Said::about("released, by", *origin),
             CubeMessage::Search { id, .. } => Said::about("looking for a way around", id.origin),
             CubeMessage::Found { id, .. } => Said::about("found a way around", id.origin),
         }
+    }
+    fn moves(gradient: Option<u32>) -> u16 {
+        let moves = gradient.map(|distance| distance / u32::from(Entry::MOVE));
+        moves.and_then(|moves| u16::try_from(moves).ok()).unwrap_or(FAR)
     }
     fn goal(order: &CubeOrder) -> Option<(u16, (i16, i16))> {
         match order {
@@ -210,7 +209,7 @@ impl Visible for Metamodule {
         let (role, place) = s.settled.map_or((0, -1), |seed| (2, i32::from(seed)));
         Standing { role, flags: 0, place, waits_for: s.waits_for }
     }
-    fn said(from: ModuleId, to: ModuleId, message: &MetamoduleMessage) -> Said {
+    fn said(message: &MetamoduleMessage) -> Said {
         match message {
             MetamoduleMessage::State(s) => {
                 let far = s.claim.map_or(FAR, |c| c.cost.into());
@@ -219,19 +218,18 @@ impl Visible for Metamodule {
             MetamoduleMessage::Way(w) if w.legs().is_empty() => Said::of("is where it wants to be"),
             MetamoduleMessage::Way(_) => Said::of("tells its way"),
             MetamoduleMessage::Request { origin, .. } => Said::about("asks for a lock, for", *origin),
-            MetamoduleMessage::Response { denial: None, .. } => {
-                Said { locks: Some((from, to)), ..Said::of("lock granted") }
-            }
+            MetamoduleMessage::Response { denial: None, .. } => Said::of("lock granted"),
             MetamoduleMessage::Response { denial: Some(why), .. } => Said::of(match why {
                 LockDenial::Occupied => "lock refused: stands in the way",
                 LockDenial::Held => "lock refused: is moving through",
                 LockDenial::Younger => "lock refused: has waited longer",
                 LockDenial::Quarantined => "lock refused: just restarted",
             }),
-            MetamoduleMessage::Release { origin, .. } => {
-                Said { frees: Some((to, *origin)), ..Said::about("lock released, by", *origin) }
-            }
+            MetamoduleMessage::Release { origin, .. } => Said::about("lock released, by", *origin),
         }
+    }
+    fn moves(gradient: Option<u32>) -> u16 {
+        gradient.and_then(|strides| u16::try_from(strides).ok()).unwrap_or(FAR)
     }
     fn goal(order: &MetamoduleOrder) -> Option<(u16, (i16, i16))> {
         match order {

@@ -31,15 +31,16 @@ export class Panel {
   outcome() {
     const { story } = this;
     const report = story.report;
-    const text = report ? report.outcome : story.failed ? "failed" : "running";
-    const reason = report ? report.reason : (story.failed ?? "");
-    if (this.outcomeText === text + reason) return;
-    this.outcomeText = text + reason;
+    const text = story.outcome ?? (story.over ? "not over" : "running");
+    const reason = report?.reason ?? "";
+    const key = [text, reason, ...story.troubles].join();
+    if (this.outcomeText === key) return;
+    this.outcomeText = key;
     const badge = document.getElementById("outcome");
     badge.textContent = text;
     badge.dataset.outcome = text;
     const why = this.part("why");
-    why.replaceChildren();
+    why.replaceChildren(...story.troubles.map((trouble) => make("p", { class: "reason" }, trouble)));
     if (!report || report.outcome === "built") return;
     why.append(make("p", { class: "reason" }, reason));
     const stall = report.unbuilt;

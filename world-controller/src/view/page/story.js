@@ -31,7 +31,8 @@ export class Story {
     this.now = 0;
     this.over = false;
     this.report = null;
-    this.failed = null;
+    this.outcome = null;
+    this.troubles = [];
     this.forgotten = 0;
     this.width = 0;
     this.totals = [];
@@ -71,6 +72,9 @@ export class Story {
   async follow() {
     const last = Math.max(this.totals.length - 1, 0);
     const more = await this.ask(`events?from=${this.next}&bin=${last}&width=${this.width}`);
+    // The run is told anew, with more in it.
+    if (this.telling !== undefined && this.telling !== more.telling) location.reload();
+    this.telling = more.telling;
     for (const event of more.events) this.take(event);
     if (more.width !== this.width || more.first === 0) {
       this.talk.clear();
@@ -83,7 +87,8 @@ export class Story {
     this.width = more.width;
     this.forgotten = more.forgotten;
     this.report = more.report;
-    this.failed = more.failed;
+    this.outcome = more.outcome;
+    this.troubles = more.troubles;
     this.over = more.over && !more.more;
     return more.more;
   }
