@@ -3,14 +3,24 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
 use metamorph_tests::browser::{Browser, find};
-use metamorph_tests::command::{command, scenario};
+use metamorph_tests::command::{command, run, scenario};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::Duration;
+
+/// Runs a scenario on the simulated link with a journal, and returns the journal's name.
+fn record(directory: &Path, name: &str, options: &[&str]) -> String {
+    let (file, journal) = (scenario(name).display().to_string(), directory.join("run.journal"));
+    let journal = journal.display().to_string();
+    let ran = run(&[&["run", &file, "--link", "sim", "--quiet", "--journal", &journal], options].concat());
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    journal
+}
 
 /// A `metamorph view` that runs, ended when dropped.
 struct View {
@@ -136,6 +146,28 @@ fn only_whoever_has_the_address_is_let_in() {
     assert_eq!(view.end(), Some(0));
 }
 
+#[test]
+fn a_journal_that_is_cut_is_shown_as_far_as_it_goes_and_what_is_none_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let journal = record(directory.path(), "swarm.toml", &[]);
+    let whole = fs::read(&journal).unwrap();
+    fs::write(&journal, &whole[..whole.len() / 2]).unwrap();
+    let view = View::start(&["view", &journal]);
+    let (_, answer) = view.get(&format!("{}events", view.parts().1), "");
+    let events: Value = serde_json::from_str(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap();
+    assert!(events["troubles"].as_array().is_some_and(|t| !t.is_empty()), "{}", events["troubles"]);
+    assert!(events["next"].as_u64().unwrap() > 50 && events["outcome"].is_null() && events["over"] == true);
+    assert_eq!(view.end(), Some(0));
+    for (content, part) in [(&b"nothing of the kind"[..], "run.journal"), (&whole[..5], "run.journal")] {
+        fs::write(&journal, content).unwrap();
+        let ran = run(&["view", &journal]);
+        assert_eq!(ran.code, Some(2), "{ran:?}");
+        assert!(ran.err.contains(part) && ran.err.contains("fix: ") && ran.out.is_empty(), "{ran:?}");
+    }
+    let ran = run(&["view", "/nowhere/run.journal"]);
+    assert!(ran.code == Some(2) && ran.err.contains("/nowhere/run.journal"), "{ran:?}");
+}
+
 /// A browser with the page of a view in it; none where there is no browser.
 fn open(view: &View) -> Option<Browser> {
     let Some(program) = find() else {
@@ -188,7 +220,8 @@ fn choose(browser: &mut Browser, id: u32) {
 
 #[test]
 fn plays_a_chair_to_its_end() {
-    let view = View::of("chair.toml", &[]);
+    let directory = tempfile::tempdir().unwrap();
+    let view = View::start(&["view", &record(directory.path(), "chair.toml", &[])]);
     let Some(mut browser) = open(&view) else { return };
     assert_eq!(text(&mut browser, "#title"), "chair");
     assert_eq!(text(&mut browser, "#outcome"), "built");

@@ -30,7 +30,8 @@ const KEYS = [
 class Page {
   constructor(story) {
     this.story = story;
-    this.t = 0;
+    // A run that goes on is looked at where it is.
+    this.t = story.over ? 0 : story.now;
     this.playing = false;
     this.speed = 1;
     this.chosen = null;
@@ -48,9 +49,7 @@ class Page {
     this.drawing = new Drawing(by("space"));
     this.picture = new Picture(this.drawing, story);
     this.timeline = new Timeline(by("timeline"), by("tip"), story);
-    this.panel = new Panel(by("panel"), story, this.picture);
-    this.panel.root = by("panel");
-    this.panel.part = (name) => document.querySelector(`[data-part="${name}"]`);
+    this.panel = new Panel(story, this.picture);
     this.fill();
     this.listen();
     this.fit();

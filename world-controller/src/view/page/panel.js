@@ -16,9 +16,9 @@ const seconds = (t) => `${(t / 1e6).toFixed(2)} s`;
 const cell = (c) => `[${c.join(", ")}]`;
 
 export class Panel {
-  constructor(root, story, picture) {
-    Object.assign(this, { root, story, picture });
-    this.part = (name) => root.querySelector(`[data-part="${name}"]`);
+  constructor(story, picture) {
+    Object.assign(this, { story, picture });
+    this.part = (name) => document.querySelector(`[data-part="${name}"]`);
     this.onChoose = () => {};
     this.onSeek = () => {};
     this.asked = null;
@@ -147,7 +147,8 @@ export class Panel {
     ].filter(([, value]) => value !== null);
     section.dataset.id = id;
     section.dataset.life = life;
-    this.part("module-name").textContent = `${picture.cubes ? "Module" : "Metamodule"} ${id}`;
+    const name = `${picture.cubes ? "Module" : "Metamodule"} ${id}`;
+    if (this.part("module-name").textContent !== name) this.part("module-name").textContent = name;
     this.part("module").replaceChildren(...facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
   }
 
