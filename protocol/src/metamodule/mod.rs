@@ -240,8 +240,9 @@ impl Metamodule {
         }
         if self.core.pose.both {
             // An earlier life has gripped and not let go. Letting go sweeps nothing.
-            let plan =
-                Plan { from: self.core.pose, steps: Vec::new(), sweep: Sweep::default(), aim: Aim::Land };
+            let from = self.core.pose;
+            let (steps, sweep, ends) = (Vec::new(), Sweep::default(), from.posture);
+            let plan = Plan { from, steps, sweep, ends, aim: Aim::Land, harmless: false };
             return self.begin(now, now, plan);
         }
         // Whoever says nothing for long has no process, and its body does not move.
@@ -352,6 +353,7 @@ impl Metamodule {
             age: now.since(self.core.waiting_since),
             pose: plan.from,
             sweep: plan.sweep,
+            ends: plan.ends,
         };
         let pending = *pending;
         for port in (0..Self::PORTS as u8).filter(|p| pending >> p & 1 == 1).map(Port) {
@@ -364,9 +366,14 @@ impl Metamodule {
         *pending &= !(1 << port.0);
         if *pending == 0 {
             let idle = Phase::Idle { look_at: Time::NEVER };
-            let Phase::Asking { plan, asked, .. } = std::mem::replace(&mut self.core.phase, idle) else {
-                return;
-            };
+            let over = std::mem::replace(&mut self.core.phase, idle);
+            let Phase::Asking { plan, asked, .. } = over else { return };
+            if plan.harmless && !self.is_harmless(plan.ends) {
+                // Others have set out meanwhile, and this one knows only now where they will be.
+                self.core.phase = Phase::Asking { plan, pending: 0, asked, again: now };
+                let rest = self.back_off();
+                return self.stop(now, rest);
+            }
             self.begin(now, asked, plan);
         }
     }
@@ -421,7 +428,8 @@ impl Metamodule {
             self.tell(now, Class::Gradient);
         }
         if !matches!(over, Phase::Idle { .. }) {
-            self.broadcast(Class::Negotiation, Message::Release { origin, token: self.core.token });
+            let (token, pose) = (self.core.token, self.core.pose);
+            self.broadcast(Class::Negotiation, Message::Release { origin, token, pose });
         }
     }
 
@@ -544,7 +552,7 @@ impl Metamodule {
                 }
             }
             Message::Way(way) => self.hear_way(now, port, way),
-            Message::Request { origin, token, rank, age, pose, sweep } => {
+            Message::Request { origin, token, rank, age, pose, sweep, ends } => {
                 let known = match self.core.peers.get_mut(port) {
                     Some(peer) if token > peer.over => peer.grant.is_some_and(|g| g.token == token),
                     _ => return,
@@ -556,7 +564,7 @@ impl Metamodule {
                     && denial.is_none()
                     && !known
                 {
-                    peer.grant = Some(Grant { token, pose, sweep, until });
+                    peer.grant = Some(Grant { token, pose, sweep, ends, until });
                 }
                 let from = self.core.id;
                 let message = Message::Response { from, token, denial };
@@ -575,8 +583,13 @@ impl Metamodule {
                 Some(_) => {}
             },
             Message::Response { .. } => {}
-            Message::Release { token, .. } => {
+            Message::Release { token, pose, .. } => {
                 if let Some(peer) = self.core.peers.get_mut(port) {
+                    if let Some(state) = peer.state.as_mut().filter(|_| token > peer.over && !peer.condemned)
+                    {
+                        // Its state says so too, but may come later.
+                        state.pose = pose;
+                    }
                     peer.over = peer.over.max(token);
                     if peer.grant.is_some_and(|g| g.token <= token) {
                         peer.grant = None;
