@@ -88,6 +88,10 @@ impl Browser {
 
     /// Calls a method of the protocol.
     pub fn call(&mut self, method: &str, parameters: Value) -> Value {
+        self.try_call(method, parameters).unwrap_or_else(|error| panic!("{method}: {error}"))
+    }
+
+    fn try_call(&mut self, method: &str, parameters: Value) -> Result<Value, Value> {
         self.asked += 1;
         let mut request = json!({ "id": self.asked, "method": method, "params": parameters });
         if !self.session.is_empty() {
@@ -98,8 +102,10 @@ impl Browser {
             let Message::Text(text) = self.socket.read().expect("the browser answers") else { continue };
             let mut answer: Value = serde_json::from_str(&text).expect("the browser speaks JSON");
             if answer["id"] == json!(self.asked) {
-                assert!(answer["error"].is_null(), "{method}: {}", answer["error"]);
-                return answer["result"].take();
+                return match answer["error"].take() {
+                    Value::Null => Ok(answer["result"].take()),
+                    error => Err(error),
+                };
             }
             self.hear(&answer);
         }
@@ -141,7 +147,10 @@ impl Browser {
     pub fn until(&mut self, condition: &str) {
         let look = "const look = () => { let is = false; try { is = ok(); } catch {} \
                     if (is) done(true); else requestAnimationFrame(look); }; look();";
-        self.evaluate(&format!("new Promise((done) => {{ const ok = () => ({condition}); {look} }})"));
+        let promise = format!("new Promise((done) => {{ const ok = () => ({condition}); {look} }})");
+        let how = json!({ "expression": promise, "awaitPromise": true, "returnByValue": true });
+        // A page that loads itself anew forgets its promises.
+        while self.try_call("Runtime.evaluate", how.clone()).is_err() {}
     }
 
     /// Presses a key, as a person would.

@@ -35,14 +35,25 @@ impl View {
     }
 
     fn start(args: &[&str]) -> View {
-        let mut process =
-            command(args).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("metamorph starts");
-        let lines = BufReader::new(process.stdout.take().unwrap()).lines();
-        let address = lines.map_while(Result::ok).find_map(|line| {
+        let mut command = command(args);
+        // The standard output of a run is for its report.
+        let process = match args[0] {
+            "run" => command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn(),
+            _ => command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn(),
+        };
+        let mut view = View { process: process.expect("metamorph starts"), address: String::new() };
+        let pipes = (view.process.stdout.take(), view.process.stderr.take());
+        let said: Box<dyn Read + Send> = match pipes {
+            (Some(out), _) => Box::new(out),
+            (_, err) => Box::new(err.unwrap()),
+        };
+        let mut lines = BufReader::new(said).lines().map_while(Result::ok);
+        let address = lines.find_map(|line| {
             line.split_whitespace().find(|word| word.starts_with("http://")).map(str::to_owned)
         });
-        let mut view = View { process, address: String::new() };
         view.address = address.expect("the address is printed");
+        // What it says later must go somewhere.
+        std::thread::spawn(move || lines.for_each(drop));
         view
     }
 
@@ -77,8 +88,8 @@ impl View {
 
 impl Drop for View {
     fn drop(&mut self) {
-        // It may have ended.
-        let _ = self.process.kill();
+        // It may have ended. If not, it takes its processes with it.
+        let _ = kill_process(Pid::from_child(&self.process), Signal::TERM);
         let _ = self.process.wait();
     }
 }
@@ -352,4 +363,25 @@ fn messages_locks_gradients_and_circles_of_a_thousand_modules_are_shown() {
     browser.call("Emulation.setEmulatedMedia", dark);
     browser.until("document.documentElement.dataset.theme === 'dark'");
     check_clean(&mut browser, &view);
+}
+
+#[test]
+fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
+    let Some(program) = find() else { return println!("skipped: no browser") };
+    let directory = tempfile::tempdir().unwrap();
+    let journal = directory.path().join("run.journal").display().to_string();
+    let file = scenario("swarm.toml").display().to_string();
+    let view = View::start(&["run", &file, "--view", "--quiet", "--journal", &journal]);
+    let mut browser = Browser::start(program);
+    browser.open(&view.address);
+    browser.until("window.page.story.modules.some((m) => m.doings.length > 0)");
+    browser.until("document.getElementById('outcome').textContent === 'built'");
+    browser.until("window.page.story.scene.messages && window.page.story.over");
+    browser.press("End");
+    browser.until("document.querySelector('[data-part=numbers] dd').textContent === '32 / 32'");
+    choose(&mut browser, 41);
+    assert_eq!(browser.evaluate("document.getElementById('module').dataset.life"), json!("dead"));
+    browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
+    check_clean(&mut browser, &view);
+    assert_eq!(view.end(), Some(0));
 }

@@ -73,7 +73,8 @@ void main() {
     float border = 0.5 - max(abs(on.x), abs(on.y));
     float blur = fwidth(border) + 1e-5;
     if (pattern == 3) {
-      float keep = smoothstep(0.03 + blur, 0.03, border);
+      float thin = min(0.03, 0.9 * blur);
+      float keep = smoothstep(thin + blur, thin, border);
       if (keep < 0.05) discard;
       colour = vec4(paintOf.rgb, keep * edgeOf.w);
       return;

@@ -337,7 +337,7 @@ class Page {
     scrub.setAttribute("aria-valuetext", time.textContent);
     this.panel.outcome();
     this.panel.numbers(this.t, seen);
-    this.panel.legend(this.meaning, seen.farthest);
+    this.panel.legend(this.meaning, seen);
     this.panel.faults();
     this.panel.module(this.chosen, this.t, seen);
     if (!this.playing && this.chosen !== null) {

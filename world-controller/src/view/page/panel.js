@@ -77,8 +77,8 @@ export class Panel {
     });
   }
 
-  legend(meaning, farthest) {
-    const entries = this.picture.legend(meaning, farthest);
+  legend(meaning, seen) {
+    const entries = this.picture.legend(meaning, seen);
     const text = JSON.stringify(entries);
     if (text === this.legendText) return;
     this.legendText = text;

@@ -4,7 +4,7 @@
 import { UPRIGHT, box, cubeAt, halfCube, halvesAt } from "./bodies.js";
 import { PART, PATTERN, RIBBON } from "./drawing.js";
 
-/** What colours can mean, with what is said of it; the first letter of the texts is in the legend. */
+/** What colours can mean, and what that is called. */
 export const MEANINGS = {
   state: "state",
   level: "level of the goal",
@@ -303,7 +303,7 @@ export class Picture {
       const within = circle.has(from) && circle.has(to);
       if (!within && !options.waits && from !== options.chosen && to !== options.chosen) continue;
       const rgb = within ? this.colour.bad : this.colour.wait;
-      this.arrow(from, to, [...rgb, within ? 1 : 0.85], within ? 0.11 : 0.055);
+      this.arrow(from, to, [...rgb, within ? 1 : 0.85], within ? 0.09 : 0.04);
     }
   }
 
@@ -379,9 +379,15 @@ export class Picture {
   }
 
   /** What the colours mean, for the legend: text, colour, and the pattern that goes with it. */
-  legend(meaning, farthest) {
+  legend(meaning, { farthest, circle }) {
     const { colour, cubes } = this;
     const swatch = (text, rgb, pattern) => ({ text, colour: css(rgb), pattern });
+    const entries = this.meanings(meaning, farthest, swatch, colour, cubes);
+    if (circle.size) entries.push(swatch("wait for each other in a circle", colour.bad));
+    return entries;
+  }
+
+  meanings(meaning, farthest, swatch, colour, cubes) {
     const lives = [
       swatch("dead", colour.dead, "dead"),
       swatch("paused", colour.paused, "paused"),
