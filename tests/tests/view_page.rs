@@ -1,6 +1,7 @@
 //! The page of `metamorph view`: who is let in, over plain HTTP; and what a person sees and does in a
 //! real browser. Where there is no browser, the latter says so and is skipped.
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+#![allow(clippy::print_stdout, reason = "says why something is skipped")]
 
 use metamorph_tests::browser::{Browser, find};
 use metamorph_tests::command::{command, run, scenario};

@@ -96,11 +96,11 @@ export function halvesAt({ from, to, part, what }, quarterTurns) {
   return halves;
 }
 
-/** A box of edge 1: positions and normals. */
-export function box() {
+/** The corners of a box of edge 1, by triangles; or only of its sides towards +x, +y and +z. */
+export function box(half) {
   const vertices = [];
   for (let axis = 0; axis < 3; axis++) {
-    for (const sign of [-1, 1]) {
+    for (const sign of half ? [1] : [-1, 1]) {
       const [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
       const corner = (a, b) => {
         const p = [0, 0, 0];
@@ -112,6 +112,25 @@ export function box() {
       const quad = [corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)];
       const order = sign > 0 ? [0, 1, 2, 0, 2, 3] : [0, 2, 1, 0, 3, 2];
       order.forEach((i) => vertices.push(...quad[i]));
+    }
+  }
+  return new Float32Array(vertices);
+}
+
+/** The edges of a box of edge 1, as lines. */
+export function wires() {
+  const vertices = [];
+  for (let axis = 0; axis < 3; axis++) {
+    for (const a of [-0.5, 0.5]) {
+      for (const b of [-0.5, 0.5]) {
+        for (const end of [-0.5, 0.5]) {
+          const p = [0, 0, 0];
+          p[axis] = end;
+          p[(axis + 1) % 3] = a;
+          p[(axis + 2) % 3] = b;
+          vertices.push(...p);
+        }
+      }
     }
   }
   return new Float32Array(vertices);

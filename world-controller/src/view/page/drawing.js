@@ -1,7 +1,7 @@
 // Draws with WebGL 2: parts of bodies as instances of one mesh, ribbons between points, a ground with
 // shadows. Knows nothing of swarms. Draws only when asked to.
 
-export const PATTERN = { plain: 0, dead: 1, paused: 2, ghost: 3, stuck: 4 };
+export const PATTERN = { plain: 0, dead: 1, paused: 2, stuck: 3 };
 /** Numbers of one part: place and size, rotation, colour and pattern, edge colour and shrinking. */
 export const PART = 16;
 /** Numbers of one ribbon: from, width there, to, width there, colour, how fast it flows. */
@@ -12,18 +12,19 @@ in vec3 vertex;
 in vec4 place, rotation, paint, edge;
 uniform mat4 view;
 uniform float grow, ground;
-uniform bool shadow;
-uniform vec3 light;
+uniform bool shadow, facing;
+uniform vec3 light, eyeAt;
 out vec3 local;
-out vec4 paintOf, edgeOf;
-out vec4 turned;
+flat out vec4 paintOf, edgeOf, turned;
 vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
 void main() {
   local = vertex;
+  // Of an upright box the three sides that are seen are enough.
+  if (facing) local *= mix(vec3(-1), vec3(1), step(vec3(0), shadow ? light : eyeAt - place.xyz));
   paintOf = paint;
   edgeOf = edge;
   turned = rotation;
-  vec3 at = place.xyz + turn(rotation, vertex * (place.w + grow));
+  vec3 at = place.xyz + turn(rotation, local * (place.w + grow));
   if (shadow) {
     at += light * ((ground - at.z) / light.z);
     at.z = ground;
@@ -34,7 +35,7 @@ void main() {
 const PARTS_FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 local;
-in vec4 paintOf, edgeOf, turned;
+flat in vec4 paintOf, edgeOf, turned;
 uniform bool shadow, outline, round;
 uniform vec4 flat_;
 uniform vec3 light, eye;
@@ -44,7 +45,6 @@ vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w 
 void main() {
   int pattern = int(paintOf.w + 0.5);
   if (shadow || outline) {
-    if (pattern == 3) discard;
     colour = flat_;
     return;
   }
@@ -72,13 +72,6 @@ void main() {
     on = a.x == most ? local.yz : a.y == most ? local.zx : local.xy;
     float border = 0.5 - max(abs(on.x), abs(on.y));
     float blur = fwidth(border) + 1e-5;
-    if (pattern == 3) {
-      float thin = min(0.03, 0.9 * blur);
-      float keep = smoothstep(thin + blur, thin, border);
-      if (keep < 0.05) discard;
-      colour = vec4(paintOf.rgb, keep * edgeOf.w);
-      return;
-    }
     vec3 bevel = normalize(axis + local * 0.9);
     normal = normalize(mix(axis, bevel, smoothstep(0.1, 0.02, border)));
     line = smoothstep(0.035 + blur, 0.03 - blur * 0.5, border) * 0.8;
@@ -94,7 +87,7 @@ void main() {
     float bars = abs(abs(on.x) - 0.12);
     float within = step(abs(on.y), 0.24);
     base = mix(base, edgeOf.rgb, smoothstep(0.055 + blurOn, 0.055, bars) * within);
-  } else if (pattern == 4) {
+  } else if (pattern == 3) {
     base = mix(base, edgeOf.rgb, smoothstep(0.16 + blurOn, 0.16, length(on)));
   }
   vec3 n = turn(turned, normal);
@@ -204,6 +197,7 @@ export class Drawing {
     this.canvas = canvas;
     this.sharpness = 1;
     this.shadows = true;
+    this.unculled = false;
     this.parts = this.program(PARTS_VERTEX, PARTS_FRAGMENT);
     this.ribbons = this.program(RIBBON_VERTEX, RIBBON_FRAGMENT);
     this.ground = this.program(GROUND_VERTEX, GROUND_FRAGMENT);
@@ -272,9 +266,12 @@ export class Drawing {
     gl.vertexAttribDivisor(place, divisor);
   }
 
-  /** A mesh whose instances can be drawn. `round` is a half cube of the Roombots of this size. */
-  mesh(vertices, round = null) {
-    const mesh = { count: vertices.length / 3, instances: this.gl.createBuffer(), round };
+  /**
+   * A mesh whose instances can be drawn. `round` is a half cube of the Roombots of this size; `facing`
+   * are the three sides of a box that are mirrored to where they are seen.
+   */
+  mesh(vertices, { round = null, facing = false } = {}) {
+    const mesh = { count: vertices.length / 3, instances: this.gl.createBuffer(), round, facing };
     const shape = this.buffer(vertices);
     mesh.array = this.array(() => {
       this.attribute(this.parts, "vertex", 3, shape, 3, 0, 0);
@@ -291,6 +288,26 @@ export class Drawing {
     gl.bufferData(gl.ARRAY_BUFFER, numbers, gl.DYNAMIC_DRAW);
   }
 
+  /** The same parts, the nearest first: what is behind them need not be painted. */
+  nearestFirst(numbers, out) {
+    const count = numbers.length / PART;
+    if (this.order?.length !== count) {
+      this.order = Uint32Array.from({ length: count }, (_, i) => i);
+      this.depths = new Float32Array(count);
+      this.sorted = new Float32Array(numbers.length);
+    }
+    for (let i = 0; i < count; i++) {
+      const at = i * PART;
+      this.depths[i] = numbers[at] * out[0] + numbers[at + 1] * out[1] + numbers[at + 2] * out[2];
+    }
+    this.order.sort((a, b) => this.depths[b] - this.depths[a]);
+    for (let i = 0; i < count; i++) {
+      const at = this.order[i] * PART;
+      this.sorted.set(numbers.subarray(at, at + PART), i * PART);
+    }
+    return this.sorted;
+  }
+
   resize() {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map((x) =>
       Math.max(1, Math.round(x * this.sharpness)),
@@ -304,7 +321,7 @@ export class Drawing {
 
   /**
    * Draws one picture: `paper` behind, the `ground`, `groups` of parts (a mesh and its numbers), what is
-   * `chosen` with an outline, `links` among the parts and `marks` over them.
+   * `chosen` with an outline, `ghosts` as wires, `links` among the parts and `marks` over them.
    */
   draw({ camera, paper, ground, groups, ghosts, chosen, links, marks, light, clock, dark }) {
     const gl = this.gl;
@@ -338,9 +355,10 @@ export class Drawing {
     gl.uniformMatrix4fv(u("view"), false, view);
     gl.uniform3fv(u("light"), light);
     gl.uniform3fv(u("eye"), out);
+    gl.uniform3fv(u("eyeAt"), position);
     gl.uniform1f(u("ambient"), dark ? 0.5 : 0.66);
     gl.uniform1f(u("ground"), (ground?.z ?? 0) + 0.004);
-    for (const { mesh, numbers } of groups) this.fill(mesh.instances, numbers);
+    for (const { mesh, numbers } of groups) this.fill(mesh.instances, this.nearestFirst(numbers, out));
 
     if (ground && above && this.shadows) {
       // Each place of the ground is darkened once, however many shadows meet there.
@@ -349,12 +367,14 @@ export class Drawing {
       gl.stencilFunc(gl.EQUAL, 0, 255);
       gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
       gl.disable(gl.CULL_FACE);
+      this.unculled = true;
       gl.depthMask(false);
       gl.uniform1i(u("shadow"), 1);
       gl.uniform4f(u("flat_"), 0, 0, 0, dark ? 0.34 : 0.13);
       groups.forEach((group) => this.instances(group));
       gl.uniform1i(u("shadow"), 0);
       gl.depthMask(true);
+      this.unculled = false;
       gl.enable(gl.CULL_FACE);
       gl.disable(gl.STENCIL_TEST);
       gl.disable(gl.BLEND);
@@ -378,10 +398,11 @@ export class Drawing {
       gl.useProgram(this.parts.program);
       gl.enable(gl.BLEND);
       gl.depthMask(false);
-      gl.disable(gl.CULL_FACE);
+      gl.uniform1i(u("outline"), 1);
+      gl.uniform4f(u("flat_"), ...ghosts.colour);
       this.fill(ghosts.mesh.instances, ghosts.numbers);
-      this.instances(ghosts);
-      gl.enable(gl.CULL_FACE);
+      this.instances(ghosts, gl.LINES);
+      gl.uniform1i(u("outline"), 0);
       gl.depthMask(true);
       gl.disable(gl.BLEND);
     }
@@ -404,16 +425,20 @@ export class Drawing {
     gl.bindVertexArray(null);
   }
 
-  instances({ mesh, numbers }) {
+  instances({ mesh, numbers }, what = this.gl.TRIANGLES) {
     const gl = this.gl;
     const u = this.parts.uniform;
     gl.uniform1i(u("round"), mesh.round !== null);
+    gl.uniform1i(u("facing"), mesh.facing);
+    // Mirrored sides have no inside and outside.
+    if (mesh.facing) gl.disable(gl.CULL_FACE);
     if (mesh.round) {
       gl.uniform1f(u("radius"), mesh.round.radius);
       gl.uniform1f(u("half_"), mesh.round.edge);
     }
     gl.bindVertexArray(mesh.array);
-    gl.drawArraysInstanced(gl.TRIANGLES, 0, mesh.count, numbers.length / PART);
+    gl.drawArraysInstanced(what, 0, mesh.count, numbers.length / PART);
+    if (mesh.facing && !this.unculled) gl.enable(gl.CULL_FACE);
   }
 
   drawRibbons(numbers, view, position, clock, behind) {

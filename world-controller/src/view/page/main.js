@@ -38,6 +38,7 @@ class Page {
     this.meaning = "state";
     this.dirty = true;
     this.clock = 0;
+    this.said = 0;
     this.last = null;
     this.rested = null;
     this.moving = false;
@@ -48,7 +49,7 @@ class Page {
     this.camera = new Camera();
     this.drawing = new Drawing(by("space"));
     this.picture = new Picture(this.drawing, story);
-    this.timeline = new Timeline(by("timeline"), by("tip"), story);
+    this.timeline = new Timeline(by("timeline"), by("head"), by("tip"), story);
     this.panel = new Panel(story, this.picture);
     this.fill();
     this.listen();
@@ -328,6 +329,13 @@ class Page {
     const seen = this.picture.build(this.t, options);
     this.picture.draw(this.camera, options, this.clock);
     this.timeline.draw(this.t);
+    // Words are read less quickly than pictures are seen.
+    if (!this.playing || this.clock - this.said > 0.1 || this.clock < this.said) this.say(seen);
+  }
+
+  /** Everything that is said in words about what is seen. */
+  say(seen) {
+    this.said = this.clock;
     const time = by("time");
     time.textContent = `${(this.t / 1e6).toFixed(2)} s of ${(this.story.now / 1e6).toFixed(2)} s`;
     time.dataset.micros = Math.round(this.t);

@@ -1,7 +1,7 @@
 // From what was at a moment to what is drawn: which part is where, in which colour; who is linked with
 // whom. Colours are those of the style sheet.
 
-import { UPRIGHT, box, cubeAt, halfCube, halvesAt } from "./bodies.js";
+import { UPRIGHT, box, cubeAt, halfCube, halvesAt, wires } from "./bodies.js";
 import { PART, PATTERN, RIBBON } from "./drawing.js";
 
 /** What colours can mean, and what that is called. */
@@ -72,14 +72,12 @@ export class Picture {
     this.cubes = story.family === "cube";
     const body = story.scene.body;
     this.body = body && { quarterTurns: body[0], radius: body[1], edge: body[2] };
-    this.mesh = this.cubes
-      ? drawing.mesh(box())
-      : drawing.mesh(halfCube(this.body.radius, this.body.edge), this.body);
-    this.chosenMesh = this.cubes
-      ? drawing.mesh(box())
-      : drawing.mesh(halfCube(this.body.radius, this.body.edge), this.body);
-    this.foreignMesh = drawing.mesh(box());
-    this.ghostMesh = drawing.mesh(box());
+    // The outline of what is chosen is made of the far sides, so it needs all of them.
+    const round = () => drawing.mesh(halfCube(this.body.radius, this.body.edge), { round: this.body });
+    this.mesh = this.cubes ? drawing.mesh(box(true), { facing: true }) : round();
+    this.chosenMesh = this.cubes ? drawing.mesh(box(false)) : round();
+    this.foreignMesh = drawing.mesh(box(true), { facing: true });
+    this.ghostMesh = drawing.mesh(wires());
     this.parts = new Numbers();
     this.chosen = new Numbers();
     this.foreign = new Numbers();
@@ -212,7 +210,7 @@ export class Picture {
         const at = [x + shift[0], y + shift[1], z];
         if (taken.has(key(at))) continue;
         const up = this.cubes ? 0 : 0.5;
-        this.ghosts.push(at[0], at[1], at[2] + up, 0.94, ...UPRIGHT, ...colour.ghost, PATTERN.ghost, ...colour.ghost, now.cells.length > 200 ? 0.4 : 0.8);
+        this.ghosts.push(at[0], at[1], at[2] + up, 0.94, ...UPRIGHT, ...colour.ghost, 0, ...colour.ghost, 1);
       }
     }
     if (options.messages && talk) this.drawTalk(talk, options);
@@ -347,7 +345,7 @@ export class Picture {
       paper: colour.sky,
       ground,
       groups,
-      ghosts: this.ghosts.length ? { mesh: this.ghostMesh, numbers: this.ghosts.view() } : null,
+      ghosts: this.ghosts.length ? { mesh: this.ghostMesh, numbers: this.ghosts.view(), colour: [...colour.ghost, this.ghosts.length > 200 * PART ? 0.5 : 0.9] } : null,
       chosen: this.chosen.length
         ? { mesh: this.chosenMesh, numbers: this.chosen.view(), colour: colour.chosen }
         : null,

@@ -12,13 +12,14 @@ const TOP = 16;
 const BOTTOM = 20;
 
 export class Timeline {
-  constructor(canvas, tip, story) {
+  constructor(canvas, head, tip, story) {
     this.canvas = canvas;
+    this.head = head;
     this.tip = tip;
     this.story = story;
     this.shown = story.scene.classes.map(() => true);
     this.onSeek = () => {};
-    this.kept = null;
+    this.drawn = false;
     const seek = (e) => this.onSeek(this.timeAt(e.offsetX));
     canvas.addEventListener("pointerdown", (e) => {
       canvas.setPointerCapture(e.pointerId);
@@ -70,38 +71,21 @@ export class Timeline {
 
   /** Draws everything anew the next time. */
   refresh() {
-    this.kept = null;
+    this.drawn = false;
   }
 
+  /** Shows a moment. The rest is drawn only when something has changed. */
   draw(t) {
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     if (width === 0) return;
-    if (this.canvas.width !== Math.round(width * ratio) || this.canvas.height !== Math.round(height * ratio)) {
+    if (!this.drawn) {
+      this.drawn = true;
       this.canvas.width = Math.round(width * ratio);
       this.canvas.height = Math.round(height * ratio);
-      this.kept = null;
+      this.background(this.canvas.getContext("2d"), width, height, ratio);
     }
-    const paint = this.canvas.getContext("2d");
-    if (!this.kept) {
-      this.kept = document.createElement("canvas");
-      this.kept.width = this.canvas.width;
-      this.kept.height = this.canvas.height;
-      this.background(this.kept.getContext("2d"), width, height, ratio);
-    }
-    paint.setTransform(1, 0, 0, 1, 0, 0);
-    paint.clearRect(0, 0, this.canvas.width, this.canvas.height);
-    paint.drawImage(this.kept, 0, 0);
-    paint.setTransform(ratio, 0, 0, ratio, 0, 0);
-    const style = getComputedStyle(this.canvas);
-    paint.fillStyle = style.getPropertyValue("--accent");
-    const x = this.x(t);
-    paint.fillRect(x - 0.75, TOP - 8, 1.5, height - TOP - BOTTOM + 8);
-    paint.beginPath();
-    paint.moveTo(x - 5, TOP - 13);
-    paint.lineTo(x + 5, TOP - 13);
-    paint.lineTo(x, TOP - 5);
-    paint.fill();
+    this.head.style.transform = `translateX(${this.x(t).toFixed(1)}px)`;
   }
 
   background(paint, width, height, ratio) {
