@@ -6,6 +6,7 @@
 //! protocol vary, [`metamodules`] the one of the thesis, whose variations [`cases`] gives names;
 //! [`command`] is `metamorph` as a user types it; [`statistics`] compares samples.
 
+pub mod browser;
 pub mod cases;
 pub mod chaos;
 pub mod command;

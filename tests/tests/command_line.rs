@@ -668,3 +668,34 @@ fn the_same_scenario_runs_as_processes() {
     let ran = run(&["clean"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
 }
+
+#[test]
+fn the_report_for_people_is_one_file_that_loads_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("report.html");
+    let path = scenario("swarm.toml").display().to_string();
+    let html = file.display().to_string();
+    let ran = run(&["run", &path, "--link", "sim", "--quiet", "--html", &html]);
+    assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (Some(0), "", ""));
+    let page = fs::read_to_string(&file).unwrap();
+    for part in [
+        "built",
+        "32 of 32",
+        "kill 41",
+        "metamorph run",
+        "--seed 1",
+        "negotiation",
+        "[[goal]]",
+        "class=\"area moves\"",
+    ] {
+        assert!(page.contains(part), "`{part}` is missing");
+    }
+    for loaded in ["src=", "href=", "url(", "@import", "<script"] {
+        assert!(!page.contains(loaded), "{loaded}");
+    }
+    let ran = run(&["run", &path, "--link", "sim", "--html", "/nowhere/report.html"]);
+    assert!(
+        ran.code == Some(2) && ran.err.contains("--html /nowhere/report.html") && ran.err.contains("fix: "),
+        "{ran:?}"
+    );
+}

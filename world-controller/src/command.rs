@@ -47,6 +47,22 @@ Modules are numbered from 0; `metamorph check SCENARIO` says how many there are.
 
 Ctrl-C ends a run with a partial report; a second Ctrl-C ends it at once.";
 
+const VIEW_EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal
+  metamorph view run.journal                             look at what happened
+  metamorph view deploy/scenarios/chair.toml --seed 7    simulate a scenario, and look at it
+  metamorph run deploy/scenarios/swarm.toml --view       look at processes while they run
+
+The address of the page is printed; open it in a browser of this machine. It works without a network,
+listens on the loopback interface only, and lets in only whoever has the whole address. `?` on the page
+lists its keys. Ctrl-C ends it.
+
+Exit codes:
+  0  the page was shown until Ctrl-C
+  1  the program itself failed, for example because there was no port
+  2  the command line or the scenario is wrong, or the file is no journal of this version";
+
 const CHECK_EXAMPLES: &str = "\
 Examples:
   metamorph check deploy/scenarios/swarm.toml
@@ -181,6 +197,9 @@ pub enum Command {
     /// Run a scenario and report what happened
     #[command(after_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
     Run(RunArgs),
+    /// Look at a run in the browser: in 3D, with what happened over time
+    #[command(after_help = VIEW_EXAMPLES)]
+    View(ViewArgs),
     /// Run a scenario with many seeds and varied values, and compare
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
@@ -226,9 +245,52 @@ pub struct RunArgs {
     /// for `metamorph resume FILE` to come
     #[arg(long, value_name = "T", value_parser = real_time, default_value = "30s", requires = "journal")]
     pub patience: Duration,
+    /// Write a report for people, with plots, to this file: one HTML page that can be sent to somebody
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Show the run in the browser while it goes on and afterwards, until Ctrl-C; the address is
+    /// printed. Messages between processes are seen afterwards, and with --journal only
+    #[arg(long)]
+    pub view: bool,
     /// Print nothing but errors, and JSON if asked for
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// What `view` takes.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml), which is
+    /// simulated and shown
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Of a scenario: the seed of all chance in the run, instead of the scenario's
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Of a scenario: put a value into it, as for `run` (repeatable)
+    #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
+    pub set: Vec<String>,
+    /// Of a scenario: kill the process of module ID at time T (repeatable)
+    #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
+    pub kill: Vec<String>,
+    /// Of a scenario: stop the process of module ID from one time to another (repeatable)
+    #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
+    pub pause: Vec<String>,
+}
+
+impl ViewArgs {
+    /// What is changed in a scenario.
+    pub fn overrides(self) -> Overrides {
+        let setting = |text| Setting { option: "--set", text };
+        Overrides {
+            link: LinkKind::Sim,
+            seed: self.seed,
+            kill: self.kill,
+            pause: self.pause,
+            settings: self.set.into_iter().map(setting).collect(),
+            ..Overrides::default()
+        }
+    }
 }
 
 /// What `replay` takes.

@@ -1,13 +1,14 @@
 //! Carries commands out: from what was typed to an exit code.
 
 use crate::bench::{self, BenchError, PartError};
-use crate::command::{Command, CommandLine, RunArgs};
+use crate::command::{Command, CommandLine, RunArgs, ViewArgs};
 use crate::interrupt::Interrupt;
-use crate::journal::{JournalError, Keeping};
+use crate::journal::{Journal, JournalError, Keeping, plan_of};
 use crate::overview::overview;
 use crate::processes;
 use crate::replay::{self, ReplayError, replay};
 use crate::report::human;
+use crate::report::page::page;
 use crate::report::schema::Report;
 use crate::reproduce::reproduce;
 use crate::robot::{self, RobotError};
@@ -16,6 +17,9 @@ use crate::simulated::run_simulated;
 use crate::stopwatch::Stopwatch;
 use crate::sweep::{SweepError, sweep};
 use crate::terminal::{Channel, Live, complain, print_out};
+use crate::view::scene::Scene;
+use crate::view::scribe::{self, Shared};
+use crate::view::server::{Server, ServerError};
 use clap::Parser;
 use metamorph_sim_bridge::outcome::Outcome;
 use std::ffi::OsString;
@@ -40,9 +44,13 @@ enum Failure {
     Input(String),
     /// The report cannot go where it shall.
     #[error(
-        "--json {path}: cannot write there: {error}\n  fix: name a file in a directory that exists and is yours, or `-`"
+        "{option} {path}: cannot write there: {error}\n  fix: name a file in a directory that exists and is yours{or}"
     )]
-    Json {
+    Unwritable {
+        /// What asked for it.
+        option: &'static str,
+        /// What else could be named.
+        or: &'static str,
         /// Where.
         path: String,
         /// Why.
@@ -71,6 +79,14 @@ enum Failure {
     /// A sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
+    /// A file cannot be shown.
+    #[error(
+        "metamorph: {0}\n  fix: name a journal that `metamorph run --journal` wrote, or a scenario that ends in .toml"
+    )]
+    NoJournal(scribe::ReadError),
+    /// A run cannot be shown.
+    #[error(transparent)]
+    Server(#[from] ServerError),
     /// A measurement failed.
     #[error(transparent)]
     Bench(#[from] BenchError),
@@ -88,10 +104,15 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Sweep(_) => FAILED,
-            Failure::Input(_) | Failure::Json { .. } | Failure::Journal(_) | Failure::Replay(_) => BAD_USAGE,
+            Failure::Input(_) | Failure::Unwritable { .. } | Failure::Journal(_) | Failure::Replay(_) => {
+                BAD_USAGE
+            }
+            Failure::NoJournal(_) => BAD_USAGE,
+            Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) | Failure::Server(_) => {
+                FAILED
+            }
             Failure::Bench(BenchError::Json { .. }) => BAD_USAGE,
             Failure::Bench(_) | Failure::BenchPart(_) => FAILED,
-            Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
         }
     }
 }
@@ -143,6 +164,7 @@ fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
 fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
     match command {
         Command::Run(args) => run(args, since),
+        Command::View(args) => view(args, since),
         Command::Check(args) => {
             let (path, overrides) = args.plan.into();
             print_out(&overview(&plan(&path, &overrides)?));
@@ -189,7 +211,17 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
     may_write(&args.json)?;
+    if let Some(file) = &args.html {
+        check_writable("--html", "", file)?;
+    }
     let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
+    let watched = args.view || args.html.is_some();
+    let scene = watched.then(|| Shared::new(Scene::new(&plan, overrides.link == LinkKind::Sim)));
+    if let Some(scene) = scene.as_ref().filter(|_| args.view) {
+        // Standard output is for the report.
+        complain(&shown(scene)?);
+    }
+    let scribe = scene.as_ref().map(|scene| scribe::log(&plan, scene));
     let mut live = Live::new(!args.quiet);
     let begin = match overrides.link {
         LinkKind::Sim => Keeping::simulated,
@@ -198,18 +230,94 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
     let keeping = keeping.map_err(Failure::Journal)?;
     let report = match overrides.link {
-        LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since, keeping),
-        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping, args.patience)?,
+        LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since, keeping, scribe),
+        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping, args.patience, scribe)?,
     };
     drop(live);
-    deliver(&report, &args.json, args.quiet)
+    if let Some(scene) = &scene {
+        finish(scene, &plan, &report, args.journal.as_deref());
+    }
+    let code = deliver(&report, &args.json, args.quiet)?;
+    if let (Some(file), Some(scene)) = (&args.html, &scene) {
+        let scene = scene.lock();
+        let (width, bins) = scene.bins();
+        write(file, &page(&report, &plan, width, bins))?;
+    }
+    if args.view {
+        interrupt.wait();
+    }
+    Ok(code)
 }
 
-/// Found out before a run, and not after a long one. What the file holds is kept until then.
+/// Finds out now, and not after a long run, whether a file can be written. What it holds is kept.
+fn check_writable(option: &'static str, or: &'static str, file: &Path) -> Result<(), Failure> {
+    let path = || file.display().to_string();
+    let opened = OpenOptions::new().append(true).create(true).open(file);
+    opened.map(drop).map_err(|error| Failure::Unwritable { option, or, path: path(), error })
+}
+
+fn write(file: &Path, text: &str) -> Result<(), Failure> {
+    let path = file.display().to_string();
+    std::fs::write(file, text).map_err(|error| Failure::Report { path, error })
+}
+
+/// Serves a scene, and says where.
+fn shown(scene: &Shared) -> Result<String, ServerError> {
+    let server = Server::start(scene.clone())?;
+    Ok(format!("look at it at {}\nCtrl-C ends it", server.address()))
+}
+
+/// Ends a scene with the report. What processes have said to each other is in their journal only.
+fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) {
+    if plan.overrides.link == LinkKind::Ipc
+        && let Some(journal) = journal
+    {
+        match recorded(journal) {
+            Ok(whole) => scene.replace(whole),
+            Err(error) => tracing::warn!("the page goes without messages: {error}"),
+        }
+    }
+    scene.lock().finish(report.clone());
+}
+
+/// The scene of a journal.
+fn recorded(file: &Path) -> Result<Scene, scribe::ReadError> {
+    let mut journal = Journal::open(file)?;
+    let plan = plan_of(journal.head())?;
+    let scene = Shared::new(Scene::new(&plan, true));
+    let log = scribe::log(&plan, &scene);
+    journal.by_ref().for_each(|record| log.borrow_mut().put(&record));
+    drop(log);
+    let mut scene = scene.into_inner();
+    scene.end(journal.troubles());
+    Ok(scene)
+}
+
+fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
+    let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
+    if args.file.extension().is_none_or(|extension| extension != "toml") {
+        let scene = recorded(&args.file).map_err(Failure::NoJournal)?;
+        for trouble in scene.troubles() {
+            complain(&format!("note: {trouble}"));
+        }
+        print_out(&shown(&Shared::new(scene))?);
+    } else {
+        let file = args.file.clone();
+        let plan = plan(&file, &args.overrides())?;
+        let scene = Shared::new(Scene::new(&plan, true));
+        print_out(&shown(&scene)?);
+        let scribe = Some(scribe::log(&plan, &scene));
+        let report = run_simulated(&plan, &interrupt, &mut Live::new(true), since, None, scribe);
+        scene.lock().finish(report);
+    }
+    interrupt.wait();
+    Ok(0)
+}
+
+/// Finds out now whether the JSON can be written.
 fn may_write(json: &Option<PathBuf>) -> Result<(), Failure> {
     let Some(file) = json_file(json) else { return Ok(()) };
-    let opened = OpenOptions::new().append(true).create(true).open(file);
-    opened.map(drop).map_err(|error| Failure::Json { path: file.display().to_string(), error })
+    check_writable("--json", ", or `-`", file)
 }
 
 fn json_file(json: &Option<PathBuf>) -> Option<&Path> {
@@ -226,8 +334,7 @@ fn deliver(report: &Report, json: &Option<PathBuf>, quiet: bool) -> Result<u8, F
         print_out(&text);
     }
     if let Some(file) = json_file(json) {
-        std::fs::write(file, text + "\n")
-            .map_err(|error| Failure::Report { path: file.display().to_string(), error })?;
+        write(file, &(text + "\n"))?;
     }
     let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
     Ok(outcome.map_or(FAILED, Outcome::exit_code))

@@ -3,13 +3,20 @@
 
 use metamorph_sim_bridge::outcome::Outcome;
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use tokio::signal::unix::{SignalKind, signal};
 
 /// Whether somebody wants the run to end.
 #[derive(Clone, Debug, Default)]
-pub struct Interrupt(Arc<AtomicBool>);
+pub struct Interrupt(Arc<Bell>);
+
+#[derive(Debug, Default)]
+struct Bell {
+    rung: AtomicBool,
+    quiet: Mutex<()>,
+    ring: Condvar,
+}
 
 impl Interrupt {
     /// Listens for signals from now on, on a thread of its own.
@@ -25,9 +32,11 @@ impl Interrupt {
             runtime.block_on(async {
                 loop {
                     tokio::select! { _ = ctrl_c.recv() => {}, _ = terminate.recv() => {} }
-                    if flag.0.swap(true, Ordering::Relaxed) {
+                    if flag.0.rung.swap(true, Ordering::Relaxed) {
                         std::process::exit(Outcome::Aborted.exit_code().into());
                     }
+                    let _quiet = flag.0.quiet.lock().unwrap_or_else(PoisonError::into_inner);
+                    flag.0.ring.notify_all();
                 }
             })
         })?;
@@ -36,6 +45,12 @@ impl Interrupt {
 
     /// Whether the run shall end.
     pub fn is_set(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.0.rung.load(Ordering::Relaxed)
+    }
+    /// Comes back when the run shall end.
+    pub fn wait(&self) {
+        let quiet = self.0.quiet.lock().unwrap_or_else(PoisonError::into_inner);
+        let rung = self.0.ring.wait_while(quiet, |()| !self.is_set());
+        drop(rung.unwrap_or_else(PoisonError::into_inner));
     }
 }

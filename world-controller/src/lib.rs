@@ -31,3 +31,4 @@ pub mod stopwatch;
 pub mod swarm;
 pub mod sweep;
 pub mod terminal;
+pub mod view;

@@ -13,6 +13,7 @@ use crate::swarm::{
     resume_swarm, run_swarm,
 };
 use crate::terminal::Live;
+use crate::view::scribe::both;
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::clock::Speed;
@@ -20,7 +21,7 @@ use metamorph_module_agent::journal::{Head, Reader, controller_part};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::chronicle::{RecordedDirector, RecordedWorld};
+use metamorph_sim_bridge::chronicle::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::direct::{Command, Direct};
 use metamorph_sim_bridge::faults::Struck;
 use metamorph_sim_bridge::invariants::{Invariant, Violation};
@@ -71,10 +72,11 @@ pub fn run_processes(
     since: Stopwatch,
     keeping: Option<Keeping>,
     patience: Duration,
+    scribe: Option<Log>,
 ) -> Result<Report, ProcessError> {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, live, since, keeping, patience),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since, keeping, patience),
+        Swarm::Cubes(cubes) => run(cubes, plan, live, since, keeping, patience, scribe),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since, keeping, patience, scribe),
     }
 }
 
@@ -114,6 +116,7 @@ fn run<R: Runnable>(
     since: Stopwatch,
     keeping: Option<Keeping>,
     patience: Duration,
+    scribe: Option<Log>,
 ) -> Result<Report, ProcessError> {
     let mut world = swarm.world(plan);
     let mut options = options::<R>(plan, keeping.as_ref().and_then(Keeping::parts))?;
@@ -122,13 +125,14 @@ fn run<R: Runnable>(
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let setup = swarm.setup().as_ref();
-    let outcome = match &keeping {
+    let outcome = match both(keeping.as_ref().map(Keeping::log), scribe) {
         None => run_swarm(&options, setup, &mut world, &mut director)?,
-        Some(keeping) => {
-            let mut recorded = RecordedWorld::new(world, keeping.log());
-            let mut brain = RecordedDirector::new(director, keeping.log());
+        Some(log) => {
+            let mut recorded = RecordedWorld::new(world, log.clone());
+            let mut brain = RecordedDirector::new(director, log);
             let ran = run_swarm(&options, setup, &mut recorded, &mut brain);
-            let outcome = ran.inspect_err(|_| keeping.give_up())?;
+            let give_up = |_: &SwarmError| keeping.iter().for_each(Keeping::give_up);
+            let outcome = ran.inspect_err(give_up)?;
             (world, director) = (recorded.into_inner(), brain.into_inner());
             outcome
         }

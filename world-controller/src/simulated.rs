@@ -7,21 +7,24 @@ use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
+use crate::view::scribe::both;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::chronicle::{RecordedDirector, RecordedWorld};
+use metamorph_sim_bridge::chronicle::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::director::Progress;
 use metamorph_sim_bridge::outcome::Outcome;
 use metamorph_sim_bridge::sim::{Audited, Sim, SimConfig};
 use std::sync::Arc;
 
-/// Runs to the end, or until interrupted. `since` is when the program started.
+/// Runs to the end, or until interrupted. `since` is when the program started; what happens is written
+/// to a journal and for a page, if somebody wants it.
 pub fn run_simulated(
     plan: &Plan,
     interrupt: &Interrupt,
     live: &mut Live,
     since: Stopwatch,
     keeping: Option<Keeping>,
+    scribe: Option<Log>,
 ) -> Report {
     tracing::info!(modules = plan.swarm.len(), seed = plan.seed, "the simulation starts");
     let watch = |now, so_far: &dyn Fn() -> Progress| {
@@ -29,8 +32,8 @@ pub fn run_simulated(
         !interrupt.is_set()
     };
     let report = match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, keeping),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, keeping),
+        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, keeping, scribe),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, keeping, scribe),
     };
     live.clear();
     report
@@ -44,8 +47,8 @@ pub fn simulate(
     watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
 ) -> Report {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, None),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, None),
+        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, None, None),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, None, None),
     }
 }
 
@@ -55,6 +58,7 @@ fn run<R: Runnable>(
     since: Stopwatch,
     watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
     keeping: Option<Keeping>,
+    scribe: Option<Log>,
 ) -> Report {
     let config = SimConfig {
         setup: Arc::clone(swarm.setup()),
@@ -64,16 +68,17 @@ fn run<R: Runnable>(
         ignore_sessions: false,
     };
     let (world, director) = (swarm.world(plan), swarm.director(plan));
-    let Some(keeping) = keeping else {
+    let Some(log) = both(keeping.as_ref().map(Keeping::log), scribe) else {
         let sim = Sim::new(config, world, director);
         return drive(swarm, plan, since, watch, sim, |w| w, |d| d, |_, _| Vec::new());
     };
-    let log = keeping.log();
     let world = RecordedWorld::new(world, log.clone());
     let director = RecordedDirector::new(director, log.clone());
     let sim = Sim::with_journal(config, world, director, Some(log));
-    let finish =
-        |sim: &Sim<_, _>, outcome: Outcome| keeping.finish(sim.now(), outcome.name(), sim.tally(), &[], 0);
+    let finish = |sim: &Sim<_, _>, outcome: Outcome| {
+        let kept = keeping.map(|k| k.finish(sim.now(), outcome.name(), sim.tally(), &[], 0));
+        kept.unwrap_or_default()
+    };
     drive(swarm, plan, since, watch, sim, RecordedWorld::inner, RecordedDirector::inner, finish)
 }
 

@@ -209,7 +209,7 @@ pub fn progress(plan: &Plan, now: Time, p: &Progress) -> String {
     )
 }
 
-fn percent(part: u64, whole: u64) -> String {
+pub fn percent(part: u64, whole: u64) -> String {
     format!("{}%", part * 100 / whole.max(1))
 }
 
@@ -226,7 +226,7 @@ pub fn count(n: u64) -> String {
     out
 }
 
-fn bytes(n: u64) -> String {
+pub fn bytes(n: u64) -> String {
     match n {
         0..10_000 => format!("{n} B"),
         10_000..10_000_000 => format!("{} kB", count(n / 1_000)),

@@ -2,6 +2,8 @@
 //! JSON. Independent of the driver. Absent: measuring (drivers do) and printing (`terminal` does).
 
 mod human;
+mod over_time;
+pub mod page;
 pub mod schema;
 
 pub use human::{count, human, progress, seconds};

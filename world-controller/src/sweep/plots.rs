@@ -17,7 +17,7 @@ pub struct Row<T> {
 }
 
 /// Everything is laid out in a picture of this width.
-const WIDTH: f64 = 860.0;
+pub const WIDTH: f64 = 860.0;
 /// Where the labels end and the plot begins, at most.
 const LABELS: f64 = 300.0;
 /// What is left free on the right for the numbers.
@@ -32,16 +32,18 @@ const LETTER: f64 = 6.6;
 const LONGEST: usize = 44;
 
 /// From numbers to places, and where the ticks are.
-struct Scale {
-    low: f64,
-    high: f64,
+pub struct Scale {
+    /// The lowest value,
+    pub low: f64,
+    /// and the highest.
+    pub high: f64,
     step: f64,
     left: f64,
 }
 
 impl Scale {
     /// A scale over these values, with round numbers at both ends.
-    fn over(low: f64, high: f64, left: f64) -> Scale {
+    pub fn over(low: f64, high: f64, left: f64) -> Scale {
         let step = step(high - low);
         let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
         Scale { low, high: if high > low { high } else { low + step }, step, left }
@@ -49,7 +51,8 @@ impl Scale {
     fn at(&self, value: f64) -> f64 {
         self.left + (value - self.low) / (self.high - self.low) * (WIDTH - NUMBERS - self.left)
     }
-    fn ticks(&self) -> impl Iterator<Item = f64> {
+    /// Round values at even distances, both ends included.
+    pub fn ticks(&self) -> impl Iterator<Item = f64> {
         let n = ((self.high - self.low) / self.step).round() as u32;
         (0..=n).map(|i| self.low + f64::from(i) * self.step)
     }
@@ -176,7 +179,7 @@ pub fn bars(rows: &[Row<Option<f64>>], about: &str) -> Markup {
 }
 
 /// A number at the scale, as short as it can be.
-fn tick(value: f64) -> String {
+pub fn tick(value: f64) -> String {
     number(value).trim_end_matches(".0").to_owned()
 }
 
@@ -197,7 +200,7 @@ fn cut(label: &str) -> String {
 }
 
 /// A coordinate; a tenth of a pixel is as much as anybody sees.
-fn place(x: f64) -> String {
+pub fn place(x: f64) -> String {
     format!("{x:.1}")
 }
 

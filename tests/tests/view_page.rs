@@ -1,0 +1,388 @@
+//! The page of `metamorph view`: who is let in, over plain HTTP; and what a person sees and does in a
+//! real browser. Where there is no browser, the latter says so and is skipped.
+#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+#![allow(clippy::print_stdout, reason = "says why something is skipped")]
+
+use metamorph_tests::browser::{Browser, find};
+use metamorph_tests::command::{command, run, scenario};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::{Value, json};
+use std::fs;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+/// Runs a scenario on the simulated link with a journal, and returns the journal's name.
+fn record(directory: &Path, name: &str, options: &[&str]) -> String {
+    let (file, journal) = (scenario(name).display().to_string(), directory.join("run.journal"));
+    let journal = journal.display().to_string();
+    let ran = run(&[&["run", &file, "--link", "sim", "--quiet", "--journal", &journal], options].concat());
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    journal
+}
+
+/// A `metamorph view` that runs, ended when dropped.
+struct View {
+    process: Child,
+    address: String,
+}
+
+impl View {
+    fn of(name: &str, options: &[&str]) -> View {
+        let file = scenario(name).display().to_string();
+        View::start(&[&["view", &file], options].concat())
+    }
+
+    fn start(args: &[&str]) -> View {
+        let mut command = command(args);
+        // The standard output of a run is for its report.
+        let process = match args[0] {
+            "run" => command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn(),
+            _ => command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn(),
+        };
+        let mut view = View { process: process.expect("metamorph starts"), address: String::new() };
+        let pipes = (view.process.stdout.take(), view.process.stderr.take());
+        let said: Box<dyn Read + Send> = match pipes {
+            (Some(out), _) => Box::new(out),
+            (_, err) => Box::new(err.unwrap()),
+        };
+        let mut lines = BufReader::new(said).lines().map_while(Result::ok);
+        let address = lines.find_map(|line| {
+            line.split_whitespace().find(|word| word.starts_with("http://")).map(str::to_owned)
+        });
+        view.address = address.expect("the address is printed");
+        // What it says later must go somewhere.
+        std::thread::spawn(move || lines.for_each(drop));
+        view
+    }
+
+    /// Host and port, and the path with the token.
+    fn parts(&self) -> (&str, &str) {
+        let rest = self.address.strip_prefix("http://").unwrap();
+        rest.split_at(rest.find('/').unwrap())
+    }
+
+    /// The answer to a request as it is written here.
+    fn raw(&self, request: &str) -> (u16, String) {
+        let mut stream = TcpStream::connect(self.parts().0).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let status = answer.split(' ').nth(1).and_then(|code| code.parse().ok());
+        (status.unwrap_or_else(|| panic!("no HTTP: {answer}")), answer)
+    }
+
+    fn get(&self, path: &str, headers: &str) -> (u16, String) {
+        let host = self.parts().0;
+        self.raw(&format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n"))
+    }
+
+    /// Ctrl-C, and the exit code.
+    fn end(mut self) -> Option<i32> {
+        kill_process(Pid::from_child(&self.process), Signal::INT).unwrap();
+        self.process.wait().unwrap().code()
+    }
+}
+
+impl Drop for View {
+    fn drop(&mut self) {
+        // It may have ended. If not, it takes its processes with it.
+        let _ = kill_process(Pid::from_child(&self.process), Signal::TERM);
+        let _ = self.process.wait();
+    }
+}
+
+#[test]
+fn only_whoever_has_the_address_is_let_in() {
+    let view = View::of("chair.toml", &[]);
+    let (host, root) = view.parts();
+    assert!(host.starts_with("127.0.0.1:") && root.len() == 34, "{}", view.address);
+    for (file, part) in [("", "<title>Metamorph</title>"), ("main.js", "import"), ("scene", "\"classes\"")] {
+        let (status, answer) = view.get(&format!("{root}{file}"), "");
+        assert!(status == 200 && answer.contains(part), "{file}: {answer}");
+        for header in ["content-security-policy: default-src 'none'", "nosniff", "no-referrer", "no-store"] {
+            assert!(answer.contains(header), "{file} lacks {header}");
+        }
+    }
+    let wrong: String = root.chars().map(|c| if c == '0' { '1' } else { c }).collect::<String>() + "x";
+    let without = [wrong.as_str(), "/", "/scene", "/main.js", "//scene", &root[..33], &root[..20]];
+    for path in without {
+        let (status, answer) = view.get(path, "");
+        assert!(status == 404 && !answer.contains("classes"), "{path}: {answer}");
+    }
+    // There is nothing but the page behind the token.
+    for file in ["../../etc/passwd", "..%2f..%2fetc%2fpasswd", "Cargo.toml", "scene/", "page/main.js", "%00"]
+    {
+        assert_eq!(view.get(&format!("{root}{file}"), "").0, 404, "{file}");
+    }
+    let scene = format!("{root}scene");
+    for headers in [
+        "Origin: http://evil.example\r\n",
+        "Origin: null\r\n",
+        "Sec-Fetch-Site: cross-site\r\n",
+        "Sec-Fetch-Site: same-site\r\n",
+        "Host: evil.example\r\n",
+    ] {
+        let (status, answer) = view.get(&scene, headers);
+        assert!(status == 403 || status == 400, "{headers}: {answer}");
+        assert!(!answer.contains("classes"), "{headers}: {answer}");
+    }
+    let rebound = format!("GET {scene} HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n");
+    assert_eq!(view.raw(&rebound).0, 403);
+    for method in ["POST", "PUT", "DELETE", "OPTIONS"] {
+        let request = format!(
+            "{method} {scene} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+        );
+        assert_eq!(view.raw(&request).0, 405, "{method}");
+    }
+    // Numbers that make no sense do no harm.
+    for query in [
+        "events?from=99999999999999999999",
+        "talk?first=18446744073709551615&count=9",
+        "messages?id=-1",
+        "talk?count=x",
+    ] {
+        assert_eq!(view.get(&format!("{root}{query}"), "").0, 200, "{query}");
+    }
+    let port = host.rsplit(':').next().and_then(|p| p.parse::<u16>().ok()).unwrap();
+    let listening: Vec<String> = fs::read_to_string("/proc/net/tcp")
+        .unwrap()
+        .lines()
+        .filter_map(|line| line.split_whitespace().nth(1).map(str::to_owned))
+        .filter(|local| local.ends_with(&format!(":{port:04X}")))
+        .collect();
+    assert!(!listening.is_empty() && listening.iter().all(|l| l.starts_with("0100007F:")), "{listening:?}");
+    assert_eq!(view.end(), Some(0));
+}
+
+#[test]
+fn a_journal_that_is_cut_is_shown_as_far_as_it_goes_and_what_is_none_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let journal = record(directory.path(), "swarm.toml", &[]);
+    let whole = fs::read(&journal).unwrap();
+    fs::write(&journal, &whole[..whole.len() / 2]).unwrap();
+    let view = View::start(&["view", &journal]);
+    let (_, answer) = view.get(&format!("{}events", view.parts().1), "");
+    let events: Value = serde_json::from_str(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap();
+    assert!(events["troubles"].as_array().is_some_and(|t| !t.is_empty()), "{}", events["troubles"]);
+    assert!(events["next"].as_u64().unwrap() > 50 && events["outcome"].is_null() && events["over"] == true);
+    assert_eq!(view.end(), Some(0));
+    for (content, part) in [(&b"nothing of the kind"[..], "run.journal"), (&whole[..5], "run.journal")] {
+        fs::write(&journal, content).unwrap();
+        let ran = run(&["view", &journal]);
+        assert_eq!(ran.code, Some(2), "{ran:?}");
+        assert!(ran.err.contains(part) && ran.err.contains("fix: ") && ran.out.is_empty(), "{ran:?}");
+    }
+    let ran = run(&["view", "/nowhere/run.journal"]);
+    assert!(ran.code == Some(2) && ran.err.contains("/nowhere/run.journal"), "{ran:?}");
+}
+
+/// A browser with the page of a view in it; none where there is no browser.
+fn open(view: &View) -> Option<Browser> {
+    let Some(program) = find() else {
+        println!("skipped: there is no chromium or chrome on this machine");
+        return None;
+    };
+    let mut browser = Browser::start(program);
+    browser.open(&view.address);
+    browser.until("['paused', 'failed'].includes(document.body.dataset.state)");
+    // The run may still be going on when the page comes.
+    browser.until("window.page.story.over");
+    Some(browser)
+}
+
+/// Nothing was complained about, and nothing came from elsewhere.
+fn check_clean(browser: &mut Browser, view: &View) {
+    browser.evaluate("1");
+    assert_eq!(browser.complaints, Vec::<String>::new());
+    let elsewhere = |url: &&String| !url.starts_with(&view.address) && !url.starts_with("data:");
+    assert_eq!(browser.loaded.iter().filter(elsewhere).collect::<Vec<_>>(), Vec::<&String>::new());
+    assert!(browser.loaded.len() > 10);
+}
+
+/// The moment that is shown.
+fn micros(browser: &mut Browser) -> f64 {
+    browser.until("!window.page.dirty");
+    browser.evaluate("Number(document.getElementById('time').dataset.micros)").as_f64().unwrap()
+}
+
+fn text(browser: &mut Browser, id: &str) -> String {
+    browser.evaluate(&format!("document.querySelector('{id}').textContent")).as_str().unwrap().to_owned()
+}
+
+/// Goes to a moment with the scrubber.
+fn scrub(browser: &mut Browser, to: f64) {
+    let event = "scrub.dispatchEvent(new Event('input', { bubbles: true }))";
+    browser.evaluate(&format!(
+        "{{ const scrub = document.getElementById('scrub'); scrub.value = {to}; {event}; }}"
+    ));
+    browser.until("!window.page.dirty");
+}
+
+/// Chooses a module in the form.
+fn choose(browser: &mut Browser, id: u32) {
+    browser.evaluate(&format!(
+        "document.getElementById('which').value = '{id}'; document.querySelector('#find button').click()"
+    ));
+    browser.until(&format!("!window.page.dirty && document.getElementById('module').dataset.id === '{id}'"));
+}
+
+#[test]
+fn plays_a_chair_to_its_end() {
+    let directory = tempfile::tempdir().unwrap();
+    let view = View::start(&["view", &record(directory.path(), "chair.toml", &[])]);
+    let Some(mut browser) = open(&view) else { return };
+    assert_eq!(text(&mut browser, "#title"), "chair");
+    assert_eq!(text(&mut browser, "#outcome"), "built");
+    assert_eq!(micros(&mut browser), 0.0);
+
+    // Something is drawn: not all pixels are of one colour.
+    let colours = "(() => { const c = document.getElementById('space'); const d = document.createElement('canvas'); \
+        d.width = 64; d.height = 64; window.page.show(); const p = d.getContext('2d'); p.drawImage(c, 0, 0, 64, 64); \
+        const all = p.getImageData(0, 0, 64, 64).data; const seen = new Set(); \
+        for (let i = 0; i < all.length; i += 4) seen.add(all.slice(i, i + 3).join()); return seen.size; })()";
+    assert!(browser.evaluate(colours).as_u64().unwrap() > 20);
+
+    // It plays, and pauses.
+    browser.press(" ");
+    browser.until(
+        "document.body.dataset.state === 'playing' && document.getElementById('time').dataset.micros > 0",
+    );
+    browser.press(" ");
+    browser.until("document.body.dataset.state === 'paused'");
+    let paused = micros(&mut browser);
+    let frames = "new Promise((done) => { let n = 0; const tick = () => (++n > 5 ? done(n) : requestAnimationFrame(tick)); tick(); })";
+    browser.evaluate(frames);
+    assert_eq!(micros(&mut browser), paused);
+
+    // It steps on and back.
+    browser.press(".");
+    let next = micros(&mut browser);
+    assert!(next > paused);
+    browser.press(".");
+    assert!(micros(&mut browser) > next);
+    browser.press(",");
+    assert_eq!(micros(&mut browser), next);
+
+    // It goes where the scrubber is.
+    scrub(&mut browser, 60_000_000.0);
+    assert_eq!(micros(&mut browser), 60_000_000.0);
+    let filled = text(&mut browser, "[data-part=numbers] dd");
+    assert!(filled.ends_with("/ 6") && !filled.starts_with("6"), "{filled}");
+
+    // It plays to the end and stops there.
+    browser.press("Home");
+    assert_eq!(micros(&mut browser), 0.0);
+    browser.evaluate("{ const s = document.getElementById('speed'); s.value = '128'; s.dispatchEvent(new Event('change')); }");
+    browser.press(" ");
+    browser.until("document.body.dataset.state === 'paused' && window.page.t === window.page.story.now");
+    assert_eq!(text(&mut browser, "[data-part=numbers] dd"), "6 / 6");
+    for id in 0..6 {
+        choose(&mut browser, id);
+        let said = text(&mut browser, "#module");
+        assert!(said.contains("settled in seed") && said.contains("alive"), "{said}");
+        browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
+    }
+    // Every cell of the chair has a cube in it, by the kinematics of the page.
+    let missing = "(() => { const p = window.page.picture; const cubes = p.middles.flatMap((m) => m.cells); \
+        return p.goals[0].cells.filter(([x, y, z]) => \
+        !cubes.some((c) => Math.hypot(c[0] - x, c[1] - y, c[2] - z - 0.5) < 1e-6)).length; })()";
+    assert_eq!(browser.evaluate(missing), json!(0));
+
+    // A click chooses what is drawn there.
+    browser.press("Escape");
+    let place = browser.evaluate(
+        "(() => { const { page } = window; const box = document.getElementById('space').getBoundingClientRect(); \
+         const m = page.camera.matrix(); const [x, y, z] = page.picture.middles[3].cells[3]; \
+         const c = [0, 1, 2, 3].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]); \
+         return [box.left + (c[0] / c[3] + 1) / 2 * box.width, box.top + (1 - c[1] / c[3]) / 2 * box.height]; })()",
+    );
+    browser.click(place[0].as_f64().unwrap(), place[1].as_f64().unwrap());
+    browser.until("!window.page.dirty && document.getElementById('module').dataset.id !== undefined && !document.getElementById('module').hidden");
+    check_clean(&mut browser, &view);
+    drop(browser);
+    assert_eq!(view.end(), Some(0));
+}
+
+#[test]
+fn a_killed_module_is_shown_as_dead_and_a_stopped_one_as_paused() {
+    let view = View::of("swarm.toml", &["--pause", "7@3s..6s"]);
+    let Some(mut browser) = open(&view) else { return };
+    let pattern = |id: u32| format!("window.page.picture.parts.list[{id} * 16 + 11]");
+    for (at, id, life, drawn) in [
+        (1.0, 41, "alive", 0),
+        (2.5, 41, "dead", 1),
+        (2.5, 7, "alive", 0),
+        (4.0, 7, "paused", 2),
+        (7.0, 7, "alive", 0),
+        (7.0, 41, "dead", 1),
+    ] {
+        scrub(&mut browser, at * 1e6);
+        choose(&mut browser, id);
+        assert_eq!(
+            browser.evaluate("document.getElementById('module').dataset.life"),
+            json!(life),
+            "{id} at {at} s"
+        );
+        assert_eq!(browser.evaluate(&pattern(id)), json!(drawn), "{id} at {at} s");
+    }
+    let faults = text(&mut browser, "[data-part=faults]");
+    assert!(faults.contains("kill 41") && faults.contains("pause 7"), "{faults}");
+    check_clean(&mut browser, &view);
+}
+
+#[test]
+fn messages_locks_gradients_and_circles_of_a_thousand_modules_are_shown() {
+    let view = View::of("slab-to-sphere.toml", &[]);
+    let Some(mut browser) = open(&view) else { return };
+    scrub(&mut browser, 60e6);
+    browser.press("m");
+    browser.until("window.page.picture.links.length > 1000 * 13");
+    browser.press("m");
+    for (key, meaning) in [("2", "level"), ("3", "gradient"), ("4", "locks"), ("1", "state")] {
+        browser.press(key);
+        browser.until(&format!(
+            "!window.page.dirty && document.getElementById('meaning').value === '{meaning}'"
+        ));
+        let colours = "new Set([...Array(1058).keys()].map((i) => \
+                       [...window.page.picture.parts.list.slice(i * 16 + 8, i * 16 + 11)].join())).size";
+        browser.until(&format!("{colours} >= 3"));
+    }
+    // Those that wait for each other in a circle are drawn, and agree with what they say themselves.
+    let circle = "[...Array(149).keys()].some((s) => { window.page.seek(s * 1e6, true); window.page.show(); \
+                  return document.body.dataset.circle !== ''; })";
+    assert_eq!(browser.evaluate(circle), Value::Bool(true));
+    let waits = "(() => { const ids = document.body.dataset.circle.split(' ').map(Number); const { story, t } = window.page; \
+                 return ids.length > 1 && ids.every((id) => ids.includes(story.standingAt(id, t).waits)) && \
+                 window.page.picture.marks.length > 0; })()";
+    assert_eq!(browser.evaluate(waits), Value::Bool(true));
+    // Dark, if that is what the user's system wants.
+    let dark = json!({ "features": [{ "name": "prefers-color-scheme", "value": "dark" }] });
+    browser.call("Emulation.setEmulatedMedia", dark);
+    browser.until("document.documentElement.dataset.theme === 'dark'");
+    check_clean(&mut browser, &view);
+}
+
+#[test]
+fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
+    let Some(program) = find() else { return println!("skipped: no browser") };
+    let directory = tempfile::tempdir().unwrap();
+    let journal = directory.path().join("run.journal").display().to_string();
+    let file = scenario("swarm.toml").display().to_string();
+    let view = View::start(&["run", &file, "--view", "--quiet", "--journal", &journal]);
+    let mut browser = Browser::start(program);
+    browser.open(&view.address);
+    browser.until("window.page.story.modules.some((m) => m.doings.length > 0)");
+    browser.until("document.getElementById('outcome').textContent === 'built'");
+    browser.until("window.page.story.scene.messages && window.page.story.over");
+    browser.press("End");
+    browser.until("document.querySelector('[data-part=numbers] dd').textContent === '32 / 32'");
+    choose(&mut browser, 41);
+    assert_eq!(browser.evaluate("document.getElementById('module').dataset.life"), json!("dead"));
+    browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
+    check_clean(&mut browser, &view);
+    assert_eq!(view.end(), Some(0));
+}

@@ -1,0 +1,211 @@
+//! The report of a run as one self-contained HTML file that can be sent to somebody: outcome, numbers,
+//! what happened over time, the scenario, and how to repeat it. It loads nothing from anywhere, and
+//! everything that comes from outside is escaped by `maud`.
+
+use super::Words;
+use super::human::{bytes, count, percent, seconds};
+use super::over_time::{Layer, Mark, areas};
+use super::schema::{Report, Standstill};
+use crate::scenario::Plan;
+use crate::sweep::page::{document, figure};
+use crate::view::flow::Bin;
+use maud::{Markup, html};
+use metamorph_protocol::agent::Class;
+use metamorph_protocol::time::Span;
+
+/// Rows shown of a list; JSON has them all.
+const SHOWN: usize = 200;
+
+/// The page of a run. `bins` are stretches of time of this `width` with what was counted in them.
+pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
+    let words = Words::of(report.family.parse().unwrap_or_default());
+    let good = report.outcome == "built";
+    let body = html! {
+        h1 { (report.scenario) }
+        @if let Some(text) = &plan.description { p.lead { (text.trim()) } }
+        dl.facts {
+            div { dt { "outcome" } dd.bad[!good] { (report.outcome) } }
+            div { dt { (words.cells) " filled" } dd { (report.goal.filled) " of " (report.goal.cells) } }
+            div { dt { (words.modules) " alive" } dd { (count(report.agents.alive)) " of " (count(report.agents.launched)) } }
+            div { dt { "moves" } dd { (count(report.moves)) } }
+            div { dt { "messages" } dd { (count(report.messages.total)) } }
+            div { dt { "scenario time" } dd { (seconds(report.time.virtual_s)) } }
+            div { dt { "invariants broken" } dd.bad[report.invariants.broken > 0] { (count(report.invariants.broken)) } }
+            div { dt { "metamorph" } dd { (report.version) } }
+        }
+        p class=(if good { "note" } else { "warning" }) { (report.reason) "." }
+        @if let Some(unbuilt) = &report.unbuilt { (standstill(unbuilt, &words)) }
+        h2 { "Repeat it" }
+        pre.command { (report.repeat) }
+        p.note {
+            @match &report.trace_hash {
+                Some(hash) => { "The run was simulated and is the same on every machine; a hash of all its events is " code { (hash) } "." }
+                None => { "Processes ran in real time, so a repeated run is like this one, but not the same event by event." }
+            }
+            " The scenario is at the end of this page."
+        }
+        h2 { "What happened over time" }
+        (over_time(report, &words, width.as_secs_f64(), bins))
+        (messages(report))
+        (numbers(report, &words))
+        (faults(report))
+        h2 { "Scenario" }
+        pre { (plan.text) }
+        p.note {
+            "Run on " (report.machine.os) ", " (report.machine.arch) ", " (report.machine.cores) " cores, "
+            (report.machine.build) " build: " (seconds(report.time.wall_s)) " real time, "
+            (seconds(report.time.setup_s)) " to set up."
+        }
+    };
+    document(&format!("Run: {}", report.scenario), body)
+}
+
+fn standstill(s: &Standstill, words: &Words) -> Markup {
+    let list = |ids: &[u32]| ids.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+    html! {
+        p { (s.text) ", since " (seconds(s.since_s)) "; " (count(s.unfilled.len() as u64)) " " (words.cells) " are not filled." }
+        @if !s.wait_cycle.is_empty() {
+            p.warning { "These wait for each other in a circle: " (list(&s.wait_cycle)) "." }
+        }
+        @if !s.waiting.is_empty() {
+            div.wide { table {
+                caption { "Every " (words.module) " here " (words.idle) " and does not go on" }
+                thead { tr { th scope="col" { (words.module) } th scope="col" { "waits for" } } }
+                tbody { @for w in s.waiting.iter().take(SHOWN) { tr {
+                    td { (w.module) } td { @match w.waits_for { Some(id) => (id), None => "–" } }
+                } } }
+            } }
+        }
+    }
+}
+
+fn over_time(report: &Report, words: &Words, width: f64, bins: &[Bin]) -> Markup {
+    let end = report.time.virtual_s;
+    let marks: Vec<Mark> = report
+        .faults
+        .iter()
+        .take(SHOWN)
+        .map(|f| Mark {
+            at: f.at_s,
+            text: f.module.map_or(f.fault.clone(), |id| format!("{} {id}", f.fault)),
+            mends: matches!(f.fault.as_str(), "resume" | "unstick" | "unblock" | "restart"),
+        })
+        .collect();
+    let layer =
+        |name, class, of: &dyn Fn(&Bin) -> f64| Layer { name, class, values: bins.iter().map(of).collect() };
+    let classes = Class::ALL
+        .map(|class| layer(class.name(), class_of(class), &|b| b.totals[class.index()] as f64 / width));
+    let marked = if marks.is_empty() { "" } else { " Strokes are faults; more on hovering." };
+    html! {
+        (figure(
+            areas(&[layer("filled", "filled", &|b| b.filled as f64)], width, end, &marks, "goal cells filled over time"),
+            html! { "How far the goal had come: " (words.cells) " filled, of the goal that was being built." (marked) },
+        ))
+        (figure(
+            areas(&[layer("moves", "moves", &|b| b.moves as f64 / width)], width, end, &marks, "moves over time"),
+            html! { "Moves, or steps of joints and connections, that ended in each second." },
+        ))
+        @if bins.iter().any(|b| b.totals.iter().any(|n| *n > 0)) {
+            (figure(
+                areas(&classes, width, end, &marks, "messages over time"),
+                html! { "Messages between " (words.modules) " that arrived in each second, by class." },
+            ))
+        } @else {
+            p.note { "Messages between processes are counted, but not seen one by one." }
+        }
+    }
+}
+
+/// The class in the style sheet.
+fn class_of(class: Class) -> &'static str {
+    match class {
+        Class::Gradient => "c-gradient",
+        Class::Seed => "c-seed",
+        Class::Connectivity => "c-connectivity",
+        Class::Negotiation => "c-negotiation",
+        Class::World => "c-world",
+        Class::Liveness => "c-liveness",
+    }
+}
+
+fn messages(report: &Report) -> Markup {
+    let m = &report.messages;
+    let rows = m.by_class.iter().filter(|(_, c)| c.sent > 0).map(|(name, c)| (name.as_str(), c));
+    html! {
+        div.wide { table {
+            caption { "Messages by class" }
+            thead { tr {
+                th.key scope="col" { "class" }
+                @for name in ["sent", "delivered", "lost", "duplicated", "overflowed", "expired", "refused", "bytes"] {
+                    th scope="col" { (name) }
+                }
+            } }
+            tbody { @for (name, c) in rows.chain([("all", &m.all)]) { tr {
+                th.key scope="row" { (name) }
+                @for n in [c.sent, c.delivered, c.lost, c.duplicated, c.overflowed, c.expired, c.refused] { td { (count(n)) } }
+                td { (bytes(c.bytes)) }
+            } } }
+        } }
+    }
+}
+
+fn numbers(report: &Report, words: &Words) -> Markup {
+    let (c, d) = (&report.collisions, &report.move_details);
+    let rows = [
+        ("moves begun", d.started),
+        ("moves that failed", d.failed),
+        ("moves refused because a cell was taken", d.refused_taken),
+        ("moves refused because they came late", d.refused_late),
+        ("moves refused because contacts had changed", d.refused_stale),
+        ("collisions attempted", c.attempted),
+        ("collisions prevented", c.prevented),
+        ("collisions suffered", c.suffered),
+        ("processes that died", report.agents.crashed),
+        ("processes started again", report.agents.restarted),
+        ("invariants checked", report.invariants.checked),
+    ];
+    html! {
+        h2 { "Numbers" }
+        div.wide { table {
+            tbody { @for (name, n) in rows { tr { th.key scope="row" { (name) } td { (count(n)) } } } }
+        } }
+        @if report.stages.len() > 1 {
+            div.wide { table {
+                caption { "Goals" }
+                thead { tr { th.key scope="col" { "goal" } th scope="col" { (words.cells) } th scope="col" { "filled" } th scope="col" { "begun" } th scope="col" { "built" } } }
+                tbody { @for s in &report.stages { tr {
+                    th.key scope="row" { (s.name) } td { (s.cells) } td { (s.filled) " (" (percent(s.filled, s.cells)) ")" }
+                    td { (seconds(s.opened_s)) } td { @match s.built_s { Some(t) => (seconds(t)), None => "–" } }
+                } } }
+            } }
+        }
+        @if let Some(m) = &report.metamodules {
+            p { "Kind " (m.kind) ", strategy " (m.strategy) "; " (count(m.turns)) " steps of joints, " (count(m.connections)) " connections." }
+        }
+        @if !report.invariants.violated.is_empty() {
+            h2 { "Invariants that broke" }
+            ul { @for v in report.invariants.violated.iter().take(SHOWN) { li.bad { (v.invariant) " at " (seconds(v.at_s)) ": " (v.what) } } }
+        }
+        @if !report.notes.is_empty() {
+            h2 { "Notes" }
+            ul { @for note in &report.notes { li { (note) } } }
+        }
+    }
+}
+
+fn faults(report: &Report) -> Markup {
+    html! {
+        @if !report.faults.is_empty() {
+            h2 { "Faults" }
+            div.wide { table {
+                thead { tr { th scope="col" { "at" } th.key scope="col" { "fault" } th.key scope="col" { "what it found" } } }
+                tbody { @for f in report.faults.iter().take(SHOWN) { tr {
+                    td { (seconds(f.at_s)) }
+                    td.key { (f.fault) @if let Some(id) = f.module { " " (id) } }
+                    td.key.text { (f.effect) }
+                } } }
+            } }
+            @if report.faults.len() > SHOWN { p.note { "The first " (SHOWN) " of " (count(report.faults.len() as u64)) "." } }
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! Who is let in to the page: whoever has the address, from this machine, in a page of this server.
+//!
+//! The server listens on the loopback interface only, but every page in the user's browser and every
+//! user of the machine can reach that. So the address has a random token in it, and what a browser
+//! tells of where a request comes from must be this server: a page of another origin that has guessed
+//! the port, or has bent a name of its own to this machine (DNS rebinding), is refused.
+
+use axum::http::header::{HOST, HeaderMap, ORIGIN};
+use axum::http::{Method, StatusCode};
+use rustix::rand::{GetRandomFlags, getrandom};
+use std::fmt::Write;
+use std::io;
+
+/// A secret of 128 bits in an address.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Token(String);
+
+impl Token {
+    /// A new one, from the system's source of randomness.
+    pub fn random() -> io::Result<Token> {
+        let mut bytes = [0u8; 16];
+        let n = getrandom(&mut bytes, GetRandomFlags::empty())?;
+        if n != bytes.len() {
+            return Err(io::Error::other("the system gave too few random bytes"));
+        }
+        let mut text = String::with_capacity(32);
+        for byte in bytes {
+            // Writing to a string cannot fail.
+            let _ = write!(text, "{byte:02x}");
+        }
+        Ok(Token(text))
+    }
+    /// As it stands in the address.
+    pub fn text(&self) -> &str {
+        &self.0
+    }
+    /// Whether this is it. Takes as long for a guess that is nearly right as for any other.
+    fn is(&self, guess: &str) -> bool {
+        let differ = self.0.bytes().zip(guess.bytes()).fold(0, |d, (a, b)| d | (a ^ b));
+        guess.len() == self.0.len() && differ == 0
+    }
+}
+
+/// Why somebody is not let in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// Something else than reading.
+    Method,
+    /// The request is for another host than this one.
+    Host,
+    /// The request comes from a page of another server.
+    Origin,
+    /// The token is wrong or missing.
+    Token,
+}
+
+impl Refusal {
+    /// The status and what is said.
+    pub fn answer(self) -> (StatusCode, &'static str) {
+        match self {
+            Refusal::Method => (StatusCode::METHOD_NOT_ALLOWED, "this page is only for looking\n"),
+            Refusal::Host => (StatusCode::FORBIDDEN, "this server has another name\n"),
+            Refusal::Origin => (StatusCode::FORBIDDEN, "pages of other servers may not read this one\n"),
+            Refusal::Token => {
+                (StatusCode::NOT_FOUND, "not found; open the whole address that metamorph has printed\n")
+            }
+        }
+    }
+}
+
+/// What stands at the door.
+#[derive(Clone, Debug)]
+pub struct Gate {
+    token: Token,
+    port: u16,
+}
+
+impl Gate {
+    /// A gate of the server on this port.
+    pub fn new(token: Token, port: u16) -> Gate {
+        Gate { token, port }
+    }
+
+    /// The address of the page.
+    pub fn address(&self) -> String {
+        format!("http://127.0.0.1:{}/{}/", self.port, self.token.text())
+    }
+
+    /// What is asked for, behind the token; or why it is not given.
+    pub fn admit<'a>(&self, method: &Method, headers: &HeaderMap, path: &'a str) -> Result<&'a str, Refusal> {
+        if !matches!(*method, Method::GET | Method::HEAD) {
+            return Err(Refusal::Method);
+        }
+        let names = [format!("127.0.0.1:{}", self.port), format!("localhost:{}", self.port)];
+        let mut hosts = headers.get_all(HOST).iter();
+        let host = hosts.next().and_then(|h| h.to_str().ok());
+        if hosts.next().is_some() || !host.is_some_and(|host| names.iter().any(|name| name == host)) {
+            return Err(Refusal::Host);
+        }
+        let is_ours =
+            |origin: &str| origin.strip_prefix("http://").is_some_and(|name| names.iter().any(|n| n == name));
+        if headers.get_all(ORIGIN).iter().any(|o| !o.to_str().is_ok_and(is_ours)) {
+            return Err(Refusal::Origin);
+        }
+        // What browsers say of the page that a request comes from; `none` is an address typed or opened.
+        let site = headers.get_all("sec-fetch-site").iter();
+        if site.into_iter().any(|s| !matches!(s.as_bytes(), b"same-origin" | b"none")) {
+            return Err(Refusal::Origin);
+        }
+        let (token, rest) = path.strip_prefix('/').and_then(|p| p.split_once('/')).ok_or(Refusal::Token)?;
+        if self.token.is(token) { Ok(rest) } else { Err(Refusal::Token) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::http::HeaderName;
+
+    fn gate() -> Gate {
+        Gate::new(Token("00112233445566778899aabbccddeeff".into()), 4000)
+    }
+
+    fn admit(method: Method, headers: &[(&str, &str)], path: &str) -> Result<String, Refusal> {
+        let mut map = HeaderMap::new();
+        for (name, value) in headers {
+            map.append(name.parse::<HeaderName>().unwrap(), value.parse().unwrap());
+        }
+        gate().admit(&method, &map, path).map(str::to_owned)
+    }
+
+    const PATH: &str = "/00112233445566778899aabbccddeeff/scene";
+    const HERE: (&str, &str) = ("host", "127.0.0.1:4000");
+
+    #[test]
+    fn whoever_has_the_address_comes_in() {
+        assert_eq!(admit(Method::GET, &[HERE], PATH).unwrap(), "scene");
+        assert_eq!(admit(Method::HEAD, &[("host", "localhost:4000")], PATH).unwrap(), "scene");
+        let own = [HERE, ("origin", "http://127.0.0.1:4000"), ("sec-fetch-site", "same-origin")];
+        assert_eq!(admit(Method::GET, &own, PATH).unwrap(), "scene");
+        assert_eq!(admit(Method::GET, &[HERE, ("sec-fetch-site", "none")], PATH).unwrap(), "scene");
+        assert_eq!(gate().address(), "http://127.0.0.1:4000/00112233445566778899aabbccddeeff/");
+    }
+
+    #[test]
+    fn nobody_else_does() {
+        for path in
+            ["/", "/scene", "//scene", "/00112233445566778899aabbccddeefe/", "/0011/", "", &PATH[..33]]
+        {
+            assert_eq!(admit(Method::GET, &[HERE], path), Err(Refusal::Token), "{path}");
+        }
+        for host in [
+            "evil.example",
+            "127.0.0.1",
+            "127.0.0.1:4001",
+            "evil.example:4000",
+            "127.0.0.1:4000.evil.example",
+        ] {
+            assert_eq!(admit(Method::GET, &[("host", host)], PATH), Err(Refusal::Host), "{host}");
+        }
+        assert_eq!(admit(Method::GET, &[], PATH), Err(Refusal::Host));
+        assert_eq!(admit(Method::GET, &[HERE, ("host", "evil.example")], PATH), Err(Refusal::Host));
+        for origin in ["http://evil.example", "null", "https://127.0.0.1:4000", "http://127.0.0.1:80"] {
+            assert_eq!(
+                admit(Method::GET, &[HERE, ("origin", origin)], PATH),
+                Err(Refusal::Origin),
+                "{origin}"
+            );
+        }
+        for site in ["cross-site", "same-site", "anything"] {
+            assert_eq!(admit(Method::GET, &[HERE, ("sec-fetch-site", site)], PATH), Err(Refusal::Origin));
+        }
+        for method in [Method::POST, Method::PUT, Method::DELETE, Method::OPTIONS, Method::PATCH] {
+            assert_eq!(admit(method, &[HERE], PATH), Err(Refusal::Method));
+        }
+    }
+
+    #[test]
+    fn tokens_differ() {
+        let (a, b) = (Token::random().unwrap(), Token::random().unwrap());
+        assert!(a != b && a.text().len() == 32 && a.is(a.text()) && !a.is(b.text()));
+    }
+}

@@ -1,0 +1,15 @@
+//! A run to look at: a page in the browser with the swarm in space and what happened over time.
+//!
+//! A [`scene::Scene`] is what a page needs to know of a run; `scribe` writes one from the records of a
+//! run that goes on, on either link, or of its journal. `flow` counts messages between modules over
+//! time, `visible` says how each family looks. `gate` decides who is let in, `server` hands out the
+//! scene and the page, which is in the program (`page/`, plain JavaScript, no build step).
+//!
+//! Deliberately absent: a way to change a run from the page; it only looks.
+
+pub mod flow;
+pub mod gate;
+pub mod scene;
+pub mod scribe;
+pub mod server;
+pub mod visible;

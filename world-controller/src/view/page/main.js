@@ -1,0 +1,369 @@
+// Puts the page together: reads the story, plays it, and answers buttons and keys.
+
+import { Camera } from "./camera.js";
+import { Drawing } from "./drawing.js";
+import { Panel, make } from "./panel.js";
+import { MEANINGS, Picture } from "./picture.js";
+import { Story } from "./story.js";
+import { Timeline } from "./timeline.js";
+
+const by = (id) => document.getElementById(id);
+const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32, 64, 128];
+const FOLLOW_EVERY = 400;
+
+const KEYS = [
+  ["Space", "play or pause"],
+  [", .", "a step back, a step on"],
+  ["Home End", "to the beginning, to the end"],
+  ["[ ]", "slower, faster"],
+  ["← → ↑ ↓", "turn the picture; with Shift move it aside"],
+  ["+ −", "nearer, farther"],
+  ["F", "everything in view"],
+  ["1 2 3 4", "colours: state, level of the goal, gradient, locks"],
+  ["M W G", "messages, who waits for whom, unfilled goal: on or off"],
+  ["N P", "next module, previous module"],
+  ["Esc", "choose no module"],
+  ["D", "light or dark"],
+  ["?", "this list"],
+];
+
+class Page {
+  constructor(story) {
+    this.story = story;
+    // A run that goes on is looked at where it is.
+    this.t = story.over ? 0 : story.now;
+    this.playing = false;
+    this.speed = 1;
+    this.chosen = null;
+    this.meaning = "state";
+    this.dirty = true;
+    this.clock = 0;
+    this.said = 0;
+    this.last = null;
+    this.rested = null;
+    this.moving = false;
+    this.plain = false;
+    this.scale = 1;
+    this.late = 0;
+    this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches);
+    this.camera = new Camera();
+    this.drawing = new Drawing(by("space"));
+    this.picture = new Picture(this.drawing, story);
+    this.timeline = new Timeline(by("timeline"), by("head"), by("tip"), story);
+    this.panel = new Panel(story, this.picture);
+    this.fill();
+    this.listen();
+    this.fit();
+    this.redraw = () => (this.dirty = true);
+    this.camera.onChange = () => {
+      this.moving = true;
+      this.redraw();
+    };
+    story.onTalk = this.redraw;
+    story.onLost = (error) => this.lost(error);
+    new ResizeObserver(() => {
+      this.timeline.refresh();
+      this.redraw();
+    }).observe(document.body);
+    requestAnimationFrame((now) => this.frame(now));
+    if (!story.over) this.follow();
+  }
+
+  fill() {
+    const { scene } = this.story;
+    document.title = `${scene.title} – Metamorph`;
+    by("title").textContent = scene.title;
+    const kind = scene.family === "cube" ? "modules" : "metamodules";
+    by("about").textContent = `${scene.start.length.toLocaleString("en")} ${kind} · ${scene.link === "sim" ? "simulated" : "processes"} · seed ${scene.seed}`;
+    by("repeat").textContent = scene.repeat;
+    by("description").textContent = scene.description ?? "";
+    by("meaning").append(...Object.entries(MEANINGS).map(([value, text]) => make("option", { value }, text)));
+    by("speed").append(...SPEEDS.map((s) => make("option", { value: s }, `${s}×`)));
+    this.setSpeed(this.story.over ? this.story.now / 1e6 / 40 : 1);
+    by("keylist").append(...KEYS.flatMap(([keys, text]) => [make("dt", {}, ...keys.split(" ").flatMap((k, i) => [i ? " " : "", make("kbd", {}, k)])), make("dd", {}, text)]));
+    const classes = scene.classes.map((name, i) => {
+      const swatch = make("i");
+      swatch.style.backgroundColor = `var(--c-${name})`;
+      const box = make("input", { type: "checkbox", checked: true, "data-class": name });
+      box.addEventListener("change", () => {
+        this.timeline.shown[i] = box.checked;
+        this.timeline.refresh();
+        this.redraw();
+      });
+      return make("label", {}, box, swatch, name);
+    });
+    by("classes").append(...classes);
+    if (!scene.messages) {
+      by("messages").disabled = true;
+      by("messages").parentElement.title = "messages between processes are not seen from outside";
+    }
+  }
+
+  listen() {
+    const click = (id, action) => by(id).addEventListener("click", action);
+    click("play", () => this.setPlaying(!this.playing));
+    click("step", () => this.step(true));
+    click("back", () => this.step(false));
+    click("start", () => this.seek(0, true));
+    click("end", () => this.seek(this.story.now, true));
+    click("theme", () => this.setTheme(document.documentElement.dataset.theme !== "dark", true));
+    click("help", () => by("keys").showModal());
+    click("unchoose", () => this.choose(null));
+    by("speed").addEventListener("change", (e) => this.setSpeed(Number(e.target.value)));
+    by("meaning").addEventListener("change", (e) => this.setMeaning(e.target.value));
+    for (const id of ["messages", "waits", "goal"]) by(id).addEventListener("change", () => this.redraw());
+    by("scrub").addEventListener("input", (e) => this.seek(Number(e.target.value), true));
+    by("find").addEventListener("submit", (e) => {
+      e.preventDefault();
+      const text = by("which").value.trim();
+      const id = Number(text);
+      if (text !== "" && Number.isInteger(id) && this.story.modules[id]) this.choose(id);
+      else by("which").select();
+    });
+    this.timeline.onSeek = (t) => this.seek(t, true);
+    this.panel.onSeek = (t) => this.seek(t, true);
+    this.panel.onChoose = (id) => this.choose(id);
+    this.camera.listen(by("space"), (e) => {
+      const box = by("space").getBoundingClientRect();
+      const x = ((e.clientX - box.left) / box.width) * 2 - 1;
+      const y = 1 - ((e.clientY - box.top) / box.height) * 2;
+      this.choose(this.picture.pick(this.camera.ray(x, y)));
+    });
+    document.addEventListener("keydown", (e) => this.key(e));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (e) => this.setTheme(e.matches, true));
+    by("space").addEventListener("webglcontextlost", (e) => {
+      e.preventDefault();
+      this.note("The browser has taken the picture away. Reload the page.");
+    });
+  }
+
+  key(e) {
+    const typing = e.target.matches?.("input:not([type=checkbox]):not([type=range]), select, textarea");
+    if (typing || e.ctrlKey || e.metaKey || e.altKey || by("keys").open) return;
+    const onScrub = e.target.id === "scrub";
+    const toggle = (id) => {
+      if (by(id).disabled) return;
+      by(id).checked = !by(id).checked;
+      this.redraw();
+    };
+    const [turn, aside] = [0.12, 0.06];
+    const arrow = (dx, dy) => (e.shiftKey ? this.camera.pan(dx * aside, dy * aside) : this.camera.orbit(dx * turn, dy * turn));
+    const actions = {
+      " ": () => this.setPlaying(!this.playing),
+      ",": () => this.step(false),
+      ".": () => this.step(true),
+      Home: () => this.seek(0, true),
+      End: () => this.seek(this.story.now, true),
+      "[": () => this.faster(-1),
+      "]": () => this.faster(1),
+      ArrowLeft: () => arrow(-1, 0),
+      ArrowRight: () => arrow(1, 0),
+      ArrowUp: () => arrow(0, -1),
+      ArrowDown: () => arrow(0, 1),
+      "+": () => this.camera.zoom(0.9),
+      "=": () => this.camera.zoom(0.9),
+      "-": () => this.camera.zoom(1.11),
+      f: () => this.fit(),
+      m: () => toggle("messages"),
+      w: () => toggle("waits"),
+      g: () => toggle("goal"),
+      n: () => this.neighbour(1),
+      p: () => this.neighbour(-1),
+      d: () => this.setTheme(document.documentElement.dataset.theme !== "dark", true),
+      Escape: () => this.choose(null),
+      "?": () => by("keys").showModal(),
+    };
+    Object.keys(MEANINGS).forEach((meaning, i) => (actions[`${i + 1}`] = () => this.setMeaning(meaning)));
+    const action = actions[e.key.length === 1 ? e.key.toLowerCase() : e.key];
+    // Buttons and the scrubber keep the keys that are theirs.
+    if (!action || (e.key === " " && e.target.matches?.("button, input"))) return;
+    if (onScrub && e.key.startsWith("Arrow")) return;
+    e.preventDefault();
+    action();
+  }
+
+  setTheme(dark, again = false) {
+    document.documentElement.dataset.theme = dark ? "dark" : "light";
+    if (!again) return;
+    this.picture.theme();
+    this.timeline.refresh();
+    this.redraw();
+  }
+
+  setMeaning(meaning) {
+    this.meaning = meaning;
+    by("meaning").value = meaning;
+    this.redraw();
+  }
+
+  setSpeed(speed) {
+    const near = (a, b) => Math.abs(Math.log(a / speed)) - Math.abs(Math.log(b / speed));
+    this.speed = [...SPEEDS].sort(near)[0];
+    by("speed").value = `${this.speed}`;
+  }
+
+  faster(by_) {
+    const i = SPEEDS.indexOf(this.speed) + by_;
+    this.setSpeed(SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, i))]);
+  }
+
+  setPlaying(playing) {
+    // From the end it begins anew.
+    if (playing && this.story.over && this.t >= this.story.now) this.t = 0;
+    this.playing = playing;
+    by("play").textContent = playing ? "❚❚" : "▶";
+    by("play").setAttribute("aria-label", playing ? "pause" : "play");
+    document.body.dataset.state = playing ? "playing" : "paused";
+    this.last = null;
+    this.redraw();
+  }
+
+  seek(t, pause) {
+    this.t = Math.max(0, Math.min(this.story.now, t));
+    if (pause && this.playing) this.setPlaying(false);
+    this.moving = true;
+    this.redraw();
+  }
+
+  step(forward) {
+    this.seek(this.story.moment(this.t, forward), true);
+  }
+
+  choose(id) {
+    this.chosen = id;
+    if (id !== null) by("which").value = `${id}`;
+    this.redraw();
+  }
+
+  neighbour(by_) {
+    const n = this.story.modules.length;
+    this.choose(this.chosen === null ? (by_ > 0 ? 0 : n - 1) : (this.chosen + by_ + n) % n);
+  }
+
+  fit() {
+    const canvas = by("space");
+    this.camera.aspect = canvas.clientWidth / Math.max(canvas.clientHeight, 1);
+    this.camera.fit(this.picture.bounds.points);
+  }
+
+  note(text) {
+    by("note").textContent = text;
+    by("note").hidden = !text;
+  }
+
+  lost(error) {
+    if (this.story.over) this.note("The program that showed this run has ended. What has been loaded stays.");
+    else this.note(`The run cannot be followed any more: ${error.message}`);
+  }
+
+  async follow() {
+    const atEnd = this.t >= this.story.now;
+    try {
+      while (await this.story.follow());
+    } catch (error) {
+      return this.lost(error);
+    }
+    this.timeline.refresh();
+    if (atEnd && !this.playing && this.t > 0) this.t = this.story.now;
+    this.redraw();
+    if (!this.story.over) setTimeout(() => this.follow(), FOLLOW_EVERY);
+  }
+
+  frame(now) {
+    requestAnimationFrame((next) => this.frame(next));
+    if (this.playing) {
+      const passed = this.last === null ? 0 : Math.min(now - this.last, 250);
+      this.last = now;
+      this.clock += passed / 1000;
+      this.t += passed * 1000 * this.speed;
+      if (this.t >= this.story.now) {
+        this.t = this.story.now;
+        if (this.story.over) this.setPlaying(false);
+      }
+      this.adapt(passed);
+    } else if (!this.dirty) {
+      return;
+    }
+    if (this.playing || this.dirty) this.show();
+  }
+
+  /** A slow machine draws less while things move: first no shadows, then fewer pixels. */
+  adapt(passed) {
+    this.late = passed > 50 ? this.late + 1 : Math.max(0, this.late - 0.25);
+    if (this.late < 4) return;
+    this.late = 0;
+    if (!this.plain) this.plain = true;
+    else this.scale = Math.max(0.5, this.scale * 0.8);
+  }
+
+  /** As fast as needed while things move, as fine as possible when they rest. */
+  quality() {
+    const { drawing } = this;
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    clearTimeout(this.rested);
+    if (this.playing || this.moving) {
+      drawing.sharpness = ratio * this.scale;
+      drawing.shadows = !this.plain;
+      if (this.playing) return;
+      this.rested = setTimeout(() => {
+        this.moving = false;
+        this.redraw();
+      }, 200);
+    } else {
+      drawing.sharpness = drawing.slow ? Math.max(ratio, 2) : ratio;
+      drawing.shadows = true;
+    }
+  }
+
+  show() {
+    this.dirty = false;
+    this.quality();
+    const options = {
+      meaning: this.meaning,
+      messages: by("messages").checked,
+      waits: by("waits").checked,
+      goal: by("goal").checked,
+      chosen: this.chosen,
+      classes: this.timeline.shown,
+    };
+    const seen = this.picture.build(this.t, options);
+    this.picture.draw(this.camera, options, this.clock);
+    this.timeline.draw(this.t);
+    // Words are read less quickly than pictures are seen.
+    if (!this.playing || this.clock - this.said > 0.1 || this.clock < this.said) this.say(seen);
+  }
+
+  /** Everything that is said in words about what is seen. */
+  say(seen) {
+    this.said = this.clock;
+    const time = by("time");
+    time.textContent = `${(this.t / 1e6).toFixed(2)} s of ${(this.story.now / 1e6).toFixed(2)} s`;
+    time.dataset.micros = Math.round(this.t);
+    const scrub = by("scrub");
+    scrub.max = this.story.now;
+    scrub.value = this.t;
+    scrub.setAttribute("aria-valuetext", time.textContent);
+    this.panel.outcome();
+    this.panel.numbers(this.t, seen);
+    this.panel.legend(this.meaning, seen);
+    this.panel.faults();
+    this.panel.module(this.chosen, this.t, seen);
+    if (!this.playing && this.chosen !== null) {
+      this.panel.messages(this.chosen, this.t).catch((error) => this.lost(error));
+    }
+    document.body.dataset.circle = [...seen.circle].join(" ");
+  }
+}
+
+const story = new Story();
+try {
+  await story.begin();
+  // For whoever wants to look closer, from the console of the browser.
+  window.page = new Page(story);
+  window.page.setPlaying(false);
+} catch (error) {
+  document.body.dataset.state = "failed";
+  by("note").hidden = false;
+  by("note").textContent = `The page cannot be shown: ${error.message}`;
+  throw error;
+}

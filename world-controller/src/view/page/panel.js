@@ -1,0 +1,197 @@
+// What is said beside the picture: how the run went, what colours mean, the chosen module with its last
+// messages, faults. Everything that comes from a run is put in as text, never as HTML.
+
+export const make = (tag, attributes = {}, ...inside) => {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value === false || value === null || value === undefined) continue;
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...inside.filter((x) => x !== null && x !== undefined));
+  return element;
+};
+
+const seconds = (t) => `${(t / 1e6).toFixed(2)} s`;
+const cell = (c) => `[${c.join(", ")}]`;
+
+export class Panel {
+  constructor(story, picture) {
+    Object.assign(this, { story, picture });
+    this.part = (name) => document.querySelector(`[data-part="${name}"]`);
+    this.onChoose = () => {};
+    this.onSeek = () => {};
+    this.asked = null;
+    this.legendText = "";
+    this.faultCount = -1;
+    this.outcomeText = "";
+  }
+
+  /** How the run went, or how far it has come. */
+  outcome() {
+    const { story } = this;
+    const report = story.report;
+    const text = story.outcome ?? (story.over ? "not over" : "running");
+    const reason = report?.reason ?? "";
+    const key = [text, reason, ...story.troubles].join();
+    if (this.outcomeText === key) return;
+    this.outcomeText = key;
+    const badge = document.getElementById("outcome");
+    badge.textContent = text;
+    badge.dataset.outcome = text;
+    const why = this.part("why");
+    why.replaceChildren(...story.troubles.map((trouble) => make("p", { class: "reason" }, trouble)));
+    if (!report || report.outcome === "built") return;
+    why.append(make("p", { class: "reason" }, reason));
+    const stall = report.unbuilt;
+    if (!stall) return;
+    if (stall.wait_cycle.length) {
+      const names = stall.wait_cycle.flatMap((id, i) => [i ? " → " : "", this.link(id)]);
+      why.append(make("p", {}, "wait for each other: ", ...names));
+    } else if (stall.waiting.length) {
+      const one = (w) => [this.link(w.module), w.waits_for === null ? " waits" : " waits for ", w.waits_for === null ? "" : this.link(w.waits_for)];
+      why.append(make("ul", {}, ...stall.waiting.slice(0, 8).map((w) => make("li", {}, ...one(w)))));
+    }
+    if (story.forgotten) why.append(make("p", {}, `${story.forgotten} events were too many to be kept`));
+  }
+
+  link(id) {
+    return make("button", { class: "link", type: "button", onclick: () => this.onChoose(id) }, `${id}`);
+  }
+
+  numbers(t, { counts }) {
+    const { filled, goal } = this.story.progressAt(t);
+    const unit = this.picture.cubes ? "cells" : "seeds";
+    const facts = [
+      [`${unit} filled`, `${filled} / ${goal}`],
+      ["alive", `${counts.alive} / ${this.story.modules.length}`],
+      ["moving", `${counts.moving}`],
+      ["dead", `${counts.dead}`],
+      ["paused", `${counts.paused}`],
+    ];
+    const list = this.part("numbers");
+    facts.forEach(([name, value], i) => {
+      const at = list.children[i] ?? list.appendChild(make("div", {}, make("dt"), make("dd")));
+      if (at.children[0].textContent !== name) at.children[0].textContent = name;
+      if (at.children[1].textContent !== value) at.children[1].textContent = value;
+    });
+  }
+
+  legend(meaning, seen) {
+    const entries = this.picture.legend(meaning, seen);
+    const text = JSON.stringify(entries);
+    if (text === this.legendText) return;
+    this.legendText = text;
+    const item = (e) => {
+      if (!e.ramp) {
+        const swatch = make("span", { class: "swatch", "data-pattern": e.pattern });
+        swatch.style.backgroundColor = e.colour;
+        return make("li", {}, swatch, e.text);
+      }
+      const ramp = make("span", { class: "ramp" });
+      ramp.style.backgroundImage = `linear-gradient(to right, ${e.ramp.join(", ")})`;
+      return make("li", { class: "scale" }, make("span", {}, e.near), ramp, make("span", {}, e.far));
+    };
+    this.part("legend").replaceChildren(...entries.map(item));
+  }
+
+  faults() {
+    const { faults } = this.story;
+    if (faults.length === this.faultCount) return;
+    this.faultCount = faults.length;
+    const row = (f) =>
+      make(
+        "li",
+        {},
+        make("button", { class: "link", type: "button", onclick: () => this.onSeek(f.t) }, seconds(f.t)),
+        " ",
+        make("span", { title: f.effect }, f.what),
+      );
+    this.part("faults").replaceChildren(...faults.slice(0, 500).map(row));
+    this.part("faults-section").hidden = faults.length === 0;
+  }
+
+  /** The chosen module at a moment. */
+  module(id, t, { talk, waits, circle }) {
+    const section = this.part("module-section");
+    section.hidden = id === null;
+    if (id === null) return;
+    const { story, picture } = this;
+    const known = picture.of(id, t, talk);
+    const body = story.bodyAt(id, t);
+    const { standing, life } = known;
+    const role = picture.cubes
+      ? ["in reserve", "wandering", "finalized"][standing.role]
+      : standing.role === 2
+        ? `settled in seed ${standing.place}`
+        : "free";
+    const place = picture.cubes ? cell(body.part >= 1 || !body.what ? body.to : body.from) : this.connector(body);
+    const does = body.doing ? this.deed(body) : "rests";
+    const flags = [
+      [4, "held by a dead one"],
+      [2, "cannot move any more"],
+      [8, "knows a way to a target"],
+    ].filter(([bit]) => standing.flags & bit);
+    const owner = this.owner(id, talk);
+    const dead = life === "dead";
+    const facts = [
+      ["process", known.stuck ? `${life}, joint stuck` : life],
+      [dead ? "was" : "part", role],
+      ["at", place],
+      ["does", dead ? null : does],
+      [picture.cubes ? "target in" : "seed in", dead ? null : known.gradient === 65535 ? "unknown" : `${known.gradient} ${picture.cubes ? "moves" : "strides"}`],
+      ["waits for", dead ? null : standing.waits === null ? "nobody" : this.link(standing.waits)],
+      ["in a circle", circle.has(id) ? "yes" : null],
+      ["locked by", dead ? null : owner === null ? "nobody" : this.link(owner)],
+      ["knows", flags.length && !dead ? flags.map(([, text]) => text).join(", ") : null],
+    ].filter(([, value]) => value !== null);
+    section.dataset.id = id;
+    section.dataset.life = life;
+    const name = `${picture.cubes ? "Module" : "Metamodule"} ${id}`;
+    if (this.part("module-name").textContent !== name) this.part("module-name").textContent = name;
+    this.part("module").replaceChildren(...facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
+  }
+
+  connector({ from, to, part }) {
+    const [x, y, quarter, end, both] = part >= 1 ? to : from;
+    return `(${x}, ${y}), turned ${quarter * 90}°, ${both ? "both ends" : end ? "head" : "foot"}`;
+  }
+
+  deed({ what, doing }) {
+    const failing = doing.failed ? ", which fails" : "";
+    if (this.picture.cubes) return (what[0] === 0 ? "slides" : "goes around an edge") + failing;
+    const joint = what.slice(6).findIndex((s, i) => s !== doing.from[5 + i]);
+    return [`turns joint ${joint + 1}`, "grips", "lets go"][what[0]] + failing;
+  }
+
+  owner(id, talk) {
+    for (let i = 0; i < (talk?.locks.length ?? 0); i += 2) if (talk.locks[i] === id) return talk.locks[i + 1];
+    return null;
+  }
+
+  /** The last messages of the chosen module, asked for when the picture rests. */
+  async messages(id, t) {
+    const list = this.part("messages");
+    if (id === null) return;
+    if (!this.story.scene.messages) {
+      list.replaceChildren(make("li", {}, "Messages between processes are not seen from outside."));
+      return;
+    }
+    const key = `${id} ${Math.floor(t)}`;
+    if (this.asked === key) return;
+    this.asked = key;
+    const messages = await this.story.messagesOf(id, t);
+    if (this.asked !== key) return;
+    const row = (m) =>
+      make(
+        "li",
+        { "data-class": this.story.scene.classes[m.class], title: this.story.scene.classes[m.class] },
+        make("span", { class: "when" }, seconds(m.t)),
+        m.sent ? " to " : " from ",
+        this.link(m.peer),
+        ` ${m.text}`,
+      );
+    list.replaceChildren(...messages.map(row));
+    if (!messages.length) list.append(make("li", {}, "none so far"));
+  }
+}

@@ -1,0 +1,412 @@
+// From what was at a moment to what is drawn: which part is where, in which colour; who is linked with
+// whom. Colours are those of the style sheet.
+
+import { UPRIGHT, box, cubeAt, halfCube, halvesAt, wires } from "./bodies.js";
+import { PART, PATTERN, RIBBON } from "./drawing.js";
+
+/** What colours can mean, and what that is called. */
+export const MEANINGS = {
+  state: "state",
+  level: "level of the goal",
+  gradient: "gradient",
+  locks: "locks",
+};
+
+const FAR = 65535;
+
+/** A scale of colours from near to far that is read in grey and by the colour-blind (viridis). */
+const SCALE = [
+  [0.267, 0.005, 0.329],
+  [0.231, 0.318, 0.545],
+  [0.128, 0.567, 0.551],
+  [0.369, 0.789, 0.383],
+  [0.993, 0.906, 0.144],
+];
+
+export function scale(x) {
+  const at = Math.max(0, Math.min(0.9999, x)) * (SCALE.length - 1);
+  const i = Math.floor(at);
+  return SCALE[i].map((c, k) => c + (SCALE[i + 1][k] - c) * (at - i));
+}
+
+const css = (rgb) => `rgb(${rgb.map((c) => Math.round(c * 255)).join(" ")})`;
+
+/** A colour of its own for every module, for locks. */
+const ownColour = (id) => {
+  const hue = (id * 0.618034) % 1;
+  return [0, 1 / 3, 2 / 3].map((o) => 0.5 + 0.32 * Math.cos(2 * Math.PI * (hue + o)));
+};
+
+/** A cell as one number. */
+const key = ([x, y, z]) => ((x + 32768) * 65536 + (y + 32768)) * 65536 + z + 32768;
+
+const least = (list) => list.reduce((a, b) => Math.min(a, b), Infinity);
+const most = (list) => list.reduce((a, b) => Math.max(a, b), -Infinity);
+
+class Numbers {
+  constructor() {
+    this.list = new Float32Array(1024);
+    this.length = 0;
+  }
+  clear() {
+    this.length = 0;
+  }
+  push(...numbers) {
+    if (this.length + numbers.length > this.list.length) {
+      const larger = new Float32Array(this.list.length * 2);
+      larger.set(this.list);
+      this.list = larger;
+    }
+    this.list.set(numbers, this.length);
+    this.length += numbers.length;
+  }
+  view() {
+    return this.list.subarray(0, this.length);
+  }
+}
+
+export class Picture {
+  constructor(drawing, story) {
+    this.drawing = drawing;
+    this.story = story;
+    this.cubes = story.family === "cube";
+    const body = story.scene.body;
+    this.body = body && { quarterTurns: body[0], radius: body[1], edge: body[2] };
+    // The outline of what is chosen is made of the far sides, so it needs all of them.
+    const round = () => drawing.mesh(halfCube(this.body.radius, this.body.edge), { round: this.body });
+    this.mesh = this.cubes ? drawing.mesh(box(true), { facing: true }) : round();
+    this.chosenMesh = this.cubes ? drawing.mesh(box(false)) : round();
+    this.foreignMesh = drawing.mesh(box(true), { facing: true });
+    this.ghostMesh = drawing.mesh(wires());
+    this.parts = new Numbers();
+    this.chosen = new Numbers();
+    this.foreign = new Numbers();
+    this.ghosts = new Numbers();
+    this.links = new Numbers();
+    this.marks = new Numbers();
+    this.middles = [];
+    this.goals = story.scene.goals.map((goal) => this.readGoal(goal));
+    this.bounds = this.measure();
+    this.theme();
+  }
+
+  readGoal({ cells }) {
+    const levels = new Map(cells.map(([x, y, z, level]) => [key([x, y, z]), level]));
+    // Of a large goal the outside is enough to be seen.
+    const inside = (c) => [0, 1, 2].every((i) => [-1, 1].every((d) => levels.has(key(c.slice(0, 3).map((x, k) => x + (k === i ? d : 0))))));
+    return { cells, levels, highest: most([1, ...levels.values()]), outside: cells.filter((c) => !inside(c)) };
+  }
+
+  /** The corners of what will be there, about (start, each goal, floor), and the lowest height. */
+  measure() {
+    const points = [];
+    const box = (cells, up) => {
+      const low = [0, 1, 2].map((i) => least(cells.map((c) => c[i])) - 0.5);
+      const high = [0, 1, 2].map((i) => most(cells.map((c) => c[i])) + 0.5);
+      for (let k = 0; k < 8; k++) {
+        points.push([0, 1, 2].map((i) => ((k >> i) & 1 ? high : low)[i] + (i === 2 ? up : 0)));
+      }
+    };
+    for (const goal of this.goals) box(goal.cells, this.cubes ? 0 : 0.5);
+    if (this.cubes) box(this.story.scene.start, 0);
+    else {
+      const { min, max } = this.story.scene.floor;
+      for (const x of [min[0] - 0.5, max[0] + 0.5]) for (const y of [min[1] - 0.5, max[1] + 0.5]) points.push([x, y, 0]);
+      for (const [x, y] of this.story.scene.start) points.push([x, y, 4]);
+    }
+    const along = (i) => points.map((p) => p[i]);
+    const low = [0, 1, 2].map((i) => least(along(i)));
+    const high = [0, 1, 2].map((i) => most(along(i)));
+    return { points, low, high };
+  }
+
+  /** Reads the colours of the page again. */
+  theme() {
+    const style = getComputedStyle(document.documentElement);
+    const probe = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
+    const read = (name) => {
+      probe.fillStyle = style.getPropertyValue(name).trim();
+      probe.fillRect(0, 0, 1, 1);
+      return [...probe.getImageData(0, 0, 1, 1).data].slice(0, 3).map((c) => c / 255);
+    };
+    this.colour = {};
+    for (const name of ["reserve", "walker", "final", "dead", "paused", "stuck", "none"]) {
+      this.colour[name] = read(`--m-${name}`);
+    }
+    for (const name of ["paper", "sky", "edge", "mark", "ghost", "foreign", "chosen", "wait", "bad", "floor", "line"]) {
+      this.colour[name] = read(`--${name}`);
+    }
+    this.classColours = this.story.scene.classes.map((name) => read(`--c-${name}`));
+    this.dark = style.getPropertyValue("--dark").trim() === "1";
+  }
+
+  /** What is known of a module at a moment, for the picture and for people. */
+  of(id, t, talk) {
+    const { story } = this;
+    const life = story.lifeAt(id, t);
+    const standing = story.standingAt(id, t);
+    const gradient = talk?.gradient?.[id] ?? FAR;
+    return { life, standing, stuck: story.stuckAt(id, t) || (standing.flags & 2) !== 0, gradient };
+  }
+
+  roleName({ life, standing }, moving) {
+    if (life === "dead") return "dead";
+    if (life === "paused") return "paused";
+    if (this.cubes) return ["reserve", "walker", "final"][standing.role];
+    return standing.role === 2 ? "final" : moving ? "walker" : "reserve";
+  }
+
+  build(t, options) {
+    const { story, colour } = this;
+    const talk =
+      options.messages || options.meaning === "gradient" || options.meaning === "locks" || options.chosen !== null
+        ? story.talkAt(t)
+        : null;
+    [this.parts, this.chosen, this.foreign, this.ghosts, this.links, this.marks].forEach((n) => n.clear());
+    const owners = new Map();
+    for (let i = 0; i < (talk?.locks.length ?? 0); i += 2) owners.set(talk.locks[i], talk.locks[i + 1]);
+    const locking = new Set(owners.values());
+    let farthest = 1;
+    if (options.meaning === "gradient") talk?.gradient.forEach((d) => d !== FAR && (farthest = Math.max(farthest, d)));
+    const size = this.cubes ? (options.messages ? 0.42 : 0.95) : 0.985;
+    const { goal, shift } = story.goalAt(t);
+    const now = this.goals[Math.min(goal, this.goals.length - 1)];
+    const taken = new Set();
+    const waits = new Map();
+    const counts = { alive: 0, dead: 0, paused: 0, moving: 0 };
+
+    for (let id = 0; id < story.modules.length; id++) {
+      const body = story.bodyAt(id, t);
+      const known = this.of(id, t, talk);
+      const role = this.roleName(known, body.doing !== null);
+      if (known.life === "dead") counts.dead++;
+      else counts.alive++;
+      if (known.life === "paused") counts.paused++;
+      if (body.doing) counts.moving++;
+      if (known.life === "alive" && known.standing.waits !== null) waits.set(id, known.standing.waits);
+      let paint = colour[role];
+      if (options.meaning === "level") paint = this.levelColour(id, known, body, now);
+      else if (options.meaning === "gradient") {
+        paint = known.gradient === FAR ? colour.none : scale(1 - known.gradient / farthest);
+      } else if (options.meaning === "locks") {
+        const owner = owners.get(id);
+        paint = owner !== undefined ? ownColour(owner) : locking.has(id) ? ownColour(id) : colour.none;
+      }
+      // Among messages, modules step back.
+      if (options.messages && this.cubes) paint = paint.map((c, i) => c + (colour.sky[i] - c) * 0.45);
+      let pattern = PATTERN.plain;
+      let edge = colour.edge;
+      if (known.life === "dead") [pattern, edge] = [PATTERN.dead, colour.mark];
+      else if (known.life === "paused") [pattern, edge] = [PATTERN.paused, colour.mark];
+      else if (known.stuck) [pattern, edge] = [PATTERN.stuck, colour.stuck];
+      this.put(id, body, size, paint, pattern, edge, id === options.chosen, taken);
+    }
+    for (const cell of story.obstaclesAt(t)) {
+      const [x, y, z] = cell;
+      this.foreign.push(x, y, z + (this.cubes ? 0 : 0.5), 0.9, ...UPRIGHT, ...colour.foreign, 0, ...colour.edge, 1);
+    }
+    if (options.goal) {
+      for (const [x, y, z] of now.outside) {
+        const at = [x + shift[0], y + shift[1], z];
+        if (taken.has(key(at))) continue;
+        const up = this.cubes ? 0 : 0.5;
+        this.ghosts.push(at[0], at[1], at[2] + up, 0.94, ...UPRIGHT, ...colour.ghost, 0, ...colour.ghost, 1);
+      }
+    }
+    if (options.messages && talk) this.drawTalk(talk, options);
+    const stall = t >= story.now ? story.report?.unbuilt : null;
+    for (const { module, waits_for } of stall?.waiting ?? []) if (waits_for !== null) waits.set(module, waits_for);
+    const circle = story.circle(waits);
+    stall?.wait_cycle.forEach((id) => circle.add(id));
+    this.drawWaits(waits, circle, options);
+    if (options.meaning === "locks") {
+      for (const [holder, owner] of owners) this.arrow(holder, owner, [...ownColour(owner), 0.9], 0.05);
+    }
+    return { talk, waits, circle, counts, farthest };
+  }
+
+  levelColour(id, known, body, goal) {
+    if (this.cubes) {
+      const level = goal.levels.get(key(body.to));
+      if (known.standing.role !== 2 || level === undefined) return this.colour.none;
+      return scale(0.08 + 0.88 * (level / goal.highest));
+    }
+    const seed = known.standing.place;
+    if (known.standing.role !== 2 || seed < 0) return this.colour.none;
+    const level = goal.cells[seed * 4]?.[3] ?? 0;
+    return scale(0.2 + 0.6 * (level / goal.highest));
+  }
+
+  put(id, body, size, paint, pattern, edge, isChosen, taken) {
+    if (this.cubes) {
+      const [x, y, z] = cubeAt(body);
+      this.middles[id] = [x, y, z];
+      this.parts.push(x, y, z, size, ...UPRIGHT, ...paint, pattern, ...edge, 1);
+      if (isChosen) this.chosen.push(x, y, z, size, ...UPRIGHT, ...paint, 0, ...edge, 1);
+      taken.add(key(body.part >= 1 || !body.what ? body.to : body.from));
+      return;
+    }
+    const halves = halvesAt(body, this.body.quarterTurns);
+    const sum = [0, 0, 0];
+    const cells = [];
+    halves.forEach(({ middle, rotation }, i) => {
+      // The second module is a little lighter or darker, so that the two are told apart.
+      const tint = i < 4 ? paint : paint.map((c) => c + (this.dark ? 0.16 : 0.26) * (1 - c));
+      this.parts.push(...middle, size, ...rotation, ...tint, pattern, ...edge, 1);
+      if (isChosen) this.chosen.push(...middle, size, ...rotation, ...tint, 0, ...edge, 1);
+      middle.forEach((x, k) => (sum[k] += x / 8));
+      if (i % 2 === 0) cells.push(middle);
+    });
+    this.middles[id] = sum;
+    this.middles[id].cells = cells;
+    cells.forEach(([x, y, z]) => taken.add(key([Math.round(x), Math.round(y), Math.round(z - 0.5)])));
+  }
+
+  /** One ribbon. */
+  ribbon(into, a, wa, b, wb, rgba, flow) {
+    into.push(...a, wa, ...b, wb, ...rgba, flow);
+  }
+
+  drawTalk(talk, { classes }) {
+    const n = classes.length;
+    const step = 2 + n;
+    const seconds = this.story.width / 1e6;
+    const middles = this.middles;
+    for (let i = 0; i < talk.edges.length; i += step) {
+      const [from, to] = [middles[talk.edges[i]], middles[talk.edges[i + 1]]];
+      let [sum, top, which] = [0, 0, 0];
+      for (let k = 0; k < n; k++) {
+        const count = classes[k] ? talk.edges[i + 2 + k] : 0;
+        sum += count;
+        if (count > top) [top, which] = [count, k];
+      }
+      if (sum === 0 || !from || !to) continue;
+      const often = Math.log2(1 + sum / seconds);
+      const strong = Math.min(1, 0.5 + 0.2 * often);
+      const width = 0.03 + 0.05 * Math.min(1, often / 5);
+      // The two directions run beside each other.
+      const d = to.map((x, k) => x - from[k]);
+      const across = [d[1] - d[2], d[2] - d[0], d[0] - d[1]];
+      const length = Math.hypot(...across) || 1;
+      const aside = across.map((x) => (x / length) * 0.09);
+      const lift = this.cubes ? 0 : 0.15;
+      const place = (p) => p.map((x, k) => x + aside[k] + (k === 2 ? lift : 0));
+      this.ribbon(this.cubes ? this.links : this.marks, place(from), width, place(to), width, [...this.classColours[which], strong], 1);
+    }
+  }
+
+  /** Those that wait in a circle are always drawn; the others if asked for. */
+  drawWaits(waits, circle, options) {
+    for (const [from, to] of waits) {
+      const within = circle.has(from) && circle.has(to);
+      if (!within && !options.waits && from !== options.chosen && to !== options.chosen) continue;
+      const rgb = within ? this.colour.bad : this.colour.wait;
+      this.arrow(from, to, [...rgb, within ? 1 : 0.85], within ? 0.09 : 0.04);
+    }
+  }
+
+  /** A bent arrow from one module to another, over everything. */
+  arrow(from, to, rgba, width) {
+    const [a, b] = [this.middles[from], this.middles[to]];
+    if (!a || !b) return;
+    const length = Math.hypot(...a.map((x, i) => x - b[i]));
+    const rise = 0.5 + length * 0.22;
+    const at = (s) => a.map((x, i) => x + (b[i] - x) * s + (i === 2 ? rise * 4 * s * (1 - s) : 0));
+    const pieces = 12;
+    const neck = 1 - Math.min(0.35, (width * 5) / Math.max(length, 0.1));
+    for (let i = 0; i < pieces; i++) {
+      this.ribbon(this.marks, at((i / pieces) * neck), width, at(((i + 1.08) / pieces) * neck), width, rgba, 0);
+    }
+    this.ribbon(this.marks, at(neck - 0.01), width * 3.2, at(1), 0, rgba, 0);
+  }
+
+  draw(camera, options, clock) {
+    const { colour, bounds, cubes } = this;
+    const floor = this.story.scene.floor;
+    const ground = cubes
+      ? {
+          z: bounds.low[2] - 0.02,
+          bounds: [bounds.low[0] - 9, bounds.low[1] - 9, bounds.high[0] + 9, bounds.high[1] + 9],
+          plates: false,
+          fill: [...colour.floor, 0],
+          line: [...colour.line, this.dark ? 0.5 : 0.8],
+        }
+      : {
+          z: 0,
+          bounds: [floor.min[0] - 0.5, floor.min[1] - 0.5, floor.max[0] + 0.5, floor.max[1] + 0.5],
+          plates: true,
+          fill: [...colour.floor, 1],
+          line: [...colour.line, 1],
+        };
+    const groups = [{ mesh: this.mesh, numbers: this.parts.view() }];
+    if (this.foreign.length) groups.push({ mesh: this.foreignMesh, numbers: this.foreign.view() });
+    this.drawing.draw({
+      camera,
+      paper: colour.sky,
+      ground,
+      groups,
+      ghosts: this.ghosts.length ? { mesh: this.ghostMesh, numbers: this.ghosts.view(), colour: [...colour.ghost, this.ghosts.length > 200 * PART ? 0.5 : 0.9] } : null,
+      chosen: this.chosen.length
+        ? { mesh: this.chosenMesh, numbers: this.chosen.view(), colour: colour.chosen }
+        : null,
+      links: this.links.view(),
+      marks: this.marks.view(),
+      light: [0.45, -0.55, 1],
+      clock,
+      dark: this.dark,
+    });
+  }
+
+  /** The module that a ray meets first; null if none. */
+  pick({ origin, direction }) {
+    let [best, found] = [Infinity, null];
+    const half = this.cubes ? 0.48 : 0.55;
+    for (let id = 0; id < this.middles.length; id++) {
+      for (const m of this.middles[id]?.cells ?? [this.middles[id]]) {
+        let [near, far] = [0, Infinity];
+        for (let i = 0; i < 3; i++) {
+          const a = (m[i] - half - origin[i]) / direction[i];
+          const b = (m[i] + half - origin[i]) / direction[i];
+          near = Math.max(near, Math.min(a, b));
+          far = Math.min(far, Math.max(a, b));
+        }
+        if (near <= far && near < best) [best, found] = [near, id];
+      }
+    }
+    return found;
+  }
+
+  /** What the colours mean, for the legend: text, colour, and the pattern that goes with it. */
+  legend(meaning, { farthest, circle }) {
+    const { colour, cubes } = this;
+    const swatch = (text, rgb, pattern) => ({ text, colour: css(rgb), pattern });
+    const entries = this.meanings(meaning, farthest, swatch, colour, cubes);
+    if (circle.size) entries.push(swatch("wait for each other in a circle", colour.bad));
+    return entries;
+  }
+
+  meanings(meaning, farthest, swatch, colour, cubes) {
+    const lives = [
+      swatch("dead", colour.dead, "dead"),
+      swatch("paused", colour.paused, "paused"),
+      swatch("stuck", colour.none, "stuck"),
+    ];
+    const ramp = (from, to, near, far) => ({
+      ramp: [0, 0.25, 0.5, 0.75, 1].map((x) => css(scale(from + (to - from) * x))),
+      near,
+      far,
+    });
+    switch (meaning) {
+      case "state":
+        return cubes
+          ? [swatch("in reserve", colour.reserve), swatch("wandering", colour.walker), swatch("finalized", colour.final), ...lives]
+          : [swatch("free", colour.reserve), swatch("moving", colour.walker), swatch("settled", colour.final), ...lives];
+      case "level":
+        return [ramp(0.08, 0.96, "seed", cubes ? "last level" : "top level"), swatch("not in the goal", colour.none)];
+      case "gradient":
+        return [ramp(1, 0, "at a target", `${farthest} ${cubes ? "moves" : "strides"}`), swatch("knows no target", colour.none)];
+      default:
+        return [swatch("locks somebody, or is locked by it", ownColour(3)), swatch("no lock", colour.none)];
+    }
+  }
+}

@@ -1,0 +1,277 @@
+// What happened in a run, and what was at any moment of it. Filled piece by piece from the server;
+// asked by the drawing. Times are microseconds. Knows nothing of how things look.
+
+const AT_ONCE = 8;
+
+/** The place of the last entry of `list` that is not after `t`, by its `t`; -1 if there is none. */
+export function before(list, t) {
+  let low = 0;
+  let high = list.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (list[middle].t <= t) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
+}
+
+const FACES = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
+
+/** What became of a stance after something was done. */
+function after(family, stance, what) {
+  if (family !== "cube") return what.slice(1);
+  const [kind, support, heading] = what;
+  const [s, h] = [FACES[support], FACES[heading]];
+  return stance.map((x, i) => x + h[i] + (kind === 1 ? s[i] : 0));
+}
+
+export class Story {
+  constructor() {
+    this.next = 0;
+    this.now = 0;
+    this.over = false;
+    this.report = null;
+    this.outcome = null;
+    this.troubles = [];
+    this.forgotten = 0;
+    this.width = 0;
+    this.totals = [];
+    this.faults = [];
+    this.deaths = [];
+    this.obstacles = [];
+    this.goalsOpened = [];
+    this.moments = [];
+    this.momentsSorted = true;
+    this.talk = new Map();
+    this.asked = new Set();
+    this.onTalk = () => {};
+    this.onLost = () => {};
+  }
+
+  async ask(what) {
+    const answer = await fetch(what, { cache: "no-store" });
+    if (!answer.ok) throw new Error(`${what}: ${answer.status}`);
+    return answer.json();
+  }
+
+  async begin() {
+    Object.assign(this, { scene: await this.ask("scene") });
+    this.family = this.scene.family;
+    this.modules = this.scene.start.map((stance) => ({
+      first: stance,
+      stance,
+      doings: [],
+      standings: [],
+      lives: [],
+      stuck: [],
+    }));
+    while (await this.follow());
+  }
+
+  /** Takes what has happened since; says whether there is more at once. */
+  async follow() {
+    const last = Math.max(this.totals.length - 1, 0);
+    const more = await this.ask(`events?from=${this.next}&bin=${last}&width=${this.width}`);
+    // The run is told anew, with more in it.
+    if (this.telling !== undefined && this.telling !== more.telling) location.reload();
+    this.telling = more.telling;
+    for (const event of more.events) this.take(event);
+    if (more.width !== this.width || more.first === 0) {
+      this.talk.clear();
+      this.asked.clear();
+    }
+    this.totals.length = Math.min(this.totals.length, more.first);
+    this.totals.push(...more.totals);
+    this.next = more.next;
+    this.now = Math.max(more.now, 1);
+    this.width = more.width;
+    this.forgotten = more.forgotten;
+    this.report = more.report;
+    this.outcome = more.outcome;
+    this.troubles = more.troubles;
+    this.over = more.over && !more.more;
+    return more.more;
+  }
+
+  take(event) {
+    const [kind, t, who] = event;
+    const module = this.modules[who];
+    const moment = (time) => {
+      this.moments.push(time);
+      this.momentsSorted = false;
+    };
+    switch (kind) {
+      case "m": {
+        const [, , , takes, what] = event;
+        const from = module.stance;
+        module.stance = after(this.family, from, what);
+        module.doings.push({ t, until: t + takes, from, to: module.stance, what, failed: false });
+        moment(t);
+        moment(t + takes);
+        break;
+      }
+      case "f": {
+        const last = module.doings[module.doings.length - 1];
+        if (last) {
+          last.failed = true;
+          module.stance = last.from;
+        }
+        break;
+      }
+      case "s": {
+        const [, , , role, flags, place, waits] = event;
+        module.standings.push({ t, role, flags, place, waits });
+        break;
+      }
+      case "l": {
+        module.lives.push({ t, life: event[3] });
+        if (event[3] === "dead" || event[3] === "restarted") this.deaths.push({ t, who, life: event[3] });
+        moment(t);
+        break;
+      }
+      case "x": {
+        const [, , , what, effect] = event;
+        this.faults.push({ t, who, what, effect });
+        if (module && /^(un)?stick /.test(what)) module.stuck.push({ t, stuck: what.startsWith("stick") });
+        moment(t);
+        break;
+      }
+      case "o":
+        this.obstacles.push({ t, cells: event[2] });
+        break;
+      case "g":
+        this.goalsOpened.push({ t, goal: event[2], shift: event[3] });
+        break;
+    }
+  }
+
+  /** The next moment at which something begins or ends, or the one before. */
+  moment(t, forward) {
+    if (!this.momentsSorted) {
+      this.moments = [...new Set(this.moments)].sort((a, b) => a - b);
+      this.momentsSorted = true;
+    }
+    let low = 0;
+    let high = this.moments.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (forward ? this.moments[middle] <= t : this.moments[middle] < t) low = middle + 1;
+      else high = middle;
+    }
+    if (forward) return Math.min(this.moments[low] ?? this.now, this.now);
+    return low > 0 ? this.moments[low - 1] : 0;
+  }
+
+  /** What a body does or where it rests: `from`, `to` and how far between, 0..1. */
+  bodyAt(id, t) {
+    const module = this.modules[id];
+    const i = before(module.doings, t);
+    if (i < 0) return { from: module.first, to: module.first, part: 0, doing: null };
+    const doing = module.doings[i];
+    const part = Math.min((t - doing.t) / Math.max(doing.until - doing.t, 1), 1);
+    if (doing.failed) {
+      // There and back: what was tried is seen, and that it came to nothing.
+      const swing = part < 1 ? 0.5 * Math.sin(Math.PI * part) : 0;
+      return { from: doing.from, to: doing.to, part: swing, doing: part < 1 ? doing : null, what: doing.what };
+    }
+    return { from: doing.from, to: doing.to, part, doing: part < 1 ? doing : null, what: doing.what };
+  }
+
+  standingAt(id, t) {
+    const list = this.modules[id].standings;
+    const i = before(list, t);
+    return i < 0 ? { role: 0, flags: 0, place: -1, waits: null } : list[i];
+  }
+
+  /** "alive", "dead" or "paused". */
+  lifeAt(id, t) {
+    const list = this.modules[id].lives;
+    const i = before(list, t);
+    if (i < 0) return "alive";
+    return { dead: "dead", paused: "paused" }[list[i].life] ?? "alive";
+  }
+
+  stuckAt(id, t) {
+    const list = this.modules[id].stuck;
+    const i = before(list, t);
+    return i >= 0 && list[i].stuck;
+  }
+
+  goalAt(t) {
+    const i = before(this.goalsOpened, t);
+    return i < 0 ? { goal: 0, shift: [0, 0] } : this.goalsOpened[i];
+  }
+
+  obstaclesAt(t) {
+    const i = before(this.obstacles, t);
+    return i < 0 ? [] : this.obstacles[i].cells;
+  }
+
+  binAt(t) {
+    return Math.max(Math.min(Math.floor(t / this.width), this.totals.length - 1), 0);
+  }
+
+  /** Totals of the run up to a moment, and how far the goal had come. */
+  progressAt(t) {
+    const [, , filled, goal] = this.totals[this.binAt(t)] ?? [[], 0, 0, 0];
+    return { filled, goal };
+  }
+
+  /** Who talked to whom at a moment; null until the server has answered, which calls `onTalk`. */
+  talkAt(t) {
+    const bin = this.binAt(t);
+    const chunk = Math.floor(bin / AT_ONCE);
+    this.fetchTalk(chunk);
+    if (bin % AT_ONCE > AT_ONCE / 2) this.fetchTalk(chunk + 1);
+    return this.talk.get(chunk)?.[bin % AT_ONCE] ?? null;
+  }
+
+  async fetchTalk(chunk) {
+    const first = chunk * AT_ONCE;
+    if (this.asked.has(chunk) || first >= this.totals.length) return;
+    this.asked.add(chunk);
+    const width = this.width;
+    const last = this.totals.length;
+    try {
+      const { width: theirs, bins } = await this.ask(`talk?first=${first}&count=${AT_ONCE}`);
+      if (theirs !== width || width !== this.width) return;
+      this.talk.set(chunk, bins);
+      // What is still going on is asked for again.
+      if (!this.over && first + AT_ONCE >= last) setTimeout(() => this.asked.delete(chunk), 500);
+      if (this.talk.size > 64) this.forgetTalk(chunk);
+      this.onTalk();
+    } catch (error) {
+      this.asked.delete(chunk);
+      this.onLost(error);
+    }
+  }
+
+  forgetTalk(near) {
+    const far = [...this.talk.keys()].sort((a, b) => Math.abs(b - near) - Math.abs(a - near))[0];
+    this.talk.delete(far);
+    this.asked.delete(far);
+  }
+
+  messagesOf(id, t) {
+    return this.ask(`messages?id=${id}&at=${Math.floor(t)}`).then((answer) => answer.messages);
+  }
+
+  /** Modules that wait for each other in a circle, by what they say of whom they wait for. */
+  circle(waits) {
+    const seen = new Map();
+    const inCircle = new Set();
+    for (const start of waits.keys()) {
+      const path = [];
+      let at = start;
+      while (at !== undefined && !seen.has(at)) {
+        seen.set(at, start);
+        path.push(at);
+        at = waits.get(at);
+      }
+      if (at !== undefined && seen.get(at) === start && path.includes(at)) {
+        path.slice(path.indexOf(at)).forEach((id) => inCircle.add(id));
+      }
+    }
+    return inCircle;
+  }
+}

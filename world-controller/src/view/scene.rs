@@ -1,0 +1,450 @@
+//! What a page needs to know of a run: how it began, what happened when, and how it ended. Filled
+//! while a run goes on or from a recording, and read in pieces, so that a page can follow.
+//!
+//! Times are microseconds of scenario time. The layout is private to the page, which is in the same
+//! program; [`VERSION`] is for pages that were left open in a browser.
+
+use super::flow::{Bin, Flow};
+use super::visible::{Doing, Fate, Stance, Standing, Visible};
+use crate::report::schema::Report;
+use crate::scenario::{Cubes, Metamodules, Plan, Swarm};
+use metamorph_protocol::agent::Class;
+use metamorph_protocol::cube::Cube;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::metamodule::blueprint::Task;
+use metamorph_protocol::metamodule::params::Floor;
+use metamorph_protocol::roombots::{HALF_EDGE, OUTER_RADIUS};
+use metamorph_protocol::time::{Span, Time};
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::collections::{BTreeSet, HashSet};
+
+/// Increased whenever the layout changes.
+pub const VERSION: u32 = 1;
+/// More events than this are not kept; the page says so.
+const MOST_EVENTS: usize = 5_000_000;
+/// Events handed out at once.
+const EVENTS_AT_ONCE: usize = 20_000;
+/// Messages shown of a module.
+const LAST_MESSAGES: usize = 40;
+/// Complaints kept; the first ones tell the story.
+const MOST_TROUBLES: usize = 20;
+/// The role of who fills a goal cell or a seed.
+const FILLS: u8 = 2;
+
+/// How a run begins.
+#[derive(Clone, Debug, Serialize)]
+pub struct Beginning {
+    version: u32,
+    title: String,
+    description: Option<String>,
+    family: &'static str,
+    seed: u64,
+    link: &'static str,
+    repeat: String,
+    classes: Vec<&'static str>,
+    beat: u64,
+    /// Where everybody stands.
+    start: Vec<Stance>,
+    /// Goals, one after the other.
+    goals: Vec<Goal>,
+    /// Only on a floor.
+    floor: Option<Floor>,
+    /// Of metamodules: quarter turns of the second module, radius and half edge of a cube.
+    body: Option<(u8, f64, f64)>,
+    /// Modules cut off from the others: who, from when, until when.
+    partitions: Vec<(Vec<u32>, u64, u64)>,
+    /// Whether messages between modules are seen.
+    messages: bool,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct Goal {
+    name: String,
+    /// Cells with their levels; of metamodules the four cells of each seed one after the other.
+    cells: Vec<(i16, i16, i16, u16)>,
+    #[serde(skip)]
+    set: HashSet<[i16; 3]>,
+}
+
+impl Goal {
+    fn new(name: String, cells: Vec<(i16, i16, i16, u16)>) -> Goal {
+        let set = cells.iter().map(|(x, y, z, _)| [*x, *y, *z]).collect();
+        Goal { name, cells, set }
+    }
+    fn has(&self, cell: &[i16]) -> bool {
+        <[i16; 3]>::try_from(cell).is_ok_and(|cell| self.set.contains(&cell))
+    }
+}
+
+fn micros(t: Time) -> u64 {
+    t.0 / 1_000
+}
+
+impl Beginning {
+    /// How a plan begins. `messages` is whether messages will be seen.
+    pub fn of(plan: &Plan, messages: bool) -> Beginning {
+        let (start, cells, floor, body, beat) = match &plan.swarm {
+            Swarm::Cubes(cubes) => of_cubes(cubes),
+            Swarm::Metamodules(metamodules) => of_metamodules(metamodules),
+        };
+        let names = plan.stages.iter().map(|s| s.name.clone());
+        let cut = |p: &metamorph_protocol::link::Partition| {
+            (p.side.iter().map(|id| id.0).collect(), micros(p.from), micros(p.until))
+        };
+        Beginning {
+            version: VERSION,
+            title: plan.title().to_owned(),
+            description: plan.description.as_ref().map(|d| d.trim().to_owned()),
+            family: plan.swarm.family().name(),
+            seed: plan.seed,
+            link: plan.overrides.link.name(),
+            repeat: plan.repeat_with(),
+            classes: Class::ALL.into_iter().map(Class::name).collect(),
+            beat: beat.0 / 1_000,
+            start,
+            goals: names.zip(cells).map(|(name, cells)| Goal::new(name, cells)).collect(),
+            floor,
+            body,
+            partitions: plan.link.partitions.iter().map(cut).collect(),
+            messages,
+        }
+    }
+}
+
+type Parts = (Vec<Stance>, Vec<Vec<(i16, i16, i16, u16)>>, Option<Floor>, Option<(u8, f64, f64)>, Span);
+
+fn of_cubes(Cubes { cells, setup }: &Cubes) -> Parts {
+    let start = cells.iter().map(|c| Cube::stance(setup, c)).collect();
+    let goals = setup.goals.iter();
+    let goals = goals.map(|goal| goal.cells().map(|c| (c.x, c.y, c.z, goal.level(c))).collect()).collect();
+    (start, goals, None, None, setup.params.move_time)
+}
+
+fn of_metamodules(Metamodules { poses, setup, .. }: &Metamodules) -> Parts {
+    let start = poses.iter().map(|p| Metamodule::stance(setup, p)).collect();
+    let goals = (0..setup.goals.len() as u8).map(|goal| {
+        let blueprint = setup.goal(Task { goal, ..Task::default() });
+        let mut seeds = blueprint.seeds().iter();
+        let mut cells = Vec::new();
+        for (level, seeds_of_it) in blueprint.levels().iter().enumerate() {
+            let of_level = seeds.by_ref().take(usize::from(*seeds_of_it)).flat_map(|s| s.cells());
+            cells.extend(of_level.map(|c| (c.x, c.y, c.z, level as u16)));
+        }
+        cells
+    });
+    let body = (setup.motions.kind().quarter_turns(), OUTER_RADIUS, HALF_EDGE);
+    (start, goals.collect(), Some(setup.floor), Some(body), setup.params.turn_time)
+}
+
+/// What happened to whom.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A body begins to do something.
+    Does(ModuleId, Doing),
+    /// It has not worked; the body is where it was before.
+    Failed(ModuleId),
+    /// A module tells of itself.
+    Tells(ModuleId, Standing),
+    /// The process of a module is gone.
+    Died(ModuleId),
+    /// It is there again, without its memory.
+    Started(ModuleId),
+    /// It is stopped.
+    Paused(ModuleId),
+    /// It goes on.
+    Resumed(ModuleId),
+    /// A fault of the schedule struck: whom, which, and what it found.
+    Struck(Option<ModuleId>, String, String),
+    /// These cells have something foreign in them from now on.
+    Obstacles(Vec<Cell>),
+    /// This goal is built from now on, moved so far.
+    Goal(u16, (i16, i16)),
+}
+
+fn told(at: u64, event: &Event) -> Value {
+    match event {
+        Event::Does(id, Doing { takes, what }) => json!(["m", at, id, takes.0 / 1_000, what]),
+        Event::Failed(id) => json!(["f", at, id]),
+        Event::Tells(id, s) => json!(["s", at, id, s.role, s.flags, s.place, s.waits_for]),
+        Event::Died(id) => json!(["l", at, id, "dead"]),
+        Event::Started(id) => json!(["l", at, id, "restarted"]),
+        Event::Paused(id) => json!(["l", at, id, "paused"]),
+        Event::Resumed(id) => json!(["l", at, id, "resumed"]),
+        Event::Struck(id, what, effect) => json!(["x", at, id, what, effect]),
+        Event::Obstacles(cells) => json!(["o", at, cells]),
+        Event::Goal(goal, shift) => json!(["g", at, goal, shift]),
+    }
+}
+
+/// A run, as far as it has come.
+#[derive(Debug)]
+pub struct Scene {
+    beginning: Beginning,
+    events: Vec<(Time, Event)>,
+    forgotten: u64,
+    standings: Vec<Option<Standing>>,
+    /// What bodies were asked to do at this moment and have not refused.
+    asked: Vec<(Time, ModuleId, Doing)>,
+    obstacles: BTreeSet<Cell>,
+    goal: Option<(u16, (i16, i16))>,
+    /// Where bodies stand, which of them are on the way somewhere, and whose process is gone.
+    stances: Vec<Stance>,
+    moving: BTreeSet<ModuleId>,
+    dead: BTreeSet<ModuleId>,
+    flow: Flow,
+    now: Time,
+    /// How the run ended, as its journal tells.
+    outcome: Option<String>,
+    over: bool,
+    report: Option<Report>,
+    troubles: Vec<String>,
+    /// How many times this run has been told anew.
+    telling: u32,
+}
+
+impl Scene {
+    /// A run that has not begun.
+    pub fn new(plan: &Plan, messages: bool) -> Scene {
+        let beginning = Beginning::of(plan, messages);
+        let width = Span(beginning.beat * 1_000);
+        let modules = beginning.start.len();
+        Scene {
+            flow: Flow::new(modules, width),
+            stances: beginning.start.clone(),
+            beginning,
+            events: Vec::new(),
+            forgotten: 0,
+            standings: vec![None; modules],
+            asked: Vec::new(),
+            obstacles: BTreeSet::new(),
+            goal: None,
+            moving: BTreeSet::new(),
+            dead: BTreeSet::new(),
+            now: Time::ZERO,
+            outcome: None,
+            over: false,
+            report: None,
+            troubles: Vec::new(),
+            telling: 0,
+        }
+    }
+
+    /// Something happens.
+    pub fn note(&mut self, now: Time, event: Event) {
+        self.reach(now);
+        if let Event::Started(id) = event {
+            self.dead.remove(&id);
+        }
+        self.push(now, event);
+    }
+    fn push(&mut self, at: Time, event: Event) {
+        match self.events.len() {
+            MOST_EVENTS => self.forgotten += 1,
+            _ => self.events.push((at, event)),
+        }
+    }
+    /// The run has come so far. Time does not go back: returns how far it has come.
+    pub fn reach(&mut self, now: Time) -> Time {
+        if now > self.now {
+            self.begin_asked();
+            let width = self.flow.width();
+            if now.0 / width.0 > self.now.0 / width.0 {
+                self.count();
+            }
+            self.now = now;
+        }
+        self.now
+    }
+    /// What was not refused at once has begun.
+    fn begin_asked(&mut self) {
+        for (at, id, doing) in std::mem::take(&mut self.asked) {
+            self.moving.insert(id);
+            self.push(at, Event::Does(id, doing));
+        }
+    }
+    /// Counts the cells of the goal that are filled, or its seeds.
+    fn count(&mut self) {
+        let number = self.goal.map_or(0, |(goal, _)| goal);
+        let Some(goal) = self.beginning.goals.get(usize::from(number)) else { return };
+        let standings = self.standings.iter().flatten().filter(|s| s.role == FILLS);
+        let (filled, all) = if self.beginning.body.is_some() {
+            let seeds: BTreeSet<i32> = standings.map(|s| s.place).collect();
+            (seeds.len(), goal.cells.len() / 4)
+        } else {
+            let fills = |i: usize| {
+                let id = ModuleId(i as u32);
+                // A dead body that is still on its way fills nothing.
+                let stands = self.dead.contains(&id) && !self.moving.contains(&id);
+                let is_final = |s: Standing| s.role == FILLS && s.place == i32::from(number);
+                stands || (!self.dead.contains(&id) && self.standings[i].is_some_and(is_final))
+            };
+            let inside = |(i, stance): (usize, &Stance)| goal.has(stance) && fills(i);
+            (self.stances.iter().enumerate().filter(|s| inside(*s)).count(), goal.cells.len())
+        };
+        self.flow.progress(self.now, filled as u64, all as u64);
+    }
+    /// Where a body stands now.
+    pub fn placed(&mut self, id: ModuleId, stance: Stance) {
+        if let Some(known) = self.stances.get_mut(id.index()) {
+            *known = stance;
+        }
+    }
+    /// The process of a module is gone.
+    pub fn died(&mut self, now: Time, id: ModuleId) {
+        self.dead.insert(id);
+        self.note(now, Event::Died(id));
+    }
+    /// A body is asked to do something.
+    pub fn asked(&mut self, now: Time, id: ModuleId, doing: Doing) {
+        self.reach(now);
+        self.asked.push((now, id, doing));
+    }
+    /// How it went.
+    pub fn went(&mut self, now: Time, id: ModuleId, fate: Fate) {
+        self.reach(now);
+        match fate {
+            Fate::Done => {
+                self.moving.remove(&id);
+                self.flow.moved(now);
+            }
+            Fate::Failed => {
+                self.moving.remove(&id);
+                self.push(now, Event::Failed(id));
+            }
+            Fate::Refused => {
+                if let Some(i) = self.asked.iter().rposition(|(_, whose, _)| *whose == id) {
+                    self.asked.remove(i);
+                }
+            }
+        }
+    }
+    /// A module tells of itself. What shows nothing new is left out.
+    pub fn tells(&mut self, now: Time, id: ModuleId, standing: Standing) {
+        let Some(last) = self.standings.get_mut(id.index()) else { return };
+        if last.replace(standing) != Some(standing) {
+            self.note(now, Event::Tells(id, standing));
+        }
+    }
+    /// A fault has struck a module or a cell.
+    pub fn struck(&mut self, at: Time, id: Option<ModuleId>, cell: Option<Cell>, fault: &str, effect: &str) {
+        self.note(at, Event::Struck(id, fault.to_owned(), effect.to_owned()));
+        let Some(cell) = cell else { return };
+        let changed = match fault.starts_with("unblock") {
+            true => self.obstacles.remove(&cell),
+            // Nothing comes into a cell with a body in it.
+            false => effect.ends_with("the cell was free") && self.obstacles.insert(cell),
+        };
+        if changed {
+            self.note(at, Event::Obstacles(self.obstacles.iter().copied().collect()));
+        }
+    }
+    /// This goal is built from now on.
+    pub fn goal(&mut self, now: Time, goal: u16, shift: (i16, i16)) {
+        if self.goal.replace((goal, shift)) != Some((goal, shift)) {
+            self.note(now, Event::Goal(goal, shift));
+        }
+    }
+    /// Messages and progress over time.
+    pub fn flow(&mut self) -> &mut Flow {
+        &mut self.flow
+    }
+    /// What could not be read, or is missing.
+    pub fn trouble(&mut self, what: String) {
+        if self.troubles.len() < MOST_TROUBLES {
+            self.troubles.push(what);
+        }
+    }
+    /// The same, all of it.
+    pub fn troubles(&self) -> &[String] {
+        &self.troubles
+    }
+    /// How the run ended, as its journal tells.
+    pub fn ended(&mut self, outcome: &str) {
+        self.outcome = Some(outcome.to_owned());
+    }
+    /// Nothing follows.
+    pub fn end(&mut self, troubles: Vec<String>) {
+        self.close(self.now);
+        troubles.into_iter().for_each(|trouble| self.trouble(trouble));
+    }
+    /// The run is over, and this is its report.
+    pub fn finish(&mut self, report: Report) {
+        let end = Time((report.time.virtual_s * 1e9) as u64);
+        self.close(self.now.max(end));
+        self.report = Some(report);
+    }
+    fn close(&mut self, end: Time) {
+        self.reach(end);
+        self.begin_asked();
+        self.count();
+        self.flow.finish(end);
+        self.over = true;
+    }
+    /// This is told instead of another scene of the same run.
+    pub fn succeed(&mut self, other: &Scene) {
+        self.telling = other.telling + 1;
+    }
+    /// Stretches of time with what was counted in them, and how long each is.
+    pub fn bins(&self) -> (Span, &[Bin]) {
+        (self.flow.width(), self.flow.bins())
+    }
+
+    /// How it began.
+    pub fn beginning(&self) -> Value {
+        json!(self.beginning)
+    }
+
+    /// What happened after the first `from` events; and the totals of the stretches of time from `bin`
+    /// on, or of all if they are not as wide (in microseconds) as the reader thinks.
+    pub fn since(&self, from: usize, bin: usize, width: u64) -> Value {
+        let from = from.min(self.events.len());
+        let until = (from + EVENTS_AT_ONCE).min(self.events.len());
+        let events: Vec<Value> =
+            self.events[from..until].iter().map(|(at, e)| told(micros(*at), e)).collect();
+        let present = self.flow.width().0 / 1_000;
+        let first = if width == present { bin.min(self.flow.bins().len()) } else { 0 };
+        let total = |b: &Bin| json!([b.totals, b.moves, b.filled, b.goal]);
+        json!({
+            "events": events,
+            "next": until,
+            "more": until < self.events.len(),
+            "forgotten": self.forgotten,
+            "now": micros(self.now),
+            "width": present,
+            "first": first,
+            "totals": self.flow.bins()[first..].iter().map(total).collect::<Vec<_>>(),
+            "over": self.over,
+            "report": self.report,
+            "outcome": self.report.as_ref().map(|r| &r.outcome).or(self.outcome.as_ref()),
+            "troubles": self.troubles,
+            "telling": self.telling,
+        })
+    }
+
+    /// Who talked to whom in some stretches of time.
+    pub fn talk(&self, first: usize, count: usize) -> Value {
+        let bins = self.flow.bins();
+        let first = first.min(bins.len());
+        let until = first.saturating_add(count).min(bins.len());
+        let flat = |b: &Bin| -> Vec<u32> {
+            b.edges.iter().flat_map(|e| [e.from.0, e.to.0].into_iter().chain(e.counts)).collect()
+        };
+        let locks = |b: &Bin| -> Vec<u32> { b.locks.iter().flat_map(|(h, o)| [h.0, o.0]).collect() };
+        let bin = |b: &Bin| json!({ "edges": flat(b), "gradient": b.gradient, "locks": locks(b) });
+        json!({
+            "width": self.flow.width().0 / 1_000,
+            "first": first,
+            "bins": bins[first..until].iter().map(bin).collect::<Vec<_>>(),
+        })
+    }
+
+    /// The last messages of a module at a time.
+    pub fn messages(&self, id: ModuleId, at: u64) -> Value {
+        // Everything within the microsecond that the page means.
+        let at = Time(at.saturating_mul(1_000).saturating_add(999));
+        json!({ "messages": self.flow.last_of(id, at, LAST_MESSAGES) })
+    }
+}

@@ -1,0 +1,169 @@
+//! Writes a scene from the records of a run, whether they come from a run that goes on or from its
+//! journal: one way from what happened to what is shown.
+//!
+//! Of processes that run only the controller's records come by; what agents say to each other is in
+//! their parts of the journal.
+
+use super::scene::{Event, Scene};
+use super::visible::Visible;
+use crate::journal::{HeadError, JournalError};
+use crate::scenario::{Plan, Swarm};
+use metamorph_protocol::cube::Cube;
+use metamorph_protocol::journal::{self, Record, Sensation, Sink, Taken, Wanted, Who};
+use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::WireError;
+use metamorph_sim_bridge::chronicle::Log;
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use thiserror::Error;
+
+/// Why a journal cannot be shown.
+#[derive(Debug, Error)]
+pub enum ReadError {
+    /// It is none.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// Its head makes no sense.
+    #[error(transparent)]
+    Head(#[from] HeadError),
+}
+
+/// A scene that is written on one side and read on another.
+#[derive(Clone, Debug)]
+pub struct Shared(Arc<Mutex<Scene>>);
+
+impl Shared {
+    /// Shares a scene.
+    pub fn new(scene: Scene) -> Shared {
+        Shared(Arc::new(Mutex::new(scene)))
+    }
+    /// The scene. A reader that has panicked leaves it as it was.
+    pub fn lock(&self) -> MutexGuard<'_, Scene> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+    /// Puts another telling of the same run in its place. Pages begin anew.
+    pub fn replace(&self, mut scene: Scene) {
+        let mut shared = self.lock();
+        scene.succeed(&shared);
+        *shared = scene;
+    }
+    /// The scene itself, when whoever wrote it is done.
+    pub fn into_inner(self) -> Scene {
+        let alone = Arc::try_unwrap(self.0).expect("invariant: whoever fills a scene lets go of it");
+        alone.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Where the records of a run shall go so that a scene is made of them.
+pub fn log(plan: &Plan, scene: &Shared) -> Log {
+    let scene = scene.clone();
+    match &plan.swarm {
+        Swarm::Cubes(cubes) => {
+            let places = cubes.cells.to_vec();
+            Rc::new(RefCell::new(Scribe::<Cube> { setup: Arc::clone(&cubes.setup), places, scene }))
+        }
+        Swarm::Metamodules(m) => {
+            let places = m.poses.clone();
+            Rc::new(RefCell::new(Scribe::<Metamodule> { setup: Arc::clone(&m.setup), places, scene }))
+        }
+    }
+}
+
+/// One log for two, if there are two.
+pub fn both(first: Option<Log>, second: Option<Log>) -> Option<Log> {
+    match (first, second) {
+        (Some(first), Some(second)) => Some(Rc::new(RefCell::new(Both(first, second)))),
+        (first, second) => first.or(second),
+    }
+}
+
+struct Both(Log, Log);
+
+impl Sink for Both {
+    fn put(&mut self, record: &Record) {
+        self.0.borrow_mut().put(record);
+        self.1.borrow_mut().put(record);
+    }
+    fn commit(&mut self) {
+        self.0.borrow_mut().commit();
+        self.1.borrow_mut().commit();
+    }
+}
+
+struct Scribe<A: Visible> {
+    setup: Arc<A::Setup>,
+    /// Where bodies stand.
+    places: Vec<A::Place>,
+    scene: Shared,
+}
+
+impl<A: Visible> Scribe<A> {
+    fn write(&mut self, at: Time, who: Who, event: &journal::Event) -> Result<(), WireError> {
+        use journal::Event as E;
+        let mut scene = self.scene.lock();
+        // Agents of a process run may be a moment ahead of what the controller has written down.
+        let at = scene.reach(at);
+        let own = match who {
+            Who::Agent(id, _) => Some(id),
+            Who::Controller => None,
+        };
+        match event {
+            E::Start { id, place, .. } | E::Placed { id, place } => {
+                if let Some(known) = self.places.get_mut(id.index()) {
+                    *known = place.read()?;
+                    scene.placed(*id, A::stance(&self.setup, known));
+                }
+            }
+            E::Act { id, action, .. } => {
+                let action: A::Action = action.read()?;
+                let place = self.places.get(id.index());
+                if let Some(doing) = place.and_then(|place| A::doing(&self.setup, place, &action)) {
+                    scene.asked(at, *id, doing);
+                }
+            }
+            E::Sensed { id, sensed: Sensation::Percept(percept) } => {
+                scene.went(at, *id, A::fate(&percept.read()?));
+            }
+            E::Report { id, report } => scene.tells(at, *id, A::standing(&report.read()?)),
+            E::Started { id } if at > Time::ZERO => scene.note(at, Event::Started(*id)),
+            E::Died { id } => scene.died(at, *id),
+            E::Command(Wanted::Pause(id)) => scene.note(at, Event::Paused(*id)),
+            E::Command(Wanted::Resume(id)) => scene.note(at, Event::Resumed(*id)),
+            E::Command(Wanted::Order(_, order)) => {
+                if let Some((goal, shift)) = A::goal(&order.read()?) {
+                    scene.goal(at, goal, shift);
+                }
+            }
+            E::Struck { fault, module, cell, effect } => scene.struck(at, *module, *cell, fault, effect),
+            E::Step(step) => {
+                if let (Some(id), Taken::Message { class, name, message, .. }) = (own, &step.input) {
+                    let said = A::said(&message.read()?);
+                    scene.flow().delivered(at, name.from, id, *class, said);
+                }
+            }
+            E::State(summary) => {
+                if let Some(id) = own {
+                    scene.flow().state(at, id, A::moves(summary.gradient), summary.lock);
+                }
+            }
+            E::Torn | E::Resumed => {
+                scene.trouble(format!("from {at} on, the records of {who} are not whole"))
+            }
+            E::Ended { outcome, .. } => scene.ended(outcome),
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+impl<A: Visible> Sink for Scribe<A> {
+    fn put(&mut self, record: &Record) {
+        if let Err(error) = self.write(record.at, record.who, &record.event) {
+            let what = format!("a record of {} at {} makes no sense: {error}", record.who, record.at);
+            self.scene.lock().trouble(what);
+        }
+    }
+    fn commit(&mut self) {}
+}

@@ -1,0 +1,141 @@
+//! The server of the page: on the loopback interface, behind the gate, on a thread of its own. It
+//! hands out the files that are in the program and the scene as JSON, and nothing else.
+
+use super::gate::{Gate, Token};
+use super::scribe::Shared;
+use axum::Router;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::header::{
+    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderName, HeaderValue, REFERRER_POLICY,
+    X_CONTENT_TYPE_OPTIONS,
+};
+use axum::http::{Request, Response, StatusCode};
+use metamorph_protocol::ids::ModuleId;
+use serde_json::Value;
+use std::io;
+use std::net::{Ipv4Addr, TcpListener};
+use std::sync::Arc;
+use thiserror::Error;
+
+/// Stretches of time handed out at once.
+const BINS_AT_ONCE: usize = 64;
+/// The page may use what comes from this server, and nothing else; no other page may show it.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
+                      img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// The files of the page: what they are called, of which type they are, what is in them.
+const FILES: [(&str, &str, &str); 10] = [
+    ("", "text/html; charset=utf-8", include_str!("page/index.html")),
+    ("style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
+    ("main.js", JS, include_str!("page/main.js")),
+    ("story.js", JS, include_str!("page/story.js")),
+    ("bodies.js", JS, include_str!("page/bodies.js")),
+    ("camera.js", JS, include_str!("page/camera.js")),
+    ("drawing.js", JS, include_str!("page/drawing.js")),
+    ("picture.js", JS, include_str!("page/picture.js")),
+    ("timeline.js", JS, include_str!("page/timeline.js")),
+    ("panel.js", JS, include_str!("page/panel.js")),
+];
+const JS: &str = "text/javascript; charset=utf-8";
+
+/// Why there is no page.
+#[derive(Debug, Error)]
+pub enum ServerError {
+    /// No port, or no thread.
+    #[error("the page cannot be served on this machine's loopback address: {0}")]
+    Listen(#[from] io::Error),
+}
+
+/// A page that is being served, until the program ends.
+#[derive(Debug)]
+pub struct Server {
+    address: String,
+}
+
+struct Inside {
+    gate: Gate,
+    scene: Shared,
+}
+
+impl Server {
+    /// Serves a scene from now on.
+    pub fn start(scene: Shared) -> Result<Server, ServerError> {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
+        listener.set_nonblocking(true)?;
+        let gate = Gate::new(Token::random()?, listener.local_addr()?.port());
+        let address = gate.address();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let app = Router::new().fallback(answer).with_state(Arc::new(Inside { gate, scene }));
+        let listener = {
+            let _entered = runtime.enter();
+            tokio::net::TcpListener::from_std(listener)?
+        };
+        std::thread::Builder::new().name("page".into()).spawn(move || {
+            if let Err(error) = runtime.block_on(async { axum::serve(listener, app).await }) {
+                tracing::error!("the page is no longer served: {error}");
+            }
+        })?;
+        Ok(Server { address })
+    }
+
+    /// The address to open, with its token.
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+}
+
+async fn answer(State(inside): State<Arc<Inside>>, request: Request<Body>) -> Response<Body> {
+    let uri = request.uri();
+    let (status, kind, body) = match inside.gate.admit(request.method(), request.headers(), uri.path()) {
+        Err(refusal) => {
+            let (status, text) = refusal.answer();
+            (status, TEXT, Body::from(text))
+        }
+        Ok(rest) => match (file(rest), data(&inside.scene, rest, uri.query().unwrap_or_default())) {
+            (Some((kind, text)), _) => (StatusCode::OK, kind, Body::from(text)),
+            (None, Some(value)) => (StatusCode::OK, "application/json", Body::from(value.to_string())),
+            (None, None) => (StatusCode::NOT_FOUND, TEXT, Body::from("not found\n")),
+        },
+    };
+    let mut response = Response::new(body);
+    *response.status_mut() = status;
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (CONTENT_TYPE, kind),
+        (CONTENT_SECURITY_POLICY, POLICY),
+        (CACHE_CONTROL, "no-store"),
+        (REFERRER_POLICY, "no-referrer"),
+        (X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+        (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+const TEXT: &str = "text/plain; charset=utf-8";
+
+fn file(name: &str) -> Option<(&'static str, &'static str)> {
+    FILES.into_iter().find(|(n, ..)| *n == name).map(|(_, kind, text)| (kind, text))
+}
+
+/// What of the scene is asked for. Numbers that are missing or wrong count as zero.
+fn data(scene: &Shared, name: &str, query: &str) -> Option<Value> {
+    let number = |key: &str| -> u64 {
+        let value = query.split('&').filter_map(|pair| pair.split_once('=')).find(|(k, _)| *k == key);
+        value.and_then(|(_, v)| v.parse().ok()).unwrap_or(0)
+    };
+    let place = |key| usize::try_from(number(key)).unwrap_or(usize::MAX);
+    Some(match name {
+        "scene" => scene.lock().beginning(),
+        "events" => scene.lock().since(place("from"), place("bin"), number("width")),
+        "talk" => scene.lock().talk(place("first"), place("count").min(BINS_AT_ONCE)),
+        "messages" => {
+            let id = u32::try_from(number("id")).unwrap_or(u32::MAX);
+            scene.lock().messages(ModuleId(id), number("at"))
+        }
+        _ => return None,
+    })
+}
