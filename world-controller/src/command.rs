@@ -4,6 +4,7 @@ use crate::reproduce::{self, Experiment};
 use crate::robot::RobotArgs;
 use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, Overrides};
+use crate::solid::shape::ShapeArgs;
 use crate::sweep::Request;
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 use std::ffi::OsString;
@@ -98,6 +99,24 @@ Exit codes:
   6  an invariant broke in at least one run, such as two modules in one cell
   7  stopped by Ctrl-C or SIGTERM before every run was done";
 
+const SHAPE_EXAMPLES: &str = "\
+Examples:
+  metamorph shape deploy/shapes/table.obj --pitch 10
+  metamorph shape deploy/shapes/rabbit.stl --cells 14 --svg rabbit.svg --write rabbit.toml
+  metamorph shape config.xml --part blocks
+  metamorph shape config.xml --write case.toml
+
+A cell is filled if its middle is inside the solid. What a scenario needs to have the same goal is
+    shape = { file = { path = \"rabbit.stl\", pitch = 10 } }
+The written scenario lists the cells themselves and needs the file no more. Its modules start in a
+slab below the goal, or where the configuration has them.
+
+Exit codes:
+  0  it can be built, as far as can be said before a run
+  1  a file could not be written
+  2  the command line or the file is wrong, or something cannot be built; every complaint names its
+     place, reason and fix";
+
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
 and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
@@ -135,6 +154,9 @@ pub enum Command {
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
+    /// Show what a solid from a CAD program becomes, and write it as a scenario
+    #[command(after_help = SHAPE_EXAMPLES)]
+    Shape(ShapeArgs),
     /// Remove what killed runs left behind
     #[command(after_help = CLEAN_EXAMPLES)]
     Clean,

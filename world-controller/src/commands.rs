@@ -10,6 +10,7 @@ use crate::reproduce::reproduce;
 use crate::robot::{self, RobotError};
 use crate::scenario::{LinkKind, Overrides, Plan, read_file};
 use crate::simulated::run_simulated;
+use crate::solid::shape::{ShapeError, shape};
 use crate::stopwatch::Stopwatch;
 use crate::sweep::{SweepError, sweep};
 use crate::terminal::{Channel, Live, complain, print_out};
@@ -60,6 +61,9 @@ enum Failure {
     /// A sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
+    /// There is no shape.
+    #[error(transparent)]
+    Shape(#[from] ShapeError),
     /// The Roombots model has no answer.
     #[error("metamorph: {0}")]
     Robot(#[from] RobotError),
@@ -70,7 +74,8 @@ impl Failure {
         match self {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
-            Failure::Sweep(_) => FAILED,
+            Failure::Shape(error) if error.is_input() => BAD_USAGE,
+            Failure::Shape(_) | Failure::Sweep(_) => FAILED,
             Failure::Input(_) | Failure::Json { .. } => BAD_USAGE,
             Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
         }
@@ -108,6 +113,11 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
+        Command::Shape(args) => {
+            let shown = shape(&args)?;
+            print_out(&shown.text);
+            Ok(if shown.buildable { 0 } else { BAD_USAGE })
+        }
         Command::Clean => {
             print_out(&processes::clean_up()?);
             Ok(0)
