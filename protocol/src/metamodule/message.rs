@@ -19,8 +19,10 @@ pub struct State {
     pub pose: Pose,
     /// It fills a seed and stays.
     pub settled: bool,
-    /// It cannot move now: its joints do not turn, or it is cornered.
+    /// Its joints do not turn.
     pub stuck: bool,
+    /// It has no way out of a more important way now.
+    pub cornered: bool,
     /// What it builds.
     pub task: Task,
     /// The seeds of it that it knows to be filled.
@@ -200,7 +202,7 @@ impl Wire for Message {
                 out.u32(s.id.0);
                 out.u32(s.sequence);
                 pose(out, s.pose);
-                out.u8(u8::from(s.settled) | u8::from(s.stuck) << 1);
+                out.u8(u8::from(s.settled) | u8::from(s.stuck) << 1 | u8::from(s.cornered) << 2);
                 s.task.encode(out);
                 out.u32(s.filled.0);
                 out.u8(s.claim.map_or(u8::MAX, |c| c.seed));
@@ -243,7 +245,7 @@ impl Wire for Message {
                 let (id, sequence) = (ModuleId(from.u32()?), from.u32()?);
                 let pose = Pose::decode(from)?;
                 let flags = from.u8()?;
-                if flags > 3 {
+                if flags > 7 {
                     return Err(WireError::Field("flags"));
                 }
                 let (task, filled) = (Task::decode(from)?, SeedSet(from.u32()?));
@@ -252,9 +254,20 @@ impl Wire for Message {
                     (seed, cost) if usize::from(seed) < MAX_SEEDS => Some(Claim { seed, cost }),
                     _ => return Err(WireError::Field("claim")),
                 };
-                let (settled, stuck) = (flags & 1 != 0, flags & 2 != 0);
+                let [settled, stuck, cornered] = [1, 2, 4].map(|flag| flags & flag != 0);
                 let barred = SeedSet(from.u32()?);
-                Message::State(State { id, sequence, pose, settled, stuck, task, filled, claim, barred })
+                Message::State(State {
+                    id,
+                    sequence,
+                    pose,
+                    settled,
+                    stuck,
+                    cornered,
+                    task,
+                    filled,
+                    claim,
+                    barred,
+                })
             }
             17 => Message::Request {
                 origin: ModuleId(from.u32()?),
@@ -541,6 +554,7 @@ mod tests {
             pose: a_pose(),
             settled: true,
             stuck: false,
+            cornered: true,
             task: a_task(),
             filled: SeedSet(3),
             claim: None,

@@ -126,13 +126,12 @@ impl Metamodule {
         self.core.settled
     }
     /// The cells that it holds a lock on, for audits; none while it holds no lock.
-    pub fn held(&self, now: Time) -> Vec<Cell> {
-        match &self.core.phase {
-            Phase::Moving { plan, until, .. } if now <= *until => {
-                self.setup.motions.swept(plan.from.state, plan.sweep).collect()
-            }
-            _ => Vec::new(),
-        }
+    pub fn held(&self, now: Time) -> impl Iterator<Item = Cell> + '_ {
+        let plan = match &self.core.phase {
+            Phase::Moving { plan, until, .. } if now <= *until => Some(plan),
+            _ => None,
+        };
+        plan.into_iter().flat_map(|plan| self.setup.motions.swept(plan.from.state, plan.sweep))
     }
 
     fn broadcast(&mut self, class: Class, message: Message) {
@@ -149,7 +148,8 @@ impl Metamodule {
             sequence: c.sequence,
             pose: c.pose,
             settled: c.settled.is_some(),
-            stuck: c.stuck.is_some() || c.intent.is_cornered(),
+            stuck: c.stuck.is_some(),
+            cornered: c.intent.is_cornered(),
             task: c.task,
             filled: c.filled,
             claim: c.intent.claim,

@@ -82,17 +82,34 @@ struct Other {
 
 /// What is around.
 struct Scene {
-    /// Cells of what does not move: the built, the dead, the stuck, obstacles.
+    /// Cells of what does not move: the built, the dead, the stuck, the cornered, obstacles.
     fixed: Vec<Cell>,
     free: Vec<Other>,
+    /// Where everybody stands who has no seed yet and may still get to one.
+    hopeful: Vec<Pose>,
     /// All cells to keep out of now: fixed ones, bodies, grants.
     taken: Vec<Cell>,
+    /// All cells of what will not move when the goal is built.
+    built: Vec<Cell>,
+    /// The corners of the rectangle around the feet of all seeds.
+    zone: ((i16, i16), (i16, i16)),
 }
 
 impl Scene {
     /// All cells with something in them.
     fn bodies(&self) -> Vec<Cell> {
         self.fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells)).collect()
+    }
+    /// Whether whoever has come from one connector to another is not shut in any more.
+    fn is_away(&self, from: (i16, i16), to: (i16, i16)) -> bool {
+        to.0.abs_diff(from.0).max(to.1.abs_diff(from.1)) >= AWAY || self.is_beyond(to.0, to.1, 4)
+    }
+    /// Whether a connector is more than so many cells away from those of the seeds.
+    fn is_beyond(&self, x: i16, y: i16, by: i16) -> bool {
+        let (min, max) = self.zone;
+        // Without a seed everything is beyond.
+        let beyond = |v: i16, min: i16, max: i16| v < min.saturating_sub(by) || v > max.saturating_add(by);
+        beyond(x, min.0, max.0) || beyond(y, min.1, max.1)
     }
 }
 
@@ -113,11 +130,15 @@ impl Metamodule {
     fn scene(&self) -> Scene {
         let (core, motions) = (&self.core, &self.setup.motions);
         let mut fixed = self.fixed();
-        let mut free = Vec::new();
+        let (mut free, mut hopeful) = (Vec::new(), Vec::new());
         for (_, peer) in core.peers.iter() {
             let Some(state) = peer.state.filter(|s| !core.dead.contains_key(&s.id)) else { continue };
             let cells = motions.cells(state.pose);
-            if self.stays(&state) || state.stuck {
+            let stays = self.stays(&state) || state.stuck;
+            if !stays {
+                hopeful.push(state.pose);
+            }
+            if stays || state.cornered {
                 fixed.extend(cells);
                 continue;
             }
@@ -135,7 +156,15 @@ impl Metamodule {
         let mut taken = fixed.clone();
         taken.extend(free.iter().flat_map(|o| o.cells));
         taken.extend(core.peers.granted(motions));
-        Scene { fixed, free, taken }
+        let seeds = || self.setup.seeds(core.task).map(|(_, s)| s);
+        let mut built = self.fixed();
+        built.extend(seeds().flat_map(|s| s.cells()));
+        let (far, none) = ((i16::MIN, i16::MIN), (i16::MAX, i16::MAX));
+        let zone = seeds().fold((none, far), |(min, max), s| {
+            let (x, y) = s.foot;
+            ((min.0.min(x), min.1.min(y)), (max.0.max(x), max.1.max(y)))
+        });
+        Scene { fixed, free, hopeful, taken, built, zone }
     }
 
     fn ground<'a>(&'a self, taken: &'a [Cell]) -> Ground<'a> {
@@ -165,7 +194,9 @@ impl Metamodule {
         let is_done = self.core.filled.holds(self.goal().all());
         if in_way_of.is_some() || !(is_first || is_done || self.is_safe(&scene, self.core.id, self.core.pose))
         {
-            let rank = in_way_of.map_or(Rank::NONE, Rank::below);
+            // Until it is in a safe place, the next seed waits for it.
+            let next = self.goal().all().without(self.core.filled).iter().next();
+            let rank = in_way_of.or(next.map(Rank::of_seed)).map_or(Rank::NONE, Rank::below);
             let kept = std::mem::take(&mut self.core.course);
             let plan = self.make_way(&scene, rank);
             if plan.is_none() && in_way_of.is_some() && self.core.course.is_over() {
@@ -279,13 +310,11 @@ impl Metamodule {
     /// Strides to a seed from everybody, around what will be built before it.
     fn strides(&self, scene: &Scene, from: &[(ModuleId, Pose, SeedSet)], number: u8) -> Vec<i64> {
         let Some(seed) = self.setup.seed(self.core.task, number) else { return vec![BARRED; from.len()] };
-        let (motions, floor) = (&self.setup.motions, self.setup.floor);
         let planned = self.planned(scene, number);
         let ground = self.ground(&planned);
-        motions.with_distances(floor, seed, &planned, self.core.pose, |distances| {
-            let strides = |pose: Pose| distances.strides(motions, pose, ground.reach(pose).lands);
-            from.iter().map(|(_, pose, _)| *pose).map(strides).map(|s| s.map_or(FAR, i64::from)).collect()
-        })
+        let distances = self.setup.motions.distances(self.setup.floor, seed, &planned);
+        let strides = |pose: Pose| distances.strides(pose, ground.lands(pose)).map_or(FAR, i64::from);
+        from.iter().map(|(_, pose, _)| strides(*pose)).collect()
     }
 
     /// The seed that falls to this metamodule if all that are nobody's yet are shared out among those
@@ -354,8 +383,9 @@ impl Metamodule {
         let first = self.is_first(scene, claim);
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
-        let walls_in = waited <= patience * (GIVE_UP - 1)
-            && scene.free.iter().any(|o| !self.is_safe(scene, o.id, o.pose));
+        let walls_in = scene.hopeful.iter().any(|p| self.is_shut_in(scene, *p, &scene.built))
+            || (waited <= patience * (GIVE_UP - 1)
+                && scene.free.iter().any(|o| !self.is_safe(scene, o.id, o.pose)));
         let planned = fingerprint(&self.planned(scene, claim.seed));
         if self.core.intent.planned_in == planned
             && let Some(plan) = self.next_leg(scene, &scene.taken, corridor, claim, first, walls_in)
@@ -426,7 +456,7 @@ impl Metamodule {
             if !first && !self.is_safe(scene, self.core.id, Pose { posture, ..pose }) {
                 return None;
             }
-        } else if !first || walls_in {
+        } else if !first || walls_in || !self.keeps_open(scene, claim.seed) {
             return None;
         }
         Plan::to(&ground, pose, posture, aim)
@@ -466,28 +496,41 @@ impl Metamodule {
     /// beside it may need room that the goal will take.
     fn is_safe(&self, scene: &Scene, id: ModuleId, pose: Pose) -> bool {
         let motions = &self.setup.motions;
-        let feet = || self.setup.seeds(self.core.task).map(|(_, s)| s.foot);
-        let beyond = |of: fn((i16, i16)) -> i16, v: i16, by: i16| {
-            let (min, max) = (feet().map(of).min(), feet().map(of).max());
-            min.is_none_or(|min| v < min - by) || max.is_none_or(|max| v > max + by)
-        };
-        let is_beyond = |x: i16, y: i16, by: i16| beyond(|f| f.0, x, by) || beyond(|f| f.1, y, by);
-        if !motions.cells(pose).iter().all(|c| is_beyond(c.x, c.y, 1)) {
+        if !motions.cells(pose).iter().all(|c| scene.is_beyond(c.x, c.y, 1)) {
             return false;
         }
-        let mut taken = self.fixed();
-        taken.extend(self.setup.seeds(self.core.task).flat_map(|(_, s)| s.cells()));
-        taken.extend(scene.free.iter().filter(|o| o.id != id).flat_map(|o| o.cells));
+        let mut taken = scene.built.clone();
+        // In the order of their ids, so that everybody who knows the same asks the same.
+        let (before, after) = scene.free.split_at(scene.free.partition_point(|o| o.id < self.core.id));
+        taken.extend(before.iter().filter(|o| o.id != id).flat_map(|o| o.cells));
         if id != self.core.id {
             taken.extend(motions.cells(self.core.pose));
         }
-        if self.ground(&taken).taken_at(pose) == 0 {
-            return true;
+        taken.extend(after.iter().filter(|o| o.id != id).flat_map(|o| o.cells));
+        !self.is_shut_in(scene, pose, &taken)
+    }
+
+    /// Whether whoever stands like this cannot get away from there around taken cells.
+    fn is_shut_in(&self, scene: &Scene, pose: Pose, taken: &[Cell]) -> bool {
+        if self.ground(taken).taken_at(pose) == 0 {
+            return false;
         }
-        let (x, y) = pose.foot();
-        let away =
-            |to: (i16, i16)| to.0.abs_diff(x).max(to.1.abs_diff(y)) >= AWAY || is_beyond(to.0, to.1, 4);
-        self.ground(&taken).can_get(pose, away)
+        let around = (self.setup.floor, scene.zone, taken.to_vec());
+        !self.setup.motions.ask(pose, around, |(_, _, taken)| {
+            self.ground(taken).can_get(pose, |to| scene.is_away(pose.foot(), to))
+        })
+    }
+
+    /// Whether all seeds that should have been filled before this one can still be got to when it has been.
+    fn keeps_open(&self, scene: &Scene, number: u8) -> bool {
+        let Some(seed) = self.setup.seed(self.core.task, number) else { return true };
+        let before = self.goal().before(number).without(self.core.filled);
+        before.iter().filter_map(|s| Some((s, self.setup.seed(self.core.task, s)?))).all(|(number, other)| {
+            let mut around = self.planned(scene, number);
+            around.extend(seed.cells());
+            let distances = self.setup.motions.distances(self.setup.floor, other, &around);
+            distances.reach(|from| scene.is_away(other.foot, from))
+        })
     }
 
     /// The ways that are more important than a rank, with the cells of each.
