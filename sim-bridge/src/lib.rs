@@ -13,5 +13,6 @@ pub mod metamodule_director;
 pub mod metamodule_world;
 pub mod outcome;
 pub mod sim;
+pub mod still_world;
 pub mod trace;
 pub mod world;

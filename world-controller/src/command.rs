@@ -1,5 +1,6 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
+use crate::reference::{CompletionArgs, ManArgs, SchemaArgs};
 use crate::reproduce::{self, Experiment};
 use crate::robot::RobotArgs;
 use crate::scenario::settings::Setting;
@@ -117,6 +118,20 @@ Exit codes:
   2  the command line or the file is wrong, or something cannot be built; every complaint names its
      place, reason and fix";
 
+const SCHEMA_EXAMPLES: &str = "\
+Examples:
+  metamorph schema > scenario.schema.json
+  metamorph schema report | jq .properties.outcome
+
+An editor with a TOML language server checks a scenario that begins with
+    #:schema scenario.schema.json";
+
+const COMPLETION_EXAMPLES: &str = "\
+Examples:
+  metamorph completions bash > ~/.local/share/bash-completion/completions/metamorph
+  metamorph completions zsh > ~/.zfunc/_metamorph
+  metamorph completions fish > ~/.config/fish/completions/metamorph.fish";
+
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
 and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
@@ -162,6 +177,14 @@ pub enum Command {
     Clean,
     /// Ask the Roombots model: shapes, moves, kinematics, published tables
     Robot(RobotArgs),
+    /// Print the JSON schema of scenarios or reports
+    #[command(after_help = SCHEMA_EXAMPLES)]
+    Schema(SchemaArgs),
+    /// Print a script that completes command lines in a shell
+    #[command(after_help = COMPLETION_EXAMPLES)]
+    Completions(CompletionArgs),
+    /// Write man pages
+    Man(ManArgs),
     /// One agent process; started by `run`
     #[command(hide = true)]
     Agent(AgentArgs),

@@ -4,6 +4,7 @@ use crate::command::{Command, CommandLine, RunArgs};
 use crate::interrupt::Interrupt;
 use crate::overview::overview;
 use crate::processes;
+use crate::reference::{completions, man, schema};
 use crate::report::human;
 use crate::report::schema::Report;
 use crate::reproduce::reproduce;
@@ -52,6 +53,14 @@ enum Failure {
         /// Why.
         error: std::io::Error,
     },
+    /// Man pages could not be written.
+    #[error("{path}: cannot write man pages there: {error}\n  fix: name a directory that is yours")]
+    Pages {
+        /// Where.
+        path: String,
+        /// Why.
+        error: std::io::Error,
+    },
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(std::io::Error),
@@ -77,7 +86,9 @@ impl Failure {
             Failure::Shape(error) if error.is_input() => BAD_USAGE,
             Failure::Shape(_) | Failure::Sweep(_) => FAILED,
             Failure::Input(_) | Failure::Json { .. } => BAD_USAGE,
-            Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
+            Failure::Report { .. } | Failure::Pages { .. } | Failure::Signals(_) | Failure::Processes(_) => {
+                FAILED
+            }
         }
     }
 }
@@ -124,6 +135,19 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
         }
         Command::Robot(args) => {
             robot::run(args)?;
+            Ok(0)
+        }
+        Command::Schema(args) => {
+            print_out(&schema(args.of));
+            Ok(0)
+        }
+        Command::Completions(args) => {
+            print_out(&completions(args.shell));
+            Ok(0)
+        }
+        Command::Man(args) => {
+            let path = args.dir.display().to_string();
+            man(&args).map_err(|error| Failure::Pages { path, error })?;
             Ok(0)
         }
         Command::Agent(args) => {

@@ -6,7 +6,7 @@
 //! shapes of files; `robot` answers questions about the Roombots model, from the
 //! `database` that metamodules move by; `runnable` is what drivers and reports need of each family of
 //! units. `command` is the command line, `commands` carries it out, `terminal` prints what it has to
-//! say.
+//! say (`gauge` while a run is under way), `reference` tells other programs about all of it.
 //!
 //! Deliberately absent: decisions of the protocol (they are in `protocol`) and ground truth about
 //! the world (it is in `sim-bridge`).
@@ -14,9 +14,11 @@
 pub mod command;
 pub mod commands;
 pub mod database;
+pub mod gauge;
 pub mod interrupt;
 pub mod overview;
 pub mod processes;
+pub mod reference;
 pub mod report;
 pub mod reproduce;
 pub mod robot;

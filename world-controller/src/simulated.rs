@@ -51,7 +51,11 @@ fn run<R: Runnable>(
     let mut sim = Sim::new(config, swarm.world(plan), swarm.director(plan));
     let (setup, running) = (since.elapsed(), Stopwatch::start());
     // Slices are only for being watched; where they end has no effect on the run.
-    while watch(sim.now(), &|| R::progress(sim.director())) && !sim.run_until(sim.now() + swarm.beat()) {}
+    while watch(sim.now(), &|| Progress {
+        messages: Some(sim.tally().total().sent),
+        ..R::progress(sim.director())
+    }) && !sim.run_until(sim.now() + swarm.beat())
+    {}
     let (violations, broken) = sim.violations();
     report(&Facts {
         plan,
