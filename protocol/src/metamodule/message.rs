@@ -154,6 +154,8 @@ pub enum Message {
         pose: Pose,
         /// All cells of the move, seen from there.
         sweep: Sweep,
+        /// The posture at its end.
+        ends: u16,
     },
     /// The answer.
     Response {
@@ -170,6 +172,8 @@ pub enum Message {
         origin: ModuleId,
         /// Its attempt.
         token: Token,
+        /// Where it has got to.
+        pose: Pose,
     },
 }
 
@@ -220,22 +224,24 @@ impl Wire for Message {
                     wide(out, leg.sweep.0);
                 }
             }
-            Message::Request { origin, token, rank, age, pose: p, sweep } => {
+            Message::Request { origin, token, rank, age, pose: p, sweep, ends } => {
                 out.u32(origin.0);
                 out.u32(token.0);
                 out.u16(rank.0);
                 out.u64(age.0);
                 pose(out, p);
                 wide(out, sweep.0);
+                out.u16(ends);
             }
             Message::Response { from, token, denial } => {
                 out.u32(from.0);
                 out.u32(token.0);
                 out.u8(denial.map_or(0, |d| d as u8));
             }
-            Message::Release { origin, token } => {
+            Message::Release { origin, token, pose: p } => {
                 out.u32(origin.0);
                 out.u32(token.0);
+                pose(out, p);
             }
         }
     }
@@ -276,6 +282,7 @@ impl Wire for Message {
                 age: Span(from.u64()?),
                 pose: Pose::decode(from)?,
                 sweep: sweep(from)?,
+                ends: from.u16()?,
             },
             20 => {
                 let (id, sequence, rank) = (ModuleId(from.u32()?), from.u32()?, Rank(from.u16()?));
@@ -292,7 +299,11 @@ impl Wire for Message {
                 token: Token(from.u32()?),
                 denial: Denial::decode(from.u8()?)?,
             },
-            19 => Message::Release { origin: ModuleId(from.u32()?), token: Token(from.u32()?) },
+            19 => Message::Release {
+                origin: ModuleId(from.u32()?),
+                token: Token(from.u32()?),
+                pose: Pose::decode(from)?,
+            },
             _ => return Err(WireError::Kind(kind)),
         })
     }
@@ -585,12 +596,12 @@ mod tests {
         }
         let rank = Rank::NONE;
         let (origin, token, sweep) = (ModuleId(7), Token(8), Sweep(1 << 127 | 5));
-        round_trip(&Message::Request { origin, token, rank, age: Span(u64::MAX), pose: p, sweep });
+        round_trip(&Message::Request { origin, token, rank, age: Span(u64::MAX), pose: p, sweep, ends: 7 });
         for d in 0..5 {
             let denial = Denial::decode(d).unwrap();
             round_trip(&Message::Response { from: origin, token, denial });
         }
-        round_trip(&Message::Release { origin, token });
+        round_trip(&Message::Release { origin, token, pose: p });
         for deed in [Deed::Turn(4031), Deed::Attach, Deed::Detach] {
             round_trip(&Action { deed, not_after: Time(77) });
         }
@@ -624,16 +635,17 @@ mod tests {
             age: Span(9),
             pose: a_pose(),
             sweep: Sweep(0x0102 | 0x03 << 120),
+            ends: 0x0506,
         };
         let bytes = Frame::seal(header(17), &message).to_bytes();
         assert_eq!(
-            &bytes[HEADER..HEADER + 42],
+            &bytes[HEADER..HEADER + 44],
             &[
                 7, 0, 0, 0, 0x0B, 0x0A, 0, 0, 4, 3, 9, 0, 0, 0, 0, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 2,
-                1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3
+                1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3, 6, 5
             ]
         );
-        assert_eq!(message.wire_len(), HEADER + 42);
+        assert_eq!(message.wire_len(), HEADER + 44);
     }
 
     #[test]

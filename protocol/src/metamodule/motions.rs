@@ -55,8 +55,8 @@ type Counted = (Floor, Seed, Vec<Cell>);
 /// Counts of strides kept, and answers about whole floors.
 const KEPT: (usize, usize) = (256, 1 << 13);
 
-/// What stands on a floor, and the corners of a rectangle on it.
-pub type Around = (Floor, ((i16, i16), (i16, i16)), Vec<Cell>);
+/// What stands on a floor.
+pub type Around = (Floor, Vec<Cell>);
 
 impl LaidOut {
     fn new(database: &Database, kind: Kind) -> LaidOut {
@@ -117,7 +117,7 @@ impl Motions {
     /// same question must be asked every time.
     pub fn ask(&self, pose: Pose, around: Around, find: impl FnOnce(&Around) -> bool) -> bool {
         let state = pack(pose.state.x, pose.state.y, pose.posture as i16) << 2 | u64::from(pose.state.class);
-        let hash = mix(hash(&around.2), state);
+        let hash = mix(hash(&around.1), state);
         self.laid_out.answers.answer(hash, (pose, around), |(_, around)| find(around))
     }
     /// The number of the chain of these cells of the foot frame.
