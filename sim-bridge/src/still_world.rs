@@ -1,8 +1,7 @@
-//! Bodies that stand still on the cubic lattice and touch their neighbours with six faces: the world
-//! for a protocol that only talks. Any agent whose place is a cell can live in it.
+//! A world in which nothing moves: a dense block of modules, each touching its six neighbours.
 //!
-//! Deliberately absent: motion. An agent cannot ask such a body for anything, so its actions and
-//! percepts are [`Never`].
+//! For agents that only talk, and for measuring the kernel: it keeps nothing per module, not even
+//! contacts, which follow from the number of a module. Absent: actions and whatever they change.
 
 use crate::invariants::Violation;
 use crate::sim::{Agents, Audited};
@@ -12,60 +11,51 @@ use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Never;
-use std::collections::{BTreeMap, VecDeque};
 use std::marker::PhantomData;
 
-/// The world. A port is a face, by its number.
-#[derive(Clone, Debug)]
+/// A block of modules, numbered along z, then y, then x. `A` is the agent in each.
 pub struct StillWorld<A> {
-    cells: Vec<Cell>,
-    at: BTreeMap<Cell, ModuleId>,
-    lives: Vec<Incarnation>,
-    revisions: Vec<Revision>,
-    sessions: u32,
-    sensed: VecDeque<(ModuleId, Sensed<Never>)>,
-    agents: PhantomData<A>,
+    sides: [u32; 3],
+    /// Modules started so far, in the order of their numbers, and how many contacts were told of.
+    started: u32,
+    told: u32,
+    agent: PhantomData<A>,
 }
 
-impl<A: Agent<Place = Cell, Action = Never, Percept = Never>> StillWorld<A> {
-    /// A body in each of these cells, numbered in their order. A cell that is named twice counts once.
-    pub fn new(cells: &[Cell]) -> StillWorld<A> {
-        let mut world = StillWorld {
-            cells: Vec::new(),
-            at: BTreeMap::new(),
-            lives: Vec::new(),
-            revisions: Vec::new(),
-            sessions: 0,
-            sensed: VecDeque::new(),
-            agents: PhantomData,
-        };
-        for cell in cells {
-            let id = ModuleId(world.cells.len() as u32);
-            if let std::collections::btree_map::Entry::Vacant(free) = world.at.entry(*cell) {
-                free.insert(id);
-                world.cells.push(*cell);
-                world.lives.push(Incarnation(0));
-                world.revisions.push(Revision(0));
-            }
-        }
-        world
+impl<A> StillWorld<A> {
+    /// A block with so many modules along x, y and z; at most 1,000 along each.
+    pub fn new(sides: [u16; 3]) -> StillWorld<A> {
+        StillWorld { sides: sides.map(|n| n.min(1_000).into()), started: 0, told: 0, agent: PhantomData }
     }
 
-    /// The module outside a face.
-    fn neighbour(&self, id: ModuleId, face: Face) -> Option<ModuleId> {
-        self.at.get(&self.cells[id.index()].step(face)).copied()
+    /// The number of contacts between two modules.
+    pub fn contacts(&self) -> u64 {
+        let [x, y, z] = self.sides.map(u64::from);
+        let along = |n: u64, area: u64| n.saturating_sub(1) * area;
+        along(x, y * z) + along(y, x * z) + along(z, x * y)
     }
 
-    fn sense(&mut self, id: ModuleId, face: Face, session: Session, peer: ModuleId) {
-        self.revisions[id.index()].0 += 1;
-        let contact = Some(Contact {
-            session,
+    fn cell(&self, id: ModuleId) -> Cell {
+        let [_, y, z] = self.sides;
+        Cell::new((id.0 / (y * z)) as i16, (id.0 / z % y) as i16, (id.0 % z) as i16)
+    }
+
+    fn module(&self, cell: Cell) -> Option<ModuleId> {
+        let [x, y, z] = self.sides;
+        let along = |c: i16, n: u32| u32::try_from(c).ok().filter(|c| *c < n);
+        Some(ModuleId((along(cell.x, x)? * y + along(cell.y, y)?) * z + along(cell.z, z)?))
+    }
+
+    fn contact(&self, id: ModuleId, face: Face) -> Option<Contact> {
+        let peer = self.module(self.cell(id).step(face))?;
+        // Named by the end that looks in a positive direction; faces of one axis come in pairs.
+        let (low, axis) = (id.min(peer), face as u32 / 2);
+        Some(Contact {
+            session: Session(low.0 * 3 + axis + 1),
             peer,
-            peer_incarnation: self.lives[peer.index()],
+            peer_incarnation: Incarnation(0),
             peer_port: Port(face.opposite() as u8),
-        });
-        let revision = self.revisions[id.index()];
-        self.sensed.push_back((id, Sensed::Contact { port: Port(face as u8), revision, contact }));
+        })
     }
 }
 
@@ -73,35 +63,36 @@ impl<A: Agent<Place = Cell, Action = Never, Percept = Never>> World for StillWor
     type Agent = A;
 
     fn len(&self) -> usize {
-        self.cells.len()
+        self.sides.iter().product::<u32>() as usize
     }
     fn place(&self, id: ModuleId) -> Cell {
-        self.cells[id.index()]
+        self.cell(id)
     }
-    fn start(&mut self, _: Time, id: ModuleId, incarnation: Incarnation) {
-        self.lives[id.index()] = incarnation;
-        for face in Face::ALL {
-            if let Some(peer) = self.neighbour(id, face) {
-                self.sessions += 1;
-                let session = Session(self.sessions);
-                self.sense(id, face, session, peer);
-                self.sense(peer, face.opposite(), session, id);
-            }
-        }
+    fn start(&mut self, _now: Time, id: ModuleId, _incarnation: Incarnation) {
+        self.started = self.started.max(id.0 + 1);
     }
-    fn act(&mut self, _: Time, _: ModuleId, _: Revision, action: &Never) {
+    fn act(&mut self, _now: Time, _id: ModuleId, _sensed: Revision, action: &Never) {
         match *action {}
     }
     fn next_event(&self) -> Time {
         Time::NEVER
     }
-    fn advance(&mut self, _: Time) {}
+    fn advance(&mut self, _now: Time) {}
+
     fn poll(&mut self) -> Option<(ModuleId, Sensed<Never>)> {
-        self.sensed.pop_front()
+        while self.told < self.started * 6 {
+            let (id, face) = (ModuleId(self.told / 6), Face::ALL[self.told as usize % 6]);
+            self.told += 1;
+            if let Some(contact) = self.contact(id, face) {
+                let sensed =
+                    Sensed::Contact { port: Port(face as u8), revision: Revision(0), contact: Some(contact) };
+                return Some((id, sensed));
+            }
+        }
+        None
     }
 }
 
-/// Bodies that never move break no invariant.
 impl<A: Agent<Place = Cell, Action = Never, Percept = Never>> Audited for StillWorld<A> {
     fn audit_agent(&self, _: Time, _: ModuleId, _: &Agents<'_, A>, _: &mut Vec<Violation>) {}
     fn audit_action(&self, _: Time, _: ModuleId, _: &Agents<'_, A>, _: &mut Vec<Violation>) {}

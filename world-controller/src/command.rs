@@ -1,5 +1,6 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
+use crate::bench;
 use crate::reference::{CompletionArgs, ManArgs, SchemaArgs};
 use crate::replay;
 use crate::reproduce::{self, Experiment};
@@ -134,6 +135,28 @@ Examples:
   metamorph completions bash > ~/.local/share/bash-completion/completions/metamorph
   metamorph completions zsh > ~/.zfunc/_metamorph
   metamorph completions fish > ~/.config/fish/completions/metamorph.fish";
+const BENCH_EXAMPLES: &str = "\
+Examples:
+  metamorph bench                            everything; takes some minutes
+  metamorph bench flood wire                 the simulated and the process link, message by message
+  metamorph bench growth --most 2500         sizes of up to 2,500 modules
+  metamorph bench --quiet --json new.json && jq .flood new.json
+
+What each measures:
+  flood   a million simulated modules pass on how far they are from a corner: processor time and memory
+  growth  a slab of 100 to 10,000 simulated modules becomes a ball: time, moves, messages, and how they grow
+  wire    round trips and throughput of 64 bytes between two processes, beside bare iceoryx2, a Unix
+          socket, a pipe and TCP
+  swarm   100 to 5,000 processes: starting, exchanging, memory, idling
+
+Other programs that run meanwhile lengthen what is timed by the clock (`wire` and `swarm`); compare
+numbers of one run.
+
+Exit codes:
+  0  everything was measured, as far as this machine goes
+  1  something could not be measured
+  2  the command line is wrong";
+
 const REPLAY_EXAMPLES: &str = "\
 Examples:
   metamorph run deploy/scenarios/swarm.toml --journal run.journal
@@ -188,6 +211,9 @@ pub enum Command {
     /// Run experiments of the thesis and print the published numbers beside ours
     #[command(after_help = REPRODUCE_EXAMPLES)]
     Reproduce(ReproduceArgs),
+    /// Measure both links beside bare mechanisms, in tables and as JSON
+    #[command(after_help = BENCH_EXAMPLES)]
+    Bench(BenchArgs),
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
@@ -333,6 +359,29 @@ impl From<ReproduceArgs> for reproduce::Request {
             json: args.json,
             quiet: args.quiet,
         }
+    }
+}
+
+/// What `bench` takes.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure; everything, if left out
+    #[arg(value_enum, value_name = "NAME")]
+    pub names: Vec<bench::Name>,
+    /// Leave out swarms of more than N modules
+    #[arg(long, value_name = "N")]
+    pub most: Option<u64>,
+    /// Write the numbers to this file
+    #[arg(long, value_name = "FILE", default_value = "bench.json")]
+    pub json: PathBuf,
+    /// Print nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl From<BenchArgs> for bench::Request {
+    fn from(args: BenchArgs) -> bench::Request {
+        bench::Request { names: args.names, most: args.most, json: args.json, quiet: args.quiet }
     }
 }
 

@@ -4,6 +4,7 @@
 
 use crate::report::{count, seconds};
 use std::collections::VecDeque;
+use std::fmt;
 use std::time::Duration;
 
 /// How far a run has come.
@@ -25,6 +26,18 @@ pub struct Status {
     pub moves: u64,
     /// Messages sent, if that is known while a run is under way.
     pub messages: Option<u64>,
+}
+
+/// Without anything that follows from what was seen before.
+impl fmt::Display for Status {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Status { filled, goal, parts, alive, moves, now_s, .. } = self;
+        write!(
+            f,
+            "{filled} of {goal} {parts}  {alive} alive  {moves} moves  {} in the scenario",
+            seconds(*now_s)
+        )
+    }
 }
 
 /// Rates are those of the last so long.

@@ -9,13 +9,12 @@ pub mod leader;
 use election::Election;
 use leader::{Leader, Setup};
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::shape::Shape;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::sim::{Sim, SimConfig};
 use metamorph_sim_bridge::still_world::StillWorld;
+use metamorph_sim_bridge::world::World;
 use metamorph_world_controller::swarm::{SwarmError, SwarmOptions, run_swarm};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -34,9 +33,8 @@ pub struct Outcome {
 const MINUTE: Time = Time(60_000_000_000);
 
 /// A square plate.
-fn plate(side: i16) -> Vec<Cell> {
-    let plate = Shape::Box { min: Cell::new(0, 0, 0), max: Cell::new(side - 1, side - 1, 0) };
-    plate.cells().unwrap_or_default()
+fn plate(side: u16) -> StillWorld<Leader> {
+    StillWorld::new([side, side, 1])
 }
 
 fn setup() -> Setup {
@@ -44,8 +42,8 @@ fn setup() -> Setup {
 }
 
 /// A plate of `side` times `side` modules in virtual time.
-pub fn simulate(side: i16, loss: Ratio, seed: u64) -> Outcome {
-    let world = StillWorld::<Leader>::new(&plate(side));
+pub fn simulate(side: u16, loss: Ratio, seed: u64) -> Outcome {
+    let world = plate(side);
     let director = Election::new(plate(side).len(), MINUTE);
     let link =
         LinkModel { delay_min: Span::millis(10), delay_max: Span::millis(50), loss, ..LinkModel::default() };
@@ -66,8 +64,8 @@ pub fn simulate(side: i16, loss: Ratio, seed: u64) -> Outcome {
 }
 
 /// The same plate with one process for each module. `program` is started as `program agent …`.
-pub fn processes(program: PathBuf, side: i16, loss: Ratio) -> Result<Outcome, SwarmError> {
-    let mut world = StillWorld::<Leader>::new(&plate(side));
+pub fn processes(program: PathBuf, side: u16, loss: Ratio) -> Result<Outcome, SwarmError> {
+    let mut world = plate(side);
     let mut director = Election::new(plate(side).len(), MINUTE);
     let options = SwarmOptions {
         program_args: vec!["agent".into()],

@@ -357,6 +357,7 @@ fn metamodules() -> Definitions {
                     "strategy": names(&Strategy::ALL.map(Strategy::name)),
                     "teller": names(&["controller", "neighbours"]),
                     "relocate": { "type": "boolean" },
+                    "detector": { "type": "boolean" },
                 }),
             ),
         ),
