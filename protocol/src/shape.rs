@@ -56,6 +56,8 @@ pub enum Shape {
     Union(Vec<Shape>),
     /// Every cell of the first that is in none of the others.
     Difference(Vec<Shape>),
+    /// Every cell that is in all of these.
+    Intersection(Vec<Shape>),
 }
 
 /// An axis of the lattice.
@@ -141,6 +143,9 @@ pub enum ShapeError {
     /// A difference of nothing.
     #[error("`difference` needs at least one shape, the one to take the others from")]
     NoMinuend,
+    /// An intersection of nothing, which would be everything.
+    #[error("`intersection` needs at least one shape")]
+    NoOperand,
 }
 
 impl Shape {
@@ -197,6 +202,15 @@ impl Shape {
                     for cell in part.collect()? {
                         set.remove(&cell);
                     }
+                }
+                Ok(set)
+            }
+            Shape::Intersection(parts) => {
+                let (first, rest) = parts.split_first().ok_or(ShapeError::NoOperand)?;
+                let mut set = first.collect()?;
+                for part in rest {
+                    let other = part.collect()?;
+                    set.retain(|cell| other.contains(cell));
                 }
                 Ok(set)
             }
@@ -304,6 +318,7 @@ mod tests {
             (r#"{"cells":[[0,0,0],[1,0,0]]}"#, 2),
             (r#"{"union":[{"cells":[[0,0,0]]},{"box":{"min":[0,0,0],"max":[1,0,0]}}]}"#, 2),
             (r#"{"difference":[{"box":{"min":[0,0,0],"max":[2,2,2]}},{"cells":[[1,1,1]]}]}"#, 26),
+            (r#"{"intersection":[{"box":{"min":[0,0,0],"max":[2,2,2]}},{"cells":[[1,1,1],[3,3,3]]}]}"#, 1),
         ] {
             assert_eq!(read(text).cells().map(|c| c.len()), Ok(count), "{text}");
         }
@@ -320,6 +335,8 @@ mod tests {
             (r#"{"cylinder":{"base":[0,0,0],"radius":1,"height":0}}"#, "no cell"),
             (r#"{"cylinder":{"base":[0,0,0],"radius":1,"height":65535}}"#, "out of range"),
             (r#"{"difference":[]}"#, "at least one"),
+            (r#"{"intersection":[]}"#, "at least one"),
+            (r#"{"intersection":[{"cells":[[0,0,0]]},{"cells":[[1,1,1]]}]}"#, "no cell"),
         ] {
             let error = read(text).cells().unwrap_err().to_string();
             assert!(error.contains(part), "{text}: {error}");

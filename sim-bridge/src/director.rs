@@ -47,6 +47,8 @@ pub struct Progress {
     pub alive: usize,
     /// Moves completed.
     pub moves: u64,
+    /// Messages sent so far, if the driver can tell; the director cannot.
+    pub messages: Option<u64>,
 }
 
 /// How a stage ended.
@@ -166,6 +168,7 @@ impl Director {
             filled: self.filled,
             alive: self.alive(),
             moves: self.moves,
+            messages: None,
         }
     }
     /// What is known of each module.

@@ -165,6 +165,7 @@ impl MetamoduleDirector {
             filled: self.filled.len(),
             alive: self.known.iter().filter(|k| k.alive).count(),
             moves: self.moves,
+            messages: None,
         }
     }
 

@@ -17,6 +17,15 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
             vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-module-agent"],
         ),
         (
+            "metamorph-tutorial",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-module-agent",
+                "metamorph-world-controller",
+            ],
+        ),
+        (
             "metamorph-tests",
             vec![
                 "metamorph-protocol",

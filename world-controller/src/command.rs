@@ -1,11 +1,13 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
 use crate::bench;
+use crate::reference::{CompletionArgs, ManArgs, SchemaArgs};
 use crate::replay;
 use crate::reproduce::{self, Experiment};
 use crate::robot::RobotArgs;
 use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, Overrides};
+use crate::solid::shape::ShapeArgs;
 use crate::sweep::Request;
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 use metamorph_protocol::ids::ModuleId;
@@ -130,6 +132,37 @@ each other. The journal has all that happened to the bodies and to the controlle
 rebuilt. Modules wait for --patience; after that, or if the machine was restarted, there is nothing to
 go on with.";
 
+const SHAPE_EXAMPLES: &str = "\
+Examples:
+  metamorph shape deploy/shapes/table.obj --pitch 10
+  metamorph shape deploy/shapes/rabbit.stl --cells 14 --svg rabbit.svg --write rabbit.toml
+  metamorph shape config.xml --part blocks
+  metamorph shape config.xml --write case.toml
+
+A cell is filled if its middle is inside the solid. What a scenario needs to have the same goal is
+    shape = { file = { path = \"rabbit.stl\", pitch = 10 } }
+The written scenario lists the cells themselves and needs the file no more. Its modules start in a
+slab below the goal, or where the configuration has them.
+
+Exit codes:
+  0  it can be built, as far as can be said before a run
+  1  a file could not be written
+  2  the command line or the file is wrong, or something cannot be built; every complaint names its
+     place, reason and fix";
+
+const SCHEMA_EXAMPLES: &str = "\
+Examples:
+  metamorph schema > scenario.schema.json
+  metamorph schema report | jq .properties.outcome
+
+An editor with a TOML language server checks a scenario that begins with
+    #:schema scenario.schema.json";
+
+const COMPLETION_EXAMPLES: &str = "\
+Examples:
+  metamorph completions bash > ~/.local/share/bash-completion/completions/metamorph
+  metamorph completions zsh > ~/.zfunc/_metamorph
+  metamorph completions fish > ~/.config/fish/completions/metamorph.fish";
 const BENCH_EXAMPLES: &str = "\
 Examples:
   metamorph bench                            everything; takes some minutes
@@ -218,11 +251,22 @@ pub enum Command {
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
+    /// Show what a solid from a CAD program becomes, and write it as a scenario
+    #[command(after_help = SHAPE_EXAMPLES)]
+    Shape(ShapeArgs),
     /// Remove what killed runs left behind
     #[command(after_help = CLEAN_EXAMPLES)]
     Clean,
     /// Ask the Roombots model: shapes, moves, kinematics, published tables
     Robot(RobotArgs),
+    /// Print the JSON schema of scenarios or reports
+    #[command(after_help = SCHEMA_EXAMPLES)]
+    Schema(SchemaArgs),
+    /// Print a script that completes command lines in a shell
+    #[command(after_help = COMPLETION_EXAMPLES)]
+    Completions(CompletionArgs),
+    /// Write man pages
+    Man(ManArgs),
     /// One agent process; started by `run`
     #[command(hide = true)]
     Agent(AgentArgs),

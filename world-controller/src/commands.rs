@@ -6,6 +6,7 @@ use crate::interrupt::Interrupt;
 use crate::journal::{Journal, JournalError, Keeping, plan_of};
 use crate::overview::overview;
 use crate::processes;
+use crate::reference::{completions, man, schema};
 use crate::replay::{self, ReplayError, replay};
 use crate::report::human;
 use crate::report::page::page;
@@ -14,6 +15,7 @@ use crate::reproduce::reproduce;
 use crate::robot::{self, RobotError};
 use crate::scenario::{LinkKind, Overrides, Plan, read_file};
 use crate::simulated::run_simulated;
+use crate::solid::shape::{ShapeError, shape};
 use crate::stopwatch::Stopwatch;
 use crate::sweep::{SweepError, sweep};
 use crate::terminal::{Channel, Live, complain, print_out};
@@ -64,6 +66,14 @@ enum Failure {
         /// Why.
         error: std::io::Error,
     },
+    /// Man pages could not be written.
+    #[error("{path}: cannot write man pages there: {error}\n  fix: name a directory that is yours")]
+    Pages {
+        /// Where.
+        path: String,
+        /// Why.
+        error: std::io::Error,
+    },
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(std::io::Error),
@@ -87,6 +97,9 @@ enum Failure {
     /// A run cannot be shown.
     #[error(transparent)]
     Server(#[from] ServerError),
+    /// There is no shape.
+    #[error(transparent)]
+    Shape(#[from] ShapeError),
     /// A measurement failed.
     #[error(transparent)]
     Bench(#[from] BenchError),
@@ -103,14 +116,14 @@ impl Failure {
         match self {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
-            Failure::Sweep(_) => FAILED,
+            Failure::Shape(error) if error.is_input() => BAD_USAGE,
+            Failure::Shape(_) | Failure::Sweep(_) => FAILED,
             Failure::Input(_) | Failure::Unwritable { .. } | Failure::Journal(_) | Failure::Replay(_) => {
                 BAD_USAGE
             }
             Failure::NoJournal(_) => BAD_USAGE,
-            Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) | Failure::Server(_) => {
-                FAILED
-            }
+            Failure::Report { .. } | Failure::Pages { .. } | Failure::Signals(_) => FAILED,
+            Failure::Processes(_) | Failure::Server(_) => FAILED,
             Failure::Bench(BenchError::Json { .. }) => BAD_USAGE,
             Failure::Bench(_) | Failure::BenchPart(_) => FAILED,
         }
@@ -187,6 +200,11 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(if replayed.difference.is_some() { DIFFERENT } else { 0 })
         }
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
+        Command::Shape(args) => {
+            let shown = shape(&args)?;
+            print_out(&shown.text);
+            Ok(if shown.buildable { 0 } else { BAD_USAGE })
+        }
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Clean => {
             print_out(&processes::clean_up()?);
@@ -194,6 +212,19 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
         }
         Command::Robot(args) => {
             robot::run(args)?;
+            Ok(0)
+        }
+        Command::Schema(args) => {
+            print_out(&schema(args.of));
+            Ok(0)
+        }
+        Command::Completions(args) => {
+            print_out(&completions(args.shell));
+            Ok(0)
+        }
+        Command::Man(args) => {
+            let path = args.dir.display().to_string();
+            man(&args).map_err(|error| Failure::Pages { path, error })?;
             Ok(0)
         }
         Command::Agent(args) => {

@@ -95,8 +95,10 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
 ) -> Report {
     let (setup, running) = (since.elapsed(), Stopwatch::start());
     // Slices are only for being watched; where they end has no effect on the run.
-    while watch(sim.now(), &|| R::progress(director(sim.director())))
-        && !sim.run_until(sim.now() + swarm.beat())
+    while watch(sim.now(), &|| Progress {
+        messages: Some(sim.tally().total().sent),
+        ..R::progress(director(sim.director()))
+    }) && !sim.run_until(sim.now() + swarm.beat())
     {}
     let wall = running.elapsed();
     let account = swarm.account(plan, director(sim.director()), world(sim.world()));

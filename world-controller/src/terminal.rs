@@ -7,6 +7,7 @@
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
+use crate::gauge::{Gauge, Status};
 use crate::stopwatch::Stopwatch;
 
 /// Colours, or none.
@@ -92,11 +93,41 @@ pub fn complain(text: &str) {
     let _ = write!(std::io::stderr().lock(), "{text}{end}");
 }
 
+/// What a line shows.
+#[derive(Clone, Debug)]
+pub enum Drawing {
+    /// This text.
+    Text(String),
+    /// How far a run has come.
+    Run(Status),
+}
+
+impl From<String> for Drawing {
+    fn from(text: String) -> Drawing {
+        Drawing::Text(text)
+    }
+}
+
+impl From<Status> for Drawing {
+    fn from(status: Status) -> Drawing {
+        Drawing::Run(status)
+    }
+}
+
+/// Columns of the terminal that standard error goes to.
+fn columns() -> usize {
+    let size = rustix::termios::tcgetwinsize(std::io::stderr()).ok();
+    // A terminal that does not know says 0.
+    size.map(|size| usize::from(size.ws_col)).filter(|columns| *columns > 0).unwrap_or(80)
+}
+
 /// One line on standard error that is written over again and again; only on a terminal.
 pub struct Live {
     on: bool,
     drawn: bool,
     last: Stopwatch,
+    since: Stopwatch,
+    gauge: Gauge,
 }
 
 impl Live {
@@ -105,14 +136,23 @@ impl Live {
 
     /// A line, if anybody can watch it.
     pub fn new(wanted: bool) -> Live {
-        Live { on: wanted && std::io::stderr().is_terminal(), drawn: false, last: Stopwatch::start() }
+        // What cannot move its cursor would get one line after the other.
+        let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+        let on = wanted && std::io::stderr().is_terminal() && !dumb;
+        let now = Stopwatch::start();
+        Live { on, drawn: false, last: now, since: now, gauge: Gauge::default() }
     }
     /// Draws the line if it is time to.
-    pub fn show(&mut self, line: impl FnOnce() -> String) {
+    pub fn show<D: Into<Drawing>>(&mut self, line: impl FnOnce() -> D) {
         if self.on && (!self.drawn || self.last.elapsed() >= Live::EVERY) {
             self.last = Stopwatch::start();
             self.drawn = true;
-            let _ = write!(std::io::stderr().lock(), "\r\x1b[2K{}", line());
+            let line = match line().into() {
+                Drawing::Text(text) => text,
+                // The last column stays empty, so that no terminal begins a new line.
+                Drawing::Run(status) => self.gauge.line(self.since.elapsed(), &status, columns() - 1),
+            };
+            let _ = write!(std::io::stderr().lock(), "\r\x1b[2K{line}");
         }
     }
     /// Removes the line.

@@ -2,6 +2,7 @@
 
 use super::Words;
 use super::schema::{ClassCounts, Report, Standstill};
+use crate::gauge::Status;
 use crate::scenario::Plan;
 use crate::terminal::Paint;
 use metamorph_protocol::time::Time;
@@ -194,19 +195,17 @@ fn more(out: &mut String, all: usize) -> std::fmt::Result {
 }
 
 /// One line that says how far a run has come.
-pub fn progress(plan: &Plan, now: Time, p: &Progress) -> String {
-    let words = Words::of(plan.swarm.family());
-    let stage = if p.stages > 1 { format!("goal {} of {}  ", p.stage + 1, p.stages) } else { String::new() };
-    format!(
-        "{:>9}  {stage}{} of {} {}  {}  {} moves  {} alive",
-        seconds(now.as_secs_f64()),
-        p.filled,
-        p.goal,
-        words.cells,
-        percent(p.filled as u64, p.goal as u64),
-        count(p.moves),
-        p.alive
-    )
+pub fn progress(plan: &Plan, now: Time, p: &Progress) -> Status {
+    Status {
+        now_s: now.as_secs_f64(),
+        stage: (p.stage + 1, p.stages),
+        filled: p.filled as u64,
+        goal: p.goal as u64,
+        parts: Words::of(plan.swarm.family()).cells,
+        alive: p.alive as u64,
+        moves: p.moves,
+        messages: p.messages,
+    }
 }
 
 pub fn percent(part: u64, whole: u64) -> String {

@@ -2,6 +2,7 @@
 //! without a new [`SCHEMA`]; new ones may be added. Times end in `_s` and are seconds of scenario
 //! time unless they say otherwise.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -9,7 +10,7 @@ use std::collections::BTreeMap;
 pub const SCHEMA: u32 = 1;
 
 /// What a run did.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Report {
     /// The version of this layout.
     pub schema: u32,
@@ -74,7 +75,7 @@ pub struct Report {
 }
 
 /// Processes or simulated agents.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Agents {
     /// Modules of the swarm, each started once.
     pub launched: u64,
@@ -87,7 +88,7 @@ pub struct Agents {
 }
 
 /// How much of a goal is there.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GoalReport {
     /// Cells of the goal; of metamodules, its seeds.
     pub cells: u64,
@@ -97,7 +98,7 @@ pub struct GoalReport {
 }
 
 /// One goal of several.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageReport {
     /// What the scenario calls it.
     pub name: String,
@@ -116,7 +117,7 @@ pub struct StageReport {
 }
 
 /// Why goal cells stay unfilled.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Standstill {
     /// Since when nothing went on.
     pub since_s: f64,
@@ -139,7 +140,7 @@ pub struct Standstill {
 }
 
 /// What the swarm itself found out.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Detected {
     /// When.
     pub at_s: f64,
@@ -148,7 +149,7 @@ pub struct Detected {
 }
 
 /// A module that waits.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Waiting {
     /// Who.
     pub module: u32,
@@ -162,7 +163,7 @@ pub struct Waiting {
 ///
 /// Of metamodules, `prevented + refused` is what can be compared with the collisions ("CL") in tables
 /// 4.1 and 4.2 of the thesis, which leaves out those of runs that were not built.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Collisions {
     /// All: prevented by negotiation, refused by the body, suffered.
     pub attempted: u64,
@@ -175,7 +176,7 @@ pub struct Collisions {
 }
 
 /// What became of moves.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MoveReport {
     /// Begun.
     pub started: u64,
@@ -195,7 +196,7 @@ pub struct MoveReport {
 }
 
 /// What only metamodules have.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MetamoduleReport {
     /// `PAR`, `PER`, `SRS` or `SRZ`.
     pub kind: String,
@@ -216,7 +217,7 @@ pub struct MetamoduleReport {
 }
 
 /// One level of a goal.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LevelReport {
     /// Its seeds.
     pub seeds: u64,
@@ -227,7 +228,7 @@ pub struct LevelReport {
 /// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired +
 /// refused + in_flight`. On `ipc` a damaged message may be refused under another class than it was
 /// sent in, because the damage may have hit the class; all classes together add up.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Messages {
     /// Handed to the link.
     pub total: u64,
@@ -240,7 +241,7 @@ pub struct Messages {
 }
 
 /// Counts of one class of messages.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ClassCounts {
     /// Handed to the link by agents.
     pub sent: u64,
@@ -263,7 +264,7 @@ pub struct ClassCounts {
 }
 
 /// How long a run took.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Times {
     /// Scenario time from the start to the end.
     pub virtual_s: f64,
@@ -276,7 +277,7 @@ pub struct Times {
 }
 
 /// What must always hold.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Invariants {
     /// How often one was checked.
     pub checked: u64,
@@ -287,7 +288,7 @@ pub struct Invariants {
 }
 
 /// An invariant that did not hold.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ViolationReport {
     /// Its name.
     pub invariant: String,
@@ -298,7 +299,7 @@ pub struct ViolationReport {
 }
 
 /// A fault and what it did.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FaultReport {
     /// When it struck.
     pub at_s: f64,
@@ -311,7 +312,7 @@ pub struct FaultReport {
 }
 
 /// What a run ran on.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Machine {
     /// The operating system.
     pub os: String,

@@ -4,6 +4,7 @@
 //! the reason, [`Flaw::fix`] the way out. Absent: where it was found (see `problems`).
 
 use super::settings::KeyError;
+use crate::solid::flaw::SolidError;
 use metamorph_module_agent::Family;
 use metamorph_protocol::goal::GoalError;
 use metamorph_protocol::lattice::Cell;
@@ -28,8 +29,10 @@ pub const MAX_FLOOR: u16 = 256;
 pub const MAX_BYTES: u64 = 16 << 20;
 /// The most cells that the boxes around all parts of a shape may have together.
 pub const MAX_VOLUME: u64 = 64_000_000;
-/// How deep unions and differences may be nested.
+/// How deep unions, differences and intersections may be nested.
 pub const MAX_DEPTH: usize = 16;
+/// The most shapes from files in one scenario.
+pub const MAX_FILES: usize = 16;
 /// The most goals of one scenario.
 pub const MAX_GOALS: usize = 32;
 /// The longest move and the longest injected delay.
@@ -147,6 +150,12 @@ pub enum Flaw {
     /// No cell set.
     #[error(transparent)]
     Shape(#[from] ShapeError),
+    /// A file that a shape is made of.
+    #[error(transparent)]
+    Solid(#[from] SolidError),
+    /// Too many files.
+    #[error("the scenario takes shapes from more than {MAX_FILES} files")]
+    TooManyFiles,
     /// Shapes within shapes within shapes.
     #[error("shapes are nested more than {MAX_DEPTH} deep")]
     TooDeep,
@@ -329,6 +338,8 @@ impl Flaw {
             Flaw::Probability(_) => "write a value from `0%` to `100%`".into(),
             Flaw::Order { .. } => "let it end after it begins".into(),
             Flaw::Shape(error) => shape_fix(error).into(),
+            Flaw::Solid(error) => error.fix().into(),
+            Flaw::TooManyFiles => "unite the solids before they are exported".into(),
             Flaw::TooDeep => "a union can hold any number of shapes side by side".into(),
             Flaw::TooMuch(_) | Flaw::TooWide(_) | Flaw::TooMany(_) => "make it smaller".into(),
             Flaw::DisconnectedStart { .. } => "let every module touch the rest with a face".into(),
@@ -394,6 +405,7 @@ fn shape_fix(error: &ShapeError) -> &'static str {
         ShapeError::OutOfRange(_) => "move the shape towards the origin",
         ShapeError::TooLarge => "make it smaller",
         ShapeError::Empty => "describe at least one cell",
+        ShapeError::NoOperand => "list the shapes that shall overlap",
         ShapeError::NoMinuend => "list the shape to keep first, then those to take away",
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! `settings` puts values of the command line into the document, `table` and `shapes` read values with
 //! their places, `raw` and `faults` a whole document and the other options on the command line, `plan`
-//! checks what belongs together, `cube` and `metamodule` do both for what only one family has; `flaw`
+//! checks what belongs together, `cube` and `metamodule` do both for what only one family has; `schema` says
+//! the same to programs; `flaw`
 //! and `problems` say what is wrong, where, and what to do. Everything wrong is collected and shown at
 //! once.
 //!
@@ -19,6 +20,7 @@ mod metamodule;
 mod plan;
 pub mod problems;
 mod raw;
+pub mod schema;
 pub mod settings;
 mod shapes;
 mod table;

@@ -1,10 +1,11 @@
 //! Where flaws were found, and how they are shown: `file:line:column: reason`, the line itself with
 //! a caret, and the fix.
 
-use super::flaw::Flaw;
+use super::flaw::{Flaw, MAX_FILES};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 /// At most this many problems are shown; the rest is counted.
 const SHOWN: usize = 20;
@@ -61,10 +62,12 @@ pub struct Problem {
 /// Everything found wrong with one scenario; never empty when returned as an error.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problems {
-    origin: String,
-    text: String,
+    origin: Box<str>,
+    text: Box<str>,
     /// Values that came from options lie behind the end of the text, at these places.
     options: BTreeMap<usize, String>,
+    /// Other files that the scenario has named so far.
+    files: usize,
     list: Vec<Problem>,
 }
 
@@ -72,9 +75,10 @@ impl Problems {
     /// No problem yet, in a text from a file of this name.
     pub fn new(origin: &str, text: &str) -> Problems {
         Problems {
-            origin: origin.to_owned(),
-            text: text.to_owned(),
+            origin: origin.into(),
+            text: text.into(),
             options: BTreeMap::new(),
+            files: 0,
             list: Vec::new(),
         }
     }
@@ -82,6 +86,14 @@ impl Problems {
     pub fn option_at(&mut self, start: usize, option: String) -> Place {
         self.options.insert(start, option.clone());
         Place::Option(option)
+    }
+    /// The path of another file that the scenario names, seen from the directory of the scenario.
+    pub fn file(&mut self, name: &str) -> Result<PathBuf, Flaw> {
+        self.files += 1;
+        if self.files > MAX_FILES {
+            return Err(Flaw::TooManyFiles);
+        }
+        Ok(Path::new(&*self.origin).parent().unwrap_or(Path::new("")).join(name))
     }
     /// A single problem with a file whose text is not known.
     pub fn of_file(origin: &str, flaw: Flaw) -> Problems {

@@ -1,8 +1,10 @@
-//! Shapes as they are written in a scenario, with the places of their parts.
+//! Shapes as they are written in a scenario, with the places of their parts. Those from files are cells
+//! from here on (see `solid`).
 
 use super::flaw::{Flaw, MAX_DEPTH, MAX_VOLUME};
 use super::problems::{At, Problems};
 use super::table::{Node, Read, Section, elements};
+use crate::solid::{Import, Part, Up, import};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::shape::{Axis, Radius, Shape, ShapeError};
 use serde::Deserialize;
@@ -11,7 +13,15 @@ use serde::de::value::Error as ValueError;
 use std::collections::BTreeSet;
 
 const EXAMPLE: &str = "{ box = { min = [0, 0, 0], max = [3, 3, 0] } }";
-const KINDS: [&str; 7] = ["box", "sphere", "disc", "cylinder", "cells", "union", "difference"];
+const KINDS: [&str; 9] =
+    ["box", "sphere", "disc", "cylinder", "cells", "file", "union", "difference", "intersection"];
+const FILE: &str = "{ file = { path = \"table.stl\", pitch = 10 } }";
+const UPS: [(&str, Up); 2] = [("z", Up::Z), ("y", Up::Y)];
+const PARTS: [(&str, Part); 2] = [("blocks", Part::Blocks), ("targets", Part::Targets)];
+/// Whether what is thinner than a cell may get lost.
+const THIN: [(&str, bool); 2] = [("refuse", false), ("drop", true)];
+/// Whether inner voids are filled.
+const VOIDS: [(&str, bool); 2] = [("keep", false), ("fill", true)];
 const AXES: [(&str, Axis); 3] = [("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)];
 
 impl Read for Shape {
@@ -42,7 +52,9 @@ fn shape(node: &Node<'_>, depth: usize, problems: &mut Problems) -> Option<Shape
     match kind {
         "union" => parts(inner, depth, problems).map(Shape::Union),
         "difference" => parts(inner, depth, problems).map(Shape::Difference),
+        "intersection" => parts(inner, depth, problems).map(Shape::Intersection),
         "cells" => cells(inner, problems).map(Shape::Cells),
+        "file" => file(inner, problems).map(Shape::Cells),
         _ => primitive(kind, inner, problems),
     }
 }
@@ -106,6 +118,38 @@ fn cells(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
     Some(cells)
 }
 
+/// The cells that a file becomes.
+fn file(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
+    let mut section = Section::of(node, "a file", FILE, problems)?;
+    let path = section.need::<String>("path", "path = \"table.stl\"", problems);
+    let pitch = section.get::<f64>("pitch", problems);
+    let up = section.choice("up", "axis", &UPS, problems);
+    let at = section.get::<Cell>("at", problems);
+    let part = section.choice("part", "part", &PARTS, problems);
+    let drop_thin = section.choice("thin", "way with thin parts", &THIN, problems);
+    let fill_voids = section.choice("voids", "way with voids", &VOIDS, problems);
+    section.finish(problems);
+    let At { value: path, place } = path?;
+    let how = Import {
+        pitch: pitch.map(|p| p.value),
+        up,
+        at: at.map_or(Cell::default(), |at| at.value),
+        part,
+        drop_thin: drop_thin.unwrap_or_default(),
+        fill_voids: fill_voids.unwrap_or_default(),
+    };
+    let path = problems.file(&path);
+    let path = problems.note(&place, path)?;
+    let imported = problems.note(&place, import(&path, &how))?;
+    match imported.thin {
+        Some(thin) if !how.drop_thin => {
+            problems.add(place, thin);
+            None
+        }
+        _ => Some(imported.cells),
+    }
+}
+
 impl Read for Radius {
     fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Radius> {
         let cells = f64::read(node, problems)?;
@@ -139,7 +183,7 @@ fn volume(shape: &Shape) -> u64 {
         Shape::Disc { radius, .. } => diameter(radius).pow(2),
         Shape::Cylinder { radius, height, .. } => diameter(radius).pow(2) * u64::from(*height),
         Shape::Cells(cells) => cells.len() as u64,
-        Shape::Union(parts) | Shape::Difference(parts) => {
+        Shape::Union(parts) | Shape::Difference(parts) | Shape::Intersection(parts) => {
             parts.iter().fold(0, |sum: u64, part| sum.saturating_add(volume(part)))
         }
     }

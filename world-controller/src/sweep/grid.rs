@@ -5,6 +5,7 @@
 //! they must not depend on anything else.
 
 use crate::scenario::settings::Setting;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt;
@@ -84,7 +85,7 @@ pub enum GridError {
 }
 
 /// A range of seeds, `from..until`, without `until`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Seeds {
     /// The first.
     pub from: u64,
@@ -119,7 +120,7 @@ impl fmt::Display for Seeds {
 }
 
 /// A key and the values that it takes in turn.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Axis {
     /// The key, as in `--set`.
     pub key: String,
@@ -183,7 +184,7 @@ fn split(text: &str) -> Vec<&str> {
 }
 
 /// All runs of a sweep.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Grid {
     /// The seeds, for every combination the same.
     pub seeds: Seeds,

@@ -1,12 +1,13 @@
 //! Numbers about many runs: intervals of rates and the spread of counts. Plain functions of numbers.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The normal quantile of a two-sided interval of 95 %.
 const Z95: f64 = 1.959_963_984_540_054;
 
 /// A share of successes with its 95 % interval.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Rate {
     /// Successes by trials.
     pub rate: f64,
@@ -36,7 +37,7 @@ impl Rate {
 }
 
 /// How values are spread.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Spread {
     /// How many values.
     pub count: u64,

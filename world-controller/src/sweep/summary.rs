@@ -6,6 +6,7 @@ use super::grid::{Axis, Grid, Seeds};
 use super::row::Row;
 use super::statistics::{Rate, Spread};
 use metamorph_sim_bridge::outcome::Outcome;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -13,7 +14,7 @@ use std::collections::BTreeMap;
 pub const SCHEMA: u32 = 1;
 
 /// What a sweep came to.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Summary {
     /// The version of this layout.
     pub schema: u32,
@@ -38,7 +39,7 @@ pub struct Summary {
 }
 
 /// The runs of one combination.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Combination {
     /// Its values, one for each key that is varied.
     pub values: Vec<String>,

@@ -1,0 +1,324 @@
+//! The JSON schemas say what the program does: scenarios that the reader takes are valid, what it does
+//! not know is not, and neither can be changed without the other. Reports and summaries of real runs
+//! are valid; completions and man pages have every command.
+#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+
+use clap::CommandFactory;
+use jsonschema::Validator;
+use metamorph_tests::command::{run, scenario, scenarios};
+use metamorph_world_controller::command::CommandLine;
+use metamorph_world_controller::scenario::flaw::Flaw;
+use metamorph_world_controller::scenario::schema::schema;
+use metamorph_world_controller::scenario::settings::Setting;
+use metamorph_world_controller::scenario::{LinkKind, Overrides, read_text};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::fs;
+
+/// Every table that cubes can have.
+const CUBES: &str = r#"
+version = 1
+name = "cubes"
+description = "every table"
+seed = 3
+[swarm]
+family = "cube"
+start = { union = [{ box = { min = [0, 0, 0], max = [5, 5, 0] } }, { cells = [[0, 0, 1], [1, 0, 1]] }] }
+move_time = "1s"
+failed_connections = "1%"
+[[goal]]
+name = "one"
+shape = { difference = [{ sphere = { center = [2, 2, 0], radius = 2.5 } }, { disc = { center = [2, 2, 2], radius = 1, axis = "z" } }] }
+seed = [2, 2, 0]
+growth = "scaffold"
+[[goal]]
+shape = { intersection = [{ cylinder = { base = [2, 2, 0], radius = 2, height = 1, axis = "z" } }, { box = { min = [0, 0, 0], max = [4, 4, 4] } }] }
+growth = "solid"
+[[goal]]
+shape = { file = { path = "deploy/shapes/arch.stl", pitch = 10, up = "z", at = [3, 2, -2], thin = "refuse", voids = "keep" } }
+growth = "solid"
+[protocol]
+connectivity = "forest"
+dead = "hold"
+co_owners = true
+[link]
+delay = "10ms..100ms"
+loss = "5%"
+duplicate = 0.01
+reorder = "1/50"
+corrupt = 0
+[process]
+time_scale = 20
+[[fault]]
+kill = 3
+at = "2s"
+[[fault]]
+pause = [2, 4]
+from = "1s"
+until = "3s"
+[[fault]]
+restart = 5
+at = "4s"
+memory = false
+[[fault]]
+stick = 7
+at = "1s"
+until = "9s"
+[[fault]]
+crash = { fraction = "5%", between = "0s..60s" }
+[[fault]]
+crash = { count = 1, between = "0s..60s" }
+[[fault]]
+partition = { modules = [1, 2, 3], from = "5s", until = "10s" }
+[stop]
+timeout = "1000s"
+stall = "300s"
+livelock = "900s"
+"#;
+
+/// Every table that metamodules can have besides.
+const METAMODULES: &str = r#"
+version = 1
+[swarm]
+family = "metamodule"
+kind = "PER"
+count = 4
+start = [{ at = [1, 2], class = 3 }, { at = [8, 2] }, { at = [9, 9], class = 1 }, { at = [3, 9] }]
+floor = { min = [-1, 0], max = [12, 11] }
+turn_time = "1s"
+failed_connections = "5%"
+[[goal]]
+name = "one"
+levels = [[{ foot = [5, 5], directions = ["up", "up", "east"] }], [{ foot = [7, 7], directions = ["up", "up", "west"] }]]
+order = "crosswise"
+[[goal]]
+at = "60s"
+shape = { box = [3, 3] }
+[protocol]
+strategy = "negotiated"
+teller = "neighbours"
+relocate = true
+[[fault]]
+obstacle = [4, 4, 0]
+at = "1s"
+until = "99s"
+"#;
+
+fn overrides(setting: &str) -> Overrides {
+    let setting = Setting { option: "--set", text: setting.to_owned() };
+    Overrides { link: LinkKind::Sim, settings: vec![setting], ..Overrides::default() }
+}
+
+/// The root of the workspace is where relative paths of these texts begin.
+fn origin() -> String {
+    metamorph_tests::command::root().join("scenario.toml").display().to_string()
+}
+
+/// What the reader finds wrong with a text when a value is put into it.
+fn flaws(text: &str, setting: &str) -> Vec<Flaw> {
+    let read = read_text(&origin(), text, &overrides(setting));
+    read.err().map_or_else(Vec::new, |problems| problems.list().iter().map(|p| p.flaw.clone()).collect())
+}
+
+/// TOML as the same values in JSON, with a value put into it.
+fn json(text: &str, setting: Option<(&str, Value)>) -> Value {
+    let mut document: Value = toml::from_str(text).unwrap();
+    if let Some((key, value)) = setting {
+        let (table, last) = key.rsplit_once('.').unwrap_or(("", key));
+        let pointer = if table.is_empty() { String::new() } else { format!("/{}", table.replace('.', "/")) };
+        document.pointer_mut(&pointer).unwrap_or_else(|| panic!("{key}"))[last] = value;
+    }
+    document
+}
+
+fn validator() -> Validator {
+    jsonschema::validator_for(&schema()).unwrap()
+}
+
+/// Each table of the texts, the definition in the schema that describes it, and keys that the reader
+/// lists there because they would make another kind of table of it.
+fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)> {
+    let verbs = ["kill", "pause", "restart", "stick", "crash", "partition", "obstacle", "controller"];
+    let fault = |verb: &str| verbs.into_iter().filter(|other| *other != verb).collect();
+    vec![
+        (CUBES, "", "", vec![]),
+        (CUBES, "link.", "link", vec![]),
+        (CUBES, "process.", "process", vec![]),
+        (CUBES, "stop.", "stop", vec![]),
+        (CUBES, "swarm.", "cubeSwarm", vec![]),
+        (CUBES, "goal.0.", "cubeGoal", vec![]),
+        (CUBES, "protocol.", "cubeProtocol", vec![]),
+        (CUBES, "fault.0.", "kill", fault("kill")),
+        (CUBES, "fault.1.", "pause", fault("pause")),
+        (CUBES, "fault.2.", "restart", fault("restart")),
+        (CUBES, "fault.3.", "stick", fault("stick")),
+        (CUBES, "fault.4.", "crash", fault("crash")),
+        (CUBES, "fault.4.crash.", "crashes", vec![]),
+        (CUBES, "fault.6.", "partition", fault("partition")),
+        (CUBES, "fault.6.partition.", "cut", vec![]),
+        (CUBES, "swarm.start.", "shape", vec![]),
+        (CUBES, "swarm.start.union.0.box.", "box", vec![]),
+        (CUBES, "goal.0.shape.difference.0.sphere.", "sphere", vec![]),
+        (CUBES, "goal.0.shape.difference.1.disc.", "disc", vec![]),
+        (CUBES, "goal.1.shape.intersection.0.cylinder.", "cylinder", vec![]),
+        (CUBES, "goal.2.shape.file.", "file", vec![]),
+        (METAMODULES, "swarm.", "metamoduleSwarm", vec![]),
+        (METAMODULES, "swarm.floor.", "floor", vec![]),
+        (METAMODULES, "swarm.start.0.", "place", vec![]),
+        (METAMODULES, "goal.0.", "metamoduleGoal", vec![]),
+        (METAMODULES, "goal.0.levels.0.0.", "seed", vec![]),
+        (METAMODULES, "goal.1.shape.", "library", vec![]),
+        (METAMODULES, "protocol.", "metamoduleProtocol", vec![]),
+        (METAMODULES, "fault.0.", "obstacle", fault("obstacle")),
+    ]
+}
+
+#[test]
+fn every_shipped_scenario_is_valid() {
+    let validator = validator();
+    for path in scenarios() {
+        let document = json(&fs::read_to_string(&path).unwrap(), None);
+        let errors: Vec<String> = validator.iter_errors(&document).map(|e| e.to_string()).collect();
+        assert!(errors.is_empty(), "{}: {errors:?}", path.display());
+    }
+}
+
+#[test]
+fn the_reader_and_the_schema_know_the_same_keys() {
+    let (schema, validator) = (schema(), validator());
+    for text in [CUBES, METAMODULES] {
+        assert!(flaws(text, "version=1").is_empty(), "{:?}", flaws(text, "version=1"));
+        let errors: Vec<String> =
+            validator.iter_errors(&json(text, None)).map(|e| format!("{} {e}", e.instance_path())).collect();
+        assert!(errors.is_empty(), "{errors:?}");
+    }
+    let mut described = BTreeSet::new();
+    for (text, table, definition, others) in tables() {
+        described.insert(definition);
+        let key = format!("{table}zzz");
+        let flaws = flaws(text, &format!("{key}=1"));
+        let known = flaws.iter().find_map(|flaw| match flaw {
+            Flaw::UnknownKey { key, known, .. } if key == "zzz" => Some(known),
+            _ => None,
+        });
+        let known: BTreeSet<&str> = known
+            .unwrap_or_else(|| panic!("the reader takes {key}: {flaws:?}"))
+            .iter()
+            .copied()
+            .filter(|known| !others.contains(known))
+            .collect();
+        let place = if definition.is_empty() { &schema } else { &schema["$defs"][definition] };
+        let properties: BTreeSet<&str> =
+            place["properties"].as_object().unwrap().keys().map(String::as_str).collect();
+        assert_eq!(known, properties, "keys of `{table}`: what the reader knows, and the schema");
+        assert!(!validator.is_valid(&json(text, Some((&key, Value::from(1))))), "the schema takes {key}");
+    }
+    let tables = schema["$defs"].as_object().unwrap().iter();
+    let tables = tables.filter(|(_, d)| d.get("properties").is_some()).map(|(name, _)| name.as_str());
+    assert_eq!(tables.chain([""]).collect::<BTreeSet<_>>(), described, "a table that nobody compares");
+}
+
+#[test]
+fn the_reader_and_the_schema_know_the_same_names() {
+    let (schema, validator) = (schema(), validator());
+    let names = [
+        (CUBES, "swarm.family", None),
+        (CUBES, "goal.0.growth", Some("cubeGoal/properties/growth")),
+        (CUBES, "protocol.connectivity", Some("cubeProtocol/properties/connectivity")),
+        (CUBES, "goal.0.shape.difference.1.disc.axis", Some("axis")),
+        (CUBES, "goal.2.shape.file.up", Some("file/properties/up")),
+        (CUBES, "goal.2.shape.file.part", Some("file/properties/part")),
+        (CUBES, "goal.2.shape.file.thin", Some("file/properties/thin")),
+        (CUBES, "goal.2.shape.file.voids", Some("file/properties/voids")),
+        (METAMODULES, "swarm.kind", Some("metamoduleSwarm/properties/kind")),
+        (METAMODULES, "goal.0.order", Some("metamoduleGoal/properties/order")),
+        (METAMODULES, "goal.0.levels.0.0.directions.0", Some("seed/properties/directions/items")),
+        (METAMODULES, "protocol.strategy", Some("metamoduleProtocol/properties/strategy")),
+        (METAMODULES, "protocol.teller", Some("metamoduleProtocol/properties/teller")),
+    ];
+    for (text, key, place) in names {
+        let flaws = flaws(text, &format!("{key}=zzz"));
+        let known = flaws.iter().find_map(|flaw| match flaw {
+            Flaw::Name { got, known, .. } if got == "zzz" => Some(known.iter().copied().collect()),
+            _ => None,
+        });
+        let known: BTreeSet<&str> = known.unwrap_or_else(|| panic!("the reader takes {key}: {flaws:?}"));
+        let in_schema: BTreeSet<&str> = match place {
+            // Each family has a section of its own.
+            None => ["cubeSwarm", "metamoduleSwarm"]
+                .iter()
+                .map(|d| schema["$defs"][d]["properties"]["family"]["const"].as_str().unwrap())
+                .collect(),
+            Some(place) => {
+                let names = schema.pointer(&format!("/$defs/{place}/enum")).unwrap();
+                names.as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect()
+            }
+        };
+        assert_eq!(known, in_schema, "names for {key}: what the reader knows, and the schema");
+        if !key.ends_with(".0") {
+            assert!(!validator.is_valid(&json(text, Some((key, Value::from("zzz"))))), "{key}");
+        }
+    }
+}
+
+/// What a command prints as a schema, and whether a document is valid by it.
+fn check(of: &str, document: &str) {
+    let printed = run(&["schema", of]);
+    assert_eq!(printed.code, Some(0), "{printed:?}");
+    let schema: Value = serde_json::from_str(&printed.out).unwrap();
+    let document: Value = serde_json::from_str(document).unwrap();
+    let validator = jsonschema::validator_for(&schema).unwrap();
+    let errors: Vec<String> = validator.iter_errors(&document).map(|e| e.to_string()).collect();
+    assert!(errors.is_empty(), "{of}: {errors:?}");
+    // A document without one of its fields is not valid, so the schema does say something.
+    for key in document.as_object().unwrap().keys() {
+        let mut less = document.clone();
+        less.as_object_mut().unwrap().remove(key);
+        assert!(!validator.is_valid(&less), "{of}: {key} could be left out");
+    }
+}
+
+#[test]
+fn reports_and_summaries_are_valid() {
+    for args in [&["arch.toml", "--kill", "3@1s"][..], &["box.toml"]] {
+        let path = scenario(args[0]);
+        let ran =
+            run(&[&["run", path.to_str().unwrap(), "--link", "sim", "--quiet", "--json", "-"], &args[1..]]
+                .concat());
+        check("report", &ran.out);
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("out");
+    let path = scenario("arch.toml");
+    let vary = ["--vary", "link.loss=0%,5%", "--quiet", "--out", out.to_str().unwrap()];
+    let ran = run(&[&["sweep", path.to_str().unwrap(), "--seeds", "0..3"], &vary[..]].concat());
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    check("summary", &fs::read_to_string(out.join("summary.json")).unwrap());
+}
+
+#[test]
+fn completions_and_man_pages_have_every_command() {
+    let line = CommandLine::command();
+    let commands: Vec<&str> =
+        line.get_subcommands().filter(|c| !c.is_hide_set()).map(|c| c.get_name()).collect();
+    assert!(commands.len() > 5);
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let ran = run(&["completions", shell]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        for command in &commands {
+            assert!(ran.out.contains(command), "{shell} does not complete {command}");
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let pages = directory.path().join("man/man1");
+    let ran = run(&["man", pages.to_str().unwrap()]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    for command in &commands {
+        let page = fs::read_to_string(pages.join(format!("metamorph-{command}.1"))).unwrap();
+        assert!(page.contains(".TH") && page.to_lowercase().contains(command), "{command}");
+    }
+    let file = directory.path().join("file");
+    fs::write(&file, "").unwrap();
+    let refused = run(&["man", file.to_str().unwrap()]);
+    assert!(refused.code == Some(1) && refused.err.contains("fix: "), "{refused:?}");
+}

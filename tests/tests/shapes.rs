@@ -1,0 +1,354 @@
+//! Shapes from files: solids built end to end, and files that are broken in every way, which must be
+//! refused with place, reason and fix, in bounded time and memory.
+#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+
+use metamorph_protocol::lattice::Cell;
+use metamorph_tests::command::{Ran, root, run};
+use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::solid::{Import, Part, import};
+use proptest::prelude::*;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn shapes(name: &str) -> PathBuf {
+    root().join("deploy/shapes").join(name)
+}
+
+/// Runs `metamorph shape` on a file with this content.
+fn shape(name: &str, content: impl AsRef<[u8]>, args: &[&str]) -> Ran {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
+    fs::write(&path, content).unwrap();
+    run(&[&["shape", path.to_str().unwrap()], args].concat())
+}
+
+fn refused(ran: &Ran, parts: &[&str]) {
+    assert_eq!(ran.code, Some(2), "{ran:?}");
+    for part in parts.iter().chain(&["fix: "]) {
+        assert!(ran.err.contains(part) || ran.out.contains(part), "`{part}` is missing in: {ran:?}");
+    }
+    assert!(!ran.err.contains("panicked"), "{}", ran.err);
+}
+
+fn built(args: &[&str]) -> Report {
+    let ran = run(&[args, &["--quiet", "--json", "-"]].concat());
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    serde_json::from_str(&ran.out).unwrap()
+}
+
+/// A real solid of hundreds of cells, from an STL file to the last cell, with every invariant on.
+#[test]
+fn a_rabbit_is_built_from_its_mesh() {
+    let report = built(&["run", "deploy/scenarios/rabbit.toml", "--link", "sim"]);
+    assert_eq!((report.goal.cells, report.goal.filled), (319, 319));
+    assert_eq!((report.invariants.broken, report.collisions.suffered), (0, 0));
+    assert!(report.invariants.checked > 1_000);
+}
+
+#[test]
+fn processes_build_a_solid_from_a_file_with_a_hole_cut_into_it() {
+    let report = built(&["run", "deploy/scenarios/arch.toml"]);
+    assert_eq!((report.goal.cells, report.goal.filled, report.agents.alive), (13, 13, 24));
+    assert_eq!(report.invariants.broken, 0);
+}
+
+/// From a file to a scenario that needs the file no more, and to what it builds.
+#[test]
+fn what_shape_writes_is_a_scenario_that_runs() {
+    let directory = tempfile::tempdir().unwrap();
+    for (file, args, cells) in [
+        ("arch.stl", &["--pitch", "10"][..], 14),
+        ("case.xml", &[], 16),
+        ("table.obj", &["--cells", "7", "--at", "3,-2,1"], 65),
+    ] {
+        let [written, drawn] = ["toml", "svg"].map(|end| directory.path().join(format!("{file}.{end}")));
+        let (written, drawn) = (written.to_str().unwrap(), drawn.to_str().unwrap());
+        let path = shapes(file);
+        let ran =
+            run(&[&["shape", path.to_str().unwrap(), "--write", written, "--svg", drawn], args].concat());
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        assert!(ran.out.contains(&format!("cells     {cells},")) && ran.out.contains("\n  #"), "{}", ran.out);
+        assert!(fs::read_to_string(drawn).unwrap().starts_with("<svg"));
+        let report = built(&["run", written, "--link", "sim"]);
+        assert_eq!((report.goal.cells, report.goal.filled, report.invariants.broken), (cells, cells, 0));
+        let again = run(&[&["shape", path.to_str().unwrap(), "--write", written], args].concat());
+        assert_eq!(again.code, Some(1), "a file was written over: {again:?}");
+    }
+}
+
+#[test]
+fn an_obj_whose_y_points_up_is_set_upright() {
+    let how = |up| Import { pitch: Some(1.0), up, ..Import::default() };
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("tower.obj");
+    // 1 wide, 3 along y, 2 along z; with a polygon, an index from the end, and a material that is nowhere.
+    let text = "mtllib none.mtl\nusemtl none\nv 0 0 0\nv 1 0 0\nv 1 3 0\nv 0 3 0\nv 0 0 2\nv 1 0 2\nv 1 3 2\nv 0 3 2\n\
+                f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf -5 -8 -4 -1\n";
+    fs::write(&path, text).unwrap();
+    let upright = import(&path, &how(Some(metamorph_world_controller::solid::Up::Y))).unwrap();
+    assert_eq!(upright.cells.iter().map(|c| c.z).max(), Some(2));
+    let lying = import(&path, &how(None)).unwrap();
+    assert_eq!((lying.cells.len(), lying.cells.iter().map(|c| c.z).max()), (6, Some(1)));
+}
+
+#[test]
+fn broken_meshes_are_refused_with_place_reason_and_fix() {
+    let rabbit = fs::read(shapes("rabbit.stl")).unwrap();
+    let arch = fs::read_to_string(shapes("arch.stl")).unwrap();
+    let table = fs::read_to_string(shapes("table.obj")).unwrap();
+    let ten = &["--pitch", "10"];
+    // Binary STL that ends too early, or promises too much.
+    refused(
+        &shape("a.stl", &rabbit[..40_000], ten),
+        &["a.stl: the file ends in triangle 799 of 1664 (byte 40000)"],
+    );
+    refused(&shape("a.stl", &rabbit[..70], ten), &["ends in triangle 1"]);
+    refused(&shape("a.stl", b"", ten), &["ends in triangle 1"]);
+    let mut promises = rabbit.clone();
+    promises[80..84].fill(255);
+    refused(&shape("a.stl", &promises, ten), &["of 4294967295"]);
+    let mut infinite = rabbit.clone();
+    infinite[84 + 50 * 6 + 12..][..4].copy_from_slice(&f32::INFINITY.to_le_bytes());
+    refused(&shape("a.stl", &infinite, ten), &["a corner of triangle 7 is no finite number"]);
+    // Text STL: facets have seven lines here, the first begins on line 2.
+    let end = arch.match_indices("vertex").nth(10).unwrap().0;
+    refused(&shape("a.stl", &arch[..end], ten), &["a.stl:23: in the facet that begins here: EOF"]);
+    refused(
+        &shape("a.stl", arch.replacen("vertex 10 0 0", "vertex ten 0 0", 1), ten),
+        &["a.stl:2: ", "float"],
+    );
+    refused(&shape("a.stl", "solid\nendsolid\n", ten), &["no triangle"]);
+    // OBJ.
+    refused(
+        &shape("a.obj", table.replacen("f 4 3 2 1", "f 4 3 2 900", 1), ten),
+        &["a.obj:17: in a group that ends here: ", "out of bounds"],
+    );
+    refused(&shape("a.obj", table.replacen("v 0 0 70", "v zero 0 70", 1), ten), &["a.obj:3: ", "position"]);
+    refused(&shape("a.obj", "v 0 0 0\n", ten), &["no triangle"]);
+    // No inside.
+    let facet = |n: usize| arch.match_indices("facet normal").nth(n).unwrap().0;
+    let hole = format!("{}{}", &arch[..facet(3)], &arch[facet(4)..]);
+    refused(&shape("a.stl", hole, ten), &["3 edges belong to one triangle only", " of triangle "]);
+    let twice = format!("{}{}{}", &arch[..facet(4)], &arch[facet(3)..facet(4)], &arch[facet(4)..]);
+    refused(&shape("a.stl", twice, ten), &["3 edges are not manifold; 3 triangles meet", "triangle 4"]);
+    let third = &arch[facet(3)..facet(4)];
+    let mut lines: Vec<&str> = third.lines().collect();
+    lines.swap(2, 3);
+    refused(
+        &shape("a.stl", arch.replace(third, &(lines.join("\n") + "\n")), ten),
+        &["3 edges have triangles that face opposite"],
+    );
+    // Other kinds of files.
+    refused(&shape("a.step", "", ten), &[".stl, .obj and .xml"]);
+    refused(&run(&["shape", "none.stl"]), &["none.stl: cannot read it"]);
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("folder.stl");
+    fs::create_dir(&path).unwrap();
+    refused(&run(&["shape", path.to_str().unwrap(), "--pitch", "1"]), &["no regular file"]);
+}
+
+#[test]
+fn what_cannot_be_built_is_said_with_the_reason() {
+    let path = shapes("rabbit.stl");
+    let rabbit = |args: &[&str]| run(&[&["shape", path.to_str().unwrap()], args].concat());
+    refused(&rabbit(&["--pitch", "0"]), &["the pitch is 0"]);
+    refused(&rabbit(&["--pitch", "0.01"]), &["6800 x 13200 x 14400 cells", "larger pitch"]);
+    refused(&rabbit(&["--pitch", "1e-30"]), &["larger pitch"]);
+    refused(&rabbit(&["--pitch", "1e6"]), &["no cell has its middle inside", "smaller pitch"]);
+    // The ears are 18 mm thick, and pointed.
+    refused(&rabbit(&["--pitch", "20"]), &["thinner than a cell, which is 20", "--drop-thin"]);
+    let dropped = rabbit(&["--pitch", "20", "--drop-thin", "--cells", "3"]);
+    assert_eq!(dropped.code, Some(2), "two pitches: {dropped:?}");
+    let dropped = rabbit(&["--pitch", "20", "--drop-thin"]);
+    assert_eq!(dropped.code, Some(0), "{dropped:?}");
+    refused(
+        &run(&["shape", path.to_str().unwrap(), "--part", "blocks", "--pitch", "9"]),
+        &["`part` means nothing"],
+    );
+    // Two arches far apart in one file.
+    let arch = fs::read_to_string(shapes("arch.stl")).unwrap();
+    let other = arch.replace("vertex ", "vertex 9");
+    refused(
+        &shape("two.stl", arch.clone() + &other, &["--pitch", "10"]),
+        &["2 parts that do not touch", "14 cells with"],
+    );
+    // A hollow cube: an outer shell and an inner one that faces inwards.
+    let cube = |low: i32, high: i32, faces: [&str; 6], first: usize| {
+        let mut text = String::new();
+        for i in 0..8 {
+            let c = |bit: i32| if i >> bit & 1 == 1 { high } else { low };
+            text += &format!("v {} {} {}\n", c(0), c(1), c(2));
+        }
+        for face in faces {
+            let corners: Vec<String> =
+                face.split(' ').map(|n| (n.parse::<usize>().unwrap() + first).to_string()).collect();
+            text += &format!("f {}\n", corners.join(" "));
+        }
+        text
+    };
+    let out = ["1 5 7 3", "2 4 8 6", "1 2 6 5", "3 7 8 4", "1 3 4 2", "5 6 8 7"];
+    let inwards = ["3 7 5 1", "6 8 4 2", "5 6 2 1", "4 8 7 3", "2 4 3 1", "7 8 6 5"];
+    let hollow = cube(0, 5, out, 0) + &cube(2, 3, inwards, 8);
+    let ran = shape("hollow.obj", &hollow, &["--pitch", "1"]);
+    assert!(ran.code == Some(0) && ran.out.contains("note: it has 1 inner voids with 1 cells"), "{ran:?}");
+    let ran = shape("hollow.obj", &hollow, &["--pitch", "1", "--fill-voids"]);
+    assert!(
+        ran.code == Some(0) && ran.out.contains("cells     125,") && !ran.out.contains("void"),
+        "{ran:?}"
+    );
+}
+
+#[test]
+fn broken_configurations_are_refused_with_place_reason_and_fix() {
+    let case = fs::read_to_string(shapes("case.xml")).unwrap();
+    let with = |old: &str, new: &str| {
+        assert!(case.contains(old));
+        case.replacen(old, new, 1)
+    };
+    let bomb = "<?xml version=\"1.0\"?>\n<!DOCTYPE bomb [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;&a;&a;&a;&a;\">\
+                <!ENTITY c \"&b;&b;&b;&b;&b;&b;&b;&b;\">]>\n<world><blockList>&c;</blockList></world>";
+    refused(&shape("a.xml", bomb, &[]), &["a.xml:2: the file declares a document type"]);
+    let deep = "<world>".repeat(200_000);
+    refused(&shape("a.xml", &deep, &[]), &["a.xml:1: "]);
+    refused(&shape("a.xml", &case[..300], &[]), &["a.xml:", "not XML"]);
+    refused(&shape("a.xml", "<robots/>", &[]), &["expected <world>, found <robots>"]);
+    refused(&shape("a.xml", [b'<', 0xff, 0xfe], &[]), &["a.xml:1: this is not UTF-8"]);
+    refused(
+        &shape("a.xml", with("4,4,0", "4,four,0"), &[]),
+        &["a.xml:12: expected three whole numbers", "4,four,0"],
+    );
+    refused(&shape("a.xml", with("4,4,0", "4,4.5,0"), &[]), &["a.xml:12: ", "4,4.5,0"]);
+    refused(&shape("a.xml", with("4,4,0", "4,40000,0"), &[]), &["[4, 40000, 0] is out of range"]);
+    refused(
+        &shape("a.xml", with("5,4,0", "4,4,0"), &[]),
+        &["a.xml:13: the cell [4, 4, 0] is named a second time"],
+    );
+    refused(
+        &shape("a.xml", with("\"grid\"", "\"csg\""), &[]),
+        &["a.xml:11: a target of the format `csg` is not read"],
+    );
+    let boxes = with("<blocksLine", "<blockBox/><blocksLine");
+    refused(&shape("a.xml", &boxes, &["--part", "blocks"]), &["a.xml:5: <blockBox> is not read"]);
+    refused(
+        &shape("a.xml", with("targetList", "goals").replace("/targetList", "/goals"), &[]),
+        &["has no target"],
+    );
+    refused(&shape("a.xml", &case, &["--pitch", "3"]), &["`pitch` means nothing"]);
+    let far = with("4,4,0", "-16000,4,0").replace("5,4,0", "5,16000,16000");
+    refused(&shape("a.xml", far, &[]), &["the box around its cells has"]);
+}
+
+/// What is wrong with the file is said at the place in the scenario that names it.
+#[test]
+fn scenarios_point_at_the_file_that_is_wrong() {
+    let directory = tempfile::tempdir().unwrap();
+    let check = |shape: &str| {
+        let path = directory.path().join("scenario.toml");
+        let text = format!(
+            "version = 1\n[swarm]\nstart = {{ box = {{ min = [0, 0, 0], max = [9, 9, 9] }} }}\n[[goal]]\ngrowth = \"solid\"\nshape = {shape}\n"
+        );
+        fs::write(&path, text).unwrap();
+        run(&["check", path.to_str().unwrap()])
+    };
+    fs::copy(shapes("arch.stl"), directory.path().join("arch.stl")).unwrap();
+    fs::copy(shapes("case.xml"), directory.path().join("case.xml")).unwrap();
+    fs::copy(shapes("rabbit.stl"), directory.path().join("rabbit.stl")).unwrap();
+    let here = "scenario.toml:6:";
+    refused(&check("{ file = { path = \"none.stl\", pitch = 1 } }"), &[here, "none.stl: cannot read it"]);
+    refused(&check("{ file = { path = \"arch.stl\" } }"), &[here, "needs a `pitch`"]);
+    refused(&check("{ file = { path = \"arch.stl\", pitch = -1 } }"), &[here, "the pitch is -1"]);
+    refused(&check("{ file = { path = \"arch.stl\", pich = 1 } }"), &[here, "did you mean `pitch`?"]);
+    refused(
+        &check("{ file = { path = \"rabbit.stl\", pitch = 20 } }"),
+        &[here, "thinner than a cell", "thin = \"drop\""],
+    );
+    refused(
+        &check("{ file = { path = \"case.xml\", part = \"goals\" } }"),
+        &[here, "unknown part", "targets"],
+    );
+    refused(&check("{ intersection = [] }"), &[here, "at least one"]);
+    let many = vec!["{ file = { path = \"arch.stl\", pitch = 10 } }"; 17].join(", ");
+    refused(&check(&format!("{{ union = [{many}] }}")), &[here, "more than 16 files"]);
+    let mixed = "{ intersection = [{ file = { path = \"arch.stl\", pitch = 10, at = [4, 4, 0] } }, \
+                 { difference = [{ box = { min = [0, 0, 0], max = [9, 9, 9] } }, { file = { path = \"case.xml\" } }] }] }";
+    let ran = check(mixed);
+    // The arch without what the wall of the configuration takes of it.
+    assert!(ran.code == Some(0) && ran.out.contains("10 cells"), "{ran:?}");
+}
+
+/// A ball of so many slices and layers, as binary STL.
+fn ball(slices: usize, layers: usize) -> Vec<u8> {
+    use std::f64::consts::{PI, TAU};
+    let at = |i: usize, j: usize| {
+        let (up, round) = (PI * j as f64 / layers as f64, TAU * (i % slices) as f64 / slices as f64);
+        let wide = if j == 0 || j == layers { 0.0 } else { up.sin() };
+        [wide * round.cos(), wide * round.sin(), up.cos()].map(|c| (c * 100.0) as f32)
+    };
+    let mut bytes = vec![b'.'; 80];
+    bytes.extend((slices as u32 * (layers as u32 - 1) * 2).to_le_bytes());
+    let mut triangle = |corners: [[f32; 3]; 3]| {
+        bytes.extend([0; 12]);
+        corners.as_flattened().iter().for_each(|c| bytes.extend(c.to_le_bytes()));
+        bytes.extend([0; 2]);
+    };
+    for i in 0..slices {
+        for j in 0..layers {
+            if j + 1 < layers {
+                triangle([at(i, j), at(i, j + 1), at(i + 1, j + 1)]);
+            }
+            if j > 0 {
+                triangle([at(i, j), at(i + 1, j + 1), at(i + 1, j)]);
+            }
+        }
+    }
+    bytes
+}
+
+#[test]
+fn a_million_triangles_are_laid_into_cells_and_more_than_two_are_refused() {
+    let ran = shape("ball.stl", ball(1_000, 501), &["--cells", "10"]);
+    assert!(ran.code == Some(0) && ran.out.contains("1,000,000 triangles"), "{ran:?}");
+    let mut many = vec![b'.'; 80];
+    many.extend(2_000_001u32.to_le_bytes());
+    many.resize(84 + 50 * 2_000_001, 0);
+    refused(&shape("many.stl", many, &["--cells", "10"]), &["2000001 triangles; 2000000 is the most"]);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever a few bytes are changed to: cells, or a refusal that says what to do.
+    #[test]
+    fn no_file_makes_the_reader_panic(
+        which in 0usize..4,
+        cut in 0.5f64..1.2,
+        changes in prop::collection::vec((0.0f64..1.0, any::<u8>()), 0..6),
+    ) {
+        let name = ["rabbit.stl", "arch.stl", "table.obj", "case.xml"][which];
+        let mut bytes = fs::read(shapes(name)).unwrap();
+        bytes.truncate((bytes.len() as f64 * cut) as usize);
+        for (at, byte) in changes {
+            let at = (bytes.len() as f64 * at) as usize;
+            bytes[at] = if which == 0 { byte } else { b"0123456789 .-eE/\n<\"="[usize::from(byte) % 20] };
+        }
+        survives(name, &bytes);
+    }
+}
+
+fn survives(name: &str, bytes: &[u8]) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
+    fs::write(&path, bytes).unwrap();
+    let mesh = !name.ends_with("xml");
+    let how = Import {
+        pitch: mesh.then_some(10.0),
+        part: (!mesh).then_some(Part::Blocks),
+        at: Cell::new(1, 2, 3),
+        fill_voids: true,
+        ..Import::default()
+    };
+    match import(Path::new(&path), &how) {
+        Ok(imported) => assert!(!imported.cells.is_empty()),
+        Err(error) => assert!(!error.fix().is_empty() && error.to_string().contains(name), "{error}"),
+    }
+}

@@ -1,0 +1,422 @@
+//! The JSON schema of scenarios (draft 2020-12), for editors and for programs that write scenarios.
+//!
+//! It says which keys there are, where, and of which kind their values are. What belongs together (a
+//! seed in its goal, a module that a fault names) is checked by the reader alone, which is also the one
+//! whose complaints people read. A test asks the reader for the keys and names that it knows at every
+//! place and compares them with these; so neither can change alone.
+
+use super::flaw::{MAX_FLOOR, MAX_GOALS, MAX_METAMODULES, VERSION};
+use metamorph_module_agent::Family;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::roombots::Kind;
+use serde_json::{Map, Value, json};
+
+/// The schema.
+pub fn schema() -> Value {
+    let own = |swarm: &str, goal: &str, protocol: &str, fault: &str| {
+        json!({ "properties": {
+            "swarm": of(swarm),
+            "goal": { "type": "array", "minItems": 1, "maxItems": MAX_GOALS, "items": of(goal) },
+            "protocol": of(protocol),
+            "fault": { "type": "array", "items": of(fault) },
+        } })
+    };
+    let metamodules = json!({ "type": "object", "required": ["swarm"], "properties": { "swarm": {
+        "type": "object", "required": ["family"],
+        "properties": { "family": { "const": Family::Metamodule.name() } },
+    } } });
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A scenario of Metamorph",
+        "type": "object",
+        "additionalProperties": false,
+        "required": ["version", "swarm", "goal"],
+        "properties": {
+            "version": said("The version of this format.", json!({ "const": VERSION })),
+            "name": said("What it is called.", text()),
+            "description": said("What it shows.", text()),
+            "seed": said("The seed of all chance in a run.", natural()),
+            "swarm": said("Who is there, and where.", json!({ "type": "object" })),
+            "goal": said("What is to be built, one after the other.", json!({ "type": "array" })),
+            "protocol": said("How modules decide.", json!({ "type": "object" })),
+            "link": of("link"),
+            "process": of("process"),
+            "fault": said("What is broken when.", json!({ "type": "array" })),
+            "stop": of("stop"),
+        },
+        "if": metamodules,
+        "then": own("metamoduleSwarm", "metamoduleGoal", "metamoduleProtocol", "metamoduleFault"),
+        "else": own("cubeSwarm", "cubeGoal", "cubeProtocol", "cubeFault"),
+        "$defs": definitions(),
+    })
+}
+
+fn definitions() -> Value {
+    let mut all = Map::new();
+    for (name, value) in
+        values().into_iter().chain(shared()).chain(shapes()).chain(cubes()).chain(metamodules())
+    {
+        all.insert(name.to_owned(), value);
+    }
+    Value::Object(all)
+}
+
+type Definitions = Vec<(&'static str, Value)>;
+
+/// What is written as one value.
+fn values() -> Definitions {
+    let coordinate = json!({ "type": "integer", "minimum": -Cell::LIMIT, "maximum": Cell::LIMIT });
+    let coordinates = |n: u8| json!({ "type": "array", "items": coordinate, "minItems": n, "maxItems": n });
+    let modules = json!({ "anyOf": [natural(), { "type": "array", "items": natural() }] });
+    vec![
+        ("time", said("A length of time, such as 200ms, 1.5s or 2min.", text())),
+        ("window", said("Two times, such as 0s..60s.", json!({ "type": "string", "pattern": "\\.\\." }))),
+        ("delay", said("One time or two, such as 10ms..100ms.", text())),
+        ("probability", said("Such as 5%, 0.05 or 1/20.", json!({ "type": ["string", "number"] }))),
+        ("cell", said("The coordinates of a cell; z points up.", coordinates(3))),
+        ("connector", said("The coordinates of a connector of the floor.", coordinates(2))),
+        ("modules", said("The number of a module, from 0, or several.", modules)),
+        ("radius", said("In cells.", json!({ "type": "number", "minimum": 0, "maximum": Cell::LIMIT }))),
+        ("axis", names(&["x", "y", "z"])),
+    ]
+}
+
+/// What both families have.
+fn shared() -> Definitions {
+    vec![
+        (
+            "link",
+            table(
+                "What is done to messages.",
+                &[],
+                json!({
+                    "delay": of("delay"),
+                    "loss": of("probability"),
+                    "duplicate": of("probability"),
+                    "reorder": of("probability"),
+                    "corrupt": of("probability"),
+                }),
+            ),
+        ),
+        (
+            "process",
+            table(
+                "What only runs of processes have.",
+                &[],
+                json!({ "time_scale": said("Scenario seconds per real second.", json!({ "type": "number", "exclusiveMinimum": 0 })) }),
+            ),
+        ),
+        (
+            "stop",
+            table(
+                "When a run ends.",
+                &[],
+                json!({ "timeout": of("time"), "stall": of("time"), "livelock": of("time") }),
+            ),
+        ),
+        ("kill", fault("A process is killed; its body stays.", "kill", &["at"], json!({}))),
+        ("pause", fault("A process is stopped for a while.", "pause", &["from", "until"], json!({}))),
+        (
+            "restart",
+            fault(
+                "A process is started again without its memory.",
+                "restart",
+                &["at"],
+                json!({ "memory": { "const": false } }),
+            ),
+        ),
+        ("stick", fault("A joint sticks.", "stick", &["at"], json!({ "until": of("time") }))),
+        (
+            "crash",
+            fault("Modules drawn at random are killed.", "crash", &[], json!({ "crash": of("crashes") })),
+        ),
+        (
+            "crashes",
+            table(
+                "How many, and when.",
+                &["between"],
+                json!({
+                    "count": natural(),
+                    "fraction": of("probability"),
+                    "between": of("window"),
+                }),
+            ),
+        ),
+        ("partition", fault("Modules are cut off.", "partition", &[], json!({ "partition": of("cut") }))),
+        (
+            "cut",
+            table(
+                "Who, and when.",
+                &["modules", "from", "until"],
+                json!({ "modules": of("modules"), "from": of("time"), "until": of("time") }),
+            ),
+        ),
+        (
+            "obstacle",
+            fault(
+                "Something foreign comes into a cell.",
+                "obstacle",
+                &["at"],
+                json!({ "obstacle": of("cell"), "until": of("time") }),
+            ),
+        ),
+    ]
+}
+
+/// Shapes of cubes.
+fn shapes() -> Definitions {
+    let parts = json!({ "type": "array", "items": of("shape") });
+    vec![
+        (
+            "shape",
+            one_of_its_keys(table(
+                "A set of cells; one of these.",
+                &[],
+                json!({
+                    "box": of("box"),
+                    "sphere": of("sphere"),
+                    "disc": of("disc"),
+                    "cylinder": of("cylinder"),
+                    "cells": said("Each named once.", json!({ "type": "array", "items": of("cell") })),
+                    "file": of("file"),
+                    "union": parts,
+                    "difference": said("The first without the others.", parts.clone()),
+                    "intersection": parts,
+                }),
+            )),
+        ),
+        (
+            "box",
+            table(
+                "Both corners belong to it.",
+                &["min", "max"],
+                json!({ "min": of("cell"), "max": of("cell") }),
+            ),
+        ),
+        (
+            "sphere",
+            table("A ball.", &["center", "radius"], json!({ "center": of("cell"), "radius": of("radius") })),
+        ),
+        (
+            "disc",
+            table(
+                "One cell thick, at right angles to its axis.",
+                &["center", "radius"],
+                json!({ "center": of("cell"), "radius": of("radius"), "axis": of("axis") }),
+            ),
+        ),
+        (
+            "cylinder",
+            table(
+                "A stack of discs.",
+                &["base", "radius", "height"],
+                json!({ "base": of("cell"), "radius": of("radius"), "height": natural(), "axis": of("axis") }),
+            ),
+        ),
+        (
+            "file",
+            table(
+                "A solid (.stl, .obj) or a configuration of VisibleSim (.xml).",
+                &["path"],
+                json!({
+                    "path": said("Relative to the scenario.", text()),
+                    "pitch": said("The edge of a cell in the units of the file.", json!({ "type": "number" })),
+                    "up": said("The axis of the file that points up.", names(&["z", "y"])),
+                    "at": of("cell"),
+                    "part": names(&["blocks", "targets"]),
+                    "thin": said("What becomes of parts thinner than a cell.", names(&["refuse", "drop"])),
+                    "voids": names(&["keep", "fill"]),
+                }),
+            ),
+        ),
+    ]
+}
+
+/// What only cubes have.
+fn cubes() -> Definitions {
+    vec![
+        (
+            "cubeSwarm",
+            table(
+                "Cubes that slide over each other.",
+                &["start"],
+                json!({
+                    "family": { "const": Family::Cube.name() },
+                    "start": of("shape"),
+                    "move_time": of("time"),
+                    "failed_connections": of("probability"),
+                }),
+            ),
+        ),
+        (
+            "cubeGoal",
+            table(
+                "A shape to be grown from a seed.",
+                &["shape"],
+                json!({
+                    "name": text(),
+                    "shape": of("shape"),
+                    "seed": of("cell"),
+                    "growth": names(&["scaffold", "solid"]),
+                }),
+            ),
+        ),
+        (
+            "cubeProtocol",
+            table(
+                "How cubes decide.",
+                &[],
+                json!({
+                    "connectivity": names(&["forest", "cycles", "gradient"]),
+                    "dead": { "const": "hold" },
+                    "co_owners": { "type": "boolean" },
+                }),
+            ),
+        ),
+        ("cubeFault", any(&["kill", "pause", "restart", "stick", "crash", "partition"])),
+    ]
+}
+
+/// What only metamodules have.
+fn metamodules() -> Definitions {
+    let start = json!({ "anyOf": [{ "const": "random" }, { "type": "array", "items": of("place") }] });
+    let seeds = json!({ "type": "array", "minItems": 1, "items": of("seed") });
+    let direction = names(&["up", "down", "north", "south", "east", "west"]);
+    let mut goal = table(
+        "Seeds to be filled, level by level.",
+        &[],
+        json!({
+            "name": text(),
+            "at": said("When it replaces the one before.", of("time")),
+            "shape": of("library"),
+            "levels": { "type": "array", "items": seeds },
+            "order": names(&["circular", "crosswise", "at-once"]),
+        }),
+    );
+    goal["oneOf"] = json!([{ "required": ["shape"] }, { "required": ["levels"] }]);
+    vec![
+        (
+            "metamoduleSwarm",
+            table(
+                "Two Roombots modules each, which walk over a floor of connectors.",
+                &["family"],
+                json!({
+                    "family": { "const": Family::Metamodule.name() },
+                    "kind": names(&Kind::METAMODULES.map(Kind::name)),
+                    "count": { "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES },
+                    "floor": of("floor"),
+                    "start": said("Drawn from the seed of the run, or a list.", start),
+                    "turn_time": of("time"),
+                    "failed_connections": of("probability"),
+                }),
+            ),
+        ),
+        (
+            "floor",
+            table(
+                &format!("Both corners belong to it; at most {MAX_FLOOR} connectors along each side."),
+                &["min", "max"],
+                json!({ "min": of("connector"), "max": of("connector") }),
+            ),
+        ),
+        (
+            "place",
+            table(
+                "Where a metamodule starts, and by how many quarters it is turned.",
+                &["at"],
+                json!({ "at": of("connector"), "class": { "type": "integer", "minimum": 0, "maximum": 3 } }),
+            ),
+        ),
+        ("metamoduleGoal", goal),
+        (
+            "library",
+            one_of_its_keys(table(
+                "A goal of the thesis, by the corner where it stands.",
+                &[],
+                json!({ "box": of("connector"), "chair": of("connector") }),
+            )),
+        ),
+        (
+            "seed",
+            table(
+                "A connector, and the directions from cell to cell.",
+                &["foot", "directions"],
+                json!({
+                    "foot": of("connector"),
+                    "directions": { "type": "array", "minItems": 3, "maxItems": 3, "items": direction },
+                }),
+            ),
+        ),
+        (
+            "metamoduleProtocol",
+            table(
+                "How metamodules decide.",
+                &[],
+                json!({
+                    "strategy": names(&Strategy::ALL.map(Strategy::name)),
+                    "teller": names(&["controller", "neighbours"]),
+                    "relocate": { "type": "boolean" },
+                    "detector": { "type": "boolean" },
+                }),
+            ),
+        ),
+        ("metamoduleFault", any(&["kill", "pause", "restart", "stick", "crash", "partition", "obstacle"])),
+    ]
+}
+
+fn of(definition: &str) -> Value {
+    json!({ "$ref": format!("#/$defs/{definition}") })
+}
+
+fn said(description: &str, mut schema: Value) -> Value {
+    schema["description"] = json!(description);
+    schema
+}
+
+fn text() -> Value {
+    json!({ "type": "string" })
+}
+
+fn natural() -> Value {
+    json!({ "type": "integer", "minimum": 0 })
+}
+
+fn names(names: &[&str]) -> Value {
+    json!({ "enum": names })
+}
+
+fn any(definitions: &[&str]) -> Value {
+    json!({ "oneOf": definitions.iter().map(|name| of(name)).collect::<Vec<_>>() })
+}
+
+/// A table with these keys and no others.
+fn table(description: &str, required: &[&str], properties: Value) -> Value {
+    json!({
+        "description": description,
+        "type": "object",
+        "additionalProperties": false,
+        "required": required,
+        "properties": properties,
+    })
+}
+
+fn one_of_its_keys(mut table: Value) -> Value {
+    table["minProperties"] = json!(1);
+    table["maxProperties"] = json!(1);
+    table
+}
+
+/// A fault: whom or what it hits, the times that it needs, and more keys that it may have.
+fn fault(description: &str, verb: &str, times: &[&str], more: Value) -> Value {
+    let mut schema = table(description, &[&[verb], times].concat(), json!({ (verb): of("modules") }));
+    for time in times {
+        schema["properties"][*time] = of("time");
+    }
+    if let Value::Object(more) = more {
+        for (key, value) in more {
+            schema["properties"][key] = value;
+        }
+    }
+    schema
+}

@@ -1,0 +1,296 @@
+//! Everything that can be wrong with a file that a shape is made of, and what to do about it.
+//!
+//! One variant per reason; the text is the reason with its place in the file, [`SolidError::fix`] the
+//! way out. Numbers of triangles count from 1, as people do.
+
+use metamorph_protocol::lattice::Cell;
+use thiserror::Error;
+
+/// The largest file that a shape is read from, in bytes.
+pub const MAX_BYTES: u64 = 256 << 20;
+/// The most triangles of one file.
+pub const MAX_TRIANGLES: usize = 2_000_000;
+/// The most cells of the box around a mesh.
+pub const MAX_GRID: u64 = 16_000_000;
+/// The most cells of the box around whatever comes out.
+pub const MAX_BOX: u64 = 64_000_000;
+/// The most pairs of a triangle and a column of cells, or a sample of its surface, that are looked at.
+pub const MAX_WORK: u64 = 400_000_000;
+/// The most elements of an XML file.
+pub const MAX_NODES: u32 = 4_000_000;
+
+/// What is wrong with a file.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum SolidError {
+    /// It cannot be opened or read.
+    #[error("{file}: cannot read it: {why}")]
+    Unreadable {
+        /// The file.
+        file: String,
+        /// Why.
+        why: String,
+    },
+    /// A directory, a pipe or a device.
+    #[error("{0}: this is no regular file")]
+    NoFile(String),
+    /// Too many bytes.
+    #[error("{file}: the file is larger than {} MiB", MAX_BYTES >> 20, file = .0)]
+    TooLarge(String),
+    /// Neither a mesh nor a configuration, as far as its name goes.
+    #[error("{0}: the name ends with none of .stl, .obj and .xml")]
+    Format(String),
+    /// A binary STL that ends too early.
+    #[error(
+        "{file}: the file ends in triangle {} of {expected} (byte {bytes})", found + 1
+    )]
+    Truncated {
+        /// The file.
+        file: String,
+        /// Whole triangles that are there.
+        found: u64,
+        /// Triangles that its header promises.
+        expected: u64,
+        /// Its length.
+        bytes: u64,
+    },
+    /// Text that is not what its format wants.
+    #[error("{file}:{line}: {why}")]
+    Syntax {
+        /// The file.
+        file: String,
+        /// Which line, from 1.
+        line: usize,
+        /// Why.
+        why: String,
+    },
+    /// An infinite coordinate, or none.
+    #[error("{file}: a corner of triangle {triangle} is no finite number")]
+    NotFinite {
+        /// The file.
+        file: String,
+        /// Which triangle.
+        triangle: usize,
+    },
+    /// No triangle.
+    #[error("{0}: there is no triangle in it")]
+    Empty(String),
+    /// More triangles than [`MAX_TRIANGLES`].
+    #[error("{file}: the mesh has {found} triangles; {MAX_TRIANGLES} is the most")]
+    TooManyTriangles {
+        /// The file.
+        file: String,
+        /// How many, as far as known.
+        found: u64,
+    },
+    /// Edges of one triangle only: the mesh has holes.
+    #[error(
+        "{file}: the mesh is not closed: {edges} edges belong to one triangle only, such as the one from {from} to {to} of triangle {triangle}"
+    )]
+    Open {
+        /// The file.
+        file: String,
+        /// How many.
+        edges: usize,
+        /// One end of one.
+        from: String,
+        /// The other end.
+        to: String,
+        /// Its triangle.
+        triangle: usize,
+    },
+    /// Edges of more than two triangles.
+    #[error(
+        "{file}: {edges} edges are not manifold; {triangles} triangles meet at the one from {from} to {to}, one of them is triangle {triangle}"
+    )]
+    NonManifold {
+        /// The file.
+        file: String,
+        /// How many.
+        edges: usize,
+        /// Triangles at one of them.
+        triangles: usize,
+        /// One end of it.
+        from: String,
+        /// The other end.
+        to: String,
+        /// One of the triangles.
+        triangle: usize,
+    },
+    /// Neighbours that look to different sides.
+    #[error(
+        "{file}: {edges} edges have triangles that face opposite sides, such as the one from {from} to {to} of triangle {triangle}"
+    )]
+    Flipped {
+        /// The file.
+        file: String,
+        /// How many.
+        edges: usize,
+        /// One end of one.
+        from: String,
+        /// The other end.
+        to: String,
+        /// One of its triangles.
+        triangle: usize,
+    },
+    /// A mesh needs a pitch.
+    #[error("{0}: a mesh needs a `pitch`, the edge of a cell in the units of the file")]
+    NoPitch(String),
+    /// No length.
+    #[error("the pitch is {0}; it must be a number above 0")]
+    Pitch(String),
+    /// Too many cells.
+    #[error(
+        "{file}: with a pitch of {pitch} the box around the mesh has {x} x {y} x {z} cells; {MAX_GRID} in all is the most"
+    )]
+    TooFine {
+        /// The file.
+        file: String,
+        /// The pitch.
+        pitch: String,
+        /// Cells along x.
+        x: u64,
+        /// Cells along y.
+        y: u64,
+        /// Cells along z.
+        z: u64,
+    },
+    /// Triangles that cover too many cells together.
+    #[error("{0}: its triangles overlap so often that filling the cells would take too long")]
+    TooMuchWork(String),
+    /// The solid fits between the middles of cells.
+    #[error("{file}: no cell has its middle inside the solid, which is {size} large; the pitch is {pitch}")]
+    Vanished {
+        /// The file.
+        file: String,
+        /// Its extent.
+        size: String,
+        /// The pitch.
+        pitch: String,
+    },
+    /// Parts that no cell stands for.
+    #[error(
+        "{file}: it is thinner than a cell, which is {pitch}, in {samples} of {of} samples of its surface, such as at {at}"
+    )]
+    Thin {
+        /// The file.
+        file: String,
+        /// The pitch.
+        pitch: String,
+        /// How many.
+        samples: u64,
+        /// Of how many.
+        of: u64,
+        /// Where one is, in the units of the file.
+        at: String,
+    },
+    /// Further out than coordinates go.
+    #[error("{file}: a cell at [{}, {}, {}] is out of range; coordinates go from -{limit} to {limit}", cell[0], cell[1], cell[2], limit = Cell::LIMIT)]
+    OutOfRange {
+        /// The file.
+        file: String,
+        /// The cell.
+        cell: [i64; 3],
+    },
+    /// Cells too far apart to be kept in memory.
+    #[error("{file}: the box around its cells has {cells} cells; {MAX_BOX} is the most")]
+    TooWide {
+        /// The file.
+        file: String,
+        /// How many.
+        cells: u64,
+    },
+    /// A document type could hide entities that grow without bounds.
+    #[error(
+        "{file}:{line}: the file declares a document type, which is refused because entities could be hidden in it"
+    )]
+    Doctype {
+        /// The file.
+        file: String,
+        /// Which line.
+        line: u32,
+    },
+    /// The part that was asked for is not in the configuration.
+    #[error("{file}: the configuration has no {what}")]
+    NoPart {
+        /// The file.
+        file: String,
+        /// What was looked for.
+        what: &'static str,
+    },
+    /// One cell, two modules.
+    #[error("{file}:{line}: the cell {cell} is named a second time")]
+    Twice {
+        /// The file.
+        file: String,
+        /// Which line.
+        line: u32,
+        /// The cell.
+        cell: Cell,
+    },
+    /// Known, and not read.
+    #[error("{file}:{line}: {what} is not read")]
+    NotRead {
+        /// The file.
+        file: String,
+        /// Which line.
+        line: u32,
+        /// What.
+        what: String,
+    },
+    /// An option for another kind of file.
+    #[error("{file}: `{option}` means nothing for {what}")]
+    Option {
+        /// The file.
+        file: String,
+        /// The option.
+        option: &'static str,
+        /// The kind of file.
+        what: &'static str,
+    },
+}
+
+impl SolidError {
+    /// What to do about it.
+    pub fn fix(&self) -> &'static str {
+        match self {
+            SolidError::Unreadable { .. } | SolidError::NoFile(_) => {
+                "check the path (paths in a scenario are relative to its file) and its permissions"
+            }
+            SolidError::TooLarge(_) | SolidError::TooManyTriangles { .. } => {
+                "reduce the mesh, for example with Blender's Decimate modifier; cells are coarse anyway"
+            }
+            SolidError::Format(_) => "export it as STL or OBJ, or name a configuration of VisibleSim",
+            SolidError::Truncated { .. } => "export or copy the file again",
+            SolidError::Syntax { .. } | SolidError::NotFinite { .. } => {
+                "export the file again, or repair this place"
+            }
+            SolidError::Empty(_) => "export a solid with its surface as triangles",
+            SolidError::Open { .. } => {
+                "close the holes, for example with \"make manifold\" of Blender's 3D-print toolbox"
+            }
+            SolidError::NonManifold { .. } => {
+                "unite the parts that touch there to one solid, or move them apart"
+            }
+            SolidError::Flipped { .. } => {
+                "let all faces look outwards, for example with Blender's \"recalculate outside\""
+            }
+            SolidError::NoPitch(_) => "write for example `pitch = 10`",
+            SolidError::Pitch(_) => {
+                "write the edge of a cell in the units of the file, for example `pitch = 10`"
+            }
+            SolidError::TooFine { .. } => "choose a larger pitch",
+            SolidError::TooMuchWork(_) => "reduce the mesh, or choose a larger pitch",
+            SolidError::Vanished { .. } => "choose a smaller pitch",
+            SolidError::Thin { .. } => {
+                "choose a smaller pitch, make it thicker there, or write `thin = \"drop\"` to do without those parts"
+            }
+            SolidError::TooWide { .. } => "let the cells be closer together",
+            SolidError::OutOfRange { .. } => "move it towards the origin",
+            SolidError::Doctype { .. } => "remove the declaration; configurations of VisibleSim need none",
+            SolidError::NoPart { .. } => "name the other part, or add it to the configuration",
+            SolidError::Twice { .. } => "remove one of the two",
+            SolidError::NotRead { .. } => "name every cell with its position, or as the values of a line",
+            SolidError::Option { .. } => "leave it out",
+        }
+    }
+}

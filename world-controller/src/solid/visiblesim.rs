@@ -1,0 +1,177 @@
+//! Configurations of VisibleSim (XML): the modules of `blockList`, and the cells of `targetList` or the
+//! older `targetGrid`.
+//!
+//! Positions are cells of a simple cubic lattice, as of its sliding cubes, Smart Blocks and Blinky
+//! Blocks. The file does not say which robots it is for: those of the face-centred lattice of 3D Catoms
+//! come out as cells, too, but as a sheared shape. Absent: cameras, lights, colours, orientations, and
+//! descriptions of shapes (`csg`, `blockBox`), which are refused instead of left out.
+
+use super::flaw::{MAX_NODES, SolidError};
+use metamorph_protocol::lattice::Cell;
+use roxmltree::{Document, Error, Node, ParsingOptions};
+use std::collections::BTreeSet;
+
+/// A part of a configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The modules at the start.
+    Blocks,
+    /// The cells to be filled.
+    Targets,
+}
+
+/// The cells of one part.
+pub fn cells(file: &str, text: &str, part: Part) -> Result<BTreeSet<Cell>, SolidError> {
+    let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
+    let document = Document::parse_with_options(text, options).map_err(|error| {
+        let (line, file) = (error.pos().row, file.to_owned());
+        match error {
+            Error::DtdDetected => SolidError::Doctype { file, line: doctype_line(text) },
+            other => {
+                SolidError::Syntax { file, line: line as usize, why: format!("this is not XML: {other}") }
+            }
+        }
+    })?;
+    let mut reader = Reader { file, document: &document, cells: BTreeSet::new() };
+    let world = document.root_element();
+    if !world.has_tag_name("world") {
+        let why = format!("expected <world>, found <{}>", world.tag_name().name());
+        return Err(SolidError::Syntax { file: file.to_owned(), line: reader.line(world) as usize, why });
+    }
+    let lists = match part {
+        Part::Blocks => ["blockList"].as_slice(),
+        Part::Targets => &["targetList", "targetGrid"],
+    };
+    for list in children(world).filter(|node| lists.contains(&node.tag_name().name())) {
+        match list.tag_name().name() {
+            "targetList" => reader.targets(list)?,
+            _ => reader.list(list)?,
+        }
+    }
+    if reader.cells.is_empty() {
+        let what = match part {
+            Part::Blocks => "modules (<blockList>)",
+            Part::Targets => "target (<targetList>)",
+        };
+        return Err(SolidError::NoPart { file: file.to_owned(), what });
+    }
+    Ok(reader.cells)
+}
+
+/// The parser names no place for this one.
+fn doctype_line(text: &str) -> u32 {
+    let before = text.find("<!DOCTYPE").map_or("", |at| &text[..at]);
+    before.matches('\n').count() as u32 + 1
+}
+
+fn children<'a, 'i>(node: Node<'a, 'i>) -> impl Iterator<Item = Node<'a, 'i>> {
+    node.children().filter(Node::is_element)
+}
+
+struct Reader<'a> {
+    file: &'a str,
+    document: &'a Document<'a>,
+    cells: BTreeSet<Cell>,
+}
+
+impl Reader<'_> {
+    fn line(&self, node: Node<'_, '_>) -> u32 {
+        self.document.text_pos_at(node.range().start).row
+    }
+
+    fn syntax(&self, node: Node<'_, '_>, why: String) -> SolidError {
+        SolidError::Syntax { file: self.file.to_owned(), line: self.line(node) as usize, why }
+    }
+
+    fn not_read(&self, node: Node<'_, '_>, what: String) -> SolidError {
+        SolidError::NotRead { file: self.file.to_owned(), line: self.line(node), what }
+    }
+
+    /// The first target; VisibleSim goes from one to the next, a goal is one shape.
+    fn targets(&mut self, list: Node<'_, '_>) -> Result<(), SolidError> {
+        let mut targets = children(list);
+        let Some(target) = targets.next() else { return Ok(()) };
+        if let Some(second) = targets.next() {
+            return Err(self.not_read(second, "a second <target>".to_owned()));
+        }
+        match target.attribute("format") {
+            Some("grid") | None => self.list(target),
+            Some(other) => {
+                let other: String = other.chars().take(40).collect();
+                Err(self.not_read(target, format!("a target of the format `{other}`")))
+            }
+        }
+    }
+
+    fn list(&mut self, list: Node<'_, '_>) -> Result<(), SolidError> {
+        for node in children(list) {
+            match node.tag_name().name() {
+                "block" | "cell" => {
+                    let position = self.attribute(node, "position")?;
+                    let cell = coordinates(position).ok_or_else(|| {
+                        self.syntax(
+                            node,
+                            format!("expected three whole numbers, found position=\"{}\"", cut(position)),
+                        )
+                    })?;
+                    self.add(node, cell)?;
+                }
+                "blocksLine" | "targetLine" => self.line_of_cells(node)?,
+                other => return Err(self.not_read(node, format!("<{}>", cut(other)))),
+            }
+        }
+        Ok(())
+    }
+
+    /// One character for each cell along x; `1` is a module.
+    fn line_of_cells(&mut self, node: Node<'_, '_>) -> Result<(), SolidError> {
+        let number = |name| match node.attribute(name) {
+            None => Ok(0),
+            Some(text) => text.trim().parse::<i64>().map_err(|_| {
+                self.syntax(node, format!("expected a whole number, found {name}=\"{}\"", cut(text)))
+            }),
+        };
+        let (y, z) = (number("line")?, number("plane")?);
+        let values = self.attribute(node, "values")?;
+        for x in values.chars().enumerate().filter(|(_, value)| *value == '1').map(|(x, _)| x as i64) {
+            self.add(node, [x, y, z])?;
+        }
+        Ok(())
+    }
+
+    fn attribute<'n>(&self, node: Node<'n, '_>, name: &str) -> Result<&'n str, SolidError> {
+        let missing = || self.syntax(node, format!("<{}> has no `{name}`", node.tag_name().name()));
+        node.attribute(name).ok_or_else(missing)
+    }
+
+    fn add(&mut self, node: Node<'_, '_>, at: [i64; 3]) -> Result<(), SolidError> {
+        let cell = in_range(self.file, at)?;
+        if self.cells.insert(cell) {
+            return Ok(());
+        }
+        Err(SolidError::Twice { file: self.file.to_owned(), line: self.line(node), cell })
+    }
+}
+
+fn cut(text: &str) -> String {
+    text.chars().take(40).collect()
+}
+
+/// `1,2,3`. Whole numbers are also written as `1.0`.
+fn coordinates(text: &str) -> Option<[i64; 3]> {
+    let mut numbers = text.split(',').map(|part| {
+        let number: f64 = part.trim().parse().ok()?;
+        (number.fract() == 0.0 && number.abs() < 1e9).then_some(number as i64)
+    });
+    let cell = [numbers.next()??, numbers.next()??, numbers.next()??];
+    numbers.next().is_none().then_some(cell)
+}
+
+/// The cell at these coordinates.
+pub fn in_range(file: &str, at: [i64; 3]) -> Result<Cell, SolidError> {
+    let limit = i64::from(Cell::LIMIT);
+    if at.iter().any(|c| c.abs() > limit) {
+        return Err(SolidError::OutOfRange { file: file.to_owned(), cell: at });
+    }
+    Ok(Cell::from(at.map(|c| c as i16)))
+}

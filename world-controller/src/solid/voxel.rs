@@ -1,0 +1,430 @@
+//! Which cells a closed mesh fills: those whose middle it encloses.
+//!
+//! Corners are moved to a grid of 1/65,536 of a cell, and everything after that is exact arithmetic on
+//! whole numbers, so that every machine gets the same cells. A middle is inside if the surface winds
+//! around it, so parts may overlap, and a shell that faces inwards is a void. A middle that lies exactly
+//! on the surface, or a ray that meets an edge, is decided as if the middle lay a tiny step further
+//! along x, y and z, the one much smaller than the other; so no triangle is counted twice.
+//!
+//! Absent: repairing meshes. Gaps thinner than a cell are closed without a word.
+
+use super::flaw::{MAX_GRID, MAX_WORK, SolidError};
+use super::mesh::Triangle;
+use metamorph_protocol::lattice::Cell;
+use std::collections::HashMap;
+
+/// One cell in units of the fine grid, and half of it.
+const ONE: i64 = 1 << 16;
+const HALF: i64 = ONE / 2;
+
+/// A mesh that was laid into cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Voxels {
+    /// Cells along each axis of the box around it.
+    pub extent: [usize; 3],
+    /// Whether each is filled; z changes fastest, x slowest.
+    pub filled: Vec<bool>,
+    /// The part of its surface that is further than a cell away from every filled cell, if any is.
+    pub thin: Option<SolidError>,
+}
+
+impl Voxels {
+    /// Filled cells with their places in the box.
+    pub fn cells(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
+        let [_, ny, nz] = self.extent;
+        let filled = self.filled.iter().enumerate().filter(|(_, filled)| **filled);
+        filled.map(move |(i, _)| [i / (ny * nz), i / nz % ny, i % nz])
+    }
+}
+
+/// Lays a mesh into cells with edges of this length. The box around the mesh is centred on cells.
+pub fn voxelise(file: &str, mesh: &[Triangle], pitch: f64) -> Result<Voxels, SolidError> {
+    if !(pitch.is_finite() && pitch > 0.0) {
+        return Err(SolidError::Pitch(pitch.to_string()));
+    }
+    let (min, max) = bounds(mesh);
+    let size = [0, 1, 2].map(|axis| max[axis] - min[axis]);
+    let vanished = || {
+        let (file, size) = (file.to_owned(), show(size.map(|s| s as f32)));
+        SolidError::Vanished { file, size, pitch: pitch.to_string() }
+    };
+    if size.iter().all(|length| *length < pitch / 2.0) {
+        return Err(vanished());
+    }
+    // As far as a u64 goes; larger ones are refused all the same.
+    let cells = size.map(|length| ((length / pitch).round() as u64).max(1));
+    let volume = cells.iter().try_fold(1u64, |product, n| product.checked_mul(*n));
+    let longest = cells.iter().max().is_some_and(|n| *n > u64::from(Cell::LIMIT.unsigned_abs()));
+    if longest || volume.is_none_or(|volume| volume > MAX_GRID) {
+        let [x, y, z] = cells;
+        return Err(SolidError::TooFine { file: file.to_owned(), pitch: pitch.to_string(), x, y, z });
+    }
+    let extent = cells.map(|n| n as usize);
+    let origin = [0, 1, 2].map(|axis| (min[axis] + max[axis] - cells[axis] as f64 * pitch) / 2.0);
+    let fine = Fine::new(mesh, origin, pitch);
+    fine.check_closed(file, mesh)?;
+    let mut work = Work { left: MAX_WORK, file };
+    let filled = fine.fill(extent, &mut work)?;
+    if !filled.contains(&true) {
+        return Err(vanished());
+    }
+    let mut voxels = Voxels { extent, filled, thin: None };
+    let (samples, of, at) = fine.thin_places(&voxels, &mut work)?;
+    voxels.thin = at.map(|at| {
+        let at = [0, 1, 2].map(|axis| (origin[axis] + at[axis] / ONE as f64 * pitch) as f32);
+        SolidError::Thin { file: file.to_owned(), pitch: pitch.to_string(), samples, of, at: show(at) }
+    });
+    Ok(voxels)
+}
+
+/// The corners of the box around a mesh.
+pub fn bounds(mesh: &[Triangle]) -> ([f64; 3], [f64; 3]) {
+    let fold = |start: f64, f: fn(f64, f64) -> f64| {
+        let corners = mesh.iter().flatten();
+        corners.fold([start; 3], |a, c| [0, 1, 2].map(|axis| f(a[axis], f64::from(c[axis]))))
+    };
+    (fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max))
+}
+
+fn show([x, y, z]: [f32; 3]) -> String {
+    format!("({x}, {y}, {z})")
+}
+
+/// Something that is bounded.
+struct Work<'a> {
+    left: u64,
+    file: &'a str,
+}
+
+impl Work<'_> {
+    fn spend(&mut self, amount: u64) -> Result<(), SolidError> {
+        match self.left.checked_sub(amount) {
+            Some(left) => {
+                self.left = left;
+                Ok(())
+            }
+            None => Err(SolidError::TooMuchWork(self.file.to_owned())),
+        }
+    }
+}
+
+type Point = [i64; 3];
+
+/// A mesh on the fine grid, with corners at one place being one corner.
+struct Fine {
+    points: Vec<Point>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Fine {
+    fn new(mesh: &[Triangle], origin: [f64; 3], pitch: f64) -> Fine {
+        let mut fine = Fine { points: Vec::new(), triangles: Vec::with_capacity(mesh.len()) };
+        let mut numbers: HashMap<Point, u32> = HashMap::new();
+        for triangle in mesh {
+            let corners = triangle.map(|corner| {
+                let at = [0, 1, 2].map(|axis| {
+                    ((f64::from(corner[axis]) - origin[axis]) / pitch * ONE as f64).round() as i64
+                });
+                *numbers.entry(at).or_insert_with(|| {
+                    fine.points.push(at);
+                    fine.points.len() as u32 - 1
+                })
+            });
+            fine.triangles.push(corners);
+        }
+        fine
+    }
+
+    fn corners(&self, triangle: &[u32; 3]) -> [Point; 3] {
+        triangle.map(|corner| self.points[corner as usize])
+    }
+
+    /// Every edge must belong to two triangles that go along it in opposite directions.
+    fn check_closed(&self, file: &str, mesh: &[Triangle]) -> Result<(), SolidError> {
+        // Sorted, so that what belongs to one edge stands together: ends, direction, triangle, side.
+        let mut edges: Vec<(u32, u32, bool, u32, u8)> = Vec::with_capacity(self.triangles.len() * 3);
+        for (number, t) in self.triangles.iter().enumerate() {
+            if t[0] == t[1] || t[1] == t[2] || t[2] == t[0] {
+                // Too narrow to have a surface; its two long edges are one.
+                continue;
+            }
+            edges.extend([0, 1, 2].map(|side: u8| {
+                let (a, b) = (t[usize::from(side)], t[usize::from(side + 1) % 3]);
+                (a.min(b), a.max(b), a < b, number as u32, side)
+            }));
+        }
+        edges.sort_unstable();
+        let (mut open, mut crowded, mut flipped) = (Vec::new(), Vec::new(), Vec::new());
+        for edge in edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+            match edge {
+                [one] => open.push((one, 1)),
+                [a, b] if a.2 == b.2 => flipped.push((a, 2)),
+                [_, _] => {}
+                many => crowded.push((&many[0], many.len())),
+            }
+        }
+        let ends = |edge: &(u32, u32, bool, u32, u8)| {
+            let (triangle, side) = (mesh[edge.3 as usize], usize::from(edge.4));
+            (show(triangle[side]), show(triangle[(side + 1) % 3]), edge.3 as usize + 1)
+        };
+        let file = file.to_owned();
+        if let Some((edge, _)) = open.first() {
+            let (from, to, triangle) = ends(edge);
+            return Err(SolidError::Open { file, edges: open.len(), from, to, triangle });
+        }
+        if let Some((edge, triangles)) = crowded.first() {
+            let (edges, triangles) = (crowded.len(), *triangles);
+            let (from, to, triangle) = ends(edge);
+            return Err(SolidError::NonManifold { file, edges, triangles, from, to, triangle });
+        }
+        if let Some((edge, _)) = flipped.first() {
+            let (from, to, triangle) = ends(edge);
+            return Err(SolidError::Flipped { file, edges: flipped.len(), from, to, triangle });
+        }
+        Ok(())
+    }
+
+    /// Goes up every column of middles and counts how often the surface is crossed, and which way.
+    fn fill(&self, [nx, ny, nz]: [usize; 3], work: &mut Work<'_>) -> Result<Vec<bool>, SolidError> {
+        let mut crossings = vec![0i32; nx * ny * (nz + 1)];
+        for triangle in &self.triangles {
+            let [a, mut b, mut c] = self.corners(triangle);
+            let area = cross(a, b, c);
+            if area == 0 {
+                continue;
+            }
+            if area < 0 {
+                std::mem::swap(&mut b, &mut c);
+            }
+            let (up, area) = (if area > 0 { 1 } else { -1 }, i128::from(area.abs()));
+            let columns = |axis: usize, n: usize| {
+                let low = a[axis].min(b[axis]).min(c[axis]) - HALF;
+                let high = a[axis].max(b[axis]).max(c[axis]) - HALF;
+                // From the first middle that is not before it to the last that is not behind it.
+                (-(-low).div_euclid(ONE)).max(0)..(high.div_euclid(ONE) + 1).min(n as i64)
+            };
+            let (over_x, over_y) = (columns(0, nx), columns(1, ny));
+            let length = |range: &std::ops::Range<i64>| (range.end - range.start).max(0).unsigned_abs();
+            work.spend(1 + length(&over_x) * length(&over_y))?;
+            for x in over_x {
+                for y in over_y.clone() {
+                    let p = [x * ONE + HALF, y * ONE + HALF, 0];
+                    let (Some(of_a), Some(of_b), Some(of_c)) =
+                        (left_of(b, c, p), left_of(c, a, p), left_of(a, b, p))
+                    else {
+                        continue;
+                    };
+                    let weigh = |weight: i64, corner: Point| i128::from(weight) * i128::from(corner[2]);
+                    let height = weigh(of_a, a) + weigh(of_b, b) + weigh(of_c, c);
+                    // The first middle at or above the crossing.
+                    let above = -(i128::from(HALF) * area - height).div_euclid(i128::from(ONE) * area);
+                    let layer = above.clamp(0, nz as i128) as usize;
+                    crossings[(x as usize * ny + y as usize) * (nz + 1) + layer] += up;
+                }
+            }
+        }
+        let mut filled = Vec::with_capacity(nx * ny * nz);
+        for column in crossings.chunks_exact(nz + 1) {
+            filled.extend(column[..nz].iter().scan(0, |winds, crossed| {
+                *winds += crossed;
+                Some(*winds != 0)
+            }));
+        }
+        Ok(filled)
+    }
+
+    /// How many samples of the surface have no filled cell in the 27 around them, of how many, and one
+    /// of them. The surface of whatever is a cell thick has one.
+    fn thin_places(
+        &self,
+        voxels: &Voxels,
+        work: &mut Work<'_>,
+    ) -> Result<(u64, u64, Option<[f64; 3]>), SolidError> {
+        let near = grown(voxels);
+        let [nx, ny, nz] = voxels.extent;
+        let (mut samples, mut of, mut example) = (0, 0, None);
+        for triangle in &self.triangles {
+            let ([a, b, c], steps, lines) = sampling(self.corners(triangle));
+            work.spend((steps + 1) * (lines + 1))?;
+            for i in 0..=lines {
+                let along = i as f64 / lines as f64;
+                let (from, to) = (between(a, c, along), between(b, c, along));
+                for j in 0..=steps {
+                    let at = between(from, to, j as f64 / steps as f64);
+                    let cell = |axis: usize, n: usize| {
+                        ((at[axis] / ONE as f64).floor().max(0.0) as usize).min(n - 1)
+                    };
+                    of += 1;
+                    if !near[(cell(0, nx) * ny + cell(1, ny)) * nz + cell(2, nz)] {
+                        samples += 1;
+                        example.get_or_insert(at);
+                    }
+                }
+            }
+        }
+        Ok((samples, of, example))
+    }
+}
+
+fn between(a: [f64; 3], b: [f64; 3], share: f64) -> [f64; 3] {
+    [0, 1, 2].map(|axis| a[axis] + (b[axis] - a[axis]) * share)
+}
+
+/// Twice the area of the triangle seen from above; positive if it goes round counter-clockwise.
+fn cross(a: Point, b: Point, c: Point) -> i64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+/// Twice the area of `from`, `to` and a point, if the point, or if it is on the line the point next to
+/// it, is on the left, seen from above.
+fn left_of(from: Point, to: Point, p: Point) -> Option<i64> {
+    let area = cross(from, to, p);
+    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+    let left = match area {
+        0 => dy < 0 || (dy == 0 && dx > 0),
+        area => area > 0,
+    };
+    left.then_some(area)
+}
+
+/// The corners with the longest side first, and into how many steps that side, and how many lines the
+/// height above it, is divided so that samples are at most half a cell apart.
+fn sampling([a, b, c]: [Point; 3]) -> ([[f64; 3]; 3], u64, u64) {
+    let [a, b, c] = [a, b, c].map(|p| p.map(|x| x as f64));
+    let square = |p: [f64; 3], q: [f64; 3]| (0..3).map(|axis| (p[axis] - q[axis]).powi(2)).sum::<f64>();
+    let turned = [[a, b, c], [b, c, a], [c, a, b]];
+    let sides = turned.map(|[p, q, _]| square(p, q));
+    let longest = (0..3).fold(0, |best, i| if sides[i] > sides[best] { i } else { best });
+    let ([p, q, r], side) = (turned[longest], sides[longest].max(1.0));
+    // The height is what is left of the way to the third corner without its part along the side.
+    let along = (0..3).map(|axis| (q[axis] - p[axis]) * (r[axis] - p[axis])).sum::<f64>();
+    let height = (square(p, r) - along * along / side).max(0.0);
+    let parts = |length: f64| (length.sqrt() / HALF as f64).ceil().max(1.0) as u64;
+    ([p, q, r], parts(side), parts(height))
+}
+
+/// The filled cells and all that touch them, even with a corner.
+fn grown(voxels: &Voxels) -> Vec<bool> {
+    let [nx, ny, nz] = voxels.extent;
+    let mut near = voxels.filled.clone();
+    for (stride, length) in [(1, nz), (nz, ny), (ny * nz, nx)] {
+        let before = near.clone();
+        for (i, cell) in near.iter_mut().enumerate() {
+            let at = i / stride % length;
+            *cell |= (at > 0 && before[i - stride]) || (at + 1 < length && before[i + stride]);
+        }
+    }
+    near
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A box with its faces outwards, or inwards.
+    fn block(min: [f32; 3], max: [f32; 3], outwards: bool) -> Vec<Triangle> {
+        let corner = |i: usize| [0, 1, 2].map(|axis| if i >> axis & 1 == 1 { max[axis] } else { min[axis] });
+        let sides = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        let halves = sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]);
+        halves
+            .map(|[a, b, c]| if outwards { [a, b, c] } else { [c, b, a] })
+            .map(|corners| corners.map(corner))
+            .collect()
+    }
+
+    fn count(mesh: &[Triangle], pitch: f64) -> usize {
+        voxelise("test", mesh, pitch).unwrap().cells().count()
+    }
+
+    /// Every middle lies on planes through corners and edges here, so that each tie is met.
+    #[test]
+    fn boxes_fill_as_many_cells_as_fit() {
+        for (x, y, z) in [(1, 1, 1), (2, 3, 4), (5, 1, 2)] {
+            for shift in [0.0, 0.5, -3.25] {
+                let mesh = block([shift; 3], [x, y, z].map(|n| shift + n as f32), true);
+                assert_eq!(count(&mesh, 1.0), x * y * z);
+                assert_eq!(count(&mesh, 0.5), x * y * z * 8);
+            }
+        }
+        // Faces through the middles of cells: one side of each axis belongs to the box.
+        let mut mesh = block([0.0; 3], [4.0; 3], true);
+        mesh.extend(block([-8.0, 0.0, 0.0], [-7.5, 0.5, 0.5], true));
+        mesh.extend(block([1.0; 3], [2.5; 3], true));
+        assert_eq!(count(&mesh, 1.0), 64);
+    }
+
+    #[test]
+    fn parts_overlap_and_voids_stay_empty() {
+        let outer = block([0.0; 3], [5.0; 3], true);
+        let inner = |outwards| block([1.0; 3], [4.0; 3], outwards);
+        assert_eq!(count(&[outer.clone(), inner(true)].concat(), 1.0), 125);
+        assert_eq!(count(&[outer.clone(), inner(false)].concat(), 1.0), 125 - 27);
+        // A mesh that is inside out as a whole is the same solid.
+        assert_eq!(count(&block([0.0; 3], [5.0; 3], false), 1.0), 125);
+    }
+
+    /// A ball of triangles and the cells whose middles are in the ball that it approximates.
+    #[test]
+    fn a_ball_has_the_cells_of_a_ball() {
+        let (n, m, r) = (96, 48, 8.0f64);
+        let at = |i: usize, j: usize| {
+            let (up, round) = (
+                std::f64::consts::PI * j as f64 / m as f64,
+                std::f64::consts::TAU * (i % n) as f64 / n as f64,
+            );
+            // The poles are one point each, whatever the angle around them.
+            let wide = if j == 0 || j == m { 0.0 } else { up.sin() };
+            [r * wide * round.cos(), r * wide * round.sin(), r * up.cos()].map(|c| c as f32)
+        };
+        let mut mesh = Vec::new();
+        for i in 0..n {
+            for j in 0..m {
+                mesh.push([at(i, j), at(i, j + 1), at(i + 1, j + 1)]);
+                mesh.push([at(i, j), at(i + 1, j + 1), at(i + 1, j)]);
+            }
+        }
+        mesh.retain(|[a, b, c]| a != b && b != c && c != a);
+        let voxels = voxelise("ball", &mesh, 1.0).unwrap();
+        assert_eq!((voxels.extent, &voxels.thin), ([16; 3], &None));
+        let distance = |cell: [usize; 3]| cell.iter().map(|c| (*c as f64 - 7.5).powi(2)).sum::<f64>().sqrt();
+        for x in 0..16 {
+            for y in 0..16 {
+                for z in 0..16 {
+                    let filled = voxels.filled[(x * 16 + y) * 16 + z];
+                    let from_middle = distance([x, y, z]);
+                    // The triangles lie a little below the surface of the ball.
+                    assert!(filled || from_middle > r - 0.05, "{x} {y} {z} is missing");
+                    assert!(!filled || from_middle <= r, "{x} {y} {z} is too much");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_thinner_than_a_cell_is_noticed() {
+        // A plate under a block: half a cell thick, four cells wide on each side.
+        let mut mesh = block([0.0; 3], [4.0; 3], true);
+        mesh.extend(block([-4.0, 1.75, 1.75], [8.0, 2.2, 2.2], true));
+        let voxels = voxelise("rod", &mesh, 1.0).unwrap();
+        assert_eq!(voxels.cells().count(), 64);
+        assert!(matches!(voxels.thin, Some(SolidError::Thin { .. })), "{:?}", voxels.thin);
+        // A corner, and what is a cell thick, are not thin.
+        for size in [1.0, 1.3, 2.7] {
+            let mesh = block([0.1, 0.2, 0.3], [0.1 + size, 0.2 + size, 0.3 + size], true);
+            assert_eq!(voxelise("block", &mesh, 1.0).unwrap().thin, None, "{size}");
+        }
+    }
+
+    #[test]
+    fn refuses_what_has_no_inside() {
+        let mesh = block([0.0; 3], [3.0; 3], true);
+        let refused = |mesh: &[Triangle]| voxelise("test", mesh, 1.0).unwrap_err();
+        assert!(matches!(refused(&mesh[1..]), SolidError::Open { edges: 3, .. }));
+        let mut flipped = mesh.clone();
+        flipped[4].swap(0, 1);
+        assert!(matches!(refused(&flipped), SolidError::Flipped { edges: 3, triangle: 1.., .. }));
+        let mut crowded = mesh.clone();
+        crowded.extend(block([3.0, 3.0, 0.0], [6.0, 6.0, 3.0], true));
+        assert!(matches!(refused(&crowded), SolidError::NonManifold { edges: 1, triangles: 4, .. }));
+    }
+}
