@@ -2,7 +2,7 @@
 //! evidence of what they wait for.
 
 use crate::cube_world::CubeWorld;
-use crate::outcome::{Reason, Stall};
+use crate::outcome::{Reason, Stall, Waiter, Why};
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::goal::Goal;
@@ -56,6 +56,7 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
         unfilled,
         wait_cycle: wait_cycle(known),
         waiting: Vec::new(),
+        detected: None,
     };
     stall.reason = if spare.len() < stall.unfilled.len() {
         Reason::MaterialExhausted
@@ -64,7 +65,7 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
     } else {
         let live = walkers_with_a_way(world, known, &spare, &targets, true);
         let free: Vec<ModuleId> = live.iter().copied().filter(|id| !is_pinned(known, *id)).collect();
-        stall.waiting = live.iter().map(|id| (*id, waits_for(known, *id))).take(20).collect();
+        stall.waiting = live.iter().map(|id| waiter(known, *id)).take(20).collect();
         if !free.is_empty() {
             Reason::Blocked
         } else if !live.is_empty() {
@@ -77,6 +78,22 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
     };
     stall.text = stall.reason.text();
     stall
+}
+
+fn waiter(known: &[Known], module: ModuleId) -> Waiter {
+    let on = waits_for(known, module);
+    let is_dead = |id: ModuleId| known.get(id.index()).is_some_and(|k| !k.alive);
+    let why = match known.get(module.index()).and_then(|k| k.status) {
+        None => Why::Unknown,
+        Some(s) if s.immobile => Why::Immobile,
+        Some(s) if s.role == Role::Reserve && !s.attached => Why::Unattached,
+        Some(s) if s.pinned => Why::HoldsDead,
+        Some(_) if on.is_some_and(is_dead) => Why::WaitsForDead,
+        Some(_) if on.is_some() => Why::Waits,
+        Some(s) if !s.attracted => Why::HearsOfNoTarget,
+        Some(_) => Why::Unknown,
+    };
+    Waiter { module, on, why }
 }
 
 fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
@@ -265,6 +282,7 @@ mod tests {
         let stall =
             check(&row, &[(true, root), (true, a), (true, b)], &[[0, 0, 0], [0, 0, 1]], Reason::Blocked);
         assert_eq!(stall.wait_cycle, [ModuleId(1), ModuleId(2)]);
-        assert_eq!(stall.unfilled, [Cell::new(0, 0, 1)]);
+        // The one in the middle holds the row together, and so has no way.
+        assert_eq!(stall.waiting, [Waiter { module: ModuleId(2), on: Some(ModuleId(1)), why: Why::Waits }]);
     }
 }

@@ -171,6 +171,13 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
+        Command::Resume(args) => {
+            may_write(&args.json)?;
+            let mut live = Live::new(!args.quiet);
+            let report = processes::resume_processes(&args.file, &mut live, since)?;
+            drop(live);
+            deliver(&report, &args.json, args.quiet)
+        }
         Command::Replay(args) => {
             let quiet = args.quiet;
             let (plan, replayed) = replay(&args.into())?;
@@ -203,9 +210,7 @@ fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
 fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
-    if let Some(file) = json_file(&args.json) {
-        check_writable("--json", ", or `-`", file)?;
-    }
+    may_write(&args.json)?;
     if let Some(file) = &args.html {
         check_writable("--html", "", file)?;
     }
@@ -226,7 +231,7 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let keeping = keeping.map_err(Failure::Journal)?;
     let report = match overrides.link {
         LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since, keeping, scribe),
-        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping, scribe)?,
+        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping, args.patience, scribe)?,
     };
     drop(live);
     if let Some(scene) = &scene {
@@ -307,6 +312,11 @@ fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
     }
     interrupt.wait();
     Ok(0)
+}
+
+/// Found out before a run, and not after a long one. What the file holds is kept until then.
+fn may_write(json: &Option<PathBuf>) -> Result<(), Failure> {
+    json_file(json).map_or(Ok(()), |file| check_writable("--json", ", or `-`", file))
 }
 
 fn json_file(json: &Option<PathBuf>) -> Option<&Path> {
