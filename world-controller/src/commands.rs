@@ -347,8 +347,7 @@ fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
 
 /// Finds out now whether the JSON can be written.
 fn may_write(json: &Option<PathBuf>) -> Result<(), Failure> {
-    let Some(file) = json_file(json) else { return Ok(()) };
-    check_writable("--json", ", or `-`", file)
+    json_file(json).map_or(Ok(()), |file| check_writable("--json", ", or `-`", file))
 }
 
 fn json_file(json: &Option<PathBuf>) -> Option<&Path> {

@@ -289,7 +289,7 @@ class Page {
 
   /** A slow machine draws less while things move: first no shadows, then fewer pixels. */
   adapt(passed) {
-    this.late = passed > 50 ? this.late + 1 : Math.max(0, this.late - 0.25);
+    this.late = passed > 50 ? this.late + (passed > 150 ? 4 : 1) : Math.max(0, this.late - 0.25);
     if (this.late < 4) return;
     this.late = 0;
     if (!this.plain) this.plain = true;

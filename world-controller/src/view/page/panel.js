@@ -49,7 +49,7 @@ export class Panel {
       const names = stall.wait_cycle.flatMap((id, i) => [i ? " → " : "", this.link(id)]);
       why.append(make("p", {}, "wait for each other: ", ...names));
     } else if (stall.waiting.length) {
-      const one = (w) => [this.link(w.module), w.waits_for === null ? " waits" : " waits for ", w.waits_for === null ? "" : this.link(w.waits_for)];
+      const one = (w) => [this.link(w.module), w.waits_for === null ? " waits" : " waits for ", w.waits_for === null ? "" : this.link(w.waits_for), w.why ? ` (${w.why})` : ""];
       why.append(make("ul", {}, ...stall.waiting.slice(0, 8).map((w) => make("li", {}, ...one(w)))));
     }
     if (story.forgotten) why.append(make("p", {}, `${story.forgotten} events were too many to be kept`));
