@@ -13,9 +13,12 @@ pub mod goal;
 pub mod ids;
 pub mod lattice;
 pub mod link;
+pub mod marks;
 pub mod metamodule;
 pub mod ratio;
 pub mod roombots;
+#[doc(hidden)]
+pub mod sabotage;
 pub mod shape;
 pub mod stream;
 pub mod tally;

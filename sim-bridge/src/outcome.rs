@@ -91,6 +91,20 @@ pub enum Reason {
 }
 
 impl Reason {
+    /// The name used in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Reason::Blocked => "blocked",
+            Reason::Pinned => "pinned",
+            Reason::MaterialExhausted => "material-exhausted",
+            Reason::NoActiveTarget => "no-active-target",
+            Reason::SeedBlocked => "seed-blocked",
+            Reason::NoBetterPlace => "no-better-place",
+            Reason::NoLock => "no-lock",
+            Reason::NeedsDeadSupport => "needs-dead-support",
+            Reason::NoWay => "no-way",
+        }
+    }
     /// Whether no protocol could have gone on from here.
     pub const fn is_infeasible(self) -> bool {
         !matches!(self, Reason::Blocked | Reason::Pinned | Reason::NoBetterPlace | Reason::NoLock)

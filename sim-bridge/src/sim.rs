@@ -10,6 +10,7 @@ use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::marks::{Mark, hit};
 use metamorph_protocol::stream::Stream;
 use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::Time;
@@ -291,6 +292,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             self.tally[class].expired += 1;
         } else if slot.paused {
             if slot.waiting_messages == INBOX {
+                hit(Mark::DriverInboxFull);
                 self.tally[class].overflowed += 1;
             } else {
                 slot.waiting_messages += 1;
@@ -311,6 +313,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     ) {
         let current = self.slots[to.index()].contacts[port.index()].map(|c| c.session);
         if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
+            hit(Mark::DriverExpired);
             self.tally[class].expired += 1;
             return;
         }
@@ -402,6 +405,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                     message,
                 },
                 Err(_) => {
+                    hit(Mark::DriverDamaged);
                     self.tally[class].refused += 1;
                     continue;
                 }
@@ -478,6 +482,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                     let unread: Vec<_> = slot.waiting.drain(..).collect();
                     for waiting in unread {
                         if let Waiting::Message { class, .. } = waiting {
+                            hit(Mark::DriverDiedUnread);
                             self.tally[class].expired += 1;
                         }
                     }
@@ -520,6 +525,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         self.trace.event(self.now, 8, id.0, 0);
         let waiting: Vec<_> = slot.waiting.drain(..).collect();
         for waiting in waiting {
+            hit(Mark::DriverSleptOver);
             match waiting {
                 Waiting::Sensed(sensed) => self.sense(id, sensed),
                 Waiting::Order(order) => self.obey(Command::Order(id, order)),

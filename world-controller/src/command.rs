@@ -1,14 +1,17 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
+use crate::explore;
 use crate::reproduce::{self, Experiment};
 use crate::robot::RobotArgs;
 use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, Overrides};
 use crate::sweep::Request;
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+use metamorph_module_agent::Family;
 use std::ffi::OsString;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::time::Duration;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -98,6 +101,28 @@ Exit codes:
   6  an invariant broke in at least one run, such as two modules in one cell
   7  stopped by Ctrl-C or SIGTERM before every run was done";
 
+const EXPLORE_EXAMPLES: &str = "\
+Examples:
+  metamorph explore --seconds 60
+  metamorph explore --runs 10000 --family cube --seed 1
+  metamorph explore --runs 1 --seed 4711      (one run, with its scenario)
+
+Every run is a small scenario drawn from its seed: world, start, goal, strategy, link, faults. The first
+run has the seed named, the next the next. All invariants are checked; and when all faults have struck,
+what is left must build the goal, unless that cannot be done any more. The first failure of each kind is
+made small and written to DIR as a scenario that `metamorph run FILE --link sim` repeats. With -v each
+run is named before it begins.
+
+At the end rare paths of the protocols and the simulator that never ran are listed.
+
+Exit codes:
+  0  nothing failed
+  1  the program itself failed, for example because a file could not be written
+  2  the command line is wrong
+  3  a run stood still although there was a way left
+  6  an invariant broke, or the program panicked, in at least one run
+  7  stopped by Ctrl-C or SIGTERM, and nothing had failed until then";
+
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
 and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
@@ -132,6 +157,9 @@ pub enum Command {
     /// Run experiments of the thesis and print the published numbers beside ours
     #[command(after_help = REPRODUCE_EXAMPLES)]
     Reproduce(ReproduceArgs),
+    /// Draw scenarios at random, run them, and make small what fails
+    #[command(after_help = EXPLORE_EXAMPLES)]
+    Explore(ExploreArgs),
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
@@ -230,6 +258,65 @@ impl From<ReproduceArgs> for reproduce::Request {
         reproduce::Request {
             experiments: args.experiments,
             seeds: args.seeds,
+            jobs: jobs(args.jobs),
+            out: args.out,
+            json: args.json,
+            quiet: args.quiet,
+        }
+    }
+}
+
+/// What `explore` takes.
+#[derive(Debug, Args)]
+pub struct ExploreArgs {
+    /// How many runs; 1,000, if neither this nor --seconds is named
+    #[arg(long, value_name = "N", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
+    pub runs: Option<u64>,
+    /// No run begins after so many seconds
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    pub seconds: Option<u64>,
+    /// The seed of the first run; drawn, and printed, if left out
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    pub seed: Option<u64>,
+    /// One family of units only
+    #[arg(long, value_enum, value_name = "FAMILY")]
+    pub family: Option<FamilyArg>,
+    /// Runs at the same time; as many as there are processors, if left out
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<NonZeroUsize>,
+    /// Write failing scenarios to this directory
+    #[arg(long, value_name = "DIR", default_value = "explored")]
+    pub out: PathBuf,
+    /// Write the numbers as JSON to a file, or to standard output with `-` (the text for people then
+    /// goes to standard error)
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
+    pub json: Option<PathBuf>,
+    /// Print nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// A family of units, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FamilyArg {
+    /// Cubes that slide over each other
+    Cube,
+    /// Metamodules of two Roombots modules
+    Metamodule,
+}
+
+impl From<ExploreArgs> for explore::Request {
+    fn from(args: ExploreArgs) -> explore::Request {
+        explore::Request {
+            budget: match args.seconds {
+                Some(seconds) => explore::Budget::Time(Duration::from_secs(seconds)),
+                None => explore::Budget::Runs(args.runs.unwrap_or(1_000)),
+            },
+            seed: args.seed,
+            family: args.family.map(|family| match family {
+                FamilyArg::Cube => Family::Cube,
+                FamilyArg::Metamodule => Family::Metamodule,
+            }),
             jobs: jobs(args.jobs),
             out: args.out,
             json: args.json,

@@ -1,6 +1,7 @@
 //! Carries commands out: from what was typed to an exit code.
 
 use crate::command::{Command, CommandLine, RunArgs};
+use crate::explore::{ExploreError, explore};
 use crate::interrupt::Interrupt;
 use crate::overview::overview;
 use crate::processes;
@@ -60,6 +61,9 @@ enum Failure {
     /// A sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
+    /// An exploration failed.
+    #[error(transparent)]
+    Explore(#[from] ExploreError),
     /// The Roombots model has no answer.
     #[error("metamorph: {0}")]
     Robot(#[from] RobotError),
@@ -70,7 +74,7 @@ impl Failure {
         match self {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
-            Failure::Sweep(_) => FAILED,
+            Failure::Sweep(_) | Failure::Explore(_) => FAILED,
             Failure::Input(_) | Failure::Json { .. } => BAD_USAGE,
             Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
         }
@@ -108,6 +112,7 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
+        Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Clean => {
             print_out(&processes::clean_up()?);
             Ok(0)

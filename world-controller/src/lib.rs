@@ -2,7 +2,7 @@
 //!
 //! `scenario` makes a checked plan of what a person wrote; a driver runs it (`simulated` in virtual
 //! time, `processes` and `swarm` with one process per module); `report` says what happened; `sweep`
-//! runs one scenario many times, `reproduce` the thesis's experiments. `robot` answers questions about the Roombots model, from the
+//! runs one scenario many times, `reproduce` the thesis's experiments, `explore` scenarios that are drawn. `robot` answers questions about the Roombots model, from the
 //! `database` that metamodules move by; `runnable` is what drivers and reports need of each family of
 //! units. `command` is the command line, `commands` carries it out, `terminal` prints what it has to
 //! say.
@@ -13,6 +13,7 @@
 pub mod command;
 pub mod commands;
 pub mod database;
+pub mod explore;
 pub mod interrupt;
 pub mod overview;
 pub mod processes;

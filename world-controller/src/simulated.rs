@@ -6,6 +6,7 @@ use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
+use metamorph_protocol::sabotage::Sabotage;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Progress;
 use metamorph_sim_bridge::sim::{Sim, SimConfig};
@@ -46,7 +47,7 @@ fn run<R: Runnable>(
         link: plan.link.clone(),
         seed: plan.seed,
         audit_every: swarm.audit_every(),
-        ignore_sessions: false,
+        ignore_sessions: plan.swarm.sabotage() == Some(Sabotage::IgnoreSessions),
     };
     let mut sim = Sim::new(config, swarm.world(plan), swarm.director(plan));
     let (setup, running) = (since.elapsed(), Stopwatch::start());

@@ -8,6 +8,8 @@ use super::{Cube, Peer, UNLABELLED};
 use crate::agent::{Class, Output};
 use crate::goal::Growth;
 use crate::lattice::Face;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::time::Time;
 
 /// Marks an offer that comes from another face of the same module.
@@ -21,6 +23,7 @@ impl Cube {
             let late = peer.beacon.sequence >= beacon.sequence;
             // One session has one neighbour; anything else is garbage.
             if late || peer.beacon.id != beacon.id {
+                hit(Mark::CubeBeaconLate);
                 return;
             }
             if (Beacon { sequence: beacon.sequence, ..peer.beacon }) == beacon {
@@ -80,11 +83,12 @@ impl Cube {
         }
         let relaxed = |since: Time| now.since(since) > self.setup.params.relax;
         if self.side(face).unfilled_since.is_some_and(relaxed) {
+            hit(Mark::CubeRelaxed);
             return true;
         }
         goal.may_start(self.cell, face)
             && (goal.growth() == Growth::Scaffold
-                || self.setup.params.sabotage.any_lower_on_solids
+                || self.has(Sabotage::AnyLowerOnSolids)
                 || self.lower_are_filled(now, face))
     }
 
@@ -148,7 +152,7 @@ impl Cube {
         let limits = Limits {
             hold: p.hold,
             range: p.range.min(Entry::MAX_MOVES) * Entry::MOVE,
-            accept_stale: p.sabotage.accept_stale_values,
+            accept_stale: self.has(Sabotage::AcceptStaleValues),
         };
         let version = self.version(now);
         let open = Face::ALL.map(|f| self.is_open(now, f));

@@ -10,6 +10,8 @@ use super::message::{Ask, Message, RequestId, Role};
 use super::route::Route;
 use crate::agent::Class;
 use crate::lattice::Face;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::time::Time;
 
 /// How far searches go, one after the other.
@@ -59,7 +61,13 @@ impl Cube {
         let mut routes: Vec<Route> = Vec::new();
         let neighbours: Vec<(Face, Role, u8, u8)> = Face::ALL
             .into_iter()
-            .filter_map(|f| self.terrain(now, f).map(|b| (f, b.role, b.terrain, b.finals)))
+            .filter_map(|f| match (self.terrain(now, f), self.peer(f)) {
+                (Some(b), _) => Some((f, b.role, b.terrain, b.finals)),
+                // A dead finalized module stays where it is, and what hangs on it must not be cut off
+                // from it; but it answers no more.
+                (None, Some(b)) if b.role == Role::Final => Some((f, b.role, 0, 0)),
+                _ => None,
+            })
             .collect();
         for (face, role, _, finals) in &neighbours {
             state.nodes |= face.bit();
@@ -79,7 +87,7 @@ impl Cube {
                 }
             }
         }
-        let connected = state.parts().len() <= 1;
+        let connected = state.parts().len() <= 1 || self.has(Sabotage::ShallowSearch);
         if !connected && let Some(attempt) = &mut self.attempt {
             attempt.search = Some(state);
         }
@@ -87,6 +95,7 @@ impl Cube {
             self.ask(now, route, Ask::Lock);
         }
         if !connected {
+            hit(Mark::CubeSearchStarted);
             self.search(now);
         }
         connected
@@ -112,8 +121,10 @@ impl Cube {
     pub(super) fn widen_search(&mut self, now: Time) -> bool {
         let Some(state) = self.attempt.as_mut().and_then(|a| a.search.as_mut()) else { return false };
         if state.depth + 1 == DEPTHS.len() {
+            hit(Mark::CubeSearchExhausted);
             return false;
         }
+        hit(Mark::CubeSearchWidened);
         state.depth += 1;
         self.search(now);
         true
@@ -180,6 +191,7 @@ impl Cube {
             return;
         };
         let Some(state) = &mut attempt.search else { return };
+        hit(if back.is_none() { Mark::CubeFoundRoot } else { Mark::CubeFoundRound });
         let other = back.map_or(ROOT, |f| f.opposite().index());
         if !state.join(from.index(), other) {
             return;

@@ -11,6 +11,8 @@ use super::message::{Beacon, Claim, Role};
 use super::{Cube, UNLABELLED};
 use crate::ids::ModuleId;
 use crate::lattice::Face;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::time::Time;
 
 /// Why a module may not leave, and who is in the way.
@@ -59,13 +61,23 @@ impl Cube {
         if let Some((face, token)) = self.want {
             match self.live(now, face) {
                 Some(b) if b.epoch == self.epoch && b.attached && b.role != Role::Walker => {
-                    if b.ack == Some(token) && self.adoptable(b.label) {
-                        self.label = b.label + 1;
+                    let (acknowledged, label) = (b.ack == Some(token), b.label);
+                    if acknowledged && !self.adoptable(label) {
+                        hit(Mark::CubeNotAdoptable);
+                    }
+                    if (acknowledged || self.has(Sabotage::AdoptUnacknowledged)) && self.adoptable(label) {
+                        if self.parent.is_some() {
+                            hit(Mark::CubeParentReplaced);
+                        }
+                        self.label = label + 1;
                         self.parent = Some(face);
                         self.want = None;
                     }
                 }
-                _ => self.want = None,
+                _ => {
+                    hit(Mark::CubeWantDropped);
+                    self.want = None;
+                }
             }
         }
         if let Some(b) = self.parent.and_then(|f| self.peer(f))
@@ -75,8 +87,12 @@ impl Cube {
         {
             self.label = b.label + 1;
         }
-        if self.want.is_none() && self.is_idle() && self.all_heard() {
-            self.look_for_parent(now);
+        if self.want.is_none() && self.is_idle() {
+            if self.all_heard() {
+                self.look_for_parent(now);
+            } else {
+                hit(Mark::CubeRebornWaits);
+            }
         }
         if before != (self.parent, self.label, self.want) {
             self.touch();
@@ -130,6 +146,7 @@ impl Cube {
             let token = self.token();
             self.want = Some((face, token));
         } else if suspected && self.children() == 0 {
+            hit(Mark::CubeParentSuspected);
             self.label = self.label.max(label.saturating_add(1));
             let token = self.token();
             self.want = Some((face, token));
@@ -178,7 +195,7 @@ impl Cube {
             return Err(Held(None));
         }
         let locked = self.locks.iter().find(|l| l.expires > now);
-        if let Some(lock) = locked.filter(|_| !self.setup.params.sabotage.ignore_locks) {
+        if let Some(lock) = locked.filter(|_| !self.has(Sabotage::IgnoreLocks)) {
             return Err(Held(Some(lock.id.origin)));
         }
         for face in Face::ALL {
@@ -186,10 +203,15 @@ impl Cube {
             if side.session.is_none() {
                 continue;
             }
-            let Some(peer) = &side.peer else { return Err(Held(None)) };
+            let Some(peer) = &side.peer else {
+                if self.has(Sabotage::IgnoreStrangers) {
+                    continue;
+                }
+                return Err(Held(None));
+            };
             let b = &peer.beacon;
             let silent = now.since(peer.heard) > self.setup.params.suspect;
-            let forgotten = silent && self.setup.params.sabotage.drop_silent_children;
+            let forgotten = silent && self.has(Sabotage::DropSilentChildren);
             let free = match b.role {
                 _ if b.epoch != self.epoch => false,
                 _ if forgotten => true,

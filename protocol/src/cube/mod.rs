@@ -26,6 +26,8 @@ use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use crate::goal::Goal;
 use crate::ids::{Incarnation, ModuleId, Port, Session, Token};
 use crate::lattice::{Cell, Face};
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::stream::Stream;
 use crate::time::{Span, Time};
 use body::{Move, Percept};
@@ -240,7 +242,11 @@ impl Agent for Cube {
             immobile: false,
             prevented: 0,
             reborn,
-            quarantine_until: if reborn { now + setup.params.quarantine } else { now },
+            quarantine_until: if reborn && setup.params.sabotage != Some(Sabotage::NoListening) {
+                now + setup.params.quarantine
+            } else {
+                now
+            },
             corners_seen: [0; 6],
             targets: Vec::new(),
             reported: None,
@@ -285,6 +291,10 @@ impl Cube {
     }
     fn side_mut(&mut self, face: Face) -> &mut Side {
         &mut self.sides[face.index()]
+    }
+    /// Whether a test has switched this defect on.
+    fn has(&self, defect: Sabotage) -> bool {
+        self.setup.params.sabotage == Some(defect)
     }
     fn goal(&self) -> &Goal {
         // Invariant: epochs are only taken up if there is a goal for them, and there is a first goal.
@@ -374,6 +384,7 @@ impl Cube {
             // Nothing touches this face any more. A restarted neighbour is a new session instead,
             // and what hangs on it stays so.
             if self.parent == Some(face) {
+                hit(Mark::CubeParentLost);
                 self.parent = None;
                 self.label = UNLABELLED;
             }
@@ -382,6 +393,9 @@ impl Cube {
             // What a restarted neighbour was granted stays until the lease is up: the body may be on
             // its way.
             if let Some(id) = lost {
+                if self.locks.iter().any(|lock| lock.id.origin == id) {
+                    hit(Mark::CubeReleasedByLoss);
+                }
                 self.release_locks(|lock| lock.id.origin == id);
             }
         }
@@ -427,6 +441,7 @@ impl Cube {
             return;
         }
         if self.moving.is_some() {
+            hit(Mark::CubeEpochAfterMove);
             self.next_epoch = self.next_epoch.max(Some(epoch));
             return;
         }
