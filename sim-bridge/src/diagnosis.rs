@@ -46,8 +46,8 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
         .collect();
     let spare: Vec<ModuleId> = (0..known.len())
         .filter(|i| known[*i].alive && !known[*i].is_final(stage))
-        .filter(|i| !known[*i].status.is_some_and(|s| s.immobile))
         .map(|i| ModuleId(i as u32))
+        .filter(|id| !world.is_stuck(*id))
         .collect();
     let mut stall = Stall {
         since,
@@ -65,8 +65,11 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
         let live = walkers_with_a_way(world, known, &spare, &targets, true);
         let free: Vec<ModuleId> = live.iter().copied().filter(|id| !is_pinned(known, *id)).collect();
         stall.waiting = live.iter().map(|id| (*id, waits_for(known, *id))).take(20).collect();
-        if !free.is_empty() {
+        let called = called(world, known, &targets, &starts);
+        if free.iter().any(|id| called.contains(id)) {
             Reason::Blocked
+        } else if !free.is_empty() {
+            Reason::CutOff
         } else if !live.is_empty() {
             Reason::Pinned
         } else if !walkers_with_a_way(world, known, &spare, &targets, false).is_empty() {
@@ -77,6 +80,28 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
     };
     stall.text = stall.reason.text();
     stall
+}
+
+/// Who can hear of a target: whoever is connected over modules that pass messages on to one that starts
+/// it. Walkers hear, but pass nothing on.
+fn called(
+    world: &CubeWorld,
+    known: &[Known],
+    targets: &BTreeSet<Cell>,
+    starts: &dyn Fn(ModuleId) -> bool,
+) -> BTreeSet<ModuleId> {
+    let beside = |cell: Cell| cell.neighbours().into_iter().filter_map(|n| world.body_at(n));
+    let mut called: BTreeSet<ModuleId> =
+        targets.iter().flat_map(|t| beside(*t)).filter(|id| starts(*id)).collect();
+    let mut front: Vec<ModuleId> = called.iter().copied().collect();
+    while let Some(at) = front.pop() {
+        if known[at.index()].is_walker() {
+            continue;
+        }
+        let hears = beside(world.cell(at)).filter(|id| known[id.index()].alive);
+        front.extend(hears.filter(|id| called.insert(*id)));
+    }
+    called
 }
 
 fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
@@ -251,6 +276,12 @@ mod tests {
         check(&row, &[(true, root), (false, spare), (true, spare)], &tower, Reason::NeedsDeadSupport);
         let pinned = status(Role::Reserve, 0, Some(1), true);
         check(&row, &[(true, root), (true, spare), (true, pinned)], &tower, Reason::Pinned);
+        // Over the gap beside the dead middle there is a way, but no message comes over it.
+        let bent = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]];
+        let states = [(true, root), (false, spare), (true, spare), (true, spare), (true, spare)];
+        check(&bent, &states, &[[0, 0, 0], [0, 0, 1], [0, 1, 0]], Reason::Blocked);
+        let states = [(true, root), (false, spare), (true, spare), (false, spare), (true, spare)];
+        check(&bent, &states, &[[0, 0, 0], [0, 0, 1]], Reason::NeedsDeadSupport);
         // The only spare module is the one that holds the body together.
         let bridge = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         let seed_end = status(Role::Final, UP, None, false);

@@ -377,7 +377,7 @@ impl MetamoduleDirector {
         let free: Vec<(ModuleId, Option<ModuleId>)> = (0..)
             .map(ModuleId)
             .zip(&self.known)
-            .filter(|(_, k)| k.alive)
+            .filter(|(id, k)| k.alive && !world.is_stuck(*id))
             .filter_map(|(id, k)| Some((id, k.status.filter(|s| s.settled.is_none())?.waits_for)))
             .collect();
         let reason = if free.len() < unfilled.len() {

@@ -223,6 +223,11 @@ impl Cube {
         };
         for heading in face.perpendicular() {
             if let Some(beacon) = self.terrain(now, heading) {
+                // What was known of another goal's targets was forgotten with that goal, so that their
+                // distances could lead in circles.
+                if beacon.epoch != self.epoch {
+                    continue;
+                }
                 let slot = face.slot_in(heading).unwrap_or(0);
                 // A module one further out touches the very same cell; otherwise it is one slide.
                 let (cost, via) = match beacon.terrain & face.bit() {
@@ -245,7 +250,9 @@ impl Cube {
                 self.side(heading).field.value()
             } else {
                 match self.terrain(now, heading) {
-                    Some(b) if b.terrain & face.bit() == 0 => b.field[face.slot_in(heading).unwrap_or(0)],
+                    Some(b) if b.terrain & face.bit() == 0 && b.epoch == self.epoch => {
+                        b.field[face.slot_in(heading).unwrap_or(0)]
+                    }
                     _ => Entry::NONE,
                 }
             }

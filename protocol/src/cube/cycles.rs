@@ -6,7 +6,7 @@
 //! are refused rather than waited for, so they cannot deadlock.
 
 use super::Cube;
-use super::message::{Ask, Message, RequestId, Role};
+use super::message::{Ask, Beacon, Message, RequestId, Role};
 use super::route::Route;
 use crate::agent::Class;
 use crate::lattice::Face;
@@ -29,6 +29,9 @@ pub(super) struct SearchState {
     /// Faces with a neighbour.
     nodes: u8,
     depth: usize,
+    /// What will have to be locked. Nothing is before all is found: whoever may search in vain for long
+    /// must not keep others from leaving.
+    routes: Vec<Route>,
 }
 
 impl SearchState {
@@ -57,8 +60,7 @@ impl SearchState {
 impl Cube {
     /// Asks for the locks that keep the neighbours connected. False if a search has to come first.
     pub(super) fn ask_for_cycles(&mut self, now: Time) -> bool {
-        let mut state = SearchState { part: [0, 1, 2, 3, 4, 5, 6], nodes: 0, depth: 0 };
-        let mut routes: Vec<Route> = Vec::new();
+        let mut state = SearchState { part: [0, 1, 2, 3, 4, 5, 6], nodes: 0, depth: 0, routes: Vec::new() };
         let neighbours: Vec<(Face, Role, u8, u8)> = Face::ALL
             .into_iter()
             .filter_map(|f| match (self.terrain(now, f), self.peer(f)) {
@@ -76,29 +78,33 @@ impl Cube {
             }
             // Every neighbour that could leave is locked, whatever connects it.
             if *role != Role::Final {
-                routes.extend(Route::new(&[*face]));
+                state.routes.extend(Route::new(&[*face]));
             }
         }
         for (u, _, terrain, _) in &neighbours {
             for (v, _, back, _) in &neighbours {
                 let touches = terrain & v.bit() != 0 && back & u.bit() != 0;
                 if u < v && v.slot_in(*u).is_some() && touches && state.join(u.index(), v.index()) {
-                    routes.extend(Route::new(&[*u, *v, u.opposite()]));
+                    state.routes.extend(Route::new(&[*u, *v, u.opposite()]));
                 }
             }
         }
         let connected = state.parts().len() <= 1 || self.has(Sabotage::ShallowSearch);
-        if !connected && let Some(attempt) = &mut self.attempt {
-            attempt.search = Some(state);
-        }
-        for route in routes {
-            self.ask(now, route, Ask::Lock);
-        }
-        if !connected {
+        if connected {
+            self.lock(now, state);
+        } else if let Some(attempt) = &mut self.attempt {
             hit(Mark::CubeSearchStarted);
+            attempt.search = Some(state);
             self.search(now);
         }
         connected
+    }
+
+    /// Asks for all locks that keep the neighbours connected.
+    fn lock(&mut self, now: Time, state: SearchState) {
+        for route in state.routes {
+            self.ask(now, route, Ask::Lock);
+        }
     }
 
     /// Floods a search from every part of the neighbourhood but the first.
@@ -132,12 +138,15 @@ impl Cube {
 
     pub(super) fn on_search(&mut self, now: Time, from: Face, id: RequestId, ttl: u8, route: Route) {
         let last = route.hop(route.hop_count() - 1).map(Face::opposite);
+        // Only those who are finalized for one and the same goal hang together.
+        let same_goal = |f: Face| self.terrain(now, f).is_some_and(|b| b.epoch == self.epoch);
         let passes = last == Some(from)
             && id.origin != self.id
             && self.role != Role::Walker
             && self.is_idle()
             && !self.is_quarantined(now)
-            && !self.searches.contains(&id);
+            && !self.searches.contains(&id)
+            && same_goal(from);
         if !passes {
             return;
         }
@@ -145,8 +154,9 @@ impl Cube {
             self.searches.pop_front();
         }
         self.searches.push_back(id);
-        let touches_root = self.role == Role::Final
-            || Face::ALL.into_iter().any(|f| self.live(now, f).is_some_and(|b| b.role == Role::Final));
+        let is_root = |b: &Beacon| b.role == Role::Final && b.epoch == self.epoch;
+        let touches_root =
+            self.role == Role::Final || Face::ALL.into_iter().any(|f| self.live(now, f).is_some_and(is_root));
         let touches_origin =
             Face::ALL.into_iter().find(|f| *f != from && self.peer(*f).is_some_and(|b| b.id == id.origin));
         if touches_root || touches_origin.is_some() {
@@ -158,9 +168,8 @@ impl Cube {
             return;
         }
         for face in Face::ALL.into_iter().filter(|f| *f != from) {
-            if self.terrain(now, face).is_some()
-                && let Some(route) = route.then(face)
-            {
+            let on = self.terrain(now, face).is_some_and(|b| b.epoch == self.epoch);
+            if on && let Some(route) = route.then(face) {
                 self.send(face, Class::Connectivity, Message::Search { id, ttl: ttl - 1, route });
             }
         }
@@ -191,17 +200,19 @@ impl Cube {
             return;
         };
         let Some(state) = &mut attempt.search else { return };
+        state.routes.push(route);
         hit(if back.is_none() { Mark::CubeFoundRoot } else { Mark::CubeFoundRound });
         let other = back.map_or(ROOT, |f| f.opposite().index());
         if !state.join(from.index(), other) {
             return;
         }
-        let connected = state.parts().len() <= 1;
-        if connected {
-            attempt.search = None;
+        if state.parts().len() > 1 {
+            return;
         }
-        self.ask(now, route, Ask::Lock);
-        if connected {
+        if let Some(state) = attempt.search.take() {
+            // Leases begin now; nothing has been asked for before.
+            attempt.deadline = now + self.setup.params.start_within();
+            self.lock(now, state);
             self.ask_for_destination(now);
         }
     }

@@ -82,7 +82,7 @@ impl Cube {
             self.failed = self.setup.params.immobile_after.saturating_sub(1);
             self.touch();
         }
-        if self.goal().contains(self.cell) && self.may_be_wanted_here() {
+        if (self.role == Role::Walker || self.goal().contains(self.cell)) && self.may_hear_more() {
             return self.decide_later(now);
         }
         if self.role == Role::Reserve {
@@ -170,8 +170,8 @@ impl Cube {
         self.targets.iter().find(|t| t.source == source).map_or(now, |t| t.first)
     }
 
-    /// Whether a neighbour that has not spoken yet may want this very cell filled.
-    fn may_be_wanted_here(&self) -> bool {
+    /// Whether a neighbour that has not spoken yet may want this very cell filled, or know a shorter way.
+    fn may_hear_more(&self) -> bool {
         self.patience < OUTERMOST_FIRST
             && self.sides.iter().any(|s| s.session.is_some() && s.peer.is_none() && !s.condemned)
     }

@@ -169,9 +169,10 @@ impl Cube {
         if self.is_quarantined(now) {
             return Err((Denial::Quarantined, Some(self.id)));
         }
-        if self.attempt.is_some() {
+        if let Some(attempt) = &self.attempt {
             let mine = now.since(self.waiting_since.unwrap_or(now));
-            let theirs_first = age > mine || (age == mine && id.origin < self.id);
+            // A search may take long and be in vain; whoever knows its way goes first.
+            let theirs_first = attempt.search.is_some() || age > mine || (age == mine && id.origin < self.id);
             if !theirs_first {
                 return Err((Denial::Younger, Some(self.id)));
             }

@@ -313,7 +313,8 @@ impl MetamoduleDraft {
             Teller::Neighbours => "neighbours",
         };
         writeln!(f, "\n[protocol]\nstrategy = \"{}\"\nteller = \"{teller}\"", self.strategy.name())?;
-        writeln!(f, "relocate = {}", self.relocate)
+        // Whoever gets on no more does so soon; to watch it for longer is slow.
+        writeln!(f, "relocate = {}\n\n[stop]\nlivelock = \"1000s\"", self.relocate)
     }
 }
 

@@ -245,7 +245,7 @@ impl Dice {
 
     fn metamodules(&mut self) -> MetamoduleDraft {
         let mut goals = Vec::new();
-        let side = self.within(7, 13) as i16;
+        let side = self.within(9, 13) as i16;
         let mut at = 0;
         for i in 0..if self.once_in(5) { 2 } else { 1 } {
             if i > 0 {
@@ -270,9 +270,9 @@ impl Dice {
         // Room for the chair, three by four, and one cell around it.
         let (x, y) =
             (self.within(1, side as u64 - 4) as i16, self.within(1, (side as u64 - 5).max(1)) as i16);
-        let levels = match self.0.below(4) {
-            0 => box_of_four(x, y),
-            1 => chair_of_six(x, y),
+        let levels = match self.0.below(8) {
+            0 | 1 => box_of_four(x, y),
+            2 => chair_of_six(x, y),
             _ => {
                 let posts = self.within(1, 3);
                 let foot = |dice: &mut Dice| dice.within(1, side as u64 - 2) as i16;

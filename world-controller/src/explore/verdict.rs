@@ -76,7 +76,7 @@ pub fn judge(report: &Report) -> Verdict {
     let broken = dead || report.faults.iter().any(|f| f.fault == "stick");
     let excused = match () {
         // Whoever must start a cell may only be missing because it has died.
-        () if is(Reason::NoActiveTarget) => dead,
+        () if is(Reason::NoActiveTarget) || is(Reason::CutOff) => dead,
         // Holding on to what is broken is what keeps it from falling off.
         () if is(Reason::Pinned) => broken,
         () => stall.infeasible || PUBLISHED.into_iter().any(is),
