@@ -5,6 +5,7 @@ use crate::cube_world::CubeWorld;
 use crate::outcome::{Reason, Stall};
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::message::Role;
+use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Goal;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
@@ -32,7 +33,14 @@ impl Known {
 }
 
 /// Names the reason for a standstill in the building of a goal, the `stage`th.
-pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16, since: Time) -> Stall {
+pub fn diagnose(
+    world: &mut CubeWorld,
+    known: &[Known],
+    goal: &Goal,
+    connectivity: Connectivity,
+    stage: u16,
+    since: Time,
+) -> Stall {
     let filled = |cell: Cell| {
         world.body_at(cell).is_some_and(|id| known[id.index()].is_final(stage) || !known[id.index()].alive)
     };
@@ -63,7 +71,14 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
         Reason::NoActiveTarget
     } else {
         let live = walkers_with_a_way(world, known, &spare, &targets, true);
-        let free: Vec<ModuleId> = live.iter().copied().filter(|id| !is_pinned(known, *id)).collect();
+        // A cycle over a dead module cannot be locked.
+        let may_leave = |id: &ModuleId| {
+            connectivity != Connectivity::Cycles
+                || known[id.index()].is_walker()
+                || is_spared(world, known, *id)
+        };
+        let is_free = |id: &ModuleId| !is_pinned(known, *id) && may_leave(id);
+        let free: Vec<ModuleId> = live.iter().copied().filter(is_free).collect();
         stall.waiting = live.iter().map(|id| (*id, waits_for(known, *id))).take(20).collect();
         let called = called(world, known, &targets, &starts);
         if free.iter().any(|id| called.contains(id)) {
@@ -102,6 +117,20 @@ fn called(
         front.extend(hears.filter(|id| called.insert(*id)));
     }
     called
+}
+
+/// Whether the neighbours of a module are connected without it over modules that live.
+fn is_spared(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
+    let beside = |of: ModuleId| {
+        let bodies = world.cell(of).neighbours().into_iter().filter_map(|n| world.body_at(n));
+        bodies.filter(|n| *n != id && known[n.index()].alive)
+    };
+    let mut front: Vec<ModuleId> = beside(id).take(1).collect();
+    let mut reached: BTreeSet<ModuleId> = front.iter().copied().collect();
+    while let Some(at) = front.pop() {
+        front.extend(beside(at).filter(|n| reached.insert(*n)));
+    }
+    beside(id).all(|n| reached.contains(&n))
 }
 
 fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
@@ -256,7 +285,7 @@ mod tests {
         let known: Vec<Known> =
             known.iter().map(|(alive, s)| Known { alive: *alive, status: Some(*s) }).collect();
         let mut world = CubeWorld::new(&bodies, Span::secs(1), 1);
-        let stall = diagnose(&mut world, &known, &goal, 0, Time::ZERO);
+        let stall = diagnose(&mut world, &known, &goal, Connectivity::Forest, 0, Time::ZERO);
         assert_eq!(stall.reason, expected, "{stall:?}");
         stall
     }

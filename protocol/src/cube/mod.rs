@@ -400,6 +400,10 @@ impl Cube {
             }
         }
         self.want = self.want.filter(|(f, _)| *f != face);
+        if self.role == Role::Reserve && self.setup.params.connectivity == Connectivity::Cycles {
+            // Whoever has come may hang on this module alone, and nobody has asked it.
+            self.abort_attempt(now, None);
+        }
         self.touch();
         self.decide_soon(now);
     }

@@ -206,7 +206,7 @@ impl Draft {
 }
 
 /// The name used in scenarios.
-const fn name_of(connectivity: Connectivity) -> &'static str {
+pub const fn name_of(connectivity: Connectivity) -> &'static str {
     match connectivity {
         Connectivity::Forest => "forest",
         Connectivity::Cycles => "cycles",

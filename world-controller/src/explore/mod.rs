@@ -16,7 +16,7 @@ pub mod verdict;
 
 use crate::interrupt::Interrupt;
 use crate::report::{count, seconds};
-use crate::scenario::{Plan, quote};
+use crate::scenario::{Plan, Swarm};
 use crate::simulated::simulate;
 use crate::stopwatch::Stopwatch;
 use crate::terminal::{Channel, Live, print_out};
@@ -26,7 +26,6 @@ use metamorph_module_agent::Family;
 use metamorph_protocol::marks::{self, Marks};
 use metamorph_protocol::sabotage::Sabotage;
 use metamorph_sim_bridge::outcome::Outcome;
-use std::collections::BTreeMap;
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
 use std::io;
@@ -41,7 +40,7 @@ use verdict::{Failure, Kind, Verdict, judge};
 /// So many runs at most make one failing scenario small.
 const SHRINKING: u64 = 3_000;
 /// So many kinds of failures are made small; more of them say no more.
-const MOST_FOUND: usize = 12;
+const MOST_FOUND: usize = 16;
 
 /// What `metamorph explore` was asked for.
 #[derive(Clone, Debug)]
@@ -90,6 +89,8 @@ pub enum ExploreError {
 /// What a run came to.
 #[derive(Clone, Debug)]
 pub struct Ran {
+    /// The family, and the protocol in it.
+    pub protocol: String,
     /// What it is judged.
     pub verdict: Verdict,
     /// How it ended; none if it panicked.
@@ -111,13 +112,18 @@ pub fn run(plan: &Plan, interrupt: &Interrupt) -> Option<Ran> {
     let since = Stopwatch::start();
     let simulated = catch_unwind(AssertUnwindSafe(|| simulate(plan, since, |_, _| !interrupt.is_set())));
     let marks = marks::take();
+    let protocol = match &plan.swarm {
+        Swarm::Cubes(cubes) => format!("cube, {}", draft::name_of(cubes.setup.params.connectivity)),
+        Swarm::Metamodules(m) => format!("metamodule, {}", m.setup.params.strategy.name()),
+    };
     let Ok(report) = simulated else {
         let failure = Failure { kind: Kind::Panic, what: "the program panicked".into() };
         let verdict = Verdict::Failed(failure);
-        return Some(Ran { verdict, outcome: None, marks, events: 0, moves: 0, messages: 0 });
+        return Some(Ran { protocol, verdict, outcome: None, marks, events: 0, moves: 0, messages: 0 });
     };
     let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
     (outcome != Some(Outcome::Aborted)).then(|| Ran {
+        protocol,
         verdict: judge(&report),
         outcome,
         marks,
@@ -217,12 +223,12 @@ fn found(
     interrupt: &Interrupt,
 ) -> Result<Vec<Found>, ExploreError> {
     let mut all = Vec::new();
-    for (kind, failures) in tallies.failures() {
+    for ((kind, protocol), failures) in tallies.failures() {
         let number = failures.first;
         let (draft, _) = draw(seed.wrapping_add(number), request.family);
         let mut found = Found {
             kind: kind.clone(),
-            family: draft_family(&draft).name().to_owned(),
+            protocol: protocol.clone(),
             seed: seed.wrapping_add(number),
             runs: failures.count,
             what: failures.what.clone(),
@@ -252,21 +258,10 @@ fn found(
     Ok(all)
 }
 
-fn draft_family(draft: &Draft) -> Family {
-    match draft.swarm {
-        draft::SwarmDraft::Cubes(_) => Family::Cube,
-        draft::SwarmDraft::Metamodules(_) => Family::Metamodule,
-    }
-}
-
 /// The command that repeats the run of a seed.
 fn repeat(seed: u64, family: Option<Family>) -> String {
     let family = family.map_or(String::new(), |f| format!(" --family {}", f.name()));
-    quote_words(&format!("metamorph explore --runs 1 --seed {seed}{family}"))
-}
-
-fn quote_words(command: &str) -> String {
-    command.split(' ').map(|word| quote(word.to_owned())).collect::<Vec<_>>().join(" ")
+    format!("metamorph explore --runs 1 --seed {seed}{family}")
 }
 
 fn create(dir: &Path) -> Result<(), ExploreError> {
@@ -276,6 +271,3 @@ fn create(dir: &Path) -> Result<(), ExploreError> {
 fn write(path: &Path, text: &str) -> Result<(), ExploreError> {
     fs::write(path, text).map_err(|error| ExploreError::Write { path: path.into(), error })
 }
-
-/// What was found, by kind.
-pub type Failures = BTreeMap<Kind, summary::Failures>;

@@ -34,7 +34,7 @@ pub struct Tallies {
     messages: u64,
     outcomes: BTreeMap<&'static str, u64>,
     excused: BTreeMap<String, u64>,
-    failures: BTreeMap<Kind, Failures>,
+    failures: BTreeMap<(Kind, String), Failures>,
     marks: BTreeMap<Mark, u64>,
 }
 
@@ -54,7 +54,8 @@ impl Tallies {
             Verdict::Excused(why) => *self.excused.entry(why.clone()).or_default() += 1,
             Verdict::Failed(failure) => {
                 let first = Failures { count: 0, first: number, what: failure.what.clone() };
-                self.failures.entry(failure.kind.clone()).or_insert(first).count += 1;
+                let key = (failure.kind.clone(), ran.protocol.clone());
+                self.failures.entry(key).or_insert(first).count += 1;
             }
         }
     }
@@ -62,8 +63,8 @@ impl Tallies {
     pub fn failed(&self) -> u64 {
         self.failures.values().map(|f| f.count).sum()
     }
-    /// Failures by kind.
-    pub fn failures(&self) -> &BTreeMap<Kind, Failures> {
+    /// Failures by kind and protocol.
+    pub fn failures(&self) -> &BTreeMap<(Kind, String), Failures> {
         &self.failures
     }
 }
@@ -107,8 +108,8 @@ pub struct Found {
     /// In what way.
     #[serde(flatten)]
     pub kind: Kind,
-    /// The family that failed.
-    pub family: String,
+    /// The family that failed, and the protocol in it.
+    pub protocol: String,
     /// The seed of the first run that failed so.
     pub seed: u64,
     /// In how many runs.
@@ -181,8 +182,8 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
     let (events, moves, messages) = (count(summary.events), count(summary.moves), count(summary.messages));
     writeln!(out, "  {events} events, {moves} moves, {messages} messages")?;
     for found in &summary.found {
-        let Found { kind, family, runs, what, repeat, agents, faults, .. } = found;
-        writeln!(out, "\n{} ({family}) in {} run{}", paint.bad(&kind.to_string()), count(*runs), s(*runs))?;
+        let Found { kind, protocol, runs, what, repeat, agents, faults, .. } = found;
+        writeln!(out, "\n{} ({protocol}) in {} run{}", paint.bad(&kind.to_string()), count(*runs), s(*runs))?;
         writeln!(out, "  {what}\n  first in  {repeat}")?;
         if let Some(scenario) = &found.scenario {
             writeln!(
