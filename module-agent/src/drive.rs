@@ -7,6 +7,7 @@ use crate::clock::{Clock, monotonic};
 use crate::contacts::{Contacts, Place};
 use crate::impair::{Impair, Parcel};
 use crate::inbox::{Inbox, InboxError};
+use crate::journal::{Head, JournalError, Writer, agent_part};
 use crate::ledger::{Account, Ledger, LedgerError};
 use crate::outbox::{Handed, Outbox};
 use crate::process::{Guard, Identity};
@@ -14,8 +15,9 @@ use crate::rendezvous::{ChannelError, Rendezvous, set_verbosity};
 use crate::runtime::{Contact, Runtime};
 use crate::swarm_file::{SwarmFile, SwarmFileError};
 use crate::uplink::Uplink;
-use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output};
+use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::ids::{Port, Revision};
+use metamorph_protocol::journal::{self, Diary, MessageName, Sink};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
@@ -53,6 +55,9 @@ pub enum AgentError {
     /// The inbox failed.
     #[error(transparent)]
     Inbox(#[from] InboxError),
+    /// The journal cannot be begun.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
     /// The process cannot say who it is.
     #[error("cannot register this process in {0}: {1}")]
     Register(PathBuf, io::Error),
@@ -88,6 +93,7 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     let ledger = Ledger::create(&args.root, args.id, args.incarnation)?;
     uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Hello { pid: std::process::id() });
     uplink.flush();
+    let pages = swarm.journal.as_deref().map(|parts| Pages::begin(parts, args)).transpose()?;
     let SwarmFile { seed, speed, link, setup, .. } = swarm;
     let driver = Driver::<A> {
         args,
@@ -111,6 +117,8 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
         revision: Revision(0),
         last: Time::ZERO,
         agent: None,
+        outputs: Vec::new(),
+        pages,
         stopping: false,
         at,
     };
@@ -142,6 +150,21 @@ fn register(args: &AgentArgs) -> Result<(), AgentError> {
         .map_err(|e| AgentError::Register(path, e))
 }
 
+/// This life's part of the journal.
+struct Pages {
+    writer: Writer,
+    diary: Option<Diary>,
+}
+
+impl Pages {
+    fn begin(parts: &Path, args: &AgentArgs) -> Result<Pages, JournalError> {
+        let run = args.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let head = Head::Part { run, id: args.id, life: args.incarnation };
+        let writer = Writer::create(&agent_part(parts, args.id, args.incarnation), &head)?;
+        Ok(Pages { writer, diary: None })
+    }
+}
+
 struct Driver<'a, A: Agent> {
     args: &'a AgentArgs,
     guard: Guard,
@@ -168,6 +191,9 @@ struct Driver<'a, A: Agent> {
     revision: Revision,
     last: Time,
     agent: Option<A>,
+    /// What the agent has just put out; empty between turns.
+    outputs: Vec<OutputOf<A>>,
+    pages: Option<Pages>,
     stopping: bool,
     // Last, so that all ports are gone before the process leaves the run.
     at: Rendezvous,
@@ -185,7 +211,7 @@ impl<A: Agent> Driver<'_, A> {
                 self.account.tally[class].expired += 1;
             }
             // Before the controller hears of anything: it may kill this process for what it hears.
-            self.ledger.write(&self.account)?;
+            self.write_down()?;
             self.uplink.flush();
             if self.stopping {
                 return self.end();
@@ -210,6 +236,15 @@ impl<A: Agent> Driver<'_, A> {
     fn end(mut self) -> Result<(), AgentError> {
         while let Some(class) = self.contacts.give_up(u64::MAX) {
             self.account.tally[class].expired += 1;
+        }
+        self.write_down()
+    }
+
+    /// Writes down what is about to be seen by others: first what happened, then what it adds up to.
+    fn write_down(&mut self) -> Result<(), AgentError> {
+        if let Some(pages) = &mut self.pages {
+            pages.writer.commit();
+            self.account.unrecorded = pages.writer.lost().0;
         }
         Ok(self.ledger.write(&self.account)?)
     }
@@ -299,7 +334,9 @@ impl<A: Agent> Driver<'_, A> {
         match frame.message::<A::Message>() {
             Ok(message) => {
                 self.account.tally[header.class].delivered += 1;
-                self.hand(Input::Message { port, message })?;
+                let (from, life, number) = (header.source, header.incarnation, header.sequence);
+                let name = MessageName { from, life, number };
+                self.hand_in(Input::Message { port, message }, Some((name, header.class)))?;
             }
             Err(_) => self.account.foreign += 1,
         }
@@ -313,8 +350,13 @@ impl<A: Agent> Driver<'_, A> {
                 let birth =
                     Birth { id: self.args.id, incarnation: self.args.incarnation, place, seed: self.seed };
                 let now = self.now();
+                if let Some(pages) = &mut self.pages {
+                    let (diary, born) =
+                        Diary::new::<A>(now, self.args.id, self.args.incarnation, &birth.place);
+                    pages.diary = Some(diary);
+                    pages.writer.put(&born);
+                }
                 self.agent = Some(A::new(&self.setup, birth, now));
-                self.pump(now)?;
             }
             Runtime::Contact { port, revision, contact } if self.contacts.has_port(port) => {
                 self.change_contact(port, revision, contact)?;
@@ -358,32 +400,49 @@ impl<A: Agent> Driver<'_, A> {
 
     /// Hands in one input; false if there is no agent yet to take it.
     fn hand(&mut self, input: InputOf<A>) -> Result<bool, AgentError> {
+        self.hand_in(input, None)
+    }
+
+    /// The same; `heard` names the message that it is.
+    fn hand_in(
+        &mut self,
+        input: InputOf<A>,
+        heard: Option<(MessageName, Class)>,
+    ) -> Result<bool, AgentError> {
         let now = self.now();
         let Some(agent) = &mut self.agent else { return Ok(false) };
-        agent.handle(now, input);
-        self.pump(now)?;
+        let mut outputs = std::mem::take(&mut self.outputs);
+        if let Some(Pages { writer, diary: Some(diary) }) = &mut self.pages {
+            let taken = Diary::taken::<A>(&input, heard);
+            let digest = journal::step(agent, now, input, &mut outputs);
+            let peer = |port| self.contacts.get(port).map(|c| c.peer);
+            diary.step(now, taken, agent, &outputs, digest, self.revision, peer, writer);
+        } else {
+            agent.handle(now, input);
+            outputs.extend(std::iter::from_fn(|| agent.poll()));
+        }
+        for output in outputs.drain(..) {
+            self.carry_out(now, output)?;
+        }
+        self.outputs = outputs;
         Ok(true)
     }
 
-    /// Takes all outputs of the agent.
-    fn pump(&mut self, now: Time) -> Result<(), AgentError> {
-        while let Some(output) = self.agent.as_mut().and_then(Agent::poll) {
-            match output {
-                Output::Send { port, class, message } => self.send(now, port, class, &message),
-                Output::Act(action) => self.uplink.push(Channel::Body, self.revision.0, &action),
-                Output::Report(report) => self.uplink.push(Channel::Control, 0, &report),
-            }
-            if self.burst.len() >= BURST {
-                self.send_burst()?;
-            }
+    fn carry_out(&mut self, now: Time, output: OutputOf<A>) -> Result<(), AgentError> {
+        match output {
+            Output::Send { port, class, message } => self.send(now, port, class, &message),
+            Output::Act(action) => self.uplink.push(Channel::Body, self.revision.0, &action),
+            Output::Report(report) => self.uplink.push(Channel::Control, 0, &report),
         }
-        Ok(())
+        if self.burst.len() >= BURST { self.send_burst() } else { Ok(()) }
     }
 
     fn send(&mut self, now: Time, port: Port, class: Class, message: &A::Message) {
         let counts = &mut self.account.tally[class];
         counts.sent += 1;
         counts.bytes += message.wire_len() as u64;
+        let sequence = self.peer_sequence;
+        self.peer_sequence = sequence.wrapping_add(1);
         let Some(contact) = self.contacts.get(port) else {
             // Nothing touches this port (any more).
             counts.expired += 1;
@@ -398,9 +457,8 @@ impl<A: Agent> Driver<'_, A> {
             source: self.args.id,
             destination: contact.peer,
             session: contact.session.0,
-            sequence: self.peer_sequence,
+            sequence,
         };
-        self.peer_sequence = self.peer_sequence.wrapping_add(1);
         let (peer, session) = (contact.peer, contact.session);
         let parcel = Parcel { port, peer, session, class, frame: Frame::seal(header, message) };
         self.impair.carry(now, parcel, &mut self.account.tally, &mut self.burst);
@@ -412,7 +470,7 @@ impl<A: Agent> Driver<'_, A> {
         if self.burst.is_empty() {
             return Ok(());
         }
-        self.ledger.write(&self.account)?;
+        self.write_down()?;
         let mut touched = 0u32;
         for parcel in std::mem::take(&mut self.burst) {
             let counts = &mut self.account.tally[parcel.class];

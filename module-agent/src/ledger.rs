@@ -16,10 +16,11 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 const MAGIC: [u8; 8] = *b"MMLEDGER";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER: usize = 32;
-/// Numbers of a slot: its generation, the counts of all classes, foreign frames, wake-ups.
-const NUMBERS: usize = 1 + Class::ALL.len() * 8 + 2;
+/// Numbers of a slot: its generation, the counts of all classes, foreign frames, wake-ups, records that
+/// are missing from the journal.
+const NUMBERS: usize = 1 + Class::ALL.len() * 8 + 3;
 const SLOT: usize = NUMBERS * 8 + 4;
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
@@ -32,6 +33,8 @@ pub struct Account {
     pub foreign: u64,
     /// How often the process woke up.
     pub wakes: u64,
+    /// Records that could not be written to the journal.
+    pub unrecorded: u64,
 }
 
 /// Why a ledger cannot be written or read.
@@ -147,8 +150,9 @@ fn slot(generation: u64, account: &Account) -> [u8; SLOT] {
         numbers[1 + i * 8..][..8]
             .copy_from_slice(&[sent, delivered, lost, duplicated, overflowed, expired, refused, bytes]);
     }
-    numbers[NUMBERS - 2] = account.foreign;
-    numbers[NUMBERS - 1] = account.wakes;
+    numbers[NUMBERS - 3] = account.foreign;
+    numbers[NUMBERS - 2] = account.wakes;
+    numbers[NUMBERS - 1] = account.unrecorded;
     let mut bytes = [0; SLOT];
     for (chunk, n) in bytes.chunks_exact_mut(8).zip(numbers) {
         chunk.copy_from_slice(&n.to_le_bytes());
@@ -180,6 +184,7 @@ fn read_slot(bytes: &[u8]) -> Option<(u64, Account)> {
     }
     account.foreign = numbers.next()?;
     account.wakes = numbers.next()?;
+    account.unrecorded = numbers.next()?;
     Some((generation, account))
 }
 
@@ -190,7 +195,7 @@ mod tests {
     const ME: (ModuleId, Incarnation) = (ModuleId(3), Incarnation(1));
 
     fn account(n: u64) -> Account {
-        let mut account = Account { foreign: n, wakes: n + 1, ..Account::default() };
+        let mut account = Account { foreign: n, wakes: n + 1, unrecorded: n + 2, ..Account::default() };
         for (i, class) in Class::ALL.into_iter().enumerate() {
             let i = i as u64 * 100 + n;
             account.tally[class] = Counts {
@@ -252,9 +257,9 @@ mod tests {
         fs::write(&file, header(ME.0, ME.1)).unwrap();
         assert!(matches!(read(), Ok(None)));
         let mut newer = header(ME.0, ME.1);
-        newer[8] = 2;
+        newer[8] = 3;
         fs::write(&file, newer).unwrap();
-        assert!(matches!(read(), Err(LedgerError::Version(_, 2))));
+        assert!(matches!(read(), Err(LedgerError::Version(_, 3))));
         let mut garbage = header(ME.0, ME.1).to_vec();
         garbage.extend([7; SLOT * 3]);
         fs::write(&file, garbage).unwrap();

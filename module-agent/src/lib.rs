@@ -14,6 +14,7 @@ mod drive;
 pub mod family;
 pub mod impair;
 pub mod inbox;
+pub mod journal;
 pub mod ledger;
 pub mod outbox;
 pub mod packet;

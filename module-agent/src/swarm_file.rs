@@ -14,7 +14,7 @@ use thiserror::Error;
 
 const MAGIC: [u8; 4] = *b"MMSW";
 /// The version of the layout. Any change of [`SwarmFile`] raises it.
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 /// A swarm file is never larger; a length in a damaged file must not eat all memory.
 const LIMIT: usize = 256 << 20;
 
@@ -31,6 +31,8 @@ pub struct SwarmFile<S> {
     pub link: LinkModel,
     /// The process without which no agent goes on.
     pub controller: Identity,
+    /// The directory that agents write their parts of the journal to, if one is kept.
+    pub journal: Option<PathBuf>,
     /// The family's own part.
     pub setup: S,
 }
@@ -116,6 +118,7 @@ mod tests {
             speed: Speed::new(10, 1).unwrap(),
             link: LinkModel { delay_max: Span::millis(2), ..LinkModel::default() },
             controller: Identity { pid: 5, start: 77 },
+            journal: Some("/tmp/journal.parts".into()),
             setup: vec![1, 2],
         }
     }
@@ -136,7 +139,7 @@ mod tests {
         };
         assert!(matches!(read_with(&|b| b[0] = b'X'), SwarmFileError::Magic(_)));
         assert!(matches!(read_with(&|b| b.truncate(5)), SwarmFileError::Magic(_)));
-        assert!(matches!(read_with(&|b| b[4] = 2), SwarmFileError::Version(_, 2)));
+        assert!(matches!(read_with(&|b| b[4] = 1), SwarmFileError::Version(_, 1)));
         assert!(matches!(read_with(&|b| b.push(0)), SwarmFileError::Content(..)));
         assert!(matches!(read_with(&|b| b.truncate(9)), SwarmFileError::Content(..)));
     }

@@ -6,16 +6,17 @@
 //! Deliberately absent: everything that differs between drivers.
 
 use crate::ids::{Incarnation, ModuleId, Port, Session};
+use crate::journal::Summary;
 use crate::time::Time;
 use crate::wire::Wire;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::hash::Hasher;
 use std::sync::Arc;
 
 /// What a protocol message is for; messages are counted by class.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Class {
     /// Attraction: distances and concentrations.
@@ -168,4 +169,9 @@ pub trait Agent: Sized {
 
     /// Feeds the whole state into a hash, for traces and for model checking.
     fn digest(&self, hasher: &mut dyn Hasher);
+
+    /// What it is about, for whoever looks on at a run or its journal.
+    fn summary(&self, _now: Time) -> Summary {
+        Summary::default()
+    }
 }

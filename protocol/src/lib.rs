@@ -11,6 +11,7 @@ pub mod agent;
 pub mod cube;
 pub mod goal;
 pub mod ids;
+pub mod journal;
 pub mod lattice;
 pub mod link;
 pub mod marks;

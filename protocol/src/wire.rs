@@ -88,6 +88,20 @@ pub trait Wire: Clone + Debug + PartialEq + Eq {
     }
 }
 
+/// The payload of a message, without a frame around it.
+pub fn payload<W: Wire>(message: &W) -> Vec<u8> {
+    let mut out = Encoder::new();
+    message.encode(&mut out);
+    out.bytes[..out.len].to_vec()
+}
+
+/// Reads a payload that has no frame around it.
+pub fn from_payload<W: Wire>(kind: u8, bytes: &[u8]) -> Result<W, WireError> {
+    let mut from = Decoder { bytes };
+    let message = W::decode(kind, &mut from)?;
+    if from.bytes.is_empty() { Ok(message) } else { Err(WireError::Length) }
+}
+
 /// A message that is never sent; for families without, say, orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Never {}
@@ -229,9 +243,7 @@ impl Frame {
     /// Reads the payload of a frame that [`Frame::open`] accepted.
     pub fn message<W: Wire>(&self) -> Result<W, WireError> {
         let bytes = self.payload.get(..usize::from(self.length)).ok_or(WireError::Length)?;
-        let mut from = Decoder { bytes };
-        let message = W::decode(self.kind, &mut from)?;
-        if from.bytes.is_empty() { Ok(message) } else { Err(WireError::Length) }
+        from_payload(self.kind, bytes)
     }
 
     /// The class that the header claims, for counting a frame that is refused.

@@ -77,7 +77,7 @@ pub fn diagnose(
                 || known[id.index()].is_walker()
                 || is_spared(world, known, *id)
         };
-        let is_free = |id: &ModuleId| !is_pinned(known, *id) && may_leave(id);
+        let is_free = |id: &ModuleId| !is_pinned(world, known, *id) && may_leave(id);
         let free: Vec<ModuleId> = live.iter().copied().filter(is_free).collect();
         stall.waiting = live.iter().map(|id| (*id, waits_for(known, *id))).take(20).collect();
         let called = called(world, known, &targets, &starts);
@@ -137,18 +137,22 @@ fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
     known.get(id.index())?.status?.waits_for
 }
 
-/// Whether a module is pinned by one that cannot move any more, itself or along whom it waits for.
-fn is_pinned(known: &[Known], id: ModuleId) -> bool {
-    let mut at = id;
-    for _ in 0..=known.len() {
-        let Some(k) = known.get(at.index()) else { return false };
+/// Whether a module is pinned by one that cannot move any more: itself, along whom it waits for, or
+/// because its neighbours have no place in the parent forest either and one of them never will.
+fn is_pinned(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
+    let is_loose = |of: &Known| of.status.is_some_and(|s| s.role == Role::Reserve && !s.attached);
+    let (mut front, mut seen) = (vec![id], BTreeSet::from([id]));
+    while let Some(at) = front.pop() {
+        let Some(k) = known.get(at.index()) else { continue };
         if !k.alive || k.status.is_some_and(|s| s.pinned || s.immobile) {
             return true;
         }
-        match waits_for(known, at) {
-            Some(next) => at = next,
-            None => return false,
+        let mut next: Vec<ModuleId> = waits_for(known, at).into_iter().collect();
+        if is_loose(k) {
+            let beside = world.cell(at).neighbours().into_iter().filter_map(|n| world.body_at(n));
+            next.extend(beside.filter(|n| known[n.index()].alive && is_loose(&known[n.index()])));
         }
+        front.extend(next.into_iter().filter(|n| seen.insert(*n)));
     }
     false
 }

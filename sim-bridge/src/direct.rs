@@ -3,6 +3,7 @@
 //! The controller is a state machine like the agents: drivers tell it what happened and carry out
 //! the commands it gives, with events in virtual time or with real signals to real processes.
 
+use crate::faults::Struck;
 use crate::world::World;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
@@ -39,4 +40,10 @@ pub trait Direct<W: World> {
     fn wake_at(&self) -> Time;
     /// The next command, in order. Asked after every other call.
     fn poll(&mut self) -> Option<Command<<W::Agent as Agent>::Order>>;
+    /// What each fault of the scenario did, as far as they have struck.
+    fn struck(&self) -> &[Struck] {
+        &[]
+    }
+    /// What was decided so far is about to be carried out. Whoever keeps a journal makes it safe now.
+    fn commit(&mut self) {}
 }

@@ -364,4 +364,8 @@ impl Direct<CubeWorld> for Director {
     fn poll(&mut self) -> Option<Command<Order>> {
         self.commands.pop_front()
     }
+
+    fn struck(&self) -> &[Struck] {
+        self.faults.struck()
+    }
 }

@@ -1,4 +1,5 @@
 //! The simulated world and the simulated network.
+pub mod chronicle;
 pub mod cube_audit;
 pub mod cube_world;
 pub mod diagnosis;

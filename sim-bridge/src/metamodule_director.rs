@@ -490,6 +490,10 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
     fn poll(&mut self) -> Option<Command<Order>> {
         self.commands.pop_front()
     }
+
+    fn struck(&self) -> &[Struck] {
+        self.faults.struck()
+    }
 }
 
 #[cfg(test)]

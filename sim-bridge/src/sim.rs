@@ -3,12 +3,14 @@
 //! One queue, ordered by time and then by the order of scheduling; one named random stream per
 //! sender. Same setup and seed, same events, on every machine and build.
 
+use crate::chronicle::Log;
 use crate::direct::{Command, Direct};
 use crate::invariants::{self, Invariant, Violation};
 use crate::trace::Trace;
 use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::journal::{self, Diary, MessageName};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::marks::{Mark, hit};
 use metamorph_protocol::stream::Stream;
@@ -94,12 +96,15 @@ struct Slot<A: Agent> {
     wake: Time,
     waiting: VecDeque<Waiting<A>>,
     waiting_messages: usize,
+    /// Messages sent in this life.
+    sent: u32,
+    diary: Option<Diary>,
 }
 
 /// What reaches a stopped process.
 enum Waiting<A: Agent> {
     Sensed(Sensed<A::Percept>),
-    Message { port: Port, session: Session, class: Class, message: A::Message },
+    Message { port: Port, session: Session, class: Class, number: u32, message: A::Message },
     Order(A::Order),
 }
 
@@ -122,6 +127,8 @@ struct Parcel<M> {
     port: Port,
     session: Session,
     class: Class,
+    /// Its number among all messages of its sender's life.
+    number: u32,
     message: M,
 }
 
@@ -144,11 +151,17 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     checked: u64,
     next_audit: Time,
     finished: bool,
+    log: Option<Log>,
 }
 
 impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// A run at time zero, with all agents started.
     pub fn new(config: SimConfig<W::Agent>, world: W, director: D) -> Self {
+        Sim::with_journal(config, world, director, None)
+    }
+
+    /// The same, writing down what agents do. World and director are the recorded ones then.
+    pub fn with_journal(config: SimConfig<W::Agent>, world: W, director: D, log: Option<Log>) -> Self {
         let slots = (0..world.len())
             .map(|i| Slot {
                 agent: None,
@@ -162,6 +175,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 wake: Time::NEVER,
                 waiting: VecDeque::new(),
                 waiting_messages: 0,
+                sent: 0,
+                diary: None,
             })
             .collect();
         let mut sim = Sim {
@@ -182,6 +197,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             broken: 0,
             checked: 0,
             finished: false,
+            log,
         };
         for i in 0..sim.slots.len() as u32 {
             sim.start(ModuleId(i), Incarnation(0));
@@ -286,7 +302,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
 
     fn arrive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
-        let Parcel { to, port, session, class, message } = parcel;
+        let Parcel { to, port, session, class, number, message } = parcel;
         let slot = &mut self.slots[to.index()];
         if !slot.alive {
             self.tally[class].expired += 1;
@@ -296,10 +312,10 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 self.tally[class].overflowed += 1;
             } else {
                 slot.waiting_messages += 1;
-                slot.waiting.push_back(Waiting::Message { port, session, class, message });
+                slot.waiting.push_back(Waiting::Message { port, session, class, number, message });
             }
         } else {
-            self.receive(to, port, session, class, message);
+            self.receive(to, port, session, class, number, message);
         }
     }
 
@@ -309,9 +325,11 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         port: Port,
         session: Session,
         class: Class,
+        number: u32,
         message: <W::Agent as Agent>::Message,
     ) {
-        let current = self.slots[to.index()].contacts[port.index()].map(|c| c.session);
+        let contact = self.slots[to.index()].contacts[port.index()];
+        let current = contact.map(|c| c.session);
         if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
             hit(Mark::DriverExpired);
             self.tally[class].expired += 1;
@@ -323,21 +341,51 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }
         self.tally[class].delivered += 1;
         self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
-        self.feed(to, Input::Message { port, message });
+        let input = Input::Message { port, message };
+        if self.log.is_some() {
+            let name = |c: Contact| MessageName { from: c.peer, life: c.peer_incarnation, number };
+            return self.feed_recorded(to, input, contact.map(|c| (name(c), class)));
+        }
+        self.feed(to, input);
     }
 
     /// Hands one input to an agent and carries out what it does.
     fn feed(&mut self, id: ModuleId, input: InputOf<W::Agent>) {
+        if self.log.is_some() {
+            return self.feed_recorded(id, input, None);
+        }
         let now = self.now;
         let Some(agent) = &mut self.slots[id.index()].agent else { return };
         agent.handle(now, input);
         while let Some(output) = self.slots[id.index()].agent.as_mut().and_then(Agent::poll) {
             self.carry_out(id, output);
         }
+        self.fed(id);
+    }
+
+    /// The same with a journal: the step is written down before its outputs are carried out.
+    fn feed_recorded(&mut self, id: ModuleId, input: InputOf<W::Agent>, heard: Option<(MessageName, Class)>) {
+        let now = self.now;
+        let Slot { agent: Some(agent), diary: Some(diary), contacts, revision, .. } =
+            &mut self.slots[id.index()]
+        else {
+            return;
+        };
+        let (taken, mut outputs) = (Diary::taken::<W::Agent>(&input, heard), Vec::new());
+        let digest = journal::step(agent, now, input, &mut outputs);
+        if let Some(log) = &self.log {
+            let peer = |port: Port| contacts[port.index()].map(|c| c.peer);
+            diary.step(now, taken, agent, &outputs, digest, *revision, peer, &mut *log.borrow_mut());
+        }
+        outputs.into_iter().for_each(|output| self.carry_out(id, output));
+        self.fed(id);
+    }
+
+    fn fed(&mut self, id: ModuleId) {
         self.plan_wake(id);
         self.checked += 1;
         let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
-        self.world.audit_agent(now, id, &agents, &mut found);
+        self.world.audit_agent(self.now, id, &agents, &mut found);
         found.into_iter().for_each(|v| self.note(v));
     }
 
@@ -383,6 +431,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         counts.sent += 1;
         counts.bytes += message.wire_len() as u64;
         let slot = &mut self.slots[from.index()];
+        let number = slot.sent;
+        slot.sent = number.wrapping_add(1);
         let Some(contact) = slot.contacts[port.index()] else {
             counts.expired += 1;
             return;
@@ -402,6 +452,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                     port: contact.peer_port,
                     session: contact.session,
                     class,
+                    number,
                     message,
                 },
                 Err(_) => {
@@ -529,8 +580,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             match waiting {
                 Waiting::Sensed(sensed) => self.sense(id, sensed),
                 Waiting::Order(order) => self.obey(Command::Order(id, order)),
-                Waiting::Message { port, session, class, message } => {
-                    self.receive(id, port, session, class, message);
+                Waiting::Message { port, session, class, number, message } => {
+                    self.receive(id, port, session, class, number, message);
                 }
             }
         }
@@ -546,6 +597,12 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         slot.incarnation = incarnation;
         slot.contacts.fill(None);
         slot.last_arrival.fill(self.now);
+        slot.sent = 0;
+        if let Some(log) = &self.log {
+            let (diary, born) = Diary::new::<W::Agent>(self.now, id, incarnation, &self.world.place(id));
+            slot.diary = Some(diary);
+            log.borrow_mut().put(&born);
+        }
         self.trace.event(self.now, 9, id.0, u64::from(incarnation.0));
         self.plan_wake(id);
         self.world.start(self.now, id, incarnation);

@@ -1,10 +1,12 @@
 //! The command `metamorph` as a user types it, and the scenarios that ship with it.
 
+use crate::chaos::signal_to;
+use rustix::process::Signal;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::sync::OnceLock;
-use std::time::SystemTime;
+use std::sync::{OnceLock, mpsc};
+use std::time::{Duration, SystemTime};
 
 /// The root of the workspace.
 pub fn root() -> PathBuf {
@@ -105,4 +107,22 @@ pub fn command(args: &[&str]) -> Command {
 /// Runs `metamorph` with these arguments to its end.
 pub fn run(args: &[&str]) -> Ran {
     command(args).output().expect("metamorph can be started").into()
+}
+
+/// No run of processes in a test takes longer. One that does is asked to end, so that it removes what it
+/// has made.
+const WATCHDOG: Duration = Duration::from_secs(240);
+
+/// Runs `metamorph` with these arguments, which start processes, to its end.
+pub fn run_processes(args: &[&str]) -> Ran {
+    let child = command(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+    let child = child.expect("metamorph can be started");
+    let pid = child.id() as i32;
+    let (sender, ended) = mpsc::channel();
+    std::thread::spawn(move || sender.send(child.wait_with_output()));
+    let Ok(output) = ended.recv_timeout(WATCHDOG) else {
+        signal_to(pid, Signal::TERM);
+        panic!("{args:?} was not over in time");
+    };
+    output.expect("a child can be waited for").into()
 }

@@ -32,27 +32,27 @@ const fn metamodule(defect: Sabotage, within: u64) -> Wrong {
 }
 
 const WRONG: [Wrong; 21] = [
-    cube(Sabotage::IgnoreSessions, 500),
-    cube(Sabotage::NoDeadline, 500),
-    cube(Sabotage::ShortLease, 500),
-    cube(Sabotage::IgnoreLocks, 500),
-    cube(Sabotage::KeepLocks, 500),
-    cube(Sabotage::ReserveTwice, 500),
-    cube(Sabotage::DropSilentChildren, 500),
-    cube(Sabotage::AdoptUnacknowledged, 500),
-    cube(Sabotage::NoListening, 500),
-    cube(Sabotage::IgnoreStrangers, 500),
-    cube(Sabotage::ShallowSearch, 500),
-    cube(Sabotage::AcceptStaleValues, 500),
-    cube(Sabotage::AnyLowerOnSolids, 500),
-    metamodule(Sabotage::GrantEverything, 200),
-    metamodule(Sabotage::AskNobody, 200),
-    metamodule(Sabotage::ForgetGrants, 200),
-    metamodule(Sabotage::OutstayLease, 200),
-    metamodule(Sabotage::GrantAfterRestart, 200),
-    metamodule(Sabotage::AcceptStaleStates, 200),
-    metamodule(Sabotage::IgnoreClaims, 200),
-    metamodule(Sabotage::StandInTheWay, 200),
+    cube(Sabotage::IgnoreSessions, 400),
+    cube(Sabotage::NoDeadline, 400),
+    cube(Sabotage::ShortLease, 400),
+    cube(Sabotage::IgnoreLocks, 400),
+    cube(Sabotage::KeepLocks, 400),
+    cube(Sabotage::ReserveTwice, 400),
+    cube(Sabotage::DropSilentChildren, 400),
+    cube(Sabotage::AdoptUnacknowledged, 400),
+    cube(Sabotage::NoListening, 400),
+    cube(Sabotage::IgnoreStrangers, 400),
+    cube(Sabotage::ShallowSearch, 400),
+    cube(Sabotage::AcceptStaleValues, 400),
+    cube(Sabotage::AnyLowerOnSolids, 400),
+    metamodule(Sabotage::GrantEverything, 60),
+    metamodule(Sabotage::AskNobody, 60),
+    metamodule(Sabotage::ForgetGrants, 60),
+    metamodule(Sabotage::OutstayLease, 60),
+    metamodule(Sabotage::GrantAfterRestart, 60),
+    metamodule(Sabotage::AcceptStaleStates, 60),
+    metamodule(Sabotage::IgnoreClaims, 60),
+    metamodule(Sabotage::StandInTheWay, 60),
 ];
 
 /// How a scenario fails with a defect, if it does, and does not without it.
@@ -73,7 +73,8 @@ fn find(wrong: &Wrong) -> Result<(u64, Kind, Small), String> {
     for seed in 1..=wrong.within {
         let (draft, _) = draw(seed, Some(wrong.family));
         if let Some(kind) = fails_by(wrong.defect, &draft) {
-            let small = make_small(&draft, &kind, Some(wrong.defect), &Interrupt::default());
+            let small =
+                make_small(&draft, &kind, Some(wrong.defect), wrong.within * 2, &Interrupt::default());
             let small = small.ok_or_else(|| format!("{:?}: seed {seed} fails only once", wrong.defect))?;
             return Ok((seed, kind, small));
         }

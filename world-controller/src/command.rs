@@ -1,6 +1,7 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
 use crate::explore;
+use crate::replay;
 use crate::reproduce::{self, Experiment};
 use crate::robot::RobotArgs;
 use crate::scenario::settings::Setting;
@@ -8,6 +9,8 @@ use crate::scenario::{LinkKind, Overrides};
 use crate::sweep::Request;
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 use metamorph_module_agent::Family;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::time::{Span, SpanError, Time};
 use std::ffi::OsString;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -123,6 +126,23 @@ Exit codes:
   6  an invariant broke, or the program panicked, in at least one run
   7  stopped by Ctrl-C or SIGTERM, and nothing had failed until then";
 
+const REPLAY_EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal
+  metamorph replay run.journal                       is everything as it was recorded?
+  metamorph replay run.journal --until 10s           how every module stood at 10 s
+  metamorph replay run.journal --agent 7 --until 5s  what module 7 went through up to there
+
+Every agent, the world and the controller are handed the inputs that were recorded, in the order of
+cause and effect, and must come to the same states, messages and counts. Of a run that was killed, what
+is there in FILE.parts is replayed.
+
+Exit codes:
+  0  everything came as recorded
+  1  the program itself failed
+  2  the command line is wrong, or the file is no journal of this version
+  8  something did not come as recorded; the first such event is named";
+
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
 and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
@@ -154,6 +174,9 @@ pub enum Command {
     /// Run a scenario with many seeds and varied values, and compare
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
+    /// Carry the journal of a run out again, and say where it differs
+    #[command(after_help = REPLAY_EXAMPLES)]
+    Replay(ReplayArgs),
     /// Run experiments of the thesis and print the published numbers beside ours
     #[command(after_help = REPRODUCE_EXAMPLES)]
     Reproduce(ReproduceArgs),
@@ -183,9 +206,40 @@ pub struct RunArgs {
     /// goes to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
+    /// Write everything that happens to a file, for `metamorph replay` and for viewers
+    #[arg(long, value_name = "FILE")]
+    pub journal: Option<PathBuf>,
     /// Print nothing but errors, and JSON if asked for
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// What `replay` takes.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// The journal that `run --journal` wrote, or the directory of its parts
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Stop at this scenario time, and show how every module stands there
+    #[arg(long, value_name = "T", value_parser = scenario_time)]
+    pub until: Option<Time>,
+    /// Show what this module goes through
+    #[arg(long, value_name = "ID")]
+    pub agent: Option<u32>,
+    /// Print nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+fn scenario_time(text: &str) -> Result<Time, String> {
+    let span: Span = text.parse().map_err(|e: SpanError| e.to_string())?;
+    Ok(Time::ZERO + span)
+}
+
+impl From<ReplayArgs> for replay::Request {
+    fn from(args: ReplayArgs) -> replay::Request {
+        replay::Request { file: args.file, until: args.until, agent: args.agent.map(ModuleId) }
+    }
 }
 
 /// What `sweep` takes.

@@ -3,8 +3,10 @@
 use crate::command::{Command, CommandLine, RunArgs};
 use crate::explore::{ExploreError, explore};
 use crate::interrupt::Interrupt;
+use crate::journal::{JournalError, Keeping};
 use crate::overview::overview;
 use crate::processes;
+use crate::replay::{self, ReplayError, replay};
 use crate::report::human;
 use crate::report::schema::Report;
 use crate::reproduce::reproduce;
@@ -27,6 +29,8 @@ use thiserror::Error;
 const FAILED: u8 = 1;
 /// What was typed, or the scenario, is wrong.
 const BAD_USAGE: u8 = 2;
+/// A replay did not come as recorded.
+const DIFFERENT: u8 = 8;
 
 /// Why a command did not get as far as an outcome.
 #[derive(Debug, Error)]
@@ -58,6 +62,12 @@ enum Failure {
     /// The process link failed.
     #[error(transparent)]
     Processes(#[from] processes::ProcessError),
+    /// The journal cannot be begun.
+    #[error("--journal: {0}")]
+    Journal(JournalError),
+    /// A journal cannot be replayed.
+    #[error("metamorph: {0}")]
+    Replay(#[from] ReplayError),
     /// A sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
@@ -75,7 +85,7 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Sweep(_) | Failure::Explore(_) => FAILED,
-            Failure::Input(_) | Failure::Json { .. } => BAD_USAGE,
+            Failure::Input(_) | Failure::Json { .. } | Failure::Journal(_) | Failure::Replay(_) => BAD_USAGE,
             Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
         }
     }
@@ -111,6 +121,14 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
+        Command::Replay(args) => {
+            let quiet = args.quiet;
+            let (plan, replayed) = replay(&args.into())?;
+            if !quiet {
+                print_out(&replay::text(&plan, &replayed));
+            }
+            Ok(if replayed.difference.is_some() { DIFFERENT } else { 0 })
+        }
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Clean => {
@@ -145,9 +163,15 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     }
     let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
     let mut live = Live::new(!args.quiet);
+    let begin = match overrides.link {
+        LinkKind::Sim => Keeping::simulated,
+        LinkKind::Ipc => Keeping::of_processes,
+    };
+    let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
+    let keeping = keeping.map_err(Failure::Journal)?;
     let report = match overrides.link {
-        LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since),
-        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since)?,
+        LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since, keeping),
+        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping)?,
     };
     drop(live);
     deliver(&report, &args.json, args.quiet)

@@ -1,8 +1,10 @@
 //! The world-controller: reads scenarios, runs swarms, injects failures, measures, reports.
 //!
 //! `scenario` makes a checked plan of what a person wrote; a driver runs it (`simulated` in virtual
-//! time, `processes` and `swarm` with one process per module); `report` says what happened; `sweep`
-//! runs one scenario many times, `reproduce` the thesis's experiments, `explore` scenarios that are drawn. `robot` answers questions about the Roombots model, from the
+//! time, `processes` and `swarm` with one process per module); `report` says what happened; `journal`
+//! reads what a run has written down, `replay` carries it out again; `sweep`
+//! runs one scenario many times, `reproduce` the thesis's experiments, `explore` runs that are drawn.
+//! `robot` answers questions about the Roombots model, from the
 //! `database` that metamodules move by; `runnable` is what drivers and reports need of each family of
 //! units. `command` is the command line, `commands` carries it out, `terminal` prints what it has to
 //! say.
@@ -15,8 +17,10 @@ pub mod commands;
 pub mod database;
 pub mod explore;
 pub mod interrupt;
+pub mod journal;
 pub mod overview;
 pub mod processes;
+pub mod replay;
 pub mod report;
 pub mod reproduce;
 pub mod robot;

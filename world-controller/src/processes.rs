@@ -1,6 +1,7 @@
 //! Runs a plan with one process per module, over shared memory. What a swarm of processes is, and
 //! how it is supervised, is in `swarm`; here a plan goes in and a report comes out.
 
+use crate::journal::Keeping;
 use crate::report::schema::Report;
 use crate::report::{Facts, progress, report};
 use crate::runnable::Runnable;
@@ -14,10 +15,14 @@ use metamorph_module_agent::clock::Speed;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::chronicle::{RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::direct::{Command, Direct};
+use metamorph_sim_bridge::faults::Struck;
 use metamorph_sim_bridge::invariants::{Invariant, Violation};
+use metamorph_sim_bridge::outcome::Outcome;
 use metamorph_sim_bridge::world::World;
 use std::ffi::OsString;
+use std::path::Path;
 use thiserror::Error;
 
 /// Why processes cannot be run.
@@ -41,10 +46,15 @@ pub enum ProcessError {
 }
 
 /// Runs to the end, or until a signal asks for it. `since` is when the program started.
-pub fn run_processes(plan: &Plan, live: &mut Live, since: Stopwatch) -> Result<Report, ProcessError> {
+pub fn run_processes(
+    plan: &Plan,
+    live: &mut Live,
+    since: Stopwatch,
+    keeping: Option<Keeping>,
+) -> Result<Report, ProcessError> {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, live, since),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since),
+        Swarm::Cubes(cubes) => run(cubes, plan, live, since, keeping),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since, keeping),
     }
 }
 
@@ -53,6 +63,7 @@ fn run<R: Runnable>(
     plan: &Plan,
     live: &mut Live,
     since: Stopwatch,
+    keeping: Option<Keeping>,
 ) -> Result<Report, ProcessError> {
     let mut world = swarm.world(plan);
     let options = SwarmOptions {
@@ -63,19 +74,38 @@ fn run<R: Runnable>(
         link: plan.link.clone(),
         // A swarm ends at once if it is interrupted while it is being set up.
         catch_signals: true,
+        journal: keeping.as_ref().and_then(|k| k.parts().map(Path::to_owned)),
         ..SwarmOptions::new(std::env::current_exe().map_err(ProcessError::Program)?)
     };
     let mut director = Watched::<R> { brain: swarm.director(plan), plan, live };
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
-    let outcome = run_swarm(&options, swarm.setup().as_ref(), &mut world, &mut director)?;
+    let setup = swarm.setup().as_ref();
+    let outcome = match &keeping {
+        None => run_swarm(&options, setup, &mut world, &mut director)?,
+        Some(keeping) => {
+            let mut recorded = RecordedWorld::new(world, keeping.log());
+            let mut brain = RecordedDirector::new(director, keeping.log());
+            let ran = run_swarm(&options, setup, &mut recorded, &mut brain);
+            let outcome = ran.inspect_err(|_| keeping.give_up())?;
+            (world, director) = (recorded.into_inner(), brain.into_inner());
+            outcome
+        }
+    };
     director.live.clear();
     let brain = director.brain;
     let (mut violations, checked) = R::last_check(&mut world, outcome.end);
     violations.extend(unbalanced(&outcome));
+    let account = swarm.account(plan, &brain, &world);
+    let mut notes = notes(&outcome);
+    if let Some(keeping) = keeping {
+        let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
+        let SwarmOutcome { end, tally, accounts, unrecorded, .. } = &outcome;
+        notes.extend(keeping.finish(*end, ended.name(), tally, accounts, *unrecorded));
+    }
     Ok(report(&Facts {
         plan,
-        account: swarm.account(plan, &brain, &world),
+        account,
         beat: swarm.beat(),
         tally: &outcome.tally,
         body_messages: outcome.body_messages + outcome.control_messages,
@@ -87,7 +117,7 @@ fn run<R: Runnable>(
         wall: outcome.wall,
         setup: before + outcome.setup,
         trace_hash: None,
-        notes: notes(&outcome),
+        notes,
     }))
 }
 
@@ -155,6 +185,9 @@ impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
     }
     fn poll(&mut self) -> Option<Command<OrderOf<R::World>>> {
         self.brain.poll()
+    }
+    fn struck(&self) -> &[Struck] {
+        self.brain.struck()
     }
 }
 

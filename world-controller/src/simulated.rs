@@ -1,6 +1,7 @@
 //! Runs a plan on the simulated link: one thread, virtual time, the same every time.
 
 use crate::interrupt::Interrupt;
+use crate::journal::Keeping;
 use crate::report::{Facts, progress, report, schema::Report};
 use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
@@ -8,17 +9,30 @@ use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
 use metamorph_protocol::sabotage::Sabotage;
 use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::chronicle::{RecordedDirector, RecordedWorld};
+use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::director::Progress;
-use metamorph_sim_bridge::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::outcome::Outcome;
+use metamorph_sim_bridge::sim::{Audited, Sim, SimConfig};
 use std::sync::Arc;
 
 /// Runs to the end, or until interrupted. `since` is when the program started.
-pub fn run_simulated(plan: &Plan, interrupt: &Interrupt, live: &mut Live, since: Stopwatch) -> Report {
+pub fn run_simulated(
+    plan: &Plan,
+    interrupt: &Interrupt,
+    live: &mut Live,
+    since: Stopwatch,
+    keeping: Option<Keeping>,
+) -> Report {
     tracing::info!(modules = plan.swarm.len(), seed = plan.seed, "the simulation starts");
-    let report = simulate(plan, since, |now, so_far| {
+    let watch = |now, so_far: &dyn Fn() -> Progress| {
         live.show(|| progress(plan, now, &so_far()));
         !interrupt.is_set()
-    });
+    };
+    let report = match &plan.swarm {
+        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, keeping),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, keeping),
+    };
     live.clear();
     report
 }
@@ -31,8 +45,8 @@ pub fn simulate(
     watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
 ) -> Report {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, since, watch),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch),
+        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, None),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, None),
     }
 }
 
@@ -40,7 +54,8 @@ fn run<R: Runnable>(
     swarm: &R,
     plan: &Plan,
     since: Stopwatch,
-    mut watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+    watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+    keeping: Option<Keeping>,
 ) -> Report {
     let config = SimConfig {
         setup: Arc::clone(swarm.setup()),
@@ -49,14 +64,43 @@ fn run<R: Runnable>(
         audit_every: swarm.audit_every(),
         ignore_sessions: plan.swarm.sabotage() == Some(Sabotage::IgnoreSessions),
     };
-    let mut sim = Sim::new(config, swarm.world(plan), swarm.director(plan));
+    let (world, director) = (swarm.world(plan), swarm.director(plan));
+    let Some(keeping) = keeping else {
+        let sim = Sim::new(config, world, director);
+        return drive(swarm, plan, since, watch, sim, |w| w, |d| d, |_, _| Vec::new());
+    };
+    let log = keeping.log();
+    let world = RecordedWorld::new(world, log.clone());
+    let director = RecordedDirector::new(director, log.clone());
+    let sim = Sim::with_journal(config, world, director, Some(log));
+    let finish =
+        |sim: &Sim<_, _>, outcome: Outcome| keeping.finish(sim.now(), outcome.name(), sim.tally(), &[], 0);
+    drive(swarm, plan, since, watch, sim, RecordedWorld::inner, RecordedDirector::inner, finish)
+}
+
+#[allow(clippy::too_many_arguments, reason = "the same for runs with and without a journal")]
+fn drive<R: Runnable, W: Audited, D: Direct<W>>(
+    swarm: &R,
+    plan: &Plan,
+    since: Stopwatch,
+    mut watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+    mut sim: Sim<W, D>,
+    world: fn(&W) -> &R::World,
+    director: fn(&D) -> &R::Director,
+    finish: impl FnOnce(&Sim<W, D>, Outcome) -> Vec<String>,
+) -> Report {
     let (setup, running) = (since.elapsed(), Stopwatch::start());
     // Slices are only for being watched; where they end has no effect on the run.
-    while watch(sim.now(), &|| R::progress(sim.director())) && !sim.run_until(sim.now() + swarm.beat()) {}
+    while watch(sim.now(), &|| R::progress(director(sim.director())))
+        && !sim.run_until(sim.now() + swarm.beat())
+    {}
+    let wall = running.elapsed();
+    let account = swarm.account(plan, director(sim.director()), world(sim.world()));
+    let notes = finish(&sim, account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome));
     let (violations, broken) = sim.violations();
     report(&Facts {
         plan,
-        account: swarm.account(plan, sim.director(), sim.world()),
+        account,
         beat: swarm.beat(),
         tally: sim.tally(),
         body_messages: sim.body_messages(),
@@ -64,9 +108,9 @@ fn run<R: Runnable>(
         broken,
         checked: sim.checked(),
         now: sim.now(),
-        wall: running.elapsed(),
+        wall,
         setup,
         trace_hash: Some(sim.trace().value()),
-        notes: Vec::new(),
+        notes,
     })
 }

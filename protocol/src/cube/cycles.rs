@@ -107,16 +107,19 @@ impl Cube {
         }
     }
 
-    /// Floods a search from every part of the neighbourhood but the first.
+    /// Floods a search from every part of the neighbourhood that is not known to hang on the finalized
+    /// ones. Each flood has its own name: what one has passed, the others may have to pass too.
     fn search(&mut self, now: Time) {
         let Some(attempt) = &mut self.attempt else { return };
         let Some(state) = &attempt.search else { return };
         let ttl = DEPTHS[state.depth];
-        let id = RequestId { origin: self.id, token: attempt.token, number: state.depth as u8 };
-        let from: Vec<Face> = state.parts().into_iter().skip(1).collect();
+        let (origin, token, depth) = (self.id, attempt.token, state.depth as u8);
+        let root = state.part[ROOT];
+        let from: Vec<Face> = state.parts().into_iter().filter(|f| state.part[f.index()] != root).collect();
         let p = &self.setup.params;
         attempt.timeout = now + p.usual_delay * (2 * (u64::from(ttl) + 2)) + p.tick() * 8;
         for face in from {
+            let id = RequestId { origin, token, number: depth * 8 + face as u8 };
             if let Some(route) = Route::new(&[face]) {
                 self.send(face, Class::Connectivity, Message::Search { id, ttl, route });
             }
@@ -143,7 +146,8 @@ impl Cube {
         let passes = last == Some(from)
             && id.origin != self.id
             && self.role != Role::Walker
-            && self.is_idle()
+            && self.moving.is_none()
+            && self.attempt.as_ref().is_none_or(|a| a.search.is_some())
             && !self.is_quarantined(now)
             && !self.searches.contains(&id)
             && same_goal(from);

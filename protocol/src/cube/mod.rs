@@ -25,6 +25,7 @@ pub mod route;
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use crate::goal::Goal;
 use crate::ids::{Incarnation, ModuleId, Port, Session, Token};
+use crate::journal::Summary;
 use crate::lattice::{Cell, Face};
 use crate::marks::{Mark, hit};
 use crate::sabotage::Sabotage;
@@ -282,6 +283,25 @@ impl Agent for Cube {
 
     fn digest(&self, mut hasher: &mut dyn Hasher) {
         self.hash(&mut hasher);
+    }
+
+    fn summary(&self, now: Time) -> Summary {
+        let role = match self.role {
+            Role::Reserve => "reserve",
+            Role::Walker => "walker",
+            Role::Final => "final",
+        };
+        let nearest = self.sides.iter().map(|s| s.field.value().distance).min();
+        let keeps = |l: &&Lock| l.id.origin != self.id;
+        Summary {
+            role: role.to_owned(),
+            activity: self.activity(now).to_owned(),
+            goal: self.epoch,
+            level: Some(self.label).filter(|l| *l != UNLABELLED),
+            gradient: nearest.filter(|d| *d != message::Entry::FAR).map(u32::from),
+            lock: self.locks.iter().find(keeps).map(|l| l.id.origin),
+            waits_for: self.waits_for,
+        }
     }
 }
 

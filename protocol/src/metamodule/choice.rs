@@ -30,8 +30,12 @@ pub struct Plan {
     pub steps: Vec<u16>,
     /// All cells of it, core and graze and those filled at the beginning, seen from `from`.
     pub sweep: Sweep,
+    /// The posture at the end.
+    pub ends: u16,
     /// What it is for.
     pub aim: Aim,
+    /// It was chosen because it ends where it is no harm to anybody (`negotiated` only).
+    pub harmless: bool,
 }
 
 impl Plan {
@@ -40,7 +44,7 @@ impl Plan {
         let graph = ground.motions.graph();
         let way = graph.way(from.posture, posture, ground.taken_at(from))?;
         let sweep = Sweep(way.swept | graph.filled_bits(from.posture));
-        Some(Plan { from, steps: way.steps.to_vec(), sweep, aim })
+        Some(Plan { from, steps: way.steps.to_vec(), sweep, ends: posture, aim, harmless: false })
     }
 }
 

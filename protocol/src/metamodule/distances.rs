@@ -1,121 +1,110 @@
 //! How many strides it takes to a seed from every place on the floor, around what does not move.
 //!
-//! Every motion can be made backwards, so the count begins in the seed and spreads, as far as it is
-//! asked for. What has been built stands where it stands for long, in one run and in the next, so the
-//! latest counts are kept; that changes how long an answer takes and nothing else.
+//! Every motion can be made backwards, so the count begins in the seed and spreads. All postures at one
+//! connector that can be got to from each other are one place: whoever has come to one of them has come
+//! to all.
 
 use super::blueprint::Seed;
-use super::graph::Reach;
+use super::graph::Parts;
 use super::motions::Motions;
 use super::params::Floor;
-use super::pose::{Pose, to_frame};
+use super::pose::{End, Pose, to_frame};
 use super::search::Ground;
 use crate::lattice::Cell;
 use crate::roombots::grid::GridState;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
-/// Places of one search, with a number for each. All postures at one connector that can be got to from
-/// each other are one place: whoever has come to one of them has come to all.
-pub struct Places {
-    /// The first entry of every grid state, plus one.
-    first: Vec<u32>,
-    /// The postures of a place that land, its number, and the next entry of the same state, plus one.
-    entries: Vec<(u128, u16, u32)>,
-    floor: Floor,
+/// Numbers grid states of a floor from 0 on.
+pub fn index(floor: Floor, state: GridState) -> usize {
+    let (x, y) = (state.x.abs_diff(floor.min.0), state.y.abs_diff(floor.min.1));
+    let wide = usize::from(floor.max.0.abs_diff(floor.min.0)) + 1;
+    (usize::from(y) * wide + usize::from(x)) * 4 + usize::from(state.class)
 }
 
-impl Places {
-    /// None yet.
-    pub fn new(floor: Floor) -> Places {
-        let side = |a: i16, b: i16| usize::from(b.abs_diff(a)) + 1;
-        let states = side(floor.min.0, floor.max.0) * side(floor.min.1, floor.max.1) * 4;
-        Places { first: vec![0; states], entries: Vec::new(), floor }
-    }
-    /// How many there are.
-    pub fn count(&self) -> usize {
-        self.entries.len()
-    }
-    /// Invariant: poses on their way through a search stand on the floor.
-    fn index(&self, pose: Pose) -> usize {
-        let (x, y) = (pose.state.x.abs_diff(self.floor.min.0), pose.state.y.abs_diff(self.floor.min.1));
-        let wide = usize::from(self.floor.max.0.abs_diff(self.floor.min.0)) + 1;
-        (usize::from(y) * wide + usize::from(x)) * 4 + usize::from(pose.state.class)
-    }
-    /// The number of the place at this connector and class that has one of these postures.
-    pub fn get(&self, pose: Pose, postures: u128) -> Option<u16> {
-        let mut at = self.first[self.index(pose)];
-        while let Some((place, number, next)) = at.checked_sub(1).map(|i| self.entries[i as usize]) {
-            if place & postures != 0 {
-                return Some(number);
-            }
-            at = next;
-        }
-        None
-    }
-    /// Adds the place of this pose.
-    pub fn add(&mut self, pose: Pose, reach: &Reach, number: u16) {
-        let index = self.index(pose);
-        self.entries.push((reach.lands, number, self.first[index]));
-        self.first[index] = self.entries.len() as u32;
-    }
+/// How many grid states a floor has.
+pub fn states(floor: Floor) -> usize {
+    let side = |a: i16, b: i16| usize::from(b.abs_diff(a)) + 1;
+    side(floor.min.0, floor.max.0) * side(floor.min.1, floor.max.1) * 4
+}
+
+/// The places at one connector and class, with the strides from each.
+struct Places {
+    parts: Arc<Parts>,
+    strides: Box<[Option<u16>]>,
 }
 
 /// The count for one seed.
 pub struct Distances {
-    seed: Seed,
-    fixed: Vec<Cell>,
-    places: Places,
-    /// Places that have been come to and not left yet, nearest first, with their strides.
-    front: VecDeque<(Pose, u16)>,
+    floor: Floor,
+    /// By [`index`]; none where nobody can come from.
+    places: Vec<Option<Places>>,
 }
 
 impl Distances {
-    /// Nothing counted yet. `fixed` is sorted.
-    pub fn new(motions: &Motions, floor: Floor, seed: Seed, fixed: Vec<Cell>, like: Pose) -> Distances {
+    /// Counts the strides to a seed around fixed cells.
+    pub fn new(motions: &Motions, floor: Floor, seed: Seed, fixed: &[Cell]) -> Distances {
+        let mut distances = Distances { floor, places: Vec::new() };
+        distances.places.resize_with(states(floor), || None);
+        if !floor.has(seed.foot.0, seed.foot.1) || seed.cells().iter().any(|c| fixed.contains(c)) {
+            return distances;
+        }
+        let ground = Ground { motions, floor, taken: fixed };
         let mut front = VecDeque::new();
-        let blocked = seed.cells().iter().any(|c| fixed.binary_search(c).is_ok());
-        if !blocked && floor.has(seed.foot.0, seed.foot.1) {
-            for class in 0..4 {
-                let state = GridState::new(seed.foot.0, seed.foot.1, class);
-                let chain = motions.chain_of(seed.cells().map(|c| to_frame(state, c)));
-                let filling = chain.map_or(&[][..], |c| motions.filling(c));
-                front.extend(filling.iter().map(|p| (Pose { state, posture: *p, both: false, ..like }, 0)));
+        for class in 0..4 {
+            let state = GridState::new(seed.foot.0, seed.foot.1, class);
+            let chain = motions.chain_of(seed.cells().map(|c| to_frame(state, c)));
+            for posture in chain.map_or(&[][..], |c| motions.filling(c)) {
+                let pose = Pose { state, end: End::Foot, both: false, posture: *posture };
+                front.push_back((pose, ground.lands(pose), 0));
             }
         }
-        Distances { seed, fixed, places: Places::new(floor), front }
+        while let Some((pose, postures, strides)) = front.pop_front() {
+            for posture in motions.graph().landings(distances.come(&ground, pose, postures, strides)) {
+                if let Some(to) = ground.landed(pose, posture) {
+                    front.push_back((to, motions.rest_bit(to.posture), strides.saturating_add(1)));
+                }
+            }
+        }
+        distances
     }
-    /// Whether this is the count for this seed on this floor around these cells.
-    pub fn is_for(&self, floor: Floor, seed: Seed, fixed: &[Cell]) -> bool {
-        (self.places.floor, self.seed) == (floor, seed) && self.fixed == fixed
+
+    /// Comes to a place in so many strides; if it is new, the landings that it leads to.
+    fn come(&mut self, ground: &Ground<'_>, pose: Pose, postures: u128, strides: u16) -> u128 {
+        if postures == 0 {
+            return 0;
+        }
+        let places = self.places[index(self.floor, pose.state)].get_or_insert_with(|| {
+            let parts = ground.motions.graph().parts(ground.taken_at(pose));
+            let strides = vec![None; parts.lands().len()].into();
+            Places { parts, strides }
+        });
+        let part = places.parts.of(postures.trailing_zeros() as u8);
+        match &mut places.strides[part] {
+            Some(_) => 0,
+            new => {
+                *new = Some(strides);
+                places.parts.lands()[part]
+            }
+        }
+    }
+
+    /// Whether there is a way from some connector that `is_it` accepts.
+    pub fn reach(&self, is_it: impl Fn((i16, i16)) -> bool) -> bool {
+        let (xs, ys) = (self.floor.min.0..=self.floor.max.0, self.floor.min.1..=self.floor.max.1);
+        let mut states = ys.flat_map(|y| xs.clone().flat_map(move |x| [(x, y); 4])).zip(&self.places);
+        let is_counted =
+            |p: &Option<Places>| p.as_ref().is_some_and(|p| p.strides.iter().any(Option::is_some));
+        states.any(|(at, places)| is_counted(places) && is_it(at))
     }
 
     /// Strides from a place, given by its connector, class and some of its postures that land; none if
     /// there is no way.
-    pub fn strides(&mut self, motions: &Motions, pose: Pose, postures: u128) -> Option<u16> {
-        loop {
-            if let Some(strides) = self.places.get(pose, postures) {
-                return Some(strides);
-            }
-            self.leave_next(motions)?;
+    pub fn strides(&self, pose: Pose, postures: u128) -> Option<u16> {
+        if postures == 0 {
+            return None;
         }
-    }
-
-    /// Leaves the nearest place that has not been left; none if there is none.
-    fn leave_next(&mut self, motions: &Motions) -> Option<()> {
-        let (pose, strides) = self.front.pop_front()?;
-        let ground = Ground { motions, floor: self.places.floor, taken: &self.fixed };
-        let reach = ground.reach(pose);
-        if reach.lands == 0 || self.places.get(pose, reach.lands).is_some() {
-            return Some(());
-        }
-        self.places.add(pose, &reach, strides);
-        for landed in &reach.landings {
-            if let Some(to) = ground.landed(pose, landed.posture)
-                && self.places.get(to, motions.rest_bit(to.posture)).is_none()
-            {
-                self.front.push_back((to, strides.saturating_add(1)));
-            }
-        }
-        Some(())
+        let places = self.places.get(index(self.floor, pose.state))?.as_ref()?;
+        places.strides[places.parts.of(postures.trailing_zeros() as u8)]
     }
 }

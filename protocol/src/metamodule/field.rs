@@ -70,18 +70,17 @@ impl<'a> Field<'a> {
     /// Adds the pull of a seed, unless there is no way to it.
     pub fn add_seed(&mut self, seed: Seed) {
         let (motions, at) = (self.motions, self.at);
-        let gains = motions.with_distances(self.floor, seed, self.fixed, at, |distances| {
-            let here = Ground { motions, floor: self.floor, taken: self.fixed }.reach(at).lands;
-            let far = distance(distances.strides(motions, at, here)?, at, seed.foot);
-            let gain = |to: &Pose| {
-                let strides = distances.strides(motions, *to, motions.rest_bit(to.posture));
-                // Whoever goes where there is no way loses all.
-                let gain = strides.map_or(-far, |s| far - distance(s, *to, seed.foot));
-                gain + if strides == Some(0) { HOME } else { 0 }
-            };
-            Some((ONE * ONE / far.max(1), self.places.iter().map(gain).collect()))
-        });
-        self.seeds.extend(gains);
+        let distances = motions.distances(self.floor, seed, self.fixed);
+        let here = Ground { motions, floor: self.floor, taken: self.fixed }.lands(at);
+        let Some(strides) = distances.strides(at, here) else { return };
+        let far = distance(strides, at, seed.foot);
+        let gain = |to: &Pose| {
+            let strides = distances.strides(*to, motions.rest_bit(to.posture));
+            // Whoever goes where there is no way loses all.
+            let gain = strides.map_or(-far, |s| far - distance(s, *to, seed.foot));
+            gain + if strides == Some(0) { HOME } else { 0 }
+        };
+        self.seeds.push((ONE * ONE / far.max(1), self.places.iter().map(gain).collect()));
     }
 
     /// Adds the push of a neighbour with its middle at `of` on a metamodule with its middle at `on`.

@@ -10,7 +10,7 @@ use crate::lattice::Cell;
 use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::GridState;
 use crate::roombots::sweep::FloorContact;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Cells of the database as bits: bit *i* is the *i*-th cell.
 pub type Bits = u128;
@@ -35,6 +35,34 @@ pub struct Reach {
     pub chains: Box<[Option<(u16, u8)>]>,
 }
 
+/// Which landings lead to which around some taken cells, without leaving the place.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Parts {
+    /// The part of every posture that lands, by [`Graph::rest`].
+    of: [u8; 128],
+    lands: Box<[u128]>,
+}
+
+impl Parts {
+    /// The part of a posture that lands, by [`Graph::rest`].
+    pub fn of(&self, rest: u8) -> usize {
+        self.of.get(usize::from(rest)).copied().map_or(0, usize::from)
+    }
+    /// The landings of every part, as bits by [`Graph::rest`].
+    pub fn lands(&self) -> &[u128] {
+        &self.lands
+    }
+}
+
+/// A landing over open ground: the shortest way to it when nothing is in the way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OpenWay {
+    /// The posture that lands.
+    pub posture: u16,
+    /// All cells that the way sweeps.
+    pub swept: Bits,
+}
+
 /// A way from one posture to another.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Steps {
@@ -50,8 +78,8 @@ struct Edge {
     step: u16,
 }
 
-/// Answers kept about what can be got to, and about ways.
-const KEPT: (usize, usize) = (1 << 15, 1 << 13);
+/// Answers kept about what can be got to, about parts, and about ways.
+const KEPT: (usize, usize, usize) = (1 << 13, 1 << 15, 1 << 13);
 
 /// The graph of strict steps of one kind.
 pub struct Graph {
@@ -69,12 +97,33 @@ pub struct Graph {
     landing: Vec<Option<(GridState, u16)>>,
     /// The number of a posture among those that land.
     rests: Vec<u8>,
+    /// And the other way round.
+    resting: Vec<u16>,
     chains: usize,
     cells: Vec<Cell>,
     /// The number of a cell, by [`Graph::slot`]; [`UNKNOWN`] if no motion ever sweeps it.
     numbers: Vec<u8>,
+    /// For every posture its ways over open ground, worked out when they are asked for.
+    open_ways: Vec<OnceLock<Box<[OpenWay]>>>,
     reached: Memo<(u16, Bits), Arc<Reach>>,
+    parts: Memo<Bits, Arc<Parts>>,
     ways: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
+}
+
+/// So many postures of one search are mostly equally far away, at most; more are no harm.
+const LEVEL: usize = 128;
+
+/// Postures that a search has come to, as bits.
+struct Visited(Vec<u64>);
+
+impl Visited {
+    /// Adds one; whether it is new.
+    fn add(&mut self, posture: u16) -> bool {
+        let (word, bit) = (&mut self.0[usize::from(posture) / 64], 1 << (posture % 64));
+        let new = *word & bit == 0;
+        *word |= bit;
+        new
+    }
 }
 
 const UNKNOWN: u8 = u8::MAX;
@@ -129,15 +178,18 @@ impl Graph {
             swept,
             sweepers,
             filled_bits: filled.iter().map(|f| bits(&database.cell_set(f.iter().copied()))).collect(),
+            open_ways: vec![OnceLock::new(); filled.len()],
             filled,
             chain: table.postures().iter().map(|e| e.chain).collect(),
+            resting: (0..).zip(&landing).filter_map(|(p, l)| l.map(|_| p)).collect(),
             rests: landing.iter().map(number).collect(),
             landing,
             chains: table.chains().len(),
             cells,
             numbers,
             reached: Memo::new(KEPT.0),
-            ways: Memo::new(KEPT.1),
+            parts: Memo::new(KEPT.1),
+            ways: Memo::new(KEPT.2),
         }
     }
 
@@ -193,18 +245,8 @@ impl Graph {
         }
     }
 
-    /// Visits every posture that can be got to, nearest first, until `see` says to stop. `came` is told
-    /// which posture is come to from which by which step.
-    fn search(
-        &self,
-        from: u16,
-        taken: Bits,
-        mut see: impl FnMut(u16, u8) -> bool,
-        mut came: impl FnMut(u16, u16, u16),
-    ) {
-        if usize::from(from) >= self.filled.len() {
-            return;
-        }
+    /// The steps that sweep a taken cell, as bits.
+    fn blocked(&self, taken: Bits) -> Vec<u64> {
         let mut blocked = vec![0u64; self.swept.len().div_ceil(64)];
         let mut bits = taken;
         while bits != 0 {
@@ -212,28 +254,88 @@ impl Graph {
             blocked.iter_mut().zip(sweepers).for_each(|(b, s)| *b |= s);
             bits &= bits - 1;
         }
-        let mut visited = vec![false; self.filled.len()];
-        visited[usize::from(from)] = true;
-        let mut queue = Vec::with_capacity(self.filled.len());
-        queue.push(from);
-        let (mut next, mut turns, mut level_ends) = (0, 0u8, 1);
-        while let Some(at) = queue.get(next).copied() {
-            if next == level_ends {
-                (turns, level_ends) = (turns.saturating_add(1), queue.len());
-            }
-            next += 1;
-            if see(at, turns) {
-                break;
-            }
-            for edge in self.edges(at) {
-                let (to, step) = (usize::from(edge.to), usize::from(edge.step));
-                if blocked[step / 64] >> (step % 64) & 1 == 0 && !visited[to] {
-                    visited[to] = true;
-                    came(edge.to, at, edge.step);
-                    queue.push(edge.to);
+        blocked
+    }
+
+    /// Visits every posture that can be got to and has not been visited, nearest first, until `see` says
+    /// to stop. `came` is told which posture is come to from which by which step.
+    fn search(
+        &self,
+        from: u16,
+        blocked: &[u64],
+        visited: &mut Visited,
+        mut see: impl FnMut(u16, u8) -> bool,
+        mut came: impl FnMut(u16, u16, u16),
+    ) {
+        if usize::from(from) >= self.filled.len() || !visited.add(from) {
+            return;
+        }
+        let (mut level, mut next) = (Vec::with_capacity(LEVEL), Vec::with_capacity(LEVEL));
+        level.push(from);
+        for turns in 0..=u8::MAX {
+            for at in level.drain(..) {
+                if see(at, turns) {
+                    return;
+                }
+                for edge in self.edges(at) {
+                    let step = usize::from(edge.step);
+                    if blocked[step / 64] >> (step % 64) & 1 == 0 && visited.add(edge.to) {
+                        came(edge.to, at, edge.step);
+                        next.push(edge.to);
+                    }
                 }
             }
+            if next.is_empty() {
+                return;
+            }
+            std::mem::swap(&mut level, &mut next);
         }
+    }
+
+    fn unvisited(&self) -> Visited {
+        Visited(vec![0; self.filled.len().div_ceil(64)])
+    }
+
+    /// The landings that can be got to without sweeping a taken cell, as bits by [`Graph::rest`]. This is
+    /// [`Reach::lands`], for less.
+    pub fn lands(&self, from: u16, taken: Bits) -> u128 {
+        let Some(rest) = self.rest(from) else { return self.reach(from, taken).lands };
+        let parts = self.parts(taken);
+        parts.lands[parts.of(rest)]
+    }
+
+    /// Which landings lead to which without sweeping a taken cell.
+    pub fn parts(&self, taken: Bits) -> Arc<Parts> {
+        self.parts.answer(hash(taken), taken, |_| Arc::new(self.find_parts(taken)))
+    }
+
+    fn find_parts(&self, taken: Bits) -> Parts {
+        let (blocked, mut visited) = (self.blocked(taken), self.unvisited());
+        let (mut of, mut lands) = ([0; 128], Vec::new());
+        for from in self.resting.iter().copied().filter(|p| self.rest(*p).is_some()) {
+            let mut part: u128 = 0;
+            let see = |posture, _| {
+                part |= self.rest(posture).map_or(0, |i| 1 << i);
+                false
+            };
+            self.search(from, &blocked, &mut visited, see, |_, _, _| {});
+            if part == 0 {
+                // It is in the part of an earlier one.
+                continue;
+            }
+            (0..of.len()).filter(|i| part >> i & 1 == 1).for_each(|i| of[i] = lands.len() as u8);
+            lands.push(part);
+        }
+        Parts { of, lands: lands.into() }
+    }
+
+    /// The postures of a set of landings.
+    pub fn landings(&self, mut lands: u128) -> impl Iterator<Item = u16> + '_ {
+        std::iter::from_fn(move || {
+            let i = (lands != 0).then(|| lands.trailing_zeros())?;
+            lands &= lands - 1;
+            self.resting.get(i as usize).copied()
+        })
     }
 
     /// Everything that strict steps lead to from a posture without sweeping a taken cell.
@@ -256,8 +358,27 @@ impl Graph {
             }
             false
         };
-        self.search(from, taken, see, |_, _, _| {});
+        self.search(from, &self.blocked(taken), &mut self.unvisited(), see, |_, _, _| {});
         Reach { landings: landings.into_boxed_slice(), lands, chains }
+    }
+
+    /// Landings with the shortest ways to them over open ground. If none of a way's cells is taken, the
+    /// landing can be got to; if some are, there may still be a way around them.
+    pub fn open_ways(&self, from: u16) -> &[OpenWay] {
+        let Some(ways) = self.open_ways.get(usize::from(from)) else { return &[] };
+        ways.get_or_init(|| {
+            let mut swept = vec![0; self.filled.len()];
+            let came = |to: u16, at: u16, step: u16| {
+                swept[usize::from(to)] = swept[usize::from(at)] | self.swept[usize::from(step)];
+            };
+            let mut lands = Vec::new();
+            let see = |posture, _| {
+                lands.extend(self.rest(posture).map(|_| posture));
+                false
+            };
+            self.search(from, &self.blocked(0), &mut self.unvisited(), see, came);
+            lands.into_iter().map(|posture| OpenWay { posture, swept: swept[usize::from(posture)] }).collect()
+        })
     }
 
     /// The shortest way to a posture; none if there is no way.
@@ -270,7 +391,8 @@ impl Graph {
         let mut came_by = vec![None; self.filled.len()];
         self.search(
             from,
-            taken,
+            &self.blocked(taken),
+            &mut self.unvisited(),
             |at, _| at == to,
             |to, at, step| came_by[usize::from(to)] = Some((at, step)),
         );
@@ -309,6 +431,12 @@ mod tests {
     use crate::roombots::database::CellSet;
     use crate::stream::Stream;
 
+    fn sorted(postures: impl Iterator<Item = u16>) -> Vec<u16> {
+        let mut postures: Vec<u16> = postures.collect();
+        postures.sort_unstable();
+        postures
+    }
+
     /// The database's own search, which is written for reading and not for speed, says the same.
     #[test]
     fn agrees_with_the_database() {
@@ -331,6 +459,11 @@ mod tests {
                     let fast = graph.reach(from, bits);
                     let found: Vec<(u16, u8)> = fast.landings.iter().map(|l| (l.posture, l.turns)).collect();
                     assert_eq!(found, expected, "{kind} {from} {taken:?}");
+                    let lands = graph.lands(from, bits);
+                    assert_eq!(lands, fast.lands);
+                    assert!(graph.landings(lands).eq(sorted(found.iter().map(|(p, _)| *p))));
+                    let open = graph.open_ways(from).iter().filter(|w| w.swept & bits == 0);
+                    assert!(open.into_iter().all(|w| expected.iter().any(|(p, _)| *p == w.posture)));
                     for (chain, nearest) in fast.chains.iter().enumerate() {
                         let fills = |p: u16| usize::from(table.postures()[usize::from(p)].chain) == chain;
                         assert_eq!(*nearest, slow.postures().find(|(p, _)| fills(*p)));

@@ -20,8 +20,10 @@ pub struct State {
     pub pose: Pose,
     /// It fills a seed and stays.
     pub settled: bool,
-    /// It cannot move now: its joints do not turn, or it is cornered.
+    /// Its joints do not turn.
     pub stuck: bool,
+    /// It has no way out of a more important way now.
+    pub cornered: bool,
     /// What it builds.
     pub task: Task,
     /// The seeds of it that it knows to be filled.
@@ -161,6 +163,8 @@ pub enum Message {
         pose: Pose,
         /// All cells of the move, seen from there.
         sweep: Sweep,
+        /// The posture at its end.
+        ends: u16,
     },
     /// The answer.
     Response {
@@ -177,6 +181,8 @@ pub enum Message {
         origin: ModuleId,
         /// Its attempt.
         token: Token,
+        /// Where it has got to.
+        pose: Pose,
     },
 }
 
@@ -209,7 +215,7 @@ impl Wire for Message {
                 out.u32(s.id.0);
                 out.u32(s.sequence);
                 pose(out, s.pose);
-                out.u8(u8::from(s.settled) | u8::from(s.stuck) << 1);
+                out.u8(u8::from(s.settled) | u8::from(s.stuck) << 1 | u8::from(s.cornered) << 2);
                 s.task.encode(out);
                 out.u32(s.filled.0);
                 out.u8(s.claim.map_or(u8::MAX, |c| c.seed));
@@ -227,22 +233,24 @@ impl Wire for Message {
                     wide(out, leg.sweep.0);
                 }
             }
-            Message::Request { origin, token, rank, age, pose: p, sweep } => {
+            Message::Request { origin, token, rank, age, pose: p, sweep, ends } => {
                 out.u32(origin.0);
                 out.u32(token.0);
                 out.u16(rank.0);
                 out.u64(age.0);
                 pose(out, p);
                 wide(out, sweep.0);
+                out.u16(ends);
             }
             Message::Response { from, token, denial } => {
                 out.u32(from.0);
                 out.u32(token.0);
                 out.u8(denial.map_or(0, |d| d as u8));
             }
-            Message::Release { origin, token } => {
+            Message::Release { origin, token, pose: p } => {
                 out.u32(origin.0);
                 out.u32(token.0);
+                pose(out, p);
             }
         }
     }
@@ -252,7 +260,7 @@ impl Wire for Message {
                 let (id, sequence) = (ModuleId(from.u32()?), from.u32()?);
                 let pose = Pose::decode(from)?;
                 let flags = from.u8()?;
-                if flags > 3 {
+                if flags > 7 {
                     return Err(WireError::Field("flags"));
                 }
                 let (task, filled) = (Task::decode(from)?, SeedSet(from.u32()?));
@@ -261,9 +269,20 @@ impl Wire for Message {
                     (seed, cost) if usize::from(seed) < MAX_SEEDS => Some(Claim { seed, cost }),
                     _ => return Err(WireError::Field("claim")),
                 };
-                let (settled, stuck) = (flags & 1 != 0, flags & 2 != 0);
+                let [settled, stuck, cornered] = [1, 2, 4].map(|flag| flags & flag != 0);
                 let barred = SeedSet(from.u32()?);
-                Message::State(State { id, sequence, pose, settled, stuck, task, filled, claim, barred })
+                Message::State(State {
+                    id,
+                    sequence,
+                    pose,
+                    settled,
+                    stuck,
+                    cornered,
+                    task,
+                    filled,
+                    claim,
+                    barred,
+                })
             }
             17 => Message::Request {
                 origin: ModuleId(from.u32()?),
@@ -272,6 +291,7 @@ impl Wire for Message {
                 age: Span(from.u64()?),
                 pose: Pose::decode(from)?,
                 sweep: sweep(from)?,
+                ends: from.u16()?,
             },
             20 => {
                 let (id, sequence, rank) = (ModuleId(from.u32()?), from.u32()?, Rank(from.u16()?));
@@ -288,7 +308,11 @@ impl Wire for Message {
                 token: Token(from.u32()?),
                 denial: Denial::decode(from.u8()?)?,
             },
-            19 => Message::Release { origin: ModuleId(from.u32()?), token: Token(from.u32()?) },
+            19 => Message::Release {
+                origin: ModuleId(from.u32()?),
+                token: Token(from.u32()?),
+                pose: Pose::decode(from)?,
+            },
             _ => return Err(WireError::Kind(kind)),
         })
     }
@@ -550,6 +574,7 @@ mod tests {
             pose: a_pose(),
             settled: true,
             stuck: false,
+            cornered: true,
             task: a_task(),
             filled: SeedSet(3),
             claim: None,
@@ -580,12 +605,12 @@ mod tests {
         }
         let rank = Rank::NONE;
         let (origin, token, sweep) = (ModuleId(7), Token(8), Sweep(1 << 127 | 5));
-        round_trip(&Message::Request { origin, token, rank, age: Span(u64::MAX), pose: p, sweep });
+        round_trip(&Message::Request { origin, token, rank, age: Span(u64::MAX), pose: p, sweep, ends: 7 });
         for d in 0..5 {
             let denial = Denial::decode(d).unwrap();
             round_trip(&Message::Response { from: origin, token, denial });
         }
-        round_trip(&Message::Release { origin, token });
+        round_trip(&Message::Release { origin, token, pose: p });
         for deed in [Deed::Turn(4031), Deed::Attach, Deed::Detach] {
             round_trip(&Action { deed, not_after: Time(77) });
         }
@@ -619,16 +644,17 @@ mod tests {
             age: Span(9),
             pose: a_pose(),
             sweep: Sweep(0x0102 | 0x03 << 120),
+            ends: 0x0506,
         };
         let bytes = Frame::seal(header(17), &message).to_bytes();
         assert_eq!(
-            &bytes[HEADER..HEADER + 42],
+            &bytes[HEADER..HEADER + 44],
             &[
                 7, 0, 0, 0, 0x0B, 0x0A, 0, 0, 4, 3, 9, 0, 0, 0, 0, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 2,
-                1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3
+                1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3, 6, 5
             ]
         );
-        assert_eq!(message.wire_len(), HEADER + 42);
+        assert_eq!(message.wire_len(), HEADER + 44);
     }
 
     #[test]

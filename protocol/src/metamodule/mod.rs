@@ -32,6 +32,7 @@ pub mod start;
 
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use crate::ids::{ModuleId, Port, Token};
+use crate::journal::Summary;
 use crate::lattice::Cell;
 use crate::marks::{Mark, hit};
 use crate::sabotage::Sabotage;
@@ -128,13 +129,12 @@ impl Metamodule {
         self.core.settled
     }
     /// The cells that it holds a lock on, for audits; none while it holds no lock.
-    pub fn held(&self, now: Time) -> Vec<Cell> {
-        match &self.core.phase {
-            Phase::Moving { plan, until, .. } if now <= *until => {
-                self.setup.motions.swept(plan.from.state, plan.sweep).collect()
-            }
-            _ => Vec::new(),
-        }
+    pub fn held(&self, now: Time) -> impl Iterator<Item = Cell> + '_ {
+        let plan = match &self.core.phase {
+            Phase::Moving { plan, until, .. } if now <= *until => Some(plan),
+            _ => None,
+        };
+        plan.into_iter().flat_map(|plan| self.setup.motions.swept(plan.from.state, plan.sweep))
     }
 
     /// Whether a test has switched this defect on.
@@ -156,7 +156,8 @@ impl Metamodule {
             sequence: c.sequence,
             pose: c.pose,
             settled: c.settled.is_some(),
-            stuck: c.stuck.is_some() || c.intent.is_cornered(),
+            stuck: c.stuck.is_some(),
+            cornered: c.intent.is_cornered(),
             task: c.task,
             filled: c.filled,
             claim: c.intent.claim,
@@ -249,8 +250,9 @@ impl Metamodule {
         if self.core.pose.both {
             // An earlier life has gripped and not let go. Letting go sweeps nothing.
             hit(Mark::MetaEarlierLifeGripped);
-            let plan =
-                Plan { from: self.core.pose, steps: Vec::new(), sweep: Sweep::default(), aim: Aim::Land };
+            let from = self.core.pose;
+            let (steps, sweep, ends) = (Vec::new(), Sweep::default(), from.posture);
+            let plan = Plan { from, steps, sweep, ends, aim: Aim::Land, harmless: false };
             return self.begin(now, now, plan);
         }
         // Whoever says nothing for long has no process, and its body does not move.
@@ -363,6 +365,7 @@ impl Metamodule {
             age: now.since(self.core.waiting_since),
             pose: plan.from,
             sweep: plan.sweep,
+            ends: plan.ends,
         };
         let pending = *pending;
         for port in (0..Self::PORTS as u8).filter(|p| pending >> p & 1 == 1).map(Port) {
@@ -375,9 +378,14 @@ impl Metamodule {
         *pending &= !(1 << port.0);
         if *pending == 0 {
             let idle = Phase::Idle { look_at: Time::NEVER };
-            let Phase::Asking { plan, asked, .. } = std::mem::replace(&mut self.core.phase, idle) else {
-                return;
-            };
+            let over = std::mem::replace(&mut self.core.phase, idle);
+            let Phase::Asking { plan, asked, .. } = over else { return };
+            if plan.harmless && !self.is_harmless(plan.ends) {
+                // Others have set out meanwhile, and this one knows only now where they will be.
+                self.core.phase = Phase::Asking { plan, pending: 0, asked, again: now };
+                let rest = self.back_off();
+                return self.stop(now, rest);
+            }
             self.begin(now, asked, plan);
         }
     }
@@ -438,7 +446,8 @@ impl Metamodule {
             self.tell(now, Class::Gradient);
         }
         if !matches!(over, Phase::Idle { .. }) {
-            self.broadcast(Class::Negotiation, Message::Release { origin, token: self.core.token });
+            let (token, pose) = (self.core.token, self.core.pose);
+            self.broadcast(Class::Negotiation, Message::Release { origin, token, pose });
         }
     }
 
@@ -574,7 +583,7 @@ impl Metamodule {
                 }
             }
             Message::Way(way) => self.hear_way(now, port, way),
-            Message::Request { origin, token, rank, age, pose, sweep } => {
+            Message::Request { origin, token, rank, age, pose, sweep, ends } => {
                 let known = match self.core.peers.get_mut(port) {
                     Some(peer) if token > peer.over => peer.grant.is_some_and(|g| g.token == token),
                     Some(_) => return hit(Mark::MetaRequestOver),
@@ -593,7 +602,7 @@ impl Metamodule {
                     && !forgets
                     && !known
                 {
-                    peer.grant = Some(Grant { token, pose, sweep, until });
+                    peer.grant = Some(Grant { token, pose, sweep, ends, until });
                 }
                 let from = self.core.id;
                 let message = Message::Response { from, token, denial };
@@ -612,8 +621,13 @@ impl Metamodule {
                 Some(_) => {}
             },
             Message::Response { .. } => {}
-            Message::Release { token, .. } => {
+            Message::Release { token, pose, .. } => {
                 if let Some(peer) = self.core.peers.get_mut(port) {
+                    if let Some(state) = peer.state.as_mut().filter(|_| token > peer.over && !peer.condemned)
+                    {
+                        // Its state says so too, but may come later.
+                        state.pose = pose;
+                    }
                     peer.over = peer.over.max(token);
                     if peer.grant.is_some_and(|g| g.token <= token) {
                         peer.grant = None;
@@ -784,5 +798,29 @@ impl Agent for Metamodule {
 
     fn digest(&self, mut hasher: &mut dyn Hasher) {
         self.core.hash(&mut hasher);
+    }
+
+    fn summary(&self, _now: Time) -> Summary {
+        let c = &self.core;
+        let claim = c.intent.claim;
+        let role = match (c.settled, claim) {
+            (Some(_), _) => "settled",
+            (None, Some(_)) => "claiming",
+            (None, None) => "free",
+        };
+        let activity = match c.phase {
+            Phase::Idle { .. } => "idle",
+            Phase::Asking { .. } => "asking",
+            Phase::Moving { .. } => "moving",
+        };
+        Summary {
+            role: role.to_owned(),
+            activity: activity.to_owned(),
+            goal: u16::from(c.task.goal),
+            level: c.settled.or(claim.map(|c| c.seed)).map(u16::from),
+            gradient: claim.map(|c| u32::from(c.cost)),
+            lock: c.peers.iter().find_map(|(_, p)| p.grant.and(p.state).map(|s| s.id)),
+            waits_for: c.waits_for,
+        }
     }
 }

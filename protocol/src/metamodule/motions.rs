@@ -45,16 +45,27 @@ impl fmt::Debug for Motions {
 /// What is worked out once from the database.
 struct LaidOut {
     graph: Graph,
-    distances: Memo<Box<Distances>, ()>,
+    distances: Memo<Counted, Arc<Distances>>,
+    answers: Memo<(Pose, Around), bool>,
 }
 
-/// Counts of strides kept.
-const KEPT: usize = 512;
+/// On which floor strides are counted, to which seed, and around which cells.
+type Counted = (Floor, Seed, Vec<Cell>);
+
+/// Counts of strides kept, and answers about whole floors.
+const KEPT: (usize, usize) = (256, 1 << 13);
+
+/// What stands on a floor.
+pub type Around = (Floor, Vec<Cell>);
 
 impl LaidOut {
     fn new(database: &Database, kind: Kind) -> LaidOut {
         let table = database.table(kind);
-        LaidOut { graph: Graph::new(database, table), distances: Memo::new(KEPT) }
+        LaidOut {
+            graph: Graph::new(database, table),
+            distances: Memo::new(KEPT.0),
+            answers: Memo::new(KEPT.1),
+        }
     }
 }
 
@@ -92,27 +103,22 @@ impl Motions {
     pub fn rest_bit(&self, posture: u16) -> u128 {
         self.graph().rest(posture).map_or(0, |i| 1 << i)
     }
-    /// Asks for strides to a seed around cells that stay taken.
-    pub fn with_distances<T>(
-        &self,
-        floor: Floor,
-        seed: Seed,
-        fixed: &[Cell],
-        like: Pose,
-        ask: impl FnOnce(&mut Distances) -> T,
-    ) -> T {
+    /// The strides to a seed around cells that stay taken.
+    pub fn distances(&self, floor: Floor, seed: Seed, fixed: &[Cell]) -> Arc<Distances> {
         let mut fixed = fixed.to_vec();
         fixed.sort_unstable();
         fixed.dedup();
-        let (foot, turn) = (seed.foot, seed.directions.map(|d| d as i16));
-        let numbers = fixed.iter().flat_map(|c| [c.x, c.y, c.z]).chain([foot.0, foot.1]).chain(turn);
-        let hash = numbers.fold(0, |h, v| mix(h, u64::from(v as u16)));
-        let memo = &self.laid_out.distances;
-        let found = memo.take(hash, |d| d.is_for(floor, seed, &fixed)).map(|(d, ())| d);
-        let mut distances = found.unwrap_or_else(|| Box::new(Distances::new(self, floor, seed, fixed, like)));
-        let answer = ask(&mut distances);
-        memo.put(hash, distances, ());
-        answer
+        let turn = seed.directions.into_iter().fold(0, |h, d| h << 8 | d as u64);
+        let hash = mix(mix(hash(&fixed), pack(seed.foot.0, seed.foot.1, 0)), turn);
+        let count = |(floor, seed, fixed): &Counted| Arc::new(Distances::new(self, *floor, *seed, fixed));
+        self.laid_out.distances.answer(hash, (floor, seed, fixed), count)
+    }
+    /// The answer to a question about whoever is in this pose that depends on what is around it only. The
+    /// same question must be asked every time.
+    pub fn ask(&self, pose: Pose, around: Around, find: impl FnOnce(&Around) -> bool) -> bool {
+        let state = pack(pose.state.x, pose.state.y, pose.posture as i16) << 2 | u64::from(pose.state.class);
+        let hash = mix(hash(&around.1), state);
+        self.laid_out.answers.answer(hash, (pose, around), |(_, around)| find(around))
     }
     /// The number of the chain of these cells of the foot frame.
     pub fn chain_of(&self, cells: [Cell; 4]) -> Option<u16> {
@@ -144,6 +150,14 @@ impl Motions {
         let (by, posture) = self.graph().landing(pose.posture)?;
         Some(Pose { state: then(pose.state, by), end: pose.end.other(), posture, ..pose })
     }
+}
+
+fn pack(a: i16, b: i16, c: i16) -> u64 {
+    [a, b, c].into_iter().fold(0, |h, v| h << 16 | u64::from(v as u16))
+}
+
+fn hash(cells: &[Cell]) -> u64 {
+    cells.iter().fold(0, |h, c| mix(h, pack(c.x, c.y, c.z)))
 }
 
 /// [`GridState::then`] without matrices.

@@ -77,6 +77,8 @@ struct Other {
     id: ModuleId,
     pose: Pose,
     cells: [Cell; 4],
+    /// Where it will be when the motion that it is granted is over.
+    soon: Pose,
     claim: Option<Claim>,
     barred: SeedSet,
     way: Option<Way>,
@@ -84,11 +86,17 @@ struct Other {
 
 /// What is around.
 struct Scene {
-    /// Cells of what does not move: the built, the dead, the stuck, obstacles.
+    /// Cells of what does not move: the built, the dead, the stuck, the cornered, obstacles.
     fixed: Vec<Cell>,
     free: Vec<Other>,
+    /// Where everybody stands who has no seed yet and may still get to one.
+    hopeful: Vec<Pose>,
     /// All cells to keep out of now: fixed ones, bodies, grants.
     taken: Vec<Cell>,
+    /// All cells of what will not move when the goal is built.
+    built: Vec<Cell>,
+    /// The corners of the rectangle around the feet of all seeds.
+    zone: ((i16, i16), (i16, i16)),
 }
 
 impl Scene {
@@ -96,6 +104,28 @@ impl Scene {
     fn bodies(&self) -> Vec<Cell> {
         self.fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells)).collect()
     }
+    /// Whether a connector is more than so many cells away from those of the seeds.
+    fn is_beyond(&self, x: i16, y: i16, by: i16) -> bool {
+        let (min, max) = self.zone;
+        // Without a seed everything is beyond.
+        let beyond = |v: i16, min: i16, max: i16| v < min.saturating_sub(by) || v > max.saturating_add(by);
+        beyond(x, min.0, max.0) || beyond(y, min.1, max.1)
+    }
+}
+
+/// What a claimant may do on its way now.
+#[derive(Clone, Copy)]
+struct May {
+    /// End a stride in the zone around the goal, where it may be in the way of what is built.
+    enter: bool,
+    /// Fill its seed.
+    fill: bool,
+    /// End a stride where that shuts somebody in.
+    hurry: bool,
+}
+
+impl May {
+    const ANYTHING: May = May { enter: true, fill: true, hurry: true };
 }
 
 /// Whoever can get this far away is not walled in.
@@ -115,11 +145,16 @@ impl Metamodule {
     fn scene(&self) -> Scene {
         let (core, motions) = (&self.core, &self.setup.motions);
         let mut fixed = self.fixed();
-        let mut free = Vec::new();
+        let (mut free, mut hopeful) = (Vec::new(), Vec::new());
         for (_, peer) in core.peers.iter() {
             let Some(state) = peer.state.filter(|s| !core.dead.contains_key(&s.id)) else { continue };
             let cells = motions.cells(state.pose);
-            if self.stays(&state) || state.stuck {
+            let soon = peer.grant.map_or(state.pose, |g| Pose { posture: g.ends, ..g.pose });
+            let stays = self.stays(&state) || state.stuck;
+            if !stays {
+                hopeful.push(soon);
+            }
+            if stays || state.cornered {
                 fixed.extend(cells);
                 continue;
             }
@@ -129,6 +164,7 @@ impl Metamodule {
                 id: state.id,
                 pose: state.pose,
                 cells,
+                soon,
                 claim: state.claim.filter(fits),
                 barred: state.barred,
                 way: peer.way.filter(|w| w.count > 0),
@@ -138,7 +174,15 @@ impl Metamodule {
         let mut taken = fixed.clone();
         taken.extend(free.iter().flat_map(|o| o.cells));
         taken.extend(core.peers.granted(motions));
-        Scene { fixed, free, taken }
+        let seeds = || self.setup.seeds(core.task).map(|(_, s)| s);
+        let mut built = self.fixed();
+        built.extend(seeds().flat_map(|s| s.cells()));
+        let (far, none) = ((i16::MIN, i16::MIN), (i16::MAX, i16::MAX));
+        let zone = seeds().fold((none, far), |(min, max), s| {
+            let (x, y) = s.foot;
+            ((min.0.min(x), min.1.min(y)), (max.0.max(x), max.1.max(y)))
+        });
+        Scene { fixed, free, hopeful, taken, built, zone }
     }
 
     fn ground<'a>(&'a self, taken: &'a [Cell]) -> Ground<'a> {
@@ -168,7 +212,9 @@ impl Metamodule {
         let is_done = self.core.filled.holds(self.goal().all());
         if in_way_of.is_some() || !(is_first || is_done || self.is_safe(&scene, self.core.id, self.core.pose))
         {
-            let rank = in_way_of.map_or(Rank::NONE, Rank::below);
+            // Until it is in a safe place, the next seed waits for it.
+            let next = self.open().iter().next();
+            let rank = in_way_of.or(next.map(Rank::of_seed)).map_or(Rank::NONE, Rank::below);
             let kept = std::mem::take(&mut self.core.course);
             let plan = self.make_way(&scene, rank);
             if plan.is_none() && in_way_of.is_some() && self.core.course.is_over() {
@@ -292,13 +338,11 @@ impl Metamodule {
     /// Strides to a seed from everybody, around what will be built before it.
     fn strides(&self, scene: &Scene, from: &[(ModuleId, Pose, SeedSet)], number: u8) -> Vec<i64> {
         let Some(seed) = self.setup.seed(self.core.task, number) else { return vec![BARRED; from.len()] };
-        let (motions, floor) = (&self.setup.motions, self.setup.floor);
         let planned = self.planned(scene, number);
         let ground = self.ground(&planned);
-        motions.with_distances(floor, seed, &planned, self.core.pose, |distances| {
-            let strides = |pose: Pose| distances.strides(motions, pose, ground.reach(pose).lands);
-            from.iter().map(|(_, pose, _)| *pose).map(strides).map(|s| s.map_or(FAR, i64::from)).collect()
-        })
+        let distances = self.setup.motions.distances(self.setup.floor, seed, &planned);
+        let strides = |pose: Pose| distances.strides(pose, ground.lands(pose)).map_or(FAR, i64::from);
+        from.iter().map(|(_, pose, _)| strides(*pose)).collect()
     }
 
     /// The seed that falls to this metamodule if all that are nobody's yet are shared out among those
@@ -364,18 +408,20 @@ impl Metamodule {
         corridor: &[(Vec<Cell>, Rank)],
         claim: Claim,
     ) -> Option<Plan> {
-        let first = self.is_first(scene, claim);
+        let enter = self.is_first(scene, claim);
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
-        let walls_in = waited <= patience * (GIVE_UP - 1)
-            && scene.free.iter().any(|o| !self.is_safe(scene, o.id, o.pose));
+        let walls_in = scene.hopeful.iter().any(|p| self.is_shut_in(*p, &scene.built))
+            || (waited <= patience * (GIVE_UP - 1)
+                && scene.free.iter().any(|o| !self.is_safe(scene, o.id, o.soon)));
+        let may = May { enter, fill: enter && !walls_in, hurry: enter && waited > patience };
         let planned = fingerprint(&self.planned(scene, claim.seed));
         if self.core.intent.planned_in == planned
-            && let Some(plan) = self.next_leg(scene, &scene.taken, corridor, claim, first, walls_in)
+            && let Some(plan) = self.next_leg(scene, &scene.taken, corridor, claim, may)
         {
             return Some(plan);
         }
-        if !first {
+        if !enter {
             // Its turn will come; that is no reason to lose patience.
             self.core.waiting_since = now;
             return None;
@@ -388,7 +434,7 @@ impl Metamodule {
         let looked_in = (fingerprint(&bodies), waited <= patience);
         let fits = self.core.intent.planned_in == planned;
         // Whoever has been granted a way will be through it soon.
-        let is_open = || self.next_leg(scene, &bodies, &[], claim, true, false).is_some();
+        let is_open = || self.next_leg(scene, &bodies, &[], claim, May::ANYTHING).is_some();
         if fits && (self.core.intent.looked_in == looked_in || (is_open() && waited <= patience)) {
             return None;
         }
@@ -398,7 +444,7 @@ impl Metamodule {
         };
         self.core.course = course;
         (self.core.intent.looked_in, self.core.intent.planned_in) = (looked_in, planned);
-        self.next_leg(scene, &scene.taken, corridor, claim, first, walls_in)
+        self.next_leg(scene, &scene.taken, corridor, claim, may)
     }
 
     /// Leaves a seed to somebody else.
@@ -415,17 +461,15 @@ impl Metamodule {
         scene.free.iter().filter_map(|o| o.claim).all(|c| claim.seed <= c.seed)
     }
 
-    /// The next leg of the course over free ground. It does not end in a more important way, and not where
-    /// it is not safe unless it is this one's turn. The seed is not filled while that could wall somebody
-    /// in.
+    /// The next leg of the course over free ground, if this metamodule may make it. It does not end in a
+    /// more important way.
     fn next_leg(
         &self,
         scene: &Scene,
         taken: &[Cell],
         corridor: &[(Vec<Cell>, Rank)],
         claim: Claim,
-        first: bool,
-        walls_in: bool,
+        may: May,
     ) -> Option<Plan> {
         let (posture, lands) = self.core.course.next()?;
         let ground = self.ground(taken);
@@ -437,13 +481,18 @@ impl Metamodule {
             if corridor.iter().any(|(cells, _)| ends.iter().any(|c| cells.contains(c))) {
                 return None;
             }
-            if !first && !self.is_safe(scene, self.core.id, Pose { posture, ..pose }) {
+            let end = Pose { posture, ..pose };
+            let outside = self.setup.motions.cells(end).iter().all(|c| scene.is_beyond(c.x, c.y, 1));
+            let harmless = !may.hurry && (outside || !may.enter);
+            if harmless && !self.is_apart(scene, end) {
                 return None;
             }
-        } else if !first || walls_in {
-            return None;
+            Some(Plan { harmless, ..Plan::to(&ground, pose, posture, aim)? })
+        } else if may.fill && self.keeps_open(scene, claim.seed) {
+            Plan::to(&ground, pose, posture, aim)
+        } else {
+            None
         }
-        Plan::to(&ground, pose, posture, aim)
     }
 
     /// The way out of everything at least as important as what this metamodule makes way for. Its
@@ -455,7 +504,7 @@ impl Metamodule {
             let cells = motions.cells(pose);
             !cells.iter().any(|cell| corridor.iter().any(|(cells, _)| cells.contains(cell)))
         };
-        let is_apart = |pose: Pose| is_clear(pose) && self.is_safe(scene, me, pose);
+        let is_apart = |pose: Pose| is_clear(pose) && self.is_apart(scene, pose);
         let pose = self.core.pose;
         // Whoever is more important does not make way.
         let is_firm = |o: &&Other| o.way.is_some_and(|w| (w.rank, o.id) < (rank, me));
@@ -469,7 +518,9 @@ impl Metamodule {
             .or_else(|| firm.aside(pose, is_clear))?;
         let next = course.next();
         let plan = next.and_then(|(posture, lands)| {
-            Plan::to(&free, pose, posture, if lands { Aim::Land } else { Aim::Shift })
+            let harmless = self.is_apart(scene, Pose { posture, ..pose });
+            let aim = if lands { Aim::Land } else { Aim::Shift };
+            Some(Plan { harmless, ..Plan::to(&free, pose, posture, aim)? })
         });
         self.core.course = course;
         plan
@@ -479,29 +530,64 @@ impl Metamodule {
     /// it is, even if nobody else moves: the goal and one cell around it are kept free, and whoever lies
     /// beside it may need room that the goal will take.
     fn is_safe(&self, scene: &Scene, id: ModuleId, pose: Pose) -> bool {
+        self.is_safe_beside(scene, id, pose, self.core.pose)
+    }
+
+    /// The same if this metamodule stood somewhere else.
+    fn is_safe_beside(&self, scene: &Scene, id: ModuleId, pose: Pose, me: Pose) -> bool {
         let motions = &self.setup.motions;
-        let feet = || self.setup.seeds(self.core.task).map(|(_, s)| s.foot);
-        let beyond = |of: fn((i16, i16)) -> i16, v: i16, by: i16| {
-            let (min, max) = (feet().map(of).min(), feet().map(of).max());
-            min.is_none_or(|min| v < min - by) || max.is_none_or(|max| v > max + by)
-        };
-        let is_beyond = |x: i16, y: i16, by: i16| beyond(|f| f.0, x, by) || beyond(|f| f.1, y, by);
-        if !motions.cells(pose).iter().all(|c| is_beyond(c.x, c.y, 1)) {
+        if !motions.cells(pose).iter().all(|c| scene.is_beyond(c.x, c.y, 1)) {
             return false;
         }
-        let mut taken = self.fixed();
-        taken.extend(self.setup.seeds(self.core.task).flat_map(|(_, s)| s.cells()));
-        taken.extend(scene.free.iter().filter(|o| o.id != id).flat_map(|o| o.cells));
+        let mut taken = scene.built.clone();
+        // In the order of their ids, so that everybody who knows the same asks the same.
+        let (before, after) = scene.free.split_at(scene.free.partition_point(|o| o.id < self.core.id));
+        taken.extend(before.iter().filter(|o| o.id != id).flat_map(|o| motions.cells(o.soon)));
         if id != self.core.id {
-            taken.extend(motions.cells(self.core.pose));
+            taken.extend(motions.cells(me));
         }
-        if self.ground(&taken).taken_at(pose) == 0 {
-            return true;
+        taken.extend(after.iter().filter(|o| o.id != id).flat_map(|o| motions.cells(o.soon)));
+        !self.is_shut_in(pose, &taken)
+    }
+
+    /// Whether it is no harm to anybody if this metamodule stands like this.
+    fn is_apart(&self, scene: &Scene, me: Pose) -> bool {
+        self.is_safe(scene, self.core.id, me) && !self.shuts_in(scene, me)
+    }
+
+    /// The same, from what is known by now.
+    pub(super) fn is_harmless(&self, posture: u16) -> bool {
+        self.is_apart(&self.scene(), Pose { posture, ..self.core.pose })
+    }
+
+    /// Whether somebody who is safe now would not be any more if this metamodule stood somewhere else.
+    fn shuts_in(&self, scene: &Scene, me: Pose) -> bool {
+        let is_safe = |o: &Other, me: Pose| self.is_safe_beside(scene, o.id, o.soon, me);
+        scene.free.iter().any(|o| !is_safe(o, me) && is_safe(o, self.core.pose))
+    }
+
+    /// Whether whoever stands like this cannot get away from there around taken cells.
+    fn is_shut_in(&self, pose: Pose, taken: &[Cell]) -> bool {
+        if self.ground(taken).taken_at(pose) == 0 {
+            return false;
         }
-        let (x, y) = pose.foot();
-        let away =
-            |to: (i16, i16)| to.0.abs_diff(x).max(to.1.abs_diff(y)) >= AWAY || is_beyond(to.0, to.1, 4);
-        self.ground(&taken).can_get(pose, away)
+        let around = (self.setup.floor, taken.to_vec());
+        !self
+            .setup
+            .motions
+            .ask(pose, around, |(_, taken)| self.ground(taken).can_get(pose, |to| is_away(pose.foot(), to)))
+    }
+
+    /// Whether all seeds that should have been filled before this one can still be got to when it has been.
+    fn keeps_open(&self, scene: &Scene, number: u8) -> bool {
+        let Some(seed) = self.setup.seed(self.core.task, number) else { return true };
+        let before = self.goal().before(number).without(self.core.filled);
+        before.iter().filter_map(|s| Some((s, self.setup.seed(self.core.task, s)?))).all(|(number, other)| {
+            let mut around = self.planned(scene, number);
+            around.extend(seed.cells());
+            let distances = self.setup.motions.distances(self.setup.floor, other, &around);
+            distances.reach(|from| is_away(other.foot, from))
+        })
     }
 
     /// The ways that are more important than a rank, with the cells of each.
@@ -579,7 +665,9 @@ impl Metamodule {
         let before = std::mem::replace(&mut self.core.intent, Intent::new());
         if let Some(way) = before.way {
             self.core.sequence += 1;
-            let way = Way { sequence: self.core.sequence, rank: Rank::NONE, count: 0, ..way };
+            // No legs, not even those that are not told: all who hear it keep the same.
+            let legs = [Leg::default(); LEGS];
+            let way = Way { sequence: self.core.sequence, rank: Rank::NONE, legs, count: 0, ..way };
             self.broadcast(Class::Negotiation, Message::Way(way));
         }
     }
@@ -592,6 +680,11 @@ impl Metamodule {
             self.look_again(now);
         }
     }
+}
+
+/// Whether whoever has come from one connector to another is not shut in any more.
+fn is_away(from: (i16, i16), to: (i16, i16)) -> bool {
+    to.0.abs_diff(from.0).max(to.1.abs_diff(from.1)) >= AWAY
 }
 
 /// Tells one set of cells from another.

@@ -17,6 +17,8 @@ pub struct Grant {
     pub pose: Pose,
     /// What it sweeps.
     pub sweep: Sweep,
+    /// The posture at its end.
+    pub ends: u16,
     /// Until when it holds, at most.
     pub until: Time,
 }

@@ -4,7 +4,7 @@
 //! sweeps, every class. What moves is not in it; whoever asks says which cells are taken.
 
 use super::blueprint::Seed;
-use super::distances::{Distances, Places};
+use super::distances::{Distances, index, states};
 use super::graph::{Bits, Reach};
 use super::motions::Motions;
 use super::params::Floor;
@@ -60,6 +60,8 @@ const TURNS: u32 = 6;
 /// So many places are left in one search, at most. The floor of the published experiment has about a
 /// thousand; a search that finds its goal leaves a few.
 const MOST_LEFT: usize = 20_000;
+/// So many places are looked at for an easy way, at most.
+const EASY: usize = 24;
 /// So many strides to get out of the way, at most.
 const MOST_ASIDE: u32 = 4;
 
@@ -70,6 +72,28 @@ struct Node {
     by: Option<(u32, u16)>,
 }
 
+/// Places that a search has left.
+struct Left {
+    /// For every grid state the postures that land there.
+    postures: Vec<u128>,
+    count: usize,
+    floor: Floor,
+}
+
+impl Left {
+    fn new(floor: Floor) -> Left {
+        Left { postures: vec![0; states(floor)], count: 0, floor }
+    }
+    /// Whether one of these postures has been there.
+    fn has(&self, pose: Pose, postures: u128) -> bool {
+        self.postures[index(self.floor, pose.state)] & postures != 0
+    }
+    fn add(&mut self, pose: Pose, postures: u128) {
+        self.postures[index(self.floor, pose.state)] |= postures;
+        self.count += 1;
+    }
+}
+
 impl Ground<'_> {
     /// The taken cells as a body in this place sees them.
     pub fn taken_at(&self, pose: Pose) -> Bits {
@@ -78,6 +102,10 @@ impl Ground<'_> {
     /// What can be got to without leaving the place.
     pub fn reach(&self, pose: Pose) -> Arc<Reach> {
         self.motions.graph().reach(pose.posture, self.taken_at(pose))
+    }
+    /// Where that lands, as bits; much less work.
+    pub fn lands(&self, pose: Pose) -> u128 {
+        self.motions.graph().lands(pose.posture, self.taken_at(pose))
     }
     /// Where a body is after it has landed by this posture; none if there is no connector.
     pub fn landed(&self, pose: Pose, posture: u16) -> Option<Pose> {
@@ -96,42 +124,41 @@ impl Ground<'_> {
         if seed.cells().iter().any(|c| self.taken.contains(c)) {
             return None;
         }
-        self.motions.with_distances(self.floor, seed, fixed, from, |distances| {
-            self.find_seed(from, seed, distances, u32::try_from(most).unwrap_or(u32::MAX))
-        })
+        let distances = self.motions.distances(self.floor, seed, fixed);
+        self.find_seed(from, seed, &distances, u32::try_from(most).unwrap_or(u32::MAX))
     }
 
-    fn find_seed(&self, from: Pose, seed: Seed, distances: &mut Distances, most: u32) -> Option<Course> {
+    fn find_seed(&self, from: Pose, seed: Seed, distances: &Distances, most: u32) -> Option<Course> {
         // What moves can only make a way longer, so the strides around what does not move are a bound.
-        let mut left_to_go = |pose: Pose, postures: u128| {
-            let strides = u32::from(distances.strides(self.motions, pose, postures)?);
+        let left_to_go = |pose: Pose, postures: u128| {
+            let strides = u32::from(distances.strides(pose, postures)?);
             (strides <= most).then_some(strides)
         };
         let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
         let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);
-        let mut left = Places::new(self.floor);
+        let mut left = Left::new(self.floor);
         while let Some((_, Reverse(at), last)) = queue.pop() {
             if let Some(last) = last {
                 return Some(course(&nodes, at, Some(last)));
             }
             let Node { pose, cost, .. } = nodes[at as usize];
-            let reach = self.reach(pose);
-            if left.get(pose, reach.lands).is_some() {
+            if left.has(pose, self.motions.rest_bit(pose.posture)) {
                 continue;
             }
+            let reach = self.reach(pose);
             if pose.foot() == seed.foot
                 && let Some((last, turns)) = self.filling(pose, seed)
             {
                 queue.push((Reverse(cost + u32::from(turns)), Reverse(at), Some(last)));
             }
-            if left.count() == MOST_LEFT {
+            if left.count == MOST_LEFT {
                 return None;
             }
-            left.add(pose, &reach, 0);
+            left.add(pose, reach.lands);
             for landed in &reach.landings {
                 let Some(to) = self.landed(pose, landed.posture) else { continue };
                 let bit = self.motions.rest_bit(to.posture);
-                if left.get(to, bit).is_some() {
+                if left.has(to, bit) {
                     continue;
                 }
                 let cost = cost + STRIDE + u32::from(landed.turns);
@@ -145,16 +172,42 @@ impl Ground<'_> {
 
     /// Whether there is a way to a connector that `is_it` accepts.
     pub fn can_get(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> bool {
-        let (mut left, mut edge) = (Places::new(self.floor), vec![from]);
+        if self.can_easily_get(from, &is_it) {
+            return true;
+        }
+        let (mut left, mut edge) = (Left::new(self.floor), vec![from]);
         while let Some(pose) = edge.pop() {
             if is_it(pose.foot()) {
                 return true;
             }
-            let reach = self.reach(pose);
-            if left.get(pose, reach.lands).is_none() && left.count() < MOST_LEFT {
-                left.add(pose, &reach, 0);
-                edge.extend(reach.landings.iter().filter_map(|l| self.landed(pose, l.posture)));
+            if !left.has(pose, self.motions.rest_bit(pose.posture)) && left.count < MOST_LEFT {
+                let lands = self.lands(pose);
+                left.add(pose, lands);
+                let landings = self.motions.graph().landings(lands);
+                edge.extend(landings.filter_map(|p| self.landed(pose, p)));
             }
+        }
+        false
+    }
+
+    /// Whether there is a way to such a connector that takes few strides and no detours. Mostly there is,
+    /// and then this is much faster than looking at all ways.
+    fn can_easily_get(&self, from: Pose, is_it: &impl Fn((i16, i16)) -> bool) -> bool {
+        let (mut left, mut edge) = (Vec::with_capacity(EASY), vec![from]);
+        while let Some(pose) = edge.pop() {
+            if is_it(pose.foot()) {
+                return true;
+            }
+            if left.contains(&pose) {
+                continue;
+            }
+            if left.len() == EASY {
+                return false;
+            }
+            left.push(pose);
+            let taken = self.taken_at(pose);
+            let ways = self.motions.graph().open_ways(pose.posture).iter();
+            edge.extend(ways.filter(|w| w.swept & taken == 0).filter_map(|w| self.landed(pose, w.posture)));
         }
         false
     }
@@ -163,31 +216,31 @@ impl Ground<'_> {
     pub fn aside(&self, from: Pose, fits: impl Fn(Pose) -> bool) -> Option<Course> {
         let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
         let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);
-        let mut left = Places::new(self.floor);
+        let mut left = Left::new(self.floor);
         while let Some((_, Reverse(at), last)) = queue.pop() {
             let Node { pose, cost, .. } = nodes[at as usize];
             if let Some(last) = last {
                 return Some(course(&nodes, at, (pose.posture != last).then_some(last)));
             }
-            let reach = self.reach(pose);
-            if left.get(pose, reach.lands).is_some() {
+            if left.has(pose, self.motions.rest_bit(pose.posture)) {
                 continue;
             }
-            let rests = reach.chains.iter().flatten();
-            let fitting = rests.filter(|(p, _)| fits(Pose { posture: *p, ..pose }));
-            if let Some((last, turns)) = fitting.min_by_key(|(_, turns)| *turns) {
-                queue.push((Reverse(cost + u32::from(*turns)), Reverse(at), Some(*last)));
+            let reach = self.reach(pose);
+            let mut rests: Vec<(u16, u8)> = reach.chains.iter().flatten().copied().collect();
+            rests.sort_by_key(|(_, turns)| *turns);
+            if let Some((last, turns)) = rests.into_iter().find(|(p, _)| fits(Pose { posture: *p, ..pose })) {
+                queue.push((Reverse(cost + u32::from(turns)), Reverse(at), Some(last)));
             }
-            if left.count() == MOST_LEFT {
+            if left.count == MOST_LEFT {
                 return None;
             }
-            left.add(pose, &reach, 0);
+            left.add(pose, reach.lands);
             if cost / STRIDE >= MOST_ASIDE {
                 continue;
             }
             for landed in &reach.landings {
                 let Some(to) = self.landed(pose, landed.posture) else { continue };
-                if left.get(to, self.motions.rest_bit(to.posture)).is_none() {
+                if !left.has(to, self.motions.rest_bit(to.posture)) {
                     let cost = cost + STRIDE + u32::from(landed.turns);
                     queue.push((Reverse(cost), Reverse(nodes.len() as u32), None));
                     nodes.push(Node { pose: to, cost, by: Some((at, landed.posture)) });

@@ -32,6 +32,9 @@ pub struct Draft {
     pub link: LinkDraft,
     /// What is broken when.
     pub faults: Vec<FaultDraft>,
+    /// The bounds for standing still and for moving without progress, in seconds, if they are not the
+    /// usual ones.
+    pub patience: Option<(u64, u64)>,
 }
 
 /// What belongs to one family.
@@ -256,7 +259,13 @@ impl fmt::Display for Draft {
                 writeln!(f, "{key} = \"{percent}%\"")?;
             }
         }
-        self.faults.iter().try_for_each(|fault| fault.fmt(f))
+        self.faults.iter().try_for_each(|fault| fault.fmt(f))?;
+        match self.patience {
+            Some((stall, livelock)) => {
+                writeln!(f, "\n[stop]\nstall = \"{stall}s\"\nlivelock = \"{livelock}s\"")
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -313,8 +322,7 @@ impl MetamoduleDraft {
             Teller::Neighbours => "neighbours",
         };
         writeln!(f, "\n[protocol]\nstrategy = \"{}\"\nteller = \"{teller}\"", self.strategy.name())?;
-        // Whoever gets on no more does so soon; to watch it for longer is slow.
-        writeln!(f, "relocate = {}\n\n[stop]\nlivelock = \"1000s\"", self.relocate)
+        writeln!(f, "relocate = {}", self.relocate)
     }
 }
 

@@ -75,11 +75,31 @@ fn smallest(family: Family) -> Draft {
         }),
     };
     let link = LinkDraft { delay: (10, 100), ..LinkDraft::default() };
-    Draft { description: String::new(), seed: 0, swarm, failed_connections: 0, link, faults: Vec::new() }
+    Draft {
+        description: String::new(),
+        seed: 0,
+        swarm,
+        failed_connections: 0,
+        link,
+        faults: Vec::new(),
+        patience: None,
+    }
 }
 
 fn upright(x: i16, y: i16) -> Seed {
     Seed { foot: (x, y), directions: [Face::Up; 3] }
+}
+
+/// The usual bounds are for links that are faster than moves. Whoever among metamodules gets on no more
+/// does so soon, and to watch it for longer is slow.
+fn patience(family: Family, link: LinkDraft) -> Option<(u64, u64)> {
+    match (family, link.delay.1) {
+        (Family::Cube, 0..500) => None,
+        (Family::Cube, 500..1_000) => Some((1_000, 4_000)),
+        (Family::Cube, _) => Some((3_000, 12_000)),
+        (Family::Metamodule, 0..1_000) => Some((120, 1_000)),
+        (Family::Metamodule, _) => Some((400, 2_000)),
+    }
 }
 
 /// What is drawn from.
@@ -110,7 +130,9 @@ impl Dice {
             failed_connections: 0,
             link: self.link(),
             faults: Vec::new(),
+            patience: None,
         };
+        draft.patience = patience(family, draft.link);
         if !self.once_in(6) {
             if self.once_in(3) {
                 draft.failed_connections = self.pick(&[2, 10, 30]);

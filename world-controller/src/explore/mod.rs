@@ -20,7 +20,7 @@ use crate::scenario::{Plan, Swarm};
 use crate::simulated::simulate;
 use crate::stopwatch::Stopwatch;
 use crate::terminal::{Channel, Live, print_out};
-use draft::Draft;
+use draft::{Draft, SwarmDraft};
 use draw::draw;
 use metamorph_module_agent::Family;
 use metamorph_protocol::marks::{self, Marks};
@@ -38,7 +38,13 @@ use thiserror::Error;
 use verdict::{Failure, Kind, Verdict, judge};
 
 /// So many runs at most make one failing scenario small.
-const SHRINKING: u64 = 3_000;
+const fn shrinking(draft: &Draft) -> u64 {
+    match draft.swarm {
+        SwarmDraft::Cubes(_) => 3_000,
+        // Of runs that take much longer.
+        SwarmDraft::Metamodules(_) => 300,
+    }
+}
 /// So many kinds of failures are made small; more of them say no more.
 const MOST_FOUND: usize = 16;
 
@@ -144,11 +150,13 @@ pub struct Small {
     pub runs: u64,
 }
 
-/// Makes the failing scenario of a seed small. None if it does not fail, or after an interruption.
+/// Makes a failing scenario small in at most so many runs. None if it does not fail, or after an
+/// interruption.
 pub fn make_small(
     draft: &Draft,
     kind: &Kind,
     sabotage: Option<Sabotage>,
+    budget: u64,
     interrupt: &Interrupt,
 ) -> Option<Small> {
     let fails = |draft: &Draft| {
@@ -159,8 +167,7 @@ pub fn make_small(
         }
     };
     fails(draft)?;
-    let (small, runs) =
-        shrink::shrink(draft, SHRINKING, |draft| !interrupt.is_set() && fails(draft).is_some());
+    let (small, runs) = shrink::shrink(draft, budget, |draft| !interrupt.is_set() && fails(draft).is_some());
     Some(Small { failure: fails(&small)?, draft: small, runs })
 }
 
@@ -240,7 +247,7 @@ fn found(
         };
         if all.len() < MOST_FOUND
             && !interrupt.is_set()
-            && let Some(small) = make_small(&draft, kind, None, interrupt)
+            && let Some(small) = make_small(&draft, kind, None, shrinking(&draft), interrupt)
         {
             let path = request.out.join(format!("explored-{}.toml", found.seed));
             let repeat = &found.repeat;

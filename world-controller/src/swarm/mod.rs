@@ -54,6 +54,8 @@ pub struct SwarmOptions {
     pub shutdown: Shutdown,
     /// Whether SIGINT, SIGTERM and SIGHUP ask the swarm to end.
     pub catch_signals: bool,
+    /// The directory that agents write their parts of the journal to, if one is kept.
+    pub journal: Option<PathBuf>,
     /// How long all agents together may take to start.
     pub setup_timeout: Duration,
     /// How long agents may take to stop before they are killed.
@@ -72,6 +74,7 @@ impl SwarmOptions {
             verbose: false,
             shutdown: Shutdown::new(),
             catch_signals: false,
+            journal: None,
             setup_timeout: Duration::from_secs(120),
             stop_timeout: Duration::from_secs(10),
         }
@@ -120,8 +123,16 @@ where
     let dir = RunDir::create()?;
     let controller = Identity::own().map_err(SwarmError::Identity)?;
     let link = options.link.clone();
-    SwarmFile { count: count as u32, seed: options.seed, speed: options.speed, link, controller, setup }
-        .write(dir.root())?;
+    SwarmFile {
+        count: count as u32,
+        seed: options.seed,
+        speed: options.speed,
+        link,
+        controller,
+        journal: options.journal.clone(),
+        setup,
+    }
+    .write(dir.root())?;
     let at = Rendezvous::join(dir.root())?;
     let shards = (count as u32).div_ceil(SHARD);
     let senders = count.min(SHARD as usize) + SPARE_LIVES;

@@ -59,6 +59,10 @@ pub struct SwarmOutcome {
     pub crashes: Vec<Crash>,
     /// Lives whose counts could not be read back, with the reason.
     pub missing_ledgers: Vec<String>,
+    /// What each life of an agent has counted.
+    pub accounts: Vec<(ModuleId, Incarnation, Tally)>,
+    /// Records that agents could not write to the journal.
+    pub unrecorded: u64,
     /// Whether a shutdown was asked for before the director had finished.
     pub interrupted: bool,
 }

@@ -100,6 +100,8 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                         self.outcome.tally += account.tally;
                         self.outcome.foreign += account.foreign;
                         self.outcome.wakes += account.wakes;
+                        self.outcome.unrecorded += account.unrecorded;
+                        self.outcome.accounts.push((process.id, Incarnation(life), account.tally));
                     }
                     // Killed before it had started.
                     Ok(None) => {}

@@ -314,6 +314,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
     }
 
     fn flush(&mut self) {
+        self.director.commit();
         self.retry_at = self.processes.iter_mut().filter_map(Process::flush).min();
     }
 
@@ -335,6 +336,9 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             };
             let life = (id, process.incarnation);
             let alive = process.stage != Stage::Absent;
+            if !matches!(command, Command::Order(..)) {
+                self.director.commit();
+            }
             match command {
                 Command::Kill(_) if alive && !process.condemned => {
                     process.condemned = true;

@@ -1,0 +1,257 @@
+//! Journals: what a run writes down can be carried out again, to the same states and counts, on either
+//! link and however the run was broken; what cannot is found and named.
+#![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
+
+use metamorph_module_agent::journal::{Head, Reader, Writer};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::journal::Sink;
+use metamorph_protocol::stream::Stream;
+use metamorph_tests::command::{Ran, run, run_processes, scenario};
+use metamorph_world_controller::journal::{Event, Journal, Record, Taken, Who, parts_of};
+use metamorph_world_controller::replay::{Replayed, Request, replay, text};
+use std::path::Path;
+
+/// Runs a scenario that ships with the program, with a journal.
+fn record(name: &str, link: &str, options: &[&str], journal: &Path) -> Ran {
+    let (path, file) = (scenario(name).display().to_string(), journal.display().to_string());
+    let fixed = ["run", path.as_str(), "--link", link, "--json", "-", "--journal", file.as_str()];
+    let args = [&fixed, options].concat();
+    let ran = if link == "ipc" { run_processes(&args) } else { run(&args) };
+    println!("{options:?} {}", ran.err);
+    assert!(!parts_of(journal).exists(), "the parts are joined");
+    ran
+}
+
+fn again(journal: &Path) -> Replayed {
+    let request = Request { file: journal.to_owned(), until: None, agent: None };
+    let (plan, replayed) = replay(&request).expect("the journal can be read");
+    println!("{}", text(&plan, &replayed));
+    replayed
+}
+
+fn report(ran: &Ran) -> serde_json::Value {
+    serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"))
+}
+
+/// The replay came to what the run came to, in every state and count, with nothing left out.
+fn assert_same(ran: &Ran, replayed: &Replayed) {
+    let report = report(ran);
+    assert_eq!(report["notes"].as_array().map(Vec::len), Some(0), "{report}");
+    assert_eq!(replayed.ended.as_deref(), report["outcome"].as_str());
+    let (sent, counted) = (replayed.tally.total().sent, report["messages"]["total"].as_u64());
+    println!("{sent} messages sent, counted in the run: {counted:?}");
+    // Whoever is killed may have written a step down and not yet counted it.
+    assert!(counted.is_some_and(|counted| sent >= counted && sent <= counted + 50));
+    assert_eq!(replayed.difference, None);
+    assert_eq!((replayed.troubles.as_slice(), replayed.done.unchecked), (&[] as &[String], 0));
+    assert!(replayed.done.steps > 100 && replayed.tally.total().delivered > 100);
+}
+
+#[test]
+fn a_simulated_run_is_the_same_with_a_journal_and_in_its_replay() {
+    let dir = tempfile::tempdir().expect("a directory");
+    for (name, options) in [
+        ("swarm.toml", &["--pause", "3@2s..6s", "--restart", "9@4s", "--loss", "2%", "--dup", "2%"][..]),
+        ("chair-hardware.toml", &["--seed", "3"]),
+    ] {
+        let journal = dir.path().join(name);
+        let with = record(name, "sim", options, &journal);
+        let path = scenario(name).display().to_string();
+        let fixed = ["run", path.as_str(), "--link", "sim", "--json", "-"];
+        let without = run(&[&fixed, options].concat());
+        assert_eq!(report(&with)["trace_hash"], report(&without)["trace_hash"]);
+        assert_same(&with, &again(&journal));
+    }
+}
+
+/// Faults of all kinds that processes have, at times that the seed decides.
+fn broken(seed: u64) -> Vec<String> {
+    let mut random = Stream::named(seed, "journal faults", 0);
+    let mut ms = |least: u64, span: u64| least + random.below(span);
+    let (kill, pause, restart) = (ms(1_000, 9_000), ms(1_000, 9_000), ms(1_000, 9_000));
+    let until = pause + ms(500, 8_000);
+    let words = [
+        "--seed".to_owned(),
+        seed.to_string(),
+        "--time-scale".to_owned(),
+        "40".to_owned(),
+        "--kill".to_owned(),
+        format!("{}@{kill}ms", 35 + seed % 6),
+        "--pause".to_owned(),
+        format!("{}@{pause}ms..{until}ms", 14 + seed % 7),
+        "--restart".to_owned(),
+        format!("{}@{restart}ms", 28 + seed % 7),
+        "--loss".to_owned(),
+        format!("{}%", seed % 3),
+    ];
+    words.to_vec()
+}
+
+fn record_and_replay(seed: u64) {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    let options = broken(seed);
+    let options: Vec<&str> = options.iter().map(String::as_str).collect();
+    let ran = record("swarm.toml", "ipc", &options, &journal);
+    assert_same(&ran, &again(&journal));
+}
+
+#[test]
+fn runs_of_processes_with_kills_and_pauses_replay() {
+    (1..=2).for_each(record_and_replay);
+}
+
+#[test]
+fn a_run_of_metamodule_processes_replays() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    let ran = record("chair-hardware.toml", "ipc", &["--time-scale", "50", "--seed", "18"], &journal);
+    assert_same(&ran, &again(&journal));
+}
+
+/// `cargo test -p metamorph-tests --test journal -- --ignored --nocapture hundred`
+#[test]
+#[ignore = "minutes: a hundred runs of 42 processes"]
+fn a_hundred_runs_of_processes_replay() {
+    let mut same = 0;
+    for seed in 1_000..1_100 {
+        record_and_replay(seed);
+        same += 1;
+        println!("{same} runs of 42 processes, with a kill, a pause and a restart, replayed the same");
+    }
+}
+
+fn read(path: &Path) -> (Head, Vec<Record>) {
+    let mut reader = Reader::open(path).expect("a journal");
+    (reader.head().clone(), reader.by_ref().collect())
+}
+
+fn write(path: &Path, head: &Head, records: &[Record]) {
+    let mut writer = Writer::create(path, head).expect("a file");
+    records.iter().for_each(|r| writer.put(r));
+}
+
+/// What a journal says and did not happen is found, at the record that says it.
+#[test]
+fn a_changed_journal_is_found_out() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let (journal, changed) = (dir.path().join("journal"), dir.path().join("changed"));
+    record("swarm.toml", "sim", &["--kill", "3@2s"], &journal);
+    let (head, records) = read(&journal);
+    let victim = Who::Agent(ModuleId(7), Default::default());
+    let find = |what: &dyn Fn(&Event) -> bool| {
+        let fits = |r: &Record| (r.who == victim || r.who == Who::Controller) && what(&r.event);
+        records.len() / 4 + records[records.len() / 4..].iter().position(fits).expect("there is one")
+    };
+    let heard = |e: &Event| matches!(e, Event::Step(s) if matches!(s.input, Taken::Message { .. }));
+    let at = |i: usize, edit: &dyn Fn(&mut Event)| {
+        let mut records = records.clone();
+        edit(&mut records[i].event);
+        write(&changed, &head, &records);
+        again(&changed).difference.expect("it is found")
+    };
+    // Another state.
+    let i = find(&heard);
+    let found = at(i, &|e| {
+        if let Event::Step(step) = e {
+            step.digest ^= 1;
+        }
+    });
+    assert_eq!((found.number, found.who), (i as u64 + 1, victim));
+    assert!(found.what.contains("state"), "{found:?}");
+    // A message that nobody has sent.
+    let found = at(i, &|e| {
+        if let Event::Step(step) = e
+            && let Taken::Message { name, .. } = &mut step.input
+        {
+            name.number += 100_000;
+        }
+    });
+    assert_eq!((found.number, found.who), (i as u64 + 1, victim));
+    assert!(found.what.contains("had not sent"), "{found:?}");
+    // A message that says something else.
+    let found = at(i, &|e| {
+        if let Event::Step(step) = e
+            && let Taken::Message { message, .. } = &mut step.input
+        {
+            message.bytes[0] ^= 1;
+        }
+    });
+    assert_eq!((found.number, found.who), (i as u64 + 1, victim));
+    // A body somewhere else.
+    let i = find(&|e| matches!(e, Event::Placed { .. }));
+    let found = at(i, &|e| {
+        if let Event::Placed { place, .. } = e {
+            place.bytes[0] ^= 1;
+        }
+    });
+    assert_eq!((found.number, found.who), (i as u64 + 1, Who::Controller));
+    // A step that is missing.
+    let i = find(&heard);
+    let mut fewer = records.clone();
+    fewer.remove(i);
+    write(&changed, &head, &fewer);
+    let found = again(&changed).difference.expect("it is found");
+    assert!(found.number > i as u64, "{found:?}");
+    // Another outcome.
+    let i = find(&|e| matches!(e, Event::Ended { .. }));
+    let found = at(i, &|e| {
+        if let Event::Ended { outcome, .. } = e {
+            *outcome = "deadlock".to_owned();
+        }
+    });
+    assert!(found.what.contains("ended deadlock, and now it ends built"), "{found:?}");
+}
+
+/// As a user sees it: exit codes, the cut, the refusal by name, and one agent's history.
+#[test]
+fn the_command_says_what_it_finds() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    record("swarm.toml", "sim", &[], &journal);
+    let file = journal.display().to_string();
+    let whole = run(&["replay", &file]);
+    assert_eq!(whole.code, Some(0), "{whole:?}");
+    assert!(whole.out.contains("the same states and counts; the run ended built"), "{whole:?}");
+    let agent = run(&["replay", &file, "--agent", "7", "--until", "5s"]);
+    assert!(agent.out.contains("begins life 0") && agent.out.contains("takes Message"), "{agent:?}");
+    let state = run(&["replay", &file, "--until", "5s"]);
+    assert!(state.out.contains("module 41 at") && state.out.contains("dead"), "{state:?}");
+    let nobody = run(&["replay", &file, "--agent", "42"]);
+    assert!(nobody.code == Some(2) && nobody.err.contains("modules 0 to 41"), "{nobody:?}");
+
+    let bytes = std::fs::read(&journal).expect("it is there");
+    std::fs::write(&journal, &bytes[..bytes.len() / 2]).expect("it can be written");
+    let cut = run(&["replay", &file]);
+    assert_eq!(cut.code, Some(0), "{cut:?}");
+    assert!(cut.out.contains("cut off") && cut.out.contains("as far as it goes"), "{cut:?}");
+    let mut other = bytes;
+    other[8] = 9;
+    std::fs::write(&journal, other).expect("it can be written");
+    let old = run(&["replay", &file]);
+    assert!(old.code == Some(2) && old.err.contains("version 9"), "{old:?}");
+    let none = run(&["replay", "no-such-file"]);
+    assert!(none.code == Some(2) && none.err.contains("no-such-file"), "{none:?}");
+}
+
+/// What a viewer needs is there: the scenario, where bodies are, what agents are about, the faults.
+#[test]
+fn a_journal_tells_what_a_viewer_needs() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    record("swarm.toml", "sim", &["--kill", "3@2s"], &journal);
+    let journal = Journal::open(&journal).expect("it can be read");
+    assert_eq!((journal.head().family.as_str(), journal.head().modules), ("cube", 42));
+    assert!(journal.head().scenario.contains("[swarm]"));
+    let records: Vec<Record> = journal.collect();
+    let count = |what: &dyn Fn(&Event) -> bool| records.iter().filter(|r| what(&r.event)).count();
+    assert_eq!(count(&|e| matches!(e, Event::Start { .. })), 42);
+    assert!(count(&|e| matches!(e, Event::Placed { .. })) > 10);
+    assert_eq!(count(&|e| matches!(e, Event::Struck { fault, .. } if fault == "kill 3")), 1);
+    let finals = count(&|e| matches!(e, Event::State(s) if s.role == "final" && s.level == Some(0)));
+    assert!(finals > 10);
+    assert!(count(&|e| matches!(e, Event::State(s) if s.gradient.is_some())) > 10);
+    assert!(count(&|e| matches!(e, Event::State(s) if s.lock.is_some())) > 0);
+    assert!(records.is_sorted_by_key(|r| r.at), "records are in the order of time");
+    assert!(matches!(records.last().map(|r| &r.event), Some(Event::Ended { .. })));
+}

@@ -1,0 +1,137 @@
+//! Journals of runs: reading them, whoever wrote them and however the run ended.
+//!
+//! [`Journal::open`] gives the head of a journal and then its records, in an order in which causes come
+//! before effects. A run of processes writes one file for the controller and one for each life of an
+//! agent, in a directory beside the journal (`FILE.parts`), and joins them at its end (`join`); if it
+//! did not come so far, reading joins them. `keep` begins and ends a journal for the drivers. The layout
+//! of files is in `metamorph_module_agent::journal`, the records are in `metamorph_protocol::journal`.
+
+mod join;
+mod keep;
+
+pub use keep::Keeping;
+pub use metamorph_module_agent::journal::{JournalError, RunHead};
+pub use metamorph_protocol::journal::{
+    Blob, Event, MessageName, Record, Sensation, Sent, Step, Summary, Taken, Told, Touch, Wanted, Who,
+};
+
+use crate::command::{Command, CommandLine};
+use crate::scenario::{Overrides, Plan, read_text};
+use clap::Parser;
+use join::Join;
+use metamorph_module_agent::journal::{Head, Reader};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Why a journal's scenario cannot be read again.
+#[derive(Debug, Error)]
+pub enum HeadError {
+    /// The options do not make sense to this program.
+    #[error("the options in the head of the journal are not those of this program: {0}")]
+    Options(String),
+    /// The scenario does not make sense to this program.
+    #[error("the scenario in the head of the journal cannot be read:\n{0}")]
+    Scenario(String),
+}
+
+/// A journal that is being read: an iterator over its records.
+pub struct Journal {
+    head: RunHead,
+    source: Source,
+    unfinished: bool,
+}
+
+enum Source {
+    File(Box<Reader>),
+    Parts(Box<Join>),
+}
+
+/// The directory in which the parts of a journal lie until they are joined.
+pub fn parts_of(file: &Path) -> PathBuf {
+    let mut name = file.as_os_str().to_owned();
+    name.push(".parts");
+    name.into()
+}
+
+impl Journal {
+    /// Opens a journal. If the run that writes it was killed, or is not over, what is there of it.
+    pub fn open(path: &Path) -> Result<Journal, JournalError> {
+        let parts = if path.is_dir() { path.to_owned() } else { parts_of(path) };
+        if parts.is_dir() {
+            let join = Join::open(&parts)?;
+            let head = join.head().clone();
+            return Ok(Journal { head, source: Source::Parts(Box::new(join)), unfinished: true });
+        }
+        let reader = Reader::open(path)?;
+        match reader.head() {
+            Head::Run(head) => {
+                let head = head.clone();
+                Ok(Journal { head, source: Source::File(Box::new(reader)), unfinished: false })
+            }
+            Head::Part { id, .. } => {
+                let what =
+                    format!("it is the part of module {id}; name the journal or the directory of parts");
+                Err(JournalError::Head(path.to_owned(), what))
+            }
+        }
+    }
+
+    /// What the run was.
+    pub fn head(&self) -> &RunHead {
+        &self.head
+    }
+
+    /// What was wrong with the files, once all records have been read: torn ends, unreadable parts, a
+    /// run that was not over.
+    pub fn troubles(&self) -> Vec<String> {
+        let mut troubles = match &self.source {
+            Source::File(reader) => reader.torn().map(ToString::to_string).into_iter().collect(),
+            Source::Parts(join) => join.troubles(),
+        };
+        if self.unfinished {
+            troubles.push("the run was not over; what its parts hold was joined".to_owned());
+        }
+        troubles
+    }
+}
+
+impl Iterator for Journal {
+    type Item = Record;
+
+    fn next(&mut self) -> Option<Record> {
+        match &mut self.source {
+            Source::File(reader) => reader.next(),
+            Source::Parts(join) => join.next(),
+        }
+    }
+}
+
+/// What a journal of this plan begins with.
+pub fn head_of(plan: &Plan) -> RunHead {
+    let fixed = ["--link".to_owned(), plan.overrides.link.name().to_owned()];
+    let seed = ["--seed".to_owned(), plan.seed.to_string()];
+    RunHead {
+        program: env!("CARGO_PKG_VERSION").to_owned(),
+        family: plan.swarm.family().name().to_owned(),
+        link: plan.overrides.link.name().to_owned(),
+        seed: plan.seed,
+        modules: plan.swarm.len() as u32,
+        origin: plan.origin.clone(),
+        scenario: plan.text.to_string(),
+        options: [&fixed[..], &seed[..], &plan.overrides.options()].concat(),
+    }
+}
+
+/// The plan that a journal's run was made by.
+pub fn plan_of(head: &RunHead) -> Result<Plan, HeadError> {
+    let start = ["metamorph", "check"].map(str::to_owned);
+    let line = start.iter().chain(&head.options);
+    let line = CommandLine::try_parse_from(line.cloned().chain(["--".to_owned(), head.origin.clone()]))
+        .map_err(|e| HeadError::Options(e.to_string()))?;
+    let Command::Check(args) = line.command else {
+        return Err(HeadError::Options(head.options.join(" ")));
+    };
+    let (_, overrides): (PathBuf, Overrides) = args.plan.into();
+    read_text(&head.origin, &head.scenario, &overrides)
+        .map_err(|problems| HeadError::Scenario(problems.to_string()))
+}

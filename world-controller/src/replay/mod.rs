@@ -1,0 +1,220 @@
+//! `metamorph replay`: carries a journal out again and says whether everything came as recorded, or
+//! where it first did not; and shows what one agent went through, or how things stood at some time.
+//! How records are carried out is in `engine`. Absent: reading files (`journal`).
+
+mod engine;
+
+pub use engine::{Done, Engine, input};
+
+use crate::journal::{
+    Event, HeadError, Journal, JournalError, Record, Step, Summary, Taken, Told, Who, plan_of,
+};
+use crate::report::count;
+use crate::runnable::Runnable;
+use crate::scenario::{Plan, Swarm};
+use metamorph_protocol::agent::{Agent, InputOf};
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::tally::Tally;
+use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::world::World;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// What to replay.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The journal.
+    pub file: PathBuf,
+    /// Up to this time, with everything that happens at it.
+    pub until: Option<Time>,
+    /// Show what this agent goes through.
+    pub agent: Option<ModuleId>,
+}
+
+/// Why a journal cannot be replayed.
+#[derive(Debug, Error)]
+pub enum ReplayError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// Its scenario cannot be read.
+    #[error(transparent)]
+    Head(#[from] HeadError),
+    /// There is no such module.
+    #[error("--agent {0}: the run has modules 0 to {1} only")]
+    NoSuchAgent(ModuleId, u32),
+}
+
+/// Where a replay is not as it was recorded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// The number of the record, from 1.
+    pub number: u64,
+    /// When.
+    pub at: Time,
+    /// Whose record it is.
+    pub who: Who,
+    /// What is different.
+    pub what: String,
+}
+
+/// What a replay came to.
+#[derive(Clone, Debug)]
+pub struct Replayed {
+    /// How much was carried out.
+    pub done: Done,
+    /// The first difference.
+    pub difference: Option<Difference>,
+    /// What was wrong with the files.
+    pub troubles: Vec<String>,
+    /// Messages sent and delivered, by what agents did.
+    pub tally: Tally,
+    /// How the run ended; none if it was not read so far.
+    pub ended: Option<String>,
+    /// What else was asked for, as text.
+    pub shown: String,
+}
+
+/// Replays a journal.
+pub fn replay(request: &Request) -> Result<(Plan, Replayed), ReplayError> {
+    let mut journal = Journal::open(&request.file)?;
+    let plan = plan_of(journal.head())?;
+    if let Some(id) = request.agent.filter(|id| id.index() >= plan.swarm.len()) {
+        return Err(ReplayError::NoSuchAgent(id, plan.swarm.len().saturating_sub(1) as u32));
+    }
+    let replayed = match &plan.swarm {
+        Swarm::Cubes(cubes) => run(cubes, &plan, &mut journal, request),
+        Swarm::Metamodules(metamodules) => run(metamodules, &plan, &mut journal, request),
+    };
+    Ok((plan, replayed))
+}
+
+fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed {
+    let mut engine = Engine::new(swarm, plan);
+    let mut shown = String::new();
+    let mut difference = None;
+    for record in journal.by_ref() {
+        if request.until.is_some_and(|until| record.at > until) {
+            break;
+        }
+        if let Who::Agent(id, life) = record.who
+            && request.agent == Some(id)
+        {
+            show::<<R::World as World>::Agent>(&mut shown, &record, life);
+        }
+        if let Err(what) = engine.carry_out(&record) {
+            let (number, Record { at, who, .. }) = (engine.done().records, record);
+            difference = Some(Difference { number, at, who, what });
+            break;
+        }
+    }
+    if request.until.is_some() && request.agent.is_none() {
+        for (id, alive, place, summary) in engine.modules() {
+            let about = if alive { summary.map(state).unwrap_or_default() } else { "dead".to_owned() };
+            let _ = writeln!(shown, "module {id} at {place:?}: {about}");
+        }
+    }
+    Replayed {
+        done: engine.done(),
+        difference,
+        troubles: journal.troubles(),
+        tally: engine.tally(),
+        ended: engine.ended().map(|(outcome, _)| outcome.clone()),
+        shown,
+    }
+}
+
+fn show<A: Agent>(out: &mut String, record: &Record, life: Incarnation) {
+    let at = record.at;
+    let text = match &record.event {
+        Event::Born { place } => {
+            format!("begins life {life} at {:?}", place.read::<A::Place>())
+        }
+        Event::State(summary) => format!("is now {}", state(summary)),
+        Event::Step(step) => took::<A>(step),
+        _ => return,
+    };
+    let _ = writeln!(out, "{at} {text}");
+}
+
+fn took<A: Agent>(step: &Step) -> String {
+    let from = match &step.input {
+        Taken::Message { name, .. } => format!(" (message {} of module {})", name.number, name.from),
+        _ => String::new(),
+    };
+    let taken = match input(&step.input) {
+        Ok(input) => {
+            let input: InputOf<A> = input;
+            format!("{input:?}")
+        }
+        Err(why) => why,
+    };
+    let mut text = format!("takes {taken}{from}");
+    for (i, sent) in step.sent.iter().enumerate() {
+        let to = sent.to.map_or("nobody".to_owned(), |id| format!("module {id}"));
+        let number = step.first as usize + i;
+        let _ = write!(text, "; sends {} message {number} by port {} to {to}", sent.class, sent.port);
+    }
+    for told in &step.told {
+        let _ = match told {
+            Told::Act { action, .. } => write!(text, "; asks its body for {:?}", action.read::<A::Action>()),
+            Told::Report(report) => write!(text, "; reports {:?}", report.read::<A::Report>()),
+        };
+    }
+    text
+}
+
+fn state(s: &Summary) -> String {
+    let mut text = format!("{}, {}", s.role, s.activity);
+    let mut add = |name, value: Option<String>| {
+        if let Some(value) = value {
+            let _ = write!(text, ", {name} {value}");
+        }
+    };
+    add("level", s.level.map(|v| v.to_string()));
+    add("gradient", s.gradient.map(|v| v.to_string()));
+    add("locked for", s.lock.map(|v| v.to_string()));
+    add("waits for", s.waits_for.map(|v| v.to_string()));
+    text
+}
+
+/// What a replay came to, for people.
+pub fn text(plan: &Plan, replayed: &Replayed) -> String {
+    let Replayed { done, difference, troubles, tally, ended, shown } = replayed;
+    let mut text = shown.clone();
+    let total = tally.total();
+    let _ = writeln!(
+        text,
+        "{}, {} modules, link {}, seed {}: {} records up to {}",
+        plan.title(),
+        plan.swarm.len(),
+        plan.overrides.link.name(),
+        plan.seed,
+        count(done.records),
+        done.until
+    );
+    let _ = writeln!(
+        text,
+        "carried out: {} inputs in {} lives of agents, {} records of the controller; {} messages sent, {} delivered",
+        count(done.steps),
+        count(done.lives),
+        count(done.controller),
+        count(total.sent),
+        count(total.delivered)
+    );
+    for trouble in troubles {
+        let _ = writeln!(text, "note: {trouble}");
+    }
+    if done.unchecked > 0 {
+        let _ = writeln!(text, "note: {} causes are missing and were not checked", count(done.unchecked));
+    }
+    let verdict = match (difference, ended) {
+        (Some(Difference { number, at, who, what }), _) => {
+            format!("different: record {}, at {at}, {who}: {what}", count(*number))
+        }
+        (None, Some(outcome)) => format!("the same states and counts; the run ended {outcome}"),
+        (None, None) => "the same states as far as it goes".to_owned(),
+    };
+    text + &verdict
+}
