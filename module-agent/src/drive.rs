@@ -27,8 +27,8 @@ use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The longest wait.
-const LONGEST_WAIT: Duration = Duration::from_secs(1);
+/// The longest wait, if the kernel tells when the controller is gone, and otherwise.
+const LONGEST_WAIT: (Duration, Duration) = (Duration::from_secs(2), Duration::from_secs(1));
 /// How often the process looks whether its controller still lives, in nanoseconds.
 const GUARD_NANOS: u64 = 900_000_000;
 /// The wait when the controller's inbox was full.
@@ -237,16 +237,21 @@ impl<A: Agent> Driver<'_, A> {
         while let Some(class) = self.contacts.give_up(u64::MAX) {
             self.account.tally[class].expired += 1;
         }
-        self.write_down()
+        self.record();
+        Ok(self.ledger.close(&self.account)?)
     }
 
     /// Writes down what is about to be seen by others: first what happened, then what it adds up to.
     fn write_down(&mut self) -> Result<(), AgentError> {
+        self.record();
+        Ok(self.ledger.write(&self.account)?)
+    }
+
+    fn record(&mut self) {
         if let Some(pages) = &mut self.pages {
             pages.writer.commit();
             self.account.unrecorded = pages.writer.lost().0;
         }
-        Ok(self.ledger.write(&self.account)?)
     }
 
     fn now(&mut self) -> Time {
@@ -259,7 +264,7 @@ impl<A: Agent> Driver<'_, A> {
         if drained == DRAIN && !self.uplink.is_full() {
             return Duration::ZERO;
         }
-        let mut wait = LONGEST_WAIT;
+        let mut wait = if self.guard.is_signalled() { LONGEST_WAIT.0 } else { LONGEST_WAIT.1 };
         if !self.uplink.is_idle() {
             wait = UPLINK_RETRY;
         }

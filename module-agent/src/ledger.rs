@@ -31,7 +31,7 @@ pub struct Account {
     pub tally: Tally,
     /// Frames that no member of the run wrote: malformed, of unknown kinds, or under a false name.
     pub foreign: u64,
-    /// How often the process woke up.
+    /// How often the process woke up; of a killed one, until the last message was counted.
     pub wakes: u64,
     /// Records that could not be written to the journal.
     pub unrecorded: u64,
@@ -83,9 +83,15 @@ impl Ledger {
         Ok(ledger)
     }
 
-    /// Writes the counts down if they have changed.
+    /// Writes the counts down if they have changed. Waking up for nothing is not worth a write.
     pub fn write(&mut self, account: &Account) -> Result<(), LedgerError> {
-        if *account == self.written { Ok(()) } else { self.put(account) }
+        let since = Account { wakes: account.wakes, ..self.written };
+        if *account == since { Ok(()) } else { self.put(account) }
+    }
+
+    /// Writes the counts down for the last time.
+    pub fn close(mut self, account: &Account) -> Result<(), LedgerError> {
+        self.put(account)
     }
 
     fn put(&mut self, account: &Account) -> Result<(), LedgerError> {

@@ -75,7 +75,7 @@ impl Outbox {
         if std::mem::take(&mut self.ring)
             && let Err(e) = self.notifier.notify()
         {
-            // The receiver looks into its inbox once a second anyway.
+            // The receiver looks into its inbox every second or two anyway.
             tracing::debug!("cannot wake a receiver: {e:?}");
         }
     }

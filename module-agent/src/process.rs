@@ -84,6 +84,7 @@ fn start_time(stat: &str) -> Option<u64> {
 pub struct Guard {
     controller: Identity,
     is_parent: bool,
+    is_signalled: bool,
 }
 
 impl Guard {
@@ -91,13 +92,21 @@ impl Guard {
     /// case the parent is not the controller (a debugger, a wrapper) or died just before.
     pub fn new(controller: Identity) -> Guard {
         let is_parent = getppid().map(|p| p.as_raw_nonzero().get()) == Some(controller.pid);
-        if is_parent
-            && let Err(e) =
-                rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))
-        {
-            tracing::warn!("no signal when the controller dies ({e}); it is looked for once a second");
-        }
-        Guard { controller, is_parent }
+        let death = Some(rustix::process::Signal::KILL);
+        let is_signalled = is_parent
+            && rustix::process::set_parent_process_death_signal(death)
+                .inspect_err(|e| {
+                    tracing::warn!(
+                        "no signal when the controller dies ({e}); it is looked for once a second"
+                    );
+                })
+                .is_ok();
+        Guard { controller, is_parent, is_signalled }
+    }
+
+    /// Whether the kernel ends this process with its controller, so that looking is only a precaution.
+    pub fn is_signalled(&self) -> bool {
+        self.is_signalled
     }
 
     /// Whether the controller is gone, so that this process must end.

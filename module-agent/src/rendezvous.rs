@@ -38,8 +38,8 @@ pub type Wakes = port_factory::event::PortFactory<Svc>;
 /// Frames that an inbox holds of each sender.
 pub const INBOX_DEPTH: usize = 32;
 /// Senders that an inbox takes in its life: at most 32 neighbours and the controller at a time, and
-/// the slots of killed ones, which are not given back.
-const INBOX_SENDERS: usize = 128;
+/// the slots of killed ones, which are not given back. Each costs every agent 3.6 kB.
+const INBOX_SENDERS: usize = 64;
 /// Frames of each agent that wait for the controller.
 const REPORTS_DEPTH: usize = 16;
 /// Agents that share one channel to the controller; the cost of joining grows with their number.

@@ -2,10 +2,14 @@
 //!
 //! One queue, ordered by time and then by the order of scheduling; one named random stream per
 //! sender. Same setup and seed, same events, on every machine and build.
+//!
+//! What every module has lies in flat arrays, and messages under way in one slab, so that a message
+//! costs no allocation and a module a few hundred bytes.
 
 use crate::chronicle::Log;
 use crate::direct::{Command, Direct};
 use crate::invariants::{self, Invariant, Violation};
+use crate::queue::Queue;
 use crate::trace::Trace;
 use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
@@ -18,13 +22,15 @@ use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire, WireError};
 use siphasher::sip::SipHasher13;
-use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
+use slab::Slab;
+use std::collections::{BTreeMap, VecDeque};
 use std::hash::Hasher;
 use std::sync::Arc;
 
 /// Messages that a stopped process can have waiting, as in a real inbox.
 const INBOX: usize = 32;
+/// Events for which the kernel looks ahead at a time.
+const AT_HAND: usize = 16;
 /// Violations kept; a broken protocol makes many, and the first ones tell the story.
 const MAX_VIOLATIONS: usize = 100;
 
@@ -54,17 +60,17 @@ pub trait Audited: World {
 
 /// Read access to the living agents, for audits.
 pub struct Agents<'a, A: Agent> {
-    slots: &'a [Slot<A>],
+    modules: &'a [Module<A>],
 }
 
 impl<A: Agent> Agents<'_, A> {
     /// The agent of a module, if its process lives.
     pub fn get(&self, id: ModuleId) -> Option<&A> {
-        self.slots.get(id.index()).filter(|s| s.alive).and_then(|s| s.agent.as_ref())
+        self.modules.get(id.index()).filter(|m| m.is_alive()).and_then(|m| m.agent.as_ref())
     }
     /// All living agents.
     pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {
-        (0..self.slots.len() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
+        (0..self.modules.len() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
     }
 }
 
@@ -83,40 +89,63 @@ pub struct SimConfig<A: Agent> {
     pub ignore_sessions: bool,
 }
 
-struct Slot<A: Agent> {
-    agent: Option<A>,
-    alive: bool,
-    paused: bool,
-    incarnation: Incarnation,
-    contacts: Vec<Option<Contact>>,
-    last_arrival: Vec<Time>,
-    revision: Revision,
+/// A module's process.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Process {
+    Dead,
+    Running,
+    Stopped,
+}
+
+/// What a module has besides its links.
+struct Module<A> {
     stream: Stream,
     /// The time of the wake-up that is in the queue.
     wake: Time,
-    waiting: VecDeque<Waiting<A>>,
-    waiting_messages: usize,
+    revision: Revision,
     /// Messages sent in this life.
     sent: u32,
-    diary: Option<Diary>,
+    incarnation: Incarnation,
+    process: Process,
+    /// The agent, or what it was when its process died; none before the start.
+    agent: Option<A>,
+}
+
+impl<A> Module<A> {
+    fn is_alive(&self) -> bool {
+        self.process != Process::Dead
+    }
+}
+
+/// One port of a module.
+#[derive(Clone, Copy)]
+struct Link {
+    contact: Option<Contact>,
+    last_arrival: Time,
+}
+
+/// What waits for a stopped process, in order.
+struct Backlog<A: Agent> {
+    waiting: VecDeque<Waiting<A>>,
+    messages: usize,
+}
+
+impl<A: Agent> Default for Backlog<A> {
+    fn default() -> Self {
+        Backlog { waiting: VecDeque::new(), messages: 0 }
+    }
 }
 
 /// What reaches a stopped process.
 enum Waiting<A: Agent> {
     Sensed(Sensed<A::Percept>),
-    Message { port: Port, session: Session, class: Class, number: u32, message: A::Message },
+    Message(Parcel<A::Message>),
     Order(A::Order),
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Event {
-    at: Time,
-    order: u64,
-    what: What,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum What {
+#[derive(Clone, Copy)]
+enum Event {
+    /// A message arrives; its place in the slab.
     Arrive(u32),
     Wake(ModuleId),
 }
@@ -124,8 +153,8 @@ enum What {
 /// A message under way.
 struct Parcel<M> {
     to: ModuleId,
-    port: Port,
     session: Session,
+    port: Port,
     class: Class,
     /// Its number among all messages of its sender's life.
     number: u32,
@@ -138,11 +167,12 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     config: SimConfig<W::Agent>,
     world: W,
     director: D,
-    slots: Vec<Slot<W::Agent>>,
-    queue: BinaryHeap<Reverse<Event>>,
-    order: u64,
-    parcels: Vec<Option<Parcel<<W::Agent as Agent>::Message>>>,
-    free: Vec<u32>,
+    modules: Vec<Module<W::Agent>>,
+    /// [`Agent::PORTS`] for each module.
+    links: Vec<Link>,
+    backlogs: BTreeMap<ModuleId, Backlog<W::Agent>>,
+    queue: Queue<Event>,
+    parcels: Slab<Parcel<<W::Agent as Agent>::Message>>,
     tally: Tally,
     body_messages: u64,
     trace: Trace,
@@ -152,6 +182,8 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     next_audit: Time,
     finished: bool,
     log: Option<Log>,
+    /// One for each module if there is a log.
+    diaries: Vec<Option<Diary>>,
 }
 
 impl<W: Audited, D: Direct<W>> Sim<W, D> {
@@ -162,34 +194,29 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     /// The same, writing down what agents do. World and director are the recorded ones then.
     pub fn with_journal(config: SimConfig<W::Agent>, world: W, director: D, log: Option<Log>) -> Self {
-        let slots = (0..world.len())
-            .map(|i| Slot {
-                agent: None,
-                alive: false,
-                paused: false,
-                incarnation: Incarnation(0),
-                contacts: vec![None; W::Agent::PORTS],
-                last_arrival: vec![Time::ZERO; W::Agent::PORTS],
-                revision: Revision(0),
+        let modules: Vec<Module<W::Agent>> = (0..world.len())
+            .map(|i| Module {
                 stream: Stream::named(config.seed, "link", i as u64),
                 wake: Time::NEVER,
-                waiting: VecDeque::new(),
-                waiting_messages: 0,
+                revision: Revision(0),
                 sent: 0,
-                diary: None,
+                incarnation: Incarnation(0),
+                process: Process::Dead,
+                agent: None,
             })
             .collect();
+        let diaries = modules.iter().map(|_| None).take(if log.is_some() { usize::MAX } else { 0 }).collect();
         let mut sim = Sim {
             now: Time::ZERO,
             next_audit: Time::ZERO + config.audit_every,
+            modules,
+            links: vec![Link { contact: None, last_arrival: Time::ZERO }; world.len() * W::Agent::PORTS],
+            backlogs: BTreeMap::new(),
+            queue: Queue::new(config.link.delay_max),
+            parcels: Slab::new(),
             config,
             world,
             director,
-            slots,
-            queue: BinaryHeap::new(),
-            order: 0,
-            parcels: Vec::new(),
-            free: Vec::new(),
             tally: Tally::default(),
             body_messages: 0,
             trace: Trace::default(),
@@ -197,9 +224,10 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             broken: 0,
             checked: 0,
             finished: false,
+            diaries,
             log,
         };
-        for i in 0..sim.slots.len() as u32 {
+        for i in 0..sim.modules.len() as u32 {
             sim.start(ModuleId(i), Incarnation(0));
         }
         sim.audit_all();
@@ -221,7 +249,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
     /// The living agents.
     pub fn agents(&self) -> Agents<'_, W::Agent> {
-        Agents { slots: &self.slots }
+        Agents { modules: &self.modules }
     }
     /// Message counts.
     pub fn tally(&self) -> &Tally {
@@ -248,7 +276,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// Says whether the run is over.
     pub fn run_until(&mut self, until: Time) -> bool {
         while !self.finished {
-            let event = self.queue.peek().map_or(Time::NEVER, |Reverse(e)| e.at);
+            let event = self.queue.next_at();
             let (world, director) = (self.world.next_event(), self.director.wake_at());
             let next = event.min(world).min(director).max(self.now);
             if next == Time::NEVER || next > until {
@@ -261,8 +289,11 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 self.world.advance(next);
                 self.settle();
             } else if event <= next {
-                if let Some(Reverse(event)) = self.queue.pop() {
-                    self.dispatch(event);
+                if self.queue.taken().is_multiple_of(AT_HAND) {
+                    self.look_ahead();
+                }
+                if let Some((at, event)) = self.queue.pop() {
+                    self.dispatch(at, event);
                 }
             } else {
                 self.director.wake(self.now, &mut self.world);
@@ -277,58 +308,76 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         true
     }
 
-    fn dispatch(&mut self, event: Event) {
-        match event.what {
-            What::Wake(id) => {
-                let slot = &mut self.slots[id.index()];
+    /// Reads what the next events will need. Changes nothing; but in a large swarm all of it is far away
+    /// in memory, and a processor waits for many places at once as long as for one.
+    fn look_ahead(&self) {
+        let coming = self.queue.coming();
+        if coming.len() < AT_HAND {
+            return;
+        }
+        let parcels = |from: usize| {
+            let events = coming.iter().skip(from).take(AT_HAND);
+            events.filter_map(|e| match e.what {
+                Event::Arrive(index) => self.parcels.get(index as usize),
+                Event::Wake(_) => None,
+            })
+        };
+        let mut read = 0;
+        for parcel in parcels(AT_HAND) {
+            read ^= parcel.to.0;
+        }
+        for parcel in parcels(0) {
+            let first = parcel.to.index() * W::Agent::PORTS;
+            // Every other one, for two lie within a line of the cache.
+            for link in self.links[first..first + W::Agent::PORTS].iter().step_by(2) {
+                read ^= link.last_arrival.0 as u32;
+            }
+            read ^= self.modules[parcel.to.index()].revision.0;
+        }
+        std::hint::black_box(read);
+    }
+
+    fn dispatch(&mut self, at: Time, event: Event) {
+        match event {
+            Event::Wake(id) => {
+                let module = &mut self.modules[id.index()];
                 // Only the latest wake-up asked for counts; earlier plans may have been given up.
-                if slot.wake != event.at {
+                if module.wake != at {
                     return;
                 }
-                slot.wake = Time::NEVER;
-                if slot.alive && !slot.paused {
+                module.wake = Time::NEVER;
+                if module.process == Process::Running {
                     self.feed(id, Input::Wake);
                 }
             }
-            What::Arrive(index) => {
-                let parcel = self.parcels[index as usize].take();
-                self.free.push(index);
-                if let Some(parcel) = parcel {
-                    self.arrive(parcel);
-                }
+            Event::Arrive(index) => {
+                let parcel = self.parcels.remove(index as usize);
+                self.arrive(parcel);
             }
         }
         self.settle();
     }
 
     fn arrive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
-        let Parcel { to, port, session, class, number, message } = parcel;
-        let slot = &mut self.slots[to.index()];
-        if !slot.alive {
-            self.tally[class].expired += 1;
-        } else if slot.paused {
-            if slot.waiting_messages == INBOX {
-                hit(Mark::DriverInboxFull);
-                self.tally[class].overflowed += 1;
-            } else {
-                slot.waiting_messages += 1;
-                slot.waiting.push_back(Waiting::Message { port, session, class, number, message });
+        match self.modules[parcel.to.index()].process {
+            Process::Dead => self.tally[parcel.class].expired += 1,
+            Process::Running => self.receive(parcel),
+            Process::Stopped => {
+                let backlog = self.backlogs.entry(parcel.to).or_default();
+                if backlog.messages == INBOX {
+                    hit(Mark::DriverInboxFull);
+                    self.tally[parcel.class].overflowed += 1;
+                } else {
+                    backlog.messages += 1;
+                    backlog.waiting.push_back(Waiting::Message(parcel));
+                }
             }
-        } else {
-            self.receive(to, port, session, class, number, message);
         }
     }
 
-    fn receive(
-        &mut self,
-        to: ModuleId,
-        port: Port,
-        session: Session,
-        class: Class,
-        number: u32,
-        message: <W::Agent as Agent>::Message,
-    ) {
-        let contact = self.slots[to.index()].contacts[port.index()];
+    fn receive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
+        let Parcel { to, session, port, class, number, message } = parcel;
+        let contact = self.link(to, port).contact;
         let current = contact.map(|c| c.session);
         if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
             hit(Mark::DriverExpired);
@@ -349,15 +398,19 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         self.feed(to, input);
     }
 
+    fn link(&mut self, id: ModuleId, port: Port) -> &mut Link {
+        &mut self.links[id.index() * W::Agent::PORTS + port.index()]
+    }
+
     /// Hands one input to an agent and carries out what it does.
     fn feed(&mut self, id: ModuleId, input: InputOf<W::Agent>) {
         if self.log.is_some() {
             return self.feed_recorded(id, input, None);
         }
         let now = self.now;
-        let Some(agent) = &mut self.slots[id.index()].agent else { return };
+        let Some(agent) = &mut self.modules[id.index()].agent else { return };
         agent.handle(now, input);
-        while let Some(output) = self.slots[id.index()].agent.as_mut().and_then(Agent::poll) {
+        while let Some(output) = self.modules[id.index()].agent.as_mut().and_then(Agent::poll) {
             self.carry_out(id, output);
         }
         self.fed(id);
@@ -366,15 +419,13 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// The same with a journal: the step is written down before its outputs are carried out.
     fn feed_recorded(&mut self, id: ModuleId, input: InputOf<W::Agent>, heard: Option<(MessageName, Class)>) {
         let now = self.now;
-        let Slot { agent: Some(agent), diary: Some(diary), contacts, revision, .. } =
-            &mut self.slots[id.index()]
-        else {
-            return;
-        };
+        let Module { agent: Some(agent), revision, .. } = &mut self.modules[id.index()] else { return };
+        let Some(diary) = &mut self.diaries[id.index()] else { return };
+        let links = &self.links[id.index() * W::Agent::PORTS..];
         let (taken, mut outputs) = (Diary::taken::<W::Agent>(&input, heard), Vec::new());
         let digest = journal::step(agent, now, input, &mut outputs);
         if let Some(log) = &self.log {
-            let peer = |port: Port| contacts[port.index()].map(|c| c.peer);
+            let peer = |port: Port| links[port.index()].contact.map(|c| c.peer);
             diary.step(now, taken, agent, &outputs, digest, *revision, peer, &mut *log.borrow_mut());
         }
         outputs.into_iter().for_each(|output| self.carry_out(id, output));
@@ -384,25 +435,21 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     fn fed(&mut self, id: ModuleId) {
         self.plan_wake(id);
         self.checked += 1;
-        let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
+        let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
         self.world.audit_agent(self.now, id, &agents, &mut found);
         found.into_iter().for_each(|v| self.note(v));
     }
 
     fn plan_wake(&mut self, id: ModuleId) {
-        let slot = &mut self.slots[id.index()];
-        let Some(at) = slot.agent.as_ref().map(Agent::wake_at) else { return };
-        if at != slot.wake {
-            slot.wake = at;
-            if at != Time::NEVER {
-                self.order += 1;
-                self.queue.push(Reverse(Event {
-                    at: at.max(self.now),
-                    order: self.order,
-                    what: What::Wake(id),
-                }));
-                slot.wake = at.max(self.now);
-            }
+        let module = &mut self.modules[id.index()];
+        let Some(at) = module.agent.as_ref().map(Agent::wake_at) else { return };
+        if at == module.wake {
+            return;
+        }
+        module.wake = at;
+        if at != Time::NEVER {
+            module.wake = at.max(self.now);
+            self.queue.push(module.wake, Event::Wake(id));
         }
     }
 
@@ -412,10 +459,10 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             Output::Act(action) => {
                 self.body_messages += 1;
                 self.trace.event(self.now, 2, id.0, u64::from(action.kind()));
-                let revision = self.slots[id.index()].revision;
+                let revision = self.modules[id.index()].revision;
                 self.world.act(self.now, id, revision, &action);
                 self.checked += 1;
-                let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
+                let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
                 self.world.audit_action(self.now, id, &agents, &mut found);
                 found.into_iter().for_each(|v| self.note(v));
             }
@@ -430,15 +477,16 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         let counts = &mut self.tally[class];
         counts.sent += 1;
         counts.bytes += message.wire_len() as u64;
-        let slot = &mut self.slots[from.index()];
-        let number = slot.sent;
-        slot.sent = number.wrapping_add(1);
-        let Some(contact) = slot.contacts[port.index()] else {
+        let module = &mut self.modules[from.index()];
+        let number = module.sent;
+        module.sent = number.wrapping_add(1);
+        let link = &mut self.links[from.index() * W::Agent::PORTS + port.index()];
+        let Some(contact) = link.contact else {
             counts.expired += 1;
             return;
         };
-        let last = &mut slot.last_arrival[port.index()];
-        let fate = self.config.link.carry(self.now, from, contact.peer, &mut slot.stream, last);
+        let (stream, last) = (&mut module.stream, &mut link.last_arrival);
+        let fate = self.config.link.carry(self.now, from, contact.peer, stream, last);
         let mut copies = 0;
         for arrival in fate.arrivals.into_iter().flatten() {
             copies += 1;
@@ -449,8 +497,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             let parcel = match message {
                 Ok(message) => Parcel {
                     to: contact.peer,
-                    port: contact.peer_port,
                     session: contact.session,
+                    port: contact.peer_port,
                     class,
                     number,
                     message,
@@ -461,13 +509,9 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                     continue;
                 }
             };
-            let index = self.free.pop().unwrap_or_else(|| {
-                self.parcels.push(None);
-                self.parcels.len() as u32 - 1
-            });
-            self.parcels[index as usize] = Some(parcel);
-            self.order += 1;
-            self.queue.push(Reverse(Event { at: arrival.at, order: self.order, what: What::Arrive(index) }));
+            // Invariant: 2^32 messages under way would not fit into memory.
+            let index = self.parcels.insert(parcel) as u32;
+            self.queue.push(arrival.at, Event::Arrive(index));
         }
         match copies {
             0 => self.tally[class].lost += 1,
@@ -497,21 +541,19 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
 
     fn sense(&mut self, id: ModuleId, sensed: Sensed<<W::Agent as Agent>::Percept>) {
-        let slot = &mut self.slots[id.index()];
-        if !slot.alive {
-            return;
-        }
-        if slot.paused {
-            slot.waiting.push_back(Waiting::Sensed(sensed));
-            return;
+        match self.modules[id.index()].process {
+            Process::Dead => return,
+            Process::Stopped => {
+                return self.backlogs.entry(id).or_default().waiting.push_back(Waiting::Sensed(sensed));
+            }
+            Process::Running => {}
         }
         self.body_messages += 1;
         match sensed {
             Sensed::Contact { port, revision, contact } => {
                 let session = contact.map(|c| c.session);
-                slot.contacts[port.index()] = contact;
-                slot.last_arrival[port.index()] = self.now;
-                slot.revision = revision;
+                *self.link(id, port) = Link { contact, last_arrival: self.now };
+                self.modules[id.index()].revision = revision;
                 self.trace.event(self.now, 3, id.0, session.map_or(0, |s| u64::from(s.0)));
                 self.feed(id, Input::Contact { port, session });
             }
@@ -526,15 +568,12 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         let now = self.now;
         match command {
             Command::Kill(id) => {
-                let slot = &mut self.slots[id.index()];
-                if std::mem::replace(&mut slot.alive, false) {
-                    slot.paused = false;
-                    slot.waiting_messages = 0;
-                    let unread: Vec<_> = slot.waiting.drain(..).collect();
-                    for waiting in unread {
-                        if let Waiting::Message { class, .. } = waiting {
+                let module = &mut self.modules[id.index()];
+                if std::mem::replace(&mut module.process, Process::Dead) != Process::Dead {
+                    for unread in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
+                        if let Waiting::Message(parcel) = unread {
                             hit(Mark::DriverDiedUnread);
-                            self.tally[class].expired += 1;
+                            self.tally[parcel.class].expired += 1;
                         }
                     }
                     self.trace.event(now, 5, id.0, 0);
@@ -542,47 +581,48 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 }
             }
             Command::Pause(id) => {
-                self.slots[id.index()].paused = self.slots[id.index()].alive;
+                let module = &mut self.modules[id.index()];
+                if module.is_alive() {
+                    module.process = Process::Stopped;
+                }
                 self.trace.event(now, 6, id.0, 0);
             }
             Command::Resume(id) => self.resume(id),
             Command::Restart(id) => {
-                let slot = &self.slots[id.index()];
+                let module = &self.modules[id.index()];
                 // A module has 65,535 lives; after that it stays dead.
-                if let Some(next) = slot.incarnation.0.checked_add(1).filter(|_| !slot.alive) {
+                if let Some(next) = module.incarnation.0.checked_add(1).filter(|_| !module.is_alive()) {
                     self.start(id, Incarnation(next));
                 }
             }
-            Command::Order(id, order) => {
-                let slot = &mut self.slots[id.index()];
-                if slot.paused {
-                    slot.waiting.push_back(Waiting::Order(order));
-                } else if slot.alive {
+            Command::Order(id, order) => match self.modules[id.index()].process {
+                Process::Dead => {}
+                Process::Stopped => {
+                    self.backlogs.entry(id).or_default().waiting.push_back(Waiting::Order(order));
+                }
+                Process::Running => {
                     self.body_messages += 1;
                     self.trace.event(now, 7, id.0, u64::from(order.kind()));
                     self.feed(id, Input::Order(order));
                 }
-            }
+            },
             Command::Finish => self.finished = true,
         }
     }
 
     fn resume(&mut self, id: ModuleId) {
-        let slot = &mut self.slots[id.index()];
-        if !std::mem::replace(&mut slot.paused, false) {
+        let module = &mut self.modules[id.index()];
+        if module.process != Process::Stopped {
             return;
         }
-        slot.waiting_messages = 0;
+        module.process = Process::Running;
         self.trace.event(self.now, 8, id.0, 0);
-        let waiting: Vec<_> = slot.waiting.drain(..).collect();
-        for waiting in waiting {
+        for waiting in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
             hit(Mark::DriverSleptOver);
             match waiting {
                 Waiting::Sensed(sensed) => self.sense(id, sensed),
                 Waiting::Order(order) => self.obey(Command::Order(id, order)),
-                Waiting::Message { port, session, class, number, message } => {
-                    self.receive(id, port, session, class, number, message);
-                }
+                Waiting::Message(parcel) => self.receive(parcel),
             }
         }
         self.feed(id, Input::Wake);
@@ -590,17 +630,16 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     fn start(&mut self, id: ModuleId, incarnation: Incarnation) {
         let birth = Birth { id, incarnation, place: self.world.place(id), seed: self.config.seed };
-        let slot = &mut self.slots[id.index()];
-        slot.agent = Some(W::Agent::new(&self.config.setup, birth, self.now));
-        slot.alive = true;
-        slot.paused = false;
-        slot.incarnation = incarnation;
-        slot.contacts.fill(None);
-        slot.last_arrival.fill(self.now);
-        slot.sent = 0;
+        let module = &mut self.modules[id.index()];
+        module.agent = Some(W::Agent::new(&self.config.setup, birth, self.now));
+        module.process = Process::Running;
+        module.incarnation = incarnation;
+        module.sent = 0;
+        let first = id.index() * W::Agent::PORTS;
+        self.links[first..first + W::Agent::PORTS].fill(Link { contact: None, last_arrival: self.now });
         if let Some(log) = &self.log {
             let (diary, born) = Diary::new::<W::Agent>(self.now, id, incarnation, &self.world.place(id));
-            slot.diary = Some(diary);
+            self.diaries[id.index()] = Some(diary);
             log.borrow_mut().put(&born);
         }
         self.trace.event(self.now, 9, id.0, u64::from(incarnation.0));
@@ -618,11 +657,11 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     fn audit_all(&mut self) {
         self.checked += 1;
-        let (agents, mut found) = (Agents { slots: &self.slots }, Vec::new());
+        let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
         self.world.audit_all(self.now, &agents, &mut found);
         found.extend(self.world.take_violations());
-        let waiting: usize = self.slots.iter().map(|s| s.waiting_messages).sum();
-        let in_flight = self.parcels.iter().flatten().count() + waiting;
+        let waiting: usize = self.backlogs.values().map(|b| b.messages).sum();
+        let in_flight = self.parcels.len() + waiting;
         if let Err(what) = invariants::messages_balance(&self.tally, in_flight as u64) {
             found.push(Violation { invariant: Invariant::MessagesBalance, at: self.now, what });
         }
@@ -632,9 +671,9 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// The hash of the state of all agents, for comparing runs.
     pub fn digest(&self) -> u64 {
         let mut hasher = SipHasher13::new();
-        for slot in &self.slots {
-            hasher.write_u8(slot.alive.into());
-            if let Some(agent) = &slot.agent {
+        for module in &self.modules {
+            hasher.write_u8(module.is_alive().into());
+            if let Some(agent) = &module.agent {
                 agent.digest(&mut hasher);
             }
         }

@@ -8,10 +8,17 @@ use std::hash::Hasher;
 /// Increased whenever the meaning of the hash changes.
 const TRACE_VERSION: u64 = 1;
 
+/// Bytes of an event, and events gathered before they are hashed: one long write is faster than many.
+const EVENT: usize = 24;
+const GATHERED: usize = 32;
+
 /// A hash over events.
 #[derive(Clone)]
 pub struct Trace {
     hasher: SipHasher13,
+    gathered: [u8; GATHERED * EVENT],
+    /// Bytes of `gathered` in use.
+    used: usize,
     events: u64,
 }
 
@@ -19,7 +26,7 @@ impl Default for Trace {
     fn default() -> Trace {
         let mut hasher = SipHasher13::new_with_keys(0x4D65_7461_6D6F_7270, TRACE_VERSION);
         hasher.write_u64(TRACE_VERSION);
-        Trace { hasher, events: 0 }
+        Trace { hasher, gathered: [0; GATHERED * EVENT], used: 0, events: 0 }
     }
 }
 
@@ -27,13 +34,21 @@ impl Trace {
     /// Adds one event: when, what kind, and up to two numbers that tell it from others.
     pub fn event(&mut self, at: Time, kind: u8, who: u32, what: u64) {
         self.events += 1;
-        self.hasher.write_u64(at.0);
-        self.hasher.write_u64(u64::from(kind) << 32 | u64::from(who));
-        self.hasher.write_u64(what);
+        let numbers = [at.0, u64::from(kind) << 32 | u64::from(who), what];
+        for (to, n) in self.gathered[self.used..self.used + EVENT].chunks_exact_mut(8).zip(numbers) {
+            to.copy_from_slice(&n.to_le_bytes());
+        }
+        self.used += EVENT;
+        if self.used == self.gathered.len() {
+            self.hasher.write(&self.gathered);
+            self.used = 0;
+        }
     }
     /// The hash so far.
     pub fn value(&self) -> u64 {
-        self.hasher.finish()
+        let mut hasher = self.hasher;
+        hasher.write(&self.gathered[..self.used]);
+        hasher.finish()
     }
     /// The number of events so far.
     pub fn events(&self) -> u64 {

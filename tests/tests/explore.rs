@@ -10,50 +10,11 @@ use metamorph_tests::command::{root, run as metamorph};
 use metamorph_world_controller::explore::draft::{Draft, SwarmDraft};
 use metamorph_world_controller::explore::draw::draw;
 use metamorph_world_controller::explore::verdict::{Kind, Verdict};
-use metamorph_world_controller::explore::{Small, make_small, run};
+use metamorph_world_controller::explore::{make_small, run};
 use metamorph_world_controller::interrupt::Interrupt;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, read_file};
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
-use std::sync::atomic::{AtomicUsize, Ordering};
-
-/// A defect, the family that has it, and how many runs may pass until it is found.
-struct Wrong {
-    defect: Sabotage,
-    family: Family,
-    within: u64,
-}
-
-const fn cube(defect: Sabotage, within: u64) -> Wrong {
-    Wrong { defect, family: Family::Cube, within }
-}
-const fn metamodule(defect: Sabotage, within: u64) -> Wrong {
-    Wrong { defect, family: Family::Metamodule, within }
-}
-
-const WRONG: [Wrong; 21] = [
-    cube(Sabotage::IgnoreSessions, 400),
-    cube(Sabotage::NoDeadline, 400),
-    cube(Sabotage::ShortLease, 400),
-    cube(Sabotage::IgnoreLocks, 400),
-    cube(Sabotage::KeepLocks, 400),
-    cube(Sabotage::ReserveTwice, 400),
-    cube(Sabotage::DropSilentChildren, 400),
-    cube(Sabotage::AdoptUnacknowledged, 400),
-    cube(Sabotage::NoListening, 400),
-    cube(Sabotage::IgnoreStrangers, 400),
-    cube(Sabotage::ShallowSearch, 400),
-    cube(Sabotage::AcceptStaleValues, 400),
-    cube(Sabotage::AnyLowerOnSolids, 400),
-    metamodule(Sabotage::GrantEverything, 60),
-    metamodule(Sabotage::AskNobody, 60),
-    metamodule(Sabotage::ForgetGrants, 60),
-    metamodule(Sabotage::OutstayLease, 60),
-    metamodule(Sabotage::GrantAfterRestart, 60),
-    metamodule(Sabotage::AcceptStaleStates, 60),
-    metamodule(Sabotage::IgnoreClaims, 60),
-    metamodule(Sabotage::StandInTheWay, 60),
-];
 
 /// How a scenario fails with a defect, if it does, and does not without it.
 fn fails_by(defect: Sabotage, draft: &Draft) -> Option<Kind> {
@@ -68,49 +29,61 @@ fn fails_by(defect: Sabotage, draft: &Draft) -> Option<Kind> {
     }
 }
 
-/// Explores with a defect until it is found, and makes what was found small.
-fn find(wrong: &Wrong) -> Result<(u64, Kind, Small), String> {
-    for seed in 1..=wrong.within {
-        let (draft, _) = draw(seed, Some(wrong.family));
-        if let Some(kind) = fails_by(wrong.defect, &draft) {
-            let small =
-                make_small(&draft, &kind, Some(wrong.defect), wrong.within * 2, &Interrupt::default());
-            let small = small.ok_or_else(|| format!("{:?}: seed {seed} fails only once", wrong.defect))?;
-            return Ok((seed, kind, small));
-        }
-    }
-    Err(format!("{:?} was not found in {} runs", wrong.defect, wrong.within))
+/// Explores with a defect until it is found, within so many runs, and makes what was found small enough
+/// to be read.
+fn is_found(defect: Sabotage, family: Family, within: u64) {
+    let found = (1..=within).find_map(|seed| {
+        let (draft, _) = draw(seed, Some(family));
+        fails_by(defect, &draft).map(|kind| (seed, draft, kind))
+    });
+    let Some((runs, draft, kind)) = found else { panic!("{defect:?} was not found in {within} runs") };
+    let small = make_small(&draft, &kind, Some(defect), within, &Interrupt::default()).unwrap();
+    let (agents, faults) = (small.draft.modules(), small.draft.faults.len());
+    println!(
+        "{defect:?}: {kind} after {runs} runs; made small in {} runs: {agents} agents, {faults} faults",
+        small.runs
+    );
+    assert!(agents <= 4 || faults <= 10, "{defect:?} is still large:\n{}", small.draft);
 }
 
-/// Every defect is found within its budget, and what was found is made small enough to be read.
-#[test]
-fn every_known_defect_is_found_and_made_small() {
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let mut wrong = Vec::new();
-        while let Some(of) = WRONG.get(next.fetch_add(1, Ordering::Relaxed)) {
-            match find(of) {
-                Ok((runs, kind, small)) => {
-                    let (agents, faults) = (small.draft.modules(), small.draft.faults.len());
-                    println!(
-                        "{:?}: {kind} after {runs} runs; small with {agents} agents and {faults} faults ({} runs)",
-                        of.defect, small.runs
-                    );
-                    if agents > 4 && faults > 10 {
-                        wrong.push(format!("{:?} is still large:\n{}", of.defect, small.draft));
-                    }
-                }
-                Err(complaint) => wrong.push(complaint),
-            }
+/// A test for each defect, and a list of them.
+macro_rules! known_defects {
+    ($($name:ident: $family:ident, $defect:ident, $within:literal;)*) => {
+        $(#[test]
+        fn $name() {
+            is_found(Sabotage::$defect, Family::$family, $within);
+        })*
+
+        /// No defect is without its test.
+        #[test]
+        fn every_known_defect_has_a_test() {
+            assert_eq!([$(Sabotage::$defect),*], Sabotage::ALL);
         }
-        wrong
     };
-    let wrong: Vec<String> = std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..2).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().flat_map(|w| w.join().unwrap()).collect()
-    });
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-    assert!(Sabotage::ALL.iter().all(|d| WRONG.iter().any(|w| w.defect == *d)));
+}
+
+known_defects! {
+    finds_ignored_sessions: Cube, IgnoreSessions, 400;
+    finds_missing_deadlines: Cube, NoDeadline, 800;
+    finds_short_leases: Cube, ShortLease, 400;
+    finds_ignored_locks: Cube, IgnoreLocks, 400;
+    finds_locks_that_are_kept: Cube, KeepLocks, 400;
+    finds_cells_kept_twice: Cube, ReserveTwice, 400;
+    finds_forgotten_children: Cube, DropSilentChildren, 400;
+    finds_unacknowledged_parents: Cube, AdoptUnacknowledged, 400;
+    finds_restarts_without_listening: Cube, NoListening, 400;
+    finds_ignored_strangers: Cube, IgnoreStrangers, 400;
+    finds_shallow_searches: Cube, ShallowSearch, 400;
+    finds_stale_distances: Cube, AcceptStaleValues, 400;
+    finds_walled_in_cells: Cube, AnyLowerOnSolids, 400;
+    finds_careless_grants: Metamodule, GrantEverything, 60;
+    finds_those_who_ask_nobody: Metamodule, AskNobody, 60;
+    finds_forgotten_grants: Metamodule, ForgetGrants, 60;
+    finds_outstayed_leases: Metamodule, OutstayLease, 60;
+    finds_grants_after_a_restart: Metamodule, GrantAfterRestart, 60;
+    finds_stale_states: Metamodule, AcceptStaleStates, 60;
+    finds_ignored_claims: Metamodule, IgnoreClaims, 60;
+    finds_those_who_stand_in_the_way: Metamodule, StandInTheWay, 60;
 }
 
 /// The published connection gradient, which exploration leaves out, tears bodies.

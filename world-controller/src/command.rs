@@ -1,5 +1,6 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
+use crate::bench;
 use crate::explore;
 use crate::replay;
 use crate::reproduce::{self, Experiment};
@@ -104,6 +105,45 @@ Exit codes:
   6  an invariant broke in at least one run, such as two modules in one cell
   7  stopped by Ctrl-C or SIGTERM before every run was done";
 
+const BENCH_EXAMPLES: &str = "\
+Examples:
+  metamorph bench                            everything; takes some minutes
+  metamorph bench flood wire                 the simulated and the process link, message by message
+  metamorph bench growth --most 2500         sizes of up to 2,500 modules
+  metamorph bench --quiet --json new.json && jq .flood new.json
+
+What each measures:
+  flood   a million simulated modules pass on how far they are from a corner: processor time and memory
+  growth  a slab of 100 to 10,000 simulated modules becomes a ball: time, moves, messages, and how they grow
+  wire    round trips and throughput of 64 bytes between two processes, beside bare iceoryx2, a Unix
+          socket, a pipe and TCP
+  swarm   100 to 5,000 processes: starting, exchanging, memory, idling
+
+Other programs that run meanwhile lengthen what is timed by the clock (`wire` and `swarm`); compare
+numbers of one run.
+
+Exit codes:
+  0  everything was measured, as far as this machine goes
+  1  something could not be measured
+  2  the command line is wrong";
+
+const REPLAY_EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal
+  metamorph replay run.journal                       is everything as it was recorded?
+  metamorph replay run.journal --until 10s           how every module stood at 10 s
+  metamorph replay run.journal --agent 7 --until 5s  what module 7 went through up to there
+
+Every agent, the world and the controller are handed the inputs that were recorded, in the order of
+cause and effect, and must come to the same states, messages and counts. Of a run that was killed, what
+is there in FILE.parts is replayed.
+
+Exit codes:
+  0  everything came as recorded
+  1  the program itself failed
+  2  the command line is wrong, or the file is no journal of this version
+  8  something did not come as recorded; the first such event is named";
+
 const EXPLORE_EXAMPLES: &str = "\
 Examples:
   metamorph explore --seconds 60
@@ -125,23 +165,6 @@ Exit codes:
   3  a run stood still although there was a way left
   6  an invariant broke, or the program panicked, in at least one run
   7  stopped by Ctrl-C or SIGTERM, and nothing had failed until then";
-
-const REPLAY_EXAMPLES: &str = "\
-Examples:
-  metamorph run deploy/scenarios/swarm.toml --journal run.journal
-  metamorph replay run.journal                       is everything as it was recorded?
-  metamorph replay run.journal --until 10s           how every module stood at 10 s
-  metamorph replay run.journal --agent 7 --until 5s  what module 7 went through up to there
-
-Every agent, the world and the controller are handed the inputs that were recorded, in the order of
-cause and effect, and must come to the same states, messages and counts. Of a run that was killed, what
-is there in FILE.parts is replayed.
-
-Exit codes:
-  0  everything came as recorded
-  1  the program itself failed
-  2  the command line is wrong, or the file is no journal of this version
-  8  something did not come as recorded; the first such event is named";
 
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
@@ -180,6 +203,9 @@ pub enum Command {
     /// Run experiments of the thesis and print the published numbers beside ours
     #[command(after_help = REPRODUCE_EXAMPLES)]
     Reproduce(ReproduceArgs),
+    /// Measure both links beside bare mechanisms, in tables and as JSON
+    #[command(after_help = BENCH_EXAMPLES)]
+    Bench(BenchArgs),
     /// Draw scenarios at random, run them, and make small what fails
     #[command(after_help = EXPLORE_EXAMPLES)]
     Explore(ExploreArgs),
@@ -317,6 +343,29 @@ impl From<ReproduceArgs> for reproduce::Request {
             json: args.json,
             quiet: args.quiet,
         }
+    }
+}
+
+/// What `bench` takes.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure; everything, if left out
+    #[arg(value_enum, value_name = "NAME")]
+    pub names: Vec<bench::Name>,
+    /// Leave out swarms of more than N modules
+    #[arg(long, value_name = "N")]
+    pub most: Option<u64>,
+    /// Write the numbers to this file
+    #[arg(long, value_name = "FILE", default_value = "bench.json")]
+    pub json: PathBuf,
+    /// Print nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl From<BenchArgs> for bench::Request {
+    fn from(args: BenchArgs) -> bench::Request {
+        bench::Request { names: args.names, most: args.most, json: args.json, quiet: args.quiet }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Carries commands out: from what was typed to an exit code.
 
+use crate::bench::{self, BenchError, PartError};
 use crate::command::{Command, CommandLine, RunArgs};
 use crate::explore::{ExploreError, explore};
 use crate::interrupt::Interrupt;
@@ -74,6 +75,12 @@ enum Failure {
     /// An exploration failed.
     #[error(transparent)]
     Explore(#[from] ExploreError),
+    /// A measurement failed.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// A measurement's other process failed.
+    #[error(transparent)]
+    BenchPart(#[from] PartError),
     /// The Roombots model has no answer.
     #[error("metamorph: {0}")]
     Robot(#[from] RobotError),
@@ -86,6 +93,8 @@ impl Failure {
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Sweep(_) | Failure::Explore(_) => FAILED,
             Failure::Input(_) | Failure::Json { .. } | Failure::Journal(_) | Failure::Replay(_) => BAD_USAGE,
+            Failure::Bench(BenchError::Json { .. }) => BAD_USAGE,
+            Failure::Bench(_) | Failure::BenchPart(_) => FAILED,
             Failure::Report { .. } | Failure::Signals(_) | Failure::Processes(_) => FAILED,
         }
     }
@@ -94,6 +103,18 @@ impl Failure {
 /// Does what these arguments (the program's name first) ask for.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let since = Stopwatch::start();
+    let args: Vec<OsString> = args.into_iter().collect();
+    // Thousands of these are started at a time: reading a command line for people costs each of them
+    // milliseconds, and memory that it keeps.
+    if let Some(done) = short_cut(&args) {
+        return match done {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(failure) => {
+                complain(&failure.to_string());
+                ExitCode::from(failure.exit_code())
+            }
+        };
+    }
     let line = match CommandLine::try_parse_from(args) {
         Ok(line) => line,
         Err(error) => {
@@ -109,6 +130,17 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             complain(&failure.to_string());
             ExitCode::from(failure.exit_code())
         }
+    }
+}
+
+/// Becomes an agent if the arguments are those that a swarm of this program starts its agents with.
+fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
+    match args {
+        [_, agent, dashes, rest @ ..] if agent == "agent" && dashes == "--" => {
+            Some(processes::agent(rest).map_err(Failure::from))
+        }
+        [_, part, rest @ ..] if part == bench::SUBCOMMAND => Some(bench::part(rest).map_err(Failure::from)),
+        _ => None,
     }
 }
 
@@ -131,6 +163,7 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
         }
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
         Command::Explore(args) => Ok(explore(&args.into())?),
+        Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Clean => {
             print_out(&processes::clean_up()?);
             Ok(0)

@@ -2,9 +2,9 @@
 //!
 //! `scenario` makes a checked plan of what a person wrote; a driver runs it (`simulated` in virtual
 //! time, `processes` and `swarm` with one process per module); `report` says what happened; `journal`
-//! reads what a run has written down, `replay` carries it out again; `sweep`
-//! runs one scenario many times, `reproduce` the thesis's experiments, `explore` runs that are drawn.
-//! `robot` answers questions about the Roombots model, from the
+//! reads what a run has written down, `replay` carries it out again; `sweep` runs one scenario many
+//! times, `reproduce` the thesis's experiments, `bench` measures what the links cost,
+//! `explore` runs what is drawn. `robot` answers questions about the Roombots model, from the
 //! `database` that metamodules move by; `runnable` is what drivers and reports need of each family of
 //! units. `command` is the command line, `commands` carries it out, `terminal` prints what it has to
 //! say.
@@ -12,6 +12,7 @@
 //! Deliberately absent: decisions of the protocol (they are in `protocol`) and ground truth about
 //! the world (it is in `sim-bridge`).
 
+pub mod bench;
 pub mod command;
 pub mod commands;
 pub mod database;

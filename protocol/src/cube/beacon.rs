@@ -10,12 +10,15 @@ use crate::goal::Growth;
 use crate::lattice::Face;
 use crate::marks::{Mark, hit};
 use crate::sabotage::Sabotage;
-use crate::time::Time;
+use crate::time::{Span, Time};
 
 /// Marks an offer that comes from another face of the same module.
 pub(super) const OWN: u8 = 6;
 /// Marks an offer of a module one further out, which touches the same cell.
 pub(super) const SAME_CELL: u8 = 12;
+
+/// A target has come much closer by this part of its distance.
+const MUCH_CLOSER: u16 = 8;
 
 impl Cube {
     pub(super) fn on_beacon(&mut self, now: Time, face: Face, beacon: Beacon) {
@@ -126,7 +129,7 @@ impl Cube {
     }
     pub(super) fn next_refresh(&self, now: Time) -> Time {
         let refresh = self.setup.params.refresh.0.max(1);
-        now + crate::time::Span(refresh - self.phased(now) % refresh)
+        now + Span(refresh - self.phased(now) % refresh)
     }
 
     fn corner_blocked(&self, now: Time, a: Face, b: Face) -> bool {
@@ -314,13 +317,17 @@ impl Cube {
         below + 1
     }
 
-    /// Sends the beacons that are due: news at most once per `advertise`, the rest per `heartbeat`.
+    /// Sends the beacons that are due: news at most once per `advertise`, news of the field that can wait
+    /// later, the rest per `heartbeat`.
     pub(super) fn tend_beacons(&mut self, now: Time) {
         let (advertise, heartbeat) = (self.setup.params.advertise, self.setup.params.heartbeat);
         let due = |side: &super::Side| {
             let age = now.since(side.sent_at);
             side.session.is_some()
-                && (side.sent.is_none() || (side.stale && age >= advertise) || age >= heartbeat)
+                && (side.sent.is_none()
+                    || (side.stale && age >= advertise)
+                    || side.later.is_some_and(|at| at <= now)
+                    || age >= heartbeat)
         };
         if !self.sides.iter().any(due) {
             return;
@@ -337,16 +344,28 @@ impl Cube {
             let mut beacon = self.compose(now, face, masks);
             let side = self.side_mut(face);
             side.stale = false;
+            let age = now.since(side.sent_at);
             let class = match &side.sent {
                 None => Class::Liveness,
                 Some(before) if *before == beacon => {
-                    if now.since(side.sent_at) < heartbeat {
+                    side.later = None;
+                    if age < heartbeat {
                         continue;
                     }
                     Class::Liveness
                 }
                 Some(before) => news(before, &beacon),
             };
+            if class == Class::Gradient
+                && let Some(before) = &side.sent
+            {
+                let wait = patience(before, &beacon, advertise).min(heartbeat);
+                if age < wait {
+                    side.later = Some(side.sent_at + wait);
+                    continue;
+                }
+            }
+            side.later = None;
             side.sequence += 1;
             beacon.sequence = side.sequence;
             side.sent = Some(beacon);
@@ -389,6 +408,19 @@ impl Cube {
             .filter_map(|f| self.terrain(now, f))
             .any(|b| b.field.iter().any(|e| e.is_known()))
     }
+}
+
+/// How long after the beacon before news of the field is sent. A target that comes much closer is told
+/// of at once. All else is worth the less the farther the target is: whoever stands `n` moves away
+/// gets there `n` moves later at the earliest, by when the news will have changed again.
+fn patience(before: &Beacon, after: &Beacon, advertise: Span) -> Span {
+    let changed = before.field.iter().zip(&after.field).filter(|(b, a)| a != b);
+    let moves = changed.map(|(b, a)| {
+        let gained = b.distance.saturating_sub(a.distance);
+        let much = gained > 0 && gained >= a.distance / MUCH_CLOSER;
+        if much { 0 } else { b.moves().min(a.moves()) }
+    });
+    advertise + advertise * u64::from(moves.min().unwrap_or(0))
 }
 
 /// What a beacon is for, judged by what is new in it; connectivity first, gradient last.

@@ -108,6 +108,8 @@ struct Side {
     sequence: u32,
     /// Something may have changed since.
     stale: bool,
+    /// When news that can wait is sent.
+    later: Option<Time>,
     /// Since when the goal cell outside has been unfilled, as seen by a finalized module.
     unfilled_since: Option<Time>,
 }
@@ -126,6 +128,7 @@ impl Side {
             sent_at: Time::ZERO,
             sequence: 0,
             stale: true,
+            later: None,
             unfilled_since: None,
         }
     }
@@ -139,6 +142,7 @@ impl Side {
         self.sent = None;
         self.sequence = 0;
         self.stale = true;
+        self.later = None;
     }
 }
 
@@ -526,7 +530,7 @@ impl Cube {
         }
         for side in self.sides.iter().filter(|s| s.session.is_some()) {
             let again = if side.stale { p.advertise } else { p.heartbeat };
-            wake = wake.min(side.sent_at + again);
+            wake = wake.min(side.sent_at + again).min(side.later.unwrap_or(Time::NEVER));
         }
         for side in &self.sides {
             wake = wake.min(side.field.expires(p.hold));

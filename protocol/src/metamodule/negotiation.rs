@@ -23,6 +23,7 @@ use crate::sabotage::Sabotage;
 use crate::time::Time;
 use pathfinding::kuhn_munkres::kuhn_munkres_min;
 use pathfinding::matrix::Matrix;
+use std::cell::OnceCell;
 
 /// What a metamodule is about, under `negotiated`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -82,6 +83,8 @@ struct Other {
     claim: Option<Claim>,
     barred: SeedSet,
     way: Option<Way>,
+    /// The cells of an easy way out for it if this metamodule were not there.
+    way_out: OnceCell<Option<Vec<Cell>>>,
 }
 
 /// What is around.
@@ -168,6 +171,7 @@ impl Metamodule {
                 claim: state.claim.filter(fits),
                 barred: state.barred,
                 way: peer.way.filter(|w| w.count > 0),
+                way_out: OnceCell::new(),
             });
         }
         free.sort_by_key(|o| o.id);
@@ -210,8 +214,7 @@ impl Metamodule {
         let in_way_of = in_way_of.map(|(_, rank)| *rank).min();
         let is_first = claim.is_some_and(|c| self.is_first(&scene, c));
         let is_done = self.core.filled.holds(self.goal().all());
-        if in_way_of.is_some() || !(is_first || is_done || self.is_safe(&scene, self.core.id, self.core.pose))
-        {
+        if in_way_of.is_some() || !(is_first || is_done || self.is_safe(&scene, self.core.pose)) {
             // Until it is in a safe place, the next seed waits for it.
             let next = self.open().iter().next();
             let rank = in_way_of.or(next.map(Rank::of_seed)).map_or(Rank::NONE, Rank::below);
@@ -413,7 +416,7 @@ impl Metamodule {
         let patience = self.setup.params.patience;
         let walls_in = scene.hopeful.iter().any(|p| self.is_shut_in(*p, &scene.built))
             || (waited <= patience * (GIVE_UP - 1)
-                && scene.free.iter().any(|o| !self.is_safe(scene, o.id, o.soon)));
+                && scene.free.iter().any(|o| !self.is_safe_beside(scene, o, self.core.pose)));
         let may = May { enter, fill: enter && !walls_in, hurry: enter && waited > patience };
         let planned = fingerprint(&self.planned(scene, claim.seed));
         if self.core.intent.planned_in == planned
@@ -482,8 +485,7 @@ impl Metamodule {
                 return None;
             }
             let end = Pose { posture, ..pose };
-            let outside = self.setup.motions.cells(end).iter().all(|c| scene.is_beyond(c.x, c.y, 1));
-            let harmless = !may.hurry && (outside || !may.enter);
+            let harmless = !may.hurry && (!may.enter || self.is_off(scene, end));
             if harmless && !self.is_apart(scene, end) {
                 return None;
             }
@@ -529,30 +531,36 @@ impl Metamodule {
     /// Whether whoever stands like this is out of the way of what is built, and can get away when all of
     /// it is, even if nobody else moves: the goal and one cell around it are kept free, and whoever lies
     /// beside it may need room that the goal will take.
-    fn is_safe(&self, scene: &Scene, id: ModuleId, pose: Pose) -> bool {
-        self.is_safe_beside(scene, id, pose, self.core.pose)
+    fn is_safe(&self, scene: &Scene, pose: Pose) -> bool {
+        let mut taken = scene.built.clone();
+        taken.extend(scene.free.iter().flat_map(|o| self.setup.motions.cells(o.soon)));
+        self.is_off(scene, pose) && !self.is_shut_in(pose, &taken)
     }
 
-    /// The same if this metamodule stood somewhere else.
-    fn is_safe_beside(&self, scene: &Scene, id: ModuleId, pose: Pose, me: Pose) -> bool {
-        let motions = &self.setup.motions;
-        if !motions.cells(pose).iter().all(|c| scene.is_beyond(c.x, c.y, 1)) {
-            return false;
-        }
-        let mut taken = scene.built.clone();
-        // In the order of their ids, so that everybody who knows the same asks the same.
-        let (before, after) = scene.free.split_at(scene.free.partition_point(|o| o.id < self.core.id));
-        taken.extend(before.iter().filter(|o| o.id != id).flat_map(|o| motions.cells(o.soon)));
-        if id != self.core.id {
-            taken.extend(motions.cells(me));
-        }
-        taken.extend(after.iter().filter(|o| o.id != id).flat_map(|o| motions.cells(o.soon)));
-        !self.is_shut_in(pose, &taken)
+    /// The same for somebody else if this metamodule stood like this.
+    fn is_safe_beside(&self, scene: &Scene, other: &Other, me: Pose) -> bool {
+        let (motions, me) = (&self.setup.motions, self.setup.motions.cells(me));
+        let around = || {
+            let others = scene.free.iter().filter(|o| o.id != other.id);
+            scene.built.iter().copied().chain(others.flat_map(|o| motions.cells(o.soon)))
+        };
+        let way_out = other.way_out.get_or_init(|| {
+            let taken: Vec<Cell> = around().collect();
+            self.ground(&taken).easy_way(other.soon, |to| is_away(other.soon.foot(), to))
+        });
+        self.is_off(scene, other.soon)
+            && (way_out.as_ref().is_some_and(|way| !me.iter().any(|c| way.contains(c)))
+                || !self.is_shut_in(other.soon, &around().chain(me).collect::<Vec<_>>()))
+    }
+
+    /// Whether whoever stands like this is out of the zone.
+    fn is_off(&self, scene: &Scene, pose: Pose) -> bool {
+        self.setup.motions.cells(pose).iter().all(|c| scene.is_beyond(c.x, c.y, 1))
     }
 
     /// Whether it is no harm to anybody if this metamodule stands like this.
     fn is_apart(&self, scene: &Scene, me: Pose) -> bool {
-        self.is_safe(scene, self.core.id, me) && !self.shuts_in(scene, me)
+        self.is_safe(scene, me) && !self.shuts_in(scene, me)
     }
 
     /// The same, from what is known by now.
@@ -562,7 +570,7 @@ impl Metamodule {
 
     /// Whether somebody who is safe now would not be any more if this metamodule stood somewhere else.
     fn shuts_in(&self, scene: &Scene, me: Pose) -> bool {
-        let is_safe = |o: &Other, me: Pose| self.is_safe_beside(scene, o.id, o.soon, me);
+        let is_safe = |o: &Other, me: Pose| self.is_safe_beside(scene, o, me);
         scene.free.iter().any(|o| !is_safe(o, me) && is_safe(o, self.core.pose))
     }
 

@@ -8,7 +8,7 @@ use super::distances::{Distances, index, states};
 use super::graph::{Bits, Reach};
 use super::motions::Motions;
 use super::params::Floor;
-use super::pose::{Pose, to_frame};
+use super::pose::{Pose, to_frame, to_world};
 use crate::lattice::Cell;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -172,7 +172,7 @@ impl Ground<'_> {
 
     /// Whether there is a way to a connector that `is_it` accepts.
     pub fn can_get(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> bool {
-        if self.can_easily_get(from, &is_it) {
+        if self.easy_way(from, &is_it).is_some() {
             return true;
         }
         let (mut left, mut edge) = (Left::new(self.floor), vec![from]);
@@ -190,26 +190,36 @@ impl Ground<'_> {
         false
     }
 
-    /// Whether there is a way to such a connector that takes few strides and no detours. Mostly there is,
-    /// and then this is much faster than looking at all ways.
-    fn can_easily_get(&self, from: Pose, is_it: &impl Fn((i16, i16)) -> bool) -> bool {
-        let (mut left, mut edge) = (Vec::with_capacity(EASY), vec![from]);
-        while let Some(pose) = edge.pop() {
-            if is_it(pose.foot()) {
-                return true;
-            }
-            if left.contains(&pose) {
+    /// All cells of a way to a connector that `is_it` accepts, if there is one of few strides without
+    /// detours. Mostly there is, and then this is much faster than looking at all ways.
+    pub fn easy_way(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> Option<Vec<Cell>> {
+        let graph = self.motions.graph();
+        // Where one has come to, from which entry, sweeping what there.
+        let mut left: Vec<(Pose, usize, Bits)> = Vec::with_capacity(EASY);
+        let mut edge = vec![(from, 0, 0)];
+        while let Some((pose, by, swept)) = edge.pop() {
+            if left.iter().any(|(p, ..)| *p == pose) {
                 continue;
             }
             if left.len() == EASY {
-                return false;
+                return None;
             }
-            left.push(pose);
+            let at = left.len();
+            left.push((pose, by, swept));
+            if is_it(pose.foot()) {
+                let (mut cells, mut at) = (Vec::with_capacity(64), at);
+                while at != 0 {
+                    let (_, by, swept) = left[at];
+                    cells.extend(graph.cells(swept).map(|c| to_world(left[by].0.state, c)));
+                    at = by;
+                }
+                return Some(cells);
+            }
             let taken = self.taken_at(pose);
-            let ways = self.motions.graph().open_ways(pose.posture).iter();
-            edge.extend(ways.filter(|w| w.swept & taken == 0).filter_map(|w| self.landed(pose, w.posture)));
+            let ways = graph.open_ways(pose.posture).iter().filter(|w| w.swept & taken == 0);
+            edge.extend(ways.filter_map(|w| Some((self.landed(pose, w.posture)?, at, w.swept))));
         }
-        false
+        None
     }
 
     /// The cheapest course to a pose that `fits`; changing its shape on the spot is the cheapest of all.

@@ -12,11 +12,10 @@ mod run_dir;
 mod supervise;
 
 pub use outcome::{Crash, SwarmError, SwarmOutcome};
-pub use run_dir::{CleanError, CleanReport, RunDirError, clean};
+pub use run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
 pub use supervise::Shutdown;
 
 use crate::swarm::conduct::Conductor;
-use crate::swarm::run_dir::RunDir;
 use crate::swarm::supervise::{Launch, Supervisor};
 use metamorph_module_agent::clock::{Speed, monotonic};
 use metamorph_module_agent::inbox::Inbox;
@@ -147,6 +146,12 @@ where
     let supervisor = Supervisor::start(launch, options.shutdown.clone())?;
     let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, world, director, begun);
     conductor.run()
+}
+
+/// The most descriptors that this process may open, and the modules of a run for which they are enough.
+pub fn descriptor_limit() -> (u64, u64) {
+    let allowed = getrlimit(Resource::Nofile).maximum.unwrap_or(u64::MAX);
+    (allowed, (allowed.saturating_sub(DESCRIPTORS.1) / DESCRIPTORS.0).min(MODULE_LIMIT as u64))
 }
 
 /// Every channel costs descriptors; the usual soft limit of 1,024 is enough for 50 agents.

@@ -1,0 +1,82 @@
+//! The other process of a measurement: `metamorph bench-part ROLE ...`, started by `bench` only.
+
+use super::wire::{self, Mechanism, Mode};
+use super::{BenchError, flood};
+use crate::processes::ProcessError;
+use crate::terminal::print_out;
+use metamorph_module_agent::args::ArgsError;
+use metamorph_module_agent::{AgentArgs, AgentError, run};
+use metamorph_sim_bridge::flood::Flooded;
+use std::ffi::OsString;
+use std::process::{Child, Command, Stdio};
+use thiserror::Error;
+
+/// The hidden subcommand.
+pub const SUBCOMMAND: &str = "bench-part";
+/// The role of an agent of a swarm.
+pub const AGENT: &str = "agent";
+
+/// Why a part could not be played.
+#[derive(Debug, Error)]
+pub enum PartError {
+    /// Nobody but `bench` starts this.
+    #[error("bench-part is started by `metamorph bench` only")]
+    Role,
+    /// The measurement.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// The arguments of an agent.
+    #[error(transparent)]
+    Args(#[from] ArgsError),
+    /// The agent.
+    #[error(transparent)]
+    Agent(#[from] AgentError),
+}
+
+/// Plays a part.
+pub fn part(args: &[OsString]) -> Result<(), PartError> {
+    let texts: Vec<&str> = args.iter().filter_map(|a| a.to_str()).collect();
+    match texts.as_slice() {
+        ["flood", side] => {
+            let row = flood::row(side.parse().map_err(|_| PartError::Role)?)?;
+            print_out(&serde_json::to_string(&row).map_err(|_| PartError::Role)?);
+            Ok(())
+        }
+        ["echo", mechanism, mode, root] => {
+            let mechanism = Mechanism::named(mechanism).ok_or(PartError::Role)?;
+            let mode = Mode::named(mode).ok_or(PartError::Role)?;
+            Ok(wire::echo(mechanism, mode, root)?)
+        }
+        [AGENT, ..] => Ok(run::<Flooded>(&AgentArgs::parse(args[1..].iter().cloned())?)?),
+        _ => Err(PartError::Role),
+    }
+}
+
+/// A process of this program that plays a part.
+pub fn command(args: &[&str]) -> Result<Command, BenchError> {
+    let program = std::env::current_exe().map_err(ProcessError::Program)?;
+    let mut command = Command::new(program);
+    command.arg(SUBCOMMAND).args(args).stdin(Stdio::null());
+    Ok(command)
+}
+
+/// Has a part played, and returns what it said.
+pub fn output(args: &[&str]) -> Result<String, BenchError> {
+    let output = command(args)?.stderr(Stdio::inherit()).output();
+    let output = output.map_err(|e| BenchError::System("start another process of this program", e))?;
+    if !output.status.success() {
+        return Err(BenchError::Part(format!("ended with {}", output.status)));
+    }
+    String::from_utf8(output.stdout).map_err(|_| BenchError::Part("said no text".to_owned()))
+}
+
+/// A process that is ended and waited for when it is dropped.
+pub struct Peer(pub Child);
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        // It has ended by itself unless something went wrong before.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}

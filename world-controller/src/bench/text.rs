@@ -1,0 +1,152 @@
+//! Results as text for the terminal.
+
+use super::Fit;
+use super::flood;
+use super::growth::Growth;
+use super::machine::Machine;
+use super::swarm::Swarms;
+use super::wire;
+use crate::report::count;
+use crate::sweep::table::{Table, number};
+use crate::terminal::Paint;
+
+/// Where it was measured.
+pub fn machine(m: &Machine) -> String {
+    format!(
+        "{}, {} processors, {} GB, Linux {}, load {:.1}\n",
+        m.processor,
+        m.processors,
+        m.memory_bytes >> 30,
+        m.kernel,
+        m.load
+    )
+}
+
+/// The flood.
+pub fn flood(rows: &[flood::Row], paint: Paint) -> String {
+    let mut table = Table::new(&["block"]);
+    table.head(&["modules", "messages", "ns/message", "messages/s", "events/s", "bytes/module"]);
+    table.head(&["peak MB", "bare queue ns", "heap ns", "over queue", "over smallest"]);
+    let smallest = rows.first().map_or(1.0, |r| r.ns_per_message);
+    for r in rows {
+        table.row(
+            &[format!("{0}×{0}×{0}", r.side)],
+            vec![
+                count(r.modules),
+                count(r.messages),
+                number(r.ns_per_message),
+                number(r.messages_per_s),
+                number(r.events_per_s),
+                number(r.bytes_per_module),
+                count(r.peak_bytes >> 20),
+                number(r.queue_ns),
+                number(r.heap_ns),
+                times(r.ns_per_message / r.queue_ns),
+                times(r.ns_per_message / smallest),
+            ],
+        );
+    }
+    format!(
+        "{}\nHop counts flood a block from a corner; simulated, one thread, trace hash and counters on. Times are\nof the processor.\n{}",
+        paint.strong("flood"),
+        table.text(paint)
+    )
+}
+
+/// Slab to sphere.
+pub fn growth(g: &Growth, paint: Paint) -> String {
+    let mut table = Table::new(&["modules"]);
+    table.head(&["goal", "outcome", "violations", "makespan s", "moves", "at least", "messages"]);
+    table.head(&["a module", "a move", "cpu s"]);
+    for r in &g.rows {
+        table.row(
+            &[count(r.modules)],
+            vec![
+                count(r.goal),
+                r.outcome.clone(),
+                count(r.violations),
+                number(r.makespan_s),
+                count(r.moves),
+                count(r.least_moves),
+                count(r.messages),
+                number(r.messages as f64 / r.modules as f64),
+                number(r.messages_per_move),
+                number(r.cpu_s),
+            ],
+        );
+    }
+    let grows = |what: &str, fit: Option<Fit>| match fit {
+        Some(f) => format!("  {what} grow as N^{:.2} (R² {:.3})\n", f.exponent, f.r_squared),
+        None => String::new(),
+    };
+    format!(
+        "{}\nA slab becomes a ball; simulated, all invariants checked; a move takes 1 s.\n{}{}{}{}{}",
+        paint.strong("growth"),
+        table.text(paint),
+        grows("seconds", g.makespan),
+        grows("moves", g.moves),
+        grows("moves that no protocol can do without", g.least_moves),
+        grows("messages", g.messages)
+    )
+}
+
+/// The process link.
+pub fn wire(rows: &[wire::Row], paint: Paint) -> String {
+    let mut table = Table::new(&["mechanism"]);
+    for mode in ["polling", "waiting"] {
+        table.head(&[&format!("{mode}: median ns"), "undisturbed", "ours/this", "messages/s"]);
+    }
+    let ours = rows.first();
+    for r in rows {
+        let cells = |f: fn(&wire::Row) -> wire::Cost| {
+            let (this, own) = (f(r), ours.map_or(f(r), f));
+            [
+                number(this.round_trip_ns),
+                number(this.undisturbed_ns),
+                times(own.undisturbed_ns / this.undisturbed_ns),
+                number(this.messages_per_s),
+            ]
+        };
+        table.row(&[r.mechanism.to_owned()], [cells(|r| r.polling), cells(|r| r.waiting)].concat());
+    }
+    format!(
+        "{}\nRound trips of 64 bytes between two processes, and throughput one way: polling on two processors,\nwaiting on one.\n{}",
+        paint.strong("wire"),
+        table.text(paint)
+    )
+}
+
+/// Swarms of processes.
+pub fn swarm(s: &Swarms, paint: Paint) -> String {
+    let mut table = Table::new(&["processes"]);
+    table.head(&["up s", "flood s", "messages", "PSS kB each", "PSS MB", "idle agents %"]);
+    table.head(&["idle controller %", "descriptors", "stopped s"]);
+    for r in &s.rows {
+        table.row(
+            &[count(r.modules)],
+            vec![
+                format!("{:.2}", r.setup_s),
+                format!("{:.2}", r.exchange_s),
+                count(r.messages),
+                number(r.pss_per_agent / 1024.0),
+                count(r.pss_bytes >> 20),
+                format!("{:.2}", r.idle_agents_percent),
+                format!("{:.2}", r.idle_controller_percent),
+                count(r.descriptors),
+                format!("{:.2}", r.stop_s),
+            ],
+        );
+    }
+    let ended = s.ended_by.as_ref().map_or(String::new(), |why| format!("  {why}\n"));
+    format!(
+        "{}\nOne process for each module of a block; a flood goes through it, then it idles. Percent of one processor.\n{}{ended}  {} descriptors a process are enough for {} modules; `ulimit -Hn` moves that\n",
+        paint.strong("swarm"),
+        table.text(paint),
+        count(s.descriptors),
+        count(s.modules_by_descriptors)
+    )
+}
+
+fn times(ratio: f64) -> String {
+    format!("{ratio:.2}")
+}
