@@ -13,6 +13,7 @@ use crate::outbox::{Handed, Outbox};
 use crate::process::{Guard, Identity};
 use crate::rendezvous::{ChannelError, Rendezvous, set_verbosity};
 use crate::runtime::{Contact, Runtime};
+use crate::seat::{Seat, is_marked};
 use crate::swarm_file::{SwarmFile, SwarmFileError};
 use crate::uplink::Uplink;
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
@@ -21,6 +22,7 @@ use metamorph_protocol::journal::{self, Diary, MessageName, Sink};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
+use rustix::process::{getpgid, getppid, setpgid, setsid};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -35,6 +37,8 @@ const GUARD_NANOS: u64 = 900_000_000;
 const UPLINK_RETRY: Duration = Duration::from_millis(5);
 /// Frames taken from the inbox before anything is sent.
 const DRAIN: usize = 512;
+/// Times that the inbox is drained until it must have been empty once.
+const DRAINS: usize = 1_000;
 /// Wake inputs in one turn; an agent that wants more in one instant gets them after the next drain.
 const WAKES: usize = 16;
 /// Frames gathered before they are sent.
@@ -61,6 +65,9 @@ pub enum AgentError {
     /// The process cannot say who it is.
     #[error("cannot register this process in {0}: {1}")]
     Register(PathBuf, io::Error),
+    /// It is not known who controls the run.
+    #[error("cannot find out who controls the run in {0}: {1}")]
+    Seat(PathBuf, io::Error),
     /// The controller is gone.
     #[error("the controller (process {0}) is gone; an agent does not go on without it")]
     Orphan(i32),
@@ -79,9 +86,13 @@ pub fn pid_directory(root: &Path) -> PathBuf {
 pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     settle_in(args.verbose);
     let swarm: SwarmFile<A::Setup> = SwarmFile::read(&args.root)?;
-    let guard = Guard::new(swarm.controller);
+    let seat = Seat::read(&args.root).map_err(|e| AgentError::Seat(args.root.clone(), e))?;
+    let guard = Guard::new(seat.controller, swarm.patience > 0);
     if guard.controller_is_gone() {
-        return Err(AgentError::Orphan(swarm.controller.pid));
+        return Err(AgentError::Orphan(seat.controller.pid));
+    }
+    if swarm.patience > 0 {
+        leave_session();
     }
     if args.id.0 >= swarm.count {
         return Err(AgentError::NoSuchModule(args.id.0, swarm.count));
@@ -89,16 +100,19 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     register(args)?;
     let at = Rendezvous::join(&args.root)?;
     let inbox = Inbox::create(&at, args.id, args.incarnation)?;
-    let mut uplink = Uplink::new(Outbox::to_controller(&at, args.id)?, args.id, args.incarnation);
+    let mut uplink =
+        Uplink::new(Outbox::to_controller(&at, args.id, seat.generation)?, args.id, args.incarnation);
     let ledger = Ledger::create(&args.root, args.id, args.incarnation)?;
     uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Hello { pid: std::process::id() });
     uplink.flush();
     let pages = swarm.journal.as_deref().map(|parts| Pages::begin(parts, args)).transpose()?;
-    let SwarmFile { seed, speed, link, setup, .. } = swarm;
+    let SwarmFile { seed, speed, link, setup, patience, .. } = swarm;
     let driver = Driver::<A> {
         args,
         guard,
-        controller: swarm.controller.pid,
+        seat,
+        patience: u64::from(patience) * 1_000_000,
+        orphaned: None,
         guarded: monotonic(),
         clock: Clock::new(u64::MAX, speed),
         speed_of: speed,
@@ -118,6 +132,8 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
         last: Time::ZERO,
         agent: None,
         outputs: Vec::new(),
+        told: 0,
+        returned: false,
         pages,
         stopping: false,
         at,
@@ -139,6 +155,18 @@ fn settle_in(verbose: bool) {
     // The controller carries everybody's traffic, so it comes before its agents.
     if let Err(e) = rustix::process::nice(1) {
         tracing::debug!("priority is unchanged: {e}");
+    }
+}
+
+/// Leaves the session of the controller. When a process dies, the kernel hangs up on those of its children
+/// that are stopped and in its session, and they would die with it.
+fn leave_session() {
+    // Only who does not lead a group can leave; the supervisor has made this process lead one.
+    let parent = getppid().ok_or(rustix::io::Errno::SRCH);
+    let left =
+        parent.and_then(|p| getpgid(Some(p))).and_then(|g| setpgid(None, Some(g))).and_then(|()| setsid());
+    if let Err(e) = left {
+        tracing::warn!("if this process is stopped when its controller is killed, it dies too: {e}");
     }
 }
 
@@ -168,7 +196,11 @@ impl Pages {
 struct Driver<'a, A: Agent> {
     args: &'a AgentArgs,
     guard: Guard,
-    controller: i32,
+    seat: Seat,
+    /// How long to go on without a controller, in nanoseconds of real time.
+    patience: u64,
+    /// Since when there has been none.
+    orphaned: Option<u64>,
     /// When the controller was last looked for.
     guarded: u64,
     clock: Clock,
@@ -193,6 +225,10 @@ struct Driver<'a, A: Agent> {
     agent: Option<A>,
     /// What the agent has just put out; empty between turns.
     outputs: Vec<OutputOf<A>>,
+    /// Actions and reports so far.
+    told: u32,
+    /// Another controller says that it has the seat.
+    returned: bool,
     pages: Option<Pages>,
     stopping: bool,
     // Last, so that all ports are gone before the process leaves the run.
@@ -217,9 +253,12 @@ impl<A: Agent> Driver<'_, A> {
                 return self.end();
             }
             let wait = self.patience(drained);
-            if !wait.is_zero() {
+            if !wait.is_zero() && !self.returned {
                 self.inbox.wait(wait)?;
                 self.account.wakes += 1;
+            }
+            if std::mem::take(&mut self.returned) {
+                self.follow_seat()?;
             }
             let now = monotonic();
             if now.saturating_sub(self.guarded) < GUARD_NANOS {
@@ -227,9 +266,52 @@ impl<A: Agent> Driver<'_, A> {
             }
             self.guarded = now;
             if self.guard.controller_is_gone() {
-                return Err(AgentError::Orphan(self.controller));
+                self.look_for_controller(now)?;
             }
         }
+    }
+
+    /// The controller is gone. Bodies are where it was, so the agent can do little but talk to its
+    /// neighbours; but another may take the seat.
+    fn look_for_controller(&mut self, now: u64) -> Result<(), AgentError> {
+        let since = *self.orphaned.get_or_insert(now);
+        // A run that has not begun is not gone on with.
+        if !is_marked(&self.args.root) || now.saturating_sub(since) >= self.patience {
+            return Err(AgentError::Orphan(self.seat.controller.pid));
+        }
+        self.follow_seat()
+    }
+
+    /// Turns to the controller that has the seat now, if it is another than before.
+    fn follow_seat(&mut self) -> Result<(), AgentError> {
+        let Ok(seat) = Seat::read(&self.args.root) else { return Ok(()) };
+        if seat.generation <= self.seat.generation {
+            return Ok(());
+        }
+        let outbox = match Outbox::to_controller(&self.at, self.args.id, seat.generation) {
+            Ok(outbox) => outbox,
+            Err(e) => {
+                tracing::debug!("the new controller cannot be reached yet: {e}");
+                return Ok(());
+            }
+        };
+        // From here on nothing is in the way of what the old one has sent, and it sends no more.
+        self.seat = seat;
+        for _ in 0..DRAINS {
+            self.uplink.clear();
+            if self.drain()? < DRAIN && !self.uplink.is_full() {
+                break;
+            }
+        }
+        self.write_down()?;
+        self.uplink.clear();
+        self.uplink.redirect(outbox);
+        self.guard = Guard::new(seat.controller, true);
+        self.orphaned = None;
+        let here = Runtime::<A::Place>::Here { told: self.told, expected: self.expected };
+        self.uplink.push(Channel::Runtime, 0, &here);
+        self.uplink.flush();
+        Ok(())
     }
 
     /// What is counted at the very end: frames that wait for a contact that will not come.
@@ -298,6 +380,13 @@ impl<A: Agent> Driver<'_, A> {
         let accepted = header.destination == self.args.id
             && match header.channel {
                 Channel::Peer => return self.accept_peer(header, frame),
+                Channel::Runtime
+                    if header.source == CONTROLLER
+                        && frame.message::<Runtime<A::Place>>() == Ok(Runtime::Return) =>
+                {
+                    self.returned = true;
+                    return Ok(());
+                }
                 _ if header.source != CONTROLLER || header.sequence != self.expected => false,
                 Channel::Runtime => match frame.message() {
                     Ok(message) => self.accept_runtime(message)?,
@@ -436,8 +525,14 @@ impl<A: Agent> Driver<'_, A> {
     fn carry_out(&mut self, now: Time, output: OutputOf<A>) -> Result<(), AgentError> {
         match output {
             Output::Send { port, class, message } => self.send(now, port, class, &message),
-            Output::Act(action) => self.uplink.push(Channel::Body, self.revision.0, &action),
-            Output::Report(report) => self.uplink.push(Channel::Control, 0, &report),
+            Output::Act(action) => {
+                self.told += 1;
+                self.uplink.push(Channel::Body, self.revision.0, &action);
+            }
+            Output::Report(report) => {
+                self.told += 1;
+                self.uplink.push(Channel::Control, 0, &report);
+            }
         }
         if self.burst.len() >= BURST { self.send_burst() } else { Ok(()) }
     }

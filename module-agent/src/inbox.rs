@@ -34,15 +34,17 @@ impl Inbox {
         Inbox::over(vec![at.create_inbox(id, incarnation)?], at.create_bell(id, incarnation)?)
     }
 
-    /// Creates the inbox of the controller: `shards` channels, `senders` agent lives in each.
+    /// Creates the inbox of a generation of controller: `shards` channels, `senders` agent lives in each.
     pub fn create_for_controller(
         at: &Rendezvous,
+        generation: u32,
         shards: u32,
         senders: usize,
     ) -> Result<Inbox, ChannelError> {
-        let frames: Result<Vec<_>, _> = (0..shards).map(|s| at.create_reports(s, senders)).collect();
+        let frames: Result<Vec<_>, _> =
+            (0..shards).map(|s| at.create_reports(s, generation, senders)).collect();
         // One more for each shard: the supervisor's thread rings this bell, too.
-        Inbox::over(frames?, at.create_controller_bell((senders + 1) * shards as usize)?)
+        Inbox::over(frames?, at.create_controller_bell(generation, (senders + 1) * shards as usize)?)
     }
 
     fn over(frames: Vec<Frames>, bell: Wakes) -> Result<Inbox, ChannelError> {

@@ -22,6 +22,7 @@ pub mod process;
 pub mod rendezvous;
 pub mod run_name;
 pub mod runtime;
+pub mod seat;
 pub mod swarm_file;
 pub mod uplink;
 

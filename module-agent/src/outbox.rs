@@ -34,9 +34,9 @@ impl Outbox {
         Outbox::over(at.open_inbox(id, life)?, at.open_bell(id, life)?)
     }
 
-    /// Opens the way from agent `id` to the controller.
-    pub fn to_controller(at: &Rendezvous, id: ModuleId) -> Result<Outbox, ChannelError> {
-        Outbox::over(at.open_reports(id)?, at.open_controller_bell()?)
+    /// Opens the way from agent `id` to a generation of controller.
+    pub fn to_controller(at: &Rendezvous, id: ModuleId, generation: u32) -> Result<Outbox, ChannelError> {
+        Outbox::over(at.open_reports(id, generation)?, at.open_controller_bell(generation)?)
     }
 
     fn over(frames: Frames, bell: Wakes) -> Result<Outbox, ChannelError> {

@@ -47,6 +47,12 @@ impl Identity {
         }
     }
 
+    /// Whether this very process lives and is stopped by a signal.
+    pub fn is_stopped(&self) -> bool {
+        let stat = fs::read_to_string(format!("/proc/{}/stat", self.pid)).unwrap_or_default();
+        start_time(&stat) == Some(self.start) && state(&stat) == Some('T')
+    }
+
     /// The pid as the type that system calls take.
     pub fn as_pid(&self) -> Option<Pid> {
         Pid::from_raw(self.pid)
@@ -88,12 +94,14 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// Asks the kernel to kill this process when its parent dies, and remembers whom to watch in
-    /// case the parent is not the controller (a debugger, a wrapper) or died just before.
-    pub fn new(controller: Identity) -> Guard {
+    /// Remembers whom to watch. Unless this process may outlive its controller for a while, asks the
+    /// kernel besides to kill it when its parent dies; watching is for when the parent is not the
+    /// controller (a debugger, a wrapper) or died just before.
+    pub fn new(controller: Identity, may_outlive: bool) -> Guard {
         let is_parent = getppid().map(|p| p.as_raw_nonzero().get()) == Some(controller.pid);
         let death = Some(rustix::process::Signal::KILL);
         let is_signalled = is_parent
+            && !may_outlive
             && rustix::process::set_parent_process_death_signal(death)
                 .inspect_err(|e| {
                     tracing::warn!(

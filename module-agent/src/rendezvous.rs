@@ -167,21 +167,26 @@ impl Rendezvous {
     pub fn open_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
         self.open_wakes(&bell(id, incarnation))
     }
-    /// Creates one channel from agents to the controller, for `senders` agent lives.
-    pub fn create_reports(&self, shard: u32, senders: usize) -> Result<Frames, ChannelError> {
-        self.create_frames(&reports(shard), senders, REPORTS_DEPTH)
+    /// Creates one channel from agents to this generation of controller, for `senders` agent lives.
+    pub fn create_reports(
+        &self,
+        shard: u32,
+        generation: u32,
+        senders: usize,
+    ) -> Result<Frames, ChannelError> {
+        self.create_frames(&reports(shard, generation), senders, REPORTS_DEPTH)
     }
-    /// Opens the channel by which this agent reaches the controller.
-    pub fn open_reports(&self, id: ModuleId) -> Result<Frames, ChannelError> {
-        self.open_frames(&reports(id.0 / SHARD))
+    /// Opens the channel by which this agent reaches a generation of controller.
+    pub fn open_reports(&self, id: ModuleId, generation: u32) -> Result<Frames, ChannelError> {
+        self.open_frames(&reports(id.0 / SHARD, generation))
     }
-    /// Creates the wake-up channel of the controller, for `senders` agent lives.
-    pub fn create_controller_bell(&self, senders: usize) -> Result<Wakes, ChannelError> {
-        self.create_wakes(CONTROLLER_BELL, senders)
+    /// Creates the wake-up channel of this generation of controller, for `senders` agent lives.
+    pub fn create_controller_bell(&self, generation: u32, senders: usize) -> Result<Wakes, ChannelError> {
+        self.create_wakes(&controller_bell(generation), senders)
     }
-    /// Opens the wake-up channel of the controller.
-    pub fn open_controller_bell(&self) -> Result<Wakes, ChannelError> {
-        self.open_wakes(CONTROLLER_BELL)
+    /// Opens the wake-up channel of a generation of controller.
+    pub fn open_controller_bell(&self, generation: u32) -> Result<Wakes, ChannelError> {
+        self.open_wakes(&controller_bell(generation))
     }
 
     fn create_frames(&self, name: &str, senders: usize, depth: usize) -> Result<Frames, ChannelError> {
@@ -254,15 +259,17 @@ pub fn ring(wakes: &Wakes) -> Result<Notifier, ChannelError> {
     wakes.notifier_builder().create().map_err(|e| ChannelError::attach(wakes.name().as_str(), e))
 }
 
-const CONTROLLER_BELL: &str = "ev/controller";
+fn controller_bell(generation: u32) -> String {
+    format!("ev/controller/{generation}")
+}
 fn inbox(id: ModuleId, incarnation: Incarnation) -> String {
     format!("in/{id}/{incarnation}")
 }
 fn bell(id: ModuleId, incarnation: Incarnation) -> String {
     format!("ev/{id}/{incarnation}")
 }
-fn reports(shard: u32) -> String {
-    format!("reports/{shard}")
+fn reports(shard: u32, generation: u32) -> String {
+    format!("reports/{shard}/{generation}")
 }
 
 fn service_name(name: &str) -> ServiceName {

@@ -6,6 +6,8 @@
 //! | 1 | begin | controller | epoch (8), kind of place (1), place |
 //! | 2 | contact | controller | port (1), revision (4), present (1), then session (4), peer (4), its incarnation (2), its port (1) |
 //! | 3 | stop | controller | |
+//! | 4 | return | controller | |
+//! | 5 | here | agent | told (4), expected (4) |
 
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};
@@ -49,6 +51,16 @@ pub enum Runtime<P> {
     },
     /// The run is over; the process ends.
     Stop,
+    /// Another controller has the seat: look who. Believed nothing, and in no sequence.
+    Return,
+    /// The agent has found the controller that came back.
+    Here {
+        /// How many actions and reports it has told so far in this life. All of them are in its part of
+        /// the journal; those that nobody has taken it does not tell again.
+        told: u32,
+        /// The sequence number that it expects of the controller next.
+        expected: u32,
+    },
 }
 
 impl<P: Wire> Wire for Runtime<P> {
@@ -58,6 +70,8 @@ impl<P: Wire> Wire for Runtime<P> {
             Runtime::Begin { .. } => 1,
             Runtime::Contact { .. } => 2,
             Runtime::Stop => 3,
+            Runtime::Return => 4,
+            Runtime::Here { .. } => 5,
         }
     }
 
@@ -80,7 +94,11 @@ impl<P: Wire> Wire for Runtime<P> {
                     out.u8(c.peer_port.0);
                 }
             }
-            Runtime::Stop => {}
+            Runtime::Stop | Runtime::Return => {}
+            Runtime::Here { told, expected } => {
+                out.u32(*told);
+                out.u32(*expected);
+            }
         }
     }
 
@@ -106,6 +124,8 @@ impl<P: Wire> Wire for Runtime<P> {
                 Ok(Runtime::Contact { port, revision, contact })
             }
             3 => Ok(Runtime::Stop),
+            4 => Ok(Runtime::Return),
+            5 => Ok(Runtime::Here { told: from.u32()?, expected: from.u32()? }),
             _ => Err(WireError::Kind(kind)),
         }
     }
@@ -144,7 +164,7 @@ mod tests {
             peer_port: Port(5),
         };
         let (port, revision) = (Port(3), Revision(7));
-        let cases: [(Runtime<Cell>, u8, &[u8]); 5] = [
+        let cases: [(Runtime<Cell>, u8, &[u8]); 7] = [
             (Runtime::Hello { pid: 0x0A0B }, 0, &[0x0B, 0x0A, 0, 0]),
             (
                 Runtime::Begin { epoch: 5, place: Cell::new(1, -1, 2) },
@@ -158,6 +178,8 @@ mod tests {
             ),
             (Runtime::Contact { port, revision, contact: None }, 2, &[3, 7, 0, 0, 0, 0]),
             (Runtime::Stop, 3, &[]),
+            (Runtime::Return, 4, &[]),
+            (Runtime::Here { told: 0x0102, expected: 3 }, 5, &[2, 1, 0, 0, 3, 0, 0, 0]),
         ];
         for (message, kind, payload) in cases {
             let frame = seal(&message);

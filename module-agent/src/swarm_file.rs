@@ -2,7 +2,6 @@
 //! starts: `swarm.bin` in the run's directory. `MMSW`, a version (2 bytes), then bincode.
 
 use crate::clock::Speed;
-use crate::process::Identity;
 use bincode::config::standard;
 use metamorph_protocol::link::LinkModel;
 use serde::de::DeserializeOwned;
@@ -29,10 +28,10 @@ pub struct SwarmFile<S> {
     pub speed: Speed,
     /// What links do to messages.
     pub link: LinkModel,
-    /// The process without which no agent goes on.
-    pub controller: Identity,
     /// The directory that agents write their parts of the journal to, if one is kept.
     pub journal: Option<PathBuf>,
+    /// How long, in milliseconds, an agent goes on without a controller, for one to come back.
+    pub patience: u32,
     /// The family's own part.
     pub setup: S,
 }
@@ -117,8 +116,8 @@ mod tests {
             seed: 9,
             speed: Speed::new(10, 1).unwrap(),
             link: LinkModel { delay_max: Span::millis(2), ..LinkModel::default() },
-            controller: Identity { pid: 5, start: 77 },
             journal: Some("/tmp/journal.parts".into()),
+            patience: 30_000,
             setup: vec![1, 2],
         }
     }

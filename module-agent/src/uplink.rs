@@ -43,6 +43,16 @@ impl Uplink {
         self.queue.push_back(Frame::seal(header, message));
     }
 
+    /// Drops what waits.
+    pub fn clear(&mut self) {
+        self.queue.clear();
+    }
+
+    /// From now on everything goes another way.
+    pub fn redirect(&mut self, outbox: Outbox) {
+        self.outbox = outbox;
+    }
+
     /// Sends as much as fits.
     pub fn flush(&mut self) {
         while let Some(frame) = self.queue.front() {

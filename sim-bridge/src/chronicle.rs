@@ -188,7 +188,11 @@ pub struct RecordedDirector<D> {
 impl<D> RecordedDirector<D> {
     /// Records everything from here on.
     pub fn new(inner: D, log: Log) -> RecordedDirector<D> {
-        RecordedDirector { inner, log, now: Time::ZERO, struck: 0 }
+        RecordedDirector::after(inner, log, 0)
+    }
+    /// The same for one of whose faults so many have been recorded.
+    pub fn after(inner: D, log: Log, struck: usize) -> RecordedDirector<D> {
+        RecordedDirector { inner, log, now: Time::ZERO, struck }
     }
     /// The director itself.
     pub fn inner(&self) -> &D {

@@ -6,7 +6,7 @@
 
 use crate::grid::{Grid, Occupant};
 use crate::invariants::{Invariant, Violation};
-use crate::world::{Contact, Sensed, World};
+use crate::world::{Contact, Sensed, World, due};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept, Refusal};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
@@ -16,15 +16,16 @@ use metamorph_protocol::stream::Stream;
 use metamorph_protocol::time::{Span, Time};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
+use std::hash::{Hash, Hasher};
 
 /// A move under way.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Hash)]
 struct UnderWay {
     motion: Motion,
     fails: bool,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Hash)]
 struct Body {
     cell: Cell,
     incarnation: Incarnation,
@@ -52,6 +53,7 @@ pub struct Motions {
 }
 
 /// A simulated world of cubes.
+#[derive(Clone, Debug)]
 pub struct CubeWorld {
     grid: Grid,
     bodies: Vec<Body>,
@@ -364,6 +366,15 @@ impl CubeWorld {
         if !to.neighbours().iter().any(|c| self.resting(*c).is_some()) {
             self.violate(Invariant::MoverSupported, now, format!("{id} hangs on nothing at {to}"));
         }
+    }
+}
+
+/// What a world can do from now on depends on this; counts and scratch space are left out.
+impl Hash for CubeWorld {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.bodies.hash(state);
+        due(&self.due).hash(state);
+        (self.sessions, &self.joints).hash(state);
     }
 }
 

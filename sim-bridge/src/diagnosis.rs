@@ -2,7 +2,7 @@
 //! evidence of what they wait for.
 
 use crate::cube_world::CubeWorld;
-use crate::outcome::{Reason, Stall};
+use crate::outcome::{Reason, Stall, Waiter, Why};
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::Connectivity;
@@ -64,6 +64,7 @@ pub fn diagnose(
         unfilled,
         wait_cycle: wait_cycle(known),
         waiting: Vec::new(),
+        detected: None,
     };
     stall.reason = if spare.len() < stall.unfilled.len() {
         Reason::MaterialExhausted
@@ -79,7 +80,7 @@ pub fn diagnose(
         };
         let is_free = |id: &ModuleId| !is_pinned(world, known, *id) && may_leave(id);
         let free: Vec<ModuleId> = live.iter().copied().filter(is_free).collect();
-        stall.waiting = live.iter().map(|id| (*id, waits_for(known, *id))).take(20).collect();
+        stall.waiting = live.iter().map(|id| waiter(known, *id)).take(20).collect();
         let called = called(world, known, &targets, &starts);
         if free.iter().any(|id| called.contains(id)) {
             Reason::Blocked
@@ -131,6 +132,22 @@ fn is_spared(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
         front.extend(beside(at).filter(|n| reached.insert(*n)));
     }
     beside(id).all(|n| reached.contains(&n))
+}
+
+fn waiter(known: &[Known], module: ModuleId) -> Waiter {
+    let on = waits_for(known, module);
+    let is_dead = |id: ModuleId| known.get(id.index()).is_some_and(|k| !k.alive);
+    let why = match known.get(module.index()).and_then(|k| k.status) {
+        None => Why::Unknown,
+        Some(s) if s.immobile => Why::Immobile,
+        Some(s) if s.role == Role::Reserve && !s.attached => Why::Unattached,
+        Some(s) if s.pinned => Why::HoldsDead,
+        Some(_) if on.is_some_and(is_dead) => Why::WaitsForDead,
+        Some(_) if on.is_some() => Why::Waits,
+        Some(s) if !s.attracted => Why::HearsOfNoTarget,
+        Some(_) => Why::Unknown,
+    };
+    Waiter { module, on, why }
 }
 
 fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
@@ -329,6 +346,7 @@ mod tests {
         let stall =
             check(&row, &[(true, root), (true, a), (true, b)], &[[0, 0, 0], [0, 0, 1]], Reason::Blocked);
         assert_eq!(stall.wait_cycle, [ModuleId(1), ModuleId(2)]);
-        assert_eq!(stall.unfilled, [Cell::new(0, 0, 1)]);
+        // The one in the middle holds the row together, and so has no way.
+        assert_eq!(stall.waiting, [Waiter { module: ModuleId(2), on: Some(ModuleId(1)), why: Why::Waits }]);
     }
 }

@@ -6,7 +6,7 @@ use crate::director::{Progress, Stop};
 use crate::faults::{Fault, Schedule, Struck};
 use crate::injector::Injector;
 use crate::metamodule_world::MetamoduleWorld;
-use crate::outcome::{Outcome, Reason, Stall};
+use crate::outcome::{Outcome, Reason, Stall, Waiter, Why};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
@@ -39,6 +39,9 @@ pub struct MetamodulePlan {
     /// Whether the goal is moved to where it can be built when a dead body or an obstacle is in the way
     /// of a seed.
     pub relocate: bool,
+    /// Whether the run ends when the swarm itself has found out that nobody can go on, and nothing is
+    /// planned that may change that. It does so only if its parameters say so.
+    pub heed: bool,
 }
 
 /// As many cells are left around a goal that is moved, if there is room for them.
@@ -73,12 +76,15 @@ pub struct MetamoduleDirector {
     next_check: Time,
     outcome: Option<(Time, Outcome)>,
     stall: Option<Stall>,
+    heed: bool,
+    detected: Option<(Time, ModuleId)>,
+    alarms: u32,
 }
 
 impl MetamoduleDirector {
     /// A director for a swarm of this many metamodules.
     pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
-        let MetamodulePlan { schedule, stop, failure, changes, relocate } = plan;
+        let MetamodulePlan { schedule, stop, failure, changes, relocate, heed } = plan;
         MetamoduleDirector {
             setup,
             faults: Injector::new(schedule),
@@ -102,6 +108,9 @@ impl MetamoduleDirector {
             next_check: Time::ZERO,
             outcome: None,
             stall: None,
+            heed,
+            detected: None,
+            alarms: 0,
         }
     }
 
@@ -112,6 +121,15 @@ impl MetamoduleDirector {
     /// The standstill that ended the run, if one did.
     pub fn stall(&self) -> Option<&Stall> {
         self.stall.as_ref()
+    }
+    /// When the swarm itself found out that nobody can go on, and who did; none while it has not, or if
+    /// somebody went on after all.
+    pub fn detected(&self) -> Option<(Time, ModuleId)> {
+        self.detected
+    }
+    /// How often somebody said so.
+    pub fn alarms(&self) -> u32 {
+        self.alarms
     }
     /// Faults that have struck.
     pub fn struck(&self) -> &[Struck] {
@@ -358,7 +376,7 @@ impl MetamoduleDirector {
             self.finish(now, Outcome::Timeout);
         } else if planned {
             // Something will still happen.
-        } else if now.since(idle_since) > self.stop.stall {
+        } else if now.since(idle_since) > self.stop.stall || (self.heed && self.detected.is_some()) {
             let foreign = self.foreign(world);
             if self.relocations == 0 && !foreign.is_empty() && self.move_goal(now, &foreign) {
                 return;
@@ -374,12 +392,12 @@ impl MetamoduleDirector {
     /// The blocked seeds, and who waits for whom by the last refusal.
     fn explain(&self, since: Time, world: &MetamoduleWorld) -> Stall {
         let unfilled = self.setup.goal(self.task).all().without(self.filled);
-        let free: Vec<(ModuleId, Option<ModuleId>)> = (0..)
-            .map(ModuleId)
-            .zip(&self.known)
-            .filter(|(id, k)| k.alive && !world.is_stuck(*id))
-            .filter_map(|(id, k)| Some((id, k.status.filter(|s| s.settled.is_none())?.waits_for)))
-            .collect();
+        let is_free = |(id, k): &(ModuleId, &Known)| {
+            k.alive && !world.is_stuck(*id) && k.status.is_some_and(|s| s.settled.is_none())
+        };
+        let free: Vec<Waiter> =
+            (0..).map(ModuleId).zip(&self.known).filter(is_free).map(|(id, k)| self.waiter(id, k)).collect();
+        let waits: Vec<_> = free.iter().map(|w| (w.module, w.on)).collect();
         let reason = if free.len() < unfilled.len() {
             Reason::MaterialExhausted
         } else if self.is_seed_blocked(&self.foreign(world)) {
@@ -388,7 +406,7 @@ impl MetamoduleDirector {
             Reason::NoWay
         } else if self.setup.params.strategy == Strategy::Negotiated {
             Reason::Blocked
-        } else if free.iter().any(|(_, on)| on.is_some()) {
+        } else if free.iter().any(|w| w.on.is_some()) {
             Reason::NoLock
         } else {
             Reason::NoBetterPlace
@@ -403,9 +421,24 @@ impl MetamoduleDirector {
                 .map(|s| s.foot)
                 .map(|(x, y)| Cell::new(x, y, 0))
                 .collect(),
-            wait_cycle: cycle(&free),
+            wait_cycle: cycle(&waits),
             waiting: free,
+            detected: self.detected,
         }
+    }
+
+    fn waiter(&self, module: ModuleId, known: &Known) -> Waiter {
+        let on = known.status.and_then(|s| s.waits_for);
+        let open = self.setup.goal(self.task).open(self.filled);
+        let barred = known.status.is_some_and(|s| !open.is_empty() && s.barred.holds(open));
+        let why = match on {
+            Some(other) if self.dead.contains(&other) => Why::WaitsForDead,
+            Some(_) => Why::Waits,
+            None if barred => Why::Barred,
+            None if self.setup.params.strategy == Strategy::Negotiated => Why::Unknown,
+            None => Why::NoBetterPlace,
+        };
+        Waiter { module, on, why }
     }
 }
 
@@ -429,8 +462,14 @@ fn cycle(waiting: &[(ModuleId, Option<ModuleId>)]) -> Vec<ModuleId> {
 }
 
 impl Direct<MetamoduleWorld> for MetamoduleDirector {
-    fn report(&mut self, _now: Time, id: ModuleId, report: Status) {
+    fn report(&mut self, now: Time, id: ModuleId, report: Status) {
         let before = self.known[id.index()].status.replace(report);
+        self.alarms += u32::from(report.deadlocked && !before.is_some_and(|s| s.deadlocked));
+        match (report.deadlocked, self.detected) {
+            (true, None) => self.detected = Some((now, id)),
+            (false, Some((_, by))) if by == id => self.detected = None,
+            _ => {}
+        }
         if before.and_then(|s| s.settled) != report.settled {
             self.next_check = Time::ZERO;
         }
@@ -439,6 +478,7 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
     fn died(&mut self, _now: Time, id: ModuleId) {
         self.faults.died(id);
         self.known[id.index()].alive = false;
+        self.detected = self.detected.filter(|(_, by)| *by != id);
         self.dead.insert(id);
         self.untold.insert(id);
         self.next_check = Time::ZERO;

@@ -6,7 +6,7 @@
 //! hearing. Deliberately absent: gravity, torque, bending; walls; gripping other metamodules.
 
 use crate::invariants::{self, Invariant, Violation};
-use crate::world::{Contact, Sensed, World};
+use crate::world::{Contact, Sensed, World, due};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::Cell;
@@ -20,10 +20,11 @@ use metamorph_protocol::stream::Stream;
 use metamorph_protocol::time::Time;
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap, VecDeque};
+use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
 /// An action under way.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Hash)]
 struct UnderWay {
     to: Pose,
     /// Everything the body may be in while it acts.
@@ -32,7 +33,7 @@ struct UnderWay {
     fails: bool,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Hash)]
 struct Body {
     pose: Pose,
     /// Whether the foot and the head grip.
@@ -75,6 +76,7 @@ pub struct Deeds {
 }
 
 /// A simulated world of metamodules.
+#[derive(Clone, Debug)]
 pub struct MetamoduleWorld {
     setup: Arc<Setup>,
     bodies: Vec<Body>,
@@ -337,6 +339,15 @@ impl MetamoduleWorld {
         if deed == Deed::Detach {
             self.hear(id, true);
         }
+    }
+}
+
+/// What a world can do from now on depends on this; counts are left out.
+impl Hash for MetamoduleWorld {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (&self.bodies, &self.obstacles).hash(state);
+        due(&self.due).hash(state);
+        (self.sessions, &self.joints).hash(state);
     }
 }
 

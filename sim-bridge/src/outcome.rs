@@ -143,6 +143,58 @@ impl Reason {
     }
 }
 
+/// Why a module that is free does not go on, as far as it has told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Why {
+    /// Its joints do not turn.
+    Immobile,
+    /// Cubes: it has no parent that it could leave.
+    Unattached,
+    /// Cubes: it holds a module that seems dead.
+    HoldsDead,
+    /// It waits for somebody that is dead.
+    WaitsForDead,
+    /// It waits for somebody: its child, whoever has locked it, has refused it, or stands in its way.
+    Waits,
+    /// Cubes: no distance to a goal cell reaches it.
+    HearsOfNoTarget,
+    /// Metamodules: it knows no way to any open seed.
+    Barred,
+    /// Metamodules: no place that it can get to is better than its own.
+    NoBetterPlace,
+    /// Nothing that it has told holds it.
+    Unknown,
+}
+
+impl Why {
+    /// For people, after the name of the module.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Why::Immobile => "cannot turn its joints",
+            Why::Unattached => "has no parent in the forest",
+            Why::HoldsDead => "holds a module that seems dead",
+            Why::WaitsForDead => "waits for a dead module",
+            Why::Waits => "waits",
+            Why::HearsOfNoTarget => "hears of no goal cell",
+            Why::Barred => "knows no way to an open seed",
+            Why::NoBetterPlace => "has no better place to go to",
+            Why::Unknown => "does not move, for no reason that it has told",
+        }
+    }
+}
+
+/// A module that does not go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+pub struct Waiter {
+    /// Which.
+    pub module: ModuleId,
+    /// For whom it waits, if it does.
+    pub on: Option<ModuleId>,
+    /// Why.
+    pub why: Why,
+}
+
 /// A standstill, with the evidence.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Stall {
@@ -156,6 +208,8 @@ pub struct Stall {
     pub unfilled: Vec<Cell>,
     /// Modules that wait for each other in a circle, if they do.
     pub wait_cycle: Vec<ModuleId>,
-    /// Spare modules that have a way to a goal cell and do not take it, with whom they wait for.
-    pub waiting: Vec<(ModuleId, Option<ModuleId>)>,
+    /// Spare modules that have a way to a goal cell and do not take it; of metamodules, all that are free.
+    pub waiting: Vec<Waiter>,
+    /// When the swarm itself found out that nobody can go on, and who did; none if it did not.
+    pub detected: Option<(Time, ModuleId)>,
 }

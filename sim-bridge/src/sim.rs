@@ -58,19 +58,40 @@ pub trait Audited: World {
     fn take_violations(&mut self) -> Vec<Violation>;
 }
 
-/// Read access to the living agents, for audits.
-pub struct Agents<'a, A: Agent> {
-    modules: &'a [Module<A>],
+/// Whoever drives agents and lets audits look at them.
+pub trait Swarm<A> {
+    /// How many modules there are.
+    fn modules(&self) -> usize;
+    /// The agent of the module with this number, if its process lives.
+    fn living(&self, index: usize) -> Option<&A>;
 }
 
-impl<A: Agent> Agents<'_, A> {
+/// Read access to the living agents, for audits.
+pub struct Agents<'a, A> {
+    swarm: &'a dyn Swarm<A>,
+}
+
+impl<'a, A> Agents<'a, A> {
+    /// The agents of a swarm.
+    pub fn of(swarm: &'a dyn Swarm<A>) -> Agents<'a, A> {
+        Agents { swarm }
+    }
     /// The agent of a module, if its process lives.
     pub fn get(&self, id: ModuleId) -> Option<&A> {
-        self.modules.get(id.index()).filter(|m| m.is_alive()).and_then(|m| m.agent.as_ref())
+        self.swarm.living(id.index())
     }
     /// All living agents.
     pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {
-        (0..self.modules.len() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
+        (0..self.swarm.modules() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
+    }
+}
+
+impl<A> Swarm<A> for Vec<Module<A>> {
+    fn modules(&self) -> usize {
+        self.len()
+    }
+    fn living(&self, index: usize) -> Option<&A> {
+        self.get(index).filter(|m| m.is_alive()).and_then(|m| m.agent.as_ref())
     }
 }
 
@@ -249,7 +270,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
     /// The living agents.
     pub fn agents(&self) -> Agents<'_, W::Agent> {
-        Agents { modules: &self.modules }
+        Agents::of(&self.modules)
     }
     /// Message counts.
     pub fn tally(&self) -> &Tally {
@@ -435,7 +456,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     fn fed(&mut self, id: ModuleId) {
         self.plan_wake(id);
         self.checked += 1;
-        let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
+        let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
         self.world.audit_agent(self.now, id, &agents, &mut found);
         found.into_iter().for_each(|v| self.note(v));
     }
@@ -462,7 +483,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 let revision = self.modules[id.index()].revision;
                 self.world.act(self.now, id, revision, &action);
                 self.checked += 1;
-                let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
+                let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
                 self.world.audit_action(self.now, id, &agents, &mut found);
                 found.into_iter().for_each(|v| self.note(v));
             }
@@ -657,7 +678,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     fn audit_all(&mut self) {
         self.checked += 1;
-        let (agents, mut found) = (Agents { modules: &self.modules }, Vec::new());
+        let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
         self.world.audit_all(self.now, &agents, &mut found);
         found.extend(self.world.take_violations());
         let waiting: usize = self.backlogs.values().map(|b| b.messages).sum();

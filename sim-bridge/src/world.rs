@@ -6,6 +6,8 @@
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::time::Time;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 /// The other end of a contact, for whoever opens channels. Agents do not see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -70,4 +72,11 @@ pub trait World {
 
     /// What bodies sensed, in order.
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<Self::Agent as Agent>::Percept>)>;
+}
+
+/// What is under way in the order in which it ends, for comparing worlds: not how it lies in the heap.
+pub(crate) fn due(heap: &BinaryHeap<Reverse<(Time, u64, ModuleId)>>) -> Vec<(Time, ModuleId)> {
+    let mut all: Vec<_> = heap.iter().map(|Reverse(due)| *due).collect();
+    all.sort_unstable();
+    all.into_iter().map(|(at, _, id)| (at, id)).collect()
 }

@@ -5,7 +5,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four, chair_of_six};
 use metamorph_protocol::metamodule::motions::Motions;
-use metamorph_protocol::metamodule::params::{Floor, Params, Setup, Strategy, Teller};
+use metamorph_protocol::metamodule::params::{Detector, Floor, Params, Setup, Strategy, Teller};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::ratio::Ratio;
@@ -88,6 +88,8 @@ pub struct Assembly {
     pub changes: Vec<(Time, u8)>,
     /// Whether the goal is moved when something that stays is in its way.
     pub relocate: bool,
+    /// Whether the run ends when the metamodules find out that nobody can go on.
+    pub heed: bool,
     /// The seed.
     pub seed: u64,
 }
@@ -99,6 +101,10 @@ pub struct Assembled {
     pub outcome: Option<(Time, Outcome)>,
     /// Why it stood still, if it did.
     pub stall: Option<Stall>,
+    /// When the metamodules found out that nobody can go on, and who did.
+    pub detected: Option<(Time, ModuleId)>,
+    /// How often somebody said so.
+    pub alarms: u32,
     /// Seeds filled.
     pub filled: usize,
     /// How far the goal was moved.
@@ -156,6 +162,7 @@ impl Assembly {
             failure: Ratio::ZERO,
             changes: Vec::new(),
             relocate: false,
+            heed: false,
             seed,
         }
     }
@@ -209,6 +216,15 @@ impl Assembly {
         self
     }
 
+    /// The metamodules find out among themselves that nobody can go on.
+    pub fn detecting(mut self) -> Assembly {
+        let mut setup = (*self.setup).clone();
+        let metamodules = self.start.len() as u16;
+        setup.params.detector = Some(Detector { after: setup.params.patience, metamodules });
+        self.setup = Arc::new(setup);
+        self
+    }
+
     /// Runs it.
     pub fn run(self) -> Assembled {
         let world = MetamoduleWorld::new(Arc::clone(&self.setup), &self.start, self.seed);
@@ -224,6 +240,7 @@ impl Assembly {
             failure: self.failure,
             changes: self.changes,
             relocate: self.relocate,
+            heed: self.heed,
         };
         let director = MetamoduleDirector::new(Arc::clone(&self.setup), self.start.len(), plan);
         let config = SimConfig {
@@ -239,6 +256,8 @@ impl Assembly {
         Assembled {
             outcome: sim.director().outcome(),
             stall: sim.director().stall().cloned(),
+            detected: sim.director().detected(),
+            alarms: sim.director().alarms(),
             filled: sim.director().progress().filled,
             shift: sim.director().task().shift,
             struck: sim.director().struck().to_vec(),

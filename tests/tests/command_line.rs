@@ -348,6 +348,27 @@ fn metamodules_are_checked_run_and_reported() {
     assert!(ran.err.contains("seeds filled") && ran.err.contains("the interlock"), "{}", ran.err);
 }
 
+/// The metamodules find out by themselves that they are stuck; the report says who found out, and why each
+/// of them waits.
+#[test]
+fn a_deadlock_is_found_by_the_swarm_itself() {
+    let text = METAMODULES.to_owned() + "[protocol]\nstrategy = \"greedy\"\ndetector = true\n";
+    let ran = on(&text, &["check", "{}"]);
+    assert!(ran.out.contains("the swarm finds deadlocks by itself"), "{ran:?}");
+    let deadlocked = (0..20).find_map(|seed: u32| {
+        let ran = on(&text, &["run", "{}", "--link", "sim", "--seed", &seed.to_string(), "--json", "-"]);
+        (ran.code == Some(3)).then_some(ran)
+    });
+    let ran = deadlocked.expect("greedy deadlocks often");
+    let standstill = json(&ran.out).unbuilt.expect("why nothing goes on");
+    assert!(standstill.detected.is_some(), "{standstill:?}");
+    assert!(standstill.waiting.iter().all(|w| !w.why.is_empty()) && !standstill.waiting.is_empty());
+    assert!(ran.err.contains("found this out"), "{}", ran.err);
+    let negotiated = text.replace("greedy", "negotiated");
+    let refused = on(&negotiated, &["check", "{}"]);
+    assert!(refused.code == Some(2) && refused.err.contains("has no detector"), "{refused:?}");
+}
+
 /// Goals that replace one another and obstacles, from the scenario to the report.
 #[test]
 fn goals_change_and_obstacles_come_and_go() {

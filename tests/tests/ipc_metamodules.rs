@@ -72,6 +72,19 @@ fn chairs_of_six_processes() {
     }
 }
 
+/// Processes find out among themselves that they are stuck; greedy ones are, more often than not.
+#[test]
+fn processes_find_their_deadlock() {
+    let greedy = ["--set", "protocol.strategy=greedy", "--set", "protocol.detector=true"];
+    let found = (1..=8).map(|seed| seed.to_string()).find_map(|seed| {
+        let report = as_processes("box.toml", &[&greedy[..], &["--seed", &seed]].concat());
+        let standstill = report.unbuilt.filter(|_| report.outcome == "deadlock")?;
+        standstill.detected.map(|found| (found, standstill.waiting))
+    });
+    let (found, waiting) = found.expect("no deadlock was found in eight runs");
+    assert!(found.at_s <= 500.0 && waiting.iter().any(|w| w.module == found.by), "{found:?} {waiting:?}");
+}
+
 /// The simulator stands for the real thing: from the same starts, over links with the same delays,
 /// both build, with as many moves. Real processes do not repeat a run event by event, so it is the
 /// distributions that are compared.

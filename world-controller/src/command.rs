@@ -105,6 +105,17 @@ Exit codes:
   6  an invariant broke in at least one run, such as two modules in one cell
   7  stopped by Ctrl-C or SIGTERM before every run was done";
 
+const RESUME_EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal --patience 60s
+  (its controller is killed, for example by kill -9)
+  metamorph resume run.journal
+
+The controller hosts the simulated bodies, so while there is none nothing moves; modules go on talking to
+each other. The journal has all that happened to the bodies and to the controller, from which both are
+rebuilt. Modules wait for --patience; after that, or if the machine was restarted, there is nothing to
+go on with.";
+
 const BENCH_EXAMPLES: &str = "\
 Examples:
   metamorph bench                            everything; takes some minutes
@@ -197,6 +208,9 @@ pub enum Command {
     /// Run a scenario with many seeds and varied values, and compare
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
+    /// Go on with a run whose controller was killed
+    #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}"))]
+    Resume(ResumeArgs),
     /// Carry the journal of a run out again, and say where it differs
     #[command(after_help = REPLAY_EXAMPLES)]
     Replay(ReplayArgs),
@@ -235,6 +249,10 @@ pub struct RunArgs {
     /// Write everything that happens to a file, for `metamorph replay` and for viewers
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,
+    /// On `ipc` with --journal: how long, in real time, the modules go on when the controller is killed,
+    /// for `metamorph resume FILE` to come
+    #[arg(long, value_name = "T", value_parser = real_time, default_value = "30s", requires = "journal")]
+    pub patience: Duration,
     /// Print nothing but errors, and JSON if asked for
     #[arg(short, long)]
     pub quiet: bool,
@@ -255,6 +273,26 @@ pub struct ReplayArgs {
     /// Print nothing but errors
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// What `resume` takes.
+#[derive(Debug, Args)]
+pub struct ResumeArgs {
+    /// The journal of the run
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Write the report as JSON to a file, or to standard output with `-` (the text for people then
+    /// goes to standard error)
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
+    pub json: Option<PathBuf>,
+    /// Print nothing but errors, and JSON if asked for
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+fn real_time(text: &str) -> Result<Duration, String> {
+    let Span(nanos) = text.parse().map_err(|e: SpanError| e.to_string())?;
+    Ok(Duration::from_nanos(nanos))
 }
 
 fn scenario_time(text: &str) -> Result<Time, String> {

@@ -153,6 +153,13 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
+        Command::Resume(args) => {
+            may_write(&args.json)?;
+            let mut live = Live::new(!args.quiet);
+            let report = processes::resume_processes(&args.file, &mut live, since)?;
+            drop(live);
+            deliver(&report, &args.json, args.quiet)
+        }
         Command::Replay(args) => {
             let quiet = args.quiet;
             let (plan, replayed) = replay(&args.into())?;
@@ -186,14 +193,7 @@ fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
 fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
-    if let Some(file) = json_file(&args.json) {
-        // Found out now, and not after a long run. What the file holds is kept until then.
-        OpenOptions::new()
-            .append(true)
-            .create(true)
-            .open(file)
-            .map_err(|error| Failure::Json { path: file.display().to_string(), error })?;
-    }
+    may_write(&args.json)?;
     let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
     let mut live = Live::new(!args.quiet);
     let begin = match overrides.link {
@@ -204,10 +204,17 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let keeping = keeping.map_err(Failure::Journal)?;
     let report = match overrides.link {
         LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since, keeping),
-        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping)?,
+        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping, args.patience)?,
     };
     drop(live);
     deliver(&report, &args.json, args.quiet)
+}
+
+/// Found out before a run, and not after a long one. What the file holds is kept until then.
+fn may_write(json: &Option<PathBuf>) -> Result<(), Failure> {
+    let Some(file) = json_file(json) else { return Ok(()) };
+    let opened = OpenOptions::new().append(true).create(true).open(file);
+    opened.map(drop).map_err(|error| Failure::Json { path: file.display().to_string(), error })
 }
 
 fn json_file(json: &Option<PathBuf>) -> Option<&Path> {

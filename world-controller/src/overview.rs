@@ -112,9 +112,10 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
         Teller::Neighbours => "neighbours",
     };
     let relocates = if swarm.relocate { "; a goal that something stands in is moved" } else { "" };
+    let detects = if params.detector.is_some() { "; the swarm finds deadlocks by itself" } else { "" };
     writeln!(
         out,
-        "  protocol  strategy {}; {teller} tells which seeds are open{relocates}",
+        "  protocol  strategy {}; {teller} tells which seeds are open{relocates}{detects}",
         params.strategy.name(),
     )
 }

@@ -1,17 +1,22 @@
 //! Runs a plan with one process per module, over shared memory. What a swarm of processes is, and
 //! how it is supervised, is in `swarm`; here a plan goes in and a report comes out.
 
-use crate::journal::Keeping;
+use crate::journal::{HeadError, JournalError, Keeping, parts_of, plan_of};
+use crate::replay::{Recovered, recover};
 use crate::report::schema::Report;
 use crate::report::{Facts, progress, report};
 use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
-use crate::swarm::{CleanError, Crash, SwarmError, SwarmOptions, SwarmOutcome, clean, run_swarm};
+use crate::swarm::{
+    CleanError, Crash, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, adopt, clean,
+    resume_swarm, run_swarm,
+};
 use crate::terminal::Live;
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::clock::Speed;
+use metamorph_module_agent::journal::{Head, Reader, controller_part};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
@@ -23,6 +28,7 @@ use metamorph_sim_bridge::outcome::Outcome;
 use metamorph_sim_bridge::world::World;
 use std::ffi::OsString;
 use std::path::Path;
+use std::time::Duration;
 use thiserror::Error;
 
 /// Why processes cannot be run.
@@ -34,6 +40,18 @@ pub enum ProcessError {
     /// The swarm.
     #[error(transparent)]
     Swarm(#[from] SwarmError),
+    /// A journal cannot be read or written.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// A journal's scenario cannot be read.
+    #[error(transparent)]
+    Head(#[from] HeadError),
+    /// A run cannot be gone on with.
+    #[error(transparent)]
+    NotResumable(#[from] NotResumable),
+    /// A journal does not lead to where the run was.
+    #[error("the run cannot be resumed, because its journal does not lead to where it was: {0}")]
+    Recovery(String),
     /// What killed runs left behind.
     #[error(transparent)]
     Clean(#[from] CleanError),
@@ -45,17 +63,48 @@ pub enum ProcessError {
     Agent(String),
 }
 
-/// Runs to the end, or until a signal asks for it. `since` is when the program started.
+/// Runs to the end, or until a signal asks for it. `since` is when the program started; `patience` is
+/// how long agents wait for a controller to come back, if a journal is kept.
 pub fn run_processes(
     plan: &Plan,
     live: &mut Live,
     since: Stopwatch,
     keeping: Option<Keeping>,
+    patience: Duration,
 ) -> Result<Report, ProcessError> {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, live, since, keeping),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since, keeping),
+        Swarm::Cubes(cubes) => run(cubes, plan, live, since, keeping, patience),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since, keeping, patience),
     }
+}
+
+/// Goes on with a run of processes whose controller was killed, from its journal.
+pub fn resume_processes(file: &Path, live: &mut Live, since: Stopwatch) -> Result<Report, ProcessError> {
+    let file = std::path::absolute(file).map_err(|e| JournalError::Read(file.to_owned(), e))?;
+    let path = controller_part(&parts_of(&file));
+    let part = Reader::open(&path)?;
+    let Head::Run(head) = part.head().clone() else {
+        return Err(JournalError::Head(path, "it is the part of a module".to_owned()).into());
+    };
+    let plan = plan_of(&head)?;
+    match &plan.swarm {
+        Swarm::Cubes(cubes) => resume(cubes, &plan, &file, part, live, since),
+        Swarm::Metamodules(metamodules) => resume(metamodules, &plan, &file, part, live, since),
+    }
+}
+
+fn options<R: Runnable>(plan: &Plan, parts: Option<&Path>) -> Result<SwarmOptions, ProcessError> {
+    Ok(SwarmOptions {
+        // `--` keeps the agent's arguments from being read as options of this program.
+        program_args: vec!["agent".into(), "--".into(), R::FAMILY.name().into()],
+        seed: plan.seed,
+        speed: speed(plan.time_scale),
+        link: plan.link.clone(),
+        // A swarm ends at once if it is interrupted while it is being set up.
+        catch_signals: true,
+        journal: parts.map(Path::to_owned),
+        ..SwarmOptions::new(std::env::current_exe().map_err(ProcessError::Program)?)
+    })
 }
 
 fn run<R: Runnable>(
@@ -64,19 +113,11 @@ fn run<R: Runnable>(
     live: &mut Live,
     since: Stopwatch,
     keeping: Option<Keeping>,
+    patience: Duration,
 ) -> Result<Report, ProcessError> {
     let mut world = swarm.world(plan);
-    let options = SwarmOptions {
-        // `--` keeps the agent's arguments from being read as options of this program.
-        program_args: vec!["agent".into(), "--".into(), R::FAMILY.name().into()],
-        seed: plan.seed,
-        speed: speed(plan.time_scale),
-        link: plan.link.clone(),
-        // A swarm ends at once if it is interrupted while it is being set up.
-        catch_signals: true,
-        journal: keeping.as_ref().and_then(|k| k.parts().map(Path::to_owned)),
-        ..SwarmOptions::new(std::env::current_exe().map_err(ProcessError::Program)?)
-    };
+    let mut options = options::<R>(plan, keeping.as_ref().and_then(Keeping::parts))?;
+    options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
     let mut director = Watched::<R> { brain: swarm.director(plan), plan, live };
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
@@ -93,17 +134,59 @@ fn run<R: Runnable>(
         }
     };
     director.live.clear();
-    let brain = director.brain;
+    Ok(conclude(swarm, plan, world, director.brain, &outcome, before, keeping, Vec::new()))
+}
+
+fn resume<R: Runnable>(
+    swarm: &R,
+    plan: &Plan,
+    file: &Path,
+    mut part: Reader,
+    live: &mut Live,
+    since: Stopwatch,
+) -> Result<Report, ProcessError> {
+    // First of all, so that nobody writes to the journal any more while it is read.
+    let parts = parts_of(file);
+    let adopted = adopt(&parts)?;
+    let recovered = recover(swarm, plan, part.by_ref()).map_err(ProcessError::Recovery)?;
+    let Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted } = recovered;
+    let mut said = vec![format!("the controller was killed; another went on from {until}")];
+    said.extend(part.torn().map(ToString::to_string));
+    let keeping = Keeping::going_on(file, part.whole(), until)?;
+    let options = options::<R>(plan, keeping.parts())?;
+    let director = Watched::<R> { brain: director, plan, live };
+    let before = since.elapsed();
+    let mut recorded = RecordedWorld::new(world, keeping.log());
+    let mut brain = RecordedDirector::after(director, keeping.log(), struck);
+    let resumption = Resumption { until, lives, latest, awaited, finishing, counted };
+    let ran = resume_swarm(&options, adopted, resumption, &mut recorded, &mut brain);
+    let outcome = ran.inspect_err(|_| keeping.give_up())?;
+    let Watched { brain, live, .. } = brain.into_inner();
+    live.clear();
+    Ok(conclude(swarm, plan, recorded.into_inner(), brain, &outcome, before, Some(keeping), said))
+}
+
+#[allow(clippy::too_many_arguments, reason = "all that is left of a run")]
+fn conclude<R: Runnable>(
+    swarm: &R,
+    plan: &Plan,
+    mut world: R::World,
+    brain: R::Director,
+    outcome: &SwarmOutcome,
+    before: Duration,
+    keeping: Option<Keeping>,
+    said: Vec<String>,
+) -> Report {
     let (mut violations, checked) = R::last_check(&mut world, outcome.end);
-    violations.extend(unbalanced(&outcome));
+    violations.extend(unbalanced(outcome));
     let account = swarm.account(plan, &brain, &world);
-    let mut notes = notes(&outcome);
+    let mut notes = [said, notes(outcome)].concat();
     if let Some(keeping) = keeping {
         let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
-        let SwarmOutcome { end, tally, accounts, unrecorded, .. } = &outcome;
+        let SwarmOutcome { end, tally, accounts, unrecorded, .. } = outcome;
         notes.extend(keeping.finish(*end, ended.name(), tally, accounts, *unrecorded));
     }
-    Ok(report(&Facts {
+    report(&Facts {
         plan,
         account,
         beat: swarm.beat(),
@@ -118,7 +201,7 @@ fn run<R: Runnable>(
         setup: before + outcome.setup,
         trace_hash: None,
         notes,
-    }))
+    })
 }
 
 /// Thousandths are as fine as anybody writes them; the plan keeps the range.

@@ -149,6 +149,7 @@ impl Runnable for Metamodules {
             failure: plan.failure,
             changes: self.changes.to_vec(),
             relocate: self.relocate,
+            heed: true,
         };
         MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
     }

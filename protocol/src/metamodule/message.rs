@@ -103,6 +103,38 @@ impl Way {
     }
 }
 
+/// Of a wave that finds out whether anybody can go on (see `detector`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Probe {
+    /// Who wants to know.
+    pub initiator: ModuleId,
+    /// The number of the wave among those of the initiator.
+    pub wave: u32,
+    /// Of the latest state that the sender has told.
+    pub sequence: u32,
+    /// The answer; nothing if it is the question.
+    pub answer: Option<Counted>,
+}
+
+/// What a wave has counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub struct Counted {
+    /// Metamodules that do nothing until they hear something new.
+    pub metamodules: u16,
+    /// How often they all have stirred.
+    pub stirs: u32,
+}
+
+impl Counted {
+    /// Both together.
+    pub const fn and(self, other: Counted) -> Counted {
+        Counted {
+            metamodules: self.metamodules.saturating_add(other.metamodules),
+            stirs: self.stirs.wrapping_add(other.stirs),
+        }
+    }
+}
+
 /// Why a lock is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
@@ -149,6 +181,8 @@ pub enum Message {
     State(State),
     /// Where it means to go.
     Way(Way),
+    /// Asks whether anybody can go on, or answers that nobody it has asked can.
+    Probe(Probe),
     /// Asks to keep out of all cells of a move, and to grant them to nobody else.
     Request {
         /// Who asks.
@@ -207,6 +241,7 @@ impl Wire for Message {
             Message::Response { .. } => 18,
             Message::Release { .. } => 19,
             Message::Way(_) => 20,
+            Message::Probe(_) => 21,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -232,6 +267,15 @@ impl Wire for Message {
                     out.u16(leg.posture);
                     wide(out, leg.sweep.0);
                 }
+            }
+            Message::Probe(p) => {
+                out.u32(p.initiator.0);
+                out.u32(p.wave);
+                out.u32(p.sequence);
+                out.bool(p.answer.is_some());
+                let counted = p.answer.unwrap_or_default();
+                out.u16(counted.metamodules);
+                out.u32(counted.stirs);
             }
             Message::Request { origin, token, rank, age, pose: p, sweep, ends } => {
                 out.u32(origin.0);
@@ -302,6 +346,15 @@ impl Wire for Message {
                     *leg = Leg { posture: from.u16()?, sweep: sweep(from)? };
                 }
                 Message::Way(Way { id, sequence, rank, from: begins, legs, count })
+            }
+            21 => {
+                let (initiator, wave, sequence) = (ModuleId(from.u32()?), from.u32()?, from.u32()?);
+                let answers = from.bool("answer")?;
+                let counted = Counted { metamodules: from.u16()?, stirs: from.u32()? };
+                if !answers && counted != Counted::default() {
+                    return Err(WireError::Field("counted"));
+                }
+                Message::Probe(Probe { initiator, wave, sequence, answer: answers.then_some(counted) })
             }
             18 => Message::Response {
                 from: ModuleId(from.u32()?),
@@ -505,6 +558,8 @@ pub struct Status {
     pub waits_for: Option<ModuleId>,
     /// Seeds that it has no way to.
     pub barred: SeedSet,
+    /// It has found out that nobody can go on.
+    pub deadlocked: bool,
 }
 
 impl Wire for Status {
@@ -517,6 +572,7 @@ impl Wire for Status {
         out.u32(self.prevented);
         out.u32(self.waits_for.map_or(u32::MAX, |id| id.0));
         out.u32(self.barred.0);
+        out.bool(self.deadlocked);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
         if kind != 16 {
@@ -531,7 +587,8 @@ impl Wire for Status {
         let prevented = from.u32()?;
         let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
         let barred = SeedSet(from.u32()?);
-        Ok(Status { pose, settled, prevented, waits_for, barred })
+        let deadlocked = from.bool("deadlocked")?;
+        Ok(Status { pose, settled, prevented, waits_for, barred, deadlocked })
     }
 }
 
@@ -630,7 +687,10 @@ mod tests {
                 prevented: 3,
                 waits_for: settled.map(|_| origin),
                 barred: filled,
+                deadlocked: settled.is_some(),
             });
+            let answer = settled.map(|s| Counted { metamodules: s.into(), stirs: u32::MAX });
+            round_trip(&Message::Probe(Probe { initiator: origin, wave: 5, sequence: 6, answer }));
         }
     }
 
@@ -663,7 +723,7 @@ mod tests {
         assert_eq!(
             &bytes[HEADER..HEADER + 34],
             &[
-                1, 0, 0, 0, 2, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 1, 2, 0, 1, 0xFD, 0xFF, 4, 0, 3, 0, 0,
+                1, 0, 0, 0, 2, 0, 0, 0, 0xFE, 0xFF, 5, 0, 15, 0, 2, 1, 5, 2, 0, 1, 0xFD, 0xFF, 4, 0, 3, 0, 0,
                 0, 255, 0, 4, 0, 0, 0
             ]
         );
@@ -672,7 +732,7 @@ mod tests {
     proptest! {
         /// Whatever lies in shared memory is either refused or a message that encodes to the same.
         #[test]
-        fn no_bytes_make_the_reader_panic(kind in 14u8..22, bytes in proptest::array::uniform32(any::<u8>())) {
+        fn no_bytes_make_the_reader_panic(kind in 14u8..24, bytes in proptest::array::uniform32(any::<u8>())) {
             let mut cells = [0u8; Frame::SIZE];
             cells[HEADER..HEADER + 32].copy_from_slice(&bytes);
             for length in 0..=32u8 {

@@ -17,6 +17,7 @@
 
 pub mod blueprint;
 mod choice;
+mod detector;
 pub mod distances;
 pub mod field;
 pub mod graph;
@@ -40,6 +41,7 @@ use crate::stream::Stream;
 use crate::time::{Span, Time};
 use blueprint::{Blueprint, SeedSet, Task};
 use choice::{Aim, Plan, View, middle};
+use detector::Watch;
 use message::{Action, Deed, Denial, Message, Order, Percept, Rank, Refusal, State, Status};
 use motions::Sweep;
 use negotiation::Intent;
@@ -99,6 +101,7 @@ struct Core {
     prevented: u32,
     waits_for: Option<ModuleId>,
     reported: Option<Status>,
+    watch: Watch,
     chance: Stream,
 }
 
@@ -583,6 +586,7 @@ impl Metamodule {
                 }
             }
             Message::Way(way) => self.hear_way(now, port, way),
+            Message::Probe(probe) => self.on_probe(now, port, probe),
             Message::Request { origin, token, rank, age, pose, sweep, ends } => {
                 let known = match self.core.peers.get_mut(port) {
                     Some(peer) if token > peer.over => peer.grant.is_some_and(|g| g.token == token),
@@ -700,6 +704,7 @@ impl Metamodule {
             prevented: c.prevented,
             waits_for: c.waits_for,
             barred: c.intent.barred,
+            deadlocked: c.watch.deadlocked,
         };
         if c.reported != Some(status) {
             c.reported = Some(status);
@@ -748,6 +753,7 @@ impl Agent for Metamodule {
                 prevented: 0,
                 waits_for: None,
                 reported: None,
+                watch: Watch::new(birth.incarnation),
                 chance: Stream::named(birth.seed, "metamodule", u64::from(birth.id.0)),
             },
             out: VecDeque::new(),
@@ -780,6 +786,7 @@ impl Agent for Metamodule {
                 }
             }
         }
+        self.tend_detector(now);
         self.report();
     }
 
@@ -793,7 +800,7 @@ impl Agent for Metamodule {
             Phase::Asking { again, .. } => *again,
             Phase::Moving { .. } => Time::NEVER,
         };
-        next.min(self.core.repeat_at)
+        next.min(self.core.repeat_at).min(self.core.watch.wake_at())
     }
 
     fn digest(&self, mut hasher: &mut dyn Hasher) {

@@ -10,7 +10,8 @@
 //! keep it safe, are not here: a wrong or late word about a way costs time, never safety.
 
 use super::blueprint::SeedSet;
-use super::choice::{Aim, Plan};
+use super::choice::{Aim, Plan, middle};
+use super::field::Middle;
 use super::message::{Claim, LEGS, Leg, Message, Rank, Way};
 use super::pose::Pose;
 use super::search::{Course, Ground};
@@ -132,7 +133,7 @@ impl May {
 }
 
 /// Whoever can get this far away is not walled in.
-const AWAY: u16 = 5;
+const AWAY: i64 = 5;
 /// After so many times its patience a metamodule leaves its seed to others.
 const GIVE_UP: u64 = 3;
 /// Leaving a seed that is not open yet to somebody is as bad as so many strides.
@@ -546,7 +547,8 @@ impl Metamodule {
         };
         let way_out = other.way_out.get_or_init(|| {
             let taken: Vec<Cell> = around().collect();
-            self.ground(&taken).easy_way(other.soon, |to| is_away(other.soon.foot(), to))
+            let from = middle(motions, other.soon);
+            self.ground(&taken).easy_way(other.soon, |to| is_away(from, to))
         });
         self.is_off(scene, other.soon)
             && (way_out.as_ref().is_some_and(|way| !me.iter().any(|c| way.contains(c)))
@@ -576,14 +578,14 @@ impl Metamodule {
 
     /// Whether whoever stands like this cannot get away from there around taken cells.
     fn is_shut_in(&self, pose: Pose, taken: &[Cell]) -> bool {
-        if self.ground(taken).taken_at(pose) == 0 {
+        let from = middle(&self.setup.motions, pose);
+        let is_away = |to: (i16, i16)| is_away(from, to);
+        if self.ground(taken).easy_way(pose, is_away).is_some() {
             return false;
         }
-        let around = (self.setup.floor, taken.to_vec());
-        !self
-            .setup
-            .motions
-            .ask(pose, around, |(_, taken)| self.ground(taken).can_get(pose, |to| is_away(pose.foot(), to)))
+        let mut around = (self.setup.floor, taken.to_vec());
+        around.1.sort_unstable();
+        !self.setup.motions.ask(pose, around, |(_, taken)| self.ground(taken).can_get(pose, is_away))
     }
 
     /// Whether all seeds that should have been filled before this one can still be got to when it has been.
@@ -594,7 +596,8 @@ impl Metamodule {
             let mut around = self.planned(scene, number);
             around.extend(seed.cells());
             let distances = self.setup.motions.distances(self.setup.floor, other, &around);
-            distances.reach(|from| is_away(other.foot, from))
+            let (x, y) = other.foot;
+            distances.reach(|from| is_away((i64::from(x) * 4, i64::from(y) * 4), from))
         })
     }
 
@@ -690,9 +693,11 @@ impl Metamodule {
     }
 }
 
-/// Whether whoever has come from one connector to another is not shut in any more.
-fn is_away(from: (i16, i16), to: (i16, i16)) -> bool {
-    to.0.abs_diff(from.0).max(to.1.abs_diff(from.1)) >= AWAY
+/// Whether whoever has come from around this middle to a connector is not shut in any more. Nothing
+/// changes for a body that changes from one end to the other.
+fn is_away(from: Middle, to: (i16, i16)) -> bool {
+    let (x, y) = (i64::from(to.0) * 4 - from.0, i64::from(to.1) * 4 - from.1);
+    x.abs().max(y.abs()) >= AWAY * 4
 }
 
 /// Tells one set of cells from another.

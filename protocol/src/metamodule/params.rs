@@ -93,6 +93,15 @@ pub enum Teller {
     Neighbours,
 }
 
+/// How metamodules find out that nobody can go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Detector {
+    /// After waiting for this long, and again as often, a metamodule asks.
+    pub after: Span,
+    /// How many there are; all of them must have been counted.
+    pub metamodules: u16,
+}
+
 /// Parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Params {
@@ -114,6 +123,8 @@ pub struct Params {
     pub repeat: Span,
     /// How long to wait, at least, after a lock was refused.
     pub back_off: Span,
+    /// Whether metamodules find out among themselves that nobody can go on.
+    pub detector: Option<Detector>,
     /// For how long it waits for others to make way, or to claim a seed that is rather theirs, before
     /// it looks for another way.
     pub patience: Span,
@@ -136,6 +147,7 @@ impl Params {
             resend: round_trip + Span(delay.0 / 2) + Span::millis(20),
             repeat: turn_time * 10,
             back_off: turn_time,
+            detector: None,
             patience: turn_time * 10 + round_trip * 4,
             sabotage: None,
         }

@@ -32,13 +32,14 @@ use std::time::Duration;
 /// Bytes of a message.
 const SIZE: usize = 64;
 /// Round trips timed together, for the clock costs something, too.
-const BATCH: u32 = 32;
+const BATCH: u32 = 16;
 /// Messages sent before the receiver is woken.
 const BURST: u32 = 16;
 /// How long round trips are measured, and throughput.
-const LONG: Duration = Duration::from_millis(700);
-/// Looks after which whoever spins lets others run; the other end may be one of them.
-const LOOKS: u64 = 2_000;
+const LONG: Duration = Duration::from_secs(1);
+/// Looks after which whoever spins lets others run; the other end may be one of them. Long enough that
+/// on a busy machine both ends run at the same time now and then.
+const LOOKS: u64 = 50_000;
 /// Looks after which the other process counts as gone: minutes of spinning.
 const PATIENCE: u64 = 1 << 36;
 /// The longest wait for the other process to start.
@@ -136,10 +137,18 @@ pub struct Row {
 pub fn measure(live: &mut Live) -> Result<Vec<Row>, BenchError> {
     rendezvous::set_verbosity(false);
     let before = sched_getaffinity(None).ok();
+    let roam = || {
+        if let Some(before) = &before {
+            // It was this before, so it can be this again.
+            let _ = sched_setaffinity(None, before);
+        }
+    };
     let mut rows = Vec::new();
     for mechanism in Mechanism::ALL {
         let mut cost = |mode: Mode| {
             live.show(|| format!("wire: {}, {}", mechanism.name(), mode.name()));
+            // The other process starts where this one may run.
+            roam();
             between_processes(mechanism, mode)
         };
         rows.push(Row {
@@ -149,10 +158,7 @@ pub fn measure(live: &mut Live) -> Result<Vec<Row>, BenchError> {
         });
     }
     live.clear();
-    if let Some(before) = before {
-        // It was this before, so it can be this again.
-        let _ = sched_setaffinity(None, &before);
-    }
+    roam();
     Ok(rows)
 }
 
@@ -234,7 +240,6 @@ pub fn echo(mechanism: Mechanism, mode: Mode, root: &str) -> Result<(), BenchErr
 }
 
 fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Cost, BenchError> {
-    stay_on(mode, 0);
     let dir = RunDir::create()?;
     let root = dir.root().to_str().ok_or_else(|| BenchError::Part("has no root".to_owned()))?.to_owned();
     let mut peer = command(&["echo", mechanism.name(), mode.name(), &root])?;
@@ -268,6 +273,7 @@ fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Cost, BenchErro
             (peer, Box::new(pair(copy(&ours)?, ours)?))
         }
     };
+    stay_on(mode, 0);
     let cost = exchange(end.as_mut(), mode)?;
     send(end.as_mut(), mode, ask::STOP)?;
     end.ring();

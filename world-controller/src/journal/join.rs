@@ -13,7 +13,7 @@ use metamorph_protocol::time::Time;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How many of something have come out so far: what is taken may not overtake what is given.
 #[derive(Default)]
@@ -80,7 +80,13 @@ impl Join {
         };
         join.add(Who::Controller, first);
         let entries = fs::read_dir(parts).map_err(|e| JournalError::Read(parts.to_owned(), e))?;
-        let mut paths: Vec<_> = entries.flatten().map(|e| e.path()).filter(|p| *p != controller).collect();
+        // Parts of agents are named by module and life.
+        let is_part = |p: &PathBuf| {
+            let name = p.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+            name.split_once('.')
+                .is_some_and(|(id, life)| id.parse::<u32>().is_ok() && life.parse::<u16>().is_ok())
+        };
+        let mut paths: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(is_part).collect();
         paths.sort();
         for path in paths {
             match Reader::open(&path) {

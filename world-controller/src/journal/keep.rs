@@ -44,6 +44,16 @@ impl Keeping {
         Ok(Keeping { file, parts: Some(parts), writer: Rc::new(RefCell::new(writer)) })
     }
 
+    /// Goes on with the journal of a run of processes whose controller was killed. `whole` is how many
+    /// bytes of the controller's part are whole.
+    pub fn going_on(file: &Path, whole: u64, at: Time) -> Result<Keeping, JournalError> {
+        let parts = parts_of(file);
+        let mut writer = Writer::go_on(&controller_part(&parts), whole)?;
+        writer.put(&Record { at, who: Who::Controller, event: Event::Resumed });
+        writer.commit();
+        Ok(Keeping { file: file.to_owned(), parts: Some(parts), writer: Rc::new(RefCell::new(writer)) })
+    }
+
     /// Where records of this process go.
     pub fn log(&self) -> Log {
         self.writer.clone()

@@ -83,6 +83,8 @@ pub struct Engine<'a, R: Runnable> {
     current: BTreeMap<ModuleId, Incarnation>,
     struck: usize,
     torn: bool,
+    /// Whether there are no records of agents.
+    alone: bool,
     outputs: Vec<OutputOf<AgentOf<R>>>,
     done: Done,
     ended: Option<(String, Tally)>,
@@ -100,12 +102,21 @@ impl<'a, R: Runnable> Engine<'a, R> {
             current: BTreeMap::new(),
             struck: 0,
             torn: false,
+            alone: false,
             outputs: Vec::new(),
             done: Done::default(),
             ended: None,
         }
     }
 
+    /// There are records of the controller only; what agents told it is believed.
+    pub fn follow_no_agents(&mut self) {
+        self.alone = true;
+    }
+    /// World and director as they are now, and how many faults were recorded.
+    pub fn into_parts(self) -> (R::World, R::Director, usize) {
+        (self.world, self.director, self.struck)
+    }
     /// How much was carried out so far.
     pub fn done(&self) -> Done {
         self.done
@@ -319,12 +330,18 @@ impl<'a, R: Runnable> Engine<'a, R> {
 
     /// The controller tells a module something, if there is a process to tell it.
     fn tell(&mut self, id: ModuleId, letter: Taken) {
+        if self.alone {
+            return;
+        }
         if let Some(life) = self.current_life(id).filter(|l| !l.died) {
             life.letters.push_back(letter);
         }
     }
 
     fn take_told(&mut self, id: ModuleId, told: &Told) -> Result<(), String> {
+        if self.alone {
+            return Ok(());
+        }
         let Some(life) = self.current_life(id) else {
             return Err(format!("module {id} told {told:?} before it began"));
         };

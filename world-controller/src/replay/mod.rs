@@ -1,10 +1,13 @@
 //! `metamorph replay`: carries a journal out again and says whether everything came as recorded, or
 //! where it first did not; and shows what one agent went through, or how things stood at some time.
-//! How records are carried out is in `engine`. Absent: reading files (`journal`).
+//! How records are carried out is in `engine`; `recover` does it for a controller that comes back.
+//! Absent: reading files (`journal`).
 
 mod engine;
+mod recover;
 
 pub use engine::{Done, Engine, input};
+pub use recover::{Recovered, recover};
 
 use crate::journal::{
     Event, HeadError, Journal, JournalError, Record, Step, Summary, Taken, Told, Who, plan_of,

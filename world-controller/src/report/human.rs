@@ -171,12 +171,16 @@ fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) 
         let ids: Vec<String> = s.wait_cycle.iter().take(10).map(u32::to_string).collect();
         writeln!(out, "    wait for each other: {}", ids.join(", "))?;
     }
+    if let Some(found) = &s.detected {
+        let at = seconds(found.at_s);
+        writeln!(out, "    {} {} counted all others and found this out at {at}", words.module, found.by)?;
+    }
     for w in s.waiting.iter().take(5) {
         match w.waits_for {
-            Some(other) => {
-                writeln!(out, "    {} {} {} and waits for {other}", words.module, w.module, words.idle)?;
+            Some(on) => {
+                writeln!(out, "    {} {} {}, {}: {on}", words.module, w.module, words.idle, w.why)?;
             }
-            None => writeln!(out, "    {} {} {} and does not move", words.module, w.module, words.idle)?,
+            None => writeln!(out, "    {} {} {}, {}", words.module, w.module, words.idle, w.why)?,
         }
     }
     Ok(())

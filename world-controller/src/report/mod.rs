@@ -9,15 +9,14 @@ pub use human::{count, human, progress, seconds};
 use crate::runnable::Account;
 use crate::scenario::Plan;
 use metamorph_module_agent::Family;
-use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::faults::Fault;
 use metamorph_sim_bridge::invariants::{Invariant, Violation};
 use metamorph_sim_bridge::outcome::{Outcome, Stall};
 use schema::{
-    Agents, ClassCounts, Collisions, FaultReport, GoalReport, Invariants, Machine, Messages, Report, SCHEMA,
-    Standstill, Times, ViolationReport, Waiting,
+    Agents, ClassCounts, Collisions, Detected, FaultReport, GoalReport, Invariants, Machine, Messages,
+    Report, SCHEMA, Standstill, Times, ViolationReport, Waiting,
 };
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -202,8 +201,13 @@ fn standstill(stall: &Stall) -> Standstill {
         waiting: stall
             .waiting
             .iter()
-            .map(|(id, on)| Waiting { module: id.0, waits_for: on.map(|o: ModuleId| o.0) })
+            .map(|w| Waiting {
+                module: w.module.0,
+                waits_for: w.on.map(|on| on.0),
+                why: w.why.text().to_owned(),
+            })
             .collect(),
+        detected: stall.detected.map(|(at, by)| Detected { at_s: at.as_secs_f64(), by: by.0 }),
     }
 }
 

@@ -134,6 +134,17 @@ pub struct Standstill {
     /// Spare modules that have a way to a goal cell and do not take it (the first 20); of metamodules,
     /// all that are free.
     pub waiting: Vec<Waiting>,
+    /// When the swarm itself found out that nobody can go on, if it did (`detector = true`).
+    pub detected: Option<Detected>,
+}
+
+/// What the swarm itself found out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Detected {
+    /// When.
+    pub at_s: f64,
+    /// Which module counted all the others.
+    pub by: u32,
 }
 
 /// A module that waits.
@@ -143,6 +154,8 @@ pub struct Waiting {
     pub module: u32,
     /// For whom, if it said.
     pub waits_for: Option<u32>,
+    /// Why it does not go on, in words to follow its name.
+    pub why: String,
 }
 
 /// Attempts to use one cell twice; the body of a cube also refuses a move whose support is missing.

@@ -78,7 +78,7 @@ impl RawCubes {
     }
 
     fn read_protocol(&mut self, mut section: Section<'_, '_>, problems: &mut Problems) {
-        section.foreign(&["strategy", "teller"], Family::Metamodule);
+        section.foreign(&["strategy", "teller", "relocate", "detector"], Family::Metamodule);
         let connectivity = section.choice("connectivity", "connectivity", &CONNECTIVITY, problems);
         self.connectivity = connectivity.unwrap_or_default();
         let dead = section.node("dead").map(|node| node.span());

@@ -260,6 +260,9 @@ pub enum Flaw {
     /// The first goal is there from the beginning.
     #[error("the first goal has an `at`, but it is the goal from the beginning")]
     FirstGoalAt,
+    /// Whoever negotiates never only waits.
+    #[error("`negotiated` has no detector: whoever waits tries again after a time, so nobody can know")]
+    NoDetector,
     /// Goals in the wrong order.
     #[error("this goal replaces the one before at {at}, which itself comes at {before}")]
     GoalOrder {
@@ -361,6 +364,7 @@ impl Flaw {
             Flaw::Count { .. } => "leave `count` out; the list says how many there are".into(),
             Flaw::TooFewMetamodules { seeds, .. } => format!("let there be at least {seeds} in [swarm]"),
             Flaw::FirstGoalAt => "leave `at` out, or move this goal behind the one it replaces".into(),
+            Flaw::NoDetector => "leave `detector` out, or choose `greedy`, `slope` or `step`".into(),
             Flaw::GoalOrder { .. } => "list the goals in the order of their times".into(),
             Flaw::NoSuchModule { last, .. } => format!("name a module from 0 to {last}"),
             Flaw::OneVerb(_) => {

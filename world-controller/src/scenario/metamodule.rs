@@ -17,7 +17,7 @@ use metamorph_protocol::metamodule::blueprint::{
     Blueprint, BlueprintError, Seed, SeedOrder, box_of_four, chair_of_six,
 };
 use metamorph_protocol::metamodule::motions::Motions;
-use metamorph_protocol::metamodule::params::{Floor, Params, Setup, Strategy, Teller};
+use metamorph_protocol::metamodule::params::{Detector, Floor, Params, Setup, Strategy, Teller};
 use metamorph_protocol::metamodule::pose::{End, Pose, to_world};
 use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::roombots::Kind;
@@ -62,6 +62,7 @@ pub struct RawMetamodules {
     strategy: Strategy,
     teller: Teller,
     relocate: bool,
+    detector: Option<At<bool>>,
 }
 
 const GOAL: &str = "shape = { box = [5, 5] }";
@@ -104,6 +105,7 @@ impl RawMetamodules {
             strategy: Strategy::default(),
             teller: Teller::default(),
             relocate: false,
+            detector: None,
         };
         swarm.finish(problems);
         raw.goals = goal_sections(others.goals, GOAL, problems)
@@ -119,6 +121,7 @@ impl RawMetamodules {
             raw.strategy = section.choice("strategy", "strategy", &strategies, problems).unwrap_or_default();
             raw.teller = section.choice("teller", "teller", &TELLERS, problems).unwrap_or_default();
             raw.relocate = section.get("relocate", problems).is_some_and(|r| r.value);
+            raw.detector = section.get("detector", problems).filter(|d: &At<bool>| d.value);
             section.finish(problems);
         }
         raw
@@ -143,6 +146,13 @@ impl RawMetamodules {
         let count = self.count(most, problems)?;
         let mut params = Params::scaled(self.strategy, turn_time, usual_delay);
         params.teller = self.teller;
+        let metamodules = u16::try_from(count).unwrap_or(u16::MAX);
+        if let Some(asked) = &self.detector {
+            params.detector = Some(Detector { after: params.patience, metamodules });
+            if self.strategy == Strategy::Negotiated {
+                problems.add(asked.place.clone(), Flaw::NoDetector);
+            }
+        }
         let name =
             |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
         let mut draft = Draft {

@@ -38,6 +38,8 @@ pub enum Stage {
     Starting,
     /// Up, waiting for the beginning.
     Up,
+    /// Started under an earlier controller, and not heard of since.
+    Lost,
     /// Its agent has started.
     Running,
 }
@@ -60,8 +62,13 @@ pub struct Process<A: Agent> {
     pub paused: bool,
     /// The next sequence number that it will use.
     pub expected: u32,
+    /// Actions and reports of this life that earlier controllers have taken.
+    pub heard: u32,
     outbox: Option<Outbox>,
     queue: VecDeque<Letter<A>>,
+    /// All that earlier controllers have told this life since and with its beginning, until it says how
+    /// much of that it knows.
+    backlog: VecDeque<Letter<A>>,
     sequence: u32,
     retry_at: u64,
     retry_after: u64,
@@ -79,8 +86,10 @@ impl<A: Agent> Process<A> {
             restart: false,
             paused: false,
             expected: 0,
+            heard: 0,
             outbox: None,
             queue: VecDeque::new(),
+            backlog: VecDeque::new(),
             sequence: 0,
             retry_at: 0,
             retry_after: RETRY.0,
@@ -90,6 +99,33 @@ impl<A: Agent> Process<A> {
     /// A life begins.
     pub fn launch(&mut self, incarnation: Incarnation) {
         *self = Process { incarnation, stage: Stage::Starting, ..Process::new(self.id) };
+    }
+
+    /// A life goes on that earlier controllers have told `backlog`.
+    pub fn take_over(&mut self, incarnation: Incarnation, heard: u32, backlog: VecDeque<Letter<A>>) {
+        *self = Process { incarnation, stage: Stage::Lost, heard, backlog, ..Process::new(self.id) };
+    }
+
+    /// Asks a life of an earlier controller to turn to this one.
+    pub fn call(&mut self) {
+        if let Some(outbox) = &mut self.outbox {
+            outbox.send(&seal::<A>(&Letter::Runtime(Runtime::Return), self.id, u32::MAX));
+            outbox.flush();
+        }
+    }
+
+    /// It has turned to this controller and expects the message of this number. What it was told before
+    /// and has not taken is told again. False if that cannot be.
+    pub fn found(&mut self, expected: u32) -> bool {
+        if expected as usize > self.backlog.len() {
+            return false;
+        }
+        self.backlog.drain(..expected as usize);
+        self.backlog.append(&mut self.queue);
+        self.queue = std::mem::take(&mut self.backlog);
+        self.sequence = expected;
+        self.stage = Stage::Running;
+        true
     }
 
     /// The way to the process is open.
@@ -140,7 +176,8 @@ impl<A: Agent> Process<A> {
     /// is left.
     pub fn flush(&mut self) -> Option<u64> {
         let outbox = self.outbox.as_mut()?;
-        if self.queue.is_empty() {
+        // Whoever is lost would not know the numbers of what it is told.
+        if self.queue.is_empty() || self.stage == Stage::Lost {
             return None;
         }
         if self.retry_at > monotonic() {

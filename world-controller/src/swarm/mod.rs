@@ -8,10 +8,13 @@
 mod agents;
 mod conduct;
 mod outcome;
+mod resume;
 mod run_dir;
 mod supervise;
 
+pub use agents::Letter;
 pub use outcome::{Crash, SwarmError, SwarmOutcome};
+pub use resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
 pub use run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
 pub use supervise::Shutdown;
 
@@ -22,6 +25,7 @@ use metamorph_module_agent::inbox::Inbox;
 use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::rendezvous::{Rendezvous, SHARD, set_verbosity};
 use metamorph_module_agent::run_name::HOME;
+use metamorph_module_agent::seat::Seat;
 use metamorph_module_agent::swarm_file::SwarmFile;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::link::LinkModel;
@@ -55,6 +59,9 @@ pub struct SwarmOptions {
     pub catch_signals: bool,
     /// The directory that agents write their parts of the journal to, if one is kept.
     pub journal: Option<PathBuf>,
+    /// How long agents wait for a controller to come back after theirs was killed. Zero without a
+    /// journal, from which alone it could.
+    pub patience: Duration,
     /// How long all agents together may take to start.
     pub setup_timeout: Duration,
     /// How long agents may take to stop before they are killed.
@@ -74,6 +81,7 @@ impl SwarmOptions {
             shutdown: Shutdown::new(),
             catch_signals: false,
             journal: None,
+            patience: Duration::ZERO,
             setup_timeout: Duration::from_secs(120),
             stop_timeout: Duration::from_secs(10),
         }
@@ -82,8 +90,8 @@ impl SwarmOptions {
 
 /// The most modules of one run on one machine; pids and descriptors end soon after.
 pub const MODULE_LIMIT: usize = 16_000;
-/// Descriptors that the controller needs for each agent, and for itself.
-const DESCRIPTORS: (u64, u64) = (16, 256);
+/// Descriptors that the controller needs for each agent (13 were measured), and for itself.
+const DESCRIPTORS: (u64, u64) = (14, 256);
 
 /// Lives that modules of one shard may have beyond their first: the slots of killed ones are not
 /// given back. A restart beyond that fails, and is reported as a crash that says so.
@@ -120,32 +128,76 @@ where
     check_space(count as u64)?;
     // Dropped in reverse: first the supervisor, which ends all processes, then channels, then files.
     let dir = RunDir::create()?;
-    let controller = Identity::own().map_err(SwarmError::Identity)?;
-    let link = options.link.clone();
     SwarmFile {
         count: count as u32,
         seed: options.seed,
         speed: options.speed,
-        link,
-        controller,
+        link: options.link.clone(),
         journal: options.journal.clone(),
+        patience: u32::try_from(options.patience.as_millis()).unwrap_or(u32::MAX),
         setup,
     }
     .write(dir.root())?;
+    let seat = take_seat(&dir, 0)?;
     let at = Rendezvous::join(dir.root())?;
+    let (inbox, supervisor) = attach(options, &dir, &at, seat, count)?;
+    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, world, director, begun);
+    conductor.run()
+}
+
+/// Goes on with a swarm whose controller was killed, from what its journal says of it. Otherwise the
+/// same as [`run_swarm`].
+pub fn resume_swarm<W, D>(
+    options: &SwarmOptions,
+    adopted: Adopted,
+    resumption: Resumption<W::Agent>,
+    world: &mut W,
+    director: &mut D,
+) -> Result<SwarmOutcome, SwarmError>
+where
+    W: World,
+    D: Direct<W>,
+{
+    let (count, begun) = (world.len(), monotonic());
+    raise_descriptor_limit(count as u64)?;
+    set_verbosity(options.verbose);
+    let Adopted { dir, epoch } = adopted;
+    let before = Seat::read(dir.root()).map_err(SwarmError::Identity)?;
+    let at = Rendezvous::join(dir.root())?;
+    // First the channels, then the seat: whoever finds the new controller can reach it.
+    let next = Seat { generation: before.generation + 1, ..before };
+    let (inbox, supervisor) = attach(options, &dir, &at, next, count)?;
+    take_seat(&dir, next.generation)?;
+    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, world, director, begun);
+    conductor.go_on(epoch, resumption)
+}
+
+fn take_seat(dir: &RunDir, generation: u32) -> Result<Seat, SwarmError> {
+    let controller = Identity::own().map_err(SwarmError::Identity)?;
+    let seat = Seat { controller, generation };
+    seat.write(dir.root()).map_err(SwarmError::Identity)?;
+    Ok(seat)
+}
+
+fn attach(
+    options: &SwarmOptions,
+    dir: &RunDir,
+    at: &Rendezvous,
+    seat: Seat,
+    count: usize,
+) -> Result<(Inbox, Supervisor), SwarmError> {
     let shards = (count as u32).div_ceil(SHARD);
     let senders = count.min(SHARD as usize) + SPARE_LIVES;
-    let inbox = Inbox::create_for_controller(&at, shards, senders)?;
+    let inbox = Inbox::create_for_controller(at, seat.generation, shards, senders)?;
     let launch = Launch {
         program: options.program.clone(),
         args: options.program_args.clone(),
         root: dir.root().to_owned(),
+        generation: seat.generation,
         verbose: options.verbose,
         catch_signals: options.catch_signals,
     };
-    let supervisor = Supervisor::start(launch, options.shutdown.clone())?;
-    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, world, director, begun);
-    conductor.run()
+    Ok((inbox, Supervisor::start(launch, options.shutdown.clone())?))
 }
 
 /// The most descriptors that this process may open, and the modules of a run for which they are enough.

@@ -95,7 +95,7 @@ pub enum SwarmError {
     #[error("cannot use {home}: {0}; processes need it to talk to each other", home = metamorph_module_agent::run_name::HOME)]
     NoSharedMemory(io::Error),
     /// This process cannot say who it is.
-    #[error("cannot find out this process's start time: {0}")]
+    #[error("cannot find out who this process is, or say that it controls the run: {0}")]
     Identity(io::Error),
     /// The run's directory cannot be created.
     #[error(transparent)]

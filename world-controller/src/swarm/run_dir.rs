@@ -11,6 +11,7 @@ use metamorph_module_agent::ledger;
 use metamorph_module_agent::pid_directory;
 use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::run_name::{HOME, MARK, RunName};
+use metamorph_module_agent::seat::is_marked;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
@@ -28,6 +29,14 @@ pub enum RunDirError {
     /// Something in it cannot be created.
     #[error("cannot create {0}: {1}; is {HOME} writable and not full?")]
     Create(PathBuf, io::Error),
+    /// The run is gone.
+    #[error(
+        "{0}: {1}; its agents have waited long enough and the run was cleaned up, or the machine was restarted"
+    )]
+    Gone(PathBuf, io::Error),
+    /// The run has a controller.
+    #[error("{0} has a controller that lives; the run goes on")]
+    Alive(PathBuf),
     /// Too many names were taken.
     #[error("no free name for a run in {HOME}; `metamorph clean` removes what killed runs left there")]
     Names,
@@ -94,6 +103,21 @@ impl RunDir {
         Err(RunDirError::Names)
     }
 
+    /// Takes over the directory of a run whose controller is dead.
+    pub fn adopt(name: RunName) -> Result<RunDir, RunDirError> {
+        let root = name.root();
+        let path = root.join(OWNER);
+        let gone = |e| RunDirError::Gone(root.clone(), e);
+        let mut owner = File::options().write(true).open(&path).map_err(gone)?;
+        if flock(&owner, FlockOperation::NonBlockingLockExclusive).is_err() {
+            return Err(RunDirError::Alive(root));
+        }
+        let me = Identity::own().map_err(|e| RunDirError::Create("/proc".into(), e))?;
+        let line = me.to_line();
+        owner.set_len(line.len() as u64).and_then(|()| owner.write_all(line.as_bytes())).map_err(gone)?;
+        Ok(RunDir { name, root, _lock: owner })
+    }
+
     /// The directory.
     pub fn root(&self) -> &Path {
         &self.root
@@ -135,6 +159,19 @@ fn is_locked(root: &Path) -> bool {
     })
 }
 
+/// Whether agents of this run still wait. Stopped ones cannot end by themselves, so they do not count.
+fn is_awaited(root: &Path) -> bool {
+    is_marked(root) && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
+}
+
+/// The processes of agents that have said who they are, by the names of their lives.
+pub fn identities(root: &Path) -> impl Iterator<Item = (String, Identity)> {
+    fs::read_dir(pid_directory(root)).into_iter().flatten().flatten().filter_map(|entry| {
+        let text = fs::read_to_string(entry.path()).ok()?;
+        Some((entry.file_name().into_string().ok()?, text.parse().ok()?))
+    })
+}
+
 /// Removes what this user's dead runs have left: their agents, if any still live, their shared
 /// memory and their directories. Never a live run, and never anybody else's.
 pub fn clean() -> Result<CleanReport, CleanError> {
@@ -161,7 +198,8 @@ pub fn clean() -> Result<CleanReport, CleanError> {
             continue;
         }
         // A run's directory gets its name together with its owner: without one, it is a leftover.
-        if owner.is_some_and(|owner: Identity| owner.is_alive()) || is_locked(&entry.path()) {
+        let waits = || is_awaited(&entry.path());
+        if owner.is_some_and(|owner: Identity| owner.is_alive()) || is_locked(&entry.path()) || waits() {
             report.alive += 1;
             continue;
         }
@@ -184,18 +222,18 @@ pub fn clean() -> Result<CleanReport, CleanError> {
 
 /// Kills the agents of a dead run that still live, and waits for their end.
 fn kill_agents(root: &Path) -> u32 {
-    let mut killed = 0;
-    for entry in fs::read_dir(pid_directory(root)).into_iter().flatten().flatten() {
-        let text = fs::read_to_string(entry.path()).unwrap_or_default();
-        let Ok(agent) = text.parse::<Identity>() else { continue };
-        let Some(pid) = agent.as_pid() else { continue };
-        // The descriptor is taken before the identity is checked: from then on it cannot change.
-        let Ok(fd) = pidfd_open(pid, PidfdFlags::empty()) else { continue };
-        if agent.is_alive() && pidfd_send_signal(&fd, Signal::KILL).is_ok() {
-            let limit = Timespec { tv_sec: 5, tv_nsec: 0 };
-            let _ = poll(&mut [PollFd::new(&fd, PollFlags::IN)], Some(&limit));
-            killed += 1;
-        }
+    identities(root).map(|(_, agent)| u32::from(kill(agent))).sum()
+}
+
+/// Kills an agent that nobody supervises, and waits for its end; false if it is dead.
+pub fn kill(agent: Identity) -> bool {
+    // The descriptor is taken before the identity is checked: from then on it cannot change.
+    let fd = agent.as_pid().and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+    let Some(fd) = fd.filter(|_| agent.is_alive()) else { return false };
+    let killed = pidfd_send_signal(&fd, Signal::KILL).is_ok();
+    if killed {
+        let limit = Timespec { tv_sec: 5, tv_nsec: 0 };
+        let _ = poll(&mut [PollFd::new(&fd, PollFlags::IN)], Some(&limit));
     }
     killed
 }

@@ -7,9 +7,10 @@
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::run_dir::log_directory;
 use metamorph_module_agent::AgentArgs;
+use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::rendezvous::{self, ChannelError, Notifier, Rendezvous};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fs::File;
@@ -19,6 +20,8 @@ use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 use std::sync::mpsc as queue;
 use std::thread::JoinHandle;
+use tokio::io::Interest;
+use tokio::io::unix::AsyncFd;
 use tokio::process::{Child, Command};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{mpsc, watch};
@@ -62,6 +65,8 @@ pub struct Launch {
     pub program: PathBuf,
     pub args: Vec<OsString>,
     pub root: PathBuf,
+    /// Which controller of the run this is.
+    pub generation: u32,
     pub verbose: bool,
     pub catch_signals: bool,
 }
@@ -70,6 +75,8 @@ pub struct Launch {
 #[derive(Debug)]
 pub enum Task {
     Spawn(Life),
+    /// A process that an earlier controller has started.
+    Adopt(Life, Identity),
     Signal(Life, Signal),
 }
 
@@ -110,7 +117,7 @@ impl Supervisor {
             .name("supervisor".into())
             .spawn(move || {
                 // Channels stay with their thread, so the bell is made here.
-                let bell = Bell::new(&launch.root, sender);
+                let bell = Bell::new(&launch, sender);
                 let _ = ready.send(bell.as_ref().map(drop).map_err(|e| e.to_string()));
                 if let Ok(bell) = bell {
                     runtime.block_on(supervise(launch, shutdown, inbox, bell));
@@ -165,9 +172,9 @@ struct Bell {
 }
 
 impl Bell {
-    fn new(root: &Path, sender: queue::Sender<Event>) -> Result<Bell, ChannelError> {
-        let at = Rendezvous::join(root)?;
-        let service = at.open_controller_bell()?;
+    fn new(launch: &Launch, sender: queue::Sender<Event>) -> Result<Bell, ChannelError> {
+        let at = Rendezvous::join(&launch.root)?;
+        let service = at.open_controller_bell(launch.generation)?;
         Ok(Bell { notifier: rendezvous::ring(&service)?, _service: service, _at: at, sender })
     }
     fn tell(&self, event: Event) {
@@ -195,6 +202,11 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
                     }
                     Err(e) => bell.tell(Event::SpawnFailed(life, e)),
                 },
+                Some(Task::Adopt(life, identity)) => {
+                    let (signals, inbox) = mpsc::channel(SIGNALS);
+                    processes.insert(life, signals);
+                    ends.spawn(attend_adopted(life, identity, inbox));
+                }
                 Some(Task::Signal(life, signal)) => {
                     // A process that has ended has no use for signals.
                     if let Some(process) = processes.get(&life) {
@@ -281,6 +293,40 @@ async fn attend(
                 if let Some(pid) = pid
                     && let Err(e) = kill_process(pid, signal)
                 {
+                    tracing::warn!("cannot signal module {}: {e}", life.0);
+                }
+            }
+        }
+    }
+}
+
+/// The same for a process that is not our child. How it ended cannot be known; it counts as an exit.
+async fn attend_adopted(
+    life: Life,
+    identity: Identity,
+    mut signals: mpsc::Receiver<Signal>,
+) -> (Life, io::Result<ExitStatus>) {
+    let ended = Ok(ExitStatus::from_raw(0));
+    let fd = identity.as_pid().ok_or(rustix::io::Errno::SRCH);
+    let fd = match fd.and_then(|pid| pidfd_open(pid, PidfdFlags::NONBLOCK)) {
+        Ok(fd) => fd,
+        Err(rustix::io::Errno::SRCH) => return (life, ended),
+        Err(e) => return (life, Err(e.into())),
+    };
+    // The descriptor was taken before the identity is checked: from then on it cannot change.
+    if !identity.is_alive() {
+        return (life, ended);
+    }
+    #[allow(deprecated, reason = "sound here: an owned descriptor stays what it is; the successor is unsafe")]
+    let fd = match AsyncFd::with_interest(fd, Interest::READABLE) {
+        Ok(fd) => fd,
+        Err(e) => return (life, Err(e)),
+    };
+    loop {
+        tokio::select! {
+            over = fd.readable() => return (life, over.and(ended)),
+            Some(signal) = signals.recv() => {
+                if let Err(e) = pidfd_send_signal(fd.get_ref(), signal) {
                     tracing::warn!("cannot signal module {}: {e}", life.0);
                 }
             }

@@ -18,15 +18,16 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     pub(super) fn stop(&mut self) -> Result<(), SwarmError> {
         self.outcome.end = self.now();
         self.outcome.wall = Duration::from_nanos(monotonic().saturating_sub(self.epoch));
-        let alive = |p: &&Process<W::Agent>| p.stage == Stage::Running && !p.condemned;
+        let lives = |s| matches!(s, Stage::Running | Stage::Lost);
+        let alive = |p: &&Process<W::Agent>| lives(p.stage) && !p.condemned;
         self.outcome.alive = self.processes.iter().filter(alive).count() as u32;
         for i in 0..self.processes.len() {
             let process = &mut self.processes[i];
             let life = (process.id, process.incarnation);
             match process.stage {
                 Stage::Absent => continue,
-                _ if !process.is_connected() => {
-                    // Not up yet, so it cannot be told.
+                _ if !process.is_connected() || process.stage == Stage::Lost => {
+                    // Not up yet, or not found, so it cannot be told.
                     process.condemned = true;
                     self.supervisor.ask(Task::Signal(life, Signal::KILL));
                 }

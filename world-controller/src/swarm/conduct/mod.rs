@@ -30,6 +30,7 @@ const ROUNDS: usize = 64;
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
 mod ending;
+mod resuming;
 mod starting;
 
 pub struct Conductor<'a, W: World, D> {
@@ -86,8 +87,12 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
     pub fn run(mut self) -> Result<SwarmOutcome, SwarmError> {
         self.set_up()?;
         if !self.finishing {
-            self.begin();
+            self.begin()?;
         }
+        self.run_on()
+    }
+
+    fn run_on(mut self) -> Result<SwarmOutcome, SwarmError> {
         while !self.finishing {
             self.turn()?;
         }
@@ -199,16 +204,19 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         let Ok(header) = frame.open() else { return false };
         let i = header.source.index();
         let Some(process) = self.processes.get_mut(i) else { return false };
+        // Whoever is lost says with its first word where its count is.
+        let in_sequence = header.sequence == process.expected || process.stage == Stage::Lost;
         let theirs = header.destination == CONTROLLER
             && header.incarnation == process.incarnation
-            && header.sequence == process.expected
+            && in_sequence
             && process.stage != Stage::Absent;
         if !theirs {
             return false;
         }
         let next = header.sequence.wrapping_add(1);
         let understood = match header.channel {
-            Channel::Runtime => self.hear_hello(i, frame),
+            Channel::Runtime => self.hear_runtime(header, frame),
+            _ if self.processes[i].stage == Stage::Lost => false,
             Channel::Body => self.act(header, frame),
             Channel::Control => self.report(header, frame),
             Channel::Peer => false,
@@ -219,9 +227,16 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         understood
     }
 
-    fn hear_hello(&mut self, i: usize, frame: &Frame) -> bool {
-        let hello = frame.message::<Runtime<<W::Agent as Agent>::Place>>();
-        if !matches!(hello, Ok(Runtime::Hello { .. })) || self.processes[i].stage != Stage::Starting {
+    fn hear_runtime(&mut self, header: Header, frame: &Frame) -> bool {
+        match frame.message::<Runtime<<W::Agent as Agent>::Place>>() {
+            Ok(Runtime::Hello { .. }) => self.hear_hello(header.source.index()),
+            Ok(Runtime::Here { told, expected }) => self.hear_here(header, told, expected),
+            _ => false,
+        }
+    }
+
+    fn hear_hello(&mut self, i: usize) -> bool {
+        if self.processes[i].stage != Stage::Starting {
             return false;
         }
         self.processes[i].stage = Stage::Up;
@@ -286,7 +301,8 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                 }),
             };
             // A dead process senses nothing; a new one is told everything when it starts.
-            if self.processes.get(id.index()).is_some_and(|p| p.stage == Stage::Running) {
+            let hears = |p: &Process<_>| matches!(p.stage, Stage::Running | Stage::Lost);
+            if self.processes.get(id.index()).is_some_and(hears) {
                 self.outcome.body_messages += 1;
                 self.tell(id.index(), letter);
             }
@@ -357,7 +373,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                 Command::Restart(_) if !alive => self.relaunch(id.index()),
                 Command::Restart(_) if process.condemned => process.restart = true,
                 Command::Restart(_) => tracing::warn!("module {id} lives and is not started again"),
-                Command::Order(_, order) if process.stage == Stage::Running => {
+                Command::Order(_, order) if matches!(process.stage, Stage::Running | Stage::Lost) => {
                     self.outcome.control_messages += 1;
                     self.tell(id.index(), Letter::Order(order));
                 }

@@ -4,10 +4,13 @@
 use super::{Conductor, nanos};
 use crate::swarm::agents::{Letter, Stage};
 use crate::swarm::outcome::SwarmError;
+use crate::swarm::resume::write_run;
+use crate::swarm::run_dir::RunDirError;
 use crate::swarm::supervise::{Event, Life, Task};
 use metamorph_module_agent::clock::{Clock, monotonic};
 use metamorph_module_agent::outbox::Outbox;
 use metamorph_module_agent::runtime::Runtime;
+use metamorph_module_agent::seat::mark_awaited;
 use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::direct::Direct;
@@ -59,7 +62,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         self.supervisor.ask(Task::Spawn((self.processes[i].id, incarnation)));
     }
 
-    fn connect(&mut self, i: usize) -> Result<(), SwarmError> {
+    pub(super) fn connect(&mut self, i: usize) -> Result<(), SwarmError> {
         let process = &mut self.processes[i];
         let outbox = Outbox::to_agent(self.at, process.id, process.incarnation)?;
         process.connect(outbox);
@@ -71,10 +74,16 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     }
 
     /// The clock starts; every agent gets its place, then its contacts.
-    pub(super) fn begin(&mut self) {
+    pub(super) fn begin(&mut self) -> Result<(), SwarmError> {
         self.epoch = monotonic();
         self.outcome.setup = Duration::from_nanos(self.epoch - self.begun);
         self.clock = Clock::new(self.epoch, self.options.speed);
+        if let Some(parts) = self.options.journal.as_deref().filter(|_| !self.options.patience.is_zero()) {
+            let root = self.dir.root();
+            write_run(parts, root, self.epoch)
+                .and_then(|()| mark_awaited(root))
+                .map_err(|e| RunDirError::Create(parts.to_owned(), e))?;
+        }
         for i in 0..self.processes.len() {
             let id = self.processes[i].id;
             self.world.start(Time::ZERO, id, Incarnation(0));
@@ -89,6 +98,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             self.obey(Time::ZERO);
         }
         self.flush();
+        Ok(())
     }
 
     fn send_begin(&mut self, i: usize) {

@@ -1,0 +1,235 @@
+//! Small swarms of cubes, checked exhaustively within stated bounds: the real agents in the real world,
+//! and every run with a given number of faults. What that covers and what not is said in `model.rs`.
+//!
+//! The quick tests take seconds; the larger ones are run with `cargo test -p metamorph-tests --test
+//! model_checking -- --ignored --nocapture`. Each prints how many states it has seen.
+
+mod model;
+
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::cube::Cube;
+use metamorph_protocol::cube::message::Role;
+use metamorph_protocol::cube::params::{Connectivity, Params, Setup};
+use metamorph_protocol::goal::{Goal, Growth};
+use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::metamodule::blueprint::{Blueprint, Seed, SeedOrder};
+use metamorph_protocol::metamodule::params::{Floor, Strategy};
+use metamorph_protocol::metamodule::start::random_start;
+use metamorph_protocol::roombots::Kind;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::cube_world::CubeWorld;
+use metamorph_sim_bridge::metamodule_world::MetamoduleWorld;
+use metamorph_sim_bridge::sim::Audited;
+use metamorph_tests::metamodules::{Assembly, Goal as Shape};
+use model::{BUILT, BUILT_IN_TIME, Bounds, Budget, SAFE, SwarmModel};
+use stateright::{Checker, HasDiscoveries, Model};
+use std::hash::Hash;
+use std::sync::Arc;
+
+/// Times are in units of a twentieth of a move.
+const MOVE: Span = Span(20);
+const DELAY: Span = Span(4);
+
+/// So many metamodules on a small floor, and as many upright seeds in a row.
+fn metamodules_of(count: u8, strategy: Strategy, budget: Budget) -> SwarmModel<MetamoduleWorld> {
+    let seed = |i: u8| Seed { foot: (2, 1 + 2 * i16::from(i)), directions: [Face::Up; 3] };
+    let levels: Vec<Vec<Seed>> = (0..count).map(|i| vec![seed(i)]).collect();
+    let assembly = Assembly::new(Shape::Box, Kind::Srs, strategy, SeedOrder::AtOnce, 1).decentralised();
+    let mut setup = (*assembly.setup).clone();
+    setup.floor = Floor { min: (0, 0), max: (6, 6) };
+    setup.goals = vec![Blueprint::new(&levels, SeedOrder::AtOnce).expect("invariant: the seeds are sound")];
+    let start = random_start(&setup, count.into(), 1).expect("invariant: the floor has room");
+    let setup = Arc::new(setup);
+    let params = setup.params;
+    SwarmModel {
+        world: MetamoduleWorld::new(Arc::clone(&setup), &start, 1),
+        setup,
+        seed: 1,
+        bounds: Bounds {
+            budget,
+            delay: Span::millis(50),
+            late: vec![params.turn_time, params.lease],
+            pauses: vec![params.turn_time, params.lease],
+            horizon: Time::ZERO + params.lease * 20,
+        },
+        done: |metamodule: &Metamodule| metamodule.settled().is_some(),
+        needed: count.into(),
+    }
+}
+
+/// Cubes in these cells are to fill these; the first one is the seed.
+fn cubes(start: &[[i16; 3]], goal: &[[i16; 3]], budget: Budget) -> SwarmModel<CubeWorld> {
+    let seed = Cell::from(goal[0]);
+    let mut cells: Vec<Cell> = goal.iter().copied().map(Cell::from).collect();
+    cells.sort_unstable();
+    let setup = Setup {
+        params: Params::scaled(MOVE, DELAY, 32),
+        goals: vec![Goal::compile(&cells, seed, Growth::Solid).expect("invariant: the goal is connected")],
+    };
+    let start: Vec<Cell> = start.iter().copied().map(Cell::from).collect();
+    SwarmModel {
+        setup: Arc::new(setup),
+        world: CubeWorld::new(&start, MOVE, 1),
+        seed: 1,
+        bounds: Bounds {
+            budget,
+            delay: DELAY,
+            // Less than a move, more than one, and longer than a grant lasts.
+            late: vec![Span(7), Span(31), Span(171)],
+            pauses: vec![Span(31), Span(171)],
+            horizon: Time(2_000),
+        },
+        done: |cube: &Cube| cube.role() == Role::Final,
+        needed: goal.len(),
+    }
+}
+
+/// What was found, as far as it matters here.
+struct Found {
+    complete: bool,
+    unsafe_run: Option<String>,
+    late_run: Option<String>,
+    built: bool,
+}
+
+/// Explores breadth first, so that a run that is found is a shortest one; up to so many states.
+#[allow(clippy::print_stdout, reason = "the counts are what the test is asked for")]
+fn explore<W>(name: &str, model: SwarmModel<W>, most: usize) -> Found
+where
+    W: Audited + Clone + Hash + Send + Sync + 'static,
+    W::Agent: Clone + Send + Sync,
+    <W::Agent as Agent>::Message: Hash + Send + Sync,
+    <W::Agent as Agent>::Percept: Send + Sync,
+{
+    let budget = model.bounds.budget;
+    let checker = model
+        .checker()
+        .target_state_count(most)
+        .finish_when(HasDiscoveries::AnyOf([SAFE].into()))
+        .spawn_bfs()
+        .join();
+    let run = |property| {
+        checker.discovery(property).map(|path| {
+            let (end, steps) = (path.last_state().clone(), path.into_actions());
+            format!("{end:?} after {steps:?}")
+        })
+    };
+    let found = Found {
+        complete: checker.state_count() < most,
+        unsafe_run: run(SAFE),
+        late_run: run(BUILT_IN_TIME),
+        built: checker.discovery(BUILT).is_some(),
+    };
+    let (unique, all, depth) = (checker.unique_state_count(), checker.state_count(), checker.max_depth());
+    println!("{name}: {unique} states, {all} steps, depth {depth}, {budget:?}");
+    found
+}
+
+/// Every run within the budget is safe, and builds the goal in time unless somebody crashed.
+fn holds<W>(name: &str, model: SwarmModel<W>)
+where
+    W: Audited + Clone + Hash + Send + Sync + 'static,
+    W::Agent: Clone + Send + Sync,
+    <W::Agent as Agent>::Message: Hash + Send + Sync,
+    <W::Agent as Agent>::Percept: Send + Sync,
+{
+    let found = explore(name, model, 5_000_000);
+    assert_eq!(found.unsafe_run, None, "{name}");
+    assert_eq!(found.late_run, None, "{name}");
+    assert!(found.built && found.complete, "{name}");
+}
+
+const PAIR: [[i16; 3]; 2] = [[0, 0, 0], [1, 0, 0]];
+/// Two on either side of the seed, for one cell above it.
+const RIVALS: [[i16; 3]; 3] = [[0, 0, 0], [1, 0, 0], [-1, 0, 0]];
+const ROW: [[i16; 3]; 3] = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
+const PLATE: [[i16; 3]; 4] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]];
+const TWO_HIGH: [[i16; 3]; 2] = [[0, 0, 0], [0, 0, 1]];
+const TOWER: [[i16; 3]; 3] = [[0, 0, 0], [0, 0, 1], [0, 0, 2]];
+
+fn budget(set: impl Fn(&mut Budget)) -> Budget {
+    let mut budget = Budget::default();
+    set(&mut budget);
+    budget
+}
+
+fn change(mut model: SwarmModel<CubeWorld>, set: impl Fn(&mut Params)) -> SwarmModel<CubeWorld> {
+    set(&mut Arc::make_mut(&mut model.setup).params);
+    model
+}
+
+#[test]
+fn lost_messages() {
+    holds("a pair", cubes(&PAIR, &TWO_HIGH, budget(|b| b.lost = 3)));
+    holds("rivals", cubes(&RIVALS, &TWO_HIGH, budget(|b| b.lost = 2)));
+    holds("a row", cubes(&ROW, &TOWER, budget(|b| b.lost = 1)));
+    holds("a plate", cubes(&PLATE, &TOWER, budget(|b| b.lost = 1)));
+}
+
+#[test]
+fn doubled_and_late_messages() {
+    holds("a pair", cubes(&PAIR, &TWO_HIGH, budget(|b| (b.lost, b.doubled, b.late) = (1, 0, 1))));
+    holds("rivals", cubes(&RIVALS, &TWO_HIGH, budget(|b| b.late = 1)));
+    holds("a row", cubes(&ROW, &TOWER, budget(|b| b.late = 1)));
+    holds("a row", cubes(&ROW, &TOWER, budget(|b| b.doubled = 1)));
+}
+
+#[test]
+fn stopped_and_crashed_processes() {
+    holds("a row", cubes(&ROW, &TOWER, budget(|b| b.paused = 1)));
+    holds("a row", cubes(&ROW, &TOWER, budget(|b| b.crashed = 1)));
+    holds("rivals", cubes(&RIVALS, &TWO_HIGH, budget(|b| (b.crashed, b.restarted) = (1, 1))));
+}
+
+/// Metamodules and as many seeds, told by nobody but each other.
+#[test]
+fn metamodules() {
+    let negotiated = |count, budget| metamodules_of(count, Strategy::Negotiated, budget);
+    holds("two metamodules", negotiated(2, budget(|b| b.lost = 2)));
+    holds("two metamodules", negotiated(2, budget(|b| (b.late, b.doubled) = (1, 1))));
+    holds("two metamodules", negotiated(2, budget(|b| b.paused = 1)));
+    holds("three metamodules", negotiated(3, budget(|b| b.lost = 1)));
+}
+
+/// The thesis's strategies promise safety only; they may come to stand still.
+#[test]
+fn the_force_field_is_safe() {
+    for strategy in Strategy::PUBLISHED {
+        let found = explore(strategy.name(), metamodules_of(2, strategy, budget(|b| b.lost = 2)), 20_000);
+        assert_eq!(found.unsafe_run, None);
+        assert!(found.complete && (found.built || found.late_run.is_some()));
+    }
+}
+
+/// The connection gradient as published is torn by one crash among four.
+#[test]
+fn the_published_gradient_is_found_wrong() {
+    let model = cubes(&PLATE, &TOWER, budget(|b| b.crashed = 1));
+    let found = explore("gradient", change(model, |p| p.connectivity = Connectivity::Gradient), 20_000);
+    let run = found.unsafe_run.expect("the checker does not see a body torn");
+    assert!(run.contains("body-connected"), "{run}");
+    holds("the same with the forest", cubes(&PLATE, &TOWER, budget(|b| b.crashed = 1)));
+}
+
+/// A stopped module that moves when the grants it rests on have ended.
+#[test]
+fn a_missing_deadline_is_found() {
+    let model = change(cubes(&ROW, &TOWER, budget(|b| b.paused = 1)), |p| p.sabotage.no_deadline = true);
+    let found = explore("no deadline", model, 20_000);
+    let run = found.unsafe_run.expect("the checker does not see a late move");
+    assert!(run.contains("move-within-lease"), "{run}");
+}
+
+#[test]
+#[ignore = "minutes"]
+fn larger_budgets() {
+    holds("a pair", cubes(&PAIR, &TWO_HIGH, budget(|b| (b.lost, b.doubled, b.late) = (1, 1, 1))));
+    holds("rivals", cubes(&RIVALS, &TWO_HIGH, budget(|b| (b.lost, b.doubled, b.late) = (1, 1, 1))));
+    holds("a row", cubes(&ROW, &TOWER, budget(|b| b.lost = 3)));
+    holds("a row", cubes(&ROW, &TOWER, budget(|b| b.late = 2)));
+    holds("a row", cubes(&ROW, &TOWER, budget(|b| (b.paused, b.lost) = (1, 1))));
+    holds("a plate", cubes(&PLATE, &TOWER, budget(|b| b.late = 1)));
+    holds("a plate", cubes(&PLATE, &TOWER, budget(|b| b.paused = 1)));
+    holds("a plate", cubes(&PLATE, &TOWER, budget(|b| (b.crashed, b.restarted) = (1, 1))));
+}

@@ -1,0 +1,171 @@
+//! The controller is killed in the middle of a run, and another goes on: the swarm builds what it was
+//! building, and the journal of both is one that replays.
+#![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
+
+use metamorph_protocol::stream::Stream;
+use metamorph_tests::chaos::{signal_to, wait_until};
+use metamorph_tests::command::{Ran, command, run, run_processes, scenario};
+use metamorph_world_controller::journal::{Event, Journal, parts_of};
+use metamorph_world_controller::replay::{Request, replay, text};
+use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::swarm::clean;
+use rustix::process::Signal;
+use std::path::Path;
+use std::process::{Child, Stdio};
+
+/// A run whose controller is going to be killed. Whatever happens, no process stays.
+struct Victim {
+    child: Child,
+}
+
+impl Victim {
+    fn start(journal: &Path, name: &str, options: &[&str]) -> Victim {
+        let (path, file) = (scenario(name).display().to_string(), journal.display().to_string());
+        let fixed = ["run", path.as_str(), "--quiet", "--journal", file.as_str()];
+        let mut command = command(&[&fixed, options].concat());
+        let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        Victim { child: child.expect("metamorph can be started") }
+    }
+
+    /// Kills the controller once so many records of it are in the journal; false if it was over before.
+    fn kill_at(&mut self, journal: &Path, records: usize) -> bool {
+        let parts = parts_of(journal);
+        let controller = parts.join("controller");
+        wait_until("the run to get so far", || {
+            let over = self.child.try_wait().expect("a child can be waited for").is_some();
+            over || (parts.join("run").exists() && count(&controller) >= records)
+        });
+        if self.child.try_wait().expect("a child can be waited for").is_some() {
+            return false;
+        }
+        signal_to(self.child.id() as i32, Signal::KILL);
+        self.child.wait().expect("a child can be waited for");
+        true
+    }
+}
+
+impl Drop for Victim {
+    fn drop(&mut self) {
+        if self.child.try_wait().is_ok_and(|ended| ended.is_none()) {
+            // Asked, so that it removes what it has made.
+            signal_to(self.child.id() as i32, Signal::TERM);
+            let _ = self.child.wait();
+        }
+    }
+}
+
+fn count(part: &Path) -> usize {
+    metamorph_module_agent::journal::Reader::open(part).map_or(0, Iterator::count)
+}
+
+/// Goes on with a run, until nobody kills the controller any more.
+fn resume(journal: &Path) -> (Ran, Report) {
+    let ran = run_processes(&["resume", &journal.display().to_string(), "--json", "-"]);
+    println!("{}", ran.err);
+    let report = serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"));
+    (ran, report)
+}
+
+fn assert_one_run(journal: &Path, report: &Report, controllers: usize) {
+    assert!(!parts_of(journal).exists(), "the parts are joined");
+    let request = Request { file: journal.to_owned(), until: None, agent: None };
+    let (plan, replayed) = replay(&request).expect("the journal can be read");
+    println!("{}", text(&plan, &replayed));
+    assert_eq!(replayed.difference, None);
+    assert_eq!((replayed.troubles.as_slice(), replayed.done.unchecked), (&[] as &[String], 0));
+    assert_eq!(replayed.ended.as_deref(), Some(report.outcome.as_str()));
+    let resumed = |e: &Event| matches!(e, Event::Resumed);
+    let seen = Journal::open(journal).expect("it was just read").filter(|r| resumed(&r.event)).count();
+    assert_eq!(seen, controllers - 1);
+    // Counts of before and after: what was reported is what all of the journal adds up to.
+    assert!(replayed.tally.total().sent >= report.messages.total);
+    assert!(replayed.tally.total().sent <= report.messages.total + 50);
+    assert_eq!((report.invariants.broken, report.collisions.suffered), (0, 0));
+    assert!(report.messages.all.in_flight >= 0);
+}
+
+/// Kills the controller at a moment that the seed decides, and resumes.
+fn kill_and_resume(name: &str, most: u64, options: &[&str], seed: u64) -> bool {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    let mut random = Stream::named(seed, "when the controller is killed", 0);
+    let records = 200 + random.below(most) as usize;
+    let number = seed.to_string();
+    let mut victim = Victim::start(&journal, name, &[&["--seed", number.as_str()], options].concat());
+    if !victim.kill_at(&journal, records) {
+        return false;
+    }
+    // A run that starts meanwhile cleans up, but not what is waited for.
+    clean().expect("cleaning works");
+    let (ran, report) = resume(&journal);
+    assert_eq!((ran.code, report.outcome.as_str()), (Some(0), "built"), "{}", report.reason);
+    assert!(report.notes.iter().any(|n| n.contains("another went on")), "{:?}", report.notes);
+    assert_eq!(report.notes.len(), 1, "nobody was lost: {:?}", report.notes);
+    assert_one_run(&journal, &report, 2);
+    true
+}
+
+#[test]
+fn a_swarm_is_built_although_its_controller_is_killed() {
+    assert!(kill_and_resume("swarm.toml", 600, &["--time-scale", "10", "--pause", "20@1s..8s"], 1));
+}
+
+#[test]
+fn metamodules_build_although_their_controller_is_killed() {
+    let options = ["--time-scale", "20", "--set", "protocol.teller=neighbours"];
+    assert!(kill_and_resume("box.toml", 200, &options, 3));
+}
+
+#[test]
+fn the_controller_that_came_back_may_be_killed_too() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    let mut victim = Victim::start(&journal, "swarm.toml", &["--time-scale", "5"]);
+    assert!(victim.kill_at(&journal, 300));
+    let args = ["resume", &journal.display().to_string(), "--quiet"];
+    let child = command(&args).stdout(Stdio::null()).spawn().expect("it starts");
+    assert!(Victim { child }.kill_at(&journal, 600));
+    let (ran, report) = resume(&journal);
+    assert_eq!((ran.code, report.outcome.as_str()), (Some(0), "built"), "{}", report.reason);
+    assert_one_run(&journal, &report, 3);
+}
+
+#[test]
+fn what_cannot_be_resumed_is_said() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    let file = journal.display().to_string();
+    let none = run(&["resume", &file]);
+    assert!(none.code == Some(1) && none.err.contains("journal"), "{none:?}");
+    // A run that is alive is left alone.
+    let mut victim = Victim::start(&journal, "swarm.toml", &["--time-scale", "2", "--patience", "100ms"]);
+    wait_until("the run to begin", || parts_of(&journal).join("run").exists());
+    let alive = run(&["resume", &file]);
+    assert!(alive.code == Some(1) && alive.err.contains("lives"), "{alive:?}");
+    let again = run(&["run", &scenario("swarm.toml").display().to_string(), "--journal", &file]);
+    assert!(again.code == Some(2) && again.err.contains("not finished"), "{again:?}");
+    // One that nobody comes for ends by itself, and is cleaned up.
+    assert!(victim.kill_at(&journal, 100));
+    let name = std::fs::read_to_string(parts_of(&journal).join("run")).expect("the run has begun");
+    let root = Path::new("/dev/shm").join(name.split(' ').next().unwrap_or_default());
+    wait_until("the agents to give up", || clean().is_ok() && !root.exists());
+    let late = run(&["resume", &file]);
+    assert!(late.code == Some(1) && late.err.contains("waited long enough"), "{late:?}");
+    // What it wrote down until then is not lost.
+    let replayed = run(&["replay", &file]);
+    assert!(replayed.code == Some(0) && replayed.out.contains("the run was not over"), "{replayed:?}");
+}
+
+/// `cargo test -p metamorph-tests --test resume -- --ignored --nocapture fifty`
+#[test]
+#[ignore = "minutes: fifty runs of 42 processes"]
+fn fifty_swarms_are_built_although_their_controllers_are_killed() {
+    let mut killed = 0;
+    for seed in 2_000.. {
+        killed += usize::from(kill_and_resume("swarm.toml", 1_000, &["--time-scale", "15"], seed));
+        println!("{killed} controllers killed, all swarms resumed and built");
+        if killed == 50 {
+            return;
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! How a controller takes a swarm over from one that was killed: it calls every agent that lives, tells
+//! it again what it has not taken, and takes what it has told meanwhile from its part of the journal.
+
+use super::Conductor;
+use crate::swarm::agents::{Letter, Stage};
+use crate::swarm::outcome::{SwarmError, SwarmOutcome};
+use crate::swarm::resume::Resumption;
+use crate::swarm::run_dir::{identities, kill};
+use crate::swarm::supervise::Task;
+use metamorph_module_agent::clock::Clock;
+use metamorph_module_agent::journal::{JournalError, Reader, agent_part};
+use metamorph_module_agent::runtime::Runtime;
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::Incarnation;
+use metamorph_protocol::journal::{Blob, Event, Told};
+use metamorph_protocol::wire::{Header, Wire};
+use metamorph_sim_bridge::direct::Direct;
+use metamorph_sim_bridge::world::World;
+use rustix::process::Signal;
+use std::collections::{BTreeMap, BTreeSet};
+
+impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
+    /// Goes on with a run to its end.
+    pub fn go_on(mut self, epoch: u64, from: Resumption<W::Agent>) -> Result<SwarmOutcome, SwarmError> {
+        self.take_over(epoch, from);
+        self.run_on()
+    }
+
+    fn take_over(&mut self, epoch: u64, from: Resumption<W::Agent>) {
+        let Resumption { until, lives, latest, mut awaited, finishing, counted } = from;
+        (self.epoch, self.last) = (epoch, until);
+        self.clock = Clock::new(epoch, self.options.speed);
+        self.finishing = finishing;
+        self.outcome.launched = self.processes.len() as u32;
+        self.outcome.body_messages = counted.body_messages;
+        self.outcome.control_messages = counted.control_messages;
+        (self.outcome.restarted, self.outcome.killed) = (counted.restarted, counted.killed);
+        for (process, life) in self.processes.iter_mut().zip(latest) {
+            process.incarnation = life;
+        }
+        let known: BTreeMap<String, _> = identities(self.dir.root()).collect();
+        // Numbers of lives that had not begun are used up, too.
+        for (id, life) in known.keys().filter_map(|name| name.split_once('.')) {
+            if let (Ok(id), Ok(life)) = (id.parse::<usize>(), life.parse())
+                && let Some(process) = self.processes.get_mut(id)
+            {
+                process.incarnation = process.incarnation.max(Incarnation(life));
+            }
+        }
+        let taken_over: BTreeSet<String> = lives.iter().map(|l| format!("{}.{}", l.id, l.life)).collect();
+        for (name, identity) in &known {
+            if !taken_over.contains(name) && kill(*identity) {
+                tracing::debug!("{name} had been started, and was not to take part yet");
+            }
+        }
+        for mut life in lives {
+            let begin = Runtime::Begin { epoch, place: life.place };
+            life.told.push_front(Letter::Runtime(begin));
+            let process = &mut self.processes[life.id.index()];
+            process.take_over(life.life, life.heard, life.told);
+            process.condemned = life.condemned;
+            process.restart = awaited.remove(&life.id);
+            process.paused = life.paused;
+            let key = (life.id, life.life);
+            let Some(identity) = known.get(&format!("{}.{}", life.id, life.life)) else {
+                let how = "was not there any more when the run was resumed".to_owned();
+                let crashed = !life.condemned;
+                self.buried(key, how, String::new(), crashed);
+                continue;
+            };
+            self.supervisor.ask(Task::Adopt(key, *identity));
+            // What was wanted may not have been carried out any more.
+            let signals = match (life.condemned, life.paused) {
+                (true, _) => &[Signal::KILL][..],
+                (false, true) => &[Signal::STOP],
+                (false, false) => &[Signal::CONT],
+            };
+            signals.iter().for_each(|signal| self.supervisor.ask(Task::Signal(key, *signal)));
+            if life.condemned || !identity.is_alive() {
+                continue;
+            }
+            match self.connect(life.id.index()) {
+                Ok(()) => self.processes[life.id.index()].call(),
+                Err(e) => {
+                    tracing::error!("cannot reach module {}: {e}", life.id);
+                    self.give_up(life.id.index(), "could not be reached after the controller came back");
+                }
+            }
+        }
+        awaited.into_iter().for_each(|id| self.relaunch(id.index()));
+    }
+
+    /// An agent has turned to this controller. What it told nobody is taken from its journal.
+    pub(super) fn hear_here(&mut self, header: Header, told: u32, expected: u32) -> bool {
+        let i = header.source.index();
+        let process = &mut self.processes[i];
+        let heard = process.heard;
+        if process.stage != Stage::Lost {
+            return false;
+        }
+        if !process.found(expected) {
+            self.give_up(i, "knows more than it was told, and was killed");
+            return true;
+        }
+        match self.told_by(header, heard, told) {
+            Ok(missed) => missed.into_iter().for_each(|told| self.take_missed(header, told)),
+            Err(e) => {
+                tracing::error!("module {}: {e}", header.source);
+                self.give_up(i, "has told what its journal does not hold, and was killed");
+            }
+        }
+        true
+    }
+
+    fn told_by(&self, header: Header, heard: u32, told: u32) -> Result<Vec<Told>, JournalError> {
+        let Some(parts) = &self.options.journal else { return Ok(Vec::new()) };
+        let path = agent_part(parts, header.source, header.incarnation);
+        let reader = Reader::open(&path)?;
+        let all = reader.filter_map(|r| if let Event::Step(step) = r.event { Some(step.told) } else { None });
+        let missed: Vec<Told> = all.flatten().take(told as usize).skip(heard as usize).collect();
+        if missed.len() < told.saturating_sub(heard) as usize {
+            return Err(JournalError::Head(path, "it ends before what the agent has told".to_owned()));
+        }
+        Ok(missed)
+    }
+
+    fn take_missed(&mut self, header: Header, told: Told) {
+        let now = self.now();
+        self.world.advance(now);
+        match told {
+            Told::Act { revision, action } => {
+                if let Some(action) = read::<<W::Agent as Agent>::Action>(&action) {
+                    self.outcome.body_messages += 1;
+                    self.world.act(now, header.source, revision, &action);
+                }
+            }
+            Told::Report(report) => {
+                if let Some(report) = read::<<W::Agent as Agent>::Report>(&report) {
+                    self.outcome.control_messages += 1;
+                    self.director.report(now, header.source, report);
+                    self.obey(now);
+                }
+            }
+        }
+    }
+}
+
+fn read<T: Wire>(blob: &Blob) -> Option<T> {
+    blob.read().inspect_err(|e| tracing::error!("a journal holds what cannot be read: {e}")).ok()
+}
