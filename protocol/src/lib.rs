@@ -14,9 +14,12 @@ pub mod ids;
 pub mod journal;
 pub mod lattice;
 pub mod link;
+pub mod marks;
 pub mod metamodule;
 pub mod ratio;
 pub mod roombots;
+#[doc(hidden)]
+pub mod sabotage;
 pub mod shape;
 pub mod stream;
 pub mod tally;

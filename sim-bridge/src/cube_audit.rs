@@ -45,11 +45,13 @@ impl CubeWorld {
         if cube.role() != Role::Final {
             return Ok(());
         }
-        // A dead neighbour may have been finalized; what it was is not known any more.
+        // A dead neighbour may have been finalized, and so may one that has gone on to a later goal; what
+        // it was is not known any more.
+        let may_be = |a: &Cube| a.role() == Role::Final || a.has_restarted() || a.epoch() > cube.epoch();
         let finals = Face::ALL
             .into_iter()
             .filter_map(|f| self.neighbour(id, f))
-            .filter(|n| agents.get(*n).is_none_or(|a| a.role() == Role::Final || a.has_restarted()))
+            .filter(|n| agents.get(*n).is_none_or(may_be))
             .count();
         invariants::final_grows(cube.is_root(), finals)
     }

@@ -114,6 +114,10 @@ impl CubeWorld {
     pub fn set_failure(&mut self, p: Ratio) {
         self.failure = p;
     }
+    /// Whether its joint sticks.
+    pub fn is_stuck(&self, id: ModuleId) -> bool {
+        self.bodies[id.index()].stuck
+    }
     /// From now on this module's moves fail (a stuck joint), or work again.
     pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
         self.bodies[id.index()].stuck = stuck;

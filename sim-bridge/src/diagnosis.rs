@@ -5,6 +5,7 @@ use crate::cube_world::CubeWorld;
 use crate::outcome::{Reason, Stall, Waiter, Why};
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::message::Role;
+use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Goal;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
@@ -32,7 +33,14 @@ impl Known {
 }
 
 /// Names the reason for a standstill in the building of a goal, the `stage`th.
-pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16, since: Time) -> Stall {
+pub fn diagnose(
+    world: &mut CubeWorld,
+    known: &[Known],
+    goal: &Goal,
+    connectivity: Connectivity,
+    stage: u16,
+    since: Time,
+) -> Stall {
     let filled = |cell: Cell| {
         world.body_at(cell).is_some_and(|id| known[id.index()].is_final(stage) || !known[id.index()].alive)
     };
@@ -46,8 +54,8 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
         .collect();
     let spare: Vec<ModuleId> = (0..known.len())
         .filter(|i| known[*i].alive && !known[*i].is_final(stage))
-        .filter(|i| !known[*i].status.is_some_and(|s| s.immobile))
         .map(|i| ModuleId(i as u32))
+        .filter(|id| !world.is_stuck(*id))
         .collect();
     let mut stall = Stall {
         since,
@@ -64,10 +72,20 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
         Reason::NoActiveTarget
     } else {
         let live = walkers_with_a_way(world, known, &spare, &targets, true);
-        let free: Vec<ModuleId> = live.iter().copied().filter(|id| !is_pinned(known, *id)).collect();
+        // A cycle over a dead module cannot be locked.
+        let may_leave = |id: &ModuleId| {
+            connectivity != Connectivity::Cycles
+                || known[id.index()].is_walker()
+                || is_spared(world, known, *id)
+        };
+        let is_free = |id: &ModuleId| !is_pinned(world, known, *id) && may_leave(id);
+        let free: Vec<ModuleId> = live.iter().copied().filter(is_free).collect();
         stall.waiting = live.iter().map(|id| waiter(known, *id)).take(20).collect();
-        if !free.is_empty() {
+        let called = called(world, known, &targets, &starts);
+        if free.iter().any(|id| called.contains(id)) {
             Reason::Blocked
+        } else if !free.is_empty() {
+            Reason::CutOff
         } else if !live.is_empty() {
             Reason::Pinned
         } else if !walkers_with_a_way(world, known, &spare, &targets, false).is_empty() {
@@ -78,6 +96,42 @@ pub fn diagnose(world: &mut CubeWorld, known: &[Known], goal: &Goal, stage: u16,
     };
     stall.text = stall.reason.text();
     stall
+}
+
+/// Who can hear of a target: whoever is connected over modules that pass messages on to one that starts
+/// it. Walkers hear, but pass nothing on.
+fn called(
+    world: &CubeWorld,
+    known: &[Known],
+    targets: &BTreeSet<Cell>,
+    starts: &dyn Fn(ModuleId) -> bool,
+) -> BTreeSet<ModuleId> {
+    let beside = |cell: Cell| cell.neighbours().into_iter().filter_map(|n| world.body_at(n));
+    let mut called: BTreeSet<ModuleId> =
+        targets.iter().flat_map(|t| beside(*t)).filter(|id| starts(*id)).collect();
+    let mut front: Vec<ModuleId> = called.iter().copied().collect();
+    while let Some(at) = front.pop() {
+        if known[at.index()].is_walker() {
+            continue;
+        }
+        let hears = beside(world.cell(at)).filter(|id| known[id.index()].alive);
+        front.extend(hears.filter(|id| called.insert(*id)));
+    }
+    called
+}
+
+/// Whether the neighbours of a module are connected without it over modules that live.
+fn is_spared(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
+    let beside = |of: ModuleId| {
+        let bodies = world.cell(of).neighbours().into_iter().filter_map(|n| world.body_at(n));
+        bodies.filter(|n| *n != id && known[n.index()].alive)
+    };
+    let mut front: Vec<ModuleId> = beside(id).take(1).collect();
+    let mut reached: BTreeSet<ModuleId> = front.iter().copied().collect();
+    while let Some(at) = front.pop() {
+        front.extend(beside(at).filter(|n| reached.insert(*n)));
+    }
+    beside(id).all(|n| reached.contains(&n))
 }
 
 fn waiter(known: &[Known], module: ModuleId) -> Waiter {
@@ -100,18 +154,22 @@ fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
     known.get(id.index())?.status?.waits_for
 }
 
-/// Whether a module is pinned by one that cannot move any more, itself or along whom it waits for.
-fn is_pinned(known: &[Known], id: ModuleId) -> bool {
-    let mut at = id;
-    for _ in 0..=known.len() {
-        let Some(k) = known.get(at.index()) else { return false };
+/// Whether a module is pinned by one that cannot move any more: itself, along whom it waits for, or
+/// because its neighbours have no place in the parent forest either and one of them never will.
+fn is_pinned(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
+    let is_loose = |of: &Known| of.status.is_some_and(|s| s.role == Role::Reserve && !s.attached);
+    let (mut front, mut seen) = (vec![id], BTreeSet::from([id]));
+    while let Some(at) = front.pop() {
+        let Some(k) = known.get(at.index()) else { continue };
         if !k.alive || k.status.is_some_and(|s| s.pinned || s.immobile) {
             return true;
         }
-        match waits_for(known, at) {
-            Some(next) => at = next,
-            None => return false,
+        let mut next: Vec<ModuleId> = waits_for(known, at).into_iter().collect();
+        if is_loose(k) {
+            let beside = world.cell(at).neighbours().into_iter().filter_map(|n| world.body_at(n));
+            next.extend(beside.filter(|n| known[n.index()].alive && is_loose(&known[n.index()])));
         }
+        front.extend(next.into_iter().filter(|n| seen.insert(*n)));
     }
     false
 }
@@ -248,7 +306,7 @@ mod tests {
         let known: Vec<Known> =
             known.iter().map(|(alive, s)| Known { alive: *alive, status: Some(*s) }).collect();
         let mut world = CubeWorld::new(&bodies, Span::secs(1), 1);
-        let stall = diagnose(&mut world, &known, &goal, 0, Time::ZERO);
+        let stall = diagnose(&mut world, &known, &goal, Connectivity::Forest, 0, Time::ZERO);
         assert_eq!(stall.reason, expected, "{stall:?}");
         stall
     }
@@ -268,6 +326,12 @@ mod tests {
         check(&row, &[(true, root), (false, spare), (true, spare)], &tower, Reason::NeedsDeadSupport);
         let pinned = status(Role::Reserve, 0, Some(1), true);
         check(&row, &[(true, root), (true, spare), (true, pinned)], &tower, Reason::Pinned);
+        // Over the gap beside the dead middle there is a way, but no message comes over it.
+        let bent = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]];
+        let states = [(true, root), (false, spare), (true, spare), (true, spare), (true, spare)];
+        check(&bent, &states, &[[0, 0, 0], [0, 0, 1], [0, 1, 0]], Reason::Blocked);
+        let states = [(true, root), (false, spare), (true, spare), (false, spare), (true, spare)];
+        check(&bent, &states, &[[0, 0, 0], [0, 0, 1]], Reason::NeedsDeadSupport);
         // The only spare module is the one that holds the body together.
         let bridge = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         let seed_end = status(Role::Final, UP, None, false);

@@ -307,7 +307,8 @@ impl Director {
     }
 
     fn explain(&self, world: &mut CubeWorld, since: Time) -> Stall {
-        diagnose(world, &self.known, self.goal(), self.stage, since)
+        let connectivity = self.setup.params.connectivity;
+        diagnose(world, &self.known, self.goal(), connectivity, self.stage, since)
     }
 }
 

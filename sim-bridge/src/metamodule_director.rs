@@ -393,7 +393,9 @@ impl MetamoduleDirector {
     /// The blocked seeds, and who waits for whom by the last refusal.
     fn explain(&self, since: Time, world: &MetamoduleWorld) -> Stall {
         let unfilled = self.setup.goal(self.task).all().without(self.filled);
-        let is_free = |(_, k): &(ModuleId, &Known)| k.alive && k.status.is_some_and(|s| s.settled.is_none());
+        let is_free = |(id, k): &(ModuleId, &Known)| {
+            k.alive && !world.is_stuck(*id) && k.status.is_some_and(|s| s.settled.is_none())
+        };
         let free: Vec<Waiter> =
             (0..).map(ModuleId).zip(&self.known).filter(is_free).map(|(id, k)| self.waiter(id, k)).collect();
         let waits: Vec<_> = free.iter().map(|w| (w.module, w.on)).collect();

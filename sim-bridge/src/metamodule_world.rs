@@ -131,6 +131,10 @@ impl MetamoduleWorld {
     pub fn set_failure(&mut self, p: Ratio) {
         self.failure = p;
     }
+    /// Whether its joints are stuck.
+    pub fn is_stuck(&self, id: ModuleId) -> bool {
+        self.bodies[id.index()].stuck
+    }
     /// From now on this metamodule's joints do not turn (stuck), or turn again.
     pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
         self.bodies[id.index()].stuck = stuck;

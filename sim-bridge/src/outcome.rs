@@ -74,6 +74,9 @@ pub enum Reason {
     /// Every spare module that could walk holds a dead or stuck one and must stay, or waits for one
     /// that does.
     Pinned,
+    /// Every spare module that could walk is cut off from the growth by dead ones, since messages pass only
+    /// between neighbours that live.
+    CutOff,
     /// There are fewer live spare modules that can move than cells to fill.
     MaterialExhausted,
     /// No live finalized module touches an unfilled goal cell that it could start.
@@ -91,9 +94,27 @@ pub enum Reason {
 }
 
 impl Reason {
+    /// The name used in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Reason::Blocked => "blocked",
+            Reason::Pinned => "pinned",
+            Reason::CutOff => "cut-off",
+            Reason::MaterialExhausted => "material-exhausted",
+            Reason::NoActiveTarget => "no-active-target",
+            Reason::SeedBlocked => "seed-blocked",
+            Reason::NoBetterPlace => "no-better-place",
+            Reason::NoLock => "no-lock",
+            Reason::NeedsDeadSupport => "needs-dead-support",
+            Reason::NoWay => "no-way",
+        }
+    }
     /// Whether no protocol could have gone on from here.
     pub const fn is_infeasible(self) -> bool {
-        !matches!(self, Reason::Blocked | Reason::Pinned | Reason::NoBetterPlace | Reason::NoLock)
+        !matches!(
+            self,
+            Reason::Blocked | Reason::Pinned | Reason::CutOff | Reason::NoBetterPlace | Reason::NoLock
+        )
     }
     /// For people.
     pub const fn text(self) -> &'static str {
@@ -101,6 +122,9 @@ impl Reason {
             Reason::Blocked => "deadlock: a spare module has a way to a goal cell and does not take it",
             Reason::Pinned => {
                 "pinned: every spare module that has a way holds a dead or stuck module, or waits for one that does"
+            }
+            Reason::CutOff => {
+                "cut off: dead modules separate every spare module that has a way from those that could call it"
             }
             Reason::SeedBlocked => {
                 "infeasible: a dead metamodule or an obstacle is in a cell of an unfilled seed"

@@ -16,6 +16,7 @@ use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, Out
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::journal::{self, Diary, MessageName};
 use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::marks::{Mark, hit};
 use metamorph_protocol::stream::Stream;
 use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::Time;
@@ -385,6 +386,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             Process::Stopped => {
                 let backlog = self.backlogs.entry(parcel.to).or_default();
                 if backlog.messages == INBOX {
+                    hit(Mark::DriverInboxFull);
                     self.tally[parcel.class].overflowed += 1;
                 } else {
                     backlog.messages += 1;
@@ -399,6 +401,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         let contact = self.link(to, port).contact;
         let current = contact.map(|c| c.session);
         if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
+            hit(Mark::DriverExpired);
             self.tally[class].expired += 1;
             return;
         }
@@ -522,6 +525,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                     message,
                 },
                 Err(_) => {
+                    hit(Mark::DriverDamaged);
                     self.tally[class].refused += 1;
                     continue;
                 }
@@ -589,6 +593,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 if std::mem::replace(&mut module.process, Process::Dead) != Process::Dead {
                     for unread in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
                         if let Waiting::Message(parcel) = unread {
+                            hit(Mark::DriverDiedUnread);
                             self.tally[parcel.class].expired += 1;
                         }
                     }
@@ -634,6 +639,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         module.process = Process::Running;
         self.trace.event(self.now, 8, id.0, 0);
         for waiting in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
+            hit(Mark::DriverSleptOver);
             match waiting {
                 Waiting::Sensed(sensed) => self.sense(id, sensed),
                 Waiting::Order(order) => self.obey(Command::Order(id, order)),

@@ -492,6 +492,7 @@ fn help_is_enough_to_use_every_command() {
         ),
         (&["check", "--help"], &["SCENARIO", "Examples", "Exit codes"]),
         (&["clean", "--help"], &["killed", "Exit codes"]),
+        (&["explore", "--help"], &["--runs", "--seconds", "--seed", "--family", "Examples", "Exit codes"]),
     ] {
         let ran = run(args);
         assert_eq!(ran.code, Some(0), "{ran:?}");

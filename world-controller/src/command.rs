@@ -1,6 +1,7 @@
 //! The command line: what was typed, as values. Absent: doing it (see `commands`).
 
 use crate::bench;
+use crate::explore;
 use crate::reference::{CompletionArgs, ManArgs, SchemaArgs};
 use crate::replay;
 use crate::reproduce::{self, Experiment};
@@ -10,6 +11,7 @@ use crate::scenario::{LinkKind, Overrides};
 use crate::solid::shape::ShapeArgs;
 use crate::sweep::Request;
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+use metamorph_module_agent::Family;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, SpanError, Time};
 use std::ffi::OsString;
@@ -202,6 +204,28 @@ Exit codes:
   2  the command line is wrong, or the file is no journal of this version
   8  something did not come as recorded; the first such event is named";
 
+const EXPLORE_EXAMPLES: &str = "\
+Examples:
+  metamorph explore --seconds 60
+  metamorph explore --runs 10000 --family cube --seed 1
+  metamorph explore --runs 1 --seed 4711      (one run, with its scenario)
+
+Every run is a small scenario drawn from its seed: world, start, goal, strategy, link, faults. The first
+run has the seed named, the next the next. All invariants are checked; and when all faults have struck,
+what is left must build the goal, unless that cannot be done any more. The first failure of each kind is
+made small and written to DIR as a scenario that `metamorph run FILE --link sim` repeats. With -v each
+run is named before it begins.
+
+At the end rare paths of the protocols and the simulator that never ran are listed.
+
+Exit codes:
+  0  nothing failed
+  1  the program itself failed, for example because a file could not be written
+  2  the command line is wrong
+  3  a run stood still although there was a way left
+  6  an invariant broke, or the program panicked, in at least one run
+  7  stopped by Ctrl-C or SIGTERM, and nothing had failed until then";
+
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
 and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
@@ -248,6 +272,9 @@ pub enum Command {
     /// Measure both links beside bare mechanisms, in tables and as JSON
     #[command(after_help = BENCH_EXAMPLES)]
     Bench(BenchArgs),
+    /// Draw scenarios at random, run them, and make small what fails
+    #[command(after_help = EXPLORE_EXAMPLES)]
+    Explore(ExploreArgs),
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
@@ -483,6 +510,65 @@ pub struct BenchArgs {
 impl From<BenchArgs> for bench::Request {
     fn from(args: BenchArgs) -> bench::Request {
         bench::Request { names: args.names, most: args.most, json: args.json, quiet: args.quiet }
+    }
+}
+
+/// What `explore` takes.
+#[derive(Debug, Args)]
+pub struct ExploreArgs {
+    /// How many runs; 1,000, if neither this nor --seconds is named
+    #[arg(long, value_name = "N", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
+    pub runs: Option<u64>,
+    /// No run begins after so many seconds
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    pub seconds: Option<u64>,
+    /// The seed of the first run; drawn, and printed, if left out
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    pub seed: Option<u64>,
+    /// One family of units only
+    #[arg(long, value_enum, value_name = "FAMILY")]
+    pub family: Option<FamilyArg>,
+    /// Runs at the same time; as many as there are processors, if left out
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<NonZeroUsize>,
+    /// Write failing scenarios to this directory
+    #[arg(long, value_name = "DIR", default_value = "explored")]
+    pub out: PathBuf,
+    /// Write the numbers as JSON to a file, or to standard output with `-` (the text for people then
+    /// goes to standard error)
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
+    pub json: Option<PathBuf>,
+    /// Print nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// A family of units, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FamilyArg {
+    /// Cubes that slide over each other
+    Cube,
+    /// Metamodules of two Roombots modules
+    Metamodule,
+}
+
+impl From<ExploreArgs> for explore::Request {
+    fn from(args: ExploreArgs) -> explore::Request {
+        explore::Request {
+            budget: match args.seconds {
+                Some(seconds) => explore::Budget::Time(Duration::from_secs(seconds)),
+                None => explore::Budget::Runs(args.runs.unwrap_or(1_000)),
+            },
+            seed: args.seed,
+            family: args.family.map(|family| match family {
+                FamilyArg::Cube => Family::Cube,
+                FamilyArg::Metamodule => Family::Metamodule,
+            }),
+            jobs: jobs(args.jobs),
+            out: args.out,
+            json: args.json,
+            quiet: args.quiet,
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::bench::{self, BenchError, PartError};
 use crate::command::{Command, CommandLine, RunArgs, ViewArgs};
+use crate::explore::{ExploreError, explore};
 use crate::interrupt::Interrupt;
 use crate::journal::{Journal, JournalError, Keeping, plan_of};
 use crate::overview::overview;
@@ -100,6 +101,9 @@ enum Failure {
     /// There is no shape.
     #[error(transparent)]
     Shape(#[from] ShapeError),
+    /// An exploration failed.
+    #[error(transparent)]
+    Explore(#[from] ExploreError),
     /// A measurement failed.
     #[error(transparent)]
     Bench(#[from] BenchError),
@@ -117,7 +121,7 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Shape(error) if error.is_input() => BAD_USAGE,
-            Failure::Shape(_) | Failure::Sweep(_) => FAILED,
+            Failure::Shape(_) | Failure::Sweep(_) | Failure::Explore(_) => FAILED,
             Failure::Input(_) | Failure::Unwritable { .. } | Failure::Journal(_) | Failure::Replay(_) => {
                 BAD_USAGE
             }
@@ -205,6 +209,7 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             print_out(&shown.text);
             Ok(if shown.buildable { 0 } else { BAD_USAGE })
         }
+        Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Clean => {
             print_out(&processes::clean_up()?);

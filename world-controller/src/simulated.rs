@@ -8,6 +8,7 @@ use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
 use crate::view::scribe::both;
+use metamorph_protocol::sabotage::Sabotage;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::chronicle::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::direct::Direct;
@@ -65,7 +66,7 @@ fn run<R: Runnable>(
         link: plan.link.clone(),
         seed: plan.seed,
         audit_every: swarm.audit_every(),
-        ignore_sessions: false,
+        ignore_sessions: plan.swarm.sabotage() == Some(Sabotage::IgnoreSessions),
     };
     let (world, director) = (swarm.world(plan), swarm.director(plan));
     let Some(log) = both(keeping.as_ref().map(Keeping::log), scribe) else {

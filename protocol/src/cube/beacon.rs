@@ -8,6 +8,8 @@ use super::{Cube, Peer, UNLABELLED};
 use crate::agent::{Class, Output};
 use crate::goal::Growth;
 use crate::lattice::Face;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::time::{Span, Time};
 
 /// Marks an offer that comes from another face of the same module.
@@ -24,6 +26,7 @@ impl Cube {
             let late = peer.beacon.sequence >= beacon.sequence;
             // One session has one neighbour; anything else is garbage.
             if late || peer.beacon.id != beacon.id {
+                hit(Mark::CubeBeaconLate);
                 return;
             }
             if (Beacon { sequence: beacon.sequence, ..peer.beacon }) == beacon {
@@ -83,11 +86,12 @@ impl Cube {
         }
         let relaxed = |since: Time| now.since(since) > self.setup.params.relax;
         if self.side(face).unfilled_since.is_some_and(relaxed) {
+            hit(Mark::CubeRelaxed);
             return true;
         }
         goal.may_start(self.cell, face)
             && (goal.growth() == Growth::Scaffold
-                || self.setup.params.sabotage.any_lower_on_solids
+                || self.has(Sabotage::AnyLowerOnSolids)
                 || self.lower_are_filled(now, face))
     }
 
@@ -151,7 +155,7 @@ impl Cube {
         let limits = Limits {
             hold: p.hold,
             range: p.range.min(Entry::MAX_MOVES) * Entry::MOVE,
-            accept_stale: p.sabotage.accept_stale_values,
+            accept_stale: self.has(Sabotage::AcceptStaleValues),
         };
         let version = self.version(now);
         let open = Face::ALL.map(|f| self.is_open(now, f));
@@ -222,6 +226,11 @@ impl Cube {
         };
         for heading in face.perpendicular() {
             if let Some(beacon) = self.terrain(now, heading) {
+                // What was known of another goal's targets was forgotten with that goal, so that their
+                // distances could lead in circles.
+                if beacon.epoch != self.epoch {
+                    continue;
+                }
                 let slot = face.slot_in(heading).unwrap_or(0);
                 // A module one further out touches the very same cell; otherwise it is one slide.
                 let (cost, via) = match beacon.terrain & face.bit() {
@@ -244,7 +253,9 @@ impl Cube {
                 self.side(heading).field.value()
             } else {
                 match self.terrain(now, heading) {
-                    Some(b) if b.terrain & face.bit() == 0 => b.field[face.slot_in(heading).unwrap_or(0)],
+                    Some(b) if b.terrain & face.bit() == 0 && b.epoch == self.epoch => {
+                        b.field[face.slot_in(heading).unwrap_or(0)]
+                    }
                     _ => Entry::NONE,
                 }
             }

@@ -6,10 +6,12 @@
 //! are refused rather than waited for, so they cannot deadlock.
 
 use super::Cube;
-use super::message::{Ask, Message, RequestId, Role};
+use super::message::{Ask, Beacon, Message, RequestId, Role};
 use super::route::Route;
 use crate::agent::Class;
 use crate::lattice::Face;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::time::Time;
 
 /// How far searches go, one after the other.
@@ -27,6 +29,9 @@ pub(super) struct SearchState {
     /// Faces with a neighbour.
     nodes: u8,
     depth: usize,
+    /// What will have to be locked. Nothing is before all is found: whoever may search in vain for long
+    /// must not keep others from leaving.
+    routes: Vec<Route>,
 }
 
 impl SearchState {
@@ -55,11 +60,16 @@ impl SearchState {
 impl Cube {
     /// Asks for the locks that keep the neighbours connected. False if a search has to come first.
     pub(super) fn ask_for_cycles(&mut self, now: Time) -> bool {
-        let mut state = SearchState { part: [0, 1, 2, 3, 4, 5, 6], nodes: 0, depth: 0 };
-        let mut routes: Vec<Route> = Vec::new();
+        let mut state = SearchState { part: [0, 1, 2, 3, 4, 5, 6], nodes: 0, depth: 0, routes: Vec::new() };
         let neighbours: Vec<(Face, Role, u8, u8)> = Face::ALL
             .into_iter()
-            .filter_map(|f| self.terrain(now, f).map(|b| (f, b.role, b.terrain, b.finals)))
+            .filter_map(|f| match (self.terrain(now, f), self.peer(f)) {
+                (Some(b), _) => Some((f, b.role, b.terrain, b.finals)),
+                // A dead finalized module stays where it is, and what hangs on it must not be cut off
+                // from it; but it answers no more.
+                (None, Some(b)) if b.role == Role::Final => Some((f, b.role, 0, 0)),
+                _ => None,
+            })
             .collect();
         for (face, role, _, finals) in &neighbours {
             state.nodes |= face.bit();
@@ -68,40 +78,48 @@ impl Cube {
             }
             // Every neighbour that could leave is locked, whatever connects it.
             if *role != Role::Final {
-                routes.extend(Route::new(&[*face]));
+                state.routes.extend(Route::new(&[*face]));
             }
         }
         for (u, _, terrain, _) in &neighbours {
             for (v, _, back, _) in &neighbours {
                 let touches = terrain & v.bit() != 0 && back & u.bit() != 0;
                 if u < v && v.slot_in(*u).is_some() && touches && state.join(u.index(), v.index()) {
-                    routes.extend(Route::new(&[*u, *v, u.opposite()]));
+                    state.routes.extend(Route::new(&[*u, *v, u.opposite()]));
                 }
             }
         }
-        let connected = state.parts().len() <= 1;
-        if !connected && let Some(attempt) = &mut self.attempt {
+        let connected = state.parts().len() <= 1 || self.has(Sabotage::ShallowSearch);
+        if connected {
+            self.lock(now, state);
+        } else if let Some(attempt) = &mut self.attempt {
+            hit(Mark::CubeSearchStarted);
             attempt.search = Some(state);
-        }
-        for route in routes {
-            self.ask(now, route, Ask::Lock);
-        }
-        if !connected {
             self.search(now);
         }
         connected
     }
 
-    /// Floods a search from every part of the neighbourhood but the first.
+    /// Asks for all locks that keep the neighbours connected.
+    fn lock(&mut self, now: Time, state: SearchState) {
+        for route in state.routes {
+            self.ask(now, route, Ask::Lock);
+        }
+    }
+
+    /// Floods a search from every part of the neighbourhood that is not known to hang on the finalized
+    /// ones. Each flood has its own name: what one has passed, the others may have to pass too.
     fn search(&mut self, now: Time) {
         let Some(attempt) = &mut self.attempt else { return };
         let Some(state) = &attempt.search else { return };
         let ttl = DEPTHS[state.depth];
-        let id = RequestId { origin: self.id, token: attempt.token, number: state.depth as u8 };
-        let from: Vec<Face> = state.parts().into_iter().skip(1).collect();
+        let (origin, token, depth) = (self.id, attempt.token, state.depth as u8);
+        let root = state.part[ROOT];
+        let from: Vec<Face> = state.parts().into_iter().filter(|f| state.part[f.index()] != root).collect();
         let p = &self.setup.params;
         attempt.timeout = now + p.usual_delay * (2 * (u64::from(ttl) + 2)) + p.tick() * 8;
         for face in from {
+            let id = RequestId { origin, token, number: depth * 8 + face as u8 };
             if let Some(route) = Route::new(&[face]) {
                 self.send(face, Class::Connectivity, Message::Search { id, ttl, route });
             }
@@ -112,8 +130,10 @@ impl Cube {
     pub(super) fn widen_search(&mut self, now: Time) -> bool {
         let Some(state) = self.attempt.as_mut().and_then(|a| a.search.as_mut()) else { return false };
         if state.depth + 1 == DEPTHS.len() {
+            hit(Mark::CubeSearchExhausted);
             return false;
         }
+        hit(Mark::CubeSearchWidened);
         state.depth += 1;
         self.search(now);
         true
@@ -121,12 +141,16 @@ impl Cube {
 
     pub(super) fn on_search(&mut self, now: Time, from: Face, id: RequestId, ttl: u8, route: Route) {
         let last = route.hop(route.hop_count() - 1).map(Face::opposite);
+        // Only those who are finalized for one and the same goal hang together.
+        let same_goal = |f: Face| self.terrain(now, f).is_some_and(|b| b.epoch == self.epoch);
         let passes = last == Some(from)
             && id.origin != self.id
             && self.role != Role::Walker
-            && self.is_idle()
+            && self.moving.is_none()
+            && self.attempt.as_ref().is_none_or(|a| a.search.is_some())
             && !self.is_quarantined(now)
-            && !self.searches.contains(&id);
+            && !self.searches.contains(&id)
+            && same_goal(from);
         if !passes {
             return;
         }
@@ -134,8 +158,9 @@ impl Cube {
             self.searches.pop_front();
         }
         self.searches.push_back(id);
-        let touches_root = self.role == Role::Final
-            || Face::ALL.into_iter().any(|f| self.live(now, f).is_some_and(|b| b.role == Role::Final));
+        let is_root = |b: &Beacon| b.role == Role::Final && b.epoch == self.epoch;
+        let touches_root =
+            self.role == Role::Final || Face::ALL.into_iter().any(|f| self.live(now, f).is_some_and(is_root));
         let touches_origin =
             Face::ALL.into_iter().find(|f| *f != from && self.peer(*f).is_some_and(|b| b.id == id.origin));
         if touches_root || touches_origin.is_some() {
@@ -147,9 +172,8 @@ impl Cube {
             return;
         }
         for face in Face::ALL.into_iter().filter(|f| *f != from) {
-            if self.terrain(now, face).is_some()
-                && let Some(route) = route.then(face)
-            {
+            let on = self.terrain(now, face).is_some_and(|b| b.epoch == self.epoch);
+            if on && let Some(route) = route.then(face) {
                 self.send(face, Class::Connectivity, Message::Search { id, ttl: ttl - 1, route });
             }
         }
@@ -180,16 +204,19 @@ impl Cube {
             return;
         };
         let Some(state) = &mut attempt.search else { return };
+        state.routes.push(route);
+        hit(if back.is_none() { Mark::CubeFoundRoot } else { Mark::CubeFoundRound });
         let other = back.map_or(ROOT, |f| f.opposite().index());
         if !state.join(from.index(), other) {
             return;
         }
-        let connected = state.parts().len() <= 1;
-        if connected {
-            attempt.search = None;
+        if state.parts().len() > 1 {
+            return;
         }
-        self.ask(now, route, Ask::Lock);
-        if connected {
+        if let Some(state) = attempt.search.take() {
+            // Leases begin now; nothing has been asked for before.
+            attempt.deadline = now + self.setup.params.start_within();
+            self.lock(now, state);
             self.ask_for_destination(now);
         }
     }

@@ -6,6 +6,7 @@
 //! instead of being counted to infinity.
 
 use super::message::Entry;
+use crate::marks::{Mark, hit};
 use crate::time::{Span, Time};
 
 /// Sources remembered per face.
@@ -110,9 +111,15 @@ impl FaceField {
         if newer(version, record.version) || limits.accept_stale {
             return true;
         }
-        version == record.version
-            && now.since(record.first) <= limits.hold
-            && offer.entry.distance < record.feasible
+        let (current, fresh) = (version == record.version, now.since(record.first) <= limits.hold);
+        let closer = offer.entry.distance < record.feasible;
+        match (current, fresh, closer) {
+            (false, ..) => hit(Mark::CubeStaleVersion),
+            (_, false, _) => hit(Mark::CubeVersionExpired),
+            (.., false) => hit(Mark::CubeNotCloser),
+            _ => {}
+        }
+        current && fresh && closer
     }
 
     /// Notes the choice; false if there is no room to remember its source.
@@ -131,9 +138,13 @@ impl FaceField {
             let oldest = (0..MAX_RECORDS).min_by_key(|i| self.records[*i].used);
             match oldest {
                 Some(i) if now.since(self.records[i].used) > limits.hold * 2 => {
+                    hit(Mark::CubeSourceForgotten);
                     self.records.swap_remove(i);
                 }
-                _ => return false,
+                _ => {
+                    hit(Mark::CubeSourcesFull);
+                    return false;
+                }
             }
         }
         self.records.push(Record { source, version, feasible: distance, first: now, used: now });

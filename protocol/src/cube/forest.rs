@@ -8,9 +8,12 @@
 //! Also here: the published rule without registration, for comparison.
 
 use super::message::{Beacon, Claim, Role};
+use super::params::Connectivity;
 use super::{Cube, UNLABELLED};
 use crate::ids::ModuleId;
 use crate::lattice::Face;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::time::Time;
 
 /// Why a module may not leave, and who is in the way.
@@ -59,13 +62,23 @@ impl Cube {
         if let Some((face, token)) = self.want {
             match self.live(now, face) {
                 Some(b) if b.epoch == self.epoch && b.attached && b.role != Role::Walker => {
-                    if b.ack == Some(token) && self.adoptable(b.label) {
-                        self.label = b.label + 1;
+                    let (acknowledged, label) = (b.ack == Some(token), b.label);
+                    if acknowledged && !self.adoptable(label) {
+                        hit(Mark::CubeNotAdoptable);
+                    }
+                    if (acknowledged || self.has(Sabotage::AdoptUnacknowledged)) && self.adoptable(label) {
+                        if self.parent.is_some() {
+                            hit(Mark::CubeParentReplaced);
+                        }
+                        self.label = label + 1;
                         self.parent = Some(face);
                         self.want = None;
                     }
                 }
-                _ => self.want = None,
+                _ => {
+                    hit(Mark::CubeWantDropped);
+                    self.want = None;
+                }
             }
         }
         if let Some(b) = self.parent.and_then(|f| self.peer(f))
@@ -75,8 +88,12 @@ impl Cube {
         {
             self.label = b.label + 1;
         }
-        if self.want.is_none() && self.is_idle() && self.all_heard() {
-            self.look_for_parent(now);
+        if self.want.is_none() && self.is_idle() {
+            if self.all_heard() {
+                self.look_for_parent(now);
+            } else {
+                hit(Mark::CubeRebornWaits);
+            }
         }
         if before != (self.parent, self.label, self.want) {
             self.touch();
@@ -130,6 +147,7 @@ impl Cube {
             let token = self.token();
             self.want = Some((face, token));
         } else if suspected && self.children() == 0 {
+            hit(Mark::CubeParentSuspected);
             self.label = self.label.max(label.saturating_add(1));
             let token = self.token();
             self.want = Some((face, token));
@@ -168,8 +186,6 @@ impl Cube {
     /// Whether a module in reserve may leave the body, as far as it knows: it is attached and has no
     /// children, nobody has locked it, and every neighbour is known to hold on to something else.
     pub(super) fn may_leave(&self, now: Time) -> Result<(), Held> {
-        use super::params::Connectivity::Cycles;
-        let cycles = self.setup.params.connectivity == Cycles;
         if !self.is_attached() || self.is_quarantined(now) {
             return Err(Held(None));
         }
@@ -178,37 +194,43 @@ impl Cube {
             return Err(Held(None));
         }
         let locked = self.locks.iter().find(|l| l.expires > now);
-        if let Some(lock) = locked.filter(|_| !self.setup.params.sabotage.ignore_locks) {
+        if let Some(lock) = locked.filter(|_| !self.has(Sabotage::IgnoreLocks)) {
             return Err(Held(Some(lock.id.origin)));
         }
-        for face in Face::ALL {
-            let side = self.side(face);
-            if side.session.is_none() {
-                continue;
-            }
-            let Some(peer) = &side.peer else { return Err(Held(None)) };
-            let b = &peer.beacon;
-            let silent = now.since(peer.heard) > self.setup.params.suspect;
-            let forgotten = silent && self.setup.params.sabotage.drop_silent_children;
-            let free = match b.role {
-                _ if b.epoch != self.epoch => false,
-                _ if forgotten => true,
-                Role::Final => true,
-                Role::Walker => !b.anchored_here,
-                // A cycle can only be locked over modules that answer.
-                Role::Reserve if cycles => !silent && !side.condemned,
-                Role::Reserve => b.attached && b.claim == Claim::None && side.child.is_none(),
-            };
-            if !free {
-                return Err(Held(Some(b.id)));
-            }
-        }
-        Ok(())
+        Face::ALL.into_iter().find_map(|face| self.held_by(now, face)).map_or(Ok(()), Err)
     }
 
-    /// Whether a child that seems dead keeps this module from ever leaving.
+    /// Whether the neighbour on a face may hang on this module, as far as it has said.
+    fn held_by(&self, now: Time, face: Face) -> Option<Held> {
+        let side = self.side(face);
+        side.session?;
+        let Some(peer) = &side.peer else {
+            return (!self.has(Sabotage::IgnoreStrangers)).then_some(Held(None));
+        };
+        let b = &peer.beacon;
+        let silent = now.since(peer.heard) > self.setup.params.suspect;
+        let forgotten = silent && self.has(Sabotage::DropSilentChildren);
+        let free = match b.role {
+            _ if b.epoch != self.epoch => false,
+            _ if forgotten => true,
+            Role::Final => true,
+            Role::Walker => !b.anchored_here,
+            // A cycle can only be locked over modules that answer.
+            Role::Reserve if self.setup.params.connectivity == Connectivity::Cycles => {
+                !silent && !side.condemned
+            }
+            Role::Reserve => b.attached && b.claim == Claim::None && side.child.is_none(),
+        };
+        (!free).then_some(Held(Some(b.id)))
+    }
+
+    /// Whether somebody who seems dead keeps this module from ever leaving.
     pub(super) fn is_pinned(&self, now: Time) -> bool {
+        let is_gone = |f: Face| {
+            let side = self.side(f);
+            side.condemned || (side.peer.is_some() && self.live(now, f).is_none())
+        };
         self.role == Role::Reserve
-            && Face::ALL.into_iter().any(|f| self.side(f).child.is_some() && self.live(now, f).is_none())
+            && Face::ALL.into_iter().any(|f| is_gone(f) && self.held_by(now, f).is_some())
     }
 }

@@ -3,6 +3,7 @@
 use super::route::Route;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Face;
+use crate::marks::Mark;
 use crate::time::Span;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
@@ -145,6 +146,16 @@ impl Denial {
     /// Whether granting would have let two modules into one cell.
     pub fn is_collision(self) -> bool {
         matches!(self, Denial::Occupied | Denial::Reserved)
+    }
+    pub(super) fn mark(self) -> Mark {
+        match self {
+            Denial::Occupied => Mark::CubeDeniedOccupied,
+            Denial::Reserved => Mark::CubeDeniedReserved,
+            Denial::Busy => Mark::CubeDeniedBusy,
+            Denial::Younger => Mark::CubeDeniedYounger,
+            Denial::NoTerrain => Mark::CubeDeniedNoTerrain,
+            Denial::Quarantined => Mark::CubeDeniedQuarantined,
+        }
     }
     fn decode(v: u8) -> Result<Option<Denial>, WireError> {
         Ok(Some(match v {

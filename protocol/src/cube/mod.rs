@@ -27,6 +27,8 @@ use crate::goal::Goal;
 use crate::ids::{Incarnation, ModuleId, Port, Session, Token};
 use crate::journal::Summary;
 use crate::lattice::{Cell, Face};
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::stream::Stream;
 use crate::time::{Span, Time};
 use body::{Move, Percept};
@@ -245,7 +247,11 @@ impl Agent for Cube {
             immobile: false,
             prevented: 0,
             reborn,
-            quarantine_until: if reborn { now + setup.params.quarantine } else { now },
+            quarantine_until: if reborn && setup.params.sabotage != Some(Sabotage::NoListening) {
+                now + setup.params.quarantine
+            } else {
+                now
+            },
             corners_seen: [0; 6],
             targets: Vec::new(),
             reported: None,
@@ -309,6 +315,10 @@ impl Cube {
     }
     fn side_mut(&mut self, face: Face) -> &mut Side {
         &mut self.sides[face.index()]
+    }
+    /// Whether a test has switched this defect on.
+    fn has(&self, defect: Sabotage) -> bool {
+        self.setup.params.sabotage == Some(defect)
     }
     fn goal(&self) -> &Goal {
         // Invariant: epochs are only taken up if there is a goal for them, and there is a first goal.
@@ -398,6 +408,7 @@ impl Cube {
             // Nothing touches this face any more. A restarted neighbour is a new session instead,
             // and what hangs on it stays so.
             if self.parent == Some(face) {
+                hit(Mark::CubeParentLost);
                 self.parent = None;
                 self.label = UNLABELLED;
             }
@@ -406,10 +417,17 @@ impl Cube {
             // What a restarted neighbour was granted stays until the lease is up: the body may be on
             // its way.
             if let Some(id) = lost {
+                if self.locks.iter().any(|lock| lock.id.origin == id) {
+                    hit(Mark::CubeReleasedByLoss);
+                }
                 self.release_locks(|lock| lock.id.origin == id);
             }
         }
         self.want = self.want.filter(|(f, _)| *f != face);
+        if self.role == Role::Reserve && self.setup.params.connectivity == Connectivity::Cycles {
+            // Whoever has come may hang on this module alone, and nobody has asked it.
+            self.abort_attempt(now, None);
+        }
         self.touch();
         self.decide_soon(now);
     }
@@ -451,6 +469,7 @@ impl Cube {
             return;
         }
         if self.moving.is_some() {
+            hit(Mark::CubeEpochAfterMove);
             self.next_epoch = self.next_epoch.max(Some(epoch));
             return;
         }

@@ -1,12 +1,13 @@
 //! Where to go, and going there.
 
-use super::body::Percept;
+use super::body::{Percept, Refusal};
 use super::message::Role;
 use super::negotiation::Attempt;
 use super::params::Connectivity;
 use super::{Cube, Side, UNLABELLED};
 use crate::ids::ModuleId;
 use crate::lattice::{Cell, Face, Motion, MotionKind};
+use crate::marks::{Mark, hit};
 use crate::ratio::Ratio;
 use crate::time::{Span, Time};
 
@@ -81,7 +82,7 @@ impl Cube {
             self.failed = self.setup.params.immobile_after.saturating_sub(1);
             self.touch();
         }
-        if self.goal().contains(self.cell) && self.may_be_wanted_here() {
+        if (self.role == Role::Walker || self.goal().contains(self.cell)) && self.may_hear_more() {
             return self.decide_later(now);
         }
         if self.role == Role::Reserve {
@@ -136,8 +137,14 @@ impl Cube {
             }
         }
         match best.map(|o| o.motion) {
-            Some(motion) => self.begin_attempt(now, motion),
+            Some(motion) => {
+                if best.is_some_and(|o| o.moves > nearest) {
+                    hit(Mark::CubeDetour);
+                }
+                self.begin_attempt(now, motion);
+            }
             None => {
+                hit(Mark::CubeBehindWalker);
                 self.waits_for = options.iter().find_map(|o| o.behind);
                 self.waiting_since.get_or_insert(now);
                 self.decide_later(now);
@@ -163,8 +170,8 @@ impl Cube {
         self.targets.iter().find(|t| t.source == source).map_or(now, |t| t.first)
     }
 
-    /// Whether a neighbour that has not spoken yet may want this very cell filled.
-    fn may_be_wanted_here(&self) -> bool {
+    /// Whether a neighbour that has not spoken yet may want this very cell filled, or know a shorter way.
+    fn may_hear_more(&self) -> bool {
         self.patience < OUTERMOST_FIRST
             && self.sides.iter().any(|s| s.session.is_some() && s.peer.is_none() && !s.condemned)
     }
@@ -208,6 +215,7 @@ impl Cube {
             }
         }
         if corners != self.corners_seen && self.role == Role::Walker {
+            hit(Mark::CubeCornerSeen);
             self.corners_seen = corners;
             for side in &mut self.sides {
                 side.stale = true;
@@ -223,7 +231,7 @@ impl Cube {
         }
         // A restarted module hears of a move that its earlier life began: it has been carried
         // elsewhere, and goes on listening there.
-        let Some(Moving { attempt }) = moving else { return };
+        let Some(Moving { attempt }) = moving else { return hit(Mark::CubeCarriedOn) };
         match percept {
             Percept::Arrived(_) => {
                 self.role = Role::Walker;
@@ -234,17 +242,25 @@ impl Cube {
                 self.decide_at = now + self.settle_time();
             }
             Percept::Failed => {
+                hit(Mark::CubeMoveFailed);
                 self.give_back(&attempt);
                 self.failed = self.failed.saturating_add(1);
                 self.immobile = self.failed >= self.setup.params.immobile_after;
                 self.denied = self.denied.saturating_add(1);
                 self.back_off(now);
                 if self.immobile {
+                    hit(Mark::CubeImmobile);
                     self.back_off_until = now + self.setup.params.relax;
                     self.decide_at = self.back_off_until;
                 }
             }
-            Percept::Refused(_) => {
+            Percept::Refused(why) => {
+                match why {
+                    Refusal::Blocked => hit(Mark::CubeRefusedBlocked),
+                    Refusal::Late => hit(Mark::CubeRefusedLate),
+                    Refusal::Stale => hit(Mark::CubeRefusedStale),
+                    Refusal::Moving => {}
+                }
                 self.give_back(&attempt);
                 self.denied = self.denied.saturating_add(1);
                 self.patience = self.patience.saturating_add(1);

@@ -12,6 +12,8 @@ use super::route::Route;
 use crate::agent::{Class, Output};
 use crate::ids::{ModuleId, Token};
 use crate::lattice::{Cell, Face, Motion};
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::time::{Span, Time};
 
 /// Locks that one module grants at the same time.
@@ -90,6 +92,7 @@ impl Cube {
     pub(super) fn ask(&mut self, now: Time, route: Route, ask: Ask) {
         let Some(attempt) = &mut self.attempt else { return };
         if attempt.requests.len() == MAX_REQUESTS {
+            hit(Mark::CubeTooManyRequests);
             return self.abort_attempt(now, None);
         }
         let id = RequestId { origin: self.id, token: attempt.token, number: attempt.requests.len() as u8 };
@@ -124,6 +127,7 @@ impl Cube {
         let verdict = self.consider(now, id, age, next, ask);
         match (verdict, next) {
             (Err((denial, blocker)), _) => {
+                hit(denial.mark());
                 self.answer(from, id, hop - 1, Some(denial), blocker, 0, route);
             }
             (Ok(()), Some(next)) => {
@@ -150,10 +154,14 @@ impl Cube {
         ask: Ask,
     ) -> Result<(), (Denial, Option<ModuleId>)> {
         if self.locks.iter().any(|l| l.id == id) {
+            hit(Mark::CubeRequestRepeated);
             return Ok(());
         }
         if self.role == Role::Walker || id.origin == self.id {
             return Err((Denial::NoTerrain, None));
+        }
+        if self.locks.len() == MAX_LOCKS {
+            hit(Mark::CubeDeniedFull);
         }
         if self.moving.is_some() || self.locks.len() == MAX_LOCKS {
             return Err((Denial::Busy, Some(self.id)));
@@ -161,9 +169,10 @@ impl Cube {
         if self.is_quarantined(now) {
             return Err((Denial::Quarantined, Some(self.id)));
         }
-        if self.attempt.is_some() {
+        if let Some(attempt) = &self.attempt {
             let mine = now.since(self.waiting_since.unwrap_or(now));
-            let theirs_first = age > mine || (age == mine && id.origin < self.id);
+            // A search may take long and be in vain; whoever knows its way goes first.
+            let theirs_first = attempt.search.is_some() || age > mine || (age == mine && id.origin < self.id);
             if !theirs_first {
                 return Err((Denial::Younger, Some(self.id)));
             }
@@ -180,7 +189,7 @@ impl Cube {
                     return Err((Denial::Occupied, self.peer(face).map(|b| b.id)));
                 }
                 let other = self.locks.iter().find(|l| l.reserved == Some(face) && l.id.origin != id.origin);
-                if let Some(other) = other {
+                if let Some(other) = other.filter(|_| !self.has(Sabotage::ReserveTwice)) {
                     return Err((Denial::Reserved, Some(other.id.origin)));
                 }
                 reserved = Some(face);
@@ -188,8 +197,15 @@ impl Cube {
             (None, Ask::Lock) => {}
         }
         // Whoever stays for somebody else does not leave itself.
+        if self.attempt.is_some() {
+            hit(Mark::CubeYielded);
+        }
         self.abort_attempt(now, Some(id.origin));
-        self.locks.push(Lock { id, expires: now + self.setup.params.keep_for(), next, reserved });
+        let keep = match self.setup.params.sabotage {
+            Some(Sabotage::ShortLease) => self.setup.params.move_time,
+            _ => self.setup.params.keep_for(),
+        };
+        self.locks.push(Lock { id, expires: now + keep, next, reserved });
         Ok(())
     }
 
@@ -275,9 +291,10 @@ impl Cube {
             return;
         }
         let held = if self.role == Role::Reserve { self.may_leave(now).err() } else { None };
-        let fenced = !self.setup.params.sabotage.no_deadline;
+        let fenced = !self.has(Sabotage::NoDeadline);
         let late = fenced && self.attempt.as_ref().is_some_and(|a| now > a.deadline);
         if held.is_some() || late {
+            hit(if late { Mark::CubeTooLate } else { Mark::CubeHeldAtLaunch });
             return self.abort_attempt(now, held.and_then(|h| h.0));
         }
         if let Some(attempt) = self.attempt.take() {
@@ -292,6 +309,7 @@ impl Cube {
     /// Gives up waiting when answers do not come.
     pub(super) fn tend_attempt(&mut self, now: Time) {
         if self.attempt.as_ref().is_some_and(|a| now >= a.timeout) && !self.widen_search(now) {
+            hit(Mark::CubeTimedOut);
             self.abort_attempt(now, None);
         }
     }
@@ -330,7 +348,7 @@ impl Cube {
         let mut told: Vec<(Face, ModuleId, Token)> = Vec::new();
         let attempts: Vec<(ModuleId, Token)> =
             self.locks.iter().filter(|l| which(l)).map(|l| (l.id.origin, l.id.token)).collect();
-        if attempts.is_empty() {
+        if attempts.is_empty() || self.has(Sabotage::KeepLocks) {
             return;
         }
         // All locks of an attempt go together: it is over.
@@ -345,14 +363,19 @@ impl Cube {
             !over
         });
         for (next, origin, token) in told {
+            hit(Mark::CubeReleaseForwarded);
             self.send(next, Class::Negotiation, Message::Release { origin, token });
         }
     }
 
     pub(super) fn expire_locks(&mut self, now: Time) {
+        if self.has(Sabotage::KeepLocks) {
+            return;
+        }
         let before = self.locks.len();
         self.locks.retain(|l| l.expires > now);
         if self.locks.len() != before {
+            hit(Mark::CubeLockExpired);
             self.decide_soon(now);
         }
     }

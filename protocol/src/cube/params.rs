@@ -2,6 +2,7 @@
 
 use crate::goal::Goal;
 use crate::ratio::Ratio;
+use crate::sabotage::Sabotage;
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
 
@@ -20,22 +21,6 @@ pub enum Connectivity {
     /// neighbour's gradient depends on it, as far as it has heard. Not safe when messages are late;
     /// kept because it is the published rule.
     Gradient,
-}
-
-/// Defects that tests switch on to prove that the invariants notice. Never set by a scenario.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[doc(hidden)]
-pub struct Sabotage {
-    /// Moves are started without telling the body by when they must have begun.
-    pub no_deadline: bool,
-    /// A silent child is forgotten.
-    pub drop_silent_children: bool,
-    /// Solid goals grow by the rule that is enough for scaffolds.
-    pub any_lower_on_solids: bool,
-    /// Locks and reservations of others are not looked at before leaving.
-    pub ignore_locks: bool,
-    /// Gradient values of any age are accepted.
-    pub accept_stale_values: bool,
 }
 
 /// Parameters of the cube protocol. All times are scenario time; the defaults scale with the
@@ -78,9 +63,9 @@ pub struct Params {
     pub recruit_per_move: Span,
     /// After this many failed actions in a row a module counts itself immobile.
     pub immobile_after: u8,
-    /// Defects for tests.
+    /// A defect for tests.
     #[doc(hidden)]
-    pub sabotage: Sabotage,
+    pub sabotage: Option<Sabotage>,
 }
 
 impl Params {
@@ -107,7 +92,7 @@ impl Params {
             range,
             recruit_per_move: move_time,
             immobile_after: 6,
-            sabotage: Sabotage::default(),
+            sabotage: None,
         }
     }
 

@@ -5,6 +5,7 @@ use super::motions::Sweep;
 use super::pose::Pose;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Cell;
+use crate::marks::Mark;
 use crate::time::{Span, Time};
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
@@ -152,6 +153,14 @@ impl Denial {
     /// Whether granting would have led two bodies into one space.
     pub const fn is_collision(self) -> bool {
         matches!(self, Denial::Occupied | Denial::Held | Denial::Younger)
+    }
+    pub(super) fn mark(self) -> Mark {
+        match self {
+            Denial::Occupied => Mark::MetaDeniedOccupied,
+            Denial::Held => Mark::MetaDeniedHeld,
+            Denial::Younger => Mark::MetaDeniedYounger,
+            Denial::Quarantined => Mark::MetaDeniedQuarantined,
+        }
     }
     fn decode(v: u8) -> Result<Option<Denial>, WireError> {
         Ok(Some(match v {

@@ -35,6 +35,8 @@ use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use crate::ids::{ModuleId, Port, Token};
 use crate::journal::Summary;
 use crate::lattice::Cell;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::stream::Stream;
 use crate::time::{Span, Time};
 use blueprint::{Blueprint, SeedSet, Task};
@@ -138,6 +140,11 @@ impl Metamodule {
         plan.into_iter().flat_map(|plan| self.setup.motions.swept(plan.from.state, plan.sweep))
     }
 
+    /// Whether a test has switched this defect on.
+    fn has(&self, defect: Sabotage) -> bool {
+        self.setup.params.sabotage == Some(defect)
+    }
+
     fn broadcast(&mut self, class: Class, message: Message) {
         for (port, _) in self.core.peers.iter() {
             self.out.push_back(Output::Send { port, class, message });
@@ -197,6 +204,7 @@ impl Metamodule {
         let settled = self.core.settled.take().and_then(|_| self.fits());
         if let Some(seed) = settled {
             self.core.settled = settled;
+            hit(Mark::MetaStaysForNewTask);
             self.core.filled = self.core.filled.with(seed);
         }
         self.core.waiting_since = now;
@@ -236,6 +244,7 @@ impl Metamodule {
         }
         if let Some(seed) = self.fits().filter(|s| self.core.filled.has(*s)) {
             // It is known to be filled, and nobody else can be in its cells: an earlier life did it.
+            hit(Mark::MetaEarlierLifeSettled);
             self.core.settled = Some(seed);
             self.withdraw();
             self.core.phase = idle(Time::NEVER);
@@ -243,6 +252,7 @@ impl Metamodule {
         }
         if self.core.pose.both {
             // An earlier life has gripped and not let go. Letting go sweeps nothing.
+            hit(Mark::MetaEarlierLifeGripped);
             let from = self.core.pose;
             let (steps, sweep, ends) = (Vec::new(), Sweep::default(), from.posture);
             let plan = Plan { from, steps, sweep, ends, aim: Aim::Land, harmless: false };
@@ -258,6 +268,7 @@ impl Metamodule {
         if let Some(again) = self.core.stuck {
             self.core.phase = idle(again);
             if now >= again {
+                hit(Mark::MetaJointsTried);
                 self.try_joints(now);
             }
             return;
@@ -334,6 +345,7 @@ impl Metamodule {
             .peers
             .iter()
             .filter(|(_, p)| p.state.is_some_and(|s| !self.stays(&s)) && !self.is_dead(p))
+            .filter(|_| !self.has(Sabotage::AskNobody))
             .map(|(p, _)| p)
             .collect();
         self.core.token.0 += 1;
@@ -404,7 +416,13 @@ impl Metamodule {
             (None, Aim::Land) => (Deed::Attach, params.connect_time),
         };
         let not_after = *until - takes;
-        if now > not_after {
+        let late = now > not_after;
+        if late {
+            hit(Mark::MetaLockRanOut);
+        }
+        let (late, not_after) =
+            if self.has(Sabotage::OutstayLease) { (false, Time::NEVER) } else { (late, not_after) };
+        if late {
             // The lock would run out on the way. Where we are is a place like any other.
             return self.stop(now, Span::ZERO);
         }
@@ -463,6 +481,7 @@ impl Metamodule {
                 }
                 // An action of an earlier life has ended.
                 _ if before != pose => {
+                    hit(Mark::MetaEarlierLifeActed);
                     self.tell(now, Class::Gradient);
                     self.look_again(now);
                 }
@@ -479,10 +498,14 @@ impl Metamodule {
             Percept::Refused(Refusal::Stale) => *next > 0 && *tries < TRIES,
             _ => false,
         };
+        if percept == Percept::Refused(Refusal::Stale) {
+            hit(if *next > 0 { Mark::MetaStaleOnTheWay } else { Mark::MetaStaleAtStart });
+        }
         let is_stuck = percept == Percept::Failed && *next < plan.steps.len();
         if again {
             self.go_on(now);
         } else {
+            hit(if is_stuck { Mark::MetaStuck } else { Mark::MetaActionGivenUp });
             if is_stuck {
                 self.core.stuck = Some(now + self.setup.params.patience * 3);
                 self.withdraw();
@@ -495,7 +518,10 @@ impl Metamodule {
     fn judge(&mut self, now: Time, asked: Asked) -> Option<Denial> {
         let Asked { rank, age, origin, pose, sweep } = asked;
         let motions = &self.setup.motions;
-        if now < self.core.quarantine {
+        if self.has(Sabotage::GrantEverything) {
+            return None;
+        }
+        if now < self.core.quarantine && !self.has(Sabotage::GrantAfterRestart) {
             return Some(Denial::Quarantined);
         }
         let meets = |cells: &[Cell]| motions.swept(pose.state, sweep).any(|c| cells.contains(&c));
@@ -516,6 +542,7 @@ impl Metamodule {
                 if mine < (rank, Reverse(age), origin) {
                     return Some(Denial::Younger);
                 }
+                hit(Mark::MetaYielded);
                 self.core.prevented += 1;
                 self.core.waits_for = Some(origin);
                 let rest = self.back_off();
@@ -529,9 +556,13 @@ impl Metamodule {
     fn message(&mut self, now: Time, port: Port, message: Message) {
         match message {
             Message::State(state) => {
+                let stale = self.has(Sabotage::AcceptStaleStates);
                 let Some(peer) = self.core.peers.get_mut(port) else { return };
-                if peer.condemned || peer.state.is_some_and(|s| s.sequence >= state.sequence) {
-                    return;
+                if peer.condemned {
+                    return hit(Mark::MetaCondemnedSpoke);
+                }
+                if peer.state.is_some_and(|s| s.sequence >= state.sequence) && !stale {
+                    return hit(Mark::MetaStateLate);
                 }
                 let before = peer.state.replace(state);
                 self.core.dead.remove(&state.id);
@@ -559,13 +590,20 @@ impl Metamodule {
             Message::Request { origin, token, rank, age, pose, sweep, ends } => {
                 let known = match self.core.peers.get_mut(port) {
                     Some(peer) if token > peer.over => peer.grant.is_some_and(|g| g.token == token),
-                    _ => return,
+                    Some(_) => return hit(Mark::MetaRequestOver),
+                    None => return,
                 };
                 let asked = Asked { rank, age, origin, pose, sweep };
                 let denial = if known { None } else { self.judge(now, asked) };
+                if known {
+                    hit(Mark::MetaRequestRepeated);
+                }
+                denial.into_iter().for_each(|d| hit(d.mark()));
                 let until = now + self.setup.params.lease;
+                let forgets = self.has(Sabotage::ForgetGrants);
                 if let Some(peer) = self.core.peers.get_mut(port)
                     && denial.is_none()
+                    && !forgets
                     && !known
                 {
                     peer.grant = Some(Grant { token, pose, sweep, ends, until });
@@ -615,6 +653,7 @@ impl Metamodule {
             }
             // Whoever has come must be asked too.
             if matches!(self.core.phase, Phase::Asking { .. }) {
+                hit(Mark::MetaCameWhileAsking);
                 self.stop(now, Span::ZERO);
             }
         } else {
@@ -634,9 +673,13 @@ impl Metamodule {
                     self.core.filled = self.core.filled.and(filled);
                 }
             }
-            Order::Obstacle { cell, there: true } => _ = self.core.obstacles.insert(cell),
+            Order::Obstacle { cell, there: true } => {
+                hit(Mark::MetaObstacle);
+                self.core.obstacles.insert(cell);
+            }
             Order::Obstacle { cell, there: false } => _ = self.core.obstacles.remove(&cell),
             Order::Dead { id, pose } => {
+                hit(Mark::MetaDeathTold);
                 self.core.dead.insert(id, pose);
                 let port = self.core.peers.iter().find(|(_, p)| p.state.is_some_and(|s| s.id == id));
                 if let Some((port, _)) = port {
@@ -735,6 +778,7 @@ impl Agent for Metamodule {
                 match &mut self.core.phase {
                     Phase::Idle { look_at } if now >= *look_at => self.look(now),
                     Phase::Asking { again, .. } if now >= *again => {
+                        hit(Mark::MetaResent);
                         *again = now + self.setup.params.resend;
                         self.send_requests(now);
                     }

@@ -19,6 +19,8 @@ use super::{Metamodule, Phase};
 use crate::agent::Class;
 use crate::ids::ModuleId;
 use crate::lattice::Cell;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::time::Time;
 use pathfinding::kuhn_munkres::kuhn_munkres_min;
 use pathfinding::matrix::Matrix;
@@ -160,7 +162,8 @@ impl Metamodule {
                 fixed.extend(cells);
                 continue;
             }
-            let fits = |c: &Claim| state.task == core.task && !core.filled.has(c.seed);
+            let counts = !self.has(Sabotage::IgnoreClaims);
+            let fits = |c: &Claim| counts && state.task == core.task && !core.filled.has(c.seed);
             free.push(Other {
                 id: state.id,
                 pose: state.pose,
@@ -219,6 +222,7 @@ impl Metamodule {
             let kept = std::mem::take(&mut self.core.course);
             let plan = self.make_way(&scene, rank);
             if plan.is_none() && in_way_of.is_some() && self.core.course.is_over() {
+                hit(Mark::MetaCornered);
                 self.core.intent.cornered_until = Some(now + self.setup.params.patience);
                 self.tell(now, Class::Gradient);
             }
@@ -228,6 +232,7 @@ impl Metamodule {
                 self.core.course = kept;
             }
             if let Some(plan) = plan {
+                hit(Mark::MetaMadeWay);
                 self.core.course = Course::default();
                 return self.ask(now, plan);
             }
@@ -268,7 +273,11 @@ impl Metamodule {
             let better = |o: &Other| {
                 o.claim.is_some_and(|c| c.seed == claim.seed && (c.cost, o.id) < (claim.cost, me))
             };
-            if !open.has(claim.seed) || scene.free.iter().any(better) {
+            let outranked = scene.free.iter().any(better);
+            if outranked {
+                hit(Mark::MetaOutranked);
+            }
+            if !open.has(claim.seed) || outranked {
                 self.drop_claim();
             }
         }
@@ -280,6 +289,7 @@ impl Metamodule {
     }
 
     fn bar(&mut self, now: Time, seed: u8, scene: &Scene) {
+        hit(Mark::MetaBarred);
         let params = &self.setup.params;
         let intent = &mut self.core.intent;
         intent.barred = intent.barred.with(seed);
@@ -308,6 +318,9 @@ impl Metamodule {
             let me = [(self.core.id, self.core.pose, SeedSet::default())];
             let nearest = || open.iter().min_by_key(|s| self.strides(scene, &me, *s));
             let Some(number) = shared.or_else(|| nearest().filter(|_| !patient)) else { return };
+            if shared.is_none() {
+                hit(Mark::MetaNearest);
+            }
             match self.course_to(scene, number, true) {
                 Some(course) => {
                     let cost = u8::try_from(course.strides.len()).unwrap_or(u8::MAX);
@@ -440,6 +453,7 @@ impl Metamodule {
 
     /// Leaves a seed to somebody else.
     fn give_up(&mut self, now: Time, scene: &Scene, claim: Claim) {
+        hit(Mark::MetaGaveUpSeed);
         self.drop_claim();
         self.bar(now, claim.seed, scene);
         self.tell(now, Class::Gradient);
@@ -589,6 +603,9 @@ impl Metamodule {
 
     /// The ways that are more important than a rank, with the cells of each.
     fn corridor(&self, scene: &Scene, rank: Rank) -> Vec<(Vec<Cell>, Rank)> {
+        if self.has(Sabotage::StandInTheWay) {
+            return Vec::new();
+        }
         let me = self.core.id;
         let ways = scene.free.iter().filter_map(|o| Some((o.id, o.way?)));
         let above = ways.filter(|(id, w)| (w.rank, *id) < (rank, me));

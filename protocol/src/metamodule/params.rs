@@ -3,6 +3,7 @@
 use super::blueprint::{Blueprint, Seed, Task};
 use super::motions::Motions;
 use crate::roombots::Kind;
+use crate::sabotage::Sabotage;
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
 
@@ -127,6 +128,9 @@ pub struct Params {
     /// For how long it waits for others to make way, or to claim a seed that is rather theirs, before
     /// it looks for another way.
     pub patience: Span,
+    /// A defect for tests.
+    #[doc(hidden)]
+    pub sabotage: Option<Sabotage>,
 }
 
 impl Params {
@@ -145,6 +149,7 @@ impl Params {
             back_off: turn_time,
             detector: None,
             patience: turn_time * 10 + round_trip * 4,
+            sabotage: None,
         }
     }
 }

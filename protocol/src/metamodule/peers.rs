@@ -5,6 +5,7 @@ use super::motions::{Motions, Sweep};
 use super::pose::Pose;
 use crate::ids::{Port, Session, Token};
 use crate::lattice::Cell;
+use crate::marks::{Mark, hit};
 use crate::time::Time;
 
 /// A lock granted to a neighbour.
@@ -76,7 +77,10 @@ impl Peers {
         let mut next = Time::NEVER;
         for peer in self.0.iter_mut().flatten() {
             match peer.grant {
-                Some(grant) if grant.until <= now => peer.grant = None,
+                Some(grant) if grant.until <= now => {
+                    hit(Mark::MetaGrantExpired);
+                    peer.grant = None;
+                }
                 Some(grant) => next = next.min(grant.until),
                 None => {}
             }

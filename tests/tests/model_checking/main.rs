@@ -17,6 +17,7 @@ use metamorph_protocol::metamodule::blueprint::{Blueprint, Seed, SeedOrder};
 use metamorph_protocol::metamodule::params::{Floor, Strategy};
 use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::roombots::Kind;
+use metamorph_protocol::sabotage::Sabotage;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::cube_world::CubeWorld;
 use metamorph_sim_bridge::metamodule_world::MetamoduleWorld;
@@ -215,7 +216,8 @@ fn the_published_gradient_is_found_wrong() {
 /// A stopped module that moves when the grants it rests on have ended.
 #[test]
 fn a_missing_deadline_is_found() {
-    let model = change(cubes(&ROW, &TOWER, budget(|b| b.paused = 1)), |p| p.sabotage.no_deadline = true);
+    let model =
+        change(cubes(&ROW, &TOWER, budget(|b| b.paused = 1)), |p| p.sabotage = Some(Sabotage::NoDeadline));
     let found = explore("no deadline", model, 20_000);
     let run = found.unsafe_run.expect("the checker does not see a late move");
     assert!(run.contains("move-within-lease"), "{run}");

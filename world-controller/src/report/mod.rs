@@ -195,11 +195,7 @@ fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> St
 fn standstill(stall: &Stall) -> Standstill {
     Standstill {
         since_s: stall.since.as_secs_f64(),
-        // The kebab-case name that the reason serialises to.
-        reason: serde_json::to_value(stall.reason)
-            .ok()
-            .and_then(|v| v.as_str().map(str::to_owned))
-            .unwrap_or_default(),
+        reason: stall.reason.name().to_owned(),
         infeasible: stall.reason.is_infeasible(),
         text: stall.text.to_owned(),
         unfilled: stall.unfilled.iter().map(|c| (*c).into()).collect(),

@@ -121,7 +121,7 @@ pub struct StageReport {
 pub struct Standstill {
     /// Since when nothing went on.
     pub since_s: f64,
-    /// `blocked`, `pinned`, `material-exhausted`, `no-active-target`, `needs-dead-support`, `no-way`; of
+    /// `blocked`, `pinned`, `cut-off`, `material-exhausted`, `no-active-target`, `needs-dead-support`, `no-way`; of
     /// metamodules `material-exhausted`, `seed-blocked`, `no-way`, `no-better-place`, `no-lock` or `blocked`.
     pub reason: String,
     /// Whether no protocol could have gone on from here.

@@ -35,6 +35,7 @@ use metamorph_protocol::metamodule::params::Setup as MetamoduleSetup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::{StartError, random_start};
 use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::sabotage::Sabotage;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Stop;
 use metamorph_sim_bridge::faults::Schedule;
@@ -170,6 +171,14 @@ impl Swarm {
         match self {
             Swarm::Cubes(cubes) => cubes.cells.len(),
             Swarm::Metamodules(metamodules) => metamodules.poses.len(),
+        }
+    }
+    /// The defect that a test has switched on.
+    #[doc(hidden)]
+    pub fn sabotage(&self) -> Option<Sabotage> {
+        match self {
+            Swarm::Cubes(cubes) => cubes.setup.params.sabotage,
+            Swarm::Metamodules(metamodules) => metamodules.setup.params.sabotage,
         }
     }
     /// Whether it has none, which no checked one has.

@@ -227,7 +227,6 @@ impl Visible for Metamodule {
                 LockDenial::Quarantined => "lock refused: just restarted",
             }),
             MetamoduleMessage::Release { origin, .. } => Said::about("lock released, by", *origin),
-            MetamoduleMessage::Probe(_) => Said::of("finding out whether anybody can go on"),
         }
     }
     fn moves(gradient: Option<u32>) -> u16 {

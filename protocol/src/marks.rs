@@ -1,0 +1,158 @@
+//! Coverage marks: rare paths of the protocols and drivers say that they have run, so that whoever
+//! explores can tell what was never tried.
+//!
+//! A mark is set in a bit of the thread that runs the agent, which costs about as much as an addition.
+//! *Invariant.* Nothing in a protocol or driver reads marks, so they cannot influence a run.
+
+use std::cell::Cell;
+
+macro_rules! marks {
+    ($($(#[$doc:meta])* $name:ident => $text:literal,)*) => {
+        /// A rare path.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum Mark {
+            $(#[doc = $text] $name,)*
+        }
+        impl Mark {
+            /// All of them.
+            pub const ALL: &'static [Mark] = &[$(Mark::$name),*];
+            /// The name used in reports; up to the colon it is whose path it is.
+            pub const fn name(self) -> &'static str {
+                match self { $(Mark::$name => $text,)* }
+            }
+        }
+    };
+}
+
+marks! {
+    CubeLockExpired => "cube: a lock ran out",
+    CubeRequestRepeated => "cube: a request that came twice was granted again",
+    CubeDeniedNoTerrain => "cube: refused, nobody to stand on",
+    CubeDeniedBusy => "cube: refused, moving",
+    CubeDeniedFull => "cube: refused, too many locks",
+    CubeDeniedQuarantined => "cube: refused, just restarted",
+    CubeDeniedYounger => "cube: refused, had waited longer itself",
+    CubeDeniedOccupied => "cube: refused, the cell is taken",
+    CubeDeniedReserved => "cube: refused, the cell is kept for another",
+    CubeYielded => "cube: gave its own attempt up for somebody's request",
+    CubeTimedOut => "cube: answers did not come",
+    CubeTooLate => "cube: all was granted too late",
+    CubeHeldAtLaunch => "cube: all was granted, but it may not leave any more",
+    CubeTooManyRequests => "cube: an attempt needed too many requests",
+    CubeReleaseForwarded => "cube: a release was passed on",
+    CubeReleasedByLoss => "cube: locks were dropped because their owner has left",
+    CubeSearchStarted => "cube: a search for a cycle began",
+    CubeSearchWidened => "cube: a search went farther",
+    CubeSearchExhausted => "cube: the farthest search found nothing",
+    CubeFoundRoot => "cube: a search found the finalized ones",
+    CubeFoundRound => "cube: a search came round to the mover",
+    CubeParentReplaced => "cube: a module changed its parent",
+    CubeParentLost => "cube: a parent left",
+    CubeWantDropped => "cube: a wanted parent could not be had any more",
+    CubeNotAdoptable => "cube: an acknowledged parent was not adopted",
+    CubeParentSuspected => "cube: a silent parent was to be replaced",
+    CubeRebornWaits => "cube: a restarted module waited to hear everybody",
+    CubeBeaconLate => "cube: a beacon came late or twice",
+    CubeRelaxed => "cube: a cell was unfilled so long that anybody may start it",
+    CubeEpochAfterMove => "cube: a new goal had to wait for the end of a move",
+    CubeSourceForgotten => "cube: a field forgot a source to make room",
+    CubeSourcesFull => "cube: a field had no room for another source",
+    CubeStaleVersion => "cube: an old version of a distance was refused",
+    CubeNotCloser => "cube: a distance was refused that could be its own echo",
+    CubeVersionExpired => "cube: a distance was not renewed",
+    CubeDetour => "cube: a walker took a detour",
+    CubeBehindWalker => "cube: a walker waited behind another",
+    CubeImmobile => "cube: a joint was given up",
+    CubeMoveFailed => "cube: a move failed",
+    CubeRefusedBlocked => "cube: the body refused, a cell was taken",
+    CubeRefusedLate => "cube: the body refused, too late",
+    CubeRefusedStale => "cube: the body refused, contacts had changed",
+    CubeCornerSeen => "cube: a walker saw a blocked corner",
+    CubeCarriedOn => "cube: a restarted module heard of an earlier life's move",
+    MetaGrantExpired => "metamodule: a grant ran out",
+    MetaRequestRepeated => "metamodule: a request that came twice was granted again",
+    MetaRequestOver => "metamodule: a request came after its release",
+    MetaDeniedOccupied => "metamodule: refused, it stands there",
+    MetaDeniedHeld => "metamodule: refused, it moves there",
+    MetaDeniedYounger => "metamodule: refused, more important itself",
+    MetaDeniedQuarantined => "metamodule: refused, just restarted",
+    MetaYielded => "metamodule: gave its own attempt up for somebody's request",
+    MetaResent => "metamodule: a request was repeated",
+    MetaCameWhileAsking => "metamodule: somebody came into hearing while it asked",
+    MetaLockRanOut => "metamodule: its lock would have run out on the way",
+    MetaStaleOnTheWay => "metamodule: contacts changed on the way",
+    MetaStaleAtStart => "metamodule: contacts changed before it began",
+    MetaActionGivenUp => "metamodule: an action failed too often",
+    MetaStuck => "metamodule: its joints stuck",
+    MetaJointsTried => "metamodule: it tried stuck joints",
+    MetaEarlierLifeSettled => "metamodule: a restarted one was in a filled seed",
+    MetaEarlierLifeGripped => "metamodule: a restarted one let go for its earlier life",
+    MetaEarlierLifeActed => "metamodule: an action of an earlier life ended",
+    MetaStaysForNewTask => "metamodule: it was right for the new task where it was",
+    MetaCondemnedSpoke => "metamodule: a dead one's last words came late",
+    MetaStateLate => "metamodule: a state came late or twice",
+    MetaDeathTold => "metamodule: a death was told",
+    MetaObstacle => "metamodule: an obstacle was told",
+    MetaOutranked => "metamodule: its claim was outranked",
+    MetaBarred => "metamodule: a seed was barred",
+    MetaGaveUpSeed => "metamodule: a claimed seed was given up",
+    MetaCornered => "metamodule: no way out of a more important way",
+    MetaMadeWay => "metamodule: it made way",
+    MetaNearest => "metamodule: the nearest seed was claimed, nobody else had",
+    DriverSleptOver => "driver: a stopped process missed messages and percepts",
+    DriverInboxFull => "driver: the inbox of a stopped process was full",
+    DriverDiedUnread => "driver: a process died with unread messages",
+    DriverDamaged => "driver: a damaged message was refused",
+    DriverExpired => "driver: a message came after its contact had ended",
+}
+
+const _: () = assert!(Mark::ALL.len() <= 128, "marks are kept in 128 bits");
+
+/// Which marks were set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Marks(u128);
+
+impl Marks {
+    /// Whether a mark was set.
+    pub const fn has(self, mark: Mark) -> bool {
+        self.0 >> mark as u32 & 1 == 1
+    }
+}
+
+thread_local! {
+    static SET: Cell<u128> = const { Cell::new(0) };
+}
+
+/// This path has run.
+#[inline]
+pub fn hit(mark: Mark) {
+    SET.with(|set| set.set(set.get() | 1 << mark as u32));
+}
+
+/// The marks set in this thread since the last call. For whoever carries out runs, not for agents.
+pub fn take() -> Marks {
+    SET.with(|set| Marks(set.take()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn marks_are_taken_once_and_by_their_thread() {
+        take();
+        hit(Mark::CubeDetour);
+        hit(Mark::DriverExpired);
+        assert!(std::thread::spawn(take).join().is_ok_and(|theirs| theirs == Marks::default()));
+        let mine = take();
+        let set: Vec<Mark> = Mark::ALL.iter().copied().filter(|m| mine.has(*m)).collect();
+        assert_eq!(set, [Mark::CubeDetour, Mark::DriverExpired]);
+        assert_eq!(take(), Marks::default());
+    }
+
+    #[test]
+    fn names_differ() {
+        let names: std::collections::BTreeSet<&str> = Mark::ALL.iter().map(|m| m.name()).collect();
+        assert_eq!(names.len(), Mark::ALL.len());
+    }
+}

@@ -1,0 +1,79 @@
+//! Defects of the protocols that tests switch on to prove that somebody notices: a harness that cannot
+//! see a broken protocol break proves nothing about a sound one. Never set by a scenario.
+
+use serde::{Deserialize, Serialize};
+
+/// A defect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[doc(hidden)]
+pub enum Sabotage {
+    /// Both families: messages are delivered whatever session they were sent in.
+    IgnoreSessions,
+    /// Cubes: moves are started without telling the body by when they must have begun.
+    NoDeadline,
+    /// Cubes: a grant ends long before the mover believes it does.
+    ShortLease,
+    /// Cubes: locks and reservations of others are not looked at before leaving.
+    IgnoreLocks,
+    /// Cubes: what was locked is never released.
+    KeepLocks,
+    /// Cubes: a cell is kept for everybody who asks.
+    ReserveTwice,
+    /// Cubes: a silent child is forgotten.
+    DropSilentChildren,
+    /// Cubes: a parent is adopted before it has acknowledged.
+    AdoptUnacknowledged,
+    /// Cubes: a restarted module takes part at once.
+    NoListening,
+    /// Cubes: a neighbour that has said nothing yet does not count.
+    IgnoreStrangers,
+    /// Cubes: neighbours that a search has not connected count as connected.
+    ShallowSearch,
+    /// Cubes: gradient values of any age are accepted.
+    AcceptStaleValues,
+    /// Cubes: solid goals grow by the rule that is enough for scaffolds.
+    AnyLowerOnSolids,
+    /// Metamodules: everything asked for is granted.
+    GrantEverything,
+    /// Metamodules: nobody is asked.
+    AskNobody,
+    /// Metamodules: a grant is forgotten as soon as it is given.
+    ForgetGrants,
+    /// Metamodules: a holder goes on after its lock has run out.
+    OutstayLease,
+    /// Metamodules: a restarted one grants at once.
+    GrantAfterRestart,
+    /// Metamodules: what was said earlier replaces what was said later.
+    AcceptStaleStates,
+    /// Metamodules: claims of others do not count.
+    IgnoreClaims,
+    /// Metamodules: nobody makes way.
+    StandInTheWay,
+}
+
+impl Sabotage {
+    /// All of them.
+    pub const ALL: [Sabotage; 21] = [
+        Sabotage::IgnoreSessions,
+        Sabotage::NoDeadline,
+        Sabotage::ShortLease,
+        Sabotage::IgnoreLocks,
+        Sabotage::KeepLocks,
+        Sabotage::ReserveTwice,
+        Sabotage::DropSilentChildren,
+        Sabotage::AdoptUnacknowledged,
+        Sabotage::NoListening,
+        Sabotage::IgnoreStrangers,
+        Sabotage::ShallowSearch,
+        Sabotage::AcceptStaleValues,
+        Sabotage::AnyLowerOnSolids,
+        Sabotage::GrantEverything,
+        Sabotage::AskNobody,
+        Sabotage::ForgetGrants,
+        Sabotage::OutstayLease,
+        Sabotage::GrantAfterRestart,
+        Sabotage::AcceptStaleStates,
+        Sabotage::IgnoreClaims,
+        Sabotage::StandInTheWay,
+    ];
+}

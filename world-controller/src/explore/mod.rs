@@ -1,0 +1,280 @@
+//! `metamorph explore`: scenarios drawn from numbers, run on the simulated link until something is
+//! wrong; what is wrong is made small and written as an ordinary scenario file.
+//!
+//! `draw` makes a [`draft`] of a scenario from a seed, `pool` runs many, `verdict` judges each,
+//! `shrink` makes a failing one small, `summary` says what all of them came to.
+//!
+//! *Invariant.* One seed is one run, whatever runs beside it; the results of so many runs do not depend
+//! on the number of threads. Deliberately absent: the process link, where a run cannot be repeated.
+
+pub mod draft;
+pub mod draw;
+pub mod pool;
+pub mod shrink;
+pub mod summary;
+pub mod verdict;
+
+use crate::interrupt::Interrupt;
+use crate::report::{count, seconds};
+use crate::scenario::{Plan, Swarm};
+use crate::simulated::simulate;
+use crate::stopwatch::Stopwatch;
+use crate::terminal::{Channel, Live, print_out};
+use draft::{Draft, SwarmDraft};
+use draw::draw;
+use metamorph_module_agent::Family;
+use metamorph_protocol::marks::{self, Marks};
+use metamorph_protocol::sabotage::Sabotage;
+use metamorph_sim_bridge::outcome::Outcome;
+use std::fs;
+use std::hash::{BuildHasher, RandomState};
+use std::io;
+use std::num::NonZeroUsize;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use summary::{Found, Summary, Tallies};
+use thiserror::Error;
+use verdict::{Failure, Kind, Verdict, judge};
+
+/// So many runs at most make one failing scenario small.
+const fn shrinking(draft: &Draft) -> u64 {
+    match draft.swarm {
+        SwarmDraft::Cubes(_) => 3_000,
+        // Of runs that take much longer.
+        SwarmDraft::Metamodules(_) => 300,
+    }
+}
+/// So many kinds of failures are made small; more of them say no more.
+const MOST_FOUND: usize = 16;
+
+/// What `metamorph explore` was asked for.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// How much.
+    pub budget: Budget,
+    /// The first seed; drawn if left out.
+    pub seed: Option<u64>,
+    /// One family only.
+    pub family: Option<Family>,
+    /// How many threads.
+    pub jobs: NonZeroUsize,
+    /// Where failing scenarios go.
+    pub out: PathBuf,
+    /// Where the numbers go as JSON.
+    pub json: Option<PathBuf>,
+    /// Whether to say nothing but errors.
+    pub quiet: bool,
+}
+
+/// How much is explored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Budget {
+    /// So many runs.
+    Runs(u64),
+    /// No run begins after this time.
+    Time(Duration),
+}
+
+/// Why an exploration did not come to an end.
+#[derive(Debug, Error)]
+pub enum ExploreError {
+    /// Signals cannot be caught.
+    #[error("cannot listen for Ctrl-C: {0}")]
+    Signals(io::Error),
+    /// The numbers or a scenario cannot be written.
+    #[error("cannot write {}: {error}\n  fix: name a place in a directory that exists and is yours", .path.display())]
+    Write {
+        /// Where.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+}
+
+/// What a run came to.
+#[derive(Clone, Debug)]
+pub struct Ran {
+    /// The family, and the protocol in it.
+    pub protocol: String,
+    /// What it is judged.
+    pub verdict: Verdict,
+    /// How it ended; none if it panicked.
+    pub outcome: Option<Outcome>,
+    /// Rare paths that it took.
+    pub marks: Marks,
+    /// Messages handed to agents, and what bodies and agents told each other.
+    pub events: u64,
+    /// Moves completed.
+    pub moves: u64,
+    /// Messages sent.
+    pub messages: u64,
+}
+
+/// Runs a plan and judges it. None if it was interrupted.
+pub fn run(plan: &Plan, interrupt: &Interrupt) -> Option<Ran> {
+    // What drawing or an earlier run has set is none of this run's.
+    marks::take();
+    let since = Stopwatch::start();
+    let simulated = catch_unwind(AssertUnwindSafe(|| simulate(plan, since, |_, _| !interrupt.is_set())));
+    let marks = marks::take();
+    let protocol = match &plan.swarm {
+        Swarm::Cubes(cubes) => format!("cube, {}", draft::name_of(cubes.setup.params.connectivity)),
+        Swarm::Metamodules(m) => format!("metamodule, {}", m.setup.params.strategy.name()),
+    };
+    let Ok(report) = simulated else {
+        let failure = Failure { kind: Kind::Panic, what: "the program panicked".into() };
+        let verdict = Verdict::Failed(failure);
+        return Some(Ran { protocol, verdict, outcome: None, marks, events: 0, moves: 0, messages: 0 });
+    };
+    let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
+    (outcome != Some(Outcome::Aborted)).then(|| Ran {
+        protocol,
+        verdict: judge(&report),
+        outcome,
+        marks,
+        events: report.messages.all.delivered + report.body_messages,
+        moves: report.moves,
+        messages: report.messages.total,
+    })
+}
+
+/// A failing scenario, made small.
+#[derive(Clone, Debug)]
+pub struct Small {
+    /// The scenario.
+    pub draft: Draft,
+    /// How it fails.
+    pub failure: Failure,
+    /// How many runs that took.
+    pub runs: u64,
+}
+
+/// Makes a failing scenario small in at most so many runs. None if it does not fail, or after an
+/// interruption.
+pub fn make_small(
+    draft: &Draft,
+    kind: &Kind,
+    sabotage: Option<Sabotage>,
+    budget: u64,
+    interrupt: &Interrupt,
+) -> Option<Small> {
+    let fails = |draft: &Draft| {
+        let plan = draft.plan("shrunk.toml", sabotage).ok()?;
+        match run(&plan, interrupt)?.verdict {
+            Verdict::Failed(failure) if failure.kind == *kind => Some(failure),
+            _ => None,
+        }
+    };
+    fails(draft)?;
+    let (small, runs) = shrink::shrink(draft, budget, |draft| !interrupt.is_set() && fails(draft).is_some());
+    Some(Small { failure: fails(&small)?, draft: small, runs })
+}
+
+/// Does what was asked for, and gives the exit code.
+pub fn explore(request: &Request) -> Result<u8, ExploreError> {
+    let interrupt = Interrupt::listen().map_err(ExploreError::Signals)?;
+    // Small enough to be typed again, large enough to be new.
+    let seed = request.seed.unwrap_or_else(|| RandomState::new().hash_one(0) >> 28);
+    let to_stdout = request.json.as_deref() == Some(Path::new("-"));
+    let channel = Channel::beside(to_stdout, request.quiet);
+    let one_run = request.budget == Budget::Runs(1);
+    channel.say(&format!(
+        "exploring from seed {seed}{}\n",
+        if one_run { format!("\n\n{}", draw(seed, request.family).0) } else { String::new() }
+    ));
+    let (since, mut tallies, mut live) = (Stopwatch::start(), Tallies::default(), Live::new(!request.quiet));
+    pool::run(seed, request, &interrupt, |number, ran| {
+        tallies.add(number, &ran);
+        live.show(|| {
+            let took = since.elapsed().as_secs_f64();
+            let rate = count((tallies.runs as f64 / took.max(1e-9)) as u64);
+            format!("{} runs, {rate} a second, {} failed", count(tallies.runs), count(tallies.failed()))
+        });
+    });
+    live.clear();
+    let took = since.elapsed().as_secs_f64();
+    let interrupted = interrupt.is_set();
+    let found = found(request, seed, &tallies, &interrupt)?;
+    let summary = Summary::new(seed, request.family, tallies, found);
+    channel.say(&summary::text(&summary, channel.paint()));
+    channel.say(&format!(
+        "  {} on {} thread{}, {} runs a second\n",
+        seconds(took),
+        request.jobs,
+        if request.jobs.get() == 1 { "" } else { "s" },
+        count((summary.runs as f64 / took.max(1e-9)) as u64)
+    ));
+    if let Some(path) = &request.json {
+        let text = serde_json::to_string_pretty(&summary)
+            .expect("invariant: a summary is made of plain values and text keys");
+        if to_stdout {
+            print_out(&text);
+        } else {
+            write(path, &(text + "\n"))?;
+        }
+    }
+    Ok(match () {
+        () if summary.found.iter().any(|f| f.kind.is_unsafe()) => Outcome::Unsafe.exit_code(),
+        () if !summary.found.is_empty() => Outcome::Deadlock.exit_code(),
+        () if interrupted => Outcome::Aborted.exit_code(),
+        () => 0,
+    })
+}
+
+/// Makes the first failure of each kind small and writes it down.
+fn found(
+    request: &Request,
+    seed: u64,
+    tallies: &Tallies,
+    interrupt: &Interrupt,
+) -> Result<Vec<Found>, ExploreError> {
+    let mut all = Vec::new();
+    for ((kind, protocol), failures) in tallies.failures() {
+        let number = failures.first;
+        let (draft, _) = draw(seed.wrapping_add(number), request.family);
+        let mut found = Found {
+            kind: kind.clone(),
+            protocol: protocol.clone(),
+            seed: seed.wrapping_add(number),
+            runs: failures.count,
+            what: failures.what.clone(),
+            repeat: repeat(seed.wrapping_add(number), request.family),
+            scenario: None,
+            agents: draft.modules(),
+            faults: draft.faults.len(),
+            shrinking: 0,
+        };
+        if all.len() < MOST_FOUND
+            && !interrupt.is_set()
+            && let Some(small) = make_small(&draft, kind, None, shrinking(&draft), interrupt)
+        {
+            let path = request.out.join(format!("explored-{}.toml", found.seed));
+            let repeat = &found.repeat;
+            let description =
+                format!("{kind}: {}. Found with `{repeat}`, then made small.", small.failure.what);
+            create(&request.out)?;
+            write(&path, &Draft { description, ..small.draft.clone() }.to_string())?;
+            (found.agents, found.faults) = (small.draft.modules(), small.draft.faults.len());
+            found.what = small.failure.what;
+            found.shrinking = small.runs;
+            found.scenario = Some(path.display().to_string());
+        }
+        all.push(found);
+    }
+    Ok(all)
+}
+
+/// The command that repeats the run of a seed.
+fn repeat(seed: u64, family: Option<Family>) -> String {
+    let family = family.map_or(String::new(), |f| format!(" --family {}", f.name()));
+    format!("metamorph explore --runs 1 --seed {seed}{family}")
+}
+
+fn create(dir: &Path) -> Result<(), ExploreError> {
+    fs::create_dir_all(dir).map_err(|error| ExploreError::Write { path: dir.into(), error })
+}
+
+fn write(path: &Path, text: &str) -> Result<(), ExploreError> {
+    fs::write(path, text).map_err(|error| ExploreError::Write { path: path.into(), error })
+}

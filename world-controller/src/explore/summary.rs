@@ -1,0 +1,212 @@
+//! What an exploration came to: counts, failures by kind, rare paths that never ran.
+
+use super::Ran;
+use super::verdict::{Kind, Verdict};
+use crate::report::count;
+use crate::terminal::Paint;
+use metamorph_module_agent::Family;
+use metamorph_protocol::marks::Mark;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// The version of the layout of [`Summary`].
+pub const SCHEMA: u32 = 1;
+
+/// Failures of one kind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failures {
+    /// How many runs.
+    pub count: u64,
+    /// The number of the first.
+    pub first: u64,
+    /// What was seen in it.
+    pub what: String,
+}
+
+/// Counts over runs.
+#[derive(Clone, Debug, Default)]
+pub struct Tallies {
+    /// How many runs.
+    pub runs: u64,
+    events: u64,
+    moves: u64,
+    messages: u64,
+    outcomes: BTreeMap<&'static str, u64>,
+    excused: BTreeMap<String, u64>,
+    failures: BTreeMap<(Kind, String), Failures>,
+    marks: BTreeMap<Mark, u64>,
+}
+
+impl Tallies {
+    /// Counts a run.
+    pub fn add(&mut self, number: u64, ran: &Ran) {
+        self.runs += 1;
+        self.events += ran.events;
+        self.moves += ran.moves;
+        self.messages += ran.messages;
+        *self.outcomes.entry(ran.outcome.map_or("panic", |o| o.name())).or_default() += 1;
+        for mark in Mark::ALL.iter().filter(|m| ran.marks.has(**m)) {
+            *self.marks.entry(*mark).or_default() += 1;
+        }
+        match &ran.verdict {
+            Verdict::Built => {}
+            Verdict::Excused(why) => *self.excused.entry(why.clone()).or_default() += 1,
+            Verdict::Failed(failure) => {
+                let first = Failures { count: 0, first: number, what: failure.what.clone() };
+                let key = (failure.kind.clone(), ran.protocol.clone());
+                self.failures.entry(key).or_insert(first).count += 1;
+            }
+        }
+    }
+    /// Runs that failed.
+    pub fn failed(&self) -> u64 {
+        self.failures.values().map(|f| f.count).sum()
+    }
+    /// Failures by kind and protocol.
+    pub fn failures(&self) -> &BTreeMap<(Kind, String), Failures> {
+        &self.failures
+    }
+}
+
+/// What an exploration came to, as it is written to JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// The version of this layout.
+    pub schema: u32,
+    /// The version of the program.
+    pub version: String,
+    /// The seed of the first run; the next has the next.
+    pub seed: u64,
+    /// The family explored; null for both.
+    pub family: Option<&'static str>,
+    /// Runs.
+    pub runs: u64,
+    /// Messages handed to agents, and what bodies and agents told each other.
+    pub events: u64,
+    /// Moves completed.
+    pub moves: u64,
+    /// Messages sent.
+    pub messages: u64,
+    /// How runs ended.
+    pub outcomes: BTreeMap<&'static str, u64>,
+    /// Runs that could not build any more, by reason; no failures.
+    pub excused: BTreeMap<String, u64>,
+    /// Runs that failed.
+    pub failed: u64,
+    /// The first failure of each kind.
+    pub found: Vec<Found>,
+    /// In how many runs each rare path ran.
+    pub marks: BTreeMap<&'static str, u64>,
+    /// Rare paths that never ran.
+    pub never: Vec<&'static str>,
+}
+
+/// A kind of failure.
+#[derive(Clone, Debug, Serialize)]
+pub struct Found {
+    /// In what way.
+    #[serde(flatten)]
+    pub kind: Kind,
+    /// The family that failed, and the protocol in it.
+    pub protocol: String,
+    /// The seed of the first run that failed so.
+    pub seed: u64,
+    /// In how many runs.
+    pub runs: u64,
+    /// What was seen.
+    pub what: String,
+    /// The command that repeats the first.
+    pub repeat: String,
+    /// The small scenario that fails the same way; null if none was made.
+    pub scenario: Option<String>,
+    /// Modules in it.
+    pub agents: usize,
+    /// Faults in it.
+    pub faults: usize,
+    /// Runs that making it small took.
+    pub shrinking: u64,
+}
+
+impl Summary {
+    /// From counts and what was found.
+    pub fn new(seed: u64, family: Option<Family>, tallies: Tallies, found: Vec<Found>) -> Summary {
+        let failed = tallies.failed();
+        let prefix = match family {
+            None => "",
+            Some(Family::Cube) => "metamodule:",
+            Some(Family::Metamodule) => "cube:",
+        };
+        // Paths of a family that was not explored could not run.
+        let explored = |m: &Mark| prefix.is_empty() || !m.name().starts_with(prefix);
+        let never = Mark::ALL.iter().filter(|m| explored(m) && !tallies.marks.contains_key(m));
+        Summary {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            seed,
+            family: family.map(Family::name),
+            runs: tallies.runs,
+            events: tallies.events,
+            moves: tallies.moves,
+            messages: tallies.messages,
+            outcomes: tallies.outcomes,
+            excused: tallies.excused,
+            failed,
+            found,
+            never: never.map(|m| m.name()).collect(),
+            marks: tallies.marks.into_iter().map(|(m, n)| (m.name(), n)).collect(),
+        }
+    }
+}
+
+/// For people.
+pub fn text(summary: &Summary, paint: Paint) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_text(&mut out, summary, paint);
+    out
+}
+
+fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Result {
+    let failed = format!("{} failed", count(summary.failed));
+    let failed = if summary.failed == 0 { paint.good(&failed) } else { paint.bad(&failed) };
+    writeln!(out, "{} runs from seed {}: {failed}", count(summary.runs), summary.seed)?;
+    let list = |of: Vec<(&str, &u64)>| {
+        of.into_iter().map(|(name, n)| format!("{} {name}", count(*n))).collect::<Vec<_>>().join(", ")
+    };
+    writeln!(out, "  {}", list(summary.outcomes.iter().map(|(k, n)| (*k, n)).collect()))?;
+    if !summary.excused.is_empty() {
+        let excused = list(summary.excused.iter().map(|(k, n)| (k.as_str(), n)).collect());
+        writeln!(out, "  could not be built any more: {excused}")?;
+    }
+    let (events, moves, messages) = (count(summary.events), count(summary.moves), count(summary.messages));
+    writeln!(out, "  {events} events, {moves} moves, {messages} messages")?;
+    for found in &summary.found {
+        let Found { kind, protocol, runs, what, repeat, agents, faults, .. } = found;
+        writeln!(out, "\n{} ({protocol}) in {} run{}", paint.bad(&kind.to_string()), count(*runs), s(*runs))?;
+        writeln!(out, "  {what}\n  first in  {repeat}")?;
+        if let Some(scenario) = &found.scenario {
+            writeln!(
+                out,
+                "  made small: {agents} modules, {faults} fault{} ({} runs)",
+                s(*faults as u64),
+                count(found.shrinking)
+            )?;
+            writeln!(out, "  metamorph run {scenario} --link sim")?;
+        }
+    }
+    writeln!(
+        out,
+        "\nrare paths: {} of {} ran",
+        summary.marks.len(),
+        summary.marks.len() + summary.never.len()
+    )?;
+    for never in &summary.never {
+        writeln!(out, "  {} {never}", paint.strong("never ran:"))?;
+    }
+    Ok(())
+}
+
+fn s(n: u64) -> &'static str {
+    if n == 1 { "" } else { "s" }
+}

@@ -1,0 +1,97 @@
+//! What a run came to, judged: safe always; and live, unless what is left cannot build the goal.
+
+use crate::report::schema::Report;
+use metamorph_sim_bridge::outcome::{Outcome, Reason};
+use serde::Serialize;
+use std::fmt;
+
+/// What a run came to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// The goal was built.
+    Built,
+    /// It was not, and that is no fault of the protocol: why.
+    Excused(String),
+    /// Something is wrong.
+    Failed(Failure),
+}
+
+/// In what way a run failed. Two runs of one kind fail the same way.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "failure", content = "name")]
+pub enum Kind {
+    /// The program panicked.
+    Panic,
+    /// This invariant broke first.
+    Unsafe(String),
+    /// There was a way left, and nobody went it: the reason of the standstill.
+    Stuck(String),
+}
+
+impl Kind {
+    /// Whether something happened that must never happen, instead of something not happening.
+    pub fn is_unsafe(&self) -> bool {
+        !matches!(self, Kind::Stuck(_))
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Kind::Panic => f.write_str("panic"),
+            Kind::Unsafe(invariant) => write!(f, "unsafe: {invariant}"),
+            Kind::Stuck(reason) => write!(f, "stuck: {reason}"),
+        }
+    }
+}
+
+/// A failed run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// In what way.
+    pub kind: Kind,
+    /// What was seen.
+    pub what: String,
+}
+
+/// Reasons that are the price of what a protocol is: the thesis's strategies have local minima, which
+/// its experiment measures.
+const PUBLISHED: [Reason; 2] = [Reason::NoBetterPlace, Reason::NoLock];
+
+/// Judges a run by its report.
+pub fn judge(report: &Report) -> Verdict {
+    if let Some(first) = report.invariants.violated.first() {
+        let kind = Kind::Unsafe(first.invariant.clone());
+        return Verdict::Failed(Failure { kind, what: format!("at {} s: {}", first.at_s, first.what) });
+    }
+    if report.outcome == Outcome::Built.name() {
+        return Verdict::Built;
+    }
+    let Some(stall) = &report.unbuilt else {
+        let kind = Kind::Stuck(report.outcome.clone());
+        return Verdict::Failed(Failure { kind, what: report.reason.clone() });
+    };
+    let is = |reason: Reason| stall.reason == reason.name();
+    let dead = report.agents.alive < report.agents.launched;
+    let broken = dead || report.faults.iter().any(|f| f.fault == "stick");
+    let excused = match () {
+        // Whoever must start a cell may only be missing because it has died.
+        () if is(Reason::NoActiveTarget) || is(Reason::CutOff) => dead,
+        // Holding on to what is broken is what keeps it from falling off.
+        () if is(Reason::Pinned) => broken,
+        () => stall.infeasible || PUBLISHED.into_iter().any(is),
+    };
+    if excused {
+        return Verdict::Excused(stall.reason.clone());
+    }
+    let what = format!(
+        "{} at {} s, since {} s: {}; {} unfilled, waiting: {}",
+        report.outcome,
+        report.time.virtual_s,
+        stall.since_s,
+        stall.text,
+        stall.unfilled.len(),
+        stall.waiting.iter().map(|w| w.module.to_string()).collect::<Vec<_>>().join(" ")
+    );
+    Verdict::Failed(Failure { kind: Kind::Stuck(stall.reason.clone()), what })
+}
