@@ -476,6 +476,7 @@ impl Metamodule {
                     }
                     // The old end has let go: the move is complete.
                     self.core.course.advance();
+                    self.core.intent.cornered = 0;
                     self.core.waiting_since = now;
                     self.stop(now, Span::ZERO);
                 }

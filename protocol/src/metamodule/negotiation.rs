@@ -44,6 +44,8 @@ pub(super) struct Intent {
     planned_in: u64,
     /// Until when it counts as cornered: it had no way out of a more important way.
     cornered_until: Option<Time>,
+    /// How often it has been since it last got anywhere.
+    pub cornered: u8,
     /// What it has announced.
     pub way: Option<Way>,
     /// What that was made from.
@@ -63,6 +65,7 @@ impl Intent {
             looked_in: (0, false),
             planned_in: 0,
             cornered_until: None,
+            cornered: 0,
             way: None,
             told: None,
             rank: Rank::NONE,
@@ -136,6 +139,8 @@ impl May {
 const AWAY: i64 = 5;
 /// After so many times its patience a metamodule leaves its seed to others.
 const GIVE_UP: u64 = 3;
+/// A cornered metamodule counts as such for twice as long each time, up to so many times.
+const MOST_CORNERED: u8 = 5;
 /// Leaving a seed that is not open yet to somebody is as bad as so many strides.
 const LATER: i64 = 1 << 20;
 /// And one that it has barred, as so many.
@@ -223,7 +228,10 @@ impl Metamodule {
             let plan = self.make_way(&scene, rank);
             if plan.is_none() && in_way_of.is_some() && self.core.course.is_over() {
                 hit(Mark::MetaCornered);
-                self.core.intent.cornered_until = Some(now + self.setup.params.patience);
+                // Longer every time: whoever goes around it must get past it before it counts as free again.
+                let times = self.core.intent.cornered;
+                self.core.intent.cornered = (times + 1).min(MOST_CORNERED);
+                self.core.intent.cornered_until = Some(now + self.setup.params.patience * (1 << times));
                 self.tell(now, Class::Gradient);
             }
             self.announce(rank, &scene);
