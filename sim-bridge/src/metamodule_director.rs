@@ -488,8 +488,10 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
     fn started(&mut self, _now: Time, id: ModuleId) {
         let before = std::mem::replace(&mut self.known[id.index()], Known { alive: true, status: None });
         self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
-        self.dead.remove(&id);
         self.untold.remove(&id);
+        if self.dead.remove(&id) {
+            self.order_all(Order::Alive { id });
+        }
         if self.told.is_some() {
             let order = self.seeds();
             self.commands.push_back(Command::Order(id, order));

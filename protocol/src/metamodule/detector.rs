@@ -82,10 +82,8 @@ const LASTS: u64 = 2;
 
 impl Metamodule {
     /// Whether it does nothing until it hears something new, and has heard of everybody in hearing.
-    fn is_passive(&self, now: Time) -> bool {
+    fn is_passive(&self) -> bool {
         let core = &self.core;
-        // Whoever says nothing for long has no process.
-        let mute = self.setup.params.lease * 2;
         let waits = matches!(core.phase, Phase::Idle { look_at: Time::NEVER });
         // The controller opens seeds some time after others were filled.
         let told = core.settled.is_some() || self.open() == self.goal().open(core.filled);
@@ -93,7 +91,7 @@ impl Metamodule {
             && told
             && core.stuck.is_none()
             && self.setup.params.strategy != Strategy::Negotiated
-            && core.peers.iter().all(|(_, p)| p.state.is_some() || p.condemned || now >= p.since + mute)
+            && !self.is_anybody_strange()
     }
 
     /// Ports of those who live.
@@ -106,7 +104,7 @@ impl Metamodule {
     /// After every input: notes a stir, or asks if it has waited long enough.
     pub(super) fn tend_detector(&mut self, now: Time) {
         let Some(detector) = self.setup.params.detector else { return };
-        let passive = self.is_passive(now);
+        let passive = self.is_passive();
         let done = self.core.settled.is_some() || self.core.filled.holds(self.goal().all());
         let watch = &mut self.core.watch;
         if !passive {
@@ -177,7 +175,7 @@ impl Metamodule {
         let heard = self.core.peers.iter().find(|(p, _)| *p == port).and_then(|(_, p)| p.state);
         let up_to_date = heard.is_some_and(|s| s.sequence == sequence);
         let exists = self.setup.params.detector.is_some_and(|d| initiator.0 < d.metamodules.into());
-        if !exists || !up_to_date || !self.is_passive(now) {
+        if !exists || !up_to_date || !self.is_passive() {
             return;
         }
         let stirs = self.core.watch.stirs;

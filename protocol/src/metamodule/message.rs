@@ -497,6 +497,11 @@ pub enum Order {
         /// Where the body is.
         pose: Pose,
     },
+    /// A metamodule that was dead has a process again.
+    Alive {
+        /// Whose.
+        id: ModuleId,
+    },
     /// Something foreign is in a cell, or is there no more.
     Obstacle {
         /// Where.
@@ -512,6 +517,7 @@ impl Wire for Order {
             Order::Seeds { .. } => 16,
             Order::Dead { .. } => 17,
             Order::Obstacle { .. } => 18,
+            Order::Alive { .. } => 19,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -525,6 +531,7 @@ impl Wire for Order {
                 out.u32(id.0);
                 pose(out, *p);
             }
+            Order::Alive { id } => out.u32(id.0),
             Order::Obstacle { cell, there } => {
                 out.cell(*cell);
                 out.bool(*there);
@@ -540,6 +547,7 @@ impl Wire for Order {
             },
             18 => Order::Obstacle { cell: from.cell()?, there: from.bool("there")? },
             17 => Order::Dead { id: ModuleId(from.u32()?), pose: Pose::decode(from)? },
+            19 => Order::Alive { id: ModuleId(from.u32()?) },
             _ => return Err(WireError::Kind(kind)),
         })
     }
@@ -680,6 +688,7 @@ mod tests {
         round_trip(&Order::Seeds { task: a_task(), open: SeedSet(6), filled });
         round_trip(&Order::Obstacle { cell: Cell::new(-3, 4, 1), there: true });
         round_trip(&Order::Dead { id: origin, pose: p });
+        round_trip(&Order::Alive { id: origin });
         for settled in [None, Some(31)] {
             round_trip(&Status {
                 pose: p,

@@ -226,6 +226,20 @@ impl Metamodule {
         state.settled && state.task == self.core.task
     }
 
+    /// Whether somebody in hearing has said nothing yet and need not be dead. However long it says nothing,
+    /// it may be about to move, and would not be asked. Of the dead it is known where they are.
+    fn is_anybody_strange(&self) -> bool {
+        let core = &self.core;
+        let strangers = core.peers.iter().filter(|(_, p)| p.state.is_none()).count();
+        let foot = core.pose.foot();
+        let hears = |p: &Pose| {
+            let at = p.foot();
+            at.0.abs_diff(foot.0).max(at.1.abs_diff(foot.1)) <= params::HEARING
+        };
+        let is_known = |id: ModuleId| core.peers.iter().any(|(_, p)| p.state.is_some_and(|s| s.id == id));
+        strangers > core.dead.iter().filter(|(id, pose)| hears(pose) && !is_known(**id)).count()
+    }
+
     fn is_dead(&self, peer: &Peer) -> bool {
         peer.state.is_some_and(|s| self.core.dead.contains_key(&s.id))
     }
@@ -258,11 +272,8 @@ impl Metamodule {
             let plan = Plan { from, steps, sweep, ends, aim: Aim::Land, harmless: false };
             return self.begin(now, now, plan);
         }
-        // Whoever says nothing for long has no process, and its body does not move.
-        let mute = self.setup.params.lease * 2;
-        let unheard = self.core.peers.iter().filter(|(_, p)| p.state.is_none()).map(|(_, p)| p.since + mute);
-        if let Some(until) = unheard.filter(|t| *t > now).max() {
-            self.core.phase = idle(until);
+        if self.is_anybody_strange() {
+            self.core.phase = idle(Time::NEVER);
             return;
         }
         if let Some(again) = self.core.stuck {
@@ -644,7 +655,7 @@ impl Metamodule {
     }
 
     fn contact(&mut self, now: Time, port: Port, session: Option<crate::ids::Session>) {
-        self.core.peers.set(port, session.map(|s| Peer::new(s, now)));
+        self.core.peers.set(port, session.map(|s| Peer::new(s)));
         if session.is_some() {
             let message = self.state();
             self.out.push_back(Output::Send { port, class: Class::Liveness, message });
@@ -674,6 +685,7 @@ impl Metamodule {
                     self.core.filled = self.core.filled.and(filled);
                 }
             }
+            Order::Alive { id } => _ = self.core.dead.remove(&id),
             Order::Obstacle { cell, there: true } => {
                 hit(Mark::MetaObstacle);
                 self.core.obstacles.insert(cell);

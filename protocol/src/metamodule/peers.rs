@@ -28,8 +28,6 @@ pub struct Grant {
 pub struct Peer {
     /// The session.
     pub session: Session,
-    /// Since when it is in hearing.
-    pub since: Time,
     /// What it told last.
     pub state: Option<State>,
     /// Where it means to go, if it has told.
@@ -44,8 +42,8 @@ pub struct Peer {
 
 impl Peer {
     /// A neighbour that has said nothing yet.
-    pub fn new(session: Session, since: Time) -> Peer {
-        Peer { session, since, state: None, way: None, grant: None, condemned: false, over: Token(0) }
+    pub fn new(session: Session) -> Peer {
+        Peer { session, state: None, way: None, grant: None, condemned: false, over: Token(0) }
     }
 }
 

@@ -235,7 +235,9 @@ impl Visible for Metamodule {
     fn goal(order: &MetamoduleOrder) -> Option<(u16, (i16, i16))> {
         match order {
             MetamoduleOrder::Seeds { task, .. } => Some((task.goal.into(), task.shift)),
-            MetamoduleOrder::Dead { .. } | MetamoduleOrder::Obstacle { .. } => None,
+            MetamoduleOrder::Dead { .. }
+            | MetamoduleOrder::Alive { .. }
+            | MetamoduleOrder::Obstacle { .. } => None,
         }
     }
 }
