@@ -245,10 +245,10 @@ impl MetamoduleDirector {
     }
 
     /// Whether an open seed is barred to everybody who could fill it.
-    fn is_out_of_reach(&self) -> bool {
+    fn is_out_of_reach(&self, world: &MetamoduleWorld) -> bool {
         let free = || {
-            let living = self.known.iter().filter(|k| k.alive).filter_map(|k| k.status);
-            living.filter(|s| s.settled.is_none())
+            let all = (0..).map(ModuleId).zip(&self.known).filter(|(id, k)| k.alive && !world.is_stuck(*id));
+            all.filter_map(|(_, k)| k.status).filter(|s| s.settled.is_none())
         };
         let open = self.setup.goal(self.task).open(self.filled);
         free().next().is_some() && open.iter().any(|seed| free().all(|s| s.barred.has(seed)))
@@ -368,7 +368,7 @@ impl MetamoduleDirector {
         }
         let planned = self.faults.is_pending() || !self.changes.is_empty();
         // Whoever is shut in stays so wherever the goal is, so that is tried once.
-        if !planned && self.relocations == 0 && self.is_out_of_reach() {
+        if !planned && self.relocations == 0 && self.is_out_of_reach(world) {
             self.move_goal(now, &self.foreign(world));
         }
         let idle_since = self.last_deed.max(self.last_fill);
@@ -399,11 +399,14 @@ impl MetamoduleDirector {
         let free: Vec<Waiter> =
             (0..).map(ModuleId).zip(&self.known).filter(is_free).map(|(id, k)| self.waiter(id, k)).collect();
         let waits: Vec<_> = free.iter().map(|w| (w.module, w.on)).collect();
+        let all = (0..self.known.len() as u32).map(ModuleId);
+        let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
+        let stays: BTreeSet<Cell> = self.foreign(world).into_iter().chain(stuck).collect();
         let reason = if free.len() < unfilled.len() {
             Reason::MaterialExhausted
-        } else if self.is_seed_blocked(&self.foreign(world)) {
+        } else if self.is_seed_blocked(&stays) {
             Reason::SeedBlocked
-        } else if self.is_out_of_reach() {
+        } else if self.is_out_of_reach(world) {
             Reason::NoWay
         } else if self.setup.params.strategy == Strategy::Negotiated {
             Reason::Blocked

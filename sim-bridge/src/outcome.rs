@@ -127,7 +127,7 @@ impl Reason {
                 "cut off: dead modules separate every spare module that has a way from those that could call it"
             }
             Reason::SeedBlocked => {
-                "infeasible: a dead metamodule or an obstacle is in a cell of an unfilled seed"
+                "infeasible: something that cannot move is in a cell of an unfilled seed"
             }
             Reason::NoBetterPlace => {
                 "deadlock: no free metamodule can get to a place that the force field prefers to its own"
