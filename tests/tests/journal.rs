@@ -136,7 +136,7 @@ fn write(path: &Path, head: &Head, records: &[Record]) {
 fn a_changed_journal_is_found_out() {
     let dir = tempfile::tempdir().expect("a directory");
     let (journal, changed) = (dir.path().join("journal"), dir.path().join("changed"));
-    record("swarm.toml", "sim", &["--kill", "3@2s"], &journal);
+    record("swarm.toml", "sim", &["--kill", "12@2s"], &journal);
     let (head, records) = read(&journal);
     let victim = Who::Agent(ModuleId(7), Default::default());
     let find = |what: &dyn Fn(&Event) -> bool| {
