@@ -126,9 +126,7 @@ impl Reason {
             Reason::CutOff => {
                 "cut off: dead modules separate every spare module that has a way from those that could call it"
             }
-            Reason::SeedBlocked => {
-                "infeasible: something that cannot move is in a cell of an unfilled seed"
-            }
+            Reason::SeedBlocked => "infeasible: something that cannot move is in a cell of an unfilled seed",
             Reason::NoBetterPlace => {
                 "deadlock: no free metamodule can get to a place that the force field prefers to its own"
             }

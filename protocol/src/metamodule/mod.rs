@@ -655,7 +655,7 @@ impl Metamodule {
     }
 
     fn contact(&mut self, now: Time, port: Port, session: Option<crate::ids::Session>) {
-        self.core.peers.set(port, session.map(|s| Peer::new(s)));
+        self.core.peers.set(port, session.map(Peer::new));
         if session.is_some() {
             let message = self.state();
             self.out.push_back(Output::Send { port, class: Class::Liveness, message });
