@@ -140,7 +140,7 @@ const AWAY: i64 = 5;
 /// After so many times its patience a metamodule leaves its seed to others.
 const GIVE_UP: u64 = 3;
 /// A cornered metamodule counts as such for twice as long each time, up to so many times.
-const MOST_CORNERED: u8 = 5;
+const MOST_CORNERED: u8 = 3;
 /// Leaving a seed that is not open yet to somebody is as bad as so many strides.
 const LATER: i64 = 1 << 20;
 /// And one that it has barred, as so many.
@@ -265,7 +265,9 @@ impl Metamodule {
     /// Drops what no longer holds: a claim that somebody nearer has made too, or on what is filled; bars
     /// from when something else stood around.
     fn review(&mut self, now: Time, scene: &Scene) {
-        if self.core.intent.cornered_until.is_some_and(|until| now >= until) {
+        // Where nobody means to go anywhere, nobody is in the way.
+        let is_over = |until: Time| now >= until || scene.free.iter().all(|o| o.way.is_none());
+        if self.core.intent.cornered_until.is_some_and(is_over) {
             self.core.intent.cornered_until = None;
             self.tell(now, Class::Gradient);
         }
