@@ -141,9 +141,8 @@ fn new_scenarios_of_cubes_break_no_invariant() {
     assert_eq!(broken_in_new_scenarios(Family::Cube), [""; 0]);
 }
 
-/// The same of metamodules, of which a case is known in which two hold one lock.
+/// The same of metamodules.
 #[test]
-#[ignore = "two metamodules can hold one lock when one is cut off and has been restarted"]
 fn new_scenarios_of_metamodules_break_no_invariant() {
     assert_eq!(broken_in_new_scenarios(Family::Metamodule), [""; 0]);
 }
