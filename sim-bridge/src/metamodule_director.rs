@@ -366,12 +366,13 @@ impl MetamoduleDirector {
         if self.changes.is_empty() && self.filled.holds(self.setup.goal(self.task).all()) {
             return self.finish(now, Outcome::Built);
         }
-        let planned = self.faults.is_pending() || !self.changes.is_empty();
+        let cut = now < self.stop.planned_until;
+        let planned = self.faults.is_pending() || !self.changes.is_empty() || cut;
         // Whoever is shut in stays so wherever the goal is, so that is tried once.
         if !planned && self.relocations == 0 && self.is_out_of_reach(world) {
             self.move_goal(now, &self.foreign(world));
         }
-        let idle_since = self.last_deed.max(self.last_fill);
+        let idle_since = self.last_deed.max(self.last_fill).max(self.stop.planned_until);
         if now >= self.stop.timeout {
             self.stall = Some(self.explain(idle_since, world));
             self.finish(now, Outcome::Timeout);
@@ -384,7 +385,7 @@ impl MetamoduleDirector {
             }
             self.stall = Some(self.explain(idle_since, world));
             self.finish(now, Outcome::Deadlock);
-        } else if now.since(self.last_fill) > self.stop.livelock {
+        } else if now.since(self.last_fill.max(self.stop.planned_until)) > self.stop.livelock {
             self.stall = Some(self.explain(self.last_fill, world));
             self.finish(now, Outcome::Livelock);
         }
