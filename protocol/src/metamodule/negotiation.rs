@@ -425,7 +425,9 @@ impl Metamodule {
         let enter = self.is_first(scene, claim);
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
-        let walls_in = scene.hopeful.iter().any(|p| self.is_shut_in(*p, &scene.built))
+        let left = self.goal().all().without(self.core.filled).without(SeedSet::default().with(claim.seed));
+        let movable = scene.hopeful.iter().filter(|p| !self.is_shut_in(**p, &scene.built)).count();
+        let walls_in = movable < scene.hopeful.len().min(left.iter().count())
             || (waited <= patience * (GIVE_UP - 1)
                 && scene.free.iter().any(|o| !self.is_safe_beside(scene, o, self.core.pose)));
         let may = May { enter, fill: enter && !walls_in, hurry: enter && waited > patience };
