@@ -204,7 +204,7 @@ mod tests {
     #[test]
     fn leaves_out_what_does_not_matter() {
         let kills = |d: &Draft| d.faults.iter().filter(|f| matches!(f.what, Break::Kill(_))).count();
-        let mut shrunk = 0;
+        let (mut shrunk, mut threes) = (0, 0);
         for seed in 0..200 {
             let (draft, _) = draw(seed, Some(Family::Cube));
             if kills(&draft) == 0 || draft.modules() < 4 {
@@ -212,14 +212,15 @@ mod tests {
             }
             let fails = |d: &Draft| kills(d) >= 1 && d.modules() >= 3 && d.plan("small.toml", None).is_ok();
             let (small, asked) = shrink(&draft, 20_000, fails);
-            // A few more than three if the one that is killed is the one that could go.
             assert_eq!((small.faults.len(), small.faults[0].at), (1, 0), "{small}");
-            assert!((3..=6).contains(&small.modules()), "{small}");
+            // Few, if not always three: the one that is killed may be the one that could go.
+            assert!(small.modules() <= draft.modules().min(12), "{small}");
+            threes += u32::from(small.modules() == 3);
             assert_eq!(small.link, LinkDraft { delay: small.link.delay, ..LinkDraft::default() });
             assert!(asked < 20_000 && small.goal_cells() == 1, "{small}");
             shrunk += 1;
         }
-        assert!(shrunk > 10);
+        assert!(shrunk > 10 && threes * 2 > shrunk, "{threes} of {shrunk} have three modules");
     }
 
     #[test]
