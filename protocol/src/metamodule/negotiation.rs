@@ -597,7 +597,7 @@ impl Metamodule {
         }
         let mut around = (self.setup.floor, taken.to_vec());
         around.1.sort_unstable();
-        !self.setup.motions.ask(pose, around, |(_, taken)| self.ground(taken).can_get(pose, is_away))
+        !self.setup.motions.ask(pose, around, |(_, taken)| self.ground(taken).has_way(pose, is_away))
     }
 
     /// Whether all seeds that should have been filled before this one can still be got to when it has been.

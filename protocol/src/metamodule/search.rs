@@ -172,9 +172,11 @@ impl Ground<'_> {
 
     /// Whether there is a way to a connector that `is_it` accepts.
     pub fn can_get(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> bool {
-        if self.easy_way(from, &is_it).is_some() {
-            return true;
-        }
+        self.easy_way(from, &is_it).is_some() || self.has_way(from, is_it)
+    }
+
+    /// The same for whoever knows that there is no easy way.
+    pub fn has_way(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> bool {
         let (mut left, mut edge) = (Left::new(self.floor), vec![from]);
         while let Some(pose) = edge.pop() {
             if is_it(pose.foot()) {
@@ -184,7 +186,8 @@ impl Ground<'_> {
                 let lands = self.lands(pose);
                 left.add(pose, lands);
                 let landings = self.motions.graph().landings(lands);
-                edge.extend(landings.filter_map(|p| self.landed(pose, p)));
+                let to = landings.filter_map(|p| self.landed(pose, p));
+                edge.extend(to.filter(|to| !left.has(*to, self.motions.rest_bit(to.posture))));
             }
         }
         false

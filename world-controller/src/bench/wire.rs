@@ -215,7 +215,7 @@ pub fn echo(mechanism: Mechanism, mode: Mode, root: &str) -> Result<(), BenchErr
     rendezvous::set_verbosity(false);
     let mut end: Box<dyn End> = match mechanism {
         Mechanism::Ours => Box::new(Ours::open(Path::new(root), 1, mode)?),
-        Mechanism::Iceoryx => Box::new(Raw::open(Path::new(root), 1, mode)?),
+        Mechanism::Iceoryx => Box::new(Raw::open(Path::new(root), 1)?),
         Mechanism::UnixSocket | Mechanism::Pipe | Mechanism::Tcp => {
             let file =
                 |fd: std::io::Result<OwnedFd>| fd.map(File::from).map_err(system("take over a descriptor"));
@@ -257,7 +257,7 @@ fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Cost, BenchErro
         Mechanism::Iceoryx => {
             let half = RawHalf::create(dir.root(), 0)?;
             let peer = start(peer.stdout(Stdio::null()))?;
-            (peer, Box::new(half.join(1, mode)?))
+            (peer, Box::new(half.join(1)?))
         }
         Mechanism::Pipe => {
             let (theirs, ours_to) = std::io::pipe().map_err(system("make a pipe"))?;
@@ -523,6 +523,8 @@ impl End for Ours {
 
 type Svc = ipc::Service;
 type Bytes = [u8; SIZE];
+type Frames = iceoryx2::service::port_factory::publish_subscribe::PortFactory<Svc, Bytes, ()>;
+type Bell = iceoryx2::service::port_factory::event::PortFactory<Svc>;
 
 /// iceoryx2 with nothing around it, in the same configuration.
 struct RawHalf {
@@ -544,71 +546,52 @@ fn iceoryx<E: std::fmt::Debug>(what: &'static str) -> impl Fn(E) -> BenchError {
 }
 
 impl RawHalf {
-    fn names(end: u32) -> Result<(ServiceName, ServiceName), BenchError> {
+    /// The channel and the bell of one end, in the configuration of the process link.
+    fn channels(node: &Node<Svc>, end: u32) -> Result<(Frames, Bell), BenchError> {
         let name = |text: String| ServiceName::new(&text).map_err(iceoryx("name a channel"));
-        Ok((name(format!("raw/{end}"))?, name(format!("rawbell/{end}"))?))
+        let frames = node
+            .service_builder(&name(format!("raw/{end}"))?)
+            .publish_subscribe::<Bytes>()
+            .max_subscribers(1)
+            .subscriber_max_buffer_size(rendezvous::INBOX_DEPTH)
+            .history_size(0)
+            .enable_safe_overflow(false)
+            .open_or_create()
+            .map_err(iceoryx("make a channel"))?;
+        let bell = node.service_builder(&name(format!("rawbell/{end}"))?).event().open_or_create();
+        Ok((frames, bell.map_err(iceoryx("make a bell"))?))
     }
     fn create(root: &Path, me: u32) -> Result<RawHalf, BenchError> {
-        use iceoryx2::prelude::PortFactory as _;
         let run = RunName::of_root(root).map_err(iceoryx("name the run"))?;
         let node = NodeBuilder::new()
             .config(&rendezvous::config(&run))
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Svc>()
             .map_err(iceoryx("join the run"))?;
-        let (frames, bell) = RawHalf::names(me)?;
-        let frames = node
-            .service_builder(&frames)
-            .publish_subscribe::<Bytes>()
-            .max_subscribers(1)
-            .subscriber_max_buffer_size(rendezvous::INBOX_DEPTH)
-            .history_size(0)
-            .enable_safe_overflow(false)
-            .open_or_create()
-            .map_err(iceoryx("make a channel"))?;
-        let bell = node.service_builder(&bell).event().open_or_create().map_err(iceoryx("make a bell"))?;
-        let _ = frames.name();
+        let (frames, bell) = RawHalf::channels(&node, me)?;
         Ok(RawHalf {
             subscriber: frames.subscriber_builder().create().map_err(iceoryx("attach to a channel"))?,
             listener: bell.listener_builder().create().map_err(iceoryx("attach to a bell"))?,
             node,
         })
     }
-    fn join(self, peer: u32, mode: Mode) -> Result<Raw, BenchError> {
+    fn join(self, peer: u32) -> Result<Raw, BenchError> {
         use iceoryx2::port::backpressure_strategy::BackpressureStrategy;
-        let (frames, bell) = RawHalf::names(peer)?;
-        let frames = self
-            .node
-            .service_builder(&frames)
-            .publish_subscribe::<Bytes>()
-            .max_subscribers(1)
-            .subscriber_max_buffer_size(rendezvous::INBOX_DEPTH)
-            .history_size(0)
-            .enable_safe_overflow(false)
-            .open_or_create()
-            .map_err(iceoryx("make a channel"))?;
-        let bell =
-            self.node.service_builder(&bell).event().open_or_create().map_err(iceoryx("make a bell"))?;
+        let (frames, bell) = RawHalf::channels(&self.node, peer)?;
         let publisher = frames
             .publisher_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(iceoryx("attach to a channel"))?;
         let notifier = bell.notifier_builder().create().map_err(iceoryx("attach to a bell"))?;
-        let _ = mode;
-        Ok(Raw {
-            subscriber: self.subscriber,
-            listener: self.listener,
-            publisher,
-            notifier,
-            _node: self.node,
-        })
+        let RawHalf { subscriber, listener, node } = self;
+        Ok(Raw { subscriber, listener, publisher, notifier, _node: node })
     }
 }
 
 impl Raw {
-    fn open(root: &Path, me: u32, mode: Mode) -> Result<Raw, BenchError> {
-        RawHalf::create(root, me)?.join(0, mode)
+    fn open(root: &Path, me: u32) -> Result<Raw, BenchError> {
+        RawHalf::create(root, me)?.join(0)
     }
 }
 

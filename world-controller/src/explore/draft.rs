@@ -152,6 +152,19 @@ impl Break {
             Break::Obstacle(_) => &[],
         }
     }
+    /// The same about another module.
+    pub fn instead(&self, of: u32, other: u32) -> Break {
+        let one = |id: &u32| if *id == of { other } else { *id };
+        match self {
+            Break::Kill(id) => Break::Kill(one(id)),
+            Break::Restart(id) => Break::Restart(one(id)),
+            Break::Pause(id) => Break::Pause(one(id)),
+            Break::Stick(id) => Break::Stick(one(id)),
+            Break::Partition(side) if side.contains(&other) => self.clone(),
+            Break::Partition(side) => Break::Partition(side.iter().map(one).collect()),
+            Break::Obstacle(cell) => Break::Obstacle(*cell),
+        }
+    }
     /// The same after a module is gone and those behind it have moved up; none if it was about that one.
     pub fn without(&self, gone: u32) -> Option<Break> {
         let up = |id: &u32| (*id != gone).then_some(*id - u32::from(*id > gone));
