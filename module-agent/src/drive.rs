@@ -380,13 +380,7 @@ impl<A: Agent> Driver<'_, A> {
         let accepted = header.destination == self.args.id
             && match header.channel {
                 Channel::Peer => return self.accept_peer(header, frame),
-                Channel::Runtime
-                    if header.source == CONTROLLER
-                        && frame.message::<Runtime<A::Place>>() == Ok(Runtime::Return) =>
-                {
-                    self.returned = true;
-                    return Ok(());
-                }
+                Channel::Runtime if header.source == CONTROLLER && self.is_aside(frame) => return Ok(()),
                 _ if header.source != CONTROLLER || header.sequence != self.expected => false,
                 Channel::Runtime => match frame.message() {
                     Ok(message) => self.accept_runtime(message)?,
@@ -408,6 +402,19 @@ impl<A: Agent> Driver<'_, A> {
             self.account.foreign += 1;
         }
         Ok(())
+    }
+
+    /// Takes what the controller says in no sequence; false if this is not of that kind.
+    fn is_aside(&mut self, frame: &Frame) -> bool {
+        match frame.message::<Runtime<A::Place>>() {
+            Ok(Runtime::Return) => self.returned = true,
+            Ok(Runtime::Leave) => {
+                let taken = Runtime::<A::Place>::Taken { expected: self.expected };
+                self.uplink.push(Channel::Runtime, 0, &taken);
+            }
+            _ => return false,
+        }
+        true
     }
 
     fn accept_peer(&mut self, header: Header, frame: &Frame) -> Result<(), AgentError> {

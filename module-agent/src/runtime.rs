@@ -8,6 +8,8 @@
 //! | 3 | stop | controller | |
 //! | 4 | return | controller | |
 //! | 5 | here | agent | told (4), expected (4) |
+//! | 6 | leave | controller | |
+//! | 7 | taken | agent | expected (4) |
 
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};
@@ -61,6 +63,14 @@ pub enum Runtime<P> {
         /// The sequence number that it expects of the controller next.
         expected: u32,
     },
+    /// The controller is about to close its way to the agent, to open it again when it has something to
+    /// say, and asks what has been taken. Believed nothing, and in no sequence.
+    Leave,
+    /// The answer: all before this sequence number.
+    Taken {
+        /// The sequence number that the agent expects of the controller next.
+        expected: u32,
+    },
 }
 
 impl<P: Wire> Wire for Runtime<P> {
@@ -72,6 +82,8 @@ impl<P: Wire> Wire for Runtime<P> {
             Runtime::Stop => 3,
             Runtime::Return => 4,
             Runtime::Here { .. } => 5,
+            Runtime::Leave => 6,
+            Runtime::Taken { .. } => 7,
         }
     }
 
@@ -94,7 +106,8 @@ impl<P: Wire> Wire for Runtime<P> {
                     out.u8(c.peer_port.0);
                 }
             }
-            Runtime::Stop | Runtime::Return => {}
+            Runtime::Stop | Runtime::Return | Runtime::Leave => {}
+            Runtime::Taken { expected } => out.u32(*expected),
             Runtime::Here { told, expected } => {
                 out.u32(*told);
                 out.u32(*expected);
@@ -126,6 +139,8 @@ impl<P: Wire> Wire for Runtime<P> {
             3 => Ok(Runtime::Stop),
             4 => Ok(Runtime::Return),
             5 => Ok(Runtime::Here { told: from.u32()?, expected: from.u32()? }),
+            6 => Ok(Runtime::Leave),
+            7 => Ok(Runtime::Taken { expected: from.u32()? }),
             _ => Err(WireError::Kind(kind)),
         }
     }
@@ -164,7 +179,7 @@ mod tests {
             peer_port: Port(5),
         };
         let (port, revision) = (Port(3), Revision(7));
-        let cases: [(Runtime<Cell>, u8, &[u8]); 7] = [
+        let cases: [(Runtime<Cell>, u8, &[u8]); 9] = [
             (Runtime::Hello { pid: 0x0A0B }, 0, &[0x0B, 0x0A, 0, 0]),
             (
                 Runtime::Begin { epoch: 5, place: Cell::new(1, -1, 2) },
@@ -180,6 +195,8 @@ mod tests {
             (Runtime::Stop, 3, &[]),
             (Runtime::Return, 4, &[]),
             (Runtime::Here { told: 0x0102, expected: 3 }, 5, &[2, 1, 0, 0, 3, 0, 0, 0]),
+            (Runtime::Leave, 6, &[]),
+            (Runtime::Taken { expected: 0x0203 }, 7, &[3, 2, 0, 0]),
         ];
         for (message, kind, payload) in cases {
             let frame = seal(&message);

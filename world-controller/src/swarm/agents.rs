@@ -5,8 +5,8 @@
 //! that a later one of the same port has overtaken are dropped, and if that is not enough the
 //! process counts as unresponsive.
 
-use metamorph_module_agent::clock::monotonic;
-use metamorph_module_agent::outbox::{Handed, Outbox};
+use crate::swarm::links::Link;
+use metamorph_module_agent::outbox::Handed;
 use metamorph_module_agent::runtime::Runtime;
 use metamorph_protocol::agent::{Agent, Class};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
@@ -64,7 +64,9 @@ pub struct Process<A: Agent> {
     pub expected: u32,
     /// Actions and reports of this life that earlier controllers have taken.
     pub heard: u32,
-    outbox: Option<Outbox>,
+    /// Whether it is among those that have something left to be told.
+    pub listed: bool,
+    link: Option<Link>,
     queue: VecDeque<Letter<A>>,
     /// All that earlier controllers have told this life since and with its beginning, until it says how
     /// much of that it knows.
@@ -87,7 +89,8 @@ impl<A: Agent> Process<A> {
             paused: false,
             expected: 0,
             heard: 0,
-            outbox: None,
+            listed: false,
+            link: None,
             queue: VecDeque::new(),
             backlog: VecDeque::new(),
             sequence: 0,
@@ -98,19 +101,51 @@ impl<A: Agent> Process<A> {
 
     /// A life begins.
     pub fn launch(&mut self, incarnation: Incarnation) {
-        *self = Process { incarnation, stage: Stage::Starting, ..Process::new(self.id) };
+        let listed = self.listed;
+        *self = Process { incarnation, stage: Stage::Starting, listed, ..Process::new(self.id) };
     }
 
     /// A life goes on that earlier controllers have told `backlog`.
     pub fn take_over(&mut self, incarnation: Incarnation, heard: u32, backlog: VecDeque<Letter<A>>) {
-        *self = Process { incarnation, stage: Stage::Lost, heard, backlog, ..Process::new(self.id) };
+        let listed = self.listed;
+        *self = Process { incarnation, stage: Stage::Lost, heard, backlog, listed, ..Process::new(self.id) };
     }
 
     /// Asks a life of an earlier controller to turn to this one.
     pub fn call(&mut self) {
-        if let Some(outbox) = &mut self.outbox {
-            outbox.send(&seal::<A>(&Letter::Runtime(Runtime::Return), self.id, u32::MAX));
-            outbox.flush();
+        self.say_aside(Runtime::Return);
+    }
+
+    /// Says something in no sequence; whether it was handed over.
+    fn say_aside(&mut self, message: Runtime<A::Place>) -> bool {
+        let Some(link) = &mut self.link else { return false };
+        let handed = link.outbox.send(&seal::<A>(&Letter::Runtime(message), self.id, u32::MAX));
+        link.outbox.flush();
+        handed == Handed::Over
+    }
+
+    /// When the way to the process was last used, if it is open and could be closed.
+    pub fn idle_since(&self) -> Option<u64> {
+        let link = self.link.as_ref()?;
+        // Whoever is stopped would not answer.
+        let idle = self.stage == Stage::Running && self.queue.is_empty() && !self.paused && !link.is_asked();
+        idle.then_some(link.used)
+    }
+
+    /// Prepares to close the way to the process: what it has not taken would be lost.
+    pub fn leave(&mut self) {
+        if self.say_aside(Runtime::Leave)
+            && let Some(link) = &mut self.link
+        {
+            link.ask();
+        }
+    }
+
+    /// It has taken all before this number. The way to it is closed if that is all it was told.
+    pub fn has_taken(&mut self, expected: u32) {
+        let Some(link) = &mut self.link else { return };
+        if link.answer() && self.queue.is_empty() && expected == self.sequence {
+            self.link = None;
         }
     }
 
@@ -129,18 +164,18 @@ impl<A: Agent> Process<A> {
     }
 
     /// The way to the process is open.
-    pub fn connect(&mut self, outbox: Outbox) {
-        self.outbox = Some(outbox);
+    pub fn connect(&mut self, link: Link) {
+        self.link = Some(link);
     }
-    /// Whether the way to the process is open.
-    pub fn is_connected(&self) -> bool {
-        self.outbox.is_some()
+    /// Whether there is something to tell it, but no way to do so.
+    pub fn needs_link(&self) -> bool {
+        self.link.is_none() && !self.queue.is_empty() && matches!(self.stage, Stage::Up | Stage::Running)
     }
 
     /// The life is over; what waited is void.
     pub fn bury(&mut self) {
         self.stage = Stage::Absent;
-        self.outbox = None;
+        self.link = None;
         self.queue.clear();
         self.paused = false;
     }
@@ -173,14 +208,14 @@ impl<A: Agent> Process<A> {
     }
 
     /// Sends what fits. Returns when to try again, in nanoseconds of CLOCK_MONOTONIC, if something
-    /// is left.
-    pub fn flush(&mut self) -> Option<u64> {
-        let outbox = self.outbox.as_mut()?;
-        // Whoever is lost would not know the numbers of what it is told.
+    /// is left. Whoever is lost is told nothing: it would not know the numbers of what it is told.
+    pub fn flush(&mut self, now: u64) -> Option<u64> {
+        let Link { outbox, used, .. } = self.link.as_mut()?;
         if self.queue.is_empty() || self.stage == Stage::Lost {
             return None;
         }
-        if self.retry_at > monotonic() {
+        *used = now;
+        if self.retry_at > now {
             return Some(self.retry_at);
         }
         let mut sent = false;
@@ -199,7 +234,7 @@ impl<A: Agent> Process<A> {
             return None;
         }
         self.retry_after = if sent { RETRY.0 } else { (self.retry_after * 2).min(RETRY.1) };
-        self.retry_at = monotonic() + self.retry_after;
+        self.retry_at = now + self.retry_after;
         Some(self.retry_at)
     }
 

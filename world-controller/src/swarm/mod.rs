@@ -7,18 +7,21 @@
 
 mod agents;
 mod conduct;
+mod links;
 mod outcome;
 mod resume;
 mod run_dir;
 mod supervise;
 
 pub use agents::Letter;
+pub use links::descriptor_limit;
 pub use outcome::{Crash, SwarmError, SwarmOutcome};
 pub use resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
 pub use run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
 pub use supervise::Shutdown;
 
 use crate::swarm::conduct::Conductor;
+use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::supervise::{Launch, Supervisor};
 use metamorph_module_agent::clock::{Speed, monotonic};
 use metamorph_module_agent::inbox::Inbox;
@@ -32,7 +35,6 @@ use metamorph_protocol::link::LinkModel;
 use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::world::World;
 use rustix::fs::statvfs;
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -90,8 +92,6 @@ impl SwarmOptions {
 
 /// The most modules of one run on one machine; pids and descriptors end soon after.
 pub const MODULE_LIMIT: usize = 16_000;
-/// Descriptors that the controller needs for each agent (13 were measured), and for itself.
-const DESCRIPTORS: (u64, u64) = (14, 256);
 
 /// Lives that modules of one shard may have beyond their first: the slots of killed ones are not
 /// given back. A restart beyond that fails, and is reported as a crash that says so.
@@ -198,29 +198,6 @@ fn attach(
         catch_signals: options.catch_signals,
     };
     Ok((inbox, Supervisor::start(launch, options.shutdown.clone())?))
-}
-
-/// The most descriptors that this process may open, and the modules of a run for which they are enough.
-pub fn descriptor_limit() -> (u64, u64) {
-    let allowed = getrlimit(Resource::Nofile).maximum.unwrap_or(u64::MAX);
-    (allowed, (allowed.saturating_sub(DESCRIPTORS.1) / DESCRIPTORS.0).min(MODULE_LIMIT as u64))
-}
-
-/// Every channel costs descriptors; the usual soft limit of 1,024 is enough for 50 agents.
-fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
-    let needed = agents * DESCRIPTORS.0 + DESCRIPTORS.1;
-    let limit = getrlimit(Resource::Nofile);
-    let allowed = limit.maximum.unwrap_or(u64::MAX);
-    if needed > allowed {
-        return Err(SwarmError::Descriptors { needed, allowed });
-    }
-    if limit.current.is_some_and(|current| current < allowed) {
-        let raised = Rlimit { current: limit.maximum, maximum: limit.maximum };
-        if let Err(e) = setrlimit(Resource::Nofile, raised) {
-            tracing::warn!("the limit of open files could not be raised: {e}");
-        }
-    }
-    Ok(())
 }
 
 /// Shared memory that runs out kills whoever touches it next, so it is looked at beforehand;

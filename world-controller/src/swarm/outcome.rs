@@ -75,13 +75,15 @@ pub enum SwarmError {
     Size(usize),
     /// Not enough file descriptors.
     #[error(
-        "this swarm needs {needed} open files, but only {allowed} are allowed; raise the hard limit (ulimit -Hn) or use fewer modules"
+        "this swarm needs {needed} open files, but only {allowed} are allowed, and asking for more was refused ({why}); raise the hard limit (ulimit -Hn, or LimitNOFILE of the service) or use fewer modules"
     )]
     Descriptors {
         /// How many.
         needed: u64,
         /// The hard limit.
         allowed: u64,
+        /// Why it could not be raised.
+        why: io::Error,
     },
     /// Not enough shared memory.
     #[error("this swarm needs about {needed} MB in {home}, but only {available} MB are free; give it more (docker: --shm-size) or use fewer modules", home = metamorph_module_agent::run_name::HOME)]

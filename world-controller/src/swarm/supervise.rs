@@ -260,13 +260,13 @@ fn log_path(launch: &Launch, (id, incarnation): Life) -> PathBuf {
 
 /// Never `fork` alone: shared memory does not survive it. This is fork and exec.
 ///
-/// iceoryx2 does not mark its files to be closed on exec, so an agent inherits those that the
-/// controller has open: few at the start of a run, some 13 for each agent on a restart. They cost a
-/// little memory, nobody uses them, and the run's end removes what they refer to.
+/// iceoryx2 does not mark its files to be closed on exec, and an agent would inherit all that the
+/// controller has open at the time: thousands in a large swarm.
 fn spawn(launch: &Launch, life: Life) -> io::Result<Child> {
     let (root, verbose) = (launch.root.clone(), launch.verbose);
     let args = AgentArgs { root, id: life.0, incarnation: life.1, verbose };
     let stderr = if launch.verbose { Stdio::inherit() } else { File::create(log_path(launch, life))?.into() };
+    close_fds::set_fds_cloexec_threadsafe(3, &[]);
     Command::new(&launch.program)
         .args(&launch.args)
         .args(args.to_command_line())

@@ -26,7 +26,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             let life = (process.id, process.incarnation);
             match process.stage {
                 Stage::Absent => continue,
-                _ if !process.is_connected() || process.stage == Stage::Lost => {
+                Stage::Starting | Stage::Lost => {
                     // Not up yet, or not found, so it cannot be told.
                     process.condemned = true;
                     self.supervisor.ask(Task::Signal(life, Signal::KILL));

@@ -6,6 +6,7 @@
 
 use crate::swarm::SwarmOptions;
 use crate::swarm::agents::{Letter, Process, Stage};
+use crate::swarm::links::Links;
 use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
 use crate::swarm::run_dir::RunDir;
 use crate::swarm::supervise::{Event, Life, Supervisor, Task};
@@ -42,6 +43,9 @@ pub struct Conductor<'a, W: World, D> {
     world: &'a mut W,
     director: &'a mut D,
     processes: Vec<Process<W::Agent>>,
+    links: Links,
+    /// Processes that have something left to be told, each once.
+    unsent: Vec<usize>,
     outcome: SwarmOutcome,
     /// When the run was asked for.
     begun: u64,
@@ -64,6 +68,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         director: &'a mut D,
         begun: u64,
     ) -> Self {
+        let world_len = world.len() as u64;
         let processes = (0..world.len() as u32).map(|id| Process::new(ModuleId(id))).collect();
         Conductor {
             options,
@@ -73,6 +78,8 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             supervisor,
             world,
             director,
+            links: Links::of(world_len),
+            unsent: Vec::new(),
             processes,
             outcome: SwarmOutcome::default(),
             begun,
@@ -231,6 +238,12 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         match frame.message::<Runtime<<W::Agent as Agent>::Place>>() {
             Ok(Runtime::Hello { .. }) => self.hear_hello(header.source.index()),
             Ok(Runtime::Here { told, expected }) => self.hear_here(header, told, expected),
+            Ok(Runtime::Taken { expected })
+                if self.processes[header.source.index()].stage == Stage::Running =>
+            {
+                self.processes[header.source.index()].has_taken(expected);
+                true
+            }
             _ => false,
         }
     }
@@ -312,8 +325,11 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
 
     fn tell(&mut self, i: usize, letter: Letter<W::Agent>) {
         let process = &mut self.processes[i];
-        if process.condemned || process.tell(letter) {
+        if process.condemned {
             return;
+        }
+        if process.tell(letter) {
+            return self.list(i);
         }
         self.give_up(i, "did not take its messages for too long, and was killed");
     }
@@ -329,9 +345,53 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         }
     }
 
+    /// Sees to it that a process is told what waits for it.
+    fn list(&mut self, i: usize) {
+        if !std::mem::replace(&mut self.processes[i].listed, true) {
+            self.unsent.push(i);
+        }
+    }
+
+    /// Tells everybody as much as they take now.
     fn flush(&mut self) {
         self.director.commit();
-        self.retry_at = self.processes.iter_mut().filter_map(Process::flush).min();
+        self.retry_at = None;
+        let now = monotonic();
+        for i in std::mem::take(&mut self.unsent) {
+            self.processes[i].listed = false;
+            if self.processes[i].needs_link() && !self.connect(i) {
+                // Tried again when somebody has left, which rings the bell.
+                self.list(i);
+            } else if let Some(at) = self.processes[i].flush(now) {
+                self.retry_at = Some(self.retry_at.map_or(at, |earliest| earliest.min(at)));
+                self.list(i);
+            }
+        }
+        let too_many = self.links.too_many(self.processes.len());
+        if too_many > 0 {
+            let idle = |(i, p): (usize, &Process<_>)| p.idle_since().map(|since| (since, i));
+            let mut idle: Vec<(u64, usize)> = self.processes.iter().enumerate().filter_map(idle).collect();
+            idle.sort_unstable();
+            idle.into_iter().take(too_many).for_each(|(_, i)| self.processes[i].leave());
+        }
+    }
+
+    /// Opens the way to an agent; false if there is no room for one more.
+    fn connect(&mut self, i: usize) -> bool {
+        if !self.links.has_room() {
+            return false;
+        }
+        let process = &mut self.processes[i];
+        match self.links.open_to(self.at, process.id, process.incarnation) {
+            Ok(link) => process.connect(link),
+            // It has just died, and its end is heard of soon.
+            Err(e) if e.is_absent() => tracing::debug!("module {i} cannot be reached: {e}"),
+            Err(e) => {
+                tracing::error!("cannot reach module {i}: {e}");
+                self.give_up(i, "could not be reached, and was killed");
+            }
+        }
+        true
     }
 
     /// Carries out what the director wants.

@@ -79,12 +79,9 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             if life.condemned || !identity.is_alive() {
                 continue;
             }
-            match self.connect(life.id.index()) {
-                Ok(()) => self.processes[life.id.index()].call(),
-                Err(e) => {
-                    tracing::error!("cannot reach module {}: {e}", life.id);
-                    self.give_up(life.id.index(), "could not be reached after the controller came back");
-                }
+            // Whoever is not called finds out by itself within two seconds.
+            if self.connect(life.id.index()) {
+                self.processes[life.id.index()].call();
             }
         }
         awaited.into_iter().for_each(|id| self.relaunch(id.index()));
@@ -102,6 +99,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             self.give_up(i, "knows more than it was told, and was killed");
             return true;
         }
+        self.list(i);
         match self.told_by(header, heard, told) {
             Ok(missed) => missed.into_iter().for_each(|told| self.take_missed(header, told)),
             Err(e) => {

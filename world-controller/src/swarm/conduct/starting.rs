@@ -8,7 +8,6 @@ use crate::swarm::resume::write_run;
 use crate::swarm::run_dir::RunDirError;
 use crate::swarm::supervise::{Event, Life, Task};
 use metamorph_module_agent::clock::{Clock, monotonic};
-use metamorph_module_agent::outbox::Outbox;
 use metamorph_module_agent::runtime::Runtime;
 use metamorph_module_agent::seat::mark_awaited;
 use metamorph_protocol::ids::Incarnation;
@@ -50,8 +49,8 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         }
         // The ways to all agents, so that the first orders do not wait for them.
         for i in 0..self.processes.len() {
-            if self.processes[i].stage == Stage::Up {
-                self.connect(i)?;
+            if self.processes[i].stage == Stage::Up && self.links.too_many(count) == 0 {
+                self.connect(i);
             }
         }
         Ok(())
@@ -60,13 +59,6 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     pub(super) fn launch(&mut self, i: usize, incarnation: Incarnation) {
         self.processes[i].launch(incarnation);
         self.supervisor.ask(Task::Spawn((self.processes[i].id, incarnation)));
-    }
-
-    pub(super) fn connect(&mut self, i: usize) -> Result<(), SwarmError> {
-        let process = &mut self.processes[i];
-        let outbox = Outbox::to_agent(self.at, process.id, process.incarnation)?;
-        process.connect(outbox);
-        Ok(())
     }
 
     fn spawn_error(&self, (id, _): Life, cause: String) -> SwarmError {
@@ -109,10 +101,6 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
 
     /// A restarted process is up.
     pub(super) fn rejoin(&mut self, i: usize) {
-        if let Err(e) = self.connect(i) {
-            tracing::error!("cannot reach restarted module {i}: {e}");
-            return self.give_up(i, "could not be reached after its restart, and was killed");
-        }
         let (id, incarnation) = (self.processes[i].id, self.processes[i].incarnation);
         let now = self.now();
         self.world.advance(now);
