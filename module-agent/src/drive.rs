@@ -17,7 +17,7 @@ use crate::seat::{Seat, is_marked};
 use crate::swarm_file::{SwarmFile, SwarmFileError};
 use crate::uplink::Uplink;
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
-use metamorph_protocol::ids::{Port, Revision};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
 use metamorph_protocol::journal::{self, Diary, MessageName, Sink};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::time::Time;
@@ -81,6 +81,12 @@ pub fn pid_directory(root: &Path) -> PathBuf {
     root.join("pids")
 }
 
+/// The file in which one life of an agent says who it is: its process, then the number of its membership of
+/// the run as soon as it has one.
+pub fn pid_file(root: &Path, id: ModuleId, life: Incarnation) -> PathBuf {
+    pid_directory(root).join(format!("{id}.{life}"))
+}
+
 /// Runs one agent until the controller says stop, or is gone. Returns in the first case only; the
 /// program then ends with success, and with any other exit code counts as crashed.
 pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
@@ -97,9 +103,10 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     if args.id.0 >= swarm.count {
         return Err(AgentError::NoSuchModule(args.id.0, swarm.count));
     }
-    register(args)?;
+    register(args, None)?;
     let at = Rendezvous::join(&args.root)?;
-    let inbox = Inbox::create(&at, args.id, args.incarnation)?;
+    register(args, Some(at.member()))?;
+    let inbox = Inbox::create(&at, args.id, args.incarnation, A::PORTS)?;
     let mut uplink =
         Uplink::new(Outbox::to_controller(&at, args.id, seat.generation)?, args.id, args.incarnation);
     let ledger = Ledger::create(&args.root, args.id, args.incarnation)?;
@@ -170,11 +177,13 @@ fn leave_session() {
     }
 }
 
-/// Writes down who this process is, so that it can be found if its controller is killed.
-fn register(args: &AgentArgs) -> Result<(), AgentError> {
-    let path = pid_directory(&args.root).join(format!("{}.{}", args.id, args.incarnation));
+/// Writes down who this process is, so that it can be found if its controller is killed, and which member
+/// of the run, so that it can be buried.
+fn register(args: &AgentArgs, member: Option<u128>) -> Result<(), AgentError> {
+    let path = pid_file(&args.root, args.id, args.incarnation);
+    let member = member.map_or_else(String::new, |m| format!("{m}\n"));
     Identity::own()
-        .and_then(|me| std::fs::write(&path, me.to_line()))
+        .and_then(|me| std::fs::write(&path, me.to_line() + &member))
         .map_err(|e| AgentError::Register(path, e))
 }
 

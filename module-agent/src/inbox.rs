@@ -29,9 +29,14 @@ pub struct Inbox {
 }
 
 impl Inbox {
-    /// Creates the inbox of one life of an agent.
-    pub fn create(at: &Rendezvous, id: ModuleId, incarnation: Incarnation) -> Result<Inbox, ChannelError> {
-        Inbox::over(vec![at.create_inbox(id, incarnation)?], at.create_bell(id, incarnation)?)
+    /// Creates the inbox of one life of an agent that has so many ports.
+    pub fn create(
+        at: &Rendezvous,
+        id: ModuleId,
+        incarnation: Incarnation,
+        ports: usize,
+    ) -> Result<Inbox, ChannelError> {
+        Inbox::over(vec![at.create_inbox(id, incarnation, ports)?], at.create_bell(id, incarnation)?)
     }
 
     /// Creates the inbox of a generation of controller: `shards` channels, `senders` agent lives in each.
@@ -43,8 +48,7 @@ impl Inbox {
     ) -> Result<Inbox, ChannelError> {
         let frames: Result<Vec<_>, _> =
             (0..shards).map(|s| at.create_reports(s, generation, senders)).collect();
-        // One more for each shard: the supervisor's thread rings this bell, too.
-        Inbox::over(frames?, at.create_controller_bell(generation, (senders + 1) * shards as usize)?)
+        Inbox::over(frames?, at.create_controller_bell(generation, senders * shards as usize)?)
     }
 
     fn over(frames: Vec<Frames>, bell: Wakes) -> Result<Inbox, ChannelError> {

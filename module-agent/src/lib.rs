@@ -24,8 +24,9 @@ pub mod run_name;
 pub mod runtime;
 pub mod seat;
 pub mod swarm_file;
+pub mod undertaker;
 pub mod uplink;
 
 pub use args::AgentArgs;
-pub use drive::{AgentError, pid_directory, run};
+pub use drive::{AgentError, pid_directory, pid_file, run};
 pub use family::Family;

@@ -66,8 +66,9 @@ impl Identity {
 
 impl FromStr for Identity {
     type Err = ();
+    /// What comes after the first line is somebody else's.
     fn from_str(text: &str) -> Result<Identity, ()> {
-        let (pid, start) = text.trim_end().split_once(' ').ok_or(())?;
+        let (pid, start) = text.lines().next().and_then(|line| line.split_once(' ')).ok_or(())?;
         let identity = Identity { pid: pid.parse().map_err(drop)?, start: start.parse().map_err(drop)? };
         if identity.pid > 0 { Ok(identity) } else { Err(()) }
     }
@@ -137,6 +138,7 @@ mod tests {
         assert!(me.is_alive());
         assert!(!Identity { start: me.start + 1, ..me }.is_alive(), "a recycled pid is someone else");
         assert_eq!(me.to_line().parse(), Ok(me));
+        assert_eq!((me.to_line() + "17\n").parse(), Ok(me));
         for bad in ["", "1", "0 5", "-3 5", "x y", "1 2 3"] {
             assert_eq!(bad.parse::<Identity>(), Err(()), "{bad}");
         }

@@ -37,9 +37,13 @@ pub type Wakes = port_factory::event::PortFactory<Svc>;
 
 /// Frames that an inbox holds of each sender.
 pub const INBOX_DEPTH: usize = 32;
-/// Senders that an inbox takes in its life: at most 32 neighbours and the controller at a time, and
-/// the slots of killed ones, which are not given back. Each costs every agent 3.6 kB.
-const INBOX_SENDERS: usize = 64;
+/// Senders that an inbox takes beside one for each port: the controller, and dead ones until they are
+/// buried. Each costs every agent 3.6 kB.
+const INBOX_SPARE: usize = 10;
+/// Senders that ring a bell in its life. Places of dead ones are not given back.
+const BELL_RINGERS: usize = 128;
+/// Dead agents whose places at the controller's bell are not given back.
+const CONTROLLER_RINGERS: usize = 20_000;
 /// Frames of each agent that wait for the controller.
 const REPORTS_DEPTH: usize = 16;
 /// Agents that share one channel to the controller; the cost of joining grows with their number.
@@ -129,7 +133,7 @@ pub fn config(run: &RunName) -> Config {
     config.global.node.cleanup_dead_nodes_on_creation = false;
     config.global.node.cleanup_dead_nodes_on_destruction = false;
     config.global.service.cleanup_dead_nodes_on_open = false;
-    config.defaults.publish_subscribe.subscriber_expired_connection_buffer = 16;
+    config.defaults.publish_subscribe.subscriber_expired_connection_buffer = 8;
     config
 }
 
@@ -151,9 +155,19 @@ impl Rendezvous {
         Ok(Rendezvous { node })
     }
 
-    /// Creates the channel of frames to one agent.
-    pub fn create_inbox(&self, id: ModuleId, incarnation: Incarnation) -> Result<Frames, ChannelError> {
-        self.create_frames(&inbox(id, incarnation), INBOX_SENDERS, INBOX_DEPTH)
+    /// The number of this membership, by which it is buried.
+    pub fn member(&self) -> u128 {
+        self.node.id().value()
+    }
+
+    /// Creates the channel of frames to one agent that has so many ports.
+    pub fn create_inbox(
+        &self,
+        id: ModuleId,
+        incarnation: Incarnation,
+        ports: usize,
+    ) -> Result<Frames, ChannelError> {
+        self.create_frames(&inbox(id, incarnation), ports + INBOX_SPARE, INBOX_DEPTH)
     }
     /// Opens the channel of frames to one agent.
     pub fn open_inbox(&self, id: ModuleId, incarnation: Incarnation) -> Result<Frames, ChannelError> {
@@ -161,13 +175,13 @@ impl Rendezvous {
     }
     /// Creates the wake-up channel of one agent.
     pub fn create_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
-        self.create_wakes(&bell(id, incarnation), INBOX_SENDERS)
+        self.create_wakes(&bell(id, incarnation), BELL_RINGERS)
     }
     /// Opens the wake-up channel of one agent.
     pub fn open_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
         self.open_wakes(&bell(id, incarnation))
     }
-    /// Creates one channel from agents to this generation of controller, for `senders` agent lives.
+    /// Creates one channel from agents to this generation of controller, for `senders` agents at a time.
     pub fn create_reports(
         &self,
         shard: u32,
@@ -180,9 +194,9 @@ impl Rendezvous {
     pub fn open_reports(&self, id: ModuleId, generation: u32) -> Result<Frames, ChannelError> {
         self.open_frames(&reports(id.0 / SHARD, generation))
     }
-    /// Creates the wake-up channel of this generation of controller, for `senders` agent lives.
+    /// Creates the wake-up channel of this generation of controller, for `senders` agents at a time.
     pub fn create_controller_bell(&self, generation: u32, senders: usize) -> Result<Wakes, ChannelError> {
-        self.create_wakes(&controller_bell(generation), senders)
+        self.create_wakes(&controller_bell(generation), senders + CONTROLLER_RINGERS)
     }
     /// Opens the wake-up channel of a generation of controller.
     pub fn open_controller_bell(&self, generation: u32) -> Result<Wakes, ChannelError> {

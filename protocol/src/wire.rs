@@ -207,6 +207,7 @@ impl Frame {
     }
 
     /// Checks a frame and reads its header.
+    #[inline]
     pub fn open(&self) -> Result<Header, WireError> {
         if self.version != VERSION {
             return Err(WireError::Version(self.version));
@@ -266,6 +267,7 @@ impl Frame {
     }
 
     /// The frame as bytes, in the layout of this module.
+    #[inline]
     pub fn to_bytes(&self) -> [u8; Frame::SIZE] {
         let mut bytes = [0; Frame::SIZE];
         bytes[..6].copy_from_slice(&[
@@ -288,6 +290,7 @@ impl Frame {
     }
 
     /// A frame from bytes, unchecked; see [`Frame::open`].
+    #[inline]
     pub fn from_bytes(bytes: &[u8; Frame::SIZE]) -> Frame {
         fn part<const N: usize>(bytes: &[u8; Frame::SIZE], at: usize) -> [u8; N] {
             std::array::from_fn(|i| bytes[at + i])
@@ -311,9 +314,8 @@ impl Frame {
     }
 
     fn checksum(&self) -> u32 {
-        let mut blank = *self;
-        blank.crc = [0; 4];
-        let bytes = blank.to_bytes();
+        let mut bytes = self.to_bytes();
+        bytes[24..28].fill(0);
         CRC.checksum(&bytes[..self.wire_len().min(Frame::SIZE)])
     }
 }
@@ -328,6 +330,7 @@ impl Encoder {
     fn new() -> Encoder {
         Encoder { bytes: [0; PAYLOAD], len: 0 }
     }
+    #[inline]
     fn put(&mut self, bytes: &[u8]) {
         let end = self.len + bytes.len();
         // Invariant: every message type has a fixed layout, and a test encodes its longest value.
@@ -335,36 +338,44 @@ impl Encoder {
         self.len = end;
     }
     /// One byte.
+    #[inline]
     pub fn u8(&mut self, v: u8) {
         self.put(&[v]);
     }
     /// A flag.
+    #[inline]
     pub fn bool(&mut self, v: bool) {
         self.u8(v.into());
     }
     /// Two bytes.
+    #[inline]
     pub fn u16(&mut self, v: u16) {
         self.put(&v.to_le_bytes());
     }
     /// Four bytes.
+    #[inline]
     pub fn u32(&mut self, v: u32) {
         self.put(&v.to_le_bytes());
     }
     /// Eight bytes.
+    #[inline]
     pub fn u64(&mut self, v: u64) {
         self.put(&v.to_le_bytes());
     }
     /// Eight bytes.
+    #[inline]
     pub fn time(&mut self, v: Time) {
         self.u64(v.0);
     }
     /// Six bytes.
+    #[inline]
     pub fn cell(&mut self, v: Cell) {
         for c in [v.x, v.y, v.z] {
             self.put(&c.to_le_bytes());
         }
     }
     /// One byte.
+    #[inline]
     pub fn face(&mut self, v: Face) {
         self.u8(v as u8);
     }
@@ -376,16 +387,19 @@ pub struct Decoder<'a> {
 }
 
 impl Decoder<'_> {
+    #[inline]
     fn take<const N: usize>(&mut self) -> Result<[u8; N], WireError> {
         let (head, rest) = self.bytes.split_first_chunk::<N>().ok_or(WireError::Length)?;
         self.bytes = rest;
         Ok(*head)
     }
     /// One byte.
+    #[inline]
     pub fn u8(&mut self) -> Result<u8, WireError> {
         Ok(self.take::<1>()?[0])
     }
     /// A flag; anything but 0 and 1 is refused.
+    #[inline]
     pub fn bool(&mut self, field: &'static str) -> Result<bool, WireError> {
         match self.u8()? {
             0 => Ok(false),
@@ -394,22 +408,27 @@ impl Decoder<'_> {
         }
     }
     /// Two bytes.
+    #[inline]
     pub fn u16(&mut self) -> Result<u16, WireError> {
         Ok(u16::from_le_bytes(self.take()?))
     }
     /// Four bytes.
+    #[inline]
     pub fn u32(&mut self) -> Result<u32, WireError> {
         Ok(u32::from_le_bytes(self.take()?))
     }
     /// Eight bytes.
+    #[inline]
     pub fn u64(&mut self) -> Result<u64, WireError> {
         Ok(u64::from_le_bytes(self.take()?))
     }
     /// Eight bytes.
+    #[inline]
     pub fn time(&mut self) -> Result<Time, WireError> {
         self.u64().map(Time)
     }
     /// Six bytes; cells outside [`Cell::LIMIT`] are refused.
+    #[inline]
     pub fn cell(&mut self) -> Result<Cell, WireError> {
         let mut c = [0i16; 3];
         for v in &mut c {
@@ -419,6 +438,7 @@ impl Decoder<'_> {
         if cell.in_range() { Ok(cell) } else { Err(WireError::Field("cell")) }
     }
     /// One byte; anything but a face number is refused.
+    #[inline]
     pub fn face(&mut self, field: &'static str) -> Result<Face, WireError> {
         Face::from_index(self.u8()?).ok_or(WireError::Field(field))
     }

@@ -151,7 +151,7 @@ fn the_shortest_wait_ends() {
     std::thread::spawn(move || {
         // Ports cannot change threads.
         let at = Rendezvous::join(&root).unwrap();
-        let inbox = Inbox::create(&at, ModuleId(77), FIRST).unwrap();
+        let inbox = Inbox::create(&at, ModuleId(77), FIRST, 6).unwrap();
         for nanoseconds in [1, 999, 1_000, 1_999] {
             inbox.wait(Duration::from_nanos(nanoseconds)).unwrap();
         }
@@ -352,4 +352,25 @@ fn a_storm_of_kills_restarts_and_pauses() {
 fn a_long_storm_over_many() {
     let bed = storm(100, 1_500, 2);
     println!("{:#?}", bed.outcome);
+}
+
+/// A neighbour lives far more often than an inbox has places: those of the dead are given back.
+#[test]
+fn the_dead_take_no_places_for_ever() {
+    const LIVES: u32 = 40;
+    let module = ModuleId(1);
+    let mut script = Script::new(2);
+    for life in 1..=LIVES {
+        // With the first message the neighbour takes a place.
+        script = script.send(1, 0, life, 1).until_got(0, 1, life as usize);
+        script = script.command(Command::Kill(module)).until_died(1, life as usize);
+        script = script.command(Command::Restart(module)).until_started(1, life as usize + 1);
+    }
+    let mut script = script.settle(0);
+    let mut bed = ProcessBed::new(AGENT);
+    bed.run(&LinkModel::default(), &mut ProbeWorld::line(2), &mut script);
+    assert_eq!(script.gave_up, None);
+    assert_eq!(script.log.got(ModuleId(0), Port(1)), (1..=LIVES).collect::<Vec<_>>());
+    assert_eq!((bed.outcome.alive, bed.outcome.killed, bed.outcome.restarted), (2, LIVES, LIVES));
+    assert_eq!((bed.outcome.crashes.len(), bed.outcome.foreign), (0, 0));
 }

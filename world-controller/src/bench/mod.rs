@@ -1,10 +1,12 @@
 //! `metamorph bench`: what the two links cost, with bare mechanisms measured beside them in the same
 //! run, so that the ratios hold on any machine.
 //!
-//! `flood` and `growth` measure the simulated link, `wire` and `swarm` the process link; `part` is the
+//! `flood` and `growth` measure the simulated link, `wire`, `swarm` and `churn` the process link; `part` is the
 //! other end of a measurement, in a process of its own; `text` shows the results. Deliberately absent:
 //! any judgement. Nothing here fails because a machine is slow.
 
+mod busy;
+mod churn;
 mod flood;
 mod growth;
 mod machine;
@@ -40,6 +42,8 @@ pub enum Name {
     Wire,
     /// Swarms of processes: starting, exchanging, memory, idling
     Swarm,
+    /// Modules of a swarm of processes die and are started again
+    Churn,
 }
 
 /// What was asked for.
@@ -111,8 +115,12 @@ pub struct Results {
     growth: Option<growth::Growth>,
     /// A row for each mechanism.
     wire: Vec<wire::Row>,
+    /// A row for each number of tokens in a ring of processes.
+    busy: Vec<busy::Row>,
     /// A row for each size, and what ended the series.
     swarm: Option<swarm::Swarms>,
+    /// A swarm in which modules die.
+    churn: Option<churn::Churn>,
 }
 
 /// Does what was asked for, and gives the exit code.
@@ -132,7 +140,9 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         flood: Vec::new(),
         growth: None,
         wire: Vec::new(),
+        busy: Vec::new(),
         swarm: None,
+        churn: None,
     };
     channel.say(&text::machine(&results.machine));
     let mut live = Live::new(!request.quiet);
@@ -148,11 +158,18 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
     if wanted(Name::Wire) {
         results.wire = wire::measure(&mut live)?;
         channel.say(&text::wire(&results.wire, paint));
+        results.busy = busy::measure(&mut live)?;
+        channel.say(&text::busy(&results.busy, paint));
     }
     if wanted(Name::Swarm) {
         let swarms = swarm::measure(most, &mut live)?;
         channel.say(&text::swarm(&swarms, paint));
         results.swarm = Some(swarms);
+    }
+    if wanted(Name::Churn) {
+        let churn = churn::measure(if most < 1_000 { 4 } else { 10 }, &mut live)?;
+        channel.say(&text::churn(&churn, paint));
+        results.churn = Some(churn);
     }
     write(&request.json, &results)?;
     channel.say(&format!("the numbers are in {}", request.json.display()));

@@ -1,7 +1,7 @@
 //! The other process of a measurement: `metamorph bench-part ROLE ...`, started by `bench` only.
 
 use super::wire::{self, Mechanism, Mode};
-use super::{BenchError, flood};
+use super::{BenchError, busy, flood};
 use crate::processes::ProcessError;
 use crate::terminal::print_out;
 use metamorph_module_agent::args::ArgsError;
@@ -46,6 +46,11 @@ pub fn part(args: &[OsString]) -> Result<(), PartError> {
             let mechanism = Mechanism::named(mechanism).ok_or(PartError::Role)?;
             let mode = Mode::named(mode).ok_or(PartError::Role)?;
             Ok(wire::echo(mechanism, mode, root)?)
+        }
+        ["ring", mechanism, root, id, next] => {
+            let mechanism = Mechanism::named(mechanism).ok_or(PartError::Role)?;
+            let number = |text: &str| text.parse().map_err(|_| PartError::Role);
+            Ok(busy::member(mechanism, root, number(id)?, number(next)?)?)
         }
         [AGENT, ..] => Ok(run::<Flooded>(&AgentArgs::parse(args[1..].iter().cloned())?)?),
         _ => Err(PartError::Role),

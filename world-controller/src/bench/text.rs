@@ -1,6 +1,8 @@
 //! Results as text for the terminal.
 
 use super::Fit;
+use super::busy;
+use super::churn::Churn;
 use super::flood;
 use super::growth::Growth;
 use super::machine::Machine;
@@ -116,6 +118,22 @@ pub fn wire(rows: &[wire::Row], paint: Paint) -> String {
     )
 }
 
+/// A busy swarm.
+pub fn busy(rows: &[busy::Row], paint: Paint) -> String {
+    let mut table = Table::new(&["tokens"]);
+    table.head(&["metamorph /s", "unix-seqpacket /s", "ours/socket"]);
+    for r in rows {
+        let ratio = times(r.ours_per_s / r.unix_socket_per_s);
+        table.row(&[count(r.tokens.into())], vec![number(r.ours_per_s), number(r.unix_socket_per_s), ratio]);
+    }
+    let members = rows.first().map_or(0, |r| r.members);
+    format!(
+        "{}\nTokens passed on around a ring of {members} processes that wait to be woken.\n{}",
+        paint.strong("busy"),
+        table.text(paint)
+    )
+}
+
 /// Swarms of processes.
 pub fn swarm(s: &Swarms, paint: Paint) -> String {
     let mut table = Table::new(&["processes"]);
@@ -144,6 +162,30 @@ pub fn swarm(s: &Swarms, paint: Paint) -> String {
         table.text(paint),
         count(s.descriptors),
         count(s.modules_by_descriptors)
+    )
+}
+
+/// Deaths in a swarm.
+pub fn churn(c: &Churn, paint: Paint) -> String {
+    let mut table = Table::new(&["deaths/s wanted"]);
+    table.head(&["deaths", "in s", "away ms: median", "worst", "not back", "descriptors"]);
+    for r in &c.rows {
+        let cells = vec![
+            count(r.deaths),
+            format!("{:.1}", r.seconds),
+            format!("{:.1}", r.away_median_ms),
+            format!("{:.1}", r.away_worst_ms),
+            count(r.missing),
+            count(r.descriptors),
+        ];
+        table.row(&[r.wanted_per_s.to_string()], cells);
+    }
+    format!(
+        "{}\n{} processes with the cube protocol, {} kB (PSS) each; modules are killed and started again.\n{}",
+        paint.strong("churn"),
+        count(c.modules),
+        number(c.pss_per_agent / 1024.0),
+        table.text(paint)
     )
 }
 

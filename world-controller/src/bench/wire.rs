@@ -24,7 +24,7 @@ use serde::Serialize;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
@@ -46,7 +46,7 @@ const PATIENCE: u64 = 1 << 36;
 const START: Duration = Duration::from_secs(20);
 
 /// What a message asks of the other end.
-mod ask {
+pub mod ask {
     /// Send one back.
     pub const ECHO: u32 = 1;
     /// Nothing.
@@ -74,7 +74,7 @@ impl Mechanism {
     const ALL: [Mechanism; 5] =
         [Mechanism::Ours, Mechanism::Iceoryx, Mechanism::UnixSocket, Mechanism::Pipe, Mechanism::Tcp];
 
-    const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Mechanism::Ours => "metamorph",
             Mechanism::Iceoryx => "iceoryx2",
@@ -163,7 +163,7 @@ pub fn measure(live: &mut Live) -> Result<Vec<Row>, BenchError> {
 }
 
 /// One end of a way between two processes.
-trait End {
+pub trait End {
     /// Hands over one message; false if there is no room now.
     fn put(&mut self, ask: u32) -> Result<bool, BenchError>;
     /// Wakes the other end.
@@ -216,14 +216,7 @@ pub fn echo(mechanism: Mechanism, mode: Mode, root: &str) -> Result<(), BenchErr
     let mut end: Box<dyn End> = match mechanism {
         Mechanism::Ours => Box::new(Ours::open(Path::new(root), 1, mode)?),
         Mechanism::Iceoryx => Box::new(Raw::open(Path::new(root), 1)?),
-        Mechanism::UnixSocket | Mechanism::Pipe | Mechanism::Tcp => {
-            let file =
-                |fd: std::io::Result<OwnedFd>| fd.map(File::from).map_err(system("take over a descriptor"));
-            let (from, to) = (std::io::stdin(), std::io::stdout());
-            use std::os::fd::AsFd;
-            let (from, to) = (from.as_fd().try_clone_to_owned(), to.as_fd().try_clone_to_owned());
-            Box::new(Files::new(file(from)?, file(to)?, mode)?)
-        }
+        Mechanism::UnixSocket | Mechanism::Pipe | Mechanism::Tcp => Box::new(standard_streams(mode)?),
     };
     loop {
         match receive(end.as_mut(), mode)? {
@@ -237,6 +230,14 @@ pub fn echo(mechanism: Mechanism, mode: Mode, root: &str) -> Result<(), BenchErr
             _ => {}
         }
     }
+}
+
+/// Standard input and output as an end.
+pub fn standard_streams(mode: Mode) -> Result<Files, BenchError> {
+    let file = |fd: std::io::Result<OwnedFd>| fd.map(File::from).map_err(system("take over a descriptor"));
+    let (from, to) = (std::io::stdin(), std::io::stdout());
+    let (from, to) = (from.as_fd().try_clone_to_owned(), to.as_fd().try_clone_to_owned());
+    Files::new(file(from)?, file(to)?, mode)
 }
 
 fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Cost, BenchError> {
@@ -336,11 +337,11 @@ fn stay_on(mode: Mode, end: usize) {
     }
 }
 
-fn system<E: Into<std::io::Error>>(what: &'static str) -> impl Fn(E) -> BenchError {
+pub fn system<E: Into<std::io::Error>>(what: &'static str) -> impl Fn(E) -> BenchError {
     move |e| BenchError::System(what, e.into())
 }
 
-fn seqpacket_pair() -> std::io::Result<(OwnedFd, OwnedFd)> {
+pub fn seqpacket_pair() -> std::io::Result<(OwnedFd, OwnedFd)> {
     Ok(socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)?)
 }
 
@@ -354,7 +355,7 @@ fn tcp_pair() -> std::io::Result<(OwnedFd, OwnedFd)> {
 }
 
 /// Whatever is read and written.
-struct Files {
+pub struct Files {
     from: File,
     to: File,
     taken: [u8; SIZE],
@@ -362,7 +363,7 @@ struct Files {
 }
 
 impl Files {
-    fn new(from: File, to: File, mode: Mode) -> Result<Files, BenchError> {
+    pub fn new(from: File, to: File, mode: Mode) -> Result<Files, BenchError> {
         for file in [&from, &to] {
             let flags = rustix::fs::fcntl_getfl(file).map_err(system("ask for the flags of a descriptor"))?;
             let mut wanted = flags;
@@ -415,7 +416,7 @@ impl End for Files {
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Note {
     ask: u32,
-    rest: [u8; SIZE - metamorph_protocol::wire::HEADER - 4],
+    rest: [u32; (SIZE - metamorph_protocol::wire::HEADER) / 4 - 1],
 }
 
 impl Wire for Note {
@@ -424,28 +425,28 @@ impl Wire for Note {
     }
     fn encode(&self, out: &mut Encoder) {
         out.u32(self.ask);
-        self.rest.into_iter().for_each(|b| out.u8(b));
+        self.rest.into_iter().for_each(|n| out.u32(n));
     }
     fn decode(_: u8, from: &mut Decoder<'_>) -> Result<Note, WireError> {
         let mut note = Note { ask: from.u32()?, rest: [0; _] };
-        for b in &mut note.rest {
-            *b = from.u8()?;
+        for n in &mut note.rest {
+            *n = from.u32()?;
         }
         Ok(note)
     }
 }
 
 /// The receiving half of our link.
-struct OursHalf {
+pub struct OursHalf {
     inbox: Inbox,
     at: Rendezvous,
     me: u32,
 }
 
 impl OursHalf {
-    fn create(root: &Path, me: u32) -> Result<OursHalf, BenchError> {
+    pub fn create(root: &Path, me: u32) -> Result<OursHalf, BenchError> {
         let at = Rendezvous::join(root)?;
-        Ok(OursHalf { inbox: Inbox::create(&at, ModuleId(me), Incarnation(0))?, at, me })
+        Ok(OursHalf { inbox: Inbox::create(&at, ModuleId(me), Incarnation(0), 1)?, at, me })
     }
     /// The other end speaks first, once it can be spoken to.
     fn wait_for_hello(&mut self, mode: Mode) -> Result<(), BenchError> {
@@ -460,14 +461,30 @@ impl OursHalf {
         }
         Ok(())
     }
+    /// The same, for waiting ends of which the other may not be there yet.
+    pub fn join_patiently(self, peer: u32) -> Result<Ours, BenchError> {
+        let since = Stopwatch::start();
+        loop {
+            match Outbox::to_agent(&self.at, ModuleId(peer), Incarnation(0)) {
+                Ok(outbox) => return Ok(self.with(outbox, peer, Mode::Waiting)),
+                Err(e) if e.is_absent() && since.elapsed() < START => {
+                    self.inbox.wait(Duration::from_millis(10))?;
+                }
+                Err(e) => return Err(e.into()),
+            }
+        }
+    }
     fn join(self, peer: u32, mode: Mode) -> Result<Ours, BenchError> {
         let outbox = Outbox::to_agent(&self.at, ModuleId(peer), Incarnation(0))?;
-        Ok(Ours { inbox: self.inbox, outbox, me: self.me, peer, sequence: 0, mode, _at: self.at })
+        Ok(self.with(outbox, peer, mode))
+    }
+    fn with(self, outbox: Outbox, peer: u32, mode: Mode) -> Ours {
+        Ours { inbox: self.inbox, outbox, me: self.me, peer, sequence: 0, mode, _at: self.at }
     }
 }
 
 /// The process link, as an agent uses it.
-struct Ours {
+pub struct Ours {
     inbox: Inbox,
     outbox: Outbox,
     me: u32,

@@ -6,6 +6,7 @@
 //! are the director's, and knowledge of which family of units it runs.
 
 mod agents;
+mod burials;
 mod conduct;
 mod links;
 mod outcome;
@@ -20,6 +21,7 @@ pub use resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
 pub use run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
 pub use supervise::Shutdown;
 
+use crate::swarm::burials::Burials;
 use crate::swarm::conduct::Conductor;
 use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::supervise::{Launch, Supervisor};
@@ -93,9 +95,9 @@ impl SwarmOptions {
 /// The most modules of one run on one machine; pids and descriptors end soon after.
 pub const MODULE_LIMIT: usize = 16_000;
 
-/// Lives that modules of one shard may have beyond their first: the slots of killed ones are not
-/// given back. A restart beyond that fails, and is reported as a crash that says so.
-const SPARE_LIVES: usize = 1_000;
+/// Dead agents of one shard that may wait to be buried while others are started in their place. A restart
+/// beyond that fails, and is reported as a crash that says so.
+const UNBURIED: usize = 1_000;
 /// Bytes of shared memory for each agent, and for the run; twice what was measured.
 const SPACE: (u64, u64) = (200 << 10, 8 << 20);
 
@@ -141,7 +143,8 @@ where
     let seat = take_seat(&dir, 0)?;
     let at = Rendezvous::join(dir.root())?;
     let (inbox, supervisor) = attach(options, &dir, &at, seat, count)?;
-    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, world, director, begun);
+    let burials = Burials::start(dir.root())?;
+    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, burials, world, director, begun);
     conductor.run()
 }
 
@@ -168,7 +171,8 @@ where
     let next = Seat { generation: before.generation + 1, ..before };
     let (inbox, supervisor) = attach(options, &dir, &at, next, count)?;
     take_seat(&dir, next.generation)?;
-    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, world, director, begun);
+    let burials = Burials::start(dir.root())?;
+    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, burials, world, director, begun);
     conductor.go_on(epoch, resumption)
 }
 
@@ -187,7 +191,7 @@ fn attach(
     count: usize,
 ) -> Result<(Inbox, Supervisor), SwarmError> {
     let shards = (count as u32).div_ceil(SHARD);
-    let senders = count.min(SHARD as usize) + SPARE_LIVES;
+    let senders = count.min(SHARD as usize) + UNBURIED;
     let inbox = Inbox::create_for_controller(at, seat.generation, shards, senders)?;
     let launch = Launch {
         program: options.program.clone(),

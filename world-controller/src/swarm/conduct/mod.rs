@@ -6,6 +6,7 @@
 
 use crate::swarm::SwarmOptions;
 use crate::swarm::agents::{Letter, Process, Stage};
+use crate::swarm::burials::Burials;
 use crate::swarm::links::Links;
 use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
 use crate::swarm::run_dir::RunDir;
@@ -40,6 +41,7 @@ pub struct Conductor<'a, W: World, D> {
     at: &'a Rendezvous,
     inbox: Inbox,
     supervisor: Supervisor,
+    burials: Burials,
     world: &'a mut W,
     director: &'a mut D,
     processes: Vec<Process<W::Agent>>,
@@ -64,6 +66,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         at: &'a Rendezvous,
         inbox: Inbox,
         supervisor: Supervisor,
+        burials: Burials,
         world: &'a mut W,
         director: &'a mut D,
         begun: u64,
@@ -76,6 +79,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             at,
             inbox,
             supervisor,
+            burials,
             world,
             director,
             links: Links::of(world_len),
@@ -179,6 +183,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         }
         let Some(process) = self.processes.get_mut(id.index()) else { return };
         process.bury();
+        self.burials.bury((id, incarnation));
         let restart = std::mem::take(&mut process.restart);
         self.director.died(now, id);
         self.obey(now);
