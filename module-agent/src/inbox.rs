@@ -36,7 +36,7 @@ impl Inbox {
         incarnation: Incarnation,
         ports: usize,
     ) -> Result<Inbox, ChannelError> {
-        Inbox::over(vec![at.create_inbox(id, incarnation, ports)?], at.create_bell(id, incarnation)?)
+        Inbox::over(vec![at.create_inbox(id, incarnation, ports)?], at.create_bell(id, incarnation, ports)?)
     }
 
     /// Creates the inbox of a generation of controller: `shards` channels, `senders` agent lives in each.

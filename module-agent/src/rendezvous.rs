@@ -40,9 +40,7 @@ pub const INBOX_DEPTH: usize = 32;
 /// Senders that an inbox takes beside one for each port: the controller, and dead ones until they are
 /// buried. Each costs every agent 3.6 kB.
 const INBOX_SPARE: usize = 10;
-/// Senders that ring a bell in its life. Places of dead ones are not given back.
-const BELL_RINGERS: usize = 128;
-/// Dead agents whose places at the controller's bell are not given back.
+/// Agents that may die in a run: their places at the controller's bell are not given back.
 const CONTROLLER_RINGERS: usize = 20_000;
 /// Frames of each agent that wait for the controller.
 const REPORTS_DEPTH: usize = 16;
@@ -173,9 +171,14 @@ impl Rendezvous {
     pub fn open_inbox(&self, id: ModuleId, incarnation: Incarnation) -> Result<Frames, ChannelError> {
         self.open_frames(&inbox(id, incarnation))
     }
-    /// Creates the wake-up channel of one agent.
-    pub fn create_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
-        self.create_wakes(&bell(id, incarnation), BELL_RINGERS)
+    /// Creates the wake-up channel of one agent that has so many ports.
+    pub fn create_bell(
+        &self,
+        id: ModuleId,
+        incarnation: Incarnation,
+        ports: usize,
+    ) -> Result<Wakes, ChannelError> {
+        self.create_wakes(&bell(id, incarnation), ports + INBOX_SPARE)
     }
     /// Opens the wake-up channel of one agent.
     pub fn open_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
@@ -273,8 +276,14 @@ pub fn ring(wakes: &Wakes) -> Result<Notifier, ChannelError> {
     wakes.notifier_builder().create().map_err(|e| ChannelError::attach(wakes.name().as_str(), e))
 }
 
+const CONTROLLER_BELL: &str = "ev/controller/";
+
 fn controller_bell(generation: u32) -> String {
-    format!("ev/controller/{generation}")
+    format!("{CONTROLLER_BELL}{generation}")
+}
+/// Whether a channel of this name is the bell of some generation of controller.
+pub(crate) fn is_controller_bell(name: &str) -> bool {
+    name.starts_with(CONTROLLER_BELL)
 }
 fn inbox(id: ModuleId, incarnation: Incarnation) -> String {
     format!("in/{id}/{incarnation}")

@@ -6,10 +6,10 @@
 //! a swarm of 1,000. Here the same code of iceoryx2 is told that connections are in this process, where
 //! there are none, and their files are found by one listing for many deaths.
 //!
-//! Deliberately absent: places in bells, which cost 170 bytes each and would cost the listing; channels
-//! have enough of them ([`crate::rendezvous`]).
+//! Deliberately absent: places at the controller's bell. iceoryx2 looks at everybody who has a bell when one
+//! who rang it has died, so that bell has places enough instead ([`crate::rendezvous`]).
 
-use crate::rendezvous::{self, Svc};
+use crate::rendezvous::{self, Svc, is_controller_bell};
 use crate::run_name::{HOME, RunName, RunNameError};
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::prelude::{Config, ServiceName, ZeroCopySend, local};
@@ -99,16 +99,20 @@ impl Undertaker {
         Ok(())
     }
 
-    /// The channel of frames with this hash.
+    /// The channel with this hash, unless it is the controller's bell.
     fn channel(&self, hash: &str) -> Option<ServiceHash> {
         let path = self.root.join("services").join(format!("{}{hash}.service", self.prefix));
         let text = fs::read_to_string(path).ok()?;
         let name = text.lines().find_map(|l| l.strip_prefix("service_name = \"")?.strip_suffix('"'))?;
-        if !text.contains("[messaging_pattern.PublishSubscribe]") {
+        if is_controller_bell(name) {
             return None;
         }
+        let pattern = if text.contains("[messaging_pattern.PublishSubscribe]") {
+            MessagingPattern::PublishSubscribe
+        } else {
+            MessagingPattern::Event
+        };
         let name = ServiceName::new(name).ok()?;
-        let pattern = MessagingPattern::PublishSubscribe;
         Some(ServiceHash::new::<<Svc as Service>::ServiceNameHasher>(&name, pattern))
     }
 

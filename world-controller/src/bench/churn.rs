@@ -3,7 +3,7 @@
 //! anything that the dead held is lost.
 
 use super::BenchError;
-use super::machine::{children, open_files, proportional_memory};
+use super::machine::{children, open_files, proportional_memory, ran};
 use super::median;
 use crate::processes::ProcessError;
 use crate::runnable::Runnable;
@@ -52,6 +52,8 @@ pub struct Row {
     pub away_worst_ms: f64,
     /// Modules that were not back in the end.
     pub missing: u64,
+    /// Percent of one processor that the controller took meanwhile, with launches and burials.
+    pub controller_percent: f64,
     /// Descriptors that the controller had open at the end.
     pub descriptors: u64,
 }
@@ -108,6 +110,8 @@ struct Reaper {
     until: Time,
     deaths: u32,
     toll: Toll,
+    /// What the controller had run when the phase began.
+    ran: Duration,
     commands: VecDeque<Command<<Body as Agent>::Order>>,
     pss: f64,
     rows: Vec<Row>,
@@ -123,6 +127,7 @@ impl Reaper {
             until: due + PHASES[0].1,
             deaths: 0,
             toll: Toll::default(),
+            ran: Duration::ZERO,
             commands: VecDeque::new(),
             pss: 0.0,
             rows: Vec::new(),
@@ -136,7 +141,10 @@ impl Reaper {
         if self.toll.killed.contains_key(&id) {
             return;
         }
-        self.toll.first.get_or_insert(now);
+        if self.toll.first.is_none() {
+            self.toll.first = Some(now);
+            self.ran = ran(std::process::id());
+        }
         self.toll.killed.insert(id, now);
         self.commands.push_back(Command::Kill(id));
     }
@@ -153,6 +161,9 @@ impl Reaper {
             // Sorted by now.
             away_worst_ms: toll.away_ms.last().copied().unwrap_or(0.0),
             missing,
+            controller_percent: (ran(std::process::id()) - self.ran).as_secs_f64()
+                / (now.since(first)).as_secs_f64().max(1.0)
+                * 100.0,
             descriptors: open_files(),
         });
         self.phase += 1;

@@ -56,6 +56,11 @@ pub fn peak_memory() -> u64 {
     field("/proc/self/status", "VmHWM").unwrap_or(0)
 }
 
+/// The memory that new processes can have without anybody else losing theirs, in bytes.
+pub fn available_memory() -> u64 {
+    field("/proc/meminfo", "MemAvailable").unwrap_or(0)
+}
+
 /// The memory of a process in bytes, what it shares divided among those it shares it with.
 pub fn proportional_memory(pid: u32) -> u64 {
     field(&format!("/proc/{pid}/smaps_rollup"), "Pss").unwrap_or(0)

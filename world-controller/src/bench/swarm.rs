@@ -2,7 +2,7 @@
 //! memory each takes, and what they cost while nobody has anything to say.
 
 use super::BenchError;
-use super::machine::{children, open_files, proportional_memory, ran};
+use super::machine::{available_memory, children, open_files, proportional_memory, ran};
 use super::part::{AGENT, SUBCOMMAND};
 use crate::processes::ProcessError;
 use crate::stopwatch::Stopwatch;
@@ -18,8 +18,11 @@ use metamorph_sim_bridge::world::World;
 use serde::Serialize;
 use std::time::Duration;
 
-/// Modules along the sides of a block: 100, 1,000, 2,000 and 5,000 in all.
-const SIDES: [[u16; 3]; 4] = [[4, 5, 5], [10, 10, 10], [10, 10, 20], [10, 20, 25]];
+/// Modules along the sides of a block: 100, 1,000, 2,000, 5,000, 6,000, 8,000 and 12,000 in all.
+const SIDES: [[u16; 3]; 7] =
+    [[4, 5, 5], [10, 10, 10], [10, 10, 20], [10, 20, 25], [15, 20, 20], [20, 20, 20], [20, 24, 25]];
+/// Bytes of memory that an agent needs, and what the kernel needs for it.
+const MEMORY: u64 = 2 << 20;
 /// How long an idle swarm is watched.
 const IDLE: Span = Span::secs(5);
 /// A flood that has not gone through by then never will.
@@ -66,6 +69,15 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Swarms, BenchError> {
     for sides in SIDES {
         let modules: u64 = sides.into_iter().map(u64::from).product();
         if modules > most {
+            break;
+        }
+        let available = available_memory();
+        if available < modules * MEMORY {
+            let needed = modules * MEMORY >> 20;
+            swarms.ended_by = Some(format!(
+                "{modules} processes: they need {needed} MB of memory, {} MB are free",
+                available >> 20
+            ));
             break;
         }
         live.show(|| format!("swarm: {modules} processes"));

@@ -77,18 +77,28 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
             ],
         );
     }
-    let grows = |what: &str, fit: Option<Fit>| match fit {
-        Some(f) => format!("  {what} grow as N^{:.2} (R² {:.3})\n", f.exponent, f.r_squared),
+    // Between the two largest sizes: what is seen at small ones is not what remains.
+    let lately = |f: fn(&super::growth::Row) -> f64| match g.rows.as_slice() {
+        [.., a, b] => (f(b) / f(a)).ln() / (b.modules as f64 / a.modules as f64).ln(),
+        _ => 0.0,
+    };
+    let grows = |what: &str, fit: Option<Fit>, of: fn(&super::growth::Row) -> f64| match fit {
+        Some(f) => format!(
+            "  {what} grow as N^{:.2} (R² {:.3}), in the end N^{:.2}\n",
+            f.exponent,
+            f.r_squared,
+            lately(of)
+        ),
         None => String::new(),
     };
     format!(
         "{}\nA slab becomes a ball; simulated, all invariants checked; a move takes 1 s.\n{}{}{}{}{}",
         paint.strong("growth"),
         table.text(paint),
-        grows("seconds", g.makespan),
-        grows("moves", g.moves),
-        grows("moves that no protocol can do without", g.least_moves),
-        grows("messages", g.messages)
+        grows("seconds", g.makespan, |r| r.makespan_s),
+        grows("moves", g.moves, |r| r.moves as f64),
+        grows("moves that no protocol can do without", g.least_moves, |r| r.least_moves as f64),
+        grows("messages", g.messages, |r| r.messages as f64)
     )
 }
 
@@ -168,7 +178,7 @@ pub fn swarm(s: &Swarms, paint: Paint) -> String {
 /// Deaths in a swarm.
 pub fn churn(c: &Churn, paint: Paint) -> String {
     let mut table = Table::new(&["deaths/s wanted"]);
-    table.head(&["deaths", "in s", "away ms: median", "worst", "not back", "descriptors"]);
+    table.head(&["deaths", "in s", "away ms: median", "worst", "not back", "controller %", "descriptors"]);
     for r in &c.rows {
         let cells = vec![
             count(r.deaths),
@@ -176,6 +186,7 @@ pub fn churn(c: &Churn, paint: Paint) -> String {
             format!("{:.1}", r.away_median_ms),
             format!("{:.1}", r.away_worst_ms),
             count(r.missing),
+            number(r.controller_percent),
             count(r.descriptors),
         ];
         table.row(&[r.wanted_per_s.to_string()], cells);
