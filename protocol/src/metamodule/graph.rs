@@ -10,7 +10,7 @@ use crate::lattice::Cell;
 use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::GridState;
 use crate::roombots::sweep::FloorContact;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 /// Cells of the database as bits: bit *i* is the *i*-th cell.
 pub type Bits = u128;
@@ -54,15 +54,6 @@ impl Parts {
     }
 }
 
-/// A landing over open ground: the shortest way to it when nothing is in the way.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OpenWay {
-    /// The posture that lands.
-    pub posture: u16,
-    /// All cells that the way sweeps.
-    pub swept: Bits,
-}
-
 /// A way from one posture to another.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Steps {
@@ -103,8 +94,6 @@ pub struct Graph {
     cells: Vec<Cell>,
     /// The number of a cell, by [`Graph::slot`]; [`UNKNOWN`] if no motion ever sweeps it.
     numbers: Vec<u8>,
-    /// For every posture its ways over open ground, worked out when they are asked for.
-    open_ways: Vec<OnceLock<Box<[OpenWay]>>>,
     reached: Memo<(u16, Bits), Arc<Reach>>,
     parts: Memo<Bits, Arc<Parts>>,
     ways: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
@@ -178,7 +167,6 @@ impl Graph {
             swept,
             sweepers,
             filled_bits: filled.iter().map(|f| bits(&database.cell_set(f.iter().copied()))).collect(),
-            open_ways: vec![OnceLock::new(); filled.len()],
             filled,
             chain: table.postures().iter().map(|e| e.chain).collect(),
             resting: (0..).zip(&landing).filter_map(|(p, l)| l.map(|_| p)).collect(),
@@ -362,25 +350,6 @@ impl Graph {
         Reach { landings: landings.into_boxed_slice(), lands, chains }
     }
 
-    /// Landings with the shortest ways to them over open ground. If none of a way's cells is taken, the
-    /// landing can be got to; if some are, there may still be a way around them.
-    pub fn open_ways(&self, from: u16) -> &[OpenWay] {
-        let Some(ways) = self.open_ways.get(usize::from(from)) else { return &[] };
-        ways.get_or_init(|| {
-            let mut swept = vec![0; self.filled.len()];
-            let came = |to: u16, at: u16, step: u16| {
-                swept[usize::from(to)] = swept[usize::from(at)] | self.swept[usize::from(step)];
-            };
-            let mut lands = Vec::new();
-            let see = |posture, _| {
-                lands.extend(self.rest(posture).map(|_| posture));
-                false
-            };
-            self.search(from, &self.blocked(0), &mut self.unvisited(), see, came);
-            lands.into_iter().map(|posture| OpenWay { posture, swept: swept[usize::from(posture)] }).collect()
-        })
-    }
-
     /// The shortest way to a posture; none if there is no way.
     pub fn way(&self, from: u16, to: u16, taken: Bits) -> Option<Arc<Steps>> {
         let hash = mix(hash(taken), u64::from(from) << 16 | u64::from(to));
@@ -462,8 +431,6 @@ mod tests {
                     let lands = graph.lands(from, bits);
                     assert_eq!(lands, fast.lands);
                     assert!(graph.landings(lands).eq(sorted(found.iter().map(|(p, _)| *p))));
-                    let open = graph.open_ways(from).iter().filter(|w| w.swept & bits == 0);
-                    assert!(open.into_iter().all(|w| expected.iter().any(|(p, _)| *p == w.posture)));
                     for (chain, nearest) in fast.chains.iter().enumerate() {
                         let fills = |p: u16| usize::from(table.postures()[usize::from(p)].chain) == chain;
                         assert_eq!(*nearest, slow.postures().find(|(p, _)| fills(*p)));

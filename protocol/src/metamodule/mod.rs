@@ -29,6 +29,7 @@ pub mod params;
 mod peers;
 pub mod pose;
 pub mod search;
+mod shut_in;
 pub mod start;
 
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
