@@ -28,6 +28,7 @@ mod negotiation;
 pub mod params;
 mod peers;
 pub mod pose;
+mod postures;
 pub mod search;
 mod shut_in;
 pub mod start;

@@ -6,6 +6,7 @@
 //! taken. What is kept changes how long an answer takes and nothing else.
 
 use super::field::Middle;
+use super::graph::Bits;
 use super::params::Floor;
 use super::pose::{Pose, to_frame, to_world};
 use super::search::{Ground, Left};
@@ -150,8 +151,9 @@ impl Ground<'_> {
         self.floor.has(a.x, a.y) && self.floor.has(b.x, b.y) && !way.cells.iter().any(|c| near.has(*c))
     }
 
-    /// The strides of a way out, as few as possible; or the taken cells that leave none.
+    /// The strides of a way out, as few as possible; or taken cells that leave none.
     fn look_for_way_out(&self, from: Pose) -> Result<Vec<u16>, Vec<Cell>> {
+        let graph = self.motions.graph();
         let middle = super::choice::middle(self.motions, from);
         let (mut left, mut steps) = (Left::new(self.floor), vec![Step { pose: from, by: None }]);
         let mut at = 0;
@@ -160,7 +162,7 @@ impl Ground<'_> {
             if !left.has(pose, self.motions.rest_bit(pose.posture)) && left.is_bounded() {
                 let lands = self.lands(pose);
                 left.add(pose, lands);
-                for posture in self.motions.graph().landings(lands) {
+                for posture in graph.landings(lands) {
                     let Some(to) = self.landed(pose, posture) else { continue };
                     let by = Some((at as u32, posture));
                     if is_away(middle, to.foot()) {
@@ -173,11 +175,13 @@ impl Ground<'_> {
             }
             at += 1;
         }
-        let met = |cell: &&Cell| {
-            let is_near = |s: &Step| self.motions.graph().bit(to_frame(s.pose.state, **cell)) != 0;
-            steps.iter().any(is_near)
-        };
-        Err(self.taken.iter().filter(met).copied().collect())
+        let walls =
+            steps.iter().map(|Step { pose, .. }| (*pose, graph.wall(pose.posture, self.taken_at(*pose))));
+        let cells = |(pose, wall): (Pose, Bits)| graph.cells(wall).map(move |c| to_world(pose.state, c));
+        let mut wall: Vec<Cell> = walls.flat_map(cells).collect();
+        wall.sort_unstable();
+        wall.dedup();
+        Err(wall)
     }
 
     /// A way of these strides as it is kept; none if it leads too far.
