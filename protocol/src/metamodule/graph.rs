@@ -214,7 +214,7 @@ impl Graph {
         let mut free = self.strict;
         for cell in ones(taken) {
             let sweepers = &self.sweepers[cell];
-            free.iter_mut().zip(sweepers).for_each(|(f, s)| *f = f.without(s));
+            free.iter_mut().zip(sweepers).for_each(|(f, s)| f.remove_all(s));
         }
         free
     }
@@ -242,7 +242,7 @@ impl Graph {
             if level.is_empty() || see(turns, &level) {
                 return;
             }
-            visited = visited.or(&level);
+            visited.add_all(&level);
             level = level.spread(free).without(&visited);
         }
     }
@@ -251,7 +251,7 @@ impl Graph {
     /// [`Reach::lands`], for less.
     pub fn lands(&self, from: u16, taken: Bits) -> u128 {
         let Some(rest) = self.rest(from) else { return self.reach(from, taken).lands };
-        self.part(rest, taken, |part, _| part.lands)
+        self.part(rest, taken, |part| part.lands)
     }
 
     /// Taken cells that together leave no other landings than all of them do.
@@ -261,24 +261,21 @@ impl Graph {
             (lands != 0).then(|| lands.trailing_zeros() as u8)
         };
         let Some(rest) = self.rest(from).or_else(one_of_them) else { return taken };
-        self.part(rest, taken, |part, free| {
-            *part.wall.get_or_insert_with(|| self.find_wall(rest, &free(), taken))
-        })
+        self.part(rest, taken, |part| *part.wall.get_or_insert_with(|| self.find_wall(rest, taken)))
     }
 
-    /// Asks for something about the part of a posture that lands. The turns that are free are handed over
-    /// to be asked for.
-    fn part<T>(&self, rest: u8, taken: Bits, ask: impl FnOnce(&mut Part, &dyn Fn() -> Turns) -> T) -> T {
+    /// Asks for something about the part of a posture that lands.
+    fn part<T>(&self, rest: u8, taken: Bits, ask: impl FnOnce(&mut Part) -> T) -> T {
         let parts = self.parts.answer(hash(taken), taken, |_| Arc::default());
         let mut parts = parts.lock().unwrap_or_else(PoisonError::into_inner);
-        let free = || self.free(taken);
         if let Some(part) = parts.iter_mut().find(|p| p.lands >> rest & 1 == 1) {
-            return ask(part, &free);
+            return ask(part);
         }
-        let lands = self.landing_bits(&self.flood(rest, &free()));
-        parts.push(Part { lands, wall: None });
-        let last = parts.len() - 1;
-        ask(&mut parts[last], &free)
+        let lands = self.landing_bits(&self.flood(rest, &self.free(taken)));
+        let mut part = Part { lands, wall: None };
+        let answer = ask(&mut part);
+        parts.push(part);
+        answer
     }
 
     fn flood(&self, rest: u8, free: &Turns) -> Postures {
@@ -286,22 +283,14 @@ impl Graph {
         self.only(posture).unwrap_or(Postures::NONE).flood(free)
     }
 
-    /// Taken cells that together block all turns out of a part.
-    fn find_wall(&self, rest: u8, free: &Turns, taken: Bits) -> Bits {
-        let part = &self.flood(rest, free);
-        // Turns by the posture that they begin in, which may be the one in the part or the one outside.
-        let out = |joint: usize| {
-            let blocked = self.strict[joint].without(&free[joint]);
-            let (inside, ends_inside) = (blocked.and(part), blocked.and(&part.turned_back(joint)));
-            inside.or(&ends_inside).without(&inside.and(&ends_inside))
-        };
-        let mut open: Turns = std::array::from_fn(out);
+    /// Taken cells that together block all steps out of a part.
+    fn find_wall(&self, rest: u8, taken: Bits) -> Bits {
+        let part = self.flood(rest, &self.free(taken));
         let mut wall = 0;
-        for cell in ones(taken) {
-            let sweepers = &self.sweepers[cell];
-            if open.iter().zip(sweepers).any(|(o, s)| o.meets(s)) {
-                wall |= 1 << cell;
-                open.iter_mut().zip(sweepers).for_each(|(o, s)| *o = o.without(s));
+        for (step, to) in self.postures(&part).flat_map(|posture| self.steps(posture)) {
+            let blocked_by = self.swept[usize::from(*step)] & taken;
+            if blocked_by & wall == 0 && !part.has(self.places[usize::from(*to)]) {
+                wall |= blocked_by & blocked_by.wrapping_neg();
             }
         }
         wall
@@ -336,7 +325,7 @@ impl Graph {
                     Some((nearest, _)) => *nearest = posture.min(*nearest),
                     new => {
                         *new = Some((posture, turns));
-                        known = known.or(&self.of_chain[chain]);
+                        known.add_all(&self.of_chain[chain]);
                     }
                 }
             }
