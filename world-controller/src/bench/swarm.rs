@@ -117,7 +117,8 @@ fn row(sides: [u16; 3]) -> Result<Row, BenchError> {
     let messages = outcome.tally.total().delivered;
     if messages != expected {
         return Err(BenchError::Wrong(format!(
-            "the flood of {modules} processes came to {messages} messages instead of {expected}"
+            "the flood of {modules} processes came to {messages} messages instead of {expected}: {:?}",
+            outcome.tally.total()
         )));
     }
     let percent = |time: Duration| time.as_secs_f64() / IDLE.as_secs_f64() * 100.0;
@@ -172,8 +173,9 @@ impl Direct<StillWorld<Flooded>> for Census {
     fn report(&mut self, now: Time, _: ModuleId, _: Hops) {
         self.know += 1;
         if self.know == self.modules {
-            // The last messages are on their way still.
-            self.stage = Stage::Settling { exchanged_at: now, until: now + Span::secs(1) };
+            // The last messages are on their way still, for as long as the others took if need be.
+            let until = now + Span::secs(1).max(now.since(Time::ZERO));
+            self.stage = Stage::Settling { exchanged_at: now, until };
         }
     }
     fn died(&mut self, _: Time, _: ModuleId) {}
