@@ -67,12 +67,15 @@ fn standstill(s: &Standstill, words: &Words) -> Markup {
         @if !s.wait_cycle.is_empty() {
             p.warning { "These wait for each other in a circle: " (list(&s.wait_cycle)) "." }
         }
+        @if let Some(found) = &s.detected {
+            p { "The swarm found this out by itself: " (words.module) " " (found.by) " counted all others, at " (seconds(found.at_s)) "." }
+        }
         @if !s.waiting.is_empty() {
             div.wide { table {
                 caption { "Every " (words.module) " here " (words.idle) " and does not go on" }
-                thead { tr { th scope="col" { (words.module) } th scope="col" { "waits for" } } }
+                thead { tr { th scope="col" { (words.module) } th.text scope="col" { "why" } th scope="col" { "waits for" } } }
                 tbody { @for w in s.waiting.iter().take(SHOWN) { tr {
-                    td { (w.module) } td { @match w.waits_for { Some(id) => (id), None => "–" } }
+                    td { (w.module) } td.text { (w.why) } td { @match w.waits_for { Some(id) => (id), None => "–" } }
                 } } }
             } }
         }
