@@ -60,8 +60,15 @@ fn count(part: &Path) -> usize {
 
 /// Goes on with a run, until nobody kills the controller any more.
 fn resume(journal: &Path) -> (Ran, Report) {
-    let ran = run_processes(&["resume", &journal.display().to_string(), "--json", "-"]);
+    let html = journal.with_extension("html");
+    let (file, page) = (journal.display().to_string(), html.display().to_string());
+    let ran = run_processes(&["resume", &file, "--json", "-", "--html", &page]);
     println!("{}", ran.err);
+    // The report has what happened before the first controller was killed, messages included.
+    let page = std::fs::read_to_string(html).expect("the report is written");
+    for part in ["built", "another went on", "class=\"area moves\"", "class=\"area c-negotiation\""] {
+        assert!(page.contains(part), "`{part}` is missing");
+    }
     let report = serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"));
     (ran, report)
 }
