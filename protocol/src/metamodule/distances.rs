@@ -5,7 +5,6 @@
 //! to all.
 
 use super::blueprint::Seed;
-use super::graph::Parts;
 use super::motions::Motions;
 use super::params::Floor;
 use super::pose::{End, Pose, to_frame};
@@ -13,7 +12,6 @@ use super::search::Ground;
 use crate::lattice::Cell;
 use crate::roombots::grid::GridState;
 use std::collections::VecDeque;
-use std::sync::Arc;
 
 /// Numbers grid states of a floor from 0 on.
 pub fn index(floor: Floor, state: GridState) -> usize {
@@ -28,24 +26,19 @@ pub fn states(floor: Floor) -> usize {
     side(floor.min.0, floor.max.0) * side(floor.min.1, floor.max.1) * 4
 }
 
-/// The places at one connector and class, with the strides from each.
-struct Places {
-    parts: Arc<Parts>,
-    strides: Box<[Option<u16>]>,
-}
-
 /// The count for one seed.
 pub struct Distances {
     floor: Floor,
-    /// By [`index`]; none where nobody can come from.
-    places: Vec<Option<Places>>,
+    /// By [`index`], the places there that one can come from: the postures that land and lead to each
+    /// other, as bits, and the strides.
+    places: Vec<Vec<(u128, u16)>>,
 }
 
 impl Distances {
     /// Counts the strides to a seed around fixed cells.
     pub fn new(motions: &Motions, floor: Floor, seed: Seed, fixed: &[Cell]) -> Distances {
         let mut distances = Distances { floor, places: Vec::new() };
-        distances.places.resize_with(states(floor), || None);
+        distances.places.resize_with(states(floor), Vec::new);
         if !floor.has(seed.foot.0, seed.foot.1) || seed.cells().iter().any(|c| fixed.contains(c)) {
             return distances;
         }
@@ -74,37 +67,28 @@ impl Distances {
         if postures == 0 {
             return 0;
         }
-        let places = self.places[index(self.floor, pose.state)].get_or_insert_with(|| {
-            let parts = ground.motions.graph().parts(ground.taken_at(pose));
-            let strides = vec![None; parts.lands().len()].into();
-            Places { parts, strides }
-        });
-        let part = places.parts.of(postures.trailing_zeros() as u8);
-        match &mut places.strides[part] {
-            Some(_) => 0,
-            new => {
-                *new = Some(strides);
-                places.parts.lands()[part]
-            }
+        let places = &mut self.places[index(self.floor, pose.state)];
+        if places.iter().any(|(lands, _)| lands & postures != 0) {
+            return 0;
         }
+        let graph = ground.motions.graph();
+        let one = graph.landings(postures).next();
+        let lands = one.map_or(0, |posture| ground.lands(Pose { posture, ..pose }));
+        places.push((lands, strides));
+        lands
     }
 
     /// Whether there is a way from some connector that `is_it` accepts.
     pub fn reach(&self, is_it: impl Fn((i16, i16)) -> bool) -> bool {
         let (xs, ys) = (self.floor.min.0..=self.floor.max.0, self.floor.min.1..=self.floor.max.1);
         let mut states = ys.flat_map(|y| xs.clone().flat_map(move |x| [(x, y); 4])).zip(&self.places);
-        let is_counted =
-            |p: &Option<Places>| p.as_ref().is_some_and(|p| p.strides.iter().any(Option::is_some));
-        states.any(|(at, places)| is_counted(places) && is_it(at))
+        states.any(|(at, places)| !places.is_empty() && is_it(at))
     }
 
     /// Strides from a place, given by its connector, class and some of its postures that land; none if
     /// there is no way.
     pub fn strides(&self, pose: Pose, postures: u128) -> Option<u16> {
-        if postures == 0 {
-            return None;
-        }
-        let places = self.places.get(index(self.floor, pose.state))?.as_ref()?;
-        places.strides[places.parts.of(postures.trailing_zeros() as u8)]
+        let places = self.places.get(index(self.floor, pose.state))?;
+        places.iter().find(|(lands, _)| lands & postures != 0).map(|(_, strides)| *strides)
     }
 }

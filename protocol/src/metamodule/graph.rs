@@ -6,11 +6,13 @@
 //! so the latest answers are kept. What is kept changes how long an answer takes and nothing else.
 
 use super::memo::{Memo, mix};
+use super::pose::to_world;
+use super::postures::{Place, Postures, Turns};
 use crate::lattice::Cell;
 use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::GridState;
 use crate::roombots::sweep::FloorContact;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Cells of the database as bits: bit *i* is the *i*-th cell.
 pub type Bits = u128;
@@ -27,7 +29,7 @@ pub struct Landed {
 /// What can be got to from one posture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reach {
-    /// Landings, nearest first; those equally near in the order of the steps.
+    /// Landings, nearest first; those equally near by their numbers.
     pub landings: Box<[Landed]>,
     /// The same as bits, by [`Graph::rest`].
     pub lands: u128,
@@ -35,32 +37,13 @@ pub struct Reach {
     pub chains: Box<[Option<(u16, u8)>]>,
 }
 
-/// Which landings lead to which around some taken cells, without leaving the place.
-#[derive(Debug, PartialEq, Eq)]
-pub struct Parts {
-    /// The part of every posture that lands, by [`Graph::rest`].
-    of: [u8; 128],
-    lands: Box<[u128]>,
-}
-
-impl Parts {
-    /// The part of a posture that lands, by [`Graph::rest`].
-    pub fn of(&self, rest: u8) -> usize {
-        self.of.get(usize::from(rest)).copied().map_or(0, usize::from)
-    }
-    /// The landings of every part, as bits by [`Graph::rest`].
-    pub fn lands(&self) -> &[u128] {
-        &self.lands
-    }
-}
-
-/// A landing over open ground: the shortest way to it when nothing is in the way.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OpenWay {
-    /// The posture that lands.
-    pub posture: u16,
-    /// All cells that the way sweeps.
-    pub swept: Bits,
+/// Postures that lead to each other around some taken cells, and to no others.
+struct Part {
+    postures: Postures,
+    /// Those of them that land, as bits by [`Graph::rest`].
+    lands: u128,
+    /// Taken cells that together keep everybody in it who is in it, once somebody has asked for them.
+    wall: Option<Bits>,
 }
 
 /// A way from one posture to another.
@@ -72,24 +55,25 @@ pub struct Steps {
     pub swept: Bits,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Edge {
-    to: u16,
-    step: u16,
-}
-
 /// Answers kept about what can be got to, about parts, and about ways.
-const KEPT: (usize, usize, usize) = (1 << 13, 1 << 15, 1 << 13);
+const KEPT: (usize, usize, usize) = (1 << 13, 1 << 14, 1 << 13);
 
 /// The graph of strict steps of one kind.
 pub struct Graph {
-    /// The edges of posture `i` are those from `first[i]` to `first[i + 1]`.
-    first: Vec<u32>,
-    edges: Vec<Edge>,
+    /// All strict turns.
+    strict: Turns,
+    /// For every cell the turns that sweep it.
+    sweepers: Vec<Turns>,
+    /// For every posture the steps that begin or end in it, with the posture at the other end.
+    steps: Vec<Vec<(u16, u16)>>,
     /// What every step sweeps, by its number.
     swept: Vec<Bits>,
-    /// For every cell the steps that sweep it, as bits.
-    sweepers: Vec<Box<[u64]>>,
+    /// The place of every posture in sets, and the other way round.
+    places: Vec<Place>,
+    posture_at: Vec<u16>,
+    /// The postures that land, and those of every chain.
+    landers: Postures,
+    of_chain: Vec<Postures>,
     /// The cells of every posture.
     filled: Vec<[Cell; 4]>,
     filled_bits: Vec<Bits>,
@@ -99,31 +83,14 @@ pub struct Graph {
     rests: Vec<u8>,
     /// And the other way round.
     resting: Vec<u16>,
-    chains: usize,
     cells: Vec<Cell>,
-    /// The number of a cell, by [`Graph::slot`]; [`UNKNOWN`] if no motion ever sweeps it.
-    numbers: Vec<u8>,
-    /// For every posture its ways over open ground, worked out when they are asked for.
-    open_ways: Vec<OnceLock<Box<[OpenWay]>>>,
+    /// The number of a cell around a foot of every class, by [`slot`]; [`UNKNOWN`] if no motion ever
+    /// sweeps it.
+    numbers: [Vec<u8>; 4],
     reached: Memo<(u16, Bits), Arc<Reach>>,
-    parts: Memo<Bits, Arc<Parts>>,
+    /// Of all parts those that somebody has asked for.
+    parts: Memo<Bits, Arc<Mutex<Vec<Part>>>>,
     ways: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
-}
-
-/// So many postures of one search are mostly equally far away, at most; more are no harm.
-const LEVEL: usize = 128;
-
-/// Postures that a search has come to, as bits.
-struct Visited(Vec<u64>);
-
-impl Visited {
-    /// Adds one; whether it is new.
-    fn add(&mut self, posture: u16) -> bool {
-        let (word, bit) = (&mut self.0[usize::from(posture) / 64], 1 << (posture % 64));
-        let new = *word & bit == 0;
-        *word |= bit;
-        new
-    }
 }
 
 const UNKNOWN: u8 = u8::MAX;
@@ -131,35 +98,47 @@ const UNKNOWN: u8 = u8::MAX;
 const RADIUS: i16 = 4;
 const SIDE: usize = 2 * RADIUS as usize + 1;
 
+/// Numbers the cells within reach.
+fn slot(cell: Cell) -> Option<usize> {
+    let along = |c: i16| usize::from(c.wrapping_add(RADIUS) as u16);
+    let (x, y, z) = (along(cell.x), along(cell.y), usize::from(cell.z as u16));
+    (x < SIDE && y < SIDE && z < SIDE).then_some((x * SIDE + y) * SIDE + z)
+}
+
 impl Graph {
     /// Lays a table out. Invariant: the caller has checked that 128 bits are enough for the cells.
     pub fn new(database: &Database, table: &Table) -> Graph {
         let cells = database.cells().to_vec();
-        let mut numbers = vec![UNKNOWN; SIDE * SIDE * SIDE];
-        for (i, cell) in cells.iter().enumerate() {
-            if let Some(slot) = Graph::slot(*cell) {
-                numbers[slot] = i as u8;
-            }
-        }
+        let numbers = [0, 1, 2, 3].map(|class| {
+            let mut numbers = vec![UNKNOWN; SIDE * SIDE * SIDE];
+            let seen = |cell: &Cell| slot(to_world(GridState::new(0, 0, class), *cell));
+            (0..).zip(&cells).for_each(|(i, cell)| seen(cell).into_iter().for_each(|slot| numbers[slot] = i));
+            numbers
+        });
         let bits = |set: &crate::roombots::database::CellSet| {
             set.indices().filter(|i| *i < 128).fold(0, |bits: Bits, i| bits | 1 << i)
         };
-        let count = table.postures().len();
-        let mut at: Vec<Vec<Edge>> = vec![Vec::new(); count];
+        let places: Vec<Place> = table.postures().iter().map(|e| Place::of(e.posture)).collect();
+        let mut posture_at = vec![u16::MAX; Place::COUNT];
+        (0..).zip(&places).for_each(|(posture, place)| posture_at[place.index()] = posture);
         let swept: Vec<Bits> = table.steps().iter().map(|s| bits(&s.core) | bits(&s.graze)).collect();
-        let mut sweepers = vec![vec![0u64; swept.len().div_ceil(64)].into_boxed_slice(); cells.len()];
+        let mut strict = Postures::NO_TURNS;
+        let mut sweepers = vec![Postures::NO_TURNS; cells.len()];
+        let mut steps = vec![Vec::new(); places.len()];
         for (i, step) in table.steps().iter().enumerate().filter(|(_, s)| s.floor == FloorContact::Free) {
-            at[usize::from(step.from)].push(Edge { to: step.to, step: i as u16 });
-            at[usize::from(step.to)].push(Edge { to: step.from, step: i as u16 });
-            for (cell, steps) in sweepers.iter_mut().enumerate() {
-                steps[i / 64] |= ((swept[i] >> cell & 1) as u64) << (i % 64);
+            let (from, joint) = (usize::from(step.from), usize::from(step.joint));
+            strict[joint].add(places[from]);
+            steps[from].push((i as u16, step.to));
+            steps[usize::from(step.to)].push((i as u16, step.from));
+            for (cell, turns) in sweepers.iter_mut().enumerate().filter(|(cell, _)| swept[i] >> cell & 1 == 1)
+            {
+                debug_assert!(cell < 128);
+                turns[joint].add(places[from]);
             }
         }
-        let (mut first, mut edges) = (vec![0], Vec::new());
-        for mut list in at {
-            list.sort_by_key(|e| e.step);
-            edges.extend(list);
-            first.push(edges.len() as u32);
+        let mut of_chain = vec![Postures::NONE; table.chains().len()];
+        for (entry, place) in table.postures().iter().zip(&places) {
+            of_chain[usize::from(entry.chain)].add(*place);
         }
         let of = |chain: u16| &table.chains()[usize::from(chain)].cells;
         let four = |chain: u16| std::array::from_fn(|i| of(chain).get(i).copied().unwrap_or_default());
@@ -172,19 +151,25 @@ impl Graph {
         let mut lands = 0..UNKNOWN;
         let number = |l: &Option<(GridState, u16)>| l.and_then(|_| lands.next()).unwrap_or(UNKNOWN);
         let filled: Vec<[Cell; 4]> = table.postures().iter().map(|e| four(e.chain)).collect();
+        let mut landers = Postures::NONE;
+        for (place, _) in places.iter().zip(&landing).filter(|(_, l)| l.is_some()) {
+            landers.add(*place);
+        }
         Graph {
-            first,
-            edges,
-            swept,
+            strict,
             sweepers,
+            steps,
+            swept,
+            places,
+            posture_at,
+            landers,
+            of_chain,
             filled_bits: filled.iter().map(|f| bits(&database.cell_set(f.iter().copied()))).collect(),
-            open_ways: vec![OnceLock::new(); filled.len()],
             filled,
             chain: table.postures().iter().map(|e| e.chain).collect(),
             resting: (0..).zip(&landing).filter_map(|(p, l)| l.map(|_| p)).collect(),
             rests: landing.iter().map(number).collect(),
             landing,
-            chains: table.chains().len(),
             cells,
             numbers,
             reached: Memo::new(KEPT.0),
@@ -193,26 +178,20 @@ impl Graph {
         }
     }
 
-    fn slot(cell: Cell) -> Option<usize> {
-        let along = |c: i16| usize::try_from(c + RADIUS).ok().filter(|i| *i < SIDE);
-        let up = usize::try_from(cell.z).ok().filter(|i| *i < SIDE)?;
-        Some((along(cell.x)? * SIDE + along(cell.y)?) * SIDE + up)
-    }
-
-    /// The bit of a cell of the foot frame; none if no motion sweeps it.
-    pub fn bit(&self, cell: Cell) -> Bits {
-        match Graph::slot(cell).map_or(UNKNOWN, |s| self.numbers[s]) {
-            UNKNOWN => 0,
-            i => 1 << i,
+    /// Which cells of the world motions from a foot may sweep.
+    pub fn seen_from(&self, foot: GridState, cells: &[Cell]) -> Bits {
+        let numbers = &self.numbers[usize::from(foot.class % 4)];
+        let mut bits = 0;
+        for cell in cells {
+            let (x, y) = (cell.x.wrapping_sub(foot.x), cell.y.wrapping_sub(foot.y));
+            let number = slot(Cell::new(x, y, cell.z)).map_or(UNKNOWN, |slot| numbers[slot]);
+            bits |= 1u128.checked_shl(u32::from(number)).unwrap_or(0);
         }
+        bits
     }
     /// The cells of a set, in the foot frame.
-    pub fn cells(&self, mut bits: Bits) -> impl Iterator<Item = Cell> + '_ {
-        std::iter::from_fn(move || {
-            let i = (bits != 0).then(|| bits.trailing_zeros())?;
-            bits &= bits - 1;
-            self.cells.get(i as usize).copied()
-        })
+    pub fn cells(&self, bits: Bits) -> impl Iterator<Item = Cell> + '_ {
+        ones(bits).filter_map(|i| self.cells.get(i).copied())
     }
     /// The cells of a posture, from the foot on; of an unknown one those of the first.
     pub fn filled(&self, posture: u16) -> [Cell; 4] {
@@ -237,105 +216,89 @@ impl Graph {
         self.rests.get(usize::from(posture)).copied().filter(|i| *i < 128)
     }
 
-    fn edges(&self, posture: u16) -> &[Edge] {
-        let i = usize::from(posture);
-        match (self.first.get(i), self.first.get(i + 1)) {
-            (Some(a), Some(b)) => &self.edges[*a as usize..*b as usize],
-            _ => &[],
+    /// The strict turns that sweep no taken cell.
+    fn free(&self, taken: Bits) -> Turns {
+        let mut free = self.strict;
+        for cell in ones(taken) {
+            let sweepers = &self.sweepers[cell];
+            free.iter_mut().zip(sweepers).for_each(|(f, s)| f.remove_all(s));
         }
+        free
     }
 
-    /// The steps that sweep a taken cell, as bits.
-    fn blocked(&self, taken: Bits) -> Vec<u64> {
-        let mut blocked = vec![0u64; self.swept.len().div_ceil(64)];
-        let mut bits = taken;
-        while bits != 0 {
-            let sweepers = &self.sweepers[bits.trailing_zeros() as usize];
-            blocked.iter_mut().zip(sweepers).for_each(|(b, s)| *b |= s);
-            bits &= bits - 1;
-        }
-        blocked
+    fn only(&self, posture: u16) -> Option<Postures> {
+        let mut only = Postures::NONE;
+        only.add(*self.places.get(usize::from(posture))?);
+        Some(only)
+    }
+    fn postures<'a>(&'a self, set: &'a Postures) -> impl Iterator<Item = u16> + 'a {
+        set.iter().map(|place| self.posture_at[place.index()])
+    }
+    /// Those that land, as bits by [`Graph::rest`].
+    fn landing_bits(&self, set: &Postures) -> u128 {
+        let landers = set.and(&self.landers);
+        self.postures(&landers).filter_map(|p| self.rest(p)).fold(0, |bits, i| bits | 1 << i)
     }
 
-    /// Visits every posture that can be got to and has not been visited, nearest first, until `see` says
-    /// to stop. `came` is told which posture is come to from which by which step.
-    fn search(
-        &self,
-        from: u16,
-        blocked: &[u64],
-        visited: &mut Visited,
-        mut see: impl FnMut(u16, u8) -> bool,
-        mut came: impl FnMut(u16, u16, u16),
-    ) {
-        if usize::from(from) >= self.filled.len() || !visited.add(from) {
-            return;
-        }
-        let (mut level, mut next) = (Vec::with_capacity(LEVEL), Vec::with_capacity(LEVEL));
-        level.push(from);
+    /// Tells what can be got to with so many turns and not with fewer, nearest first, until `see` has seen
+    /// enough.
+    fn levels(&self, from: u16, free: &Turns, mut see: impl FnMut(u8, &Postures) -> bool) {
+        let Some(mut level) = self.only(from) else { return };
+        let mut visited = Postures::NONE;
         for turns in 0..=u8::MAX {
-            for at in level.drain(..) {
-                if see(at, turns) {
-                    return;
-                }
-                for edge in self.edges(at) {
-                    let step = usize::from(edge.step);
-                    if blocked[step / 64] >> (step % 64) & 1 == 0 && visited.add(edge.to) {
-                        came(edge.to, at, edge.step);
-                        next.push(edge.to);
-                    }
-                }
-            }
-            if next.is_empty() {
+            if level.is_empty() || see(turns, &level) {
                 return;
             }
-            std::mem::swap(&mut level, &mut next);
+            visited.add_all(&level);
+            level = level.spread(free).without(&visited);
         }
-    }
-
-    fn unvisited(&self) -> Visited {
-        Visited(vec![0; self.filled.len().div_ceil(64)])
     }
 
     /// The landings that can be got to without sweeping a taken cell, as bits by [`Graph::rest`]. This is
     /// [`Reach::lands`], for less.
     pub fn lands(&self, from: u16, taken: Bits) -> u128 {
-        let Some(rest) = self.rest(from) else { return self.reach(from, taken).lands };
-        let parts = self.parts(taken);
-        parts.lands[parts.of(rest)]
+        self.part(from, taken, |part| part.lands).unwrap_or(0)
     }
 
-    /// Which landings lead to which without sweeping a taken cell.
-    pub fn parts(&self, taken: Bits) -> Arc<Parts> {
-        self.parts.answer(hash(taken), taken, |_| Arc::new(self.find_parts(taken)))
+    /// Taken cells that together leave no other landings than all of them do.
+    pub fn wall(&self, from: u16, taken: Bits) -> Bits {
+        let wall = |part: &mut Part| {
+            let postures = &part.postures;
+            *part.wall.get_or_insert_with(|| self.find_wall(postures, taken))
+        };
+        self.part(from, taken, wall).unwrap_or(taken)
     }
 
-    fn find_parts(&self, taken: Bits) -> Parts {
-        let (blocked, mut visited) = (self.blocked(taken), self.unvisited());
-        let (mut of, mut lands) = ([0; 128], Vec::new());
-        for from in self.resting.iter().copied().filter(|p| self.rest(*p).is_some()) {
-            let mut part: u128 = 0;
-            let see = |posture, _| {
-                part |= self.rest(posture).map_or(0, |i| 1 << i);
-                false
-            };
-            self.search(from, &blocked, &mut visited, see, |_, _, _| {});
-            if part == 0 {
-                // It is in the part of an earlier one.
-                continue;
-            }
-            (0..of.len()).filter(|i| part >> i & 1 == 1).for_each(|i| of[i] = lands.len() as u8);
-            lands.push(part);
+    /// Asks for something about the part of a posture.
+    fn part<T>(&self, from: u16, taken: Bits, ask: impl FnOnce(&mut Part) -> T) -> Option<T> {
+        let place = *self.places.get(usize::from(from))?;
+        let parts = self.parts.answer(hash(taken), taken, |_| Arc::default());
+        let mut parts = parts.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(part) = parts.iter_mut().find(|p| p.postures.has(place)) {
+            return Some(ask(part));
         }
-        Parts { of, lands: lands.into() }
+        let postures = self.only(from)?.flood(&self.free(taken));
+        let mut part = Part { lands: self.landing_bits(&postures), postures, wall: None };
+        let answer = ask(&mut part);
+        parts.push(part);
+        Some(answer)
+    }
+
+    /// Taken cells that together block all steps out of a part.
+    fn find_wall(&self, part: &Postures, taken: Bits) -> Bits {
+        let mut wall = 0;
+        for (step, to) in self.postures(part).flat_map(|posture| self.steps(posture)) {
+            let blocked_by = self.swept[usize::from(*step)] & taken;
+            if blocked_by & wall == 0 && !part.has(self.places[usize::from(*to)]) {
+                wall |= blocked_by & blocked_by.wrapping_neg();
+            }
+        }
+        wall
     }
 
     /// The postures of a set of landings.
-    pub fn landings(&self, mut lands: u128) -> impl Iterator<Item = u16> + '_ {
-        std::iter::from_fn(move || {
-            let i = (lands != 0).then(|| lands.trailing_zeros())?;
-            lands &= lands - 1;
-            self.resting.get(i as usize).copied()
-        })
+    pub fn landings(&self, lands: u128) -> impl Iterator<Item = u16> + '_ {
+        ones(lands).filter_map(|i| self.resting.get(i).copied())
     }
 
     /// Everything that strict steps lead to from a posture without sweeping a taken cell.
@@ -346,39 +309,29 @@ impl Graph {
 
     fn find(&self, from: u16, taken: Bits) -> Reach {
         let (mut landings, mut lands) = (Vec::new(), 0);
-        let mut chains = vec![None; self.chains].into_boxed_slice();
-        let see = |posture: u16, turns| {
-            let chain = &mut chains[usize::from(self.chain[usize::from(posture)])];
-            if chain.is_none() {
-                *chain = Some((posture, turns));
-            }
-            if let Some(rest) = self.rest(posture) {
+        let mut chains: Box<[Option<(u16, u8)>]> = vec![None; self.of_chain.len()].into();
+        let mut known = Postures::NONE;
+        self.levels(from, &self.free(taken), |turns, level| {
+            let first = landings.len();
+            for posture in self.postures(&level.and(&self.landers)) {
                 landings.push(Landed { posture, turns });
-                lands |= 1 << rest;
+                lands |= self.rest(posture).map_or(0, |i| 1 << i);
+            }
+            landings[first..].sort_unstable_by_key(|l| l.posture);
+            let before = known;
+            for posture in self.postures(&level.without(&before)) {
+                let chain = usize::from(self.chain[usize::from(posture)]);
+                match &mut chains[chain] {
+                    Some((nearest, _)) => *nearest = posture.min(*nearest),
+                    new => {
+                        *new = Some((posture, turns));
+                        known.add_all(&self.of_chain[chain]);
+                    }
+                }
             }
             false
-        };
-        self.search(from, &self.blocked(taken), &mut self.unvisited(), see, |_, _, _| {});
+        });
         Reach { landings: landings.into_boxed_slice(), lands, chains }
-    }
-
-    /// Landings with the shortest ways to them over open ground. If none of a way's cells is taken, the
-    /// landing can be got to; if some are, there may still be a way around them.
-    pub fn open_ways(&self, from: u16) -> &[OpenWay] {
-        let Some(ways) = self.open_ways.get(usize::from(from)) else { return &[] };
-        ways.get_or_init(|| {
-            let mut swept = vec![0; self.filled.len()];
-            let came = |to: u16, at: u16, step: u16| {
-                swept[usize::from(to)] = swept[usize::from(at)] | self.swept[usize::from(step)];
-            };
-            let mut lands = Vec::new();
-            let see = |posture, _| {
-                lands.extend(self.rest(posture).map(|_| posture));
-                false
-            };
-            self.search(from, &self.blocked(0), &mut self.unvisited(), see, came);
-            lands.into_iter().map(|posture| OpenWay { posture, swept: swept[usize::from(posture)] }).collect()
-        })
     }
 
     /// The shortest way to a posture; none if there is no way.
@@ -388,17 +341,21 @@ impl Graph {
     }
 
     fn find_way(&self, from: u16, to: u16, taken: Bits) -> Option<Steps> {
-        let mut came_by = vec![None; self.filled.len()];
-        self.search(
-            from,
-            &self.blocked(taken),
-            &mut self.unvisited(),
-            |at, _| at == to,
-            |to, at, step| came_by[usize::from(to)] = Some((at, step)),
-        );
-        let (mut steps, mut swept, mut at) = (Vec::new(), 0, to);
-        while at != from {
-            let (before, step) = came_by.get(usize::from(at)).copied().flatten()?;
+        let goal = *self.places.get(usize::from(to))?;
+        let free = self.free(taken);
+        let mut levels = Vec::with_capacity(16);
+        self.levels(from, &free, |_, level| {
+            levels.push(*level);
+            level.has(goal)
+        });
+        if !levels.pop()?.has(goal) {
+            return None;
+        }
+        let (mut steps, mut swept, mut at) = (Vec::with_capacity(levels.len()), 0, to);
+        while let Some(level) = levels.pop() {
+            let is_before = |(_, before): &(u16, u16)| level.has(self.places[usize::from(*before)]);
+            let is_free = |(step, _): &(u16, u16)| self.swept[usize::from(*step)] & taken == 0;
+            let (step, before) = *self.steps(at).iter().find(|s| is_before(s) && is_free(s))?;
             swept |= self.swept[usize::from(step)];
             steps.push(step);
             at = before;
@@ -407,17 +364,31 @@ impl Graph {
         Some(Steps { steps: steps.into(), swept })
     }
 
+    /// The strict steps that begin or end in a posture, with the posture at the other end.
+    fn steps(&self, posture: u16) -> &[(u16, u16)] {
+        self.steps.get(usize::from(posture)).map_or(&[], |steps| steps)
+    }
+
     /// A posture one free step away.
     pub fn neighbour(&self, posture: u16, taken: Bits) -> Option<u16> {
-        let free = |e: &&Edge| self.swept[usize::from(e.step)] & taken == 0;
-        self.edges(posture).iter().find(free).map(|e| e.to)
+        let is_free = |(step, _): &&(u16, u16)| self.swept[usize::from(*step)] & taken == 0;
+        self.steps(posture).iter().find(is_free).map(|(_, to)| *to)
     }
 
     /// What a step leads to from a posture and what it sweeps, if it is strict and begins there.
     pub fn step(&self, posture: u16, number: u16) -> Option<(u16, Bits)> {
-        let edge = self.edges(posture).iter().find(|e| e.step == number)?;
-        Some((edge.to, self.swept[usize::from(number)]))
+        let (_, to) = *self.steps(posture).iter().find(|(step, _)| *step == number)?;
+        Some((to, self.swept[usize::from(number)]))
     }
+}
+
+/// The numbers of the bits that are set.
+pub(super) fn ones(mut bits: Bits) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let i = (bits != 0).then(|| bits.trailing_zeros() as usize)?;
+        bits &= bits - 1;
+        Some(i)
+    })
 }
 
 fn hash(bits: Bits) -> u64 {
@@ -450,11 +421,13 @@ mod tests {
                 let taken: Vec<Cell> = (0..round / 6)
                     .map(|_| database.cells()[stream.below(database.cells().len() as u64) as usize])
                     .collect();
-                let bits = taken.iter().fold(0, |b, c| b | graph.bit(*c));
+                let bits = graph.seen_from(GridState::new(0, 0, 0), &taken);
                 let set: CellSet = database.cell_set(taken.iter().copied());
                 let slow = table.reach(from, &set);
-                let expected: Vec<(u16, u8)> =
-                    slow.postures().filter(|(p, _)| graph.landing(*p).is_some()).collect();
+                let mut nearest: Vec<(u16, u8)> = slow.postures().collect();
+                nearest.sort_by_key(|(posture, turns)| (*turns, *posture));
+                let lands = |(p, _): &(u16, u8)| graph.landing(*p).is_some();
+                let expected: Vec<(u16, u8)> = nearest.iter().copied().filter(lands).collect();
                 for _ in 0..2 {
                     let fast = graph.reach(from, bits);
                     let found: Vec<(u16, u8)> = fast.landings.iter().map(|l| (l.posture, l.turns)).collect();
@@ -462,25 +435,38 @@ mod tests {
                     let lands = graph.lands(from, bits);
                     assert_eq!(lands, fast.lands);
                     assert!(graph.landings(lands).eq(sorted(found.iter().map(|(p, _)| *p))));
-                    let open = graph.open_ways(from).iter().filter(|w| w.swept & bits == 0);
-                    assert!(open.into_iter().all(|w| expected.iter().any(|(p, _)| *p == w.posture)));
-                    for (chain, nearest) in fast.chains.iter().enumerate() {
+                    for (chain, found) in fast.chains.iter().enumerate() {
                         let fills = |p: u16| usize::from(table.postures()[usize::from(p)].chain) == chain;
-                        assert_eq!(*nearest, slow.postures().find(|(p, _)| fills(*p)));
+                        assert_eq!(*found, nearest.iter().copied().find(|(p, _)| fills(*p)));
                     }
+                    let wall = graph.wall(from, bits);
+                    assert_eq!(wall & !bits, 0, "a wall is of what is taken");
+                    assert_eq!(graph.lands(from, wall), lands, "it holds by itself");
                 }
                 for (to, _) in expected.into_iter().take(3) {
                     let way = table.way_within(&slow, from, to).unwrap();
                     let found = graph.way(from, to, bits).unwrap();
-                    assert_eq!(*found.steps, *way.steps.iter().map(|s| s.0).collect::<Vec<_>>());
-                    let cells: Vec<Cell> = graph.cells(found.swept).collect();
-                    assert_eq!(cells, database.resolve(&way.core.union(&way.graze)).collect::<Vec<_>>());
+                    assert_eq!(found.steps.len(), way.steps.len());
+                    let (mut at, mut swept) = (from, 0);
+                    for step in &found.steps {
+                        let (next, cells) = graph.step(at, *step).unwrap();
+                        assert_eq!(table.steps()[usize::from(*step)].floor, FloorContact::Free);
+                        (at, swept) = (next, swept | cells);
+                    }
+                    assert_eq!((at, swept), (to, found.swept));
+                    assert_eq!(swept & bits, 0);
                 }
             }
             assert_eq!(graph.way(0, u16::MAX, 0), None);
             let turned = (0..graph.filled.len() as u16).filter_map(|p| graph.landing(p)).map(|(_, t)| t);
             assert!(turned.into_iter().all(|t| graph.rest(t).is_some()), "who has landed can land back");
-            assert!(database.cells().iter().all(|c| graph.bit(*c) != 0), "every cell has a bit");
+            let seen = graph.seen_from(GridState::new(0, 0, 0), database.cells());
+            assert_eq!(seen.count_ones() as usize, database.cells().len(), "every cell has a bit");
+            for class in 0..4 {
+                let state = GridState::new(7, -2, class);
+                let around: Vec<Cell> = database.cells().iter().map(|c| to_world(state, *c)).collect();
+                assert!((0..).zip(&around).all(|(i, c)| graph.seen_from(state, &[*c]) == 1 << i));
+            }
         }
     }
 }

@@ -28,7 +28,9 @@ mod negotiation;
 pub mod params;
 mod peers;
 pub mod pose;
+mod postures;
 pub mod search;
+mod shut_in;
 pub mod start;
 
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};

@@ -6,6 +6,7 @@ use super::graph::{Bits, Graph};
 use super::memo::{Memo, mix};
 use super::params::Floor;
 use super::pose::{Pose, to_world};
+use super::shut_in::Learnt;
 use crate::lattice::Cell;
 use crate::roombots::Kind;
 use crate::roombots::database::{Database, Table};
@@ -46,26 +47,19 @@ impl fmt::Debug for Motions {
 struct LaidOut {
     graph: Graph,
     distances: Memo<Counted, Arc<Distances>>,
-    answers: Memo<(Pose, Around), bool>,
+    learnt: Learnt,
 }
 
 /// On which floor strides are counted, to which seed, and around which cells.
 type Counted = (Floor, Seed, Vec<Cell>);
 
-/// Counts of strides kept, and answers about whole floors.
-const KEPT: (usize, usize) = (256, 1 << 13);
-
-/// What stands on a floor.
-pub type Around = (Floor, Vec<Cell>);
+/// Counts of strides kept.
+const KEPT: usize = 256;
 
 impl LaidOut {
     fn new(database: &Database, kind: Kind) -> LaidOut {
         let table = database.table(kind);
-        LaidOut {
-            graph: Graph::new(database, table),
-            distances: Memo::new(KEPT.0),
-            answers: Memo::new(KEPT.1),
-        }
+        LaidOut { graph: Graph::new(database, table), distances: Memo::new(KEPT), learnt: Learnt::new() }
     }
 }
 
@@ -113,12 +107,9 @@ impl Motions {
         let count = |(floor, seed, fixed): &Counted| Arc::new(Distances::new(self, *floor, *seed, fixed));
         self.laid_out.distances.answer(hash, (floor, seed, fixed), count)
     }
-    /// The answer to a question about whoever is in this pose that depends on what is around it only. The
-    /// same question must be asked every time.
-    pub fn ask(&self, pose: Pose, around: Around, find: impl FnOnce(&Around) -> bool) -> bool {
-        let state = pack(pose.state.x, pose.state.y, pose.posture as i16) << 2 | u64::from(pose.state.class);
-        let hash = mix(hash(&around.1), state);
-        self.laid_out.answers.answer(hash, (pose, around), |(_, around)| find(around))
+    /// What is known of ways out.
+    pub(super) fn learnt(&self) -> &Learnt {
+        &self.laid_out.learnt
     }
     /// The number of the chain of these cells of the foot frame.
     pub fn chain_of(&self, cells: [Cell; 4]) -> Option<u16> {

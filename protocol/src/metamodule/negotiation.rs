@@ -10,11 +10,11 @@
 //! keep it safe, are not here: a wrong or late word about a way costs time, never safety.
 
 use super::blueprint::SeedSet;
-use super::choice::{Aim, Plan, middle};
-use super::field::Middle;
+use super::choice::{Aim, Plan};
 use super::message::{Claim, LEGS, Leg, Message, Rank, Way};
 use super::pose::Pose;
 use super::search::{Course, Ground};
+use super::shut_in::is_away;
 use super::{Metamodule, Phase};
 use crate::agent::Class;
 use crate::ids::ModuleId;
@@ -24,7 +24,6 @@ use crate::sabotage::Sabotage;
 use crate::time::Time;
 use pathfinding::kuhn_munkres::kuhn_munkres_min;
 use pathfinding::matrix::Matrix;
-use std::cell::OnceCell;
 
 /// What a metamodule is about, under `negotiated`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -87,8 +86,6 @@ struct Other {
     claim: Option<Claim>,
     barred: SeedSet,
     way: Option<Way>,
-    /// The cells of an easy way out for it if this metamodule were not there.
-    way_out: OnceCell<Option<Vec<Cell>>>,
 }
 
 /// What is around.
@@ -135,8 +132,6 @@ impl May {
     const ANYTHING: May = May { enter: true, fill: true, hurry: true };
 }
 
-/// Whoever can get this far away is not walled in.
-const AWAY: i64 = 5;
 /// After so many times its patience a metamodule leaves its seed to others.
 const GIVE_UP: u64 = 3;
 /// A cornered metamodule counts as such for twice as long each time, up to so many times.
@@ -177,7 +172,6 @@ impl Metamodule {
                 claim: state.claim.filter(fits),
                 barred: state.barred,
                 way: peer.way.filter(|w| w.count > 0),
-                way_out: OnceCell::new(),
             });
         }
         free.sort_by_key(|o| o.id);
@@ -426,7 +420,7 @@ impl Metamodule {
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
         let left = self.goal().all().without(self.core.filled).without(SeedSet::default().with(claim.seed));
-        let movable = scene.hopeful.iter().filter(|p| !self.is_shut_in(**p, &scene.built)).count();
+        let movable = scene.hopeful.iter().filter(|p| !self.ground(&scene.built).is_shut_in(**p)).count();
         let walls_in = movable < scene.hopeful.len().min(left.iter().count())
             || (waited <= patience * (GIVE_UP - 1)
                 && scene.free.iter().any(|o| !self.is_safe_beside(scene, o, self.core.pose)));
@@ -547,24 +541,16 @@ impl Metamodule {
     fn is_safe(&self, scene: &Scene, pose: Pose) -> bool {
         let mut taken = scene.built.clone();
         taken.extend(scene.free.iter().flat_map(|o| self.setup.motions.cells(o.soon)));
-        self.is_off(scene, pose) && !self.is_shut_in(pose, &taken)
+        self.is_off(scene, pose) && !self.ground(&taken).is_shut_in(pose)
     }
 
     /// The same for somebody else if this metamodule stood like this.
     fn is_safe_beside(&self, scene: &Scene, other: &Other, me: Pose) -> bool {
-        let (motions, me) = (&self.setup.motions, self.setup.motions.cells(me));
-        let around = || {
-            let others = scene.free.iter().filter(|o| o.id != other.id);
-            scene.built.iter().copied().chain(others.flat_map(|o| motions.cells(o.soon)))
-        };
-        let way_out = other.way_out.get_or_init(|| {
-            let taken: Vec<Cell> = around().collect();
-            let from = middle(motions, other.soon);
-            self.ground(&taken).easy_way(other.soon, |to| is_away(from, to))
-        });
-        self.is_off(scene, other.soon)
-            && (way_out.as_ref().is_some_and(|way| !me.iter().any(|c| way.contains(c)))
-                || !self.is_shut_in(other.soon, &around().chain(me).collect::<Vec<_>>()))
+        let motions = &self.setup.motions;
+        let others = scene.free.iter().filter(|o| o.id != other.id);
+        let others = others.map(|o| o.soon).chain([me]).flat_map(|pose| motions.cells(pose));
+        let taken: Vec<Cell> = scene.built.iter().copied().chain(others).collect();
+        self.is_off(scene, other.soon) && !self.ground(&taken).is_shut_in(other.soon)
     }
 
     /// Whether whoever stands like this is out of the zone.
@@ -586,18 +572,6 @@ impl Metamodule {
     fn shuts_in(&self, scene: &Scene, me: Pose) -> bool {
         let is_safe = |o: &Other, me: Pose| self.is_safe_beside(scene, o, me);
         scene.free.iter().any(|o| !is_safe(o, me) && is_safe(o, self.core.pose))
-    }
-
-    /// Whether whoever stands like this cannot get away from there around taken cells.
-    fn is_shut_in(&self, pose: Pose, taken: &[Cell]) -> bool {
-        let from = middle(&self.setup.motions, pose);
-        let is_away = |to: (i16, i16)| is_away(from, to);
-        if self.ground(taken).easy_way(pose, is_away).is_some() {
-            return false;
-        }
-        let mut around = (self.setup.floor, taken.to_vec());
-        around.1.sort_unstable();
-        !self.setup.motions.ask(pose, around, |(_, taken)| self.ground(taken).has_way(pose, is_away))
     }
 
     /// Whether all seeds that should have been filled before this one can still be got to when it has been.
@@ -703,13 +677,6 @@ impl Metamodule {
             self.look_again(now);
         }
     }
-}
-
-/// Whether whoever has come from around this middle to a connector is not shut in any more. Nothing
-/// changes for a body that changes from one end to the other.
-fn is_away(from: Middle, to: (i16, i16)) -> bool {
-    let (x, y) = (i64::from(to.0) * 4 - from.0, i64::from(to.1) * 4 - from.1);
-    x.abs().max(y.abs()) >= AWAY * 4
 }
 
 /// Tells one set of cells from another.

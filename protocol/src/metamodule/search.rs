@@ -8,7 +8,7 @@ use super::distances::{Distances, index, states};
 use super::graph::{Bits, Reach};
 use super::motions::Motions;
 use super::params::Floor;
-use super::pose::{Pose, to_frame, to_world};
+use super::pose::{Pose, to_frame};
 use crate::lattice::Cell;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -60,8 +60,6 @@ const TURNS: u32 = 6;
 /// So many places are left in one search, at most. The floor of the published experiment has about a
 /// thousand; a search that finds its goal leaves a few.
 const MOST_LEFT: usize = 20_000;
-/// So many places are looked at for an easy way, at most.
-const EASY: usize = 24;
 /// So many strides to get out of the way, at most.
 const MOST_ASIDE: u32 = 4;
 
@@ -73,7 +71,7 @@ struct Node {
 }
 
 /// Places that a search has left.
-struct Left {
+pub(super) struct Left {
     /// For every grid state the postures that land there.
     postures: Vec<u128>,
     count: usize,
@@ -81,23 +79,27 @@ struct Left {
 }
 
 impl Left {
-    fn new(floor: Floor) -> Left {
+    pub fn new(floor: Floor) -> Left {
         Left { postures: vec![0; states(floor)], count: 0, floor }
     }
     /// Whether one of these postures has been there.
-    fn has(&self, pose: Pose, postures: u128) -> bool {
+    pub fn has(&self, pose: Pose, postures: u128) -> bool {
         self.postures[index(self.floor, pose.state)] & postures != 0
     }
-    fn add(&mut self, pose: Pose, postures: u128) {
+    pub fn add(&mut self, pose: Pose, postures: u128) {
         self.postures[index(self.floor, pose.state)] |= postures;
         self.count += 1;
+    }
+    /// Whether another place may be left.
+    pub fn is_bounded(&self) -> bool {
+        self.count < MOST_LEFT
     }
 }
 
 impl Ground<'_> {
     /// The taken cells as a body in this place sees them.
     pub fn taken_at(&self, pose: Pose) -> Bits {
-        taken_at(self.motions, pose, self.taken)
+        self.motions.graph().seen_from(pose.state, self.taken)
     }
     /// What can be got to without leaving the place.
     pub fn reach(&self, pose: Pose) -> Arc<Reach> {
@@ -151,7 +153,7 @@ impl Ground<'_> {
             {
                 queue.push((Reverse(cost + u32::from(turns)), Reverse(at), Some(last)));
             }
-            if left.count == MOST_LEFT {
+            if !left.is_bounded() {
                 return None;
             }
             left.add(pose, reach.lands);
@@ -166,61 +168,6 @@ impl Ground<'_> {
                 queue.push((Reverse(cost + to_go * (STRIDE + TURNS)), Reverse(nodes.len() as u32), None));
                 nodes.push(Node { pose: to, cost, by: Some((at, landed.posture)) });
             }
-        }
-        None
-    }
-
-    /// Whether there is a way to a connector that `is_it` accepts.
-    pub fn can_get(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> bool {
-        self.easy_way(from, &is_it).is_some() || self.has_way(from, is_it)
-    }
-
-    /// The same for whoever knows that there is no easy way.
-    pub fn has_way(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> bool {
-        let (mut left, mut edge) = (Left::new(self.floor), vec![from]);
-        while let Some(pose) = edge.pop() {
-            if is_it(pose.foot()) {
-                return true;
-            }
-            if !left.has(pose, self.motions.rest_bit(pose.posture)) && left.count < MOST_LEFT {
-                let lands = self.lands(pose);
-                left.add(pose, lands);
-                let landings = self.motions.graph().landings(lands);
-                let to = landings.filter_map(|p| self.landed(pose, p));
-                edge.extend(to.filter(|to| !left.has(*to, self.motions.rest_bit(to.posture))));
-            }
-        }
-        false
-    }
-
-    /// All cells of a way to a connector that `is_it` accepts, if there is one of few strides without
-    /// detours. Mostly there is, and then this is much faster than looking at all ways.
-    pub fn easy_way(&self, from: Pose, is_it: impl Fn((i16, i16)) -> bool) -> Option<Vec<Cell>> {
-        let graph = self.motions.graph();
-        // Where one has come to, from which entry, sweeping what there.
-        let mut left: Vec<(Pose, usize, Bits)> = Vec::with_capacity(EASY);
-        let mut edge = vec![(from, 0, 0)];
-        while let Some((pose, by, swept)) = edge.pop() {
-            if left.iter().any(|(p, ..)| *p == pose) {
-                continue;
-            }
-            if left.len() == EASY {
-                return None;
-            }
-            let at = left.len();
-            left.push((pose, by, swept));
-            if is_it(pose.foot()) {
-                let (mut cells, mut at) = (Vec::with_capacity(64), at);
-                while at != 0 {
-                    let (_, by, swept) = left[at];
-                    cells.extend(graph.cells(swept).map(|c| to_world(left[by].0.state, c)));
-                    at = by;
-                }
-                return Some(cells);
-            }
-            let taken = self.taken_at(pose);
-            let ways = graph.open_ways(pose.posture).iter().filter(|w| w.swept & taken == 0);
-            edge.extend(ways.filter_map(|w| Some((self.landed(pose, w.posture)?, at, w.swept))));
         }
         None
     }
@@ -244,7 +191,7 @@ impl Ground<'_> {
             if let Some((last, turns)) = rests.into_iter().find(|(p, _)| fits(Pose { posture: *p, ..pose })) {
                 queue.push((Reverse(cost + u32::from(turns)), Reverse(at), Some(last)));
             }
-            if left.count == MOST_LEFT {
+            if !left.is_bounded() {
                 return None;
             }
             left.add(pose, reach.lands);
@@ -262,11 +209,6 @@ impl Ground<'_> {
         }
         None
     }
-}
-
-/// The taken cells as a body in this place sees them.
-pub fn taken_at(motions: &Motions, pose: Pose, taken: &[Cell]) -> Bits {
-    taken.iter().fold(0, |bits, cell| bits | motions.graph().bit(to_frame(pose.state, *cell)))
 }
 
 fn course(nodes: &[Node], mut at: u32, last: Option<u16>) -> Course {

@@ -68,17 +68,13 @@ fn draw(setup: &Setup, count: usize, stream: &mut Stream) -> Vec<Pose> {
     poses
 }
 
-/// How far one must be able to get to be free.
-const AWAY: u16 = 5;
-
 fn is_anybody_shut_in(setup: &Setup, poses: &[Pose]) -> bool {
     let motions = &setup.motions;
     poses.iter().enumerate().any(|(i, pose)| {
         let others = poses.iter().enumerate().filter(|(j, _)| *j != i);
         let taken: Vec<Cell> = others.flat_map(|(_, p)| motions.cells(*p)).collect();
         let ground = Ground { motions, floor: setup.floor, taken: &taken };
-        let (x, y) = pose.foot();
-        !ground.can_get(*pose, |to| to.0.abs_diff(x).max(to.1.abs_diff(y)) >= AWAY)
+        ground.is_shut_in(*pose)
     })
 }
 
