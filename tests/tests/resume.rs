@@ -143,7 +143,14 @@ fn what_cannot_be_resumed_is_said() {
     let journal = dir.path().join("journal");
     let file = journal.display().to_string();
     let none = run(&["resume", &file]);
-    assert!(none.code == Some(1) && none.err.contains("journal"), "{none:?}");
+    assert!(none.code == Some(1) && none.err.contains("no run keeps its journal there"), "{none:?}");
+    std::fs::write(&journal, b"").expect("it can be written");
+    let over = run(&["resume", &file]);
+    assert!(
+        over.code == Some(1) && over.err.contains("the run is over") && over.err.contains("fix: "),
+        "{over:?}"
+    );
+    std::fs::remove_file(&journal).expect("it is there");
     // A run that is alive is left alone.
     let mut victim = Victim::start(&journal, "swarm.toml", &["--time-scale", "2", "--patience", "100ms"]);
     wait_until("the run to begin", || parts_of(&journal).join("run").exists());

@@ -388,7 +388,7 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
 }
 
 /// How quickly a thousand modules are drawn, without a graphics card. Prints and judges nothing:
-/// `cargo test --release -p metamorph-tests --test view_page frame_rate -- --ignored --nocapture`
+/// `cargo test -p metamorph-tests --test view_page frame_rate -- --ignored --nocapture`
 #[test]
 #[ignore = "measures, and judges nothing"]
 fn frame_rate_of_a_thousand_modules() {

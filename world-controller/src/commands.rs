@@ -94,7 +94,7 @@ enum Failure {
     Sweep(#[from] SweepError),
     /// A file cannot be shown.
     #[error(
-        "metamorph: {0}\n  fix: name a journal that `metamorph run --journal` wrote, or a scenario that ends in .toml"
+        "metamorph: {0}\n  fix: name a whole journal that `metamorph run --journal` of this version wrote, or a scenario that ends in .toml"
     )]
     NoJournal(scribe::ReadError),
     /// A run cannot be shown.

@@ -48,6 +48,17 @@ pub enum ProcessError {
     /// A journal's scenario cannot be read.
     #[error(transparent)]
     Head(#[from] HeadError),
+    /// There is no run.
+    #[error(
+        "{}: there is nothing to go on with: {why}\n  fix: name the journal of a run of processes whose controller was killed",
+        .file.display()
+    )]
+    NothingLeft {
+        /// The journal.
+        file: PathBuf,
+        /// Why.
+        why: &'static str,
+    },
     /// A run cannot be gone on with.
     #[error(transparent)]
     NotResumable(#[from] NotResumable),
@@ -92,7 +103,13 @@ pub struct LeftBehind {
 /// Finds the run that keeps this journal.
 pub fn left_behind(file: &Path) -> Result<LeftBehind, ProcessError> {
     let file = std::path::absolute(file).map_err(|e| JournalError::Read(file.to_owned(), e))?;
-    let path = controller_part(&parts_of(&file));
+    let parts = parts_of(&file);
+    if !parts.is_dir() {
+        let over = "the run is over, and this is all of its journal";
+        let why = if file.is_file() { over } else { "no run keeps its journal there" };
+        return Err(ProcessError::NothingLeft { file, why });
+    }
+    let path = controller_part(&parts);
     let part = Reader::open(&path)?;
     let Head::Run(head) = part.head().clone() else {
         return Err(JournalError::Head(path, "it is the part of a module".to_owned()).into());

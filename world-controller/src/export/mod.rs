@@ -46,7 +46,7 @@ pub struct ExportArgs {
 #[derive(Debug, Error)]
 pub enum ExportError {
     /// The journal cannot be read.
-    #[error("{0}\n  fix: name a journal that `metamorph run --journal` wrote")]
+    #[error("{0}\n  fix: name a whole journal that `metamorph run --journal` of this version wrote")]
     Journal(#[from] JournalError),
     /// Its scenario cannot be read.
     #[error("{0}\n  fix: use the program that wrote the journal")]
