@@ -366,6 +366,39 @@ fn messages_locks_gradients_and_circles_of_a_thousand_modules_are_shown() {
     check_clean(&mut browser, &view);
 }
 
+/// At the end of a run that stands still the page says why nobody goes on, and draws who waits for whom.
+#[test]
+fn a_deadlock_is_drawn_and_explained() {
+    let kills = ["--kill", "4@5s", "--kill", "22@5s", "--kill", "30@12s"];
+    let file = scenario("swarm.toml").display().to_string();
+    let waits = |report: &Value| {
+        let waiting = report["unbuilt"]["waiting"].as_array();
+        report["outcome"] == "deadlock"
+            && waiting.is_some_and(|w| w.iter().any(|w| !w["waits_for"].is_null()))
+    };
+    let seed = (0..200).map(|seed| seed.to_string()).find(|seed| {
+        let fixed = ["run", &file, "--link", "sim", "--seed", seed, "--quiet", "--json", "-"];
+        waits(&serde_json::from_str(&run(&[&fixed, &kills[..]].concat()).out).unwrap())
+    });
+    let seed = seed.expect("whoever holds a dead module waits for ever");
+    let view = View::of("swarm.toml", &[&["--seed", &seed], &kills[..]].concat());
+    let Some(mut browser) = open(&view) else { return };
+    browser.press("End");
+    browser.until("!window.page.dirty && window.page.t === window.page.story.now");
+    assert_eq!(text(&mut browser, "#outcome"), "deadlock");
+    let said = text(&mut browser, "[data-part=why] .waiting");
+    let first =
+        "(() => { const w = window.page.story.report.unbuilt.waiting[0]; return `${w.module} ${w.why}`; })()";
+    let first = browser.evaluate(first);
+    assert!(said.starts_with(first.as_str().unwrap()), "{said}, not {first}");
+    assert_ne!(browser.evaluate("window.page.picture.marks.length"), json!(0));
+    assert!(text(&mut browser, "[data-part=legend]").contains("waits for"));
+    // Before the end nothing is drawn that was not asked for.
+    scrub(&mut browser, 1.0);
+    assert_eq!(browser.evaluate("window.page.picture.marks.length"), json!(0));
+    check_clean(&mut browser, &view);
+}
+
 #[test]
 fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     let Some(program) = find() else { return println!("skipped: no browser") };
