@@ -44,6 +44,7 @@ class Page {
     this.said = 0;
     this.last = null;
     this.drawnAt = null;
+    this.passed = 0;
     this.rested = null;
     this.moving = false;
     this.plain = false;
@@ -297,6 +298,7 @@ class Page {
    * so what is too slow and what is quick enough are that far apart.
    */
   adapt(passed) {
+    this.passed = passed;
     if (passed > 50) this.late += passed > 100 ? 2 : 1;
     else if (passed < 25) this.late -= 0.1;
     if (this.late >= 4) {
@@ -320,10 +322,12 @@ class Page {
       // Shadows are painted anew only when bodies have moved.
       drawing.shadows = !(this.playing && this.plain);
       if (this.playing) return;
+      // Where pictures take long, the next movement may come late as well.
+      const rest = Math.min(200 + 4 * this.passed, 2000);
       this.rested = setTimeout(() => {
         this.moving = false;
         this.dirty = true;
-      }, 200);
+      }, rest);
     } else {
       drawing.sharpness = drawing.slow ? Math.max(ratio, 2) : ratio;
       drawing.shadows = true;
