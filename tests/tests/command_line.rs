@@ -357,13 +357,31 @@ fn a_deadlock_is_found_by_the_swarm_itself() {
     assert!(ran.out.contains("the swarm finds deadlocks by itself"), "{ran:?}");
     let deadlocked = (0..20).find_map(|seed: u32| {
         let ran = on(&text, &["run", "{}", "--link", "sim", "--seed", &seed.to_string(), "--json", "-"]);
-        (ran.code == Some(3)).then_some(ran)
+        (ran.code == Some(3)).then_some((seed.to_string(), ran))
     });
-    let ran = deadlocked.expect("greedy deadlocks often");
+    let (standstill_seed, ran) = deadlocked.expect("greedy deadlocks often");
     let standstill = json(&ran.out).unbuilt.expect("why nothing goes on");
     assert!(standstill.detected.is_some(), "{standstill:?}");
     assert!(standstill.waiting.iter().all(|w| !w.why.is_empty()) && !standstill.waiting.is_empty());
     assert!(ran.err.contains("found this out"), "{}", ran.err);
+    // The report for people gives the same reasons.
+    let directory = tempfile::tempdir().unwrap();
+    let html = directory.path().join("report.html");
+    let args = [
+        "run",
+        "{}",
+        "--link",
+        "sim",
+        "--seed",
+        &standstill_seed,
+        "--quiet",
+        "--html",
+        html.to_str().unwrap(),
+    ];
+    assert_eq!(on(&text, &args).code, Some(3));
+    let page = fs::read_to_string(html).unwrap();
+    assert!(page.contains("The swarm found this out by itself"), "{page}");
+    assert!(standstill.waiting.iter().all(|w| page.contains(&w.why)), "{page}");
     let negotiated = text.replace("greedy", "negotiated");
     let refused = on(&negotiated, &["check", "{}"]);
     assert!(refused.code == Some(2) && refused.err.contains("has no detector"), "{refused:?}");
