@@ -73,7 +73,7 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Swarms, BenchError> {
         }
         let available = available_memory();
         if available < modules * MEMORY {
-            let needed = modules * MEMORY >> 20;
+            let needed = (modules * MEMORY) >> 20;
             swarms.ended_by = Some(format!(
                 "{modules} processes: they need {needed} MB of memory, {} MB are free",
                 available >> 20
