@@ -10,6 +10,9 @@ use metamorph_protocol::time::Time;
 
 fn locks(now: Time, id: ModuleId, agents: &Agents<'_, Metamodule>, found: &mut Vec<Violation>) {
     let mut mine: Vec<Cell> = agents.get(id).into_iter().flat_map(|a| a.held(now)).collect();
+    if mine.is_empty() {
+        return;
+    }
     mine.sort_unstable();
     for (other, agent) in agents.iter().filter(|(o, _)| *o != id) {
         if let Err(what) = invariants::one_holder_per_lock(&mine, agent.held(now)) {

@@ -13,7 +13,7 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::message::{Action, Deed, Percept, Refusal};
 use metamorph_protocol::metamodule::motions::Sweep;
-use metamorph_protocol::metamodule::params::{HEARING, Setup};
+use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::stream::Stream;
@@ -243,7 +243,7 @@ impl MetamoduleWorld {
         let foot = self.bodies[id.index()].pose.foot();
         for peer in (0..self.bodies.len() as u32).map(ModuleId).filter(|p| *p != id) {
             let other = self.bodies[peer.index()].pose.foot();
-            let near = foot.0.abs_diff(other.0).max(foot.1.abs_diff(other.1)) <= HEARING;
+            let near = foot.0.abs_diff(other.0).max(foot.1.abs_diff(other.1)) <= self.setup.params.hearing;
             match (near, self.link(id, peer)) {
                 (true, None) => self.connect(id, peer, tell),
                 (false, Some(contact)) => self.disconnect(id, contact, tell),

@@ -87,6 +87,7 @@ count = 3
 start = [{ at = [1, 2], class = 3 }, { at = [8, 2] }, { at = [9, 9], class = 1 }]
 floor = { min = [-1, 0], max = [12, 11] }
 turn_time = "1s"
+hearing = 10
 failed_connections = "5%"
 [[goal]]
 name = "one"

@@ -86,6 +86,7 @@ count = 4
 start = [{ at = [1, 2], class = 3 }, { at = [8, 2] }, { at = [9, 9], class = 1 }, { at = [3, 9] }]
 floor = { min = [-1, 0], max = [12, 11] }
 turn_time = "1s"
+hearing = 10
 failed_connections = "5%"
 [[goal]]
 name = "one"

@@ -6,21 +6,27 @@
 use metamorph_protocol::metamodule::motions::{Motions, MotionsError};
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::database::{Database, VERSION};
+use std::cell::OnceCell;
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-/// The motions of a kind of metamodule; made once in the life of this program.
+/// The motions of a kind of metamodule; made once in the life of a thread. Threads that simulate do not
+/// share them: what is kept of earlier searches would be fought over.
 pub fn motions(kind: Kind) -> Result<Motions, MotionsError> {
     static DATABASE: OnceLock<Arc<Database>> = OnceLock::new();
-    static MADE: [OnceLock<Motions>; Kind::ALL.len()] = [const { OnceLock::new() }; Kind::ALL.len()];
-    let slot = &MADE[kind as usize];
-    if let Some(motions) = slot.get() {
-        return Ok(motions.clone());
+    thread_local! {
+        static MADE: [OnceCell<Motions>; Kind::ALL.len()] = const { [const { OnceCell::new() }; Kind::ALL.len()] };
     }
-    let made = Motions::new(Arc::clone(DATABASE.get_or_init(|| Arc::new(database(true)))), kind)?;
-    Ok(slot.get_or_init(|| made).clone())
+    MADE.with(|made| {
+        let slot = &made[kind as usize];
+        if let Some(motions) = slot.get() {
+            return Ok(motions.clone());
+        }
+        let new = Motions::new(Arc::clone(DATABASE.get_or_init(|| Arc::new(database(true)))), kind)?;
+        Ok(slot.get_or_init(|| new).clone())
+    })
 }
 
 /// The database, from the kept bytes if `keep` is set and they are good.

@@ -92,8 +92,8 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
     writeln!(out, "  start     {places}: {}{dots}", feet.join(", "))?;
     writeln!(
         out,
-        "  moves     {} for a step of a joint, {} to connect; {} of connections fail",
-        params.turn_time, params.connect_time, plan.failure
+        "  moves     {} for a step of a joint, {} to connect; {} of connections fail; heard {} connectors away",
+        params.turn_time, params.connect_time, plan.failure, params.hearing
     )?;
     let begins = std::iter::once(Time::ZERO).chain(swarm.changes.iter().map(|(at, _)| *at));
     for ((stage, goal), at) in plan.stages.iter().zip(&setup.goals).zip(begins) {

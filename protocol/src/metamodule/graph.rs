@@ -6,6 +6,7 @@
 //! so the latest answers are kept. What is kept changes how long an answer takes and nothing else.
 
 use super::memo::{Memo, mix};
+use super::pose::to_world;
 use super::postures::{Place, Postures, Turns};
 use crate::lattice::Cell;
 use crate::roombots::database::{Database, Table};
@@ -36,10 +37,10 @@ pub struct Reach {
     pub chains: Box<[Option<(u16, u8)>]>,
 }
 
-/// Landings that lead to each other around some taken cells, and to no others.
-#[derive(Clone, Copy)]
+/// Postures that lead to each other around some taken cells, and to no others.
 struct Part {
-    /// As bits by [`Graph::rest`].
+    postures: Postures,
+    /// Those of them that land, as bits by [`Graph::rest`].
     lands: u128,
     /// Taken cells that together keep everybody in it who is in it, once somebody has asked for them.
     wall: Option<Bits>,
@@ -55,7 +56,7 @@ pub struct Steps {
 }
 
 /// Answers kept about what can be got to, about parts, and about ways.
-const KEPT: (usize, usize, usize) = (1 << 13, 1 << 15, 1 << 13);
+const KEPT: (usize, usize, usize) = (1 << 13, 1 << 14, 1 << 13);
 
 /// The graph of strict steps of one kind.
 pub struct Graph {
@@ -83,8 +84,9 @@ pub struct Graph {
     /// And the other way round.
     resting: Vec<u16>,
     cells: Vec<Cell>,
-    /// The number of a cell, by [`Graph::slot`]; [`UNKNOWN`] if no motion ever sweeps it.
-    numbers: Vec<u8>,
+    /// The number of a cell around a foot of every class, by [`slot`]; [`UNKNOWN`] if no motion ever
+    /// sweeps it.
+    numbers: [Vec<u8>; 4],
     reached: Memo<(u16, Bits), Arc<Reach>>,
     /// Of all parts those that somebody has asked for.
     parts: Memo<Bits, Arc<Mutex<Vec<Part>>>>,
@@ -96,16 +98,23 @@ const UNKNOWN: u8 = u8::MAX;
 const RADIUS: i16 = 4;
 const SIDE: usize = 2 * RADIUS as usize + 1;
 
+/// Numbers the cells within reach.
+fn slot(cell: Cell) -> Option<usize> {
+    let along = |c: i16| usize::from(c.wrapping_add(RADIUS) as u16);
+    let (x, y, z) = (along(cell.x), along(cell.y), usize::from(cell.z as u16));
+    (x < SIDE && y < SIDE && z < SIDE).then_some((x * SIDE + y) * SIDE + z)
+}
+
 impl Graph {
     /// Lays a table out. Invariant: the caller has checked that 128 bits are enough for the cells.
     pub fn new(database: &Database, table: &Table) -> Graph {
         let cells = database.cells().to_vec();
-        let mut numbers = vec![UNKNOWN; SIDE * SIDE * SIDE];
-        for (i, cell) in cells.iter().enumerate() {
-            if let Some(slot) = Graph::slot(*cell) {
-                numbers[slot] = i as u8;
-            }
-        }
+        let numbers = [0, 1, 2, 3].map(|class| {
+            let mut numbers = vec![UNKNOWN; SIDE * SIDE * SIDE];
+            let seen = |cell: &Cell| slot(to_world(GridState::new(0, 0, class), *cell));
+            (0..).zip(&cells).for_each(|(i, cell)| seen(cell).into_iter().for_each(|slot| numbers[slot] = i));
+            numbers
+        });
         let bits = |set: &crate::roombots::database::CellSet| {
             set.indices().filter(|i| *i < 128).fold(0, |bits: Bits, i| bits | 1 << i)
         };
@@ -169,18 +178,16 @@ impl Graph {
         }
     }
 
-    fn slot(cell: Cell) -> Option<usize> {
-        let along = |c: i16| usize::try_from(c + RADIUS).ok().filter(|i| *i < SIDE);
-        let up = usize::try_from(cell.z).ok().filter(|i| *i < SIDE)?;
-        Some((along(cell.x)? * SIDE + along(cell.y)?) * SIDE + up)
-    }
-
-    /// The bit of a cell of the foot frame; none if no motion sweeps it.
-    pub fn bit(&self, cell: Cell) -> Bits {
-        match Graph::slot(cell).map_or(UNKNOWN, |s| self.numbers[s]) {
-            UNKNOWN => 0,
-            i => 1 << i,
+    /// Which cells of the world motions from a foot may sweep.
+    pub fn seen_from(&self, foot: GridState, cells: &[Cell]) -> Bits {
+        let numbers = &self.numbers[usize::from(foot.class % 4)];
+        let mut bits = 0;
+        for cell in cells {
+            let (x, y) = (cell.x.wrapping_sub(foot.x), cell.y.wrapping_sub(foot.y));
+            let number = slot(Cell::new(x, y, cell.z)).map_or(UNKNOWN, |slot| numbers[slot]);
+            bits |= 1u128.checked_shl(u32::from(number)).unwrap_or(0);
         }
+        bits
     }
     /// The cells of a set, in the foot frame.
     pub fn cells(&self, bits: Bits) -> impl Iterator<Item = Cell> + '_ {
@@ -214,7 +221,7 @@ impl Graph {
         let mut free = self.strict;
         for cell in ones(taken) {
             let sweepers = &self.sweepers[cell];
-            free.iter_mut().zip(sweepers).for_each(|(f, s)| *f = f.without(s));
+            free.iter_mut().zip(sweepers).for_each(|(f, s)| f.remove_all(s));
         }
         free
     }
@@ -242,7 +249,7 @@ impl Graph {
             if level.is_empty() || see(turns, &level) {
                 return;
             }
-            visited = visited.or(&level);
+            visited.add_all(&level);
             level = level.spread(free).without(&visited);
         }
     }
@@ -250,58 +257,40 @@ impl Graph {
     /// The landings that can be got to without sweeping a taken cell, as bits by [`Graph::rest`]. This is
     /// [`Reach::lands`], for less.
     pub fn lands(&self, from: u16, taken: Bits) -> u128 {
-        let Some(rest) = self.rest(from) else { return self.reach(from, taken).lands };
-        self.part(rest, taken, |part, _| part.lands)
+        self.part(from, taken, |part| part.lands).unwrap_or(0)
     }
 
     /// Taken cells that together leave no other landings than all of them do.
     pub fn wall(&self, from: u16, taken: Bits) -> Bits {
-        let one_of_them = || {
-            let lands = self.reach(from, taken).lands;
-            (lands != 0).then(|| lands.trailing_zeros() as u8)
+        let wall = |part: &mut Part| {
+            let postures = &part.postures;
+            *part.wall.get_or_insert_with(|| self.find_wall(postures, taken))
         };
-        let Some(rest) = self.rest(from).or_else(one_of_them) else { return taken };
-        self.part(rest, taken, |part, free| {
-            *part.wall.get_or_insert_with(|| self.find_wall(rest, &free(), taken))
-        })
+        self.part(from, taken, wall).unwrap_or(taken)
     }
 
-    /// Asks for something about the part of a posture that lands. The turns that are free are handed over
-    /// to be asked for.
-    fn part<T>(&self, rest: u8, taken: Bits, ask: impl FnOnce(&mut Part, &dyn Fn() -> Turns) -> T) -> T {
+    /// Asks for something about the part of a posture.
+    fn part<T>(&self, from: u16, taken: Bits, ask: impl FnOnce(&mut Part) -> T) -> Option<T> {
+        let place = *self.places.get(usize::from(from))?;
         let parts = self.parts.answer(hash(taken), taken, |_| Arc::default());
         let mut parts = parts.lock().unwrap_or_else(PoisonError::into_inner);
-        let free = || self.free(taken);
-        if let Some(part) = parts.iter_mut().find(|p| p.lands >> rest & 1 == 1) {
-            return ask(part, &free);
+        if let Some(part) = parts.iter_mut().find(|p| p.postures.has(place)) {
+            return Some(ask(part));
         }
-        let lands = self.landing_bits(&self.flood(rest, &free()));
-        parts.push(Part { lands, wall: None });
-        let last = parts.len() - 1;
-        ask(&mut parts[last], &free)
+        let postures = self.only(from)?.flood(&self.free(taken));
+        let mut part = Part { lands: self.landing_bits(&postures), postures, wall: None };
+        let answer = ask(&mut part);
+        parts.push(part);
+        Some(answer)
     }
 
-    fn flood(&self, rest: u8, free: &Turns) -> Postures {
-        let posture = self.resting.get(usize::from(rest)).copied().unwrap_or(u16::MAX);
-        self.only(posture).unwrap_or(Postures::NONE).flood(free)
-    }
-
-    /// Taken cells that together block all turns out of a part.
-    fn find_wall(&self, rest: u8, free: &Turns, taken: Bits) -> Bits {
-        let part = &self.flood(rest, free);
-        // Turns by the posture that they begin in, which may be the one in the part or the one outside.
-        let out = |joint: usize| {
-            let blocked = self.strict[joint].without(&free[joint]);
-            let (inside, ends_inside) = (blocked.and(part), blocked.and(&part.turned_back(joint)));
-            inside.or(&ends_inside).without(&inside.and(&ends_inside))
-        };
-        let mut open: Turns = std::array::from_fn(out);
+    /// Taken cells that together block all steps out of a part.
+    fn find_wall(&self, part: &Postures, taken: Bits) -> Bits {
         let mut wall = 0;
-        for cell in ones(taken) {
-            let sweepers = &self.sweepers[cell];
-            if open.iter().zip(sweepers).any(|(o, s)| o.meets(s)) {
-                wall |= 1 << cell;
-                open.iter_mut().zip(sweepers).for_each(|(o, s)| *o = o.without(s));
+        for (step, to) in self.postures(part).flat_map(|posture| self.steps(posture)) {
+            let blocked_by = self.swept[usize::from(*step)] & taken;
+            if blocked_by & wall == 0 && !part.has(self.places[usize::from(*to)]) {
+                wall |= blocked_by & blocked_by.wrapping_neg();
             }
         }
         wall
@@ -336,7 +325,7 @@ impl Graph {
                     Some((nearest, _)) => *nearest = posture.min(*nearest),
                     new => {
                         *new = Some((posture, turns));
-                        known = known.or(&self.of_chain[chain]);
+                        known.add_all(&self.of_chain[chain]);
                     }
                 }
             }
@@ -394,7 +383,7 @@ impl Graph {
 }
 
 /// The numbers of the bits that are set.
-fn ones(mut bits: Bits) -> impl Iterator<Item = usize> {
+pub(super) fn ones(mut bits: Bits) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let i = (bits != 0).then(|| bits.trailing_zeros() as usize)?;
         bits &= bits - 1;
@@ -432,7 +421,7 @@ mod tests {
                 let taken: Vec<Cell> = (0..round / 6)
                     .map(|_| database.cells()[stream.below(database.cells().len() as u64) as usize])
                     .collect();
-                let bits = taken.iter().fold(0, |b, c| b | graph.bit(*c));
+                let bits = graph.seen_from(GridState::new(0, 0, 0), &taken);
                 let set: CellSet = database.cell_set(taken.iter().copied());
                 let slow = table.reach(from, &set);
                 let mut nearest: Vec<(u16, u8)> = slow.postures().collect();
@@ -471,7 +460,13 @@ mod tests {
             assert_eq!(graph.way(0, u16::MAX, 0), None);
             let turned = (0..graph.filled.len() as u16).filter_map(|p| graph.landing(p)).map(|(_, t)| t);
             assert!(turned.into_iter().all(|t| graph.rest(t).is_some()), "who has landed can land back");
-            assert!(database.cells().iter().all(|c| graph.bit(*c) != 0), "every cell has a bit");
+            let seen = graph.seen_from(GridState::new(0, 0, 0), database.cells());
+            assert_eq!(seen.count_ones() as usize, database.cells().len(), "every cell has a bit");
+            for class in 0..4 {
+                let state = GridState::new(7, -2, class);
+                let around: Vec<Cell> = database.cells().iter().map(|c| to_world(state, *c)).collect();
+                assert!((0..).zip(&around).all(|(i, c)| graph.seen_from(state, &[*c]) == 1 << i));
+            }
         }
     }
 }

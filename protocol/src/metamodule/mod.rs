@@ -1,7 +1,7 @@
 //! The metamodule's protocol: the thesis's experiment (4.1.3) as a sans-IO agent.
 //!
 //! A metamodule is two Roombots modules with two ends that can grip. It stands on one connector of
-//! the floor, knows its absolute position, hears others within [`params::HEARING`], and learns from
+//! the floor, knows its absolute position, hears others within [`params::Params::hearing`], and learns from
 //! the world-controller (or from its neighbours) which seeds are open. It chooses the landing that the
 //! force field likes best (`choice`, `field`), locks the cells of the whole motion with everybody in
 //! hearing, does it step by step, grips, lets go, tells where it is, and starts again. On an open
@@ -236,7 +236,7 @@ impl Metamodule {
         let foot = core.pose.foot();
         let hears = |p: &Pose| {
             let at = p.foot();
-            at.0.abs_diff(foot.0).max(at.1.abs_diff(foot.1)) <= params::HEARING
+            at.0.abs_diff(foot.0).max(at.1.abs_diff(foot.1)) <= self.setup.params.hearing
         };
         let is_known = |id: ModuleId| core.peers.iter().any(|(_, p)| p.state.is_some_and(|s| s.id == id));
         strangers > core.dead.iter().filter(|(id, pose)| hears(pose) && !is_known(**id)).count()

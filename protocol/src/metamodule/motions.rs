@@ -59,11 +59,7 @@ const KEPT: usize = 256;
 impl LaidOut {
     fn new(database: &Database, kind: Kind) -> LaidOut {
         let table = database.table(kind);
-        LaidOut {
-            graph: Graph::new(database, table),
-            distances: Memo::new(KEPT),
-            learnt: Learnt::new(table.postures().len()),
-        }
+        LaidOut { graph: Graph::new(database, table), distances: Memo::new(KEPT), learnt: Learnt::new() }
     }
 }
 

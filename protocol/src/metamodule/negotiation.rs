@@ -30,6 +30,8 @@ use pathfinding::matrix::Matrix;
 pub(super) struct Intent {
     /// The seed it is on its way to.
     pub claim: Option<Claim>,
+    /// When everybody has heard of the claim, and would have objected.
+    agreed_at: Time,
     /// Seeds that it has no way to, until what stands around changes, or this time.
     pub barred: SeedSet,
     barred_until: Time,
@@ -57,6 +59,7 @@ impl Intent {
     pub fn new() -> Intent {
         Intent {
             claim: None,
+            agreed_at: Time::ZERO,
             barred: SeedSet::default(),
             barred_until: Time::NEVER,
             barred_in: 0,
@@ -249,7 +252,8 @@ impl Metamodule {
         let params = &self.setup.params;
         let patience = if waits { now + params.patience } else { Time::NEVER };
         let shared = intent.unclaimed_since.map(|since| since + params.resend);
-        let patience = shared.filter(|at| *at > now).unwrap_or(patience);
+        let agreed = claim.map(|_| intent.agreed_at);
+        let patience = shared.or(agreed).filter(|at| *at > now).unwrap_or(patience);
         let barred = if intent.barred.is_empty() { Time::NEVER } else { intent.barred_until };
         let cornered = intent.cornered_until.unwrap_or(Time::NEVER);
         let look_at = [next_expiry, patience, barred, cornered].into_iter().fold(Time::NEVER, Time::min);
@@ -329,6 +333,7 @@ impl Metamodule {
                 Some(course) => {
                     let cost = u8::try_from(course.strides.len()).unwrap_or(u8::MAX);
                     self.core.intent.claim = Some(Claim { seed: number, cost });
+                    self.core.intent.agreed_at = now + self.setup.params.resend;
                     self.core.intent.unclaimed_since = None;
                     self.core.course = course;
                     self.core.intent.planned_in = fingerprint(&self.planned(scene, number));
@@ -416,6 +421,10 @@ impl Metamodule {
         corridor: &[(Vec<Cell>, Rank)],
         claim: Claim,
     ) -> Option<Plan> {
+        if now < self.core.intent.agreed_at {
+            // A stride towards a seed that is lost to somebody nearer would be one in vain.
+            return None;
+        }
         let enter = self.is_first(scene, claim);
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;

@@ -77,10 +77,12 @@ impl Floor {
     }
 }
 
-/// Feet at most this far apart (the larger of the two distances along x and y) hear each other.
-/// Motions from one foot reach at most four cells to the side, so whoever is farther away cannot be
-/// in the way of a move, nor come into it by a move of its own.
-pub const HEARING: u16 = 9;
+/// The least [`Params::hearing`]. Motions from one foot reach at most four cells to the side, so whoever
+/// is farther away cannot be in the way of a move, nor come into it by a move of its own.
+pub const LEAST_HEARING: u16 = 9;
+/// The usual one. The thesis's metamodules broadcast and nothing is said of a range (4.1.3); this one
+/// covers the floor that its experiments are repeated on.
+pub const HEARING: u16 = 12;
 
 /// From whom metamodules learn which seeds are filled and open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
@@ -111,6 +113,8 @@ pub struct Params {
     pub repulsion: Repulsion,
     /// From whom open seeds are learnt.
     pub teller: Teller,
+    /// Feet at most this far apart (the larger of the two distances along x and y) hear each other.
+    pub hearing: u16,
     /// How long a joint needs for a step.
     pub turn_time: Span,
     /// How long connecting and disconnecting take.
@@ -141,6 +145,7 @@ impl Params {
             strategy,
             repulsion: strategy.repulsion(),
             teller: Teller::Controller,
+            hearing: HEARING,
             turn_time,
             connect_time: turn_time,
             lease: turn_time * 40 + round_trip * 4,

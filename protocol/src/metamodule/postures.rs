@@ -7,6 +7,8 @@
 use crate::roombots::posture::{MAX_JOINTS, Posture};
 
 const WORDS: usize = 27;
+/// The bits of a word that are used.
+const USED: u64 = (1 << 48) - 1;
 
 /// A set of postures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,33 +58,27 @@ impl Postures {
     pub fn is_empty(&self) -> bool {
         self.0.iter().all(|w| *w == 0)
     }
-    /// Whether a posture is in both sets.
-    pub fn meets(&self, other: &Postures) -> bool {
-        self.0.iter().zip(&other.0).any(|(a, b)| a & b != 0)
+    /// Adds all of another set.
+    #[inline]
+    pub fn add_all(&mut self, other: &Postures) {
+        self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word |= other);
     }
-    /// Those in either set.
-    #[inline(always)]
-    pub fn or(&self, other: &Postures) -> Postures {
-        self.with(other, |a, b| a | b)
+    /// Takes out all of another set.
+    #[inline]
+    pub fn remove_all(&mut self, other: &Postures) {
+        self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word &= !other);
     }
     /// Those in both sets.
-    #[inline(always)]
-    pub fn and(&self, other: &Postures) -> Postures {
-        self.with(other, |a, b| a & b)
+    #[inline]
+    pub fn and(mut self, other: &Postures) -> Postures {
+        self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word &= other);
+        self
     }
     /// Those that are not in the other set.
-    #[inline(always)]
-    pub fn without(&self, other: &Postures) -> Postures {
-        self.with(other, |a, b| a & !b)
-    }
-    // Loops over words, not iterators that make arrays: these become vector instructions.
-    #[inline(always)]
-    fn with(&self, other: &Postures, f: impl Fn(u64, u64) -> u64) -> Postures {
-        let mut to = *self;
-        for (word, other) in to.0.iter_mut().zip(&other.0) {
-            *word = f(*word, *other);
-        }
-        to
+    #[inline]
+    pub fn without(mut self, other: &Postures) -> Postures {
+        self.remove_all(other);
+        self
     }
     /// All of them, in the order of their numbers.
     pub fn iter(&self) -> impl Iterator<Item = Place> + '_ {
@@ -96,80 +92,56 @@ impl Postures {
         })
     }
 
-    /// All postures of the set after a joint has turned one step forwards.
-    #[inline(always)]
-    pub fn turned(&self, joint: usize) -> Postures {
-        match joint {
-            0 => self.rows::<9>(1),
-            1 => self.bits(4, 0xFFF0_FFF0_FFF0, 12, 0x000F_000F_000F),
-            2 => self.rows::<3>(1),
-            3 => self.rows::<1>(1),
-            4 => self.bits(1, 0xEEEE_EEEE_EEEE, 3, 0x1111_1111_1111),
-            _ => self.bits(16, 0xFFFF_FFFF_0000, 32, 0xFFFF),
-        }
-    }
-    /// All postures of the set before a joint has turned one step forwards.
-    #[inline(always)]
-    pub fn turned_back(&self, joint: usize) -> Postures {
-        match joint {
-            0 => self.rows::<9>(2),
-            1 => self.bits(12, 0xF000_F000_F000, 4, 0x0FFF_0FFF_0FFF),
-            2 => self.rows::<3>(2),
-            3 => self.rows::<1>(2),
-            4 => self.bits(3, 0x8888_8888_8888, 1, 0x7777_7777_7777),
-            _ => self.bits(32, 0xFFFF_0000_0000, 16, 0xFFFF_FFFF),
-        }
-    }
-    /// Words move on by so many steps of the joint whose values are this far apart.
-    #[inline(always)]
-    fn rows<const APART: usize>(&self, steps: usize) -> Postures {
-        let mut to = [0; WORDS];
-        for (from, block) in self.0.chunks_exact(3 * APART).enumerate() {
-            let first = from * 3 * APART;
-            for value in 0..3 {
-                let at = first + (value + steps) % 3 * APART;
-                to[at..at + APART].copy_from_slice(&block[value * APART..(value + 1) * APART]);
-            }
-        }
-        Postures(to)
-    }
-    /// Bits move up, and those at the end of their range down to its beginning.
-    #[inline(always)]
-    fn bits(&self, up: u32, moved: u64, down: u32, wrapped: u64) -> Postures {
-        let mut to = *self;
-        for word in &mut to.0 {
-            *word = *word << up & moved | *word >> down & wrapped;
-        }
+    /// What one turn leads to from the set. For every joint `turns` has the postures that it may turn from,
+    /// one step forwards; it may turn back to the same.
+    pub fn spread(&self, turns: &Turns) -> Postures {
+        let mut to = Postures::NONE;
+        self.turn_between_words::<9>(&turns[0], &mut to);
+        self.turn_within_words(&turns[1], &mut to, 4, 0xFFF0_FFF0_FFF0, 12);
+        self.turn_between_words::<3>(&turns[2], &mut to);
+        self.turn_between_words::<1>(&turns[3], &mut to);
+        self.turn_within_words(&turns[4], &mut to, 1, 0xEEEE_EEEE_EEEE, 3);
+        self.turn_within_words(&turns[5], &mut to, 16, 0xFFFF_FFFF_0000, 32);
         to
     }
 
-    /// What turning one joint once, either way, leads to from the set.
-    #[inline(always)]
-    fn turns_of(&self, joint: usize, free: &Postures) -> Postures {
-        self.and(free).turned(joint).or(&self.turned_back(joint).and(free))
+    /// Turns a joint whose three values are so many words apart.
+    #[inline]
+    fn turn_between_words<const APART: usize>(&self, free: &Postures, to: &mut Postures) {
+        for block in (0..WORDS).step_by(3 * APART) {
+            for value in 0..3 {
+                let (from, next) = (block + value * APART, block + (value + 1) % 3 * APART);
+                for i in 0..APART {
+                    let free = free.0[from + i];
+                    to.0[next + i] |= self.0[from + i] & free;
+                    to.0[from + i] |= self.0[next + i] & free;
+                }
+            }
+        }
     }
-    /// What one turn leads to from the set.
-    pub fn spread(&self, turns: &Turns) -> Postures {
-        let mut to = self.turns_of(0, &turns[0]);
-        to = to.or(&self.turns_of(1, &turns[1]));
-        to = to.or(&self.turns_of(2, &turns[2]));
-        to = to.or(&self.turns_of(3, &turns[3]));
-        to = to.or(&self.turns_of(4, &turns[4]));
-        to.or(&self.turns_of(5, &turns[5]))
+
+    /// Turns a joint whose values are within every word: a step forwards moves bits up into `moved`, or down
+    /// to the rest if they are at the end of their range.
+    #[inline]
+    fn turn_within_words(&self, free: &Postures, to: &mut Postures, up: u32, moved: u64, down: u32) {
+        let wrapped = USED & !moved;
+        for i in 0..WORDS {
+            let (word, free) = (self.0[i], free.0[i]);
+            let from = word & free;
+            let forwards = from << up & moved | from >> down & wrapped;
+            let back = word >> up & moved >> up | word << down & wrapped << down;
+            to.0[i] |= forwards | back & free;
+        }
     }
+
     /// What any number of turns lead to from the set, with the set itself.
     pub fn flood(mut self, turns: &Turns) -> Postures {
         loop {
-            let before = self;
-            self = self.or(&self.turns_of(0, &turns[0]));
-            self = self.or(&self.turns_of(1, &turns[1]));
-            self = self.or(&self.turns_of(2, &turns[2]));
-            self = self.or(&self.turns_of(3, &turns[3]));
-            self = self.or(&self.turns_of(4, &turns[4]));
-            self = self.or(&self.turns_of(5, &turns[5]));
-            if self == before {
+            let more = self.spread(turns).without(&self);
+            if more.is_empty() {
                 return self;
             }
+            self.add_all(&more);
         }
     }
 }
@@ -178,6 +150,7 @@ impl Postures {
 mod tests {
     use super::*;
     use crate::roombots::Kind;
+    use crate::roombots::posture::values;
 
     #[test]
     fn turning_a_set_turns_each_of_it() {
@@ -189,10 +162,15 @@ mod tests {
             let mut one = Postures::NONE;
             one.add(place);
             for joint in 0..MAX_JOINTS {
-                let mut to = Postures::NONE;
+                let back = (1..values(joint)).fold(posture, |p, _| p.turned(joint));
+                let (mut turns, mut to) = (Postures::NO_TURNS, Postures::NONE);
+                assert!(one.spread(&turns).is_empty());
+                turns[joint].add(place);
                 to.add(Place::of(posture.turned(joint)));
-                assert_eq!(one.turned(joint), to, "{posture:?} {joint}");
-                assert_eq!(to.turned_back(joint), one, "{posture:?} {joint}");
+                assert_eq!(one.spread(&turns), to, "{posture:?} {joint}");
+                turns[joint].add(Place::of(back));
+                to.add(Place::of(back));
+                assert_eq!(one.spread(&turns), to, "{posture:?} {joint}");
             }
         }
         assert_eq!(seen.iter().count(), 1296);

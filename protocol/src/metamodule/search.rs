@@ -99,7 +99,7 @@ impl Left {
 impl Ground<'_> {
     /// The taken cells as a body in this place sees them.
     pub fn taken_at(&self, pose: Pose) -> Bits {
-        taken_at(self.motions, pose, self.taken)
+        self.motions.graph().seen_from(pose.state, self.taken)
     }
     /// What can be got to without leaving the place.
     pub fn reach(&self, pose: Pose) -> Arc<Reach> {
@@ -209,11 +209,6 @@ impl Ground<'_> {
         }
         None
     }
-}
-
-/// The taken cells as a body in this place sees them.
-pub fn taken_at(motions: &Motions, pose: Pose, taken: &[Cell]) -> Bits {
-    taken.iter().fold(0, |bits, cell| bits | motions.graph().bit(to_frame(pose.state, *cell)))
 }
 
 fn course(nodes: &[Node], mut at: u32, last: Option<u16>) -> Course {

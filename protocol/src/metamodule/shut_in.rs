@@ -5,14 +5,15 @@
 //! cells is taken, and the cells that ended a search without one are a wall wherever all of them are
 //! taken. What is kept changes how long an answer takes and nothing else.
 
+use super::choice::middle;
 use super::field::Middle;
-use super::graph::Bits;
+use super::graph::ones;
 use super::params::Floor;
 use super::pose::{Pose, to_frame, to_world};
 use super::search::{Ground, Left};
 use crate::lattice::Cell;
 use crate::roombots::grid::GridState;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Whoever can get this far away, in connectors from its middle, is not shut in.
 const AWAY: i64 = 5;
@@ -52,57 +53,78 @@ impl Near {
     }
 }
 
-/// A way out from a posture.
+/// A rectangle of connectors, by its corners.
+type Box2 = ((i16, i16), (i16, i16));
+
+fn with((min, max): Box2, (x, y): (i16, i16)) -> Box2 {
+    ((min.0.min(x), min.1.min(y)), (max.0.max(x), max.1.max(y)))
+}
+
+/// A way out, from a landing on, seen from the connector that held the body before.
 struct WayOut {
-    /// The corners of the rectangle around the connectors that it uses.
-    feet: ((i16, i16), (i16, i16)),
+    /// Where it ends.
+    to: (i16, i16),
+    /// The rectangle around all connectors that it uses.
+    feet: Box2,
     cells: Box<[u16]>,
 }
 
 /// What ended a search.
 struct Wall {
     floor: Floor,
+    /// Where the search began.
     state: GridState,
-    posture: u16,
+    /// The landings there that are on the same side of the wall, as bits.
+    lands: u128,
+    /// The rectangle around all connectors that it got to.
+    feet: Box2,
     cells: Box<[u16]>,
 }
 
 /// What was learnt from earlier searches.
-pub struct Learnt {
-    /// By the posture in which they begin.
-    ways: Box<[Mutex<Vec<WayOut>>]>,
-    /// By place and posture.
-    walls: Box<[Mutex<Vec<Wall>>]>,
+pub struct Learnt(Mutex<Kept>);
+
+struct Kept {
+    /// By the landing with which they begin.
+    ways: Vec<Vec<WayOut>>,
+    /// In heaps by place.
+    walls: Vec<Vec<Wall>>,
 }
 
-/// So many ways are kept for each posture.
-const WAYS: usize = 64;
+/// So many ways are kept for each landing.
+const WAYS: usize = 32;
 /// Walls are kept in so many heaps of so many each.
-const WALLS: (usize, usize) = (1 << 12, 8);
+const WALLS: (usize, usize) = (1 << 10, 32);
 
 impl Learnt {
-    /// Nothing yet, about so many postures.
-    pub fn new(postures: usize) -> Learnt {
-        let none = |count| std::iter::repeat_with(|| Mutex::new(Vec::new())).take(count).collect();
-        Learnt { ways: (0..postures).map(|_| Mutex::default()).collect(), walls: none(WALLS.0) }
+    /// Nothing yet.
+    pub fn new() -> Learnt {
+        let (mut ways, mut walls) = (Vec::new(), Vec::new());
+        ways.resize_with(u128::BITS as usize, Vec::new);
+        walls.resize_with(WALLS.0, Vec::new);
+        Learnt(Mutex::new(Kept { ways, walls }))
     }
-    fn walls(&self, pose: Pose) -> &Mutex<Vec<Wall>> {
-        let numbers = [pose.state.x as u16, pose.state.y as u16, u16::from(pose.state.class), pose.posture];
+    fn kept(&self) -> MutexGuard<'_, Kept> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Kept {
+    fn walls(&mut self, state: GridState) -> &mut Vec<Wall> {
+        let numbers = [state.x as u16, state.y as u16, u16::from(state.class)];
         let hash = numbers.into_iter().fold(0, |h, n| super::memo::mix(h, u64::from(n)));
-        &self.walls[hash as usize % WALLS.0]
+        &mut self.walls[hash as usize % WALLS.0]
     }
 }
 
 /// Whether one of these answers the question. It comes first from then on, and what has not been of use
 /// for longest comes last.
-fn finds<T>(kept: &Mutex<Vec<T>>, answers: impl Fn(&T) -> bool) -> bool {
-    let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+fn finds<T>(kept: &mut [T], answers: impl Fn(&T) -> bool) -> bool {
     let at = kept.iter().position(answers);
     at.inspect(|at| kept[..=*at].rotate_right(1)).is_some()
 }
 
-fn keep<T>(kept: &Mutex<Vec<T>>, new: T, most: usize) {
-    let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+fn keep<T>(kept: &mut Vec<T>, new: T, most: usize) {
     kept.truncate(most - 1);
     kept.insert(0, new);
 }
@@ -116,29 +138,42 @@ struct Step {
 impl Ground<'_> {
     /// Whether whoever stands like this cannot get away from there.
     pub fn is_shut_in(&self, pose: Pose) -> bool {
-        let near = Near::new(pose.state, self.taken);
-        let learnt = self.motions.learnt();
-        let Some(ways) = learnt.ways.get(usize::from(pose.posture)) else { return true };
-        if finds(ways, |way| self.is_free(way, pose.state, &near)) {
+        let (graph, state) = (self.motions.graph(), pose.state);
+        let lands = self.lands(pose);
+        if lands == 0 {
+            return true;
+        }
+        let near = Near::new(state, self.taken);
+        let mut kept = self.motions.learnt().kept();
+        let from = middle(self.motions, Pose { state: GridState::new(0, 0, 0), ..pose });
+        let is_way = |way: &WayOut| is_away(from, way.to) && self.is_free(way, state, &near);
+        if ones(lands).any(|rest| finds(&mut kept.ways[rest], is_way)) {
             return false;
         }
-        let walls = learnt.walls(pose);
-        let is_at = |w: &Wall| (w.posture, w.state, w.floor) == (pose.posture, pose.state, self.floor);
-        if finds(walls, |wall| is_at(wall) && wall.cells.iter().all(|c| near.has(*c))) {
+        let from = middle(self.motions, pose);
+        let holds = |wall: &Wall| {
+            let (min, max) = wall.feet;
+            let ends = [min, max, (min.0, max.1), (max.0, min.1)];
+            (wall.state, wall.floor) == (state, self.floor)
+                && wall.lands & lands != 0
+                && !ends.into_iter().any(|to| is_away(from, to))
+                && wall.cells.iter().all(|c| near.has(*c))
+        };
+        if finds(kept.walls(state), holds) {
             return true;
         }
         match self.look_for_way_out(pose) {
             Ok(strides) => {
-                if let Some(way) = self.way_out(pose, &strides) {
-                    keep(ways, way, WAYS);
+                let first = strides.first().and_then(|posture| graph.rest(*posture));
+                if let Some((rest, way)) = first.zip(self.way_out(pose, &strides)) {
+                    keep(&mut kept.ways[usize::from(rest)], way, WAYS);
                 }
                 false
             }
-            Err(cells) => {
-                let number = |c: &Cell| Near::number(to_frame(pose.state, *c));
+            Err((cells, feet)) => {
+                let number = |c: &Cell| Near::number(to_frame(state, *c));
                 if let Some(cells) = cells.iter().map(number).collect() {
-                    let wall = Wall { floor: self.floor, state: pose.state, posture: pose.posture, cells };
-                    keep(walls, wall, WALLS.1);
+                    keep(kept.walls(state), Wall { floor: self.floor, state, lands, feet, cells }, WALLS.1);
                 }
                 true
             }
@@ -151,17 +186,19 @@ impl Ground<'_> {
         self.floor.has(a.x, a.y) && self.floor.has(b.x, b.y) && !way.cells.iter().any(|c| near.has(*c))
     }
 
-    /// The strides of a way out, as few as possible; or taken cells that leave none.
-    fn look_for_way_out(&self, from: Pose) -> Result<Vec<u16>, Vec<Cell>> {
+    /// The strides of a way out, as few as possible; or taken cells that leave none, and the rectangle
+    /// around all connectors that can be got to.
+    fn look_for_way_out(&self, from: Pose) -> Result<Vec<u16>, (Vec<Cell>, Box2)> {
         let graph = self.motions.graph();
-        let middle = super::choice::middle(self.motions, from);
+        let middle = middle(self.motions, from);
         let (mut left, mut steps) = (Left::new(self.floor), vec![Step { pose: from, by: None }]);
-        let mut at = 0;
+        let (mut at, mut places) = (0, Vec::new());
         while let Some(Step { pose, .. }) = steps.get(at) {
             let pose = *pose;
             if !left.has(pose, self.motions.rest_bit(pose.posture)) && left.is_bounded() {
                 let lands = self.lands(pose);
                 left.add(pose, lands);
+                places.push(pose);
                 for posture in graph.landings(lands) {
                     let Some(to) = self.landed(pose, posture) else { continue };
                     let by = Some((at as u32, posture));
@@ -175,33 +212,37 @@ impl Ground<'_> {
             }
             at += 1;
         }
-        let walls =
-            steps.iter().map(|Step { pose, .. }| (*pose, graph.wall(pose.posture, self.taken_at(*pose))));
-        let cells = |(pose, wall): (Pose, Bits)| graph.cells(wall).map(move |c| to_world(pose.state, c));
-        let mut wall: Vec<Cell> = walls.flat_map(cells).collect();
+        let mut wall = Vec::new();
+        for pose in &places {
+            let cells = graph.wall(pose.posture, self.taken_at(*pose));
+            wall.extend(graph.cells(cells).map(|c| to_world(pose.state, c)));
+        }
         wall.sort_unstable();
         wall.dedup();
-        Err(wall)
+        Err((wall, places.iter().fold((from.foot(), from.foot()), |feet, p| with(feet, p.foot()))))
     }
 
     /// A way of these strides as it is kept; none if it leads too far.
     fn way_out(&self, from: Pose, strides: &[u16]) -> Option<WayOut> {
         let graph = self.motions.graph();
-        let (mut at, mut cells) = (from, Vec::new());
-        let (mut min, mut max) = ((0, 0), (0, 0));
+        let (first, strides) = strides.split_first()?;
+        let foot = |pose: Pose| {
+            let cell = to_frame(from.state, Cell::new(pose.state.x, pose.state.y, 0));
+            (cell.x, cell.y)
+        };
+        let mut at = self.landed(from, *first)?;
+        let (mut cells, mut feet) = (Vec::new(), (foot(at), foot(at)));
         for posture in strides {
             let way = graph.way(at.posture, *posture, self.taken_at(at))?;
             for cell in graph.cells(way.swept) {
                 cells.push(Near::number(to_frame(from.state, to_world(at.state, cell)))?);
             }
             at = self.landed(at, *posture)?;
-            let foot = to_frame(from.state, Cell::new(at.state.x, at.state.y, 0));
-            min = (foot.x.min(min.0), foot.y.min(min.1));
-            max = (foot.x.max(max.0), foot.y.max(max.1));
+            feet = with(feet, foot(at));
         }
         cells.sort_unstable();
         cells.dedup();
-        Some(WayOut { feet: (min, max), cells: cells.into() })
+        Some(WayOut { to: foot(at), feet, cells: cells.into() })
     }
 }
 

@@ -25,6 +25,9 @@ pub const MAX_MODULES: usize = 1_000_000;
 pub const MAX_METAMODULES: usize = 1_000;
 /// The most connectors of a floor along each side.
 pub const MAX_FLOOR: u16 = 256;
+/// The farthest that metamodules hear. More makes little difference: nobody has ports for as many as there
+/// may be within it.
+pub const MAX_HEARING: u64 = 64;
 /// The largest file that is read as a scenario, in bytes.
 pub const MAX_BYTES: u64 = 16 << 20;
 /// The most cells that the boxes around all parts of a shape may have together.

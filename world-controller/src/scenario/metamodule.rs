@@ -4,7 +4,7 @@
 //! Coordinates of the floor are those of connectors, two each. Absent: placing them at random, which
 //! the protocol's own library does.
 
-use super::flaw::{Flaw, MAX_FLOOR, MAX_METAMODULES};
+use super::flaw::{Flaw, MAX_FLOOR, MAX_HEARING, MAX_METAMODULES};
 use super::plan::{Draft, Patience};
 use super::problems::{At, Place, Problems};
 use super::raw::{Sections, goal_sections};
@@ -17,7 +17,9 @@ use metamorph_protocol::metamodule::blueprint::{
     Blueprint, BlueprintError, Seed, SeedOrder, box_of_four, chair_of_six,
 };
 use metamorph_protocol::metamodule::motions::Motions;
-use metamorph_protocol::metamodule::params::{Detector, Floor, Params, Setup, Strategy, Teller};
+use metamorph_protocol::metamodule::params::{
+    Detector, Floor, LEAST_HEARING, Params, Setup, Strategy, Teller,
+};
 use metamorph_protocol::metamodule::pose::{End, Pose, to_world};
 use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::roombots::Kind;
@@ -57,6 +59,7 @@ pub struct RawMetamodules {
     /// How long a joint needs for a step, and a connector to connect.
     pub turn_time: Option<At<Span>>,
     floor: Floor,
+    hearing: Option<At<u64>>,
     start: At<RawStart>,
     goals: Vec<RawGoal>,
     strategy: Strategy,
@@ -100,6 +103,7 @@ impl RawMetamodules {
             count: swarm.get("count", problems),
             turn_time: swarm.get("turn_time", problems),
             floor: swarm.get("floor", problems).map_or(FLOOR, |f| f.value),
+            hearing: swarm.get("hearing", problems),
             start: start.unwrap_or_else(|| At { value: RawStart::Random, place: swarm.place().clone() }),
             goals: Vec::new(),
             strategy: Strategy::default(),
@@ -146,6 +150,10 @@ impl RawMetamodules {
         let count = self.count(most, problems)?;
         let mut params = Params::scaled(self.strategy, turn_time, usual_delay);
         params.teller = self.teller;
+        if let Some(hearing) = &self.hearing {
+            let (least, most) = (u64::from(LEAST_HEARING), MAX_HEARING);
+            params.hearing = range(hearing, "hearing", least, most, problems)? as u16;
+        }
         let metamodules = u16::try_from(count).unwrap_or(u16::MAX);
         if let Some(asked) = &self.detector {
             params.detector = Some(Detector { after: params.patience, metamodules });

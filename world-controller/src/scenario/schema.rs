@@ -5,10 +5,10 @@
 //! whose complaints people read. A test asks the reader for the keys and names that it knows at every
 //! place and compares them with these; so neither can change alone.
 
-use super::flaw::{MAX_FLOOR, MAX_GOALS, MAX_METAMODULES, VERSION};
+use super::flaw::{MAX_FLOOR, MAX_GOALS, MAX_HEARING, MAX_METAMODULES, VERSION};
 use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::metamodule::params::{LEAST_HEARING, Strategy};
 use metamorph_protocol::roombots::Kind;
 use serde_json::{Map, Value, json};
 
@@ -307,6 +307,7 @@ fn metamodules() -> Definitions {
                     "kind": names(&Kind::METAMODULES.map(Kind::name)),
                     "count": { "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES },
                     "floor": of("floor"),
+                    "hearing": { "type": "integer", "minimum": LEAST_HEARING, "maximum": MAX_HEARING },
                     "start": said("Drawn from the seed of the run, or a list.", start),
                     "turn_time": of("time"),
                     "failed_connections": of("probability"),
