@@ -53,7 +53,9 @@ fn with_small_disk(small: &Path, size: &str, script: &str) -> Option<Ran> {
 fn a_full_disk_ends_the_journal_and_not_the_run() {
     let dir = tempfile::tempdir().expect("a directory");
     let (disk, kept) = (dir.path().join("disk"), dir.path().join("kept"));
-    [&disk, &kept].map(|d| std::fs::create_dir(d).expect("it can be made"));
+    for made in [&disk, &kept] {
+        std::fs::create_dir(made).expect("it can be made");
+    }
     let (program, file) = (metamorph().display(), scenario("swarm.toml"));
     let (disk_name, kept_name, file) = (disk.display(), kept.display(), file.display());
     let script = format!(
