@@ -138,6 +138,23 @@ impl Ledger {
     }
 }
 
+/// Messages that all lives of all agents of a run have sent so far. Ledgers that are being created count
+/// as nothing.
+pub fn sent(root: &Path) -> io::Result<u64> {
+    let name = |name: &str| -> Option<(ModuleId, Incarnation)> {
+        let (id, life) = name.split_once('.')?;
+        Some((ModuleId(id.parse().ok()?), Incarnation(life.parse().ok()?)))
+    };
+    let mut sent = 0;
+    for entry in fs::read_dir(directory(root))? {
+        let Some((id, life)) = entry?.file_name().to_str().and_then(name) else { continue };
+        if let Ok(Some(account)) = Ledger::read(root, id, life) {
+            sent += account.tally.total().sent;
+        }
+    }
+    Ok(sent)
+}
+
 fn header(id: ModuleId, incarnation: Incarnation) -> [u8; HEADER] {
     let mut bytes = [0; HEADER];
     bytes[..8].copy_from_slice(&MAGIC);
@@ -234,6 +251,21 @@ mod tests {
             ledger.write(&account(n)).unwrap();
             assert_eq!(Ledger::read(dir.path(), ME.0, ME.1).unwrap(), Some(account(n)));
         }
+    }
+
+    #[test]
+    fn what_all_have_sent_is_added_up() {
+        let dir = dir();
+        assert_eq!(sent(dir.path()).unwrap(), 0);
+        for (id, life, n) in [(4, 0, 1), (4, 1, 2), (7, 0, 3)] {
+            let mut ledger = Ledger::create(dir.path(), ModuleId(id), Incarnation(life)).unwrap();
+            ledger.write(&account(n)).unwrap();
+        }
+        let each = |n| account(n).tally.total().sent;
+        assert!(each(1) > 0);
+        fs::write(directory(dir.path()).join("9.0"), b"").unwrap();
+        fs::write(directory(dir.path()).join("stranger"), b"no ledger").unwrap();
+        assert_eq!(sent(dir.path()).unwrap(), each(1) + each(2) + each(3));
     }
 
     #[test]

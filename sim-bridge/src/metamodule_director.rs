@@ -2,14 +2,14 @@
 //! blueprint, injects faults, tells of deaths, watches progress and decides how the run ends.
 
 use crate::direct::{Command, Direct};
-use crate::director::{Progress, Stop};
+use crate::director::{Progress, Stage, Stop};
 use crate::faults::{Fault, Schedule, Struck};
 use crate::injector::Injector;
 use crate::metamodule_world::MetamoduleWorld;
 use crate::outcome::{Outcome, Reason, Stall, Waiter, Why};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
+use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedSet, Task};
 use metamorph_protocol::metamodule::message::{Order, Status};
 use metamorph_protocol::metamodule::params::{Setup, Strategy, Teller};
 use metamorph_protocol::ratio::Ratio;
@@ -58,6 +58,8 @@ pub struct MetamoduleDirector {
     stop: Stop,
     failure: Ratio,
     task: Task,
+    /// A stage for every goal so far, the last one under way.
+    stages: Vec<Stage>,
     known: Vec<Known>,
     /// Cells with something foreign in them, as told.
     obstacles: BTreeSet<Cell>,
@@ -81,10 +83,16 @@ pub struct MetamoduleDirector {
     alarms: u32,
 }
 
+/// Nobody in the swarm counts seeds, so none is ever known to be built.
+fn opened(goal: &Blueprint, now: Time) -> Stage {
+    Stage { cells: goal.seeds().len(), filled: 0, opened: now, built: None, known: None }
+}
+
 impl MetamoduleDirector {
     /// A director for a swarm of this many metamodules.
     pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
         let MetamodulePlan { schedule, stop, failure, changes, relocate, heed } = plan;
+        let stages = vec![opened(setup.goal(Task::default()), Time::ZERO)];
         MetamoduleDirector {
             setup,
             faults: Injector::new(schedule),
@@ -93,6 +101,7 @@ impl MetamoduleDirector {
             stop,
             failure,
             task: Task::default(),
+            stages,
             known: vec![Known::default(); metamodules],
             obstacles: BTreeSet::new(),
             untold: BTreeSet::new(),
@@ -151,6 +160,10 @@ impl MetamoduleDirector {
     /// What is being built, and where.
     pub fn task(&self) -> Task {
         self.task
+    }
+    /// All stages so far. A goal that has been moved is the same stage.
+    pub fn stages(&self) -> &[Stage] {
+        &self.stages
     }
     /// The seeds that are filled.
     pub fn filled(&self) -> SeedSet {
@@ -301,6 +314,9 @@ impl MetamoduleDirector {
 
     /// Something else is built from now on.
     fn begin(&mut self, now: Time, goal: u8, shift: (i16, i16)) {
+        if goal != self.task.goal {
+            self.stages.push(opened(self.setup.goal(Task { goal, ..self.task }), now));
+        }
         self.task = Task { epoch: self.task.epoch.saturating_add(1), goal, shift };
         self.filled = SeedSet::default();
         (self.last_fill, self.last_deed) = (now, now);
@@ -337,6 +353,15 @@ impl MetamoduleDirector {
         if filled != self.filled {
             self.filled = filled;
             self.last_fill = now;
+        }
+        let all = self.setup.goal(self.task).seeds().len();
+        if let Some(stage) = self.stages.last_mut() {
+            stage.filled = filled.len();
+            if filled.len() < all {
+                stage.built = None;
+            } else {
+                stage.built.get_or_insert(now);
+            }
         }
     }
 

@@ -550,7 +550,8 @@ mod tests {
     #[test]
     fn hears_only_whoever_is_near() {
         let setup = setup();
-        let poses = [upright(&setup, 0, 0), upright(&setup, 9, 0), upright(&setup, 10, 0)];
+        let far = setup.params.hearing as i16;
+        let poses = [upright(&setup, 0, 0), upright(&setup, far, 0), upright(&setup, far + 1, 0)];
         let world = MetamoduleWorld::new(Arc::clone(&setup), &poses, 1);
         let linked = |a, b| world.link(ModuleId(a), ModuleId(b)).is_some();
         assert!(linked(0, 1) && linked(1, 0) && linked(1, 2) && !linked(0, 2));

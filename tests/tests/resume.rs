@@ -60,8 +60,15 @@ fn count(part: &Path) -> usize {
 
 /// Goes on with a run, until nobody kills the controller any more.
 fn resume(journal: &Path) -> (Ran, Report) {
-    let ran = run_processes(&["resume", &journal.display().to_string(), "--json", "-"]);
+    let html = journal.with_extension("html");
+    let (file, page) = (journal.display().to_string(), html.display().to_string());
+    let ran = run_processes(&["resume", &file, "--json", "-", "--html", &page]);
     println!("{}", ran.err);
+    // The report has what happened before the first controller was killed, messages included.
+    let page = std::fs::read_to_string(html).expect("the report is written");
+    for part in ["built", "another went on", "class=\"area moves\"", "class=\"area c-negotiation\""] {
+        assert!(page.contains(part), "`{part}` is missing");
+    }
     let report = serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"));
     (ran, report)
 }
@@ -136,7 +143,14 @@ fn what_cannot_be_resumed_is_said() {
     let journal = dir.path().join("journal");
     let file = journal.display().to_string();
     let none = run(&["resume", &file]);
-    assert!(none.code == Some(1) && none.err.contains("journal"), "{none:?}");
+    assert!(none.code == Some(1) && none.err.contains("no run keeps its journal there"), "{none:?}");
+    std::fs::write(&journal, b"").expect("it can be written");
+    let over = run(&["resume", &file]);
+    assert!(
+        over.code == Some(1) && over.err.contains("the run is over") && over.err.contains("fix: "),
+        "{over:?}"
+    );
+    std::fs::remove_file(&journal).expect("it is there");
     // A run that is alive is left alone.
     let mut victim = Victim::start(&journal, "swarm.toml", &["--time-scale", "2", "--patience", "100ms"]);
     wait_until("the run to begin", || parts_of(&journal).join("run").exists());

@@ -102,8 +102,9 @@ fn broken_meshes_are_refused_with_place_reason_and_fix() {
         &shape("a.stl", &rabbit[..40_000], ten),
         &["a.stl: the file ends in triangle 799 of 1664 (byte 40000)"],
     );
-    refused(&shape("a.stl", &rabbit[..70], ten), &["ends in triangle 1"]);
-    refused(&shape("a.stl", b"", ten), &["ends in triangle 1"]);
+    refused(&shape("a.stl", &rabbit[..70], ten), &["has 70 bytes"]);
+    refused(&shape("a.stl", &rabbit[..90], ten), &["ends in triangle 1 of 1664"]);
+    refused(&shape("a.stl", b"", ten), &["has 0 bytes"]);
     let mut promises = rabbit.clone();
     promises[80..84].fill(255);
     refused(&shape("a.stl", &promises, ten), &["of 4294967295"]);

@@ -366,6 +366,39 @@ fn messages_locks_gradients_and_circles_of_a_thousand_modules_are_shown() {
     check_clean(&mut browser, &view);
 }
 
+/// At the end of a run that stands still the page says why nobody goes on, and draws who waits for whom.
+#[test]
+fn a_deadlock_is_drawn_and_explained() {
+    let kills = ["--kill", "4@5s", "--kill", "22@5s", "--kill", "30@12s"];
+    let file = scenario("swarm.toml").display().to_string();
+    let waits = |report: &Value| {
+        let waiting = report["unbuilt"]["waiting"].as_array();
+        report["outcome"] == "deadlock"
+            && waiting.is_some_and(|w| w.iter().any(|w| !w["waits_for"].is_null()))
+    };
+    let seed = (0..200).map(|seed| seed.to_string()).find(|seed| {
+        let fixed = ["run", &file, "--link", "sim", "--seed", seed, "--quiet", "--json", "-"];
+        waits(&serde_json::from_str(&run(&[&fixed, &kills[..]].concat()).out).unwrap())
+    });
+    let seed = seed.expect("whoever holds a dead module waits for ever");
+    let view = View::of("swarm.toml", &[&["--seed", &seed], &kills[..]].concat());
+    let Some(mut browser) = open(&view) else { return };
+    browser.press("End");
+    browser.until("!window.page.dirty && window.page.t === window.page.story.now");
+    assert_eq!(text(&mut browser, "#outcome"), "deadlock");
+    let said = text(&mut browser, "[data-part=why] .waiting");
+    let first =
+        "(() => { const w = window.page.story.report.unbuilt.waiting[0]; return `${w.module} ${w.why}`; })()";
+    let first = browser.evaluate(first);
+    assert!(said.starts_with(first.as_str().unwrap()), "{said}, not {first}");
+    assert_ne!(browser.evaluate("window.page.picture.marks.length"), json!(0));
+    assert!(text(&mut browser, "[data-part=legend]").contains("waits for"));
+    // Before the end nothing is drawn that was not asked for.
+    scrub(&mut browser, 1.0);
+    assert_eq!(browser.evaluate("window.page.picture.marks.length"), json!(0));
+    check_clean(&mut browser, &view);
+}
+
 #[test]
 fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     let Some(program) = find() else { return println!("skipped: no browser") };
@@ -385,4 +418,46 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
     check_clean(&mut browser, &view);
     assert_eq!(view.end(), Some(0));
+}
+
+/// How quickly a thousand modules are drawn, without a graphics card. Prints and judges nothing:
+/// `cargo test -p metamorph-tests --test view_page frame_rate -- --ignored --nocapture`
+#[test]
+#[ignore = "measures, and judges nothing"]
+fn frame_rate_of_a_thousand_modules() {
+    let view = View::of("slab-to-sphere.toml", &[]);
+    let Some(mut browser) = open(&view) else { return };
+    scrub(&mut browser, 60e6);
+    // The window of the browser is a little larger than the page.
+    let size = json!({ "width": 1280, "height": 720, "deviceScaleFactor": 1, "mobile": false });
+    browser.call("Emulation.setDeviceMetricsOverride", size);
+    browser.until("window.innerHeight === 720 && !window.page.dirty");
+    // Pictures as they come, then each of them waited for, so that the processor's share is known.
+    let measure = "(async (move) => { const { page } = window; const { gl } = page.drawing; \
+        const next = () => new Promise(requestAnimationFrame); const [gaps, js, drawn] = [[], [], []]; \
+        const middle = (list) => [...list].sort((a, b) => a - b)[list.length >> 1].toFixed(1); \
+        let last = await next(); \
+        for (let i = 0; i < 120; i++) { move(); const now = await next(); gaps.push(now - last); last = now; } \
+        const late = gaps.slice(60); const size = `${gl.canvas.width}x${gl.canvas.height}`; \
+        const pixel = new Uint8Array(4); \
+        for (let i = 0; i < 20; i++) { \
+            move(); page.stale ||= page.playing; page.t += page.playing ? 1e4 : 0; \
+            const a = performance.now(); page.show(); const b = performance.now(); \
+            gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); \
+            js.push(b - a); drawn.push(performance.now() - b); } \
+        const fps = (60e3 / late.reduce((a, b) => a + b)).toFixed(1); \
+        return `${fps} pictures/s of ${size}; of each ${middle(js)} ms scripts, ${middle(drawn)} ms drawing`; })";
+    let orbit = "() => window.page.camera.orbit(0.02, 0)";
+    let mut say = |what: &str, before: &str, adapt: bool, step: &str| {
+        let fixed = if adapt { "" } else { "window.page.adapt = () => {};" };
+        browser.evaluate(&format!("{{ delete window.page.adapt; {fixed} {before} }}"));
+        browser.until("window.page.seen !== null");
+        let figures = browser.evaluate(&format!("{measure}({step})"));
+        println!("{what:<30} {}", figures.as_str().unwrap());
+    };
+    say("turning, all pixels", "", false, orbit);
+    say("turning", "", true, orbit);
+    say("turning, colours by gradient", "window.page.setMeaning('gradient');", true, orbit);
+    say("playing", "window.page.setMeaning('state'); window.page.setPlaying(true);", true, "() => {}");
+    println!("load of this machine: {}", fs::read_to_string("/proc/loadavg").unwrap_or_default().trim());
 }

@@ -2,6 +2,7 @@
 
 use crate::bench;
 use crate::explore;
+use crate::export::ExportArgs;
 use crate::reference::{CompletionArgs, ManArgs, SchemaArgs};
 use crate::replay;
 use crate::reproduce::{self, Experiment};
@@ -152,6 +153,14 @@ Exit codes:
   2  the command line or the file is wrong, or something cannot be built; every complaint names its
      place, reason and fix";
 
+const EXPORT_EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --link sim --journal run.journal
+  metamorph export run.journal --mcap run.mcap
+
+The recording has Foxglove's SceneUpdate on /modules and Log on /log. Open it in Foxglove or in Lichtblick
+and show /modules in a 3D panel whose frame is `world`.";
+
 const SCHEMA_EXAMPLES: &str = "\
 Examples:
   metamorph schema > scenario.schema.json
@@ -286,6 +295,9 @@ pub enum Command {
     Clean,
     /// Ask the Roombots model: shapes, moves, kinematics, published tables
     Robot(RobotArgs),
+    /// Make a recording for other viewers of a journal
+    #[command(after_help = EXPORT_EXAMPLES)]
+    Export(ExportArgs),
     /// Print the JSON schema of scenarios or reports
     #[command(after_help = SCHEMA_EXAMPLES)]
     Schema(SchemaArgs),
@@ -391,6 +403,13 @@ pub struct ResumeArgs {
     /// goes to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
+    /// Write a report for people, with plots, to this file: one HTML page that can be sent to somebody
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Show the run in the browser while it goes on and afterwards, until Ctrl-C; the address is
+    /// printed. Messages between processes are seen afterwards
+    #[arg(long)]
+    pub view: bool,
     /// Print nothing but errors, and JSON if asked for
     #[arg(short, long)]
     pub quiet: bool,

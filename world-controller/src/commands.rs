@@ -1,8 +1,9 @@
 //! Carries commands out: from what was typed to an exit code.
 
 use crate::bench::{self, BenchError, PartError};
-use crate::command::{Command, CommandLine, RunArgs, ViewArgs};
+use crate::command::{Command, CommandLine, ResumeArgs, RunArgs, ViewArgs};
 use crate::explore::{ExploreError, explore};
+use crate::export::{ExportError, export};
 use crate::interrupt::Interrupt;
 use crate::journal::{Journal, JournalError, Keeping, plan_of};
 use crate::overview::overview;
@@ -24,6 +25,7 @@ use crate::view::scene::Scene;
 use crate::view::scribe::{self, Shared};
 use crate::view::server::{Server, ServerError};
 use clap::Parser;
+use metamorph_sim_bridge::chronicle::Log;
 use metamorph_sim_bridge::outcome::Outcome;
 use std::ffi::OsString;
 use std::fs::OpenOptions;
@@ -92,12 +94,15 @@ enum Failure {
     Sweep(#[from] SweepError),
     /// A file cannot be shown.
     #[error(
-        "metamorph: {0}\n  fix: name a journal that `metamorph run --journal` wrote, or a scenario that ends in .toml"
+        "metamorph: {0}\n  fix: name a whole journal that `metamorph run --journal` of this version wrote, or a scenario that ends in .toml"
     )]
     NoJournal(scribe::ReadError),
     /// A run cannot be shown.
     #[error(transparent)]
     Server(#[from] ServerError),
+    /// There is no recording.
+    #[error("metamorph: {0}")]
+    Export(#[from] ExportError),
     /// There is no shape.
     #[error(transparent)]
     Shape(#[from] ShapeError),
@@ -121,7 +126,8 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Shape(error) if error.is_input() => BAD_USAGE,
-            Failure::Shape(_) | Failure::Sweep(_) | Failure::Explore(_) => FAILED,
+            Failure::Export(error) if error.is_input() => BAD_USAGE,
+            Failure::Shape(_) | Failure::Sweep(_) | Failure::Export(_) | Failure::Explore(_) => FAILED,
             Failure::Input(_) | Failure::Unwritable { .. } | Failure::Journal(_) | Failure::Replay(_) => {
                 BAD_USAGE
             }
@@ -188,13 +194,7 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
-        Command::Resume(args) => {
-            may_write(&args.json)?;
-            let mut live = Live::new(!args.quiet);
-            let report = processes::resume_processes(&args.file, &mut live, since)?;
-            drop(live);
-            deliver(&report, &args.json, args.quiet)
-        }
+        Command::Resume(args) => resume(args, since),
         Command::Replay(args) => {
             let quiet = args.quiet;
             let (plan, replayed) = replay(&args.into())?;
@@ -217,6 +217,10 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
         }
         Command::Robot(args) => {
             robot::run(args)?;
+            Ok(0)
+        }
+        Command::Export(args) => {
+            print_out(&export(&args)?);
             Ok(0)
         }
         Command::Schema(args) => {
@@ -246,18 +250,8 @@ fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
 fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
-    may_write(&args.json)?;
-    if let Some(file) = &args.html {
-        check_writable("--html", "", file)?;
-    }
-    let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
-    let watched = args.view || args.html.is_some();
-    let scene = watched.then(|| Shared::new(Scene::new(&plan, overrides.link == LinkKind::Sim)));
-    if let Some(scene) = scene.as_ref().filter(|_| args.view) {
-        // Standard output is for the report.
-        complain(&shown(scene)?);
-    }
-    let scribe = scene.as_ref().map(|scene| scribe::log(&plan, scene));
+    let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
+    let show = Show::begin(&plan, asked)?;
     let mut live = Live::new(!args.quiet);
     let begin = match overrides.link {
         LinkKind::Sim => Keeping::simulated,
@@ -265,24 +259,79 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     };
     let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
     let keeping = keeping.map_err(Failure::Journal)?;
+    let log = show.log(&plan);
     let report = match overrides.link {
-        LinkKind::Sim => run_simulated(&plan, &interrupt, &mut live, since, keeping, scribe),
-        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping, args.patience, scribe)?,
+        LinkKind::Sim => run_simulated(&plan, &show.interrupt, &mut live, since, keeping, log),
+        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping, args.patience, log)?,
     };
     drop(live);
-    if let Some(scene) = &scene {
-        finish(scene, &plan, &report, args.journal.as_deref());
+    show.end(&plan, &report, args.journal.as_deref())
+}
+
+fn resume(args: ResumeArgs, since: Stopwatch) -> Result<u8, Failure> {
+    let left = processes::left_behind(&args.file)?;
+    let plan = left.plan.clone();
+    let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
+    let show = Show::begin(&plan, asked)?;
+    let mut live = Live::new(!args.quiet);
+    let report = processes::resume_processes(left, &mut live, since, show.log(&plan))?;
+    drop(live);
+    show.end(&plan, &report, Some(&args.file))
+}
+
+/// What shall become of a run, besides its end.
+struct Asked {
+    json: Option<PathBuf>,
+    html: Option<PathBuf>,
+    view: bool,
+    quiet: bool,
+}
+
+/// Whoever looks at a run: the page while it goes on, the reports afterwards.
+struct Show {
+    asked: Asked,
+    scene: Option<Shared>,
+    interrupt: Interrupt,
+}
+
+impl Show {
+    fn begin(plan: &Plan, asked: Asked) -> Result<Show, Failure> {
+        may_write(&asked.json)?;
+        if let Some(file) = &asked.html {
+            check_writable("--html", "", file)?;
+        }
+        let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
+        let watched = asked.view || asked.html.is_some();
+        let messages = plan.overrides.link == LinkKind::Sim;
+        let scene = watched.then(|| Shared::new(Scene::new(plan, messages)));
+        if let Some(scene) = scene.as_ref().filter(|_| asked.view) {
+            // Standard output is for the report.
+            complain(&shown(scene)?);
+        }
+        Ok(Show { asked, scene, interrupt })
     }
-    let code = deliver(&report, &args.json, args.quiet)?;
-    if let (Some(file), Some(scene)) = (&args.html, &scene) {
-        let scene = scene.lock();
-        let (width, bins) = scene.bins();
-        write(file, &page(&report, &plan, width, bins))?;
+
+    /// Where records go so that they are seen.
+    fn log(&self, plan: &Plan) -> Option<Log> {
+        self.scene.as_ref().map(|scene| scribe::log(plan, scene))
     }
-    if args.view {
-        interrupt.wait();
+
+    fn end(self, plan: &Plan, report: &Report, journal: Option<&Path>) -> Result<u8, Failure> {
+        let Show { asked, scene, interrupt } = self;
+        if let Some(scene) = &scene {
+            finish(scene, plan, report, journal);
+        }
+        let code = deliver(report, &asked.json, asked.quiet)?;
+        if let (Some(file), Some(scene)) = (&asked.html, &scene) {
+            let scene = scene.lock();
+            let (width, bins) = scene.bins();
+            write(file, &page(report, plan, width, bins))?;
+        }
+        if asked.view {
+            interrupt.wait();
+        }
+        Ok(code)
     }
-    Ok(code)
 }
 
 /// Finds out now, and not after a long run, whether a file can be written. What it holds is kept.

@@ -2,9 +2,10 @@
 //!
 //! `scenario` makes a checked plan of what a person wrote; a driver runs it (`simulated` in virtual
 //! time, `processes` and `swarm` with one process per module); `report` says what happened; `journal`
-//! reads what a run has written down, `replay` carries it out again; `sweep` runs one scenario many
-//! times, `reproduce` the thesis's experiments, `bench` measures what the links cost, `explore` runs
-//! what is drawn. `solid` makes shapes of files; `robot` answers questions about the Roombots model, from the
+//! reads what a run has written down, `replay` carries it out again, `export` makes a recording for other
+//! viewers of it; `sweep` runs one scenario many times, `reproduce` the thesis's experiments, `bench`
+//! measures what the links cost, `explore` runs what is drawn. `solid` makes shapes of files; `robot`
+//! answers questions about the Roombots model, from the
 //! `database` that metamodules move by; `runnable` is what drivers and reports need of each family of
 //! units. `command` is the command line, `commands` carries it out, `terminal` prints what it has to
 //! say (`gauge` while a run is under way), `reference` tells other programs about all of it.
@@ -17,6 +18,7 @@ pub mod command;
 pub mod commands;
 pub mod database;
 pub mod explore;
+pub mod export;
 pub mod gauge;
 pub mod interrupt;
 pub mod journal;

@@ -9,7 +9,7 @@ use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::swarm::{
-    CleanError, Crash, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, adopt, clean,
+    CleanError, Crash, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, adopt, clean,
     resume_swarm, run_swarm,
 };
 use crate::terminal::Live;
@@ -23,12 +23,13 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::chronicle::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::direct::{Command, Direct};
+use metamorph_sim_bridge::director::Progress;
 use metamorph_sim_bridge::faults::Struck;
 use metamorph_sim_bridge::invariants::{Invariant, Violation};
 use metamorph_sim_bridge::outcome::Outcome;
 use metamorph_sim_bridge::world::World;
 use std::ffi::OsString;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use thiserror::Error;
 
@@ -47,6 +48,17 @@ pub enum ProcessError {
     /// A journal's scenario cannot be read.
     #[error(transparent)]
     Head(#[from] HeadError),
+    /// There is no run.
+    #[error(
+        "{}: there is nothing to go on with: {why}\n  fix: name the journal of a run of processes whose controller was killed",
+        .file.display()
+    )]
+    NothingLeft {
+        /// The journal.
+        file: PathBuf,
+        /// Why.
+        why: &'static str,
+    },
     /// A run cannot be gone on with.
     #[error(transparent)]
     NotResumable(#[from] NotResumable),
@@ -80,18 +92,42 @@ pub fn run_processes(
     }
 }
 
-/// Goes on with a run of processes whose controller was killed, from its journal.
-pub fn resume_processes(file: &Path, live: &mut Live, since: Stopwatch) -> Result<Report, ProcessError> {
+/// A run of processes whose controller was killed.
+pub struct LeftBehind {
+    /// The plan that it was made by.
+    pub plan: Plan,
+    file: PathBuf,
+    part: Reader,
+}
+
+/// Finds the run that keeps this journal.
+pub fn left_behind(file: &Path) -> Result<LeftBehind, ProcessError> {
     let file = std::path::absolute(file).map_err(|e| JournalError::Read(file.to_owned(), e))?;
-    let path = controller_part(&parts_of(&file));
+    let parts = parts_of(&file);
+    if !parts.is_dir() {
+        let over = "the run is over, and this is all of its journal";
+        let why = if file.is_file() { over } else { "no run keeps its journal there" };
+        return Err(ProcessError::NothingLeft { file, why });
+    }
+    let path = controller_part(&parts);
     let part = Reader::open(&path)?;
     let Head::Run(head) = part.head().clone() else {
         return Err(JournalError::Head(path, "it is the part of a module".to_owned()).into());
     };
-    let plan = plan_of(&head)?;
+    Ok(LeftBehind { plan: plan_of(&head)?, file, part })
+}
+
+/// Goes on with a run from its journal.
+pub fn resume_processes(
+    left: LeftBehind,
+    live: &mut Live,
+    since: Stopwatch,
+    scribe: Option<Log>,
+) -> Result<Report, ProcessError> {
+    let LeftBehind { plan, file, part } = left;
     match &plan.swarm {
-        Swarm::Cubes(cubes) => resume(cubes, &plan, &file, part, live, since),
-        Swarm::Metamodules(metamodules) => resume(metamodules, &plan, &file, part, live, since),
+        Swarm::Cubes(cubes) => resume(cubes, &plan, &file, part, live, since, scribe),
+        Swarm::Metamodules(metamodules) => resume(metamodules, &plan, &file, part, live, since, scribe),
     }
 }
 
@@ -121,7 +157,8 @@ fn run<R: Runnable>(
     let mut world = swarm.world(plan);
     let mut options = options::<R>(plan, keeping.as_ref().and_then(Keeping::parts))?;
     options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
-    let mut director = Watched::<R> { brain: swarm.director(plan), plan, live };
+    let brain = swarm.director(plan);
+    let mut director = Watched::<R> { brain, plan, live, meter: Meter::new(&options) };
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let setup = swarm.setup().as_ref();
@@ -148,6 +185,7 @@ fn resume<R: Runnable>(
     mut part: Reader,
     live: &mut Live,
     since: Stopwatch,
+    scribe: Option<Log>,
 ) -> Result<Report, ProcessError> {
     // First of all, so that nobody writes to the journal any more while it is read.
     let parts = parts_of(file);
@@ -156,12 +194,17 @@ fn resume<R: Runnable>(
     let Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted } = recovered;
     let mut said = vec![format!("the controller was killed; another went on from {until}")];
     said.extend(part.torn().map(ToString::to_string));
+    if let Some(scribe) = &scribe {
+        // Whoever looks on is told what happened before.
+        Reader::open(&controller_part(&parts))?.for_each(|record| scribe.borrow_mut().put(&record));
+    }
     let keeping = Keeping::going_on(file, part.whole(), until)?;
     let options = options::<R>(plan, keeping.parts())?;
-    let director = Watched::<R> { brain: director, plan, live };
+    let director = Watched::<R> { brain: director, plan, live, meter: Meter::new(&options) };
     let before = since.elapsed();
-    let mut recorded = RecordedWorld::new(world, keeping.log());
-    let mut brain = RecordedDirector::after(director, keeping.log(), struck);
+    let log = both(Some(keeping.log()), scribe).expect("invariant: two logs make one, and one is there");
+    let mut recorded = RecordedWorld::new(world, log.clone());
+    let mut brain = RecordedDirector::after(director, log, struck);
     let resumption = Resumption { until, lives, latest, awaited, finishing, counted };
     let ran = resume_swarm(&options, adopted, resumption, &mut recorded, &mut brain);
     let outcome = ran.inspect_err(|_| keeping.give_up())?;
@@ -248,6 +291,7 @@ struct Watched<'a, R: Runnable> {
     brain: R::Director,
     plan: &'a Plan,
     live: &'a mut Live,
+    meter: Meter,
 }
 
 type ReportOf<W> = <<W as World>::Agent as Agent>::Report;
@@ -265,7 +309,10 @@ impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
     }
     fn wake(&mut self, now: Time, world: &mut R::World) {
         self.brain.wake(now, world);
-        self.live.show(|| progress(self.plan, now, &R::progress(&self.brain)));
+        self.live.show(|| {
+            let seen = Progress { messages: self.meter.sent(), ..R::progress(&self.brain) };
+            progress(self.plan, now, &seen)
+        });
     }
     fn wake_at(&self) -> Time {
         self.brain.wake_at()

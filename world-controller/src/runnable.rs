@@ -171,15 +171,6 @@ impl Runnable for Metamodules {
         let (crashed, restarted) = director.crashed_and_restarted();
         let (deeds, progress) = (world.deeds(), director.progress());
         let (task, filled) = (director.task(), director.filled());
-        let number = usize::from(task.goal);
-        let built = director.outcome().filter(|(_, outcome)| *outcome == Outcome::Built);
-        let last = Stage {
-            cells: progress.goal,
-            filled: progress.filled,
-            opened: number.checked_sub(1).and_then(|i| self.changes.get(i)).map_or(Time::ZERO, |(at, _)| *at),
-            built: built.map(|(at, _)| at),
-            known: built.map(|(at, _)| at),
-        };
         let mut seeds = 0u8..;
         let levels = self.setup.goal(task).levels().iter().map(|seeds_of_it| {
             let filled = seeds.by_ref().take(usize::from(*seeds_of_it)).filter(|s| filled.has(*s)).count();
@@ -194,7 +185,7 @@ impl Runnable for Metamodules {
             plight: None,
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
-            stages: plan.stages.iter().skip(number).take(1).map(|p| stage(&p.name, &last)).collect(),
+            stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
             bodies: MoveReport {
                 started: deeds.started,
                 completed: deeds.turns + deeds.moves + deeds.released,

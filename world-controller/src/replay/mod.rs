@@ -39,10 +39,10 @@ pub struct Request {
 #[derive(Debug, Error)]
 pub enum ReplayError {
     /// It cannot be read.
-    #[error(transparent)]
+    #[error("{0}\n  fix: name a whole journal that `metamorph run --journal` of this version wrote")]
     Journal(#[from] JournalError),
     /// Its scenario cannot be read.
-    #[error(transparent)]
+    #[error("{0}\n  fix: use the program that wrote the journal")]
     Head(#[from] HeadError),
     /// There is no such module.
     #[error("--agent {0}: the run has modules 0 to {1} only")]

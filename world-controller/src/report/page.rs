@@ -5,16 +5,20 @@
 use super::Words;
 use super::human::{bytes, count, percent, seconds};
 use super::over_time::{Layer, Mark, areas};
-use super::schema::{Report, Standstill};
+use super::schema::{Report, Standstill, Waiting};
 use crate::scenario::Plan;
 use crate::sweep::page::{document, figure};
 use crate::view::flow::Bin;
 use maud::{Markup, html};
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::time::Span;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Rows shown of a list; JSON has them all.
 const SHOWN: usize = 200;
+
+/// Chains of waiting modules shown.
+const CHAINS: usize = 12;
 
 /// The page of a run. `bins` are stretches of time of this `width` with what was counted in them.
 pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
@@ -63,20 +67,61 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
 fn standstill(s: &Standstill, words: &Words) -> Markup {
     let list = |ids: &[u32]| ids.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
     html! {
-        p { (s.text) ", since " (seconds(s.since_s)) "; " (count(s.unfilled.len() as u64)) " " (words.cells) " are not filled." }
+        p { "Since " (seconds(s.since_s)) " nothing has changed; " (count(s.unfilled.len() as u64)) " " (words.cells) " are not filled." }
         @if !s.wait_cycle.is_empty() {
             p.warning { "These wait for each other in a circle: " (list(&s.wait_cycle)) "." }
+        }
+        @if let Some(found) = &s.detected {
+            p { "The swarm found this out by itself: " (words.module) " " (found.by) " counted all others, at " (seconds(found.at_s)) "." }
+        }
+        @for Chain { modules, circle } in chains(&s.waiting).iter().take(CHAINS) {
+            p.chain {
+                @for (i, id) in modules.iter().enumerate() { @if i > 0 { " → " } span.bad[*circle] { (id) } }
+                @if *circle { " and so on: they wait for each other in a circle" }
+            }
         }
         @if !s.waiting.is_empty() {
             div.wide { table {
                 caption { "Every " (words.module) " here " (words.idle) " and does not go on" }
-                thead { tr { th scope="col" { (words.module) } th scope="col" { "waits for" } } }
+                thead { tr { th scope="col" { (words.module) } th.text scope="col" { "why" } th scope="col" { "waits for" } } }
                 tbody { @for w in s.waiting.iter().take(SHOWN) { tr {
-                    td { (w.module) } td { @match w.waits_for { Some(id) => (id), None => "–" } }
+                    td { (w.module) } td.text { (w.why) } td { @match w.waits_for { Some(id) => (id), None => "–" } }
                 } } }
             } }
         }
     }
+}
+
+/// Modules each of which waits for the next.
+#[derive(Debug, PartialEq, Eq)]
+struct Chain {
+    modules: Vec<u32>,
+    /// Whether the last one was there before.
+    circle: bool,
+}
+
+/// Whoever nobody waits for, with whom it waits for, and so on; then what is left, which are circles.
+fn chains(waiting: &[Waiting]) -> Vec<Chain> {
+    let on: BTreeMap<u32, u32> = waiting.iter().filter_map(|w| Some((w.module, w.waits_for?))).collect();
+    let awaited: BTreeSet<u32> = on.values().copied().collect();
+    let (heads, others): (Vec<u32>, Vec<u32>) = on.keys().partition(|id| !awaited.contains(id));
+    let mut told = BTreeSet::new();
+    let mut chains = Vec::new();
+    for start in heads.into_iter().chain(others) {
+        if told.contains(&start) {
+            continue;
+        }
+        let mut chain = Chain { modules: vec![start], circle: false };
+        let mut at = start;
+        while let Some(next) = on.get(&at).filter(|_| !chain.circle) {
+            told.insert(at);
+            chain.circle = chain.modules.contains(next);
+            chain.modules.push(*next);
+            at = *next;
+        }
+        chains.push(chain);
+    }
+    chains
 }
 
 fn over_time(report: &Report, words: &Words, width: f64, bins: &[Bin]) -> Markup {
@@ -207,5 +252,31 @@ fn faults(report: &Report) -> Markup {
             } }
             @if report.faults.len() > SHOWN { p.note { "The first " (SHOWN) " of " (count(report.faults.len() as u64)) "." } }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chains_of_waiting_modules_are_followed_to_their_end_or_around() {
+        let waits = |pairs: &[(u32, Option<u32>)]| {
+            let waiting = |(module, waits_for): &(u32, Option<u32>)| Waiting {
+                module: *module,
+                waits_for: *waits_for,
+                why: String::new(),
+            };
+            chains(&pairs.iter().map(waiting).collect::<Vec<_>>())
+        };
+        let chain = |modules: &[u32], circle| Chain { modules: modules.to_vec(), circle };
+        assert_eq!(waits(&[(1, None)]), []);
+        // Two come together and end with 9, which waits for nobody.
+        let joined = waits(&[(3, Some(4)), (4, Some(9)), (5, Some(4))]);
+        assert_eq!(joined, [chain(&[3, 4, 9], false), chain(&[5, 4, 9], false)]);
+        assert_eq!(waits(&[(7, Some(8)), (8, Some(7))]), [chain(&[7, 8, 7], true)]);
+        // One that leads into a circle tells of it; another circle is told of by itself.
+        let circles = waits(&[(1, Some(2)), (2, Some(3)), (3, Some(2)), (5, Some(6)), (6, Some(5))]);
+        assert_eq!(circles, [chain(&[1, 2, 3, 2], true), chain(&[5, 6, 5], true)]);
     }
 }

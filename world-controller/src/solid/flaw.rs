@@ -39,6 +39,16 @@ pub enum SolidError {
     /// Neither a mesh nor a configuration, as far as its name goes.
     #[error("{0}: the name ends with none of .stl, .obj and .xml")]
     Format(String),
+    /// Less than any STL.
+    #[error(
+        "{file}: the file has {bytes} bytes; an STL begins with 84 bytes, or is text that begins with `solid`"
+    )]
+    TooShort {
+        /// The file.
+        file: String,
+        /// Its length.
+        bytes: usize,
+    },
     /// A binary STL that ends too early.
     #[error(
         "{file}: the file ends in triangle {} of {expected} (byte {bytes})", found + 1
@@ -260,7 +270,7 @@ impl SolidError {
                 "reduce the mesh, for example with Blender's Decimate modifier; cells are coarse anyway"
             }
             SolidError::Format(_) => "export it as STL or OBJ, or name a configuration of VisibleSim",
-            SolidError::Truncated { .. } => "export or copy the file again",
+            SolidError::TooShort { .. } | SolidError::Truncated { .. } => "export or copy the file again",
             SolidError::Syntax { .. } | SolidError::NotFinite { .. } => {
                 "export the file again, or repair this place"
             }

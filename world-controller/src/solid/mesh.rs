@@ -25,10 +25,13 @@ pub fn stl(file: &str, mut bytes: Vec<u8>) -> Result<Vec<Triangle>, SolidError> 
     if text {
         return stl_text(file, &bytes);
     }
-    if bytes.len() < HEADER || (bytes.len() as u64) < length {
-        let found = bytes.len().saturating_sub(HEADER) as u64 / RECORD as u64;
+    if bytes.len() < HEADER {
+        return Err(SolidError::TooShort { file: file.to_owned(), bytes: bytes.len() });
+    }
+    if (bytes.len() as u64) < length {
+        let found = (bytes.len() - HEADER) as u64 / RECORD as u64;
         let (file, bytes) = (file.to_owned(), bytes.len() as u64);
-        return Err(SolidError::Truncated { file, found, expected: u64::from(promised).max(1), bytes });
+        return Err(SolidError::Truncated { file, found, expected: promised.into(), bytes });
     }
     if promised as usize > MAX_TRIANGLES {
         return Err(SolidError::TooManyTriangles { file: file.to_owned(), found: promised.into() });

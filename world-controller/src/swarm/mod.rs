@@ -7,12 +7,14 @@
 
 mod agents;
 mod conduct;
+mod meter;
 mod outcome;
 mod resume;
 mod run_dir;
 mod supervise;
 
 pub use agents::Letter;
+pub use meter::Meter;
 pub use outcome::{Crash, SwarmError, SwarmOutcome};
 pub use resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
 pub use run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
@@ -35,6 +37,7 @@ use rustix::fs::statvfs;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::ffi::OsString;
 use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 /// How a swarm is run.
@@ -62,6 +65,8 @@ pub struct SwarmOptions {
     /// How long agents wait for a controller to come back after theirs was killed. Zero without a
     /// journal, from which alone it could.
     pub patience: Duration,
+    /// Where the run's directory is, as soon as it has one; for whoever looks on.
+    pub root: Arc<OnceLock<PathBuf>>,
     /// How long all agents together may take to start.
     pub setup_timeout: Duration,
     /// How long agents may take to stop before they are killed.
@@ -82,6 +87,7 @@ impl SwarmOptions {
             catch_signals: false,
             journal: None,
             patience: Duration::ZERO,
+            root: Arc::default(),
             setup_timeout: Duration::from_secs(120),
             stop_timeout: Duration::from_secs(10),
         }
@@ -128,6 +134,7 @@ where
     check_space(count as u64)?;
     // Dropped in reverse: first the supervisor, which ends all processes, then channels, then files.
     let dir = RunDir::create()?;
+    options.root.get_or_init(|| dir.root().to_owned());
     SwarmFile {
         count: count as u32,
         seed: options.seed,
@@ -162,6 +169,7 @@ where
     raise_descriptor_limit(count as u64)?;
     set_verbosity(options.verbose);
     let Adopted { dir, epoch } = adopted;
+    options.root.get_or_init(|| dir.root().to_owned());
     let before = Seat::read(dir.root()).map_err(SwarmError::Identity)?;
     let at = Rendezvous::join(dir.root())?;
     // First the channels, then the seat: whoever finds the new controller can reach it.

@@ -2,56 +2,83 @@
 // shadows. Knows nothing of swarms. Draws only when asked to.
 
 export const PATTERN = { plain: 0, dead: 1, paused: 2, stuck: 3 };
-/** Numbers of one part: place and size, rotation, colour and pattern, edge colour and shrinking. */
+/** Numbers of one part: place and size, rotation, colour and pattern, edge colour and whether it is seen. */
 export const PART = 16;
 /** Numbers of one ribbon: from, width there, to, width there, colour, how fast it flows. */
 export const RIBBON = 13;
 
-const PARTS_VERTEX = `#version 300 es
+const PARTS_VERTEX = `
 in vec3 vertex;
 in vec4 place, rotation, paint, edge;
 uniform mat4 view;
-uniform float grow, ground;
-uniform bool shadow, facing;
-uniform vec3 light, eyeAt;
+uniform float grow;
+uniform bool facing;
+uniform vec3 eyeAt;
 out vec3 local;
-flat out vec4 paintOf, edgeOf, turned;
+flat out vec4 paintOf, edgeOf;
+#ifdef ROUND
+flat out vec4 turned;
+#endif
 vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
 void main() {
   local = vertex;
   // Of an upright box the three sides that are seen are enough.
-  if (facing) local *= mix(vec3(-1), vec3(1), step(vec3(0), shadow ? light : eyeAt - place.xyz));
+  if (facing) local *= mix(vec3(-1), vec3(1), step(vec3(0), eyeAt - place.xyz));
   paintOf = paint;
   edgeOf = edge;
+#ifdef ROUND
   turned = rotation;
   vec3 at = place.xyz + turn(rotation, local * (place.w + grow));
-  if (shadow) {
-    at += light * ((ground - at.z) / light.z);
-    at.z = ground;
-  }
+#else
+  vec3 at = place.xyz + local * (place.w + grow);
+#endif
   gl_Position = view * vec4(at, 1.0);
 }`;
 
-const PARTS_FRAGMENT = `#version 300 es
+const SHADOW_VERTEX = `#version 300 es
+in vec3 vertex;
+in vec4 place, rotation;
+uniform vec4 bounds;
+uniform float ground;
+uniform bool facing;
+uniform vec3 light;
+vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
+void main() {
+  vec3 local = facing ? vertex * mix(vec3(-1), vec3(1), step(vec3(0), light)) : vertex;
+  vec3 at = place.xyz + turn(rotation, local * place.w);
+  at += light * ((ground - at.z) / light.z);
+  gl_Position = vec4((at.xy - bounds.xy) / (bounds.zw - bounds.xy) * 2.0 - 1.0, 0.0, 1.0);
+}`;
+
+const SHADOW_FRAGMENT = `#version 300 es
+precision mediump float;
+out vec4 colour;
+void main() { colour = vec4(1); }`;
+
+/** One colour and nothing else: outlines and wires. */
+const FLAT_FRAGMENT = `
+precision mediump float;
+uniform vec4 flat_;
+out vec4 colour;
+void main() { colour = flat_; }`;
+
+const PARTS_FRAGMENT = `
 precision highp float;
 in vec3 local;
-flat in vec4 paintOf, edgeOf, turned;
-uniform bool shadow, outline, round;
-uniform vec4 flat_;
+flat in vec4 paintOf, edgeOf;
 uniform vec3 light, eye;
 uniform float radius, half_, ambient;
 out vec4 colour;
+#ifdef ROUND
+flat in vec4 turned;
 vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
+#endif
 void main() {
   int pattern = int(paintOf.w + 0.5);
-  if (shadow || outline) {
-    colour = flat_;
-    return;
-  }
-  vec3 a = abs(local), normal;
+  vec3 normal;
   vec2 on;
   float line;
-  if (round) {
+#ifdef ROUND
     vec3 u = normalize(local);
     float most = max(u.x, max(u.y, u.z));
     float rim = half_ / radius;
@@ -65,7 +92,9 @@ void main() {
     float seam = smoothstep(0.055, 0.03, dot(u, vec3(0.57735)));
     line = max(max(ring * 0.55, seam * 0.85), smoothstep(2.0 * blur, 0.0, abs(most - rim)) * 0.35);
     on = axis.x > 0.5 ? local.yz : axis.y > 0.5 ? local.zx : local.xy;
-  } else {
+    vec3 base = paintOf.rgb, ink = base * 0.42;
+#else
+    vec3 a = abs(local);
     float most = max(a.x, max(a.y, a.z));
     vec3 s = sign(local);
     vec3 axis = a.x == most ? vec3(s.x, 0, 0) : a.y == most ? vec3(0, s.y, 0) : vec3(0, 0, s.z);
@@ -75,9 +104,8 @@ void main() {
     vec3 bevel = normalize(axis + local * 0.9);
     normal = normalize(mix(axis, bevel, smoothstep(0.1, 0.02, border)));
     line = smoothstep(0.035 + blur, 0.03 - blur * 0.5, border) * 0.8;
-  }
-  vec3 base = paintOf.rgb;
-  vec3 ink = round ? base * 0.42 : edgeOf.rgb;
+    vec3 base = paintOf.rgb, ink = edgeOf.rgb;
+#endif
   float blurOn = fwidth(on.x) + fwidth(on.y) + 1e-5;
   if (pattern == 1) {
     float cross_ = min(abs(on.x - on.y), abs(on.x + on.y));
@@ -90,7 +118,11 @@ void main() {
   } else if (pattern == 3) {
     base = mix(base, edgeOf.rgb, smoothstep(0.16 + blurOn, 0.16, length(on)));
   }
+#ifdef ROUND
   vec3 n = turn(turned, normal);
+#else
+  vec3 n = normal;
+#endif
   float lit = max(dot(n, normalize(light)), 0.0);
   float sky = n.z * 0.5 + 0.5;
   float side = max(dot(n, normalize(eye)), 0.0);
@@ -157,6 +189,8 @@ in vec2 at;
 uniform vec4 bounds;
 uniform bool plates;
 uniform vec4 fill, line;
+uniform sampler2D shade;
+uniform float shadow;
 out vec4 colour;
 void main() {
   // Cells have their middles at whole numbers.
@@ -175,7 +209,14 @@ void main() {
   float k = max(lines, mark) * calm;
   colour = mix(fill, vec4(line.rgb, max(line.a, fill.a)), k * line.a);
   colour.a = (plates ? colour.a : mix(fill.a, line.a, k)) * fade;
+  // The shadow lies over the ground.
+  float dark = shadow * texture(shade, (at - bounds.xy) / (bounds.zw - bounds.xy)).r;
+  float all = dark + colour.a * (1.0 - dark);
+  colour = vec4(colour.rgb * colour.a * (1.0 - dark) / max(all, 1e-4), all);
 }`;
+
+/** Sides of the picture that shadows are painted into. */
+const SHADE = 1024;
 
 function isSoftware() {
   const gl = document.createElement("canvas").getContext("webgl2");
@@ -191,14 +232,19 @@ export class Drawing {
     // Without a graphics card smooth edges are too slow while things move; when the picture rests,
     // it is drawn with more pixels instead.
     this.slow = isSoftware();
-    const gl = canvas.getContext("webgl2", { alpha: false, antialias: !this.slow, stencil: true });
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: !this.slow });
     if (!gl) throw new Error("this browser has no WebGL 2");
     this.gl = gl;
     this.canvas = canvas;
     this.sharpness = 1;
     this.shadows = true;
-    this.unculled = false;
-    this.parts = this.program(PARTS_VERTEX, PARTS_FRAGMENT);
+    const variant = (how, text) => `#version 300 es\n${how}${text}`;
+    const [boxes, round] = ["", "#define ROUND\n"];
+    this.boxes = this.program(variant(boxes, PARTS_VERTEX), variant(boxes, PARTS_FRAGMENT));
+    this.round = this.program(variant(round, PARTS_VERTEX), variant(round, PARTS_FRAGMENT));
+    this.flatBoxes = this.program(variant(boxes, PARTS_VERTEX), variant(boxes, FLAT_FRAGMENT));
+    this.flatRound = this.program(variant(round, PARTS_VERTEX), variant(round, FLAT_FRAGMENT));
+    this.shadow = this.program(SHADOW_VERTEX, SHADOW_FRAGMENT);
     this.ribbons = this.program(RIBBON_VERTEX, RIBBON_FRAGMENT);
     this.ground = this.program(GROUND_VERTEX, GROUND_FRAGMENT);
     this.quad = this.buffer(new Float32Array([0, 0, 1, 0, 1, 1, 0, 0, 1, 1, 0, 1]));
@@ -211,6 +257,17 @@ export class Drawing {
         this.attribute(this.ribbons, name, size, this.ribbonBuffer, RIBBON, at, 1);
       }
     });
+    this.shade = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, this.shade);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.R8, SHADE, SHADE, 0, gl.RED, gl.UNSIGNED_BYTE, null);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.LINEAR);
+    this.shadePlace = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadePlace);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.shade, 0);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    /** Whether the shadows are those of the parts. */
+    this.shaded = false;
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
@@ -228,6 +285,8 @@ export class Drawing {
         throw new Error(gl.getShaderInfoLog(shader));
       }
     }
+    // The same places in every program, so that one mesh can be drawn with each.
+    ["vertex", "place", "rotation", "paint", "edge"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
       throw new Error(gl.getProgramInfoLog(program));
@@ -274,9 +333,9 @@ export class Drawing {
     const mesh = { count: vertices.length / 3, instances: this.gl.createBuffer(), round, facing };
     const shape = this.buffer(vertices);
     mesh.array = this.array(() => {
-      this.attribute(this.parts, "vertex", 3, shape, 3, 0, 0);
+      this.attribute(this.round, "vertex", 3, shape, 3, 0, 0);
       for (const [name, at] of [["place", 0], ["rotation", 4], ["paint", 8], ["edge", 12]]) {
-        this.attribute(this.parts, name, 4, mesh.instances, PART, at, 1);
+        this.attribute(this.round, name, 4, mesh.instances, PART, at, 1);
       }
     });
     return mesh;
@@ -288,24 +347,52 @@ export class Drawing {
     gl.bufferData(gl.ARRAY_BUFFER, numbers, gl.DYNAMIC_DRAW);
   }
 
-  /** The same parts, the nearest first: what is behind them need not be painted. */
-  nearestFirst(numbers, out) {
-    const count = numbers.length / PART;
-    if (this.order?.length !== count) {
-      this.order = Uint32Array.from({ length: count }, (_, i) => i);
-      this.depths = new Float32Array(count);
-      this.sorted = new Float32Array(numbers.length);
+  /** The parts that are seen, the nearest first: what is behind them need not be painted. */
+  nearestFirst(mesh, numbers, out) {
+    if ((mesh.room ?? 0) < numbers.length) {
+      mesh.room = numbers.length * 2;
+      mesh.sorted = new Float32Array(mesh.room);
+      mesh.order = new Uint32Array(mesh.room / PART);
+      mesh.depths = new Float32Array(mesh.room / PART);
     }
-    for (let i = 0; i < count; i++) {
-      const at = i * PART;
-      this.depths[i] = numbers[at] * out[0] + numbers[at + 1] * out[1] + numbers[at + 2] * out[2];
+    const { order, depths, sorted } = mesh;
+    let seen = 0;
+    for (let i = 0, at = 0; at < numbers.length; i++, at += PART) {
+      if (numbers[at + 15] === 0) continue;
+      depths[i] = numbers[at] * out[0] + numbers[at + 1] * out[1] + numbers[at + 2] * out[2];
+      order[seen++] = i;
     }
-    this.order.sort((a, b) => this.depths[b] - this.depths[a]);
-    for (let i = 0; i < count; i++) {
-      const at = this.order[i] * PART;
-      this.sorted.set(numbers.subarray(at, at + PART), i * PART);
+    order.subarray(0, seen).sort((a, b) => depths[b] - depths[a]);
+    for (let i = 0, to = 0; i < seen; i++) {
+      for (let from = order[i] * PART, k = 0; k < PART; k++) sorted[to++] = numbers[from++];
     }
-    return this.sorted;
+    mesh.seen = seen;
+    return sorted.subarray(0, seen * PART);
+  }
+
+  /** Paints the shadows that the parts throw on the ground. */
+  paintShadows(groups, ground, light) {
+    const gl = this.gl;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadePlace);
+    gl.viewport(0, 0, SHADE, SHADE);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    gl.useProgram(this.shadow.program);
+    const u = this.shadow.uniform;
+    gl.uniform4fv(u("bounds"), ground.bounds);
+    gl.uniform1f(u("ground"), ground.z);
+    gl.uniform3fv(u("light"), light);
+    gl.disable(gl.CULL_FACE);
+    gl.disable(gl.DEPTH_TEST);
+    for (const { mesh } of groups) {
+      gl.uniform1i(u("facing"), mesh.facing);
+      gl.bindVertexArray(mesh.array);
+      gl.drawArraysInstanced(gl.TRIANGLES, 0, mesh.count, mesh.seen);
+    }
+    gl.enable(gl.DEPTH_TEST);
+    gl.enable(gl.CULL_FACE);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    this.shaded = true;
   }
 
   resize() {
@@ -328,11 +415,13 @@ export class Drawing {
     camera.aspect = this.resize();
     const view = camera.matrix();
     const { out, position } = camera.eye();
+    const above = out[2] > 0;
+    for (const { mesh, numbers } of groups) this.fill(mesh.instances, this.nearestFirst(mesh, numbers, out));
+    if (ground && above && this.shadows && !this.shaded) this.paintShadows(groups, ground, light);
+
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
     gl.clearColor(...paper, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
-    const above = out[2] > 0;
-
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     if (ground && above) {
       gl.useProgram(this.ground.program);
       const u = this.ground.uniform;
@@ -342,6 +431,7 @@ export class Drawing {
       gl.uniform1i(u("plates"), ground.plates);
       gl.uniform4fv(u("fill"), ground.fill);
       gl.uniform4fv(u("line"), ground.line);
+      gl.uniform1f(u("shadow"), this.shadows ? (dark ? 0.34 : 0.13) : 0);
       gl.enable(gl.BLEND);
       gl.depthMask(false);
       gl.bindVertexArray(this.groundArray);
@@ -350,95 +440,70 @@ export class Drawing {
       gl.disable(gl.BLEND);
     }
 
-    gl.useProgram(this.parts.program);
-    const u = this.parts.uniform;
-    gl.uniformMatrix4fv(u("view"), false, view);
-    gl.uniform3fv(u("light"), light);
-    gl.uniform3fv(u("eye"), out);
-    gl.uniform3fv(u("eyeAt"), position);
-    gl.uniform1f(u("ambient"), dark ? 0.5 : 0.66);
-    gl.uniform1f(u("ground"), (ground?.z ?? 0) + 0.004);
-    for (const { mesh, numbers } of groups) this.fill(mesh.instances, this.nearestFirst(numbers, out));
-
-    if (ground && above && this.shadows) {
-      // Each place of the ground is darkened once, however many shadows meet there.
-      gl.enable(gl.BLEND);
-      gl.enable(gl.STENCIL_TEST);
-      gl.stencilFunc(gl.EQUAL, 0, 255);
-      gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
-      gl.disable(gl.CULL_FACE);
-      this.unculled = true;
-      gl.depthMask(false);
-      gl.uniform1i(u("shadow"), 1);
-      gl.uniform4f(u("flat_"), 0, 0, 0, dark ? 0.34 : 0.13);
-      groups.forEach((group) => this.instances(group));
-      gl.uniform1i(u("shadow"), 0);
-      gl.depthMask(true);
-      this.unculled = false;
-      gl.enable(gl.CULL_FACE);
-      gl.disable(gl.STENCIL_TEST);
-      gl.disable(gl.BLEND);
-    }
-    gl.uniform1i(u("shadow"), 0);
-
+    const eye = { view, position, out };
     if (chosen) {
-      gl.uniform1i(u("outline"), 1);
-      gl.uniform1f(u("grow"), 0.12);
-      gl.uniform4f(u("flat_"), ...chosen.colour, 1);
-      gl.cullFace(gl.FRONT);
       this.fill(chosen.mesh.instances, chosen.numbers);
-      this.instances(chosen);
+      gl.cullFace(gl.FRONT);
+      this.flat(chosen, eye, 0.12, [...chosen.colour, 1]);
       gl.cullFace(gl.BACK);
-      gl.uniform1i(u("outline"), 0);
     }
-    gl.uniform1f(u("grow"), 0);
-    groups.forEach((group) => this.instances(group));
+    for (const { mesh } of groups) {
+      const program = mesh.round ? this.round : this.boxes;
+      this.look(program, mesh, eye, 0);
+      const u = program.uniform;
+      gl.uniform3fv(u("light"), light);
+      gl.uniform3fv(u("eye"), out);
+      gl.uniform1f(u("ambient"), dark ? 0.5 : 0.66);
+      if (mesh.round) {
+        gl.uniform1f(u("radius"), mesh.round.radius);
+        gl.uniform1f(u("half_"), mesh.round.edge);
+      }
+      this.instances(mesh, mesh.seen);
+    }
     this.drawRibbons(links, view, position, clock, true);
+    gl.enable(gl.BLEND);
+    gl.depthMask(false);
     if (ghosts) {
-      gl.useProgram(this.parts.program);
-      gl.enable(gl.BLEND);
-      gl.depthMask(false);
-      gl.uniform1i(u("outline"), 1);
-      gl.uniform4f(u("flat_"), ...ghosts.colour);
       this.fill(ghosts.mesh.instances, ghosts.numbers);
-      this.instances(ghosts, gl.LINES);
-      gl.uniform1i(u("outline"), 0);
-      gl.depthMask(true);
-      gl.disable(gl.BLEND);
+      this.flat(ghosts, eye, 0, ghosts.colour, gl.LINES);
     }
     if (chosen) {
       // What is chosen is seen through everything.
-      gl.useProgram(this.parts.program);
-      gl.enable(gl.BLEND);
       gl.disable(gl.DEPTH_TEST);
-      gl.uniform1i(u("outline"), 1);
-      gl.uniform1f(u("grow"), 0.1);
-      gl.uniform4f(u("flat_"), ...chosen.colour, 0.2);
       this.fill(chosen.mesh.instances, chosen.numbers);
-      this.instances(chosen);
-      gl.uniform1i(u("outline"), 0);
-      gl.uniform1f(u("grow"), 0);
+      this.flat(chosen, eye, 0.1, [...chosen.colour, 0.2]);
       gl.enable(gl.DEPTH_TEST);
-      gl.disable(gl.BLEND);
     }
+    gl.depthMask(true);
+    gl.disable(gl.BLEND);
     this.drawRibbons(marks, view, position, clock, false);
     gl.bindVertexArray(null);
   }
 
-  instances({ mesh, numbers }, what = this.gl.TRIANGLES) {
+  /** From where a mesh is seen, and how much larger than it is. */
+  look(program, mesh, { view, position }, grow) {
     const gl = this.gl;
-    const u = this.parts.uniform;
-    gl.uniform1i(u("round"), mesh.round !== null);
-    gl.uniform1i(u("facing"), mesh.facing);
+    gl.useProgram(program.program);
+    gl.uniformMatrix4fv(program.uniform("view"), false, view);
+    gl.uniform3fv(program.uniform("eyeAt"), position);
+    gl.uniform1i(program.uniform("facing"), mesh.facing);
+    gl.uniform1f(program.uniform("grow"), grow);
+  }
+
+  flat({ mesh, numbers }, eye, grow, colour, what = this.gl.TRIANGLES) {
+    const program = mesh.round ? this.flatRound : this.flatBoxes;
+    this.look(program, mesh, eye, grow);
+    this.gl.uniform4fv(program.uniform("flat_"), colour);
+    this.instances(mesh, numbers.length / PART, what);
+  }
+
+  instances(mesh, count, what = this.gl.TRIANGLES) {
+    const gl = this.gl;
     // Mirrored sides have no inside and outside.
     if (mesh.facing) gl.disable(gl.CULL_FACE);
-    if (mesh.round) {
-      gl.uniform1f(u("radius"), mesh.round.radius);
-      gl.uniform1f(u("half_"), mesh.round.edge);
-    }
     gl.bindVertexArray(mesh.array);
-    gl.drawArraysInstanced(what, 0, mesh.count, numbers.length / PART);
-    if (mesh.facing && !this.unculled) gl.enable(gl.CULL_FACE);
+    gl.drawArraysInstanced(what, 0, mesh.count, count);
+    if (mesh.facing) gl.enable(gl.CULL_FACE);
   }
 
   drawRibbons(numbers, view, position, clock, behind) {

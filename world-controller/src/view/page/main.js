@@ -37,9 +37,14 @@ class Page {
     this.chosen = null;
     this.meaning = "state";
     this.dirty = true;
+    /** Whether more than the eye has moved since the picture was built. */
+    this.stale = true;
+    this.seen = null;
     this.clock = 0;
     this.said = 0;
     this.last = null;
+    this.drawnAt = null;
+    this.passed = 0;
     this.rested = null;
     this.moving = false;
     this.plain = false;
@@ -54,11 +59,8 @@ class Page {
     this.fill();
     this.listen();
     this.fit();
-    this.redraw = () => (this.dirty = true);
-    this.camera.onChange = () => {
-      this.moving = true;
-      this.redraw();
-    };
+    this.redraw = () => (this.dirty = this.stale = true);
+    this.camera.onChange = () => (this.moving = this.dirty = true);
     story.onTalk = this.redraw;
     story.onLost = (error) => this.lost(error);
     new ResizeObserver(() => {
@@ -280,20 +282,34 @@ class Page {
         this.t = this.story.now;
         if (this.story.over) this.setPlaying(false);
       }
-      this.adapt(passed);
+      this.stale = true;
     } else if (!this.dirty) {
+      this.drawnAt = null;
       return;
     }
-    if (this.playing || this.dirty) this.show();
+    if ((this.moving || this.playing) && this.drawnAt !== null) this.adapt(now - this.drawnAt);
+    this.drawnAt = now;
+    this.show();
   }
 
-  /** A slow machine draws less while things move: first no shadows, then fewer pixels. */
+  /**
+   * A slow machine draws less while things move: first no shadows of bodies that move, then fewer pixels.
+   * `passed` is the time from one picture to the next. One step makes a picture less than twice as quick,
+   * so what is too slow and what is quick enough are that far apart.
+   */
   adapt(passed) {
-    this.late = passed > 50 ? this.late + (passed > 150 ? 4 : 1) : Math.max(0, this.late - 0.25);
-    if (this.late < 4) return;
-    this.late = 0;
-    if (!this.plain) this.plain = true;
-    else this.scale = Math.max(0.5, this.scale * 0.8);
+    this.passed = passed;
+    if (passed > 50) this.late += passed > 100 ? 2 : 1;
+    else if (passed < 25) this.late -= 0.1;
+    if (this.late >= 4) {
+      this.late = 0;
+      if (this.playing && !this.plain) this.plain = true;
+      else this.scale = Math.max(0.5, this.scale * 0.8);
+    } else if (this.late <= -4) {
+      this.late = 0;
+      if (this.scale < 1) this.scale = Math.min(1, this.scale / 0.8);
+      else this.plain = false;
+    }
   }
 
   /** As fast as needed while things move, as fine as possible when they rest. */
@@ -303,12 +319,15 @@ class Page {
     clearTimeout(this.rested);
     if (this.playing || this.moving) {
       drawing.sharpness = ratio * this.scale;
-      drawing.shadows = !this.plain;
+      // Shadows are painted anew only when bodies have moved.
+      drawing.shadows = !(this.playing && this.plain);
       if (this.playing) return;
+      // Where pictures take long, the next movement may come late as well.
+      const rest = Math.min(200 + 4 * this.passed, 2000);
       this.rested = setTimeout(() => {
         this.moving = false;
-        this.redraw();
-      }, 200);
+        this.dirty = true;
+      }, rest);
     } else {
       drawing.sharpness = drawing.slow ? Math.max(ratio, 2) : ratio;
       drawing.shadows = true;
@@ -326,11 +345,15 @@ class Page {
       chosen: this.chosen,
       classes: this.timeline.shown,
     };
-    const seen = this.picture.build(this.t, options);
+    if (this.stale) this.seen = this.picture.build(this.t, options);
     this.picture.draw(this.camera, options, this.clock);
-    this.timeline.draw(this.t);
     // Words are read less quickly than pictures are seen.
-    if (!this.playing || this.clock - this.said > 0.1 || this.clock < this.said) this.say(seen);
+    const told = !this.playing || this.clock - this.said > 0.1 || this.clock < this.said;
+    if (this.stale) {
+      this.timeline.draw(this.t);
+      if (told) this.say(this.seen);
+    }
+    this.stale = false;
   }
 
   /** Everything that is said in words about what is seen. */

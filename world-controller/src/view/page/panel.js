@@ -12,6 +12,9 @@ export const make = (tag, attributes = {}, ...inside) => {
   return element;
 };
 
+/** Modules shown of those that wait at the end. */
+const SHOWN = 6;
+
 const seconds = (t) => `${(t / 1e6).toFixed(2)} s`;
 const cell = (c) => `[${c.join(", ")}]`;
 
@@ -46,12 +49,16 @@ export class Panel {
     const stall = report.unbuilt;
     if (!stall) return;
     if (stall.wait_cycle.length) {
-      const names = stall.wait_cycle.flatMap((id, i) => [i ? " → " : "", this.link(id)]);
-      why.append(make("p", {}, "wait for each other: ", ...names));
-    } else if (stall.waiting.length) {
-      const one = (w) => [this.link(w.module), w.waits_for === null ? " waits" : " waits for ", w.waits_for === null ? "" : this.link(w.waits_for), w.why ? ` (${w.why})` : ""];
-      why.append(make("ul", {}, ...stall.waiting.slice(0, 8).map((w) => make("li", {}, ...one(w)))));
+      const names = stall.wait_cycle.flatMap((id, i) => [i ? ", " : "", this.link(id)]);
+      why.append(make("p", { class: "circle" }, "wait for each other in a circle: ", ...names));
     }
+    if (stall.detected) {
+      why.append(make("p", {}, this.link(stall.detected.by), ` counted all others and found this out at ${stall.detected.at_s.toFixed(2)} s`));
+    }
+    const on = (w) => (w.waits_for === null ? [] : [": ", this.link(w.waits_for)]);
+    const row = (w) => make("li", {}, this.link(w.module), ` ${w.why}`, ...on(w));
+    if (stall.waiting.length) why.append(make("ul", { class: "waiting" }, ...stall.waiting.slice(0, SHOWN).map(row)));
+    if (stall.waiting.length > SHOWN) why.append(make("p", {}, `and ${stall.waiting.length - SHOWN} more; the report has them`));
     if (story.forgotten) why.append(make("p", {}, `${story.forgotten} events were too many to be kept`));
   }
 

@@ -60,10 +60,70 @@ class Numbers {
     this.list.set(numbers, this.length);
     this.length += numbers.length;
   }
+  /** One part. */
+  part(x, y, z, size, [qx, qy, qz, qw], [r, g, b], pattern, [er, eg, eb]) {
+    if (this.length + PART > this.list.length) this.push();
+    const { list } = this;
+    let at = this.length;
+    list[at++] = x;
+    list[at++] = y;
+    list[at++] = z;
+    list[at++] = size;
+    list[at++] = qx;
+    list[at++] = qy;
+    list[at++] = qz;
+    list[at++] = qw;
+    list[at++] = r;
+    list[at++] = g;
+    list[at++] = b;
+    list[at++] = pattern;
+    list[at++] = er;
+    list[at++] = eg;
+    list[at++] = eb;
+    list[at++] = 1;
+    this.length = at;
+  }
   view() {
     return this.list.subarray(0, this.length);
   }
 }
+
+/** Which cells near the start and the goals are filled by bodies that rest. */
+class Filled {
+  constructor({ low, high }) {
+    // Bodies wander a little around what is built; whoever goes farther is not looked up.
+    this.low = low.map((x) => Math.floor(x) - 3);
+    this.size = high.map((x, i) => Math.ceil(x) + 4 - this.low[i]);
+    const cells = this.size.reduce((a, b) => a * b, 1);
+    this.stamps = new Uint32Array(cells <= MOST_CELLS ? cells : 0);
+    this.stamp = 0;
+  }
+  clear() {
+    this.stamp++;
+  }
+  /** The place of a cell; -1 at the rim and outside. */
+  place(x, y, z) {
+    const [i, j, k] = [x - this.low[0], y - this.low[1], z - this.low[2]];
+    const [a, b, c] = this.size;
+    if (i < 1 || j < 1 || k < 1 || i >= a - 1 || j >= b - 1 || k >= c - 1) return -1;
+    return (k * b + j) * a + i;
+  }
+  add(x, y, z) {
+    const at = this.place(x, y, z);
+    if (at >= 0) this.stamps[at] = this.stamp;
+  }
+  /** Whether a cell has a filled one on each side. */
+  encloses(x, y, z) {
+    const at = this.place(x, y, z);
+    if (at < 0) return false;
+    const [a, b] = this.size;
+    const { stamps, stamp } = this;
+    const both = (d) => stamps[at - d] === stamp && stamps[at + d] === stamp;
+    return both(1) && both(a) && both(a * b);
+  }
+}
+
+const MOST_CELLS = 4e6;
 
 export class Picture {
   constructor(drawing, story) {
@@ -87,6 +147,7 @@ export class Picture {
     this.middles = [];
     this.goals = story.scene.goals.map((goal) => this.readGoal(goal));
     this.bounds = this.measure();
+    this.filled = new Filled(this.bounds);
     this.theme();
   }
 
@@ -174,6 +235,8 @@ export class Picture {
     const taken = new Set();
     const waits = new Map();
     const counts = { alive: 0, dead: 0, paused: 0, moving: 0 };
+    this.filled.clear();
+    this.drawing.shaded = false;
 
     for (let id = 0; id < story.modules.length; id++) {
       const body = story.bodyAt(id, t);
@@ -201,28 +264,41 @@ export class Picture {
       else if (known.stuck) [pattern, edge] = [PATTERN.stuck, colour.stuck];
       this.put(id, body, size, paint, pattern, edge, id === options.chosen, taken);
     }
-    for (const cell of story.obstaclesAt(t)) {
-      const [x, y, z] = cell;
-      this.foreign.push(x, y, z + (this.cubes ? 0 : 0.5), 0.9, ...UPRIGHT, ...colour.foreign, 0, ...colour.edge, 1);
+    if (this.cubes && !options.messages) this.hideEnclosed();
+    for (const [x, y, z] of story.obstaclesAt(t)) {
+      this.foreign.part(x, y, z + (this.cubes ? 0 : 0.5), 0.9, UPRIGHT, colour.foreign, 0, colour.edge);
     }
     if (options.goal) {
       for (const [x, y, z] of now.outside) {
         const at = [x + shift[0], y + shift[1], z];
         if (taken.has(key(at))) continue;
         const up = this.cubes ? 0 : 0.5;
-        this.ghosts.push(at[0], at[1], at[2] + up, 0.94, ...UPRIGHT, ...colour.ghost, 0, ...colour.ghost, 1);
+        this.ghosts.part(at[0], at[1], at[2] + up, 0.94, UPRIGHT, colour.ghost, 0, colour.ghost);
       }
     }
     if (options.messages && talk) this.drawTalk(talk, options);
-    const stall = t >= story.now ? story.report?.unbuilt : null;
+    // A run that was not built shows at its end who waits for whom.
+    const stalled = t >= story.now && story.over && story.outcome !== "built";
+    const stall = stalled ? story.report?.unbuilt : null;
     for (const { module, waits_for } of stall?.waiting ?? []) if (waits_for !== null) waits.set(module, waits_for);
     const circle = story.circle(waits);
     stall?.wait_cycle.forEach((id) => circle.add(id));
-    this.drawWaits(waits, circle, options);
+    this.drawWaits(waits, circle, options, stalled);
     if (options.meaning === "locks") {
       for (const [holder, owner] of owners) this.arrow(holder, owner, [...ownColour(owner), 0.9], 0.05);
     }
-    return { talk, waits, circle, counts, farthest };
+    const arrows = waits.size > circle.size && (options.waits || stalled);
+    return { talk, waits, circle, counts, farthest, arrows };
+  }
+
+  /** Whoever has a neighbour on each side is not seen, and need not be drawn. */
+  hideEnclosed() {
+    const { list, length } = this.parts;
+    for (let at = 0; at < length; at += PART) {
+      const [x, y, z] = [list[at], list[at + 1], list[at + 2]];
+      const rests = Number.isInteger(x) && Number.isInteger(y) && Number.isInteger(z);
+      if (rests && this.filled.encloses(x, y, z)) list[at + PART - 1] = 0;
+    }
   }
 
   levelColour(id, known, body, goal) {
@@ -241,8 +317,9 @@ export class Picture {
     if (this.cubes) {
       const [x, y, z] = cubeAt(body);
       this.middles[id] = [x, y, z];
-      this.parts.push(x, y, z, size, ...UPRIGHT, ...paint, pattern, ...edge, 1);
-      if (isChosen) this.chosen.push(x, y, z, size, ...UPRIGHT, ...paint, 0, ...edge, 1);
+      this.parts.part(x, y, z, size, UPRIGHT, paint, pattern, edge);
+      if (isChosen) this.chosen.part(x, y, z, size, UPRIGHT, paint, 0, edge);
+      if (!body.doing) this.filled.add(x, y, z);
       taken.add(key(body.part >= 1 || !body.what ? body.to : body.from));
       return;
     }
@@ -252,8 +329,8 @@ export class Picture {
     halves.forEach(({ middle, rotation }, i) => {
       // The second module is a little lighter or darker, so that the two are told apart.
       const tint = i < 4 ? paint : paint.map((c) => c + (this.dark ? 0.16 : 0.26) * (1 - c));
-      this.parts.push(...middle, size, ...rotation, ...tint, pattern, ...edge, 1);
-      if (isChosen) this.chosen.push(...middle, size, ...rotation, ...tint, 0, ...edge, 1);
+      this.parts.part(...middle, size, rotation, tint, pattern, edge);
+      if (isChosen) this.chosen.part(...middle, size, rotation, tint, 0, edge);
       middle.forEach((x, k) => (sum[k] += x / 8));
       if (i % 2 === 0) cells.push(middle);
     });
@@ -295,13 +372,13 @@ export class Picture {
     }
   }
 
-  /** Those that wait in a circle are always drawn; the others if asked for. */
-  drawWaits(waits, circle, options) {
+  /** Those that wait in a circle are always drawn, and all at the end of a run that stands still. */
+  drawWaits(waits, circle, options, stalled) {
     for (const [from, to] of waits) {
       const within = circle.has(from) && circle.has(to);
-      if (!within && !options.waits && from !== options.chosen && to !== options.chosen) continue;
+      if (!within && !stalled && !options.waits && from !== options.chosen && to !== options.chosen) continue;
       const rgb = within ? this.colour.bad : this.colour.wait;
-      this.arrow(from, to, [...rgb, within ? 1 : 0.85], within ? 0.09 : 0.04);
+      this.arrow(from, to, [...rgb, within ? 1 : 0.85], within ? 0.09 : stalled ? 0.06 : 0.04);
     }
   }
 
@@ -377,11 +454,12 @@ export class Picture {
   }
 
   /** What the colours mean, for the legend: text, colour, and the pattern that goes with it. */
-  legend(meaning, { farthest, circle }) {
+  legend(meaning, { farthest, circle, arrows }) {
     const { colour, cubes } = this;
     const swatch = (text, rgb, pattern) => ({ text, colour: css(rgb), pattern });
     const entries = this.meanings(meaning, farthest, swatch, colour, cubes);
     if (circle.size) entries.push(swatch("wait for each other in a circle", colour.bad));
+    if (arrows) entries.push(swatch("waits for", colour.wait));
     return entries;
   }
 

@@ -1,0 +1,201 @@
+//! Messages in the schemas `foxglove.SceneUpdate` and `foxglove.Log`, as far as they are used here; the
+//! schemas that go with them are derived from these types. Absent: primitives other than cubes, whose
+//! lists are there because readers expect them, and are always empty.
+
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::time::Time;
+use schemars::JsonSchema;
+use schemars::generate::SchemaSettings;
+use serde::Serialize;
+
+/// The schema of messages of a type. Written out without references, which not every reader follows.
+pub fn schema_of<T: JsonSchema>() -> Vec<u8> {
+    let settings = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
+    let schema = settings.into_generator().into_root_schema_for::<T>();
+    serde_json::to_vec(&schema).expect("invariant: a schema is plain JSON")
+}
+
+/// A moment.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+#[schemars(title = "time")]
+pub struct Stamp {
+    sec: u64,
+    nsec: u32,
+}
+
+impl From<Time> for Stamp {
+    fn from(at: Time) -> Stamp {
+        const SECOND: u64 = 1_000_000_000;
+        Stamp { sec: at.0 / SECOND, nsec: (at.0 % SECOND) as u32 }
+    }
+}
+
+/// A span; zero is "until something else is said".
+#[derive(Clone, Copy, Debug, Default, Serialize, JsonSchema)]
+#[schemars(title = "duration")]
+struct Lifetime {
+    sec: i64,
+    nsec: u32,
+}
+
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+#[schemars(title = "foxglove.Vector3")]
+struct Vector {
+    x: f32,
+    y: f32,
+    z: f32,
+}
+
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+#[schemars(title = "foxglove.Quaternion")]
+struct Quaternion {
+    x: f32,
+    y: f32,
+    z: f32,
+    w: f32,
+}
+
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+#[schemars(title = "foxglove.Pose")]
+struct Pose {
+    position: Vector,
+    orientation: Quaternion,
+}
+
+/// Parts of red, green, blue, and how much covers what is behind.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[schemars(title = "foxglove.Color")]
+pub struct Colour {
+    r: f32,
+    g: f32,
+    b: f32,
+    a: f32,
+}
+
+impl Colour {
+    /// From red, green and blue of 0 to 255.
+    pub const fn rgb(r: u8, g: u8, b: u8) -> Colour {
+        Colour { r: r as f32 / 255.0, g: g as f32 / 255.0, b: b as f32 / 255.0, a: 1.0 }
+    }
+}
+
+/// A cube.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+#[schemars(title = "foxglove.CubePrimitive")]
+pub struct Cube {
+    pose: Pose,
+    size: Vector,
+    color: Colour,
+}
+
+impl Cube {
+    /// The cube that fills a cell of one metre, with a little air so that one can be told from the next.
+    /// The lowest cells stand on z = 0.
+    pub fn in_cell(cell: Cell, color: Colour) -> Cube {
+        const SIZE: f32 = 0.95;
+        let position = Vector { x: cell.x.into(), y: cell.y.into(), z: f32::from(cell.z) + 0.5 };
+        let orientation = Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 };
+        Cube { pose: Pose { position, orientation }, size: Vector { x: SIZE, y: SIZE, z: SIZE }, color }
+    }
+}
+
+/// What is shown of a thing that is clicked.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+#[schemars(title = "foxglove.KeyValuePair")]
+pub struct Pair<'a> {
+    /// What it is about.
+    pub key: &'static str,
+    /// What it says.
+    pub value: &'a str,
+}
+
+/// What is never written.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+struct Never {}
+
+/// One thing.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+#[schemars(title = "foxglove.SceneEntity")]
+pub struct Entity<'a> {
+    timestamp: Stamp,
+    frame_id: &'static str,
+    id: String,
+    lifetime: Lifetime,
+    frame_locked: bool,
+    metadata: [Pair<'a>; 2],
+    arrows: &'static [Never],
+    cubes: Vec<Cube>,
+    spheres: &'static [Never],
+    cylinders: &'static [Never],
+    lines: &'static [Never],
+    triangles: &'static [Never],
+    texts: &'static [Never],
+    models: &'static [Never],
+}
+
+impl<'a> Entity<'a> {
+    /// Cubes with a name.
+    pub fn new(at: Time, id: String, metadata: [Pair<'a>; 2], cubes: Vec<Cube>) -> Entity<'a> {
+        Entity {
+            timestamp: at.into(),
+            frame_id: "world",
+            id,
+            lifetime: Lifetime::default(),
+            frame_locked: false,
+            metadata,
+            arrows: &[],
+            cubes,
+            spheres: &[],
+            cylinders: &[],
+            lines: &[],
+            triangles: &[],
+            texts: &[],
+            models: &[],
+        }
+    }
+}
+
+/// Things that look different, or are new.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+#[schemars(title = "foxglove.SceneUpdate")]
+pub struct SceneUpdate<'a> {
+    deletions: &'static [Never],
+    entities: Vec<Entity<'a>>,
+}
+
+impl<'a> SceneUpdate<'a> {
+    /// Things with the same names are replaced, others stay.
+    pub fn new(entities: Vec<Entity<'a>>) -> SceneUpdate<'a> {
+        SceneUpdate { deletions: &[], entities }
+    }
+}
+
+/// How much a line of the log matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// To know.
+    Info = 2,
+    /// To look at.
+    Warning = 3,
+    /// Not as it should be.
+    Error = 4,
+}
+
+/// A line of the log.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+#[schemars(title = "foxglove.Log")]
+pub struct Log<'a> {
+    timestamp: Stamp,
+    level: u8,
+    message: &'a str,
+    name: &'static str,
+    file: &'static str,
+    line: u32,
+}
+
+impl<'a> Log<'a> {
+    /// Something was said.
+    pub fn new(at: Time, level: Level, message: &'a str) -> Log<'a> {
+        Log { timestamp: at.into(), level: level as u8, message, name: "metamorph", file: "", line: 0 }
+    }
+}
