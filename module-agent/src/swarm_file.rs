@@ -13,7 +13,7 @@ use thiserror::Error;
 
 const MAGIC: [u8; 4] = *b"MMSW";
 /// The version of the layout. Any change of [`SwarmFile`] raises it.
-const VERSION: u16 = 2;
+const VERSION: u16 = 3;
 /// A swarm file is never larger; a length in a damaged file must not eat all memory.
 const LIMIT: usize = 256 << 20;
 

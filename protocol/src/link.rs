@@ -43,6 +43,8 @@ pub struct LinkModel {
     pub reorder: Ratio,
     /// Probability that a bit of a message flips.
     pub corrupt: Ratio,
+    /// From then on messages are delayed and nothing else; never, if left out.
+    pub harmless_from: Option<Time>,
     /// Times and places at which nothing passes.
     pub partitions: Vec<Partition>,
 }
@@ -82,20 +84,24 @@ impl LinkModel {
         last: &mut Time,
     ) -> Fate {
         let mut fate = Fate { arrivals: [None, None] };
-        if self.partitions.iter().any(|p| p.cuts(now, from, to)) || stream.chance(self.loss) {
+        if self.partitions.iter().any(|p| p.cuts(now, from, to)) {
             return fate;
         }
-        fate.arrivals[0] = Some(self.arrival(now, stream, last));
-        if stream.chance(self.duplicate) {
-            fate.arrivals[1] = Some(self.arrival(now, stream, last));
+        let harms = self.harmless_from.is_none_or(|at| now < at);
+        if harms && stream.chance(self.loss) {
+            return fate;
+        }
+        fate.arrivals[0] = Some(self.arrival(now, harms, stream, last));
+        if harms && stream.chance(self.duplicate) {
+            fate.arrivals[1] = Some(self.arrival(now, harms, stream, last));
         }
         fate
     }
 
-    fn arrival(&self, now: Time, stream: &mut Stream, last: &mut Time) -> Arrival {
+    fn arrival(&self, now: Time, harms: bool, stream: &mut Stream, last: &mut Time) -> Arrival {
         let spread = self.delay_max - self.delay_min;
         let drawn = now + self.delay_min + Span(stream.below(spread.0 + 1));
-        let at = if stream.chance(self.reorder) {
+        let at = if harms && stream.chance(self.reorder) {
             // Held back by up to four longest delays, so that several later messages can pass.
             let hold = self.delay_max.0.max(1_000_000) * 4;
             drawn + Span(1 + stream.below(hold))
@@ -103,7 +109,7 @@ impl LinkModel {
             *last = drawn.max(*last);
             *last
         };
-        let flipped_bit = stream.chance(self.corrupt).then(|| stream.next_u64());
+        let flipped_bit = (harms && stream.chance(self.corrupt)).then(|| stream.next_u64());
         Arrival { at, flipped_bit }
     }
 }
@@ -139,6 +145,19 @@ mod tests {
         assert!((850..1_150).contains(&count(&|f| f.arrivals[0].is_none())));
         assert!((750..1_050).contains(&count(&|f| f.arrivals[1].is_some())));
         assert!((750..1_050).contains(&count(&|f| f.arrivals[0].is_some_and(|a| a.flipped_bit.is_some()))));
+    }
+
+    #[test]
+    fn harm_ends_when_it_is_said_to() {
+        let always: Ratio = "100%".parse().unwrap();
+        let model = LinkModel { loss: always, harmless_from: Some(Time(500_000)), ..LinkModel::default() };
+        let lost = carry_all(&model, 1_000).iter().filter(|f| f.arrivals[0].is_none()).count();
+        assert_eq!(lost, 500);
+        let doubled = LinkModel { loss: Ratio::ZERO, duplicate: always, corrupt: always, ..model };
+        let after = &carry_all(&doubled, 1_000)[500..];
+        let clean =
+            |f: &Fate| f.arrivals[1].is_none() && f.arrivals[0].is_some_and(|a| a.flipped_bit.is_none());
+        assert!(after.iter().all(clean));
     }
 
     #[test]

@@ -36,6 +36,7 @@ marks! {
     CubeDeniedReserved => "cube: refused, the cell is kept for another",
     CubeYielded => "cube: gave its own attempt up for somebody's request",
     CubeTimedOut => "cube: answers did not come",
+    CubeAskedAgain => "cube: what was not answered was asked again",
     CubeTooLate => "cube: all was granted too late",
     CubeHeldAtLaunch => "cube: all was granted, but it may not leave any more",
     CubeTooManyRequests => "cube: an attempt needed too many requests",

@@ -2,6 +2,7 @@
 //! evidence of what they wait for.
 
 use crate::cube_world::CubeWorld;
+use crate::feasible::{Plight, Standing};
 use crate::outcome::{Reason, Stall, Waiter, Why};
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::message::Role;
@@ -19,6 +20,8 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct Known {
     /// Whether its process lives.
     pub alive: bool,
+    /// It has been started again, and knows nothing of what it was before.
+    pub restarted: bool,
     /// Its last report.
     pub status: Option<Status>,
 }
@@ -98,6 +101,37 @@ pub fn diagnose(
     stall
 }
 
+/// The standstill as a question for a search: what could still be done?
+pub fn plight(
+    world: &CubeWorld,
+    known: &[Known],
+    goal: &Goal,
+    connectivity: Connectivity,
+    stage: u16,
+) -> Plight {
+    let modules = (0..known.len() as u32).map(ModuleId).map(|id| {
+        let of = &known[id.index()];
+        Standing {
+            cell: world.cell(id),
+            alive: of.alive,
+            stuck: world.is_stuck(id),
+            walker: of.is_walker(),
+            finalized: of.is_final(stage),
+            // Whoever was started again in a goal cell may have been part of what is built: it stays.
+            pinned: of.alive
+                && (is_pinned(world, known, id)
+                    || (of.restarted && !of.is_walker() && goal.contains(world.cell(id)))),
+        }
+    });
+    let fills = |id: ModuleId| known[id.index()].is_final(stage) || !known[id.index()].alive;
+    Plight {
+        modules: modules.collect(),
+        filled: goal.cells().filter(|c| world.body_at(*c).is_some_and(fills)).count(),
+        goal: goal.cells().collect(),
+        spared_by_live: connectivity == Connectivity::Cycles,
+    }
+}
+
 /// Who can hear of a target: whoever is connected over modules that pass messages on to one that starts
 /// it. Walkers hear, but pass nothing on.
 fn called(
@@ -161,7 +195,7 @@ fn is_pinned(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
     let (mut front, mut seen) = (vec![id], BTreeSet::from([id]));
     while let Some(at) = front.pop() {
         let Some(k) = known.get(at.index()) else { continue };
-        if !k.alive || k.status.is_some_and(|s| s.pinned || s.immobile) {
+        if !k.alive || world.is_stuck(at) || k.status.is_some_and(|s| s.pinned || s.immobile) {
             return true;
         }
         let mut next: Vec<ModuleId> = waits_for(known, at).into_iter().collect();
@@ -303,8 +337,10 @@ mod tests {
         let bodies: Vec<Cell> = bodies.iter().copied().map(Cell::from).collect();
         let seed = Cell::from(goal[0]);
         let goal = Goal::compile(&cells(goal), seed, Growth::Solid).unwrap();
-        let known: Vec<Known> =
-            known.iter().map(|(alive, s)| Known { alive: *alive, status: Some(*s) }).collect();
+        let known: Vec<Known> = known
+            .iter()
+            .map(|(alive, s)| Known { alive: *alive, restarted: false, status: Some(*s) })
+            .collect();
         let mut world = CubeWorld::new(&bodies, Span::secs(1), 1);
         let stall = diagnose(&mut world, &known, &goal, Connectivity::Forest, 0, Time::ZERO);
         assert_eq!(stall.reason, expected, "{stall:?}");

@@ -2,9 +2,10 @@
 //! progress and decides how the run ends. Sans-IO; both drivers carry out what it commands.
 
 use crate::cube_world::CubeWorld;
-use crate::diagnosis::{Known, diagnose};
+use crate::diagnosis::{Known, diagnose, plight};
 use crate::direct::{Command, Direct};
 use crate::faults::{Fault, Schedule, Struck};
+use crate::feasible::Plight;
 use crate::injector::Injector;
 use crate::outcome::{Outcome, Stall};
 use metamorph_protocol::cube::control::{Order, Status};
@@ -28,7 +29,7 @@ pub struct Stop {
     /// Moving for this long without filling a goal cell is a livelock.
     pub livelock: Span,
     /// Until then something is planned that may get a standstill going again, besides faults of the
-    /// schedule: the end of the last partition.
+    /// schedule: the end of the last partition, and of what harms messages.
     pub planned_until: Time,
 }
 
@@ -137,6 +138,10 @@ impl Director {
     /// The standstill that ended the run, if one did.
     pub fn stall(&self) -> Option<&Stall> {
         self.stall.as_ref()
+    }
+    /// How everybody stands, as a question for a search.
+    pub fn plight(&self, world: &CubeWorld) -> Plight {
+        plight(world, &self.known, self.goal(), self.setup.params.connectivity, self.stage)
     }
     /// What each fault did.
     pub fn struck(&self) -> &[Struck] {
@@ -337,7 +342,7 @@ impl Direct<CubeWorld> for Director {
     fn started(&mut self, _now: Time, id: ModuleId) {
         let before = self.known[id.index()].status.map_or(0, |s| s.prevented);
         self.prevented_before += u64::from(before);
-        self.known[id.index()] = Known { alive: true, status: None };
+        self.known[id.index()] = Known { alive: true, restarted: true, status: None };
         self.dead.remove(&id);
         if self.stage > 0 {
             self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));

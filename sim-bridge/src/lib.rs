@@ -6,6 +6,7 @@ pub mod diagnosis;
 pub mod direct;
 pub mod director;
 pub mod faults;
+pub mod feasible;
 pub mod flood;
 pub mod grid;
 pub mod injector;

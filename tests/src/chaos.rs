@@ -60,14 +60,8 @@ impl Controller {
         let mut controller = Controller { child, lines, root: PathBuf::new() };
         let line = controller.lines.recv_timeout(WATCHDOG);
         assert_eq!(line.as_deref(), Ok("ready"), "the swarm came up");
-        controller.root = controller.find_root().expect("a run has a directory with its owner");
+        controller.root = root_of(controller.pid()).expect("a run has a directory with its owner");
         controller
-    }
-
-    fn find_root(&self) -> Option<PathBuf> {
-        let owner = |root: &Path| fs::read_to_string(root.join("owner")).ok()?.parse::<Identity>().ok();
-        let mut roots = fs::read_dir("/dev/shm").ok()?.flatten().map(|e| e.path());
-        roots.find(|root| owner(root).is_some_and(|o| o.pid == self.child.id() as i32))
     }
 
     /// The controller's process.
@@ -77,9 +71,7 @@ impl Controller {
 
     /// The process of a module.
     pub fn agent(&self, id: u32, life: u16) -> Identity {
-        let (id, life) = (ModuleId(id), Incarnation(life));
-        let path = pid_directory(&self.root).join(format!("{id}.{life}"));
-        fs::read_to_string(path).ok().and_then(|t| t.parse().ok()).expect("an agent has a pid file")
+        agent_of(&self.root, id, life).expect("an agent has a pid file")
     }
 
     /// All agents that ever said who they are.
@@ -124,6 +116,20 @@ impl Drop for Controller {
         let _ = self.child.wait();
         let _ = metamorph_world_controller::swarm::clean();
     }
+}
+
+/// The directory of the run that a process controls, once there is one.
+pub fn root_of(controller: i32) -> Option<PathBuf> {
+    let owner = |root: &Path| fs::read_to_string(root.join("owner")).ok()?.parse::<Identity>().ok();
+    let mut roots = fs::read_dir("/dev/shm").ok()?.flatten().map(|e| e.path());
+    roots.find(|root| owner(root).is_some_and(|o| o.pid == controller))
+}
+
+/// The process of a module of a run, once it has said who it is.
+pub fn agent_of(root: &Path, id: u32, life: u16) -> Option<Identity> {
+    let (id, life) = (ModuleId(id), Incarnation(life));
+    let path = pid_directory(root).join(format!("{id}.{life}"));
+    fs::read_to_string(path).ok()?.parse().ok()
 }
 
 /// Sends a signal to a process that the test knows to be alive.

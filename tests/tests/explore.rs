@@ -65,7 +65,6 @@ macro_rules! known_defects {
 
 known_defects! {
     finds_ignored_sessions: Cube, IgnoreSessions, 400;
-    #[ignore = "not found within this budget so far"]
     finds_missing_deadlines: Cube, NoDeadline, 800;
     finds_short_leases: Cube, ShortLease, 400;
     finds_ignored_locks: Cube, IgnoreLocks, 400;

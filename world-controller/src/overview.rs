@@ -145,6 +145,9 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
     for (name, rate) in rates.iter().filter(|(_, rate)| !rate.is_zero()) {
         write!(out, "; {name} {rate}")?;
     }
+    if let Some(until) = link.harmless_from {
+        write!(out, "; until {until}")?;
+    }
     writeln!(out)?;
     for cut in &link.partitions {
         writeln!(out, "            {} modules cut off from {} to {}", cut.side.len(), cut.from, cut.until)?;

@@ -13,6 +13,7 @@ use metamorph_sim_bridge::cube_world::CubeWorld;
 use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::director::{Director, Progress, Stage};
 use metamorph_sim_bridge::faults::Struck;
+use metamorph_sim_bridge::feasible::Plight;
 use metamorph_sim_bridge::invariants::Violation;
 use metamorph_sim_bridge::metamodule_director::{MetamoduleDirector, MetamodulePlan};
 use metamorph_sim_bridge::metamodule_world::MetamoduleWorld;
@@ -36,6 +37,8 @@ pub struct Account {
     pub restarted: u64,
     /// Why it stood still.
     pub stall: Option<Stall>,
+    /// The same as a question for a search; of cubes only.
+    pub plight: Option<Plight>,
     /// What each fault did.
     pub struck: Vec<Struck>,
     /// Collisions prevented between modules, by negotiation or locks.
@@ -109,6 +112,7 @@ impl Runnable for Cubes {
             crashed,
             restarted,
             stall: director.stall().cloned(),
+            plight: director.stall().map(|_| director.plight(world)),
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
@@ -178,6 +182,7 @@ impl Runnable for Metamodules {
             crashed,
             restarted,
             stall: director.stall().cloned(),
+            plight: None,
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),

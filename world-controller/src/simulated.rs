@@ -3,7 +3,7 @@
 use crate::interrupt::Interrupt;
 use crate::journal::Keeping;
 use crate::report::{Facts, progress, report, schema::Report};
-use crate::runnable::Runnable;
+use crate::runnable::{Account, Runnable};
 use crate::scenario::{Plan, Swarm};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
@@ -32,7 +32,7 @@ pub fn run_simulated(
         live.show(|| progress(plan, now, &so_far()));
         !interrupt.is_set()
     };
-    let report = match &plan.swarm {
+    let (report, _) = match &plan.swarm {
         Swarm::Cubes(cubes) => run(cubes, plan, since, watch, keeping, scribe),
         Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, keeping, scribe),
     };
@@ -47,6 +47,15 @@ pub fn simulate(
     since: Stopwatch,
     watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
 ) -> Report {
+    simulate_and_account(plan, since, watch).0
+}
+
+/// The same, with what director and world know in the end.
+pub fn simulate_and_account(
+    plan: &Plan,
+    since: Stopwatch,
+    watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+) -> (Report, Account) {
     match &plan.swarm {
         Swarm::Cubes(cubes) => run(cubes, plan, since, watch, None, None),
         Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, None, None),
@@ -60,7 +69,7 @@ fn run<R: Runnable>(
     watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
     keeping: Option<Keeping>,
     scribe: Option<Log>,
-) -> Report {
+) -> (Report, Account) {
     let config = SimConfig {
         setup: Arc::clone(swarm.setup()),
         link: plan.link.clone(),
@@ -93,7 +102,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
     world: fn(&W) -> &R::World,
     director: fn(&D) -> &R::Director,
     finish: impl FnOnce(&Sim<W, D>, Outcome) -> Vec<String>,
-) -> Report {
+) -> (Report, Account) {
     let (setup, running) = (since.elapsed(), Stopwatch::start());
     // Slices are only for being watched; where they end has no effect on the run.
     while watch(sim.now(), &|| Progress {
@@ -105,7 +114,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
     let account = swarm.account(plan, director(sim.director()), world(sim.world()));
     let notes = finish(&sim, account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome));
     let (violations, broken) = sim.violations();
-    report(&Facts {
+    let facts = Facts {
         plan,
         account,
         beat: swarm.beat(),
@@ -119,5 +128,6 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
         setup,
         trace_hash: Some(sim.trace().value()),
         notes,
-    })
+    };
+    (report(&facts), facts.account)
 }

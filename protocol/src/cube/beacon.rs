@@ -1,7 +1,7 @@
 //! Beacons: what a module tells its neighbours about itself, and what it makes of theirs.
 
 use super::control::Status;
-use super::field::{Limits, Offer};
+use super::field::{Limits, Offer, newer};
 use super::message::{Beacon, Claim, Entry, Message, Role};
 use super::params::Connectivity;
 use super::{Cube, Peer, UNLABELLED};
@@ -121,15 +121,26 @@ impl Cube {
     /// Versions count the refresh periods of this module, whose phase is its own so that not all
     /// sources flood at once. They go on after a restart.
     fn version(&self, now: Time) -> u16 {
-        (self.phased(now) / self.setup.params.refresh.0.max(1)) as u16
+        self.version_of(self.id.0, now)
     }
-    fn phased(&self, now: Time) -> u64 {
+    fn version_of(&self, id: u32, now: Time) -> u16 {
+        (self.phased(id, now) / self.setup.params.refresh.0.max(1)) as u16
+    }
+    fn phased(&self, id: u32, now: Time) -> u64 {
         let refresh = self.setup.params.refresh.0.max(1);
-        now.0.saturating_add(u64::from(self.id.0).wrapping_mul(0x9E37_79B9_7F4A_7C15) % refresh)
+        now.0.saturating_add(u64::from(id).wrapping_mul(0x9E37_79B9_7F4A_7C15) % refresh)
+    }
+    /// Whether an earlier life of this module may have told of this version: what is heard of it may be its
+    /// own word that comes back, and lead in a circle.
+    fn may_be_own_word(&self, entry: Entry) -> bool {
+        self.reborn
+            && entry.is_known()
+            && !self.has(Sabotage::AcceptStaleValues)
+            && !newer(entry.version, self.version_of(entry.source >> 3, self.settled))
     }
     pub(super) fn next_refresh(&self, now: Time) -> Time {
         let refresh = self.setup.params.refresh.0.max(1);
-        now + Span(refresh - self.phased(now) % refresh)
+        now + Span(refresh - self.phased(self.id.0, now) % refresh)
     }
 
     fn corner_blocked(&self, now: Time, a: Face, b: Face) -> bool {
@@ -177,7 +188,8 @@ impl Cube {
                     let (mut offers, n) = self.offers(now, face, &open);
                     // What comes back of this face's own word is no news of a target.
                     let own = self.id.0 << 3 | face as u32;
-                    for offer in offers.iter_mut().filter(|o| o.entry.source == own) {
+                    let is_own = |e: Entry| e.source == own || self.may_be_own_word(e);
+                    for offer in offers.iter_mut().filter(|o| is_own(o.entry)) {
                         offer.entry = Entry::NONE;
                     }
                     self.sides[i].field.choose(now, limits, &offers[..n])

@@ -54,7 +54,7 @@ pub(super) struct FaceField {
 }
 
 /// Whether version `a` is newer than `b`, modulo 2¹⁶.
-fn newer(a: u16, b: u16) -> bool {
+pub(super) fn newer(a: u16, b: u16) -> bool {
     (1..0x8000).contains(&a.wrapping_sub(b))
 }
 

@@ -63,10 +63,13 @@ impl Cube {
             match self.live(now, face) {
                 Some(b) if b.epoch == self.epoch && b.attached && b.role != Role::Walker => {
                     let (acknowledged, label) = (b.ack == Some(token), b.label);
-                    if acknowledged && !self.adoptable(label) {
+                    if !self.adoptable(label) {
+                        // It was relabelled meanwhile, or the old parent has spoken again. Whoever goes on
+                        // asking keeps the other from leaving, which may be a child by now: both would wait
+                        // for each other.
                         hit(Mark::CubeNotAdoptable);
-                    }
-                    if (acknowledged || self.has(Sabotage::AdoptUnacknowledged)) && self.adoptable(label) {
+                        self.want = None;
+                    } else if acknowledged || self.has(Sabotage::AdoptUnacknowledged) {
                         if self.parent.is_some() {
                             hit(Mark::CubeParentReplaced);
                         }

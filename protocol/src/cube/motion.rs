@@ -77,13 +77,16 @@ impl Cube {
             return;
         }
         if self.immobile {
-            // Joints come free again; one more failure is enough to give up for another while.
+            // Joints come free again; half as many failures are enough to give up for another while, but not
+            // one, which may be bad luck.
             self.immobile = false;
-            self.failed = self.setup.params.immobile_after.saturating_sub(1);
+            self.failed = self.setup.params.immobile_after / 2;
             self.touch();
         }
-        if (self.role == Role::Walker || self.goal().contains(self.cell)) && self.may_hear_more() {
-            return self.decide_later(now);
+        if (self.role == Role::Walker || self.goal().contains(self.cell)) && self.may_hear_more(now) {
+            // Every word of a neighbour asks again; waiting for them is no reason to lose patience.
+            self.decide_at = now + self.setup.params.advertise;
+            return;
         }
         if self.role == Role::Reserve {
             if let Err(held) = self.may_leave(now) {
@@ -171,8 +174,10 @@ impl Cube {
     }
 
     /// Whether a neighbour that has not spoken yet may want this very cell filled, or know a shorter way.
-    fn may_hear_more(&self) -> bool {
-        self.patience < OUTERMOST_FIRST
+    /// Whoever has been silent for longer than first words take has nothing to say, or cannot.
+    fn may_hear_more(&self, now: Time) -> bool {
+        let p = &self.setup.params;
+        now.since(self.settled) < p.usual_delay + p.advertise * u64::from(OUTERMOST_FIRST)
             && self.sides.iter().any(|s| s.session.is_some() && s.peer.is_none() && !s.condemned)
     }
 

@@ -30,6 +30,8 @@ pub(super) struct Lock {
     pub next: Option<Face>,
     /// The face outside which the cell is kept free.
     pub reserved: Option<Face>,
+    /// All that come after on the route have granted it too: the co-owners that the last one named.
+    pub beyond: Option<u8>,
 }
 
 /// One request of an attempt.
@@ -88,6 +90,12 @@ impl Cube {
         self.ask(now, route, Ask::Reserve(face));
     }
 
+    /// How long an answer over a route takes, if nothing is lost.
+    fn answers_within(&self, route: Route) -> Span {
+        let p = &self.setup.params;
+        p.usual_delay * (2 * route.hop_count() as u64) + p.tick() * 8
+    }
+
     /// Sends one request of the current attempt.
     pub(super) fn ask(&mut self, now: Time, route: Route, ask: Ask) {
         let Some(attempt) = &mut self.attempt else { return };
@@ -97,15 +105,47 @@ impl Cube {
         }
         let id = RequestId { origin: self.id, token: attempt.token, number: attempt.requests.len() as u8 };
         attempt.requests.push(Request { route, ask, granted: false });
-        let p = &self.setup.params;
-        let patience = p.usual_delay * (2 * (route.hop_count() as u64 + 2)) + p.tick() * 8;
-        attempt.timeout =
-            if attempt.requests.len() == 1 { now + patience } else { attempt.timeout.max(now + patience) };
+        let first = attempt.requests.len() == 1;
+        let answer = now + self.answers_within(route);
+        if let Some(attempt) = &mut self.attempt {
+            attempt.timeout = if first { answer } else { attempt.timeout.max(answer) };
+        }
+        self.send_request(now, id, route, ask);
+    }
+
+    fn send_request(&mut self, now: Time, id: RequestId, route: Route, ask: Ask) {
         let age = now.since(self.waiting_since.unwrap_or(now));
         let class = if ask == Ask::Lock { Class::Connectivity } else { Class::Negotiation };
         if let Some(first) = route.hop(0) {
             self.send(first, class, Message::Request { id, age, hop: 1, ask, route });
         }
+    }
+
+    /// Asks once more what has not been answered, if an answer could still be in time. Whoever has
+    /// granted it says so again, and keeps it as long as before. Without this all of an attempt's messages
+    /// would have to come through at once.
+    fn ask_again(&mut self, now: Time) -> bool {
+        let Some(attempt) = &self.attempt else { return false };
+        let open: Vec<(RequestId, Route, Ask)> = (0u8..)
+            .zip(&attempt.requests)
+            .filter(|(_, r)| !r.granted)
+            .map(|(number, r)| (RequestId { origin: self.id, token: attempt.token, number }, r.route, r.ask))
+            .collect();
+        let Some(answer) = open.iter().map(|(_, route, _)| now + self.answers_within(*route)).max() else {
+            return false;
+        };
+        let hopeless = open.iter().any(|(_, r, _)| r.hop(0).is_none_or(|f| self.live(now, f).is_none()));
+        if answer > attempt.deadline || hopeless {
+            return false;
+        }
+        hit(Mark::CubeAskedAgain);
+        if let Some(attempt) = &mut self.attempt {
+            attempt.timeout = answer;
+        }
+        for (id, route, ask) in open {
+            self.send_request(now, id, route, ask);
+        }
+        true
     }
 
     #[allow(clippy::too_many_arguments, reason = "the fields of the message")]
@@ -124,6 +164,11 @@ impl Cube {
             return;
         }
         let next = route.hop(depth);
+        // Asked again because an answer was lost on the way back from here.
+        if let Some(co_owners) = self.locks.iter().find(|l| l.id == id).and_then(|l| l.beyond) {
+            hit(Mark::CubeRequestRepeated);
+            return self.answer(from, id, hop - 1, None, None, co_owners, route);
+        }
         let verdict = self.consider(now, id, age, next, ask);
         match (verdict, next) {
             (Err((denial, blocker)), _) => {
@@ -205,7 +250,7 @@ impl Cube {
             Some(Sabotage::ShortLease) => self.setup.params.move_time,
             _ => self.setup.params.keep_for(),
         };
-        self.locks.push(Lock { id, expires: now + keep, next, reserved });
+        self.locks.push(Lock { id, expires: now + keep, next, reserved, beyond: None });
         Ok(())
     }
 
@@ -239,6 +284,8 @@ impl Cube {
         if depth > 0 {
             if denial.is_some() {
                 self.locks.retain(|l| l.id != id);
+            } else if let Some(lock) = self.locks.iter_mut().find(|l| l.id == id) {
+                lock.beyond = Some(co_owners);
             }
             if let Some(back) = route.hop(depth - 1).map(Face::opposite) {
                 self.answer(back, id, hop - 1, denial, blocker, co_owners, route);
@@ -308,7 +355,10 @@ impl Cube {
 
     /// Gives up waiting when answers do not come.
     pub(super) fn tend_attempt(&mut self, now: Time) {
-        if self.attempt.as_ref().is_some_and(|a| now >= a.timeout) && !self.widen_search(now) {
+        let waited = self.attempt.as_ref().filter(|a| now >= a.timeout).map(|a| a.search.is_some());
+        let Some(searches) = waited else { return };
+        let goes_on = if searches { self.widen_search(now) } else { self.ask_again(now) };
+        if !goes_on {
             hit(Mark::CubeTimedOut);
             self.abort_attempt(now, None);
         }

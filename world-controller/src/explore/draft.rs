@@ -111,6 +111,15 @@ pub struct LinkDraft {
     pub reorder: u8,
     /// How many are damaged.
     pub corrupt: u8,
+    /// When all that but the delay ends.
+    pub until: Option<u64>,
+}
+
+impl LinkDraft {
+    /// Whether it does more than delay messages.
+    pub fn harms(&self) -> bool {
+        [self.loss, self.duplicate, self.reorder, self.corrupt].iter().any(|evil| *evil > 0)
+    }
 }
 
 /// A fault: times in milliseconds.
@@ -263,7 +272,7 @@ impl fmt::Display for Draft {
             SwarmDraft::Cubes(cubes) => cubes.write(f, self.failed_connections)?,
             SwarmDraft::Metamodules(metamodules) => metamodules.write(f, self.failed_connections)?,
         }
-        let LinkDraft { delay: (min, max), loss, duplicate, reorder, corrupt } = self.link;
+        let LinkDraft { delay: (min, max), loss, duplicate, reorder, corrupt, until } = self.link;
         writeln!(f, "\n[link]\ndelay = \"{}..{}\"", span(min), span(max))?;
         for (key, percent) in
             [("loss", loss), ("duplicate", duplicate), ("reorder", reorder), ("corrupt", corrupt)]
@@ -271,6 +280,9 @@ impl fmt::Display for Draft {
             if percent > 0 {
                 writeln!(f, "{key} = \"{percent}%\"")?;
             }
+        }
+        if let Some(until) = until {
+            writeln!(f, "until = \"{}\"", span(until))?;
         }
         self.faults.iter().try_for_each(|fault| fault.fmt(f))?;
         match self.patience {

@@ -90,11 +90,14 @@ fn upright(x: i16, y: i16) -> Seed {
     Seed { foot: (x, y), directions: [Face::Up; 3] }
 }
 
-/// The usual bounds are for links that are faster than moves. Whoever among metamodules gets on no more
-/// does so soon, and to watch it for longer is slow.
-fn patience(family: Family, link: LinkDraft) -> Option<(u64, u64)> {
-    match (family, link.delay.1) {
-        (Family::Cube, 0..500) => None,
+/// The usual bounds are for links that are faster than moves, and for joints that turn: a cube whose moves
+/// have failed again and again rests for 150 moves. Whoever among metamodules gets on no more does so soon,
+/// and to watch it for longer is slow.
+fn patience(draft: &Draft, family: Family) -> Option<(u64, u64)> {
+    let fails = draft.failed_connections > 0;
+    match (family, draft.link.delay.1) {
+        (Family::Cube, 0..500) if !fails => None,
+        (Family::Cube, 0..500) => Some((1_000, 4_000)),
         (Family::Cube, 500..1_000) => Some((1_000, 4_000)),
         (Family::Cube, _) => Some((3_000, 12_000)),
         (Family::Metamodule, 0..1_000) => Some((120, 1_000)),
@@ -132,13 +135,14 @@ impl Dice {
             faults: Vec::new(),
             patience: None,
         };
-        draft.patience = patience(family, draft.link);
         if !self.once_in(6) {
             if self.once_in(3) {
                 draft.failed_connections = self.pick(&[2, 10, 30]);
             }
             draft.faults = self.faults(&draft);
         }
+        draft.link.until = self.end_of_harm(&draft);
+        draft.patience = patience(&draft, family);
         draft
     }
 
@@ -159,7 +163,14 @@ impl Dice {
             duplicate: percent(&[2, 20]),
             reorder: percent(&[2, 20]),
             corrupt: percent(&[1, 5]),
+            until: None,
         }
+    }
+
+    /// What harms messages is a fault like others: it ends with the last of them, or later. Delays stay.
+    fn end_of_harm(&mut self, draft: &Draft) -> Option<u64> {
+        let least = self.pick(&[10_000, 60_000, 150_000, 600_000]);
+        draft.link.harms().then(|| draft.faults.iter().map(|f| f.until.unwrap_or(f.at)).fold(least, u64::max))
     }
 
     fn faults(&mut self, draft: &Draft) -> Vec<FaultDraft> {
@@ -195,10 +206,44 @@ impl Dice {
                 faults.push(FaultDraft { what, at, until });
             }
         }
+        if self.once_in(4) {
+            self.storm(modules, &mut faults);
+        }
         faults
     }
 
+    /// Many processes stop for longer than a lease, or start again, while there is most to do: what rests
+    /// on time, and on what was promised before, is only needed then.
+    fn storm(&mut self, modules: u64, faults: &mut Vec<FaultDraft>) {
+        let (restarts, lasts) = (self.pick(&[0, 1, 4]), self.pick(&[9_000, 15_000, 55_000]));
+        for _ in 0..self.within(4, 12) {
+            let (id, at) = (self.0.below(modules) as u32, self.within(0, 3_000) * 10);
+            faults.push(match self.0.below(4) < restarts {
+                true => FaultDraft { what: Break::Restart(id), at, until: None },
+                false => FaultDraft { what: Break::Pause(id), at, until: Some(at + lasts) },
+            });
+        }
+    }
+
+    /// A block that is thick enough to have an inside, which must be filled before it is closed.
+    fn thick(&mut self) -> CubeDraft {
+        let (modules, sides) = (self.within(29, 36) as usize, self.pick(&[[3, 3, 3], [4, 3, 3], [3, 5, 3]]));
+        let start = self.blob(Cell::new(0, 0, 0), modules, true);
+        let seed = start[self.0.below(modules as u64) as usize];
+        let corner = sides.map(|side| if self.once_in(2) { 0 } else { self.0.below(side) as i16 });
+        let mut cells = Vec::new();
+        for (x, y) in (0..sides[0] as i16).flat_map(|x| (0..sides[1] as i16).map(move |y| (x, y))) {
+            let cell = |z| Cell::new(seed.x + x - corner[0], seed.y + y - corner[1], seed.z + z - corner[2]);
+            cells.extend((0..sides[2] as i16).map(cell));
+        }
+        let goals = vec![CubeGoal { cells, seed, growth: Growth::Solid }];
+        CubeDraft { start, goals, connectivity: Connectivity::Forest, co_owners: true }
+    }
+
     fn cubes(&mut self) -> CubeDraft {
+        if self.once_in(100) {
+            return self.thick();
+        }
         let modules = match self.0.below(10) {
             0..=2 => self.within(2, 4),
             3..=7 => self.within(4, 10),
@@ -267,7 +312,7 @@ impl Dice {
 
     fn metamodules(&mut self) -> MetamoduleDraft {
         let mut goals = Vec::new();
-        let side = self.within(9, 13) as i16;
+        let side = self.within(7, 13) as i16;
         let mut at = 0;
         for i in 0..if self.once_in(5) { 2 } else { 1 } {
             if i > 0 {
@@ -276,7 +321,7 @@ impl Dice {
             goals.push((at, self.metamodule_goal(side)));
         }
         let seeds = goals.iter().map(|(_, g)| g.levels.iter().map(Vec::len).sum::<usize>());
-        let count = seeds.max().unwrap_or(0) + self.pick(&[0, 0, 1, 2]);
+        let count = seeds.max().unwrap_or(0) + self.pick(&[0, 0, 1, 2, 4]);
         MetamoduleDraft {
             kind: self.pick(&Kind::METAMODULES),
             side,

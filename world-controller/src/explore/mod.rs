@@ -17,7 +17,7 @@ pub mod verdict;
 use crate::interrupt::Interrupt;
 use crate::report::{count, seconds};
 use crate::scenario::{Plan, Swarm};
-use crate::simulated::simulate;
+use crate::simulated::simulate_and_account;
 use crate::stopwatch::Stopwatch;
 use crate::terminal::{Channel, Live, print_out};
 use draft::{Draft, SwarmDraft};
@@ -116,13 +116,14 @@ pub fn run(plan: &Plan, interrupt: &Interrupt) -> Option<Ran> {
     // What drawing or an earlier run has set is none of this run's.
     marks::take();
     let since = Stopwatch::start();
-    let simulated = catch_unwind(AssertUnwindSafe(|| simulate(plan, since, |_, _| !interrupt.is_set())));
+    let simulated =
+        catch_unwind(AssertUnwindSafe(|| simulate_and_account(plan, since, |_, _| !interrupt.is_set())));
     let marks = marks::take();
     let protocol = match &plan.swarm {
         Swarm::Cubes(cubes) => format!("cube, {}", draft::name_of(cubes.setup.params.connectivity)),
         Swarm::Metamodules(m) => format!("metamodule, {}", m.setup.params.strategy.name()),
     };
-    let Ok(report) = simulated else {
+    let Ok((report, account)) = simulated else {
         let failure = Failure { kind: Kind::Panic, what: "the program panicked".into() };
         let verdict = Verdict::Failed(failure);
         return Some(Ran { protocol, verdict, outcome: None, marks, events: 0, moves: 0, messages: 0 });
@@ -130,7 +131,7 @@ pub fn run(plan: &Plan, interrupt: &Interrupt) -> Option<Ran> {
     let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
     (outcome != Some(Outcome::Aborted)).then(|| Ran {
         protocol,
-        verdict: judge(&report),
+        verdict: judge(&report, account.plight.as_ref()),
         outcome,
         marks,
         events: report.messages.all.delivered + report.body_messages,

@@ -172,6 +172,7 @@ fn simpler_link(draft: &Draft, found: &mut Vec<Draft>) {
         LinkDraft { duplicate: 0, ..link },
         LinkDraft { reorder: 0, ..link },
         LinkDraft { corrupt: 0, ..link },
+        LinkDraft { until: link.until.filter(|_| link.harms()), ..link },
         LinkDraft { delay: (link.delay.1, link.delay.1), ..link },
     ];
     found.extend(simpler.into_iter().filter(|l| *l != link).map(|link| Draft { link, ..draft.clone() }));

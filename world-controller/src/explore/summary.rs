@@ -6,12 +6,13 @@ use crate::report::count;
 use crate::terminal::Paint;
 use metamorph_module_agent::Family;
 use metamorph_protocol::marks::Mark;
+use metamorph_sim_bridge::feasible::Within;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// The version of the layout of [`Summary`].
-pub const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 2;
 
 /// Failures of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,6 +34,7 @@ pub struct Tallies {
     moves: u64,
     messages: u64,
     outcomes: BTreeMap<&'static str, u64>,
+    infeasible: BTreeMap<Within, u64>,
     excused: BTreeMap<String, u64>,
     failures: BTreeMap<(Kind, String), Failures>,
     marks: BTreeMap<Mark, u64>,
@@ -51,6 +53,7 @@ impl Tallies {
         }
         match &ran.verdict {
             Verdict::Built => {}
+            Verdict::Infeasible(within) => *self.infeasible.entry(*within).or_default() += 1,
             Verdict::Excused(why) => *self.excused.entry(why.clone()).or_default() += 1,
             Verdict::Failed(failure) => {
                 let first = Failures { count: 0, first: number, what: failure.what.clone() };
@@ -90,7 +93,10 @@ pub struct Summary {
     pub messages: u64,
     /// How runs ended.
     pub outcomes: BTreeMap<&'static str, u64>,
-    /// Runs that could not build any more, by reason; no failures.
+    /// Runs in which nothing more could be built, proved by an exhaustive search, by what was searched:
+    /// the widest rules within which nothing could be done.
+    pub infeasible: BTreeMap<Within, u64>,
+    /// Runs that could not build any more, by reason; no failures, but not proved by a search either.
     pub excused: BTreeMap<String, u64>,
     /// Runs that failed.
     pub failed: u64,
@@ -150,6 +156,7 @@ impl Summary {
             moves: tallies.moves,
             messages: tallies.messages,
             outcomes: tallies.outcomes,
+            infeasible: tallies.infeasible,
             excused: tallies.excused,
             failed,
             found,
@@ -175,9 +182,13 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
         of.into_iter().map(|(name, n)| format!("{} {name}", count(*n))).collect::<Vec<_>>().join(", ")
     };
     writeln!(out, "  {}", list(summary.outcomes.iter().map(|(k, n)| (*k, n)).collect()))?;
+    if !summary.infeasible.is_empty() {
+        let proved = list(summary.infeasible.iter().map(|(within, n)| (within.text(), n)).collect());
+        writeln!(out, "  nothing more could be built, proved by search: {proved}")?;
+    }
     if !summary.excused.is_empty() {
         let excused = list(summary.excused.iter().map(|(k, n)| (k.as_str(), n)).collect());
-        writeln!(out, "  could not be built any more: {excused}")?;
+        writeln!(out, "  could not be built any more, not proved: {excused}")?;
     }
     let (events, moves, messages) = (count(summary.events), count(summary.moves), count(summary.messages));
     writeln!(out, "  {events} events, {moves} moves, {messages} messages")?;

@@ -1,6 +1,7 @@
 //! What a run came to, judged: safe always; and live, unless what is left cannot build the goal.
 
 use crate::report::schema::Report;
+use metamorph_sim_bridge::feasible::{Found, Plight, Within, widest_proof};
 use metamorph_sim_bridge::outcome::{Outcome, Reason};
 use serde::Serialize;
 use std::fmt;
@@ -10,7 +11,9 @@ use std::fmt;
 pub enum Verdict {
     /// The goal was built.
     Built,
-    /// It was not, and that is no fault of the protocol: why.
+    /// It was not, and an exhaustive search proved that nothing more could have been built.
+    Infeasible(Within),
+    /// It was not, and by the reason that is named that is no fault of the protocol; no search proved it.
     Excused(String),
     /// Something is wrong.
     Failed(Failure),
@@ -58,8 +61,11 @@ pub struct Failure {
 /// its experiment measures.
 const PUBLISHED: [Reason; 2] = [Reason::NoBetterPlace, Reason::NoLock];
 
-/// Judges a run by its report.
-pub fn judge(report: &Report) -> Verdict {
+/// So many arrangements of a broken robot are looked at before it stays undecided what could be built.
+const ARRANGEMENTS: usize = 20_000;
+
+/// Judges a run by its report; of cubes, also by what a search finds that could still be built.
+pub fn judge(report: &Report, plight: Option<&Plight>) -> Verdict {
     if let Some(first) = report.invariants.violated.first() {
         let kind = Kind::Unsafe(first.invariant.clone());
         return Verdict::Failed(Failure { kind, what: format!("at {} s: {}", first.at_s, first.what) });
@@ -81,11 +87,15 @@ pub fn judge(report: &Report) -> Verdict {
         () if is(Reason::Pinned) => broken,
         () => stall.infeasible || PUBLISHED.into_iter().any(is),
     };
-    if excused {
-        return Verdict::Excused(stall.reason.clone());
-    }
+    let searched = plight.map(|p| widest_proof(p, ARRANGEMENTS));
+    let way = match searched {
+        Some(Ok(within)) => return Verdict::Infeasible(within),
+        Some(Err(Found::Way(moves))) => format!(", with a way of {moves} moves"),
+        _ if excused => return Verdict::Excused(stall.reason.clone()),
+        _ => String::new(),
+    };
     let what = format!(
-        "{} at {} s, since {} s: {}; {} unfilled, waiting: {}",
+        "{} at {} s, since {} s{way}: {}; {} unfilled, waiting: {}",
         report.outcome,
         report.time.virtual_s,
         stall.since_s,

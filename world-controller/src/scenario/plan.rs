@@ -55,7 +55,8 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
     if draft.modules > 0 {
         let bounds = Bounds { modules: draft.modules, timeout: stop.timeout.since(Time::ZERO) };
         (faults, link.partitions) = faults::compile(&raw.faults, &bounds, problems);
-        stop.planned_until = link.partitions.iter().map(|p| p.until).max().unwrap_or(Time::ZERO);
+        let ends = link.partitions.iter().map(|p| p.until).chain(link.harmless_from);
+        stop.planned_until = ends.max().unwrap_or(Time::ZERO).min(stop.timeout);
     }
     if let RawSwarm::Metamodules(metamodules) = &raw.swarm {
         let timeout = stop.timeout.since(Time::ZERO);
@@ -126,6 +127,7 @@ fn link(raw: &Raw, kind: LinkKind, beat: Span, problems: &mut Problems) -> (Link
         duplicate: ratio(&raw.link.duplicate),
         reorder: ratio(&raw.link.reorder),
         corrupt: ratio(&raw.link.corrupt),
+        harmless_from: raw.link.until.as_ref().map(|until| Time::ZERO + until.value),
         partitions: Vec::new(),
     };
     (model, usual)

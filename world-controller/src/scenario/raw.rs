@@ -26,6 +26,8 @@ pub struct RawLink {
     pub reorder: Option<At<Ratio>>,
     /// The probability of damage.
     pub corrupt: Option<At<Ratio>>,
+    /// When all that but the delay ends.
+    pub until: Option<At<Span>>,
 }
 
 /// A scenario as written, with what the command line changed.
@@ -161,6 +163,7 @@ impl Raw {
             duplicate: section.get("duplicate", problems),
             reorder: section.get("reorder", problems),
             corrupt: section.get("corrupt", problems),
+            until: section.get("until", problems),
         };
         section.finish(problems);
     }

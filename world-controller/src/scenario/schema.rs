@@ -96,6 +96,7 @@ fn shared() -> Definitions {
                     "duplicate": of("probability"),
                     "reorder": of("probability"),
                     "corrupt": of("probability"),
+                    "until": of("time"),
                 }),
             ),
         ),

@@ -1,0 +1,201 @@
+//! Real runs in a world that gives them too little, or puts things before them that are not theirs: full
+//! disks, small memories, other runs, strangers who write into inboxes.
+//!
+//! A small disk or memory is a mount in a namespace of its own, which ends with the run. Where the system
+//! allows none, these tests say so and check nothing.
+#![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
+
+use metamorph_module_agent::outbox::{Handed, Outbox};
+use metamorph_module_agent::packet::Packet;
+use metamorph_module_agent::rendezvous::Rendezvous;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::stream::Stream;
+use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
+use metamorph_tests::command::{Ran, command, metamorph, module_agent, root, run, scenario};
+use metamorph_world_controller::replay::{Replayed, Request, replay, text};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+fn again(journal: &Path) -> Replayed {
+    let request = Request { file: journal.to_owned(), until: None, agent: None };
+    let (plan, replayed) = replay(&request).expect("the journal can be read");
+    println!("{}", text(&plan, &replayed));
+    replayed
+}
+
+fn report(ran: &Ran) -> Value {
+    serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"))
+}
+
+fn notes(report: &Value) -> String {
+    report["notes"].to_string()
+}
+
+/// Runs a shell script in a namespace of mounts of its own, with `small` a disk of so many bytes. None if
+/// the system allows none.
+fn with_small_disk(small: &Path, size: &str, script: &str) -> Option<Ran> {
+    module_agent();
+    let mount = format!("mount -t tmpfs -o size={size} tmpfs {} || exit 77; {script}", small.display());
+    let unshare = ["--map-root-user", "--mount", "--", "sh", "-c", mount.as_str()];
+    let ran = Command::new("unshare").args(unshare).current_dir(root()).stdin(Stdio::null()).output();
+    let ran: Ran = ran.ok()?.into();
+    let denied = ran.code == Some(77) || ran.err.starts_with("unshare:");
+    if denied {
+        println!("skipped: no small disk can be mounted here: {}", ran.err);
+    }
+    (!denied).then_some(ran)
+}
+
+/// A disk that is full ends the journal. The run goes on, says what is missing, and what is there replays.
+#[test]
+fn a_full_disk_ends_the_journal_and_not_the_run() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let (disk, kept) = (dir.path().join("disk"), dir.path().join("kept"));
+    for made in [&disk, &kept] {
+        std::fs::create_dir(made).expect("it can be made");
+    }
+    let (program, file) = (metamorph().display(), scenario("swarm.toml"));
+    let (disk_name, kept_name, file) = (disk.display(), kept.display(), file.display());
+    let script = format!(
+        "timeout 200 {program} run {file} --time-scale 20 --json - --journal {disk_name}/run; code=$?; \
+         cp -a {disk_name}/. {kept_name}; exit $code"
+    );
+    let Some(ran) = with_small_disk(&disk, "400k", &script) else { return };
+    let report = report(&ran);
+    assert_eq!((ran.code, report["outcome"].as_str()), (Some(0), Some("built")), "{ran:?}");
+    assert!(notes(&report).contains("records are missing from the journal"), "{report}");
+    assert!(notes(&report).contains("the parts of the journal stay"), "{report}");
+    // What messages came to is counted elsewhere, and complete.
+    let all = &report["messages"]["all"];
+    let of = |what: &str| all[what].as_i64().expect("a count");
+    let met =
+        ["delivered", "lost", "overflowed", "expired", "refused", "in_flight"].map(of).iter().sum::<i64>();
+    assert_eq!(of("sent") + of("duplicated"), met, "{all}");
+    assert!(of("in_flight") >= 0 && of("sent") > 1_000, "{all}");
+    let replayed = again(&kept.join("run"));
+    assert_eq!(replayed.difference, None);
+    assert!(replayed.done.steps > 100 && replayed.ended.is_none());
+}
+
+/// Too little shared memory is found before anything is started.
+#[test]
+fn too_little_shared_memory_is_said_at_once() {
+    let (program, file) = (metamorph().display(), scenario("swarm.toml"));
+    let script = format!(
+        "timeout 200 {program} run {} --time-scale 20; code=$?; ls -A /dev/shm; exit $code",
+        file.display()
+    );
+    let Some(ran) = with_small_disk(Path::new("/dev/shm"), "4m", &script) else { return };
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    assert!(ran.err.contains("in /dev/shm, but only") && ran.err.contains("--shm-size"), "{ran:?}");
+    assert_eq!(ran.out.trim(), "", "nothing stays: {ran:?}");
+}
+
+/// A run of the command. Asked to end when it is dropped, so that it removes what it has made.
+struct Run(Option<Child>);
+
+impl Run {
+    fn start(journal: &Path, options: &[&str]) -> Run {
+        let (file, journal) = (scenario("swarm.toml").display().to_string(), journal.display().to_string());
+        let fixed = ["run", file.as_str(), "--json", "-", "--journal", journal.as_str()];
+        let mut command = command(&[&fixed, options].concat());
+        module_agent();
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        Run(Some(child.expect("metamorph can be started")))
+    }
+    fn pid(&self) -> i32 {
+        self.0.as_ref().expect("it has not been waited for").id() as i32
+    }
+    /// Waits for its end.
+    fn end(mut self) -> Ran {
+        wait_until("the run to end", || {
+            let child = self.0.as_mut().expect("it has not been waited for");
+            child.try_wait().expect("a child can be waited for").is_some()
+        });
+        let child = self.0.take().expect("it has not been waited for");
+        child.wait_with_output().expect("a child can be waited for").into()
+    }
+}
+
+impl Drop for Run {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.0.take() {
+            signal_to(child.id() as i32, Signal::TERM);
+            let _ = child.wait();
+        }
+    }
+}
+
+fn assert_built(ran: &Ran) -> Value {
+    let report = report(ran);
+    assert_eq!((ran.code, report["outcome"].as_str()), (Some(0), Some("built")), "{ran:?}");
+    assert_eq!(report["invariants"]["broken"].as_u64(), Some(0), "{report}");
+    report
+}
+
+/// Two runs at the same time do not see each other.
+#[test]
+fn two_runs_side_by_side_do_not_disturb_each_other() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journals = ["one", "two"].map(|name| dir.path().join(name));
+    let [one, two] = [0, 1].map(|i| {
+        let seed = (i + 1).to_string();
+        Run::start(&journals[i], &["--seed", &seed, "--time-scale", "20"])
+    });
+    let roots = || [one.pid(), two.pid()].map(root_of);
+    wait_until("both to have a place", || roots().iter().all(Option::is_some));
+    let [first, second] = roots();
+    assert_ne!(first, second);
+    // What a new run removes of old ones does not touch those that live.
+    assert_eq!(run(&["clean"]).code, Some(0));
+    for (ran, journal) in [one.end(), two.end()].iter().zip(&journals) {
+        let report = assert_built(ran);
+        assert_eq!(notes(&report), "[]", "nothing foreign, nobody lost");
+        let replayed = again(journal);
+        assert_eq!((replayed.difference, replayed.done.unchecked), (None, 0));
+    }
+}
+
+/// A stranger fills the inbox of a module that is stopped, up to the brim, and lets it go: all of it is
+/// refused and counted, the run is built, and its journal knows nothing of it.
+#[test]
+fn a_stranger_who_fills_an_inbox_changes_nothing() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    let run = Run::start(&journal, &["--time-scale", "5"]);
+    let mut place = None;
+    wait_until("module 20 to be there", || {
+        place = root_of(run.pid()).and_then(|root| Some((agent_of(&root, 20, 0)?, root)));
+        place.is_some()
+    });
+    let (victim, root) = place.expect("it was just there");
+    let at = Rendezvous::join(&root).expect("anybody who may can join");
+    let mut outbox = None;
+    wait_until("its inbox to be there", || {
+        outbox = Outbox::to_agent(&at, ModuleId(20), Incarnation(0)).ok();
+        outbox.is_some()
+    });
+    let mut outbox = outbox.expect("it was just there");
+    signal_to(victim.pid, Signal::STOP);
+    let mut random = Stream::named(1, "garbage", 0);
+    let mut written = 0;
+    wait_until("the inbox to be full", || {
+        let handed = (0..100)
+            .map(|_| outbox.send_packet(Packet::from_bytes(std::array::from_fn(|_| random.next_u64() as u8))))
+            .collect::<Vec<_>>();
+        written += handed.iter().filter(|h| **h == Handed::Over).count();
+        handed.contains(&Handed::Full)
+    });
+    outbox.flush();
+    signal_to(victim.pid, Signal::CONT);
+    let report = assert_built(&run.end());
+    drop((outbox, at));
+    println!("{written} frames of garbage: {}", notes(&report));
+    assert!(written > 10);
+    let said = format!("{written} frames that no member of the run wrote were refused");
+    assert!(notes(&report).contains(&said), "{report}");
+    let replayed = again(&journal);
+    assert_eq!(replayed.difference, None);
+}
