@@ -184,9 +184,11 @@ Examples:
 What each measures:
   flood   a million simulated modules pass on how far they are from a corner: processor time and memory
   growth  a slab of 100 to 10,000 simulated modules becomes a ball: time, moves, messages, and how they grow
+  chairs  the thesis's chair with every strategy, all processors at work: runs a second
   wire    round trips and throughput of 64 bytes between two processes, beside bare iceoryx2, a Unix
           socket, a pipe and TCP
   swarm   100 to 5,000 processes: starting, exchanging, memory, idling
+  churn   1,000 processes of which 2 and then 20 a second are killed and started again
 
 Other programs that run meanwhile lengthen what is timed by the clock (`wire` and `swarm`); compare
 numbers of one run.

@@ -1,11 +1,12 @@
 //! `metamorph bench`: what the two links cost, with bare mechanisms measured beside them in the same
 //! run, so that the ratios hold on any machine.
 //!
-//! `flood` and `growth` measure the simulated link, `wire`, `swarm` and `churn` the process link; `part` is the
+//! `flood`, `growth` and `chairs` measure the simulated link, `wire`, `swarm` and `churn` the process link; `part` is the
 //! other end of a measurement, in a process of its own; `text` shows the results. Deliberately absent:
 //! any judgement. Nothing here fails because a machine is slow.
 
 mod busy;
+mod chairs;
 mod churn;
 mod flood;
 mod growth;
@@ -38,6 +39,8 @@ pub enum Name {
     Flood,
     /// A slab becomes a ball, with 100 to 10,000 simulated modules
     Growth,
+    /// Runs of the thesis's chair in a second, on all processors
+    Chairs,
     /// Round trips and throughput between two processes, beside other mechanisms
     Wire,
     /// Swarms of processes: starting, exchanging, memory, idling
@@ -113,6 +116,8 @@ pub struct Results {
     flood: Vec<flood::Row>,
     /// The rows, and how they grow.
     growth: Option<growth::Growth>,
+    /// A row for each strategy.
+    chairs: Vec<chairs::Row>,
     /// A row for each mechanism.
     wire: Vec<wire::Row>,
     /// A row for each number of tokens in a ring of processes.
@@ -139,6 +144,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         machine: Machine::this(),
         flood: Vec::new(),
         growth: None,
+        chairs: Vec::new(),
         wire: Vec::new(),
         busy: Vec::new(),
         swarm: None,
@@ -154,6 +160,10 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         let growth = growth::measure(most, &mut live)?;
         channel.say(&text::growth(&growth, paint));
         results.growth = Some(growth);
+    }
+    if wanted(Name::Chairs) {
+        results.chairs = chairs::measure(chairs::RUNS, &mut live)?;
+        channel.say(&text::chairs(&results.chairs, paint));
     }
     if wanted(Name::Wire) {
         results.wire = wire::measure(&mut live)?;

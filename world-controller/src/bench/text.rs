@@ -2,6 +2,7 @@
 
 use super::Fit;
 use super::busy;
+use super::chairs;
 use super::churn::Churn;
 use super::flood;
 use super::growth::Growth;
@@ -99,6 +100,23 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
         grows("moves", g.moves, |r| r.moves as f64),
         grows("moves that no protocol can do without", g.least_moves, |r| r.least_moves as f64),
         grows("messages", g.messages, |r| r.messages as f64)
+    )
+}
+
+/// Chairs in a second.
+pub fn chairs(rows: &[chairs::Row], paint: Paint) -> String {
+    let mut table = Table::new(&["strategy"]);
+    table.head(&["runs", "built", "violations", "runs/s", "cpu ms a run"]);
+    for r in rows {
+        let cells =
+            vec![count(r.runs), count(r.built), count(r.violations), number(r.runs_per_s), number(r.cpu_ms)];
+        table.row(&[r.strategy.clone()], cells);
+    }
+    let threads = rows.first().map_or(0, |r| r.threads);
+    format!(
+        "{}\nSix metamodules build the chair; simulated, all invariants checked, {threads} runs at the same time.\n{}",
+        paint.strong("chairs"),
+        table.text(paint)
     )
 }
 
