@@ -110,7 +110,7 @@ pub fn chairs(rows: &[chairs::Row], paint: Paint) -> String {
     for r in rows {
         let cells =
             vec![count(r.runs), count(r.built), count(r.violations), number(r.runs_per_s), number(r.cpu_ms)];
-        table.row(&[r.strategy.clone()], cells);
+        table.row(std::slice::from_ref(&r.strategy), cells);
     }
     let threads = rows.first().map_or(0, |r| r.threads);
     format!(
