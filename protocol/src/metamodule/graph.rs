@@ -130,11 +130,7 @@ impl Graph {
             strict[joint].add(places[from]);
             steps[from].push((i as u16, step.to));
             steps[usize::from(step.to)].push((i as u16, step.from));
-            for (cell, turns) in sweepers.iter_mut().enumerate().filter(|(cell, _)| swept[i] >> cell & 1 == 1)
-            {
-                debug_assert!(cell < 128);
-                turns[joint].add(places[from]);
-            }
+            ones(swept[i]).for_each(|cell| sweepers[cell][joint].add(places[from]));
         }
         let mut of_chain = vec![Postures::NONE; table.chains().len()];
         for (entry, place) in table.postures().iter().zip(&places) {

@@ -54,9 +54,9 @@ impl Near {
 }
 
 /// A rectangle of connectors, by its corners.
-type Box2 = ((i16, i16), (i16, i16));
+type Rectangle = ((i16, i16), (i16, i16));
 
-fn with((min, max): Box2, (x, y): (i16, i16)) -> Box2 {
+fn with((min, max): Rectangle, (x, y): (i16, i16)) -> Rectangle {
     ((min.0.min(x), min.1.min(y)), (max.0.max(x), max.1.max(y)))
 }
 
@@ -65,7 +65,7 @@ struct WayOut {
     /// Where it ends.
     to: (i16, i16),
     /// The rectangle around all connectors that it uses.
-    feet: Box2,
+    feet: Rectangle,
     cells: Box<[u16]>,
 }
 
@@ -77,7 +77,7 @@ struct Wall {
     /// The landings there that are on the same side of the wall, as bits.
     lands: u128,
     /// The rectangle around all connectors that it got to.
-    feet: Box2,
+    feet: Rectangle,
     cells: Box<[u16]>,
 }
 
@@ -188,7 +188,7 @@ impl Ground<'_> {
 
     /// The strides of a way out, as few as possible; or taken cells that leave none, and the rectangle
     /// around all connectors that can be got to.
-    fn look_for_way_out(&self, from: Pose) -> Result<Vec<u16>, (Vec<Cell>, Box2)> {
+    fn look_for_way_out(&self, from: Pose) -> Result<Vec<u16>, (Vec<Cell>, Rectangle)> {
         let graph = self.motions.graph();
         let middle = middle(self.motions, from);
         let (mut left, mut steps) = (Left::new(self.floor), vec![Step { pose: from, by: None }]);
@@ -251,4 +251,46 @@ fn strides(steps: &[Step], last: Option<(u32, u16)>) -> Vec<u16> {
     let mut strides: Vec<u16> = std::iter::successors(last, before).map(|(_, posture)| posture).collect();
     strides.reverse();
     strides
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metamodule::motions::Motions;
+    use crate::metamodule::pose::End;
+    use crate::roombots::Kind;
+    use crate::roombots::database::Database;
+    use crate::stream::Stream;
+    use std::sync::Arc;
+
+    /// Every answer, whatever has been learnt before it, is that of a search of its own.
+    #[test]
+    fn what_was_learnt_changes_no_answer() {
+        let database = Arc::new(Database::build());
+        let floor = Floor { min: (0, 0), max: (8, 8) };
+        for kind in Kind::METAMODULES {
+            let motions = Motions::new(Arc::clone(&database), kind).unwrap();
+            let mut stream = Stream::named(1, "shut in", 0);
+            let mut below = |n: usize| stream.below(n as u64) as usize;
+            let postures = motions.table().postures().len();
+            let mut counts = [0; 2];
+            for round in 0..1_500 {
+                let mut body = || {
+                    let state = GridState::new(below(9) as i16, below(9) as i16, below(4) as u8);
+                    Pose { state, end: End::Foot, both: false, posture: below(postures) as u16 }
+                };
+                let pose = body();
+                let taken: Vec<Cell> = (0..round % 9).flat_map(|_| motions.cells(body())).collect();
+                let ground = Ground { motions: &motions, floor, taken: &taken };
+                let expected = ground.look_for_way_out(pose).is_err();
+                for _ in 0..2 {
+                    assert_eq!(ground.is_shut_in(pose), expected, "{kind} {pose:?} {taken:?}");
+                }
+                counts[usize::from(expected)] += 1;
+            }
+            assert!(counts.iter().all(|n| *n > 100), "{kind}: {counts:?}");
+            let kept = motions.learnt().kept();
+            assert!(kept.ways.iter().any(|w| !w.is_empty()) && kept.walls.iter().any(|w| !w.is_empty()));
+        }
+    }
 }
