@@ -28,6 +28,7 @@ impl Place {
             [a, b, c, d, e, f] => {
                 Place((u16::from((a * 3 + c) * 3 + d)) << 6 | u16::from(f * 16 + b * 4 + e))
             }
+            // Invariant: only metamodules have a graph, and all of theirs have six joints.
             _ => Place(0),
         }
     }
