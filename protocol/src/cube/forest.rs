@@ -15,7 +15,7 @@
 
 use super::message::{Beacon, Claim, Rank, Role};
 use super::params::Connectivity;
-use super::{Cube, UNLABELLED};
+use super::{Cube, Side, UNLABELLED};
 use crate::ids::ModuleId;
 use crate::lattice::Face;
 use crate::marks::{Mark, hit};
@@ -154,12 +154,13 @@ impl Cube {
         own.max(if passed_on > self.rank.rooted { passed_on } else { Time::ZERO })
     }
 
-    /// After a restart every neighbour must have been heard if there are several goals, however long it
-    /// takes, before a parent is chosen: one that is silent, even dead, may be a child in a later goal.
+    /// After a restart every neighbour must have been heard, however long it takes, before a parent is
+    /// chosen: one that is silent may be a child in a later goal than this module knows of. The dead are no
+    /// more than the goal that their certificate names.
     fn all_heard(&self) -> bool {
-        !self.reborn
-            || self.setup.goals.len() == 1
-            || self.sides.iter().all(|s| s.session.is_none() || s.peer.is_some())
+        let is_last_goal = usize::from(self.epoch) + 1 == self.setup.goals.len();
+        let is_known = |s: &Side| s.session.is_none() || s.peer.is_some() || s.condemned;
+        !self.reborn || is_last_goal || self.sides.iter().all(is_known)
     }
 
     /// Whether any parent is better than none, or than the present one: that is silent, or asks itself.
@@ -247,10 +248,7 @@ impl Cube {
         if !self.is_attached() || self.is_quarantined(now) {
             return Err(Held(None));
         }
-        // A restarted module in a goal cell may have been finalized before. Then those that were finalized
-        // from it want it back.
-        let is_final = |f: Face| self.peer(f).is_some_and(|b| b.role == Role::Final);
-        if self.reborn && self.goal().contains(self.cell) && Face::ALL.into_iter().any(is_final) {
+        if self.may_be_final() {
             return Err(Held(None));
         }
         let locked = self.locks.iter().find(|l| l.expires > now);
@@ -258,6 +256,22 @@ impl Cube {
             return Err(Held(Some(lock.id.origin)));
         }
         Face::ALL.into_iter().find_map(|face| self.held_by(now, face)).map_or(Ok(()), Err)
+    }
+
+    /// Whether this module may have been finalized in an earlier life, so that finalized ones may hang on
+    /// it. Whoever is finalized touches somebody who is, and neither leaves: so one of its neighbours is
+    /// finalized still, or has forgotten it as well, or has not been heard.
+    pub(super) fn may_be_final(&self) -> bool {
+        let may_be = |b: &Beacon| b.role == Role::Final || b.may_be_final || b.epoch != self.epoch;
+        let touches_one = || {
+            self.sides
+                .iter()
+                .any(|s| s.session.is_some() && s.peer.as_ref().is_none_or(|p| may_be(&p.beacon)))
+        };
+        self.reborn
+            && self.role != Role::Final
+            && self.goal().contains(self.cell)
+            && (self.is_root() || touches_one())
     }
 
     /// Whether the neighbour on a face may hang on this module, as far as it has said.

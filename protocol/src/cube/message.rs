@@ -127,6 +127,8 @@ pub struct Beacon {
     pub wants_you: bool,
     /// The sender has restarted and grants nothing yet.
     pub quarantined: bool,
+    /// The sender has restarted and may have been finalized before.
+    pub may_be_final: bool,
     /// Faces behind which the sender knows live modules that can carry a walker.
     pub terrain: u8,
     /// Faces behind which the sender knows finalized modules.
@@ -311,7 +313,8 @@ impl Wire for Message {
                 out.u32(b.id.0);
                 out.u32(b.sequence);
                 out.u16(b.epoch);
-                let flags = [b.attached, b.immobile, b.anchored_here, b.wants_you, b.quarantined];
+                let flags =
+                    [b.attached, b.immobile, b.anchored_here, b.wants_you, b.quarantined, b.may_be_final];
                 let bits = flags.iter().rev().fold(0u8, |bits, f| bits << 1 | u8::from(*f));
                 out.u8(bits << 2 | b.role as u8);
                 out.u8(b.terrain);
@@ -386,9 +389,6 @@ impl Wire for Message {
             0 => {
                 let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, from.u16()?);
                 let bits = from.u8()?;
-                if bits >> 7 != 0 {
-                    return Err(WireError::Field("flags"));
-                }
                 let flag = |i: u8| bits >> (2 + i) & 1 == 1;
                 let (terrain, finals) = (mask(from.u8()?)?, mask(from.u8()?)?);
                 let (label, rooted, renew) = (from.u16()?, Time(from.u64()?), Time(from.u64()?));
@@ -417,6 +417,7 @@ impl Wire for Message {
                     anchored_here: flag(2),
                     wants_you: flag(3),
                     quarantined: flag(4),
+                    may_be_final: flag(5),
                     terrain,
                     finals,
                     rank: Rank { rooted, label },
@@ -512,6 +513,7 @@ mod tests {
             anchored_here: true,
             wants_you: false,
             quarantined: true,
+            may_be_final: true,
             terrain: 0b11_0101,
             finals: 0b00_0001,
             rank: Rank { rooted: Time(0x0C0D), label: 0x0A0B },
@@ -562,7 +564,9 @@ mod tests {
         {
             assert_eq!(Frame::seal(header(), &percept).message::<Percept>(), Ok(percept));
         }
-        for order in [Order::Goal { epoch: 3 }, Order::Condemn { port: Port(5), session: Session(6) }] {
+        for order in
+            [Order::Goal { epoch: 3 }, Order::Condemn { port: Port(5), session: Session(6), epoch: 1 }]
+        {
             assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));
         }
         let motion = Motion { kind: MotionKind::Convex, support: Face::Down, heading: Face::East };
@@ -585,7 +589,7 @@ mod tests {
             0,
             1,
             0,
-            0b0101_0100,
+            0b1101_0100,
             0x35,
             0x01,
             0x0B,

@@ -460,7 +460,8 @@ impl Cube {
     fn on_order(&mut self, now: Time, order: Order) {
         match order {
             Order::Goal { epoch } => self.follow_epoch(now, epoch),
-            Order::Condemn { port, session } => {
+            Order::Condemn { port, session, epoch } => {
+                self.follow_epoch(now, epoch);
                 if let Some(face) = Face::from_index(port.0)
                     && self.side(face).session == Some(session)
                 {

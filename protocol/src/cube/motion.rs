@@ -279,6 +279,7 @@ impl Cube {
     fn arrive(&mut self, now: Time, cell: Cell) {
         self.cell = cell;
         self.settled = now;
+        self.reborn = false;
         self.role = Role::Reserve;
         self.activator = None;
         self.sides = std::array::from_fn(|_| Side::new());
