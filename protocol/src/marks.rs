@@ -52,6 +52,8 @@ marks! {
     CubeWantDropped => "cube: a wanted parent could not be had any more",
     CubeNotAdoptable => "cube: an acknowledged parent was not adopted",
     CubeParentSuspected => "cube: a silent parent was to be replaced",
+    CubeRenewalAsked => "cube: a way to the finalized modules had to be known anew",
+    CubeRootRenewed => "cube: a finalized module vouched for itself anew",
     CubeRebornWaits => "cube: a restarted module waited to hear everybody",
     CubeBeaconLate => "cube: a beacon came late or twice",
     CubeRelaxed => "cube: a cell was unfilled so long that anybody may start it",

@@ -30,7 +30,7 @@ use std::fmt::Debug;
 use thiserror::Error;
 
 /// The version of the layout and of every message in it.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// Bytes of a frame before its payload.
 pub const HEADER: usize = 32;
 /// The longest payload in bytes.
@@ -469,11 +469,11 @@ mod tests {
         let frame = Frame::seal(header(), &Cell::new(1, -2, 3));
         let mut expected = [0u8; Frame::SIZE];
         expected[..24]
-            .copy_from_slice(&[1, 0, 0, 1, 3, 6, 2, 0, 7, 0, 0, 0, 8, 0, 0, 0, 4, 3, 2, 1, 5, 0, 0, 0]);
+            .copy_from_slice(&[2, 0, 0, 1, 3, 6, 2, 0, 7, 0, 0, 0, 8, 0, 0, 0, 4, 3, 2, 1, 5, 0, 0, 0]);
         expected[24..28].copy_from_slice(&frame.crc);
         expected[32..38].copy_from_slice(&[1, 0, 0xFE, 0xFF, 3, 0]);
         assert_eq!(frame.to_bytes(), expected);
-        assert_eq!(u32::from_le_bytes(frame.crc), 0x3FB1_3AB7);
+        assert_eq!(u32::from_le_bytes(frame.crc), 0x7259_3AD0);
         assert_eq!(frame.open(), Ok(header()));
         assert_eq!(frame.message::<Cell>(), Ok(Cell::new(1, -2, 3)));
     }
@@ -497,7 +497,7 @@ mod tests {
             frame.crc = frame.checksum().to_le_bytes();
             frame.open().and_then(|_| frame.message::<Cell>().map(drop))
         };
-        assert_eq!(resealed(|f| f.version = 2), Err(WireError::Version(2)));
+        assert_eq!(resealed(|f| f.version = VERSION + 1), Err(WireError::Version(VERSION + 1)));
         assert_eq!(resealed(|f| f.channel = 9), Err(WireError::Field("channel")));
         assert_eq!(resealed(|f| f.class = 6), Err(WireError::Field("class")));
         assert_eq!(resealed(|f| f.reserved = [1, 0, 0, 0]), Err(WireError::Field("reserved")));

@@ -38,7 +38,7 @@ impl CubeWorld {
         if learning || parent.role() == Role::Final {
             return Ok(());
         }
-        invariants::parent_descends(cube.label(), parent.label(), parent.has_child(face.opposite()))
+        invariants::parent_descends(cube.rank(), parent.rank(), parent.has_child(face.opposite()))
     }
 
     fn final_grows(&self, cube: &Cube, id: ModuleId, agents: &Agents<'_, Cube>) -> Result<(), String> {
@@ -59,8 +59,11 @@ impl CubeWorld {
     /// Follows the attraction field from a face, as long as the successor has the same source and
     /// version.
     fn field_loop_free(&self, id: ModuleId, face: Face, agents: &Agents<'_, Cube>) -> Result<(), String> {
+        // A stopped process does not know yet that its body has arrived elsewhere: its distances are of the
+        // place where it was.
+        let settled = |id: ModuleId| agents.get(id).filter(|a| a.cell() == self.cell(id));
         let next = |(id, face): (ModuleId, Face)| {
-            let (entry, successor, heard) = agents.get(id)?.attraction(face);
+            let (entry, successor, heard) = settled(id)?.attraction(face);
             if !entry.is_known() || entry.distance == 0 {
                 return None;
             }
@@ -75,7 +78,7 @@ impl CubeWorld {
                     }
                 }
             };
-            let agent = agents.get(successor.0)?;
+            let agent = settled(successor.0)?;
             // Whoever came later is not the one that was followed, which is gone.
             if agent.settled() > heard {
                 return None;

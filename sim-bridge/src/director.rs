@@ -224,7 +224,8 @@ impl Director {
         for (victim, told) in &mut self.dead {
             for contact in Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)) {
                 if told.insert(contact.session) {
-                    let order = Order::Condemn { port: contact.peer_port, session: contact.session };
+                    let (port, session) = (contact.peer_port, contact.session);
+                    let order = Order::Condemn { port, session, epoch: self.stage };
                     self.commands.push_back(Command::Order(contact.peer, order));
                 }
             }

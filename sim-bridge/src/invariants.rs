@@ -4,6 +4,7 @@
 //! violation; worlds and audits call them on the real thing. Sources: protocol specification,
 //! invariants I1 to I8; thesis 4.1.2 for connectivity.
 
+use metamorph_protocol::cube::message::Rank;
 use metamorph_protocol::ids::{ModuleId, Session};
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::tally::Tally;
@@ -21,7 +22,7 @@ pub enum Invariant {
     BodyConnected,
     /// A mover has a support that stays, where it starts and where it lands.
     MoverSupported,
-    /// A parent is closer to the finalized modules than its child, and knows the child.
+    /// A parent has the better rank in the forest, and knows its child.
     ParentDescends,
     /// A finalized module is the seed or touches another finalized module of its goal.
     FinalGrows,
@@ -104,13 +105,13 @@ impl fmt::Display for Violation {
     }
 }
 
-/// [`Invariant::ParentDescends`] for one child: its label, its parent's label, and whether the
+/// [`Invariant::ParentDescends`] for one child: its rank, its parent's rank, and whether the
 /// parent has registered it.
-pub fn parent_descends(child: u16, parent: u16, registered: bool) -> Result<(), String> {
-    match (parent < child, registered) {
+pub fn parent_descends(child: Rank, parent: Rank, registered: bool) -> Result<(), String> {
+    match (parent.is_above(child), registered) {
         (true, true) => Ok(()),
-        (false, _) => Err(format!("label {child} has a parent with label {parent}")),
-        (_, false) => Err(format!("the parent with label {parent} has not registered its child")),
+        (false, _) => Err(format!("{child} has a parent of {parent}")),
+        (_, false) => Err(format!("the parent of {parent} has not registered its child")),
     }
 }
 
@@ -209,9 +210,12 @@ mod tests {
 
     #[test]
     fn parent_descends_fires() {
-        assert!(parent_descends(3, 2, true).is_ok());
-        assert!(parent_descends(3, 3, true).is_err());
-        assert!(parent_descends(3, 2, false).is_err());
+        let rank = |rooted, label| Rank { rooted: Time(rooted), label };
+        assert!(parent_descends(rank(1, 3), rank(1, 2), true).is_ok());
+        assert!(parent_descends(rank(1, 3), rank(2, 9), true).is_ok());
+        assert!(parent_descends(rank(1, 3), rank(1, 3), true).is_err());
+        assert!(parent_descends(rank(1, 3), rank(0, 2), true).is_err());
+        assert!(parent_descends(rank(1, 3), rank(1, 2), false).is_err());
     }
 
     #[test]

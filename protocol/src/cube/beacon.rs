@@ -297,9 +297,11 @@ impl Cube {
             },
             wants_you: self.wants(now, face),
             quarantined: self.is_quarantined(now),
+            may_be_final: self.may_be_final(),
             terrain: masks.0,
             finals: masks.1,
-            label: self.label,
+            rank: self.told_rank(),
+            renew: self.renewal(now, face),
             claim,
             ack: side.child,
             corners: self.corners_seen[face.index()],
@@ -312,7 +314,7 @@ impl Cube {
         match self.setup.params.connectivity {
             _ if self.role == Role::Final => true,
             Connectivity::Forest => self.parent.is_some(),
-            Connectivity::Gradient => self.label != UNLABELLED,
+            Connectivity::Gradient => self.rank.label != UNLABELLED,
             Connectivity::Cycles => true,
         }
     }
@@ -437,7 +439,9 @@ fn patience(before: &Beacon, after: &Beacon, advertise: Span) -> Span {
 
 /// What a beacon is for, judged by what is new in it; connectivity first, gradient last.
 fn news(before: &Beacon, after: &Beacon) -> Class {
-    let connectivity = |b: &Beacon| (b.attached, b.label, b.claim, b.ack, b.anchored_here, b.quarantined);
+    let connectivity = |b: &Beacon| {
+        (b.attached, b.rank, b.renew, b.claim, b.ack, b.anchored_here, b.quarantined, b.may_be_final)
+    };
     let seed = |b: &Beacon| (b.epoch, b.role, b.wants_you, b.terrain, b.finals, b.subtree, b.immobile);
     if connectivity(before) != connectivity(after) {
         Class::Connectivity

@@ -18,6 +18,8 @@ pub enum Order {
         port: Port,
         /// Its session.
         session: Session,
+        /// The latest goal that it can have worked for.
+        epoch: u16,
     },
 }
 
@@ -31,16 +33,21 @@ impl Wire for Order {
     fn encode(&self, out: &mut Encoder) {
         match self {
             Order::Goal { epoch } => out.u16(*epoch),
-            Order::Condemn { port, session } => {
+            Order::Condemn { port, session, epoch } => {
                 out.u8(port.0);
                 out.u32(session.0);
+                out.u16(*epoch);
             }
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
         match kind {
             0 => Ok(Order::Goal { epoch: from.u16()? }),
-            1 => Ok(Order::Condemn { port: Port(from.face("port")? as u8), session: Session(from.u32()?) }),
+            1 => Ok(Order::Condemn {
+                port: Port(from.face("port")? as u8),
+                session: Session(from.u32()?),
+                epoch: from.u16()?,
+            }),
             _ => Err(WireError::Kind(kind)),
         }
     }

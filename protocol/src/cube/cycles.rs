@@ -107,15 +107,17 @@ impl Cube {
         }
     }
 
-    /// Floods a search from every part of the neighbourhood that is not known to hang on the finalized
-    /// ones. Each flood has its own name: what one has passed, the others may have to pass too.
+    /// Floods a search from every neighbour that is not known to hang on the finalized ones: a flood ends
+    /// with whoever touches the mover, and beyond may be what another finds. Each flood has its own name:
+    /// what one has passed, the others may have to pass too.
     fn search(&mut self, now: Time) {
         let Some(attempt) = &mut self.attempt else { return };
         let Some(state) = &attempt.search else { return };
         let ttl = DEPTHS[state.depth];
         let (origin, token, depth) = (self.id, attempt.token, state.depth as u8);
         let root = state.part[ROOT];
-        let from: Vec<Face> = state.parts().into_iter().filter(|f| state.part[f.index()] != root).collect();
+        let is_lost = |f: &Face| state.nodes & f.bit() != 0 && state.part[f.index()] != root;
+        let from: Vec<Face> = Face::ALL.into_iter().filter(is_lost).collect();
         let p = &self.setup.params;
         attempt.timeout = now + p.usual_delay * (2 * (u64::from(ttl) + 2)) + p.tick() * 8;
         for face in from {
@@ -204,12 +206,12 @@ impl Cube {
             return;
         };
         let Some(state) = &mut attempt.search else { return };
-        state.routes.push(route);
         hit(if back.is_none() { Mark::CubeFoundRoot } else { Mark::CubeFoundRound });
         let other = back.map_or(ROOT, |f| f.opposite().index());
         if !state.join(from.index(), other) {
             return;
         }
+        state.routes.push(route);
         if state.parts().len() > 1 {
             return;
         }

@@ -5,16 +5,22 @@
 //! has acknowledged it, and a parent forgets a child only when the child says so, in the same
 //! contact session. So whatever is late, lost or doubled, a parent is never a leaver.
 //!
+//! Whoever has forgotten its parent keeps all its neighbours from leaving, since one of them may have been
+//! it, and takes another only on proof that the way to the finalized modules does not lead over itself:
+//! the way must be known anew since it forgot ([`Rank`]), and nobody without a parent passes that on. For
+//! the same proof asks whoever has lost its parent and would fall back. Finalized modules give it when
+//! they are asked ([`Beacon::renew`]), so it costs nothing while nothing fails.
+//!
 //! Also here: the published rule without registration, for comparison.
 
-use super::message::{Beacon, Claim, Role};
+use super::message::{Beacon, Claim, Rank, Role};
 use super::params::Connectivity;
-use super::{Cube, UNLABELLED};
+use super::{Cube, Side, UNLABELLED};
 use crate::ids::ModuleId;
 use crate::lattice::Face;
 use crate::marks::{Mark, hit};
 use crate::sabotage::Sabotage;
-use crate::time::Time;
+use crate::time::{Span, Time};
 
 /// Why a module may not leave, and who is in the way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,11 +29,8 @@ pub(super) struct Held(pub Option<ModuleId>);
 impl Cube {
     /// Registers or forgets the neighbour on a face as a child, as its beacon asks.
     pub(super) fn register_child(&mut self, now: Time, face: Face, beacon: &Beacon) {
-        let can_adopt = self.role != Role::Walker
-            && self.is_attached()
-            && self.is_idle()
-            && !self.is_quarantined(now)
-            && self.label < beacon.label;
+        let can_adopt =
+            self.role != Role::Walker && self.is_attached() && self.is_idle() && !self.is_quarantined(now);
         let child = match beacon.claim {
             _ if beacon.role != Role::Reserve || beacon.epoch != self.epoch => None,
             Claim::None => None,
@@ -37,6 +40,12 @@ impl Cube {
             Claim::Want(_) => self.side(face).child,
         };
         self.side_mut(face).child = child;
+    }
+
+    /// The rank that the neighbours are told.
+    pub(super) fn told_rank(&self) -> Rank {
+        let is_lost = self.setup.params.connectivity == Connectivity::Forest && !self.is_attached();
+        if is_lost { Rank { label: UNLABELLED, ..self.rank } } else { self.rank }
     }
 
     pub(super) fn forest_claim(&self, face: Face) -> Claim {
@@ -52,18 +61,20 @@ impl Cube {
         crate::ids::Token(u32::MAX)
     }
 
-    /// Adopts the wanted parent once it has acknowledged, follows the parent's label down, and looks
-    /// for a better parent.
+    /// Adopts the wanted parent once it has acknowledged, follows the parent's rank, and looks for a
+    /// better parent.
     pub(super) fn tend_forest(&mut self, now: Time) {
-        if self.role != Role::Reserve {
-            return;
+        match self.role {
+            Role::Reserve => {}
+            Role::Walker => return,
+            Role::Final => return self.renew_root(now),
         }
-        let before = (self.parent, self.label, self.want);
+        let before = (self.parent, self.rank, self.want, self.renew);
         if let Some((face, token)) = self.want {
             match self.live(now, face) {
                 Some(b) if b.epoch == self.epoch && b.attached && b.role != Role::Walker => {
-                    let (acknowledged, label) = (b.ack == Some(token), b.label);
-                    if !self.adoptable(label) {
+                    let (acknowledged, rank) = (b.ack == Some(token), b.rank);
+                    if !(rank.is_above(self.rank) && self.is_worth_it(now, rank)) {
                         // It was relabelled meanwhile, or the old parent has spoken again. Whoever goes on
                         // asking keeps the other from leaving, which may be a child by now: both would wait
                         // for each other.
@@ -73,7 +84,7 @@ impl Cube {
                         if self.parent.is_some() {
                             hit(Mark::CubeParentReplaced);
                         }
-                        self.label = label + 1;
+                        self.rank = rank.below();
                         self.parent = Some(face);
                         self.want = None;
                     }
@@ -87,9 +98,9 @@ impl Cube {
         if let Some(b) = self.parent.and_then(|f| self.peer(f))
             && b.epoch == self.epoch
             && b.attached
-            && b.label.saturating_add(1) < self.label
+            && b.rank.below().is_above(self.rank)
         {
-            self.label = b.label + 1;
+            self.rank = b.rank.below();
         }
         if self.want.is_none() && self.is_idle() {
             if self.all_heard() {
@@ -98,63 +109,107 @@ impl Cube {
                 hit(Mark::CubeRebornWaits);
             }
         }
-        if before != (self.parent, self.label, self.want) {
+        if before != (self.parent, self.rank, self.want, self.renew) {
             self.touch();
             self.decide_soon(now);
         }
     }
 
-    /// A parent's label must be lower than ours, so that labels fall along parents; without children
-    /// that could form a ring, ours may also rise when the parent is gone.
-    /// It must also leave room below the children: the candidate may have been relabelled since it
-    /// was chosen.
-    fn adoptable(&self, label: u16) -> bool {
-        label.saturating_add(1) < self.least_child_label()
-            && (label < self.label || (self.children() == 0 && self.parent_is_gone()))
+    /// A finalized module vouches for itself whenever it is asked.
+    fn renew_root(&mut self, now: Time) {
+        let asked = self.asked(None);
+        if asked > self.rank.rooted && asked <= now {
+            hit(Mark::CubeRootRenewed);
+            self.rank.rooted = asked;
+            self.touch();
+        }
     }
 
-    fn least_child_label(&self) -> u16 {
-        let children = Face::ALL.into_iter().filter(|f| self.side(*f).child.is_some());
-        children.map(|f| self.peer(f).map_or(0, |b| b.label)).min().unwrap_or(UNLABELLED)
+    /// The latest time at which the neighbours, all but one, need the way to be known anew.
+    fn asked(&self, except: Option<Face>) -> Time {
+        let others = Face::ALL.into_iter().filter(|f| Some(*f) != except);
+        let renew = others.filter_map(|f| self.peer(f)).filter(|b| b.epoch == self.epoch).map(|b| b.renew);
+        renew.max().unwrap_or(Time::ZERO)
     }
 
-    fn parent_is_gone(&self) -> bool {
-        self.parent.is_none_or(|f| self.side(f).condemned || self.side(f).peer.is_none())
+    /// What a neighbour is asked for, as [`Beacon::renew`]: what this module itself needs, or what it has
+    /// been asked for and does not have. The latter is for its parent; but if it was the parent that has
+    /// asked, somebody else has to know.
+    pub(super) fn renewal(&self, now: Time, face: Face) -> Time {
+        if self.role != Role::Reserve || self.setup.params.connectivity != Connectivity::Forest {
+            return Time::ZERO;
+        }
+        // Those that hang on it know last.
+        let is_last_resort = self.side(face).child.is_some();
+        let own = if is_last_resort && now.since(self.settled) <= self.setup.params.suspect {
+            Time::ZERO
+        } else {
+            self.renew
+        };
+        let passed_on = match self.parent {
+            Some(parent) if parent == face => self.asked(Some(face)),
+            Some(parent) => self.peer(parent).map_or(Time::ZERO, |b| b.renew),
+            None => Time::ZERO,
+        };
+        own.max(if passed_on > self.rank.rooted { passed_on } else { Time::ZERO })
     }
 
-    /// After a restart every neighbour must have been heard, however long it takes, before a parent
-    /// is chosen: one that is silent, even dead, may be a child, and what it carries must not become
-    /// the parent.
+    /// After a restart every neighbour must have been heard, however long it takes, before a parent is
+    /// chosen: one that is silent may be a child in a later goal than this module knows of. The dead are no
+    /// more than the goal that their certificate names.
     fn all_heard(&self) -> bool {
-        !self.reborn || self.sides.iter().all(|s| s.session.is_none() || s.peer.is_some())
+        let is_last_goal = usize::from(self.epoch) + 1 == self.setup.goals.len();
+        let is_known = |s: &Side| s.session.is_none() || s.peer.is_some() || s.condemned;
+        !self.reborn || is_last_goal || self.sides.iter().all(is_known)
+    }
+
+    /// Whether any parent is better than none, or than the present one: that is silent, or asks itself.
+    fn needs_parent(&self, now: Time) -> bool {
+        self.parent.is_none_or(|f| {
+            // Whoever has children stays anyhow, and leaves its parent only for their sake.
+            let is_missed = self.children() == 0 || self.asked(None) > self.rank.rooted;
+            (is_missed && self.live(now, f).is_none())
+                || self.peer(f).is_some_and(|b| b.renew > self.rank.rooted)
+        })
+    }
+
+    /// Whether whoever has this rank would be the better parent.
+    fn is_worth_it(&self, now: Time, rank: Rank) -> bool {
+        rank.below().label < self.rank.label || self.needs_parent(now)
     }
 
     fn look_for_parent(&mut self, now: Time) {
-        let least_child = self.least_child_label();
-        let candidate = Face::ALL
-            .into_iter()
-            .filter_map(|f| {
-                let b = self.terrain(now, f)?;
-                let usable = b.attached
-                    && b.epoch == self.epoch
-                    && b.claim == Claim::None
-                    && !b.quarantined
-                    && self.parent != Some(f)
-                    && b.label.saturating_add(1) < least_child;
-                usable.then_some((b.label, f))
-            })
-            .min();
-        let Some((label, face)) = candidate else { return };
-        let suspected = self.parent.is_some_and(|f| self.live(now, f).is_none());
-        if label.saturating_add(1) < self.label {
-            let token = self.token();
-            self.want = Some((face, token));
-        } else if suspected && self.children() == 0 {
-            hit(Mark::CubeParentSuspected);
-            self.label = self.label.max(label.saturating_add(1));
-            let token = self.token();
-            self.want = Some((face, token));
+        let (mut best, mut is_refused) = (None, false);
+        for face in Face::ALL {
+            let Some(b) = self.terrain(now, face) else { continue };
+            let usable = b.attached
+                && b.epoch == self.epoch
+                && b.claim == Claim::None
+                && !b.quarantined
+                && self.parent != Some(face)
+                && self.is_worth_it(now, b.rank);
+            if usable && b.rank.is_above(self.rank) {
+                let offer = (b.rank.label, face);
+                best = Some(best.map_or(offer, |other: (u16, Face)| other.min(offer)));
+            } else {
+                is_refused |= usable;
+            }
         }
+        self.renew = if let Some((_, face)) = best {
+            if self.parent.is_some() && self.needs_parent(now) {
+                hit(Mark::CubeParentSuspected);
+            }
+            let token = self.token();
+            self.want = Some((face, token));
+            Time::ZERO
+        } else if self.needs_parent(now) && self.rank.label != UNLABELLED {
+            hit(Mark::CubeRenewalAsked);
+            self.asked(None).max(self.rank.rooted + Span(1))
+        } else if is_refused {
+            self.rank.rooted
+        } else {
+            Time::ZERO
+        };
     }
 
     /// The published rule: the label is one more than the least label heard from a neighbour.
@@ -166,14 +221,14 @@ impl Cube {
             .into_iter()
             .filter_map(|f| self.terrain(now, f))
             .filter(|b| b.epoch == self.epoch && b.attached)
-            .map(|b| b.label)
+            .map(|b| b.rank.label)
             .min();
         // Without a bound labels of a part that has lost its source would count up for ever.
         let label =
             least.map(|l| l.saturating_add(1)).filter(|l| *l < self.setup.params.range).unwrap_or(UNLABELLED);
         let label = if self.role == Role::Reserve { label } else { UNLABELLED };
-        if label != self.label {
-            self.label = label;
+        if label != self.rank.label {
+            self.rank.label = label;
             self.touch();
             self.decide_soon(now);
         }
@@ -181,7 +236,8 @@ impl Cube {
 
     /// In the published rule a module depends on a neighbour if no other has a lower label.
     pub(super) fn gradient_claim(&self, now: Time, face: Face) -> Claim {
-        let lower = |f: Face| self.terrain(now, f).is_some_and(|b| b.attached && b.label < self.label);
+        let lower =
+            |f: Face| self.terrain(now, f).is_some_and(|b| b.attached && b.rank.label < self.rank.label);
         let others = Face::ALL.into_iter().any(|f| f != face && lower(f));
         if lower(face) && !others { Claim::Parent(self.parent_token()) } else { Claim::None }
     }
@@ -192,8 +248,7 @@ impl Cube {
         if !self.is_attached() || self.is_quarantined(now) {
             return Err(Held(None));
         }
-        // A restarted module in a goal cell may have been finalized before, and others may hang on it.
-        if self.reborn && self.goal().contains(self.cell) {
+        if self.may_be_final() {
             return Err(Held(None));
         }
         let locked = self.locks.iter().find(|l| l.expires > now);
@@ -201,6 +256,22 @@ impl Cube {
             return Err(Held(Some(lock.id.origin)));
         }
         Face::ALL.into_iter().find_map(|face| self.held_by(now, face)).map_or(Ok(()), Err)
+    }
+
+    /// Whether this module may have been finalized in an earlier life, so that finalized ones may hang on
+    /// it. Whoever is finalized touches somebody who is, and neither leaves: so one of its neighbours is
+    /// finalized still, or has forgotten it as well, or has not been heard.
+    pub(super) fn may_be_final(&self) -> bool {
+        let may_be = |b: &Beacon| b.role == Role::Final || b.may_be_final || b.epoch != self.epoch;
+        let touches_one = || {
+            self.sides
+                .iter()
+                .any(|s| s.session.is_some() && s.peer.as_ref().is_none_or(|p| may_be(&p.beacon)))
+        };
+        self.reborn
+            && self.role != Role::Final
+            && self.goal().contains(self.cell)
+            && (self.is_root() || touches_one())
     }
 
     /// Whether the neighbour on a face may hang on this module, as far as it has said.

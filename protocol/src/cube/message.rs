@@ -4,8 +4,9 @@ use super::route::Route;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Face;
 use crate::marks::Mark;
-use crate::time::Span;
+use crate::time::{Span, Time};
 use crate::wire::{Decoder, Encoder, Wire, WireError};
+use std::fmt;
 
 /// What a module is in the growth of the goal (thesis 4.1.2: wandering, finalized; a module of the
 /// initial body that has not been recruited yet is in reserve).
@@ -28,6 +29,35 @@ impl Role {
             2 => Ok(Role::Final),
             _ => Err(WireError::Field("role")),
         }
+    }
+}
+
+/// A place in the parent forest: since when the way to the finalized modules is known, and how long it
+/// is. It never gets worse while the module stays, and a parent's is always better than its child's: so
+/// nobody is its own forebear, whatever is late or forgotten. Sequence numbers do the same for routes in
+/// radio networks (RFC 3561, section 6; RFC 8966, section 2.4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Rank {
+    /// The parents led to a finalized module at this time or later; zero for since the goal was given.
+    pub rooted: Time,
+    /// Depth in the forest, 0 if finalized.
+    pub label: u16,
+}
+
+impl fmt::Display for Rank {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "label {} of {}", self.label, self.rooted)
+    }
+}
+
+impl Rank {
+    /// Whether whoever has this rank may be the parent of whoever has the other.
+    pub fn is_above(self, other: Rank) -> bool {
+        self.rooted > other.rooted || (self.rooted == other.rooted && self.label < other.label)
+    }
+    /// The rank of a child.
+    pub(super) fn below(self) -> Rank {
+        Rank { label: self.label.saturating_add(1), ..self }
     }
 }
 
@@ -97,12 +127,17 @@ pub struct Beacon {
     pub wants_you: bool,
     /// The sender has restarted and grants nothing yet.
     pub quarantined: bool,
+    /// The sender has restarted and may have been finalized before.
+    pub may_be_final: bool,
     /// Faces behind which the sender knows live modules that can carry a walker.
     pub terrain: u8,
     /// Faces behind which the sender knows finalized modules.
     pub finals: u8,
-    /// The sender's depth in the parent forest, 0 if finalized.
-    pub label: u16,
+    /// The sender's place in the parent forest.
+    pub rank: Rank,
+    /// The sender needs the receiver's way to the finalized modules to be known anew, no earlier than
+    /// this; zero if it does not.
+    pub renew: Time,
     /// What the sender wants of the receiver.
     pub claim: Claim,
     /// The receiver's claim that the sender has registered.
@@ -278,12 +313,15 @@ impl Wire for Message {
                 out.u32(b.id.0);
                 out.u32(b.sequence);
                 out.u16(b.epoch);
-                let flags = [b.attached, b.immobile, b.anchored_here, b.wants_you, b.quarantined];
+                let flags =
+                    [b.attached, b.immobile, b.anchored_here, b.wants_you, b.quarantined, b.may_be_final];
                 let bits = flags.iter().rev().fold(0u8, |bits, f| bits << 1 | u8::from(*f));
                 out.u8(bits << 2 | b.role as u8);
                 out.u8(b.terrain);
                 out.u8(b.finals);
-                out.u16(b.label);
+                out.u16(b.rank.label);
+                out.u64(b.rank.rooted.0);
+                out.u64(b.renew.0);
                 let (claim, token) = match b.claim {
                     Claim::None => (0, 0),
                     Claim::Want(t) => (1, t.0),
@@ -351,11 +389,9 @@ impl Wire for Message {
             0 => {
                 let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, from.u16()?);
                 let bits = from.u8()?;
-                if bits >> 7 != 0 {
-                    return Err(WireError::Field("flags"));
-                }
                 let flag = |i: u8| bits >> (2 + i) & 1 == 1;
-                let (terrain, finals, label) = (mask(from.u8()?)?, mask(from.u8()?)?, from.u16()?);
+                let (terrain, finals) = (mask(from.u8()?)?, mask(from.u8()?)?);
+                let (label, rooted, renew) = (from.u16()?, Time(from.u64()?), Time(from.u64()?));
                 let claim = match (from.u8()?, Token(from.u32()?)) {
                     (0, Token(0)) => Claim::None,
                     (1, t) => Claim::Want(t),
@@ -381,9 +417,11 @@ impl Wire for Message {
                     anchored_here: flag(2),
                     wants_you: flag(3),
                     quarantined: flag(4),
+                    may_be_final: flag(5),
                     terrain,
                     finals,
-                    label,
+                    rank: Rank { rooted, label },
+                    renew,
                     claim,
                     ack: acked.then_some(token),
                     corners,
@@ -426,7 +464,7 @@ impl Wire for Message {
         // Fixed layouts; a test compares them with what `encode` writes.
         crate::wire::HEADER
             + match self {
-                Message::Beacon(_) => 62,
+                Message::Beacon(_) => 78,
                 Message::Request { .. } => 30,
                 Message::Response { .. } => 27,
                 Message::Release { .. } => 8,
@@ -475,9 +513,11 @@ mod tests {
             anchored_here: true,
             wants_you: false,
             quarantined: true,
+            may_be_final: true,
             terrain: 0b11_0101,
             finals: 0b00_0001,
-            label: 0x0A0B,
+            rank: Rank { rooted: Time(0x0C0D), label: 0x0A0B },
+            renew: Time(0x0E0F),
             claim: Claim::Parent(Token(0xAABB_CCDD)),
             ack: Some(Token(7)),
             corners: 0b10_0000,
@@ -524,7 +564,9 @@ mod tests {
         {
             assert_eq!(Frame::seal(header(), &percept).message::<Percept>(), Ok(percept));
         }
-        for order in [Order::Goal { epoch: 3 }, Order::Condemn { port: Port(5), session: Session(6) }] {
+        for order in
+            [Order::Goal { epoch: 3 }, Order::Condemn { port: Port(5), session: Session(6), epoch: 1 }]
+        {
             assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));
         }
         let motion = Motion { kind: MotionKind::Convex, support: Face::Down, heading: Face::East };
@@ -536,7 +578,7 @@ mod tests {
     #[test]
     fn golden_beacon() {
         let bytes = Frame::seal(header(), &Message::Beacon(beacon())).to_bytes();
-        let expected: [u8; 62] = [
+        let expected: [u8; 78] = [
             4,
             3,
             2,
@@ -547,11 +589,27 @@ mod tests {
             0,
             1,
             0,
-            0b0101_0100,
+            0b1101_0100,
             0x35,
             0x01,
             0x0B,
             0x0A,
+            0x0D,
+            0x0C,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0x0F,
+            0x0E,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
             2,
             0xDD,
             0xCC,
@@ -600,7 +658,7 @@ mod tests {
             0,
             0,
         ];
-        assert_eq!(bytes[HEADER..HEADER + 62], expected);
+        assert_eq!(bytes[HEADER..HEADER + 78], expected);
     }
 
     #[test]

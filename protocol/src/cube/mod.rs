@@ -34,7 +34,7 @@ use crate::time::{Span, Time};
 use body::{Move, Percept};
 use control::{Order, Status};
 use field::FaceField;
-use message::{Beacon, Message, Role};
+use message::{Beacon, Message, Rank, Role};
 use motion::{Moving, Target};
 use negotiation::{Attempt, Lock};
 use params::{Connectivity, Setup};
@@ -45,6 +45,8 @@ use std::sync::Arc;
 
 /// The label of a module without a parent.
 const UNLABELLED: u16 = u16::MAX;
+/// The rank of whoever has never had a parent: everybody may be it.
+const UNRANKED: Rank = Rank { rooted: Time::ZERO, label: UNLABELLED };
 
 /// The shared setup; it never changes, so it is no part of an agent's state.
 #[derive(Clone, Debug)]
@@ -156,8 +158,11 @@ pub struct Cube {
     epoch: u16,
     role: Role,
     sides: [Side; 6],
-    /// Depth in the parent forest: 0 if finalized, [`UNLABELLED`] without a parent.
-    label: u16,
+    /// The place in the parent forest; without a parent, what a parent's has to be better than.
+    rank: Rank,
+    /// Neighbours are asked for ways to the finalized modules that are known anew, no earlier than this;
+    /// zero if none is needed.
+    renew: Time,
     parent: Option<Face>,
     /// The neighbour asked to be the next parent.
     want: Option<(Face, Token)>,
@@ -220,7 +225,10 @@ impl Agent for Cube {
             epoch: 0,
             role: Role::Reserve,
             sides: std::array::from_fn(|_| Side::new()),
-            label: UNLABELLED,
+            // Whoever an earlier life carried may still hang on this module: only a way that is known
+            // anew since certainly does not lead over it.
+            rank: if reborn { Rank { rooted: now, label: 0 } } else { UNRANKED },
+            renew: Time::ZERO,
             parent: None,
             want: None,
             activator: None,
@@ -301,7 +309,7 @@ impl Agent for Cube {
             role: role.to_owned(),
             activity: self.activity(now).to_owned(),
             goal: self.epoch,
-            level: Some(self.label).filter(|l| *l != UNLABELLED),
+            level: Some(self.label()).filter(|l| *l != UNLABELLED),
             gradient: nearest.filter(|d| *d != message::Entry::FAR).map(u32::from),
             lock: self.locks.iter().find(keeps).map(|l| l.id.origin),
             waits_for: self.waits_for,
@@ -380,7 +388,8 @@ impl Cube {
     fn become_final(&mut self, activator: Option<Face>) {
         self.role = Role::Final;
         self.activator = activator;
-        self.label = 0;
+        self.rank.label = 0;
+        self.renew = Time::ZERO;
         self.parent = None;
         self.want = None;
         self.anchor = None;
@@ -410,7 +419,7 @@ impl Cube {
             if self.parent == Some(face) {
                 hit(Mark::CubeParentLost);
                 self.parent = None;
-                self.label = UNLABELLED;
+                self.rank.label = 0;
             }
             self.activator = self.activator.filter(|f| *f != face);
             self.anchor = self.anchor.filter(|f| *f != face);
@@ -451,7 +460,8 @@ impl Cube {
     fn on_order(&mut self, now: Time, order: Order) {
         match order {
             Order::Goal { epoch } => self.follow_epoch(now, epoch),
-            Order::Condemn { port, session } => {
+            Order::Condemn { port, session, epoch } => {
+                self.follow_epoch(now, epoch);
                 if let Some(face) = Face::from_index(port.0)
                     && self.side(face).session == Some(session)
                 {
@@ -476,7 +486,8 @@ impl Cube {
         self.abort_attempt(now, None);
         self.epoch = epoch;
         self.role = Role::Reserve;
-        self.label = UNLABELLED;
+        self.rank = if self.rank.rooted > Time::ZERO { Rank { label: 0, ..self.rank } } else { UNRANKED };
+        self.renew = Time::ZERO;
         self.parent = None;
         self.want = None;
         self.activator = None;
@@ -558,7 +569,11 @@ impl Cube {
     }
     /// Depth in the parent forest; 65,535 without a parent.
     pub fn label(&self) -> u16 {
-        self.label
+        self.told_rank().label
+    }
+    /// The place in the parent forest; without a parent, what a parent's has to be better than.
+    pub fn rank(&self) -> Rank {
+        self.rank
     }
     /// The face behind which the parent is.
     pub fn parent(&self) -> Option<Face> {
@@ -628,7 +643,7 @@ impl Cube {
     }
     /// Whether the module has no place in the parent forest.
     pub fn is_unlabelled(&self) -> bool {
-        self.label == UNLABELLED
+        self.label() == UNLABELLED
     }
     /// The connectivity check in use.
     pub fn connectivity(&self) -> Connectivity {

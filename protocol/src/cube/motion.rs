@@ -4,7 +4,7 @@ use super::body::{Percept, Refusal};
 use super::message::Role;
 use super::negotiation::Attempt;
 use super::params::Connectivity;
-use super::{Cube, Side, UNLABELLED};
+use super::{Cube, Side, UNRANKED};
 use crate::ids::ModuleId;
 use crate::lattice::{Cell, Face, Motion, MotionKind};
 use crate::marks::{Mark, hit};
@@ -93,7 +93,7 @@ impl Cube {
                 self.waits_for = held.0;
                 return;
             }
-            let outer = |b: &super::Beacon| b.role == Role::Reserve && b.label > self.label;
+            let outer = |b: &super::Beacon| b.role == Role::Reserve && b.rank.label > self.rank.label;
             let has_outer = Face::ALL.into_iter().any(|f| self.terrain(now, f).is_some_and(outer));
             let patience = match self.setup.params.connectivity {
                 // What leaves from the middle leaves a mesh of loops too long for any search.
@@ -279,12 +279,13 @@ impl Cube {
     fn arrive(&mut self, now: Time, cell: Cell) {
         self.cell = cell;
         self.settled = now;
+        self.reborn = false;
         self.role = Role::Reserve;
         self.activator = None;
         self.sides = std::array::from_fn(|_| Side::new());
         self.corners_seen = [0; 6];
         self.parent = None;
-        self.label = UNLABELLED;
+        self.rank = UNRANKED;
         self.want = None;
         self.anchor = None;
         self.locks.clear();
