@@ -37,15 +37,18 @@ pub enum Sabotage {
     GrantEverything,
     /// Metamodules: nobody is asked.
     AskNobody,
-    /// Metamodules: a grant is forgotten as soon as it is given.
-    ForgetGrants,
+    /// Metamodules: locks are forgotten at once, by who holds them and by who has granted them. Either of
+    /// the two is enough to keep others out: a grant that is remembered is planned around.
+    ForgetLocks,
     /// Metamodules: a holder goes on after its lock has run out.
     OutstayLease,
     /// Metamodules: a restarted one grants at once.
     GrantAfterRestart,
-    /// Metamodules: what was said earlier replaces what was said later.
+    /// Metamodules: what was said earlier replaces what was said later, even that somebody is dead. Of the
+    /// living the next word makes it good again.
     AcceptStaleStates,
-    /// Metamodules: claims of others do not count.
+    /// Metamodules: claims of others do not count, and everybody goes to the seed that is nearest to it. As
+    /// long as seeds are shared out, hardly two make for the same one, whether or not they claim it.
     IgnoreClaims,
     /// Metamodules: nobody makes way.
     StandInTheWay,
@@ -69,7 +72,7 @@ impl Sabotage {
         Sabotage::AnyLowerOnSolids,
         Sabotage::GrantEverything,
         Sabotage::AskNobody,
-        Sabotage::ForgetGrants,
+        Sabotage::ForgetLocks,
         Sabotage::OutstayLease,
         Sabotage::GrantAfterRestart,
         Sabotage::AcceptStaleStates,

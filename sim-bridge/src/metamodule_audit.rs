@@ -3,19 +3,30 @@
 use crate::invariants::{self, Invariant, Violation};
 use crate::metamodule_world::MetamoduleWorld;
 use crate::sim::{Agents, Audited};
+use crate::world::World;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::time::Time;
 
-fn locks(now: Time, id: ModuleId, agents: &Agents<'_, Metamodule>, found: &mut Vec<Violation>) {
+/// What others hold: the cells of their locks, and those that their bodies are in. A body may go on with
+/// what the process was asked to do before it died, and holds what it sweeps until it has done it.
+fn locks(
+    world: &MetamoduleWorld,
+    now: Time,
+    id: ModuleId,
+    agents: &Agents<'_, Metamodule>,
+    found: &mut Vec<Violation>,
+) {
     let mut mine: Vec<Cell> = agents.get(id).into_iter().flat_map(|a| a.held(now)).collect();
     if mine.is_empty() {
         return;
     }
     mine.sort_unstable();
-    for (other, agent) in agents.iter().filter(|(o, _)| *o != id) {
-        if let Err(what) = invariants::one_holder_per_lock(&mine, agent.held(now)) {
+    for other in (0..world.len() as u32).map(ModuleId).filter(|o| *o != id) {
+        let held = agents.get(other).into_iter().flat_map(|a| a.held(now));
+        let theirs = held.chain(world.taken(other).iter().copied());
+        if let Err(what) = invariants::one_holder_per_lock(&mine, theirs) {
             let what = format!("{id} and {other}: {what}");
             found.push(Violation { invariant: Invariant::OneHolderPerLock, at: now, what });
         }
@@ -34,13 +45,21 @@ impl Audited for MetamoduleWorld {
         agents: &Agents<'_, Metamodule>,
         found: &mut Vec<Violation>,
     ) {
-        locks(now, id, agents, found);
+        locks(self, now, id, agents, found);
+        // What was refused has not begun.
+        if let Some((agent, until)) = agents.get(id).zip(self.acting_until(id)) {
+            let takes = until.since(now);
+            if let Err(what) = invariants::move_within_lease(now, takes, agent.locked_until()) {
+                let what = format!("module {id}: {what}");
+                found.push(Violation { invariant: Invariant::MoveWithinLease, at: now, what });
+            }
+        }
     }
 
     fn audit_all(&mut self, now: Time, agents: &Agents<'_, Metamodule>, found: &mut Vec<Violation>) {
         self.check_all(now);
         for (id, _) in agents.iter() {
-            locks(now, id, agents, found);
+            locks(self, now, id, agents, found);
         }
     }
 

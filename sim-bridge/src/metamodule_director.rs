@@ -5,6 +5,7 @@ use crate::direct::{Command, Direct};
 use crate::director::{Progress, Stage, Stop};
 use crate::faults::{Fault, Schedule, Struck};
 use crate::injector::Injector;
+use crate::metamodule_feasible::MetamodulePlight;
 use crate::metamodule_world::MetamoduleWorld;
 use crate::outcome::{Outcome, Reason, Stall, Waiter, Why};
 use metamorph_protocol::ids::ModuleId;
@@ -135,6 +136,22 @@ impl MetamoduleDirector {
     /// somebody went on after all.
     pub fn detected(&self) -> Option<(Time, ModuleId)> {
         self.detected
+    }
+    /// The standstill as a question for a search.
+    pub fn plight(&self, world: &MetamoduleWorld) -> MetamodulePlight {
+        let (mut free, mut fixed) = (Vec::new(), Vec::from_iter(world.obstacles().iter().copied()));
+        for (id, known) in (0..).map(ModuleId).zip(&self.known) {
+            let pose = world.pose(id);
+            if !known.alive || world.is_stuck(id) || known.status.is_some_and(|s| s.settled.is_some()) {
+                fixed.extend(world.cells(id));
+            } else {
+                // Whoever is held at both ends lets go of the older one first.
+                let around = self.setup.motions.turned_around(pose).filter(|_| pose.both);
+                free.push(around.unwrap_or(pose));
+            }
+        }
+        let setup = Arc::clone(&self.setup);
+        MetamodulePlight { setup, task: self.task, filled: self.filled, free, fixed }
     }
     /// How often somebody said so.
     pub fn alarms(&self) -> u32 {

@@ -167,6 +167,14 @@ impl MetamoduleWorld {
     pub fn cells(&self, id: ModuleId) -> &[Cell] {
         &self.bodies[id.index()].cells
     }
+    /// Everything that a body is in, or may be in while it acts.
+    pub fn taken(&self, id: ModuleId) -> &[Cell] {
+        self.bodies[id.index()].taken()
+    }
+    /// When the action that a body is about ends, if it acts.
+    pub fn acting_until(&self, id: ModuleId) -> Option<Time> {
+        self.due.iter().find(|Reverse((_, _, of))| *of == id).map(|Reverse((at, _, _))| *at)
+    }
     /// Whether a body is acting.
     pub fn is_acting(&self, id: ModuleId) -> bool {
         self.bodies[id.index()].under_way.is_some()

@@ -9,24 +9,25 @@ use metamorph_protocol::sabotage::Sabotage;
 use metamorph_tests::command::{root, run as metamorph};
 use metamorph_world_controller::explore::draft::{Draft, SwarmDraft};
 use metamorph_world_controller::explore::draw::draw;
-use metamorph_world_controller::explore::verdict::{Kind, Verdict};
+use metamorph_world_controller::explore::verdict::{Failure, Kind, Verdict};
 use metamorph_world_controller::explore::{make_small, run};
 use metamorph_world_controller::interrupt::Interrupt;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, read_file};
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
 
-/// How a scenario fails with a defect, if it does, and does not without it.
+/// How a scenario fails with a defect, if it does, and does not without it: where nothing unsafe is done
+/// but not all is built, the sound protocol builds all.
 fn fails_by(defect: Sabotage, draft: &Draft) -> Option<Kind> {
     let interrupt = Interrupt::default();
     let judged = |sabotage| run(&draft.plan("drawn.toml", sabotage).ok()?, &interrupt).map(|r| r.verdict);
-    match judged(Some(defect))? {
-        Verdict::Failed(failure) => {
-            let sound = !matches!(judged(None), Some(Verdict::Failed(f)) if f.kind == failure.kind);
-            sound.then_some(failure.kind)
-        }
-        _ => None,
-    }
+    let Verdict::Failed(Failure { kind, .. }) = judged(Some(defect))? else { return None };
+    let by_defect = match judged(None)? {
+        Verdict::Built => true,
+        Verdict::Failed(sound) => kind.is_unsafe() && sound.kind != kind,
+        Verdict::Infeasible(_) | Verdict::Excused(_) => kind.is_unsafe(),
+    };
+    by_defect.then_some(kind)
 }
 
 /// Explores with a defect until it is found, within so many runs, and makes what was found small enough
@@ -68,33 +69,23 @@ known_defects! {
     finds_missing_deadlines: Cube, NoDeadline, 800;
     finds_short_leases: Cube, ShortLease, 400;
     finds_ignored_locks: Cube, IgnoreLocks, 400;
-    #[ignore = "not found within this budget so far"]
     finds_locks_that_are_kept: Cube, KeepLocks, 400;
     finds_cells_kept_twice: Cube, ReserveTwice, 400;
     finds_forgotten_children: Cube, DropSilentChildren, 400;
     finds_unacknowledged_parents: Cube, AdoptUnacknowledged, 400;
-    #[ignore = "not found within this budget so far"]
     finds_restarts_without_listening: Cube, NoListening, 400;
     finds_ignored_strangers: Cube, IgnoreStrangers, 400;
     finds_shallow_searches: Cube, ShallowSearch, 400;
-    #[ignore = "not found within this budget so far"]
     finds_stale_distances: Cube, AcceptStaleValues, 400;
-    #[ignore = "not found within this budget so far"]
-    finds_walled_in_cells: Cube, AnyLowerOnSolids, 400;
+    finds_walled_in_cells: Cube, AnyLowerOnSolids, 2_000;
     finds_careless_grants: Metamodule, GrantEverything, 60;
     finds_those_who_ask_nobody: Metamodule, AskNobody, 60;
-    #[ignore = "not found within this budget so far"]
-    finds_forgotten_grants: Metamodule, ForgetGrants, 60;
-    #[ignore = "not found within this budget so far"]
+    finds_forgotten_locks: Metamodule, ForgetLocks, 60;
     finds_outstayed_leases: Metamodule, OutstayLease, 60;
-    #[ignore = "not found within this budget so far"]
-    finds_grants_after_a_restart: Metamodule, GrantAfterRestart, 60;
-    #[ignore = "not found within this budget so far"]
-    finds_stale_states: Metamodule, AcceptStaleStates, 60;
-    #[ignore = "not found within this budget so far"]
-    finds_ignored_claims: Metamodule, IgnoreClaims, 60;
-    #[ignore = "not found within this budget so far"]
-    finds_those_who_stand_in_the_way: Metamodule, StandInTheWay, 60;
+    finds_grants_after_a_restart: Metamodule, GrantAfterRestart, 120;
+    finds_stale_states: Metamodule, AcceptStaleStates, 300;
+    finds_ignored_claims: Metamodule, IgnoreClaims, 120;
+    finds_those_who_stand_in_the_way: Metamodule, StandInTheWay, 120;
 }
 
 /// The published connection gradient, which exploration leaves out, tears bodies.

@@ -16,6 +16,7 @@ use metamorph_sim_bridge::faults::Struck;
 use metamorph_sim_bridge::feasible::Plight;
 use metamorph_sim_bridge::invariants::Violation;
 use metamorph_sim_bridge::metamodule_director::{MetamoduleDirector, MetamodulePlan};
+use metamorph_sim_bridge::metamodule_feasible::MetamodulePlight;
 use metamorph_sim_bridge::metamodule_world::MetamoduleWorld;
 use metamorph_sim_bridge::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::sim::Audited;
@@ -24,6 +25,15 @@ use std::sync::Arc;
 
 /// The setup that the agents of a family share.
 pub type SetupOf<R> = <<<R as Runnable>::World as World>::Agent as Agent>::Setup;
+
+/// A standstill as a question for a search: what could still have been done?
+#[derive(Clone, Debug)]
+pub enum Question {
+    /// Of cubes.
+    Cubes(Plight),
+    /// Of metamodules.
+    Metamodules(MetamodulePlight),
+}
 
 /// What director and world of a run know when it is over, whatever the family.
 pub struct Account {
@@ -37,8 +47,8 @@ pub struct Account {
     pub restarted: u64,
     /// Why it stood still.
     pub stall: Option<Stall>,
-    /// The same as a question for a search; of cubes only.
-    pub plight: Option<Plight>,
+    /// The same as a question for a search.
+    pub plight: Option<Question>,
     /// What each fault did.
     pub struck: Vec<Struck>,
     /// Collisions prevented between modules, by negotiation or locks.
@@ -112,7 +122,7 @@ impl Runnable for Cubes {
             crashed,
             restarted,
             stall: director.stall().cloned(),
-            plight: director.stall().map(|_| director.plight(world)),
+            plight: director.stall().map(|_| Question::Cubes(director.plight(world))),
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
@@ -182,7 +192,7 @@ impl Runnable for Metamodules {
             crashed,
             restarted,
             stall: director.stall().cloned(),
-            plight: None,
+            plight: director.stall().map(|_| Question::Metamodules(director.plight(world))),
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),

@@ -246,11 +246,12 @@ impl Cube {
             hit(Mark::CubeYielded);
         }
         self.abort_attempt(now, Some(id.origin));
-        let keep = match self.setup.params.sabotage {
-            Some(Sabotage::ShortLease) => self.setup.params.move_time,
-            _ => self.setup.params.keep_for(),
+        let expires = match self.setup.params.sabotage {
+            Some(Sabotage::ShortLease) => now + self.setup.params.move_time,
+            Some(Sabotage::KeepLocks) => Time::NEVER,
+            _ => now + self.setup.params.keep_for(),
         };
-        self.locks.push(Lock { id, expires: now + keep, next, reserved, beyond: None });
+        self.locks.push(Lock { id, expires, next, reserved, beyond: None });
         Ok(())
     }
 
@@ -419,9 +420,6 @@ impl Cube {
     }
 
     pub(super) fn expire_locks(&mut self, now: Time) {
-        if self.has(Sabotage::KeepLocks) {
-            return;
-        }
         let before = self.locks.len();
         self.locks.retain(|l| l.expires > now);
         if self.locks.len() != before {

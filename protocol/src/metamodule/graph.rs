@@ -330,6 +330,24 @@ impl Graph {
         Reach { landings: landings.into_boxed_slice(), lands, chains }
     }
 
+    /// Everything that strict steps lead to from any of these postures without sweeping a taken cell. Postures
+    /// that fill the same cells and lead to each other come together.
+    pub fn shapes(&self, from: &[u16], taken: Bits) -> Vec<Vec<u16>> {
+        let (free, mut seen, mut shapes) = (self.free(taken), Postures::NONE, Vec::new());
+        for posture in from {
+            let Some(place) = self.places.get(usize::from(*posture)).filter(|p| !seen.has(**p)) else {
+                continue;
+            };
+            let mut part = Postures::NONE;
+            part.add(*place);
+            part = part.flood(&free);
+            seen.add_all(&part);
+            let of_chains = self.of_chain.iter().map(|chain| part.and(chain)).filter(|set| !set.is_empty());
+            shapes.extend(of_chains.map(|set| self.postures(&set).collect::<Vec<u16>>()));
+        }
+        shapes
+    }
+
     /// The shortest way to a posture; none if there is no way.
     pub fn way(&self, from: u16, to: u16, taken: Bits) -> Option<Arc<Steps>> {
         let hash = mix(hash(taken), u64::from(from) << 16 | u64::from(to));

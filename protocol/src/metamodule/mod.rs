@@ -141,6 +141,13 @@ impl Metamodule {
         };
         plan.into_iter().flat_map(|plan| self.setup.motions.swept(plan.from.state, plan.sweep))
     }
+    /// Until when the lock holds that its motion rests on, for audits; none while it does not move.
+    pub fn locked_until(&self) -> Option<Time> {
+        match &self.core.phase {
+            Phase::Moving { until, .. } => Some(*until),
+            _ => None,
+        }
+    }
 
     /// Whether a test has switched this defect on.
     fn has(&self, defect: Sabotage) -> bool {
@@ -543,6 +550,7 @@ impl Metamodule {
             return Some(Denial::Occupied);
         }
         match &self.core.phase {
+            Phase::Moving { .. } if self.has(Sabotage::ForgetLocks) => None,
             Phase::Moving { plan, .. } => {
                 let own: Vec<Cell> = motions.swept(plan.from.state, plan.sweep).collect();
                 meets(&own).then_some(Denial::Held)
@@ -572,14 +580,27 @@ impl Metamodule {
             Message::State(state) => {
                 let stale = self.has(Sabotage::AcceptStaleStates);
                 let Some(peer) = self.core.peers.get_mut(port) else { return };
-                if peer.condemned {
+                if peer.condemned && !stale {
                     return hit(Mark::MetaCondemnedSpoke);
                 }
                 if peer.state.is_some_and(|s| s.sequence >= state.sequence) && !stale {
                     return hit(Mark::MetaStateLate);
                 }
+                if let Some(pose) = self.core.dead.get(&state.id).filter(|_| !stale) {
+                    // Its first words in this session came later than the news of its death. Whoever is
+                    // started again is told of.
+                    hit(Mark::MetaCondemnedSpoke);
+                    *peer = Peer {
+                        state: Some(State { pose: *pose, ..state }),
+                        condemned: true,
+                        ..Peer::new(peer.session)
+                    };
+                    return self.look_again(now);
+                }
                 let before = peer.state.replace(state);
-                self.core.dead.remove(&state.id);
+                if stale {
+                    self.core.dead.remove(&state.id);
+                }
                 self.take_task(now, state.task);
                 let filled = match state.task == self.core.task {
                     true => self.core.filled.and(state.filled),
@@ -614,7 +635,7 @@ impl Metamodule {
                 }
                 denial.into_iter().for_each(|d| hit(d.mark()));
                 let until = now + self.setup.params.lease;
-                let forgets = self.has(Sabotage::ForgetGrants);
+                let forgets = self.has(Sabotage::ForgetLocks);
                 if let Some(peer) = self.core.peers.get_mut(port)
                     && denial.is_none()
                     && !forgets
@@ -687,7 +708,12 @@ impl Metamodule {
                     self.core.filled = self.core.filled.and(filled);
                 }
             }
-            Order::Alive { id } => _ = self.core.dead.remove(&id),
+            Order::Alive { id } => {
+                self.core.dead.remove(&id);
+                if let Some((_, peer)) = self.core.peers.named(id) {
+                    peer.condemned = false;
+                }
+            }
             Order::Obstacle { cell, there: true } => {
                 hit(Mark::MetaObstacle);
                 self.core.obstacles.insert(cell);
@@ -696,13 +722,10 @@ impl Metamodule {
             Order::Dead { id, pose } => {
                 hit(Mark::MetaDeathTold);
                 self.core.dead.insert(id, pose);
-                let port = self.core.peers.iter().find(|(_, p)| p.state.is_some_and(|s| s.id == id));
-                if let Some((port, _)) = port {
-                    if let Some(peer) = self.core.peers.get_mut(port) {
-                        (peer.grant, peer.way, peer.condemned) = (None, None, true);
-                        if let Some(state) = &mut peer.state {
-                            state.pose = pose;
-                        }
+                if let Some((port, peer)) = self.core.peers.named(id) {
+                    (peer.grant, peer.way, peer.condemned) = (None, None, true);
+                    if let Some(state) = &mut peer.state {
+                        state.pose = pose;
                     }
                     self.granted(now, port);
                 }

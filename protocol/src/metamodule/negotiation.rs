@@ -39,6 +39,8 @@ pub(super) struct Intent {
     barred_in: u64,
     /// Since when an open seed has been nobody's.
     unclaimed_since: Option<Time>,
+    /// What is filled, and since when nothing has been filled besides.
+    filled: (SeedSet, Option<Time>),
     /// What stood around when it looked for its course.
     looked_in: (u64, bool),
     /// And what was to stand there by the time it comes.
@@ -64,6 +66,7 @@ impl Intent {
             barred_until: Time::NEVER,
             barred_in: 0,
             unclaimed_since: None,
+            filled: (SeedSet::default(), None),
             looked_in: (0, false),
             planned_in: 0,
             cornered_until: None,
@@ -129,14 +132,19 @@ struct May {
     fill: bool,
     /// End a stride where that shuts somebody in.
     hurry: bool,
+    /// Fill its seed even if that closes the ways to others.
+    anyhow: bool,
 }
 
 impl May {
-    const ANYTHING: May = May { enter: true, fill: true, hurry: true };
+    const ANYTHING: May = May { enter: true, fill: true, hurry: true, anyhow: true };
 }
 
 /// After so many times its patience a metamodule leaves its seed to others.
 const GIVE_UP: u64 = 3;
+/// When nothing has been filled for so many times its patience, what can still be built is built, even if
+/// that is at the cost of what cannot be built with it.
+const STANDS_STILL: u64 = 8;
 /// A cornered metamodule counts as such for twice as long each time, up to so many times.
 const MOST_CORNERED: u8 = 3;
 /// Leaving a seed that is not open yet to somebody is as bad as so many strides.
@@ -271,6 +279,9 @@ impl Metamodule {
         }
         let open = self.open();
         let around = fingerprint(&scene.fixed);
+        if self.core.intent.filled.1.is_none() || self.core.intent.filled.0 != self.core.filled {
+            self.core.intent.filled = (self.core.filled, Some(now));
+        }
         let me = self.core.id;
         let intent = &mut self.core.intent;
         if now >= intent.barred_until || (intent.barred_in != around && !intent.barred.is_empty()) {
@@ -322,7 +333,9 @@ impl Metamodule {
                 return;
             }
             let patient = now < since + self.setup.params.patience;
-            let shared = self.share(scene, open, claimed).filter(|s| open.has(*s));
+            let shares = !self.has(Sabotage::IgnoreClaims);
+            let shared = if shares { self.share(scene, open, claimed) } else { None };
+            let (shared, patient) = (shared.filter(|s| open.has(*s)), patient && shares);
             let me = [(self.core.id, self.core.pose, SeedSet::default())];
             let nearest = || open.iter().min_by_key(|s| self.strides(scene, &me, *s));
             let Some(number) = shared.or_else(|| nearest().filter(|_| !patient)) else { return };
@@ -429,11 +442,23 @@ impl Metamodule {
         let waited = now.since(self.core.waiting_since);
         let patience = self.setup.params.patience;
         let left = self.goal().all().without(self.core.filled).without(SeedSet::default().with(claim.seed));
-        let movable = scene.hopeful.iter().filter(|p| !self.ground(&scene.built).is_shut_in(**p)).count();
-        let walls_in = movable < scene.hopeful.len().min(left.iter().count())
+        let count = |taken: &[Cell]| {
+            let ground = self.ground(taken);
+            scene.hopeful.iter().filter(|p| !ground.is_shut_in(**p)).count().min(left.len())
+        };
+        let movable = count(&scene.built);
+        // Whoever is shut in by what stays anyway is lost whatever is built.
+        let loses = movable < scene.hopeful.len().min(left.len()) && movable < count(&scene.fixed);
+        let walls_in = loses
             || (waited <= patience * (GIVE_UP - 1)
                 && scene.free.iter().any(|o| !self.is_safe_beside(scene, o, self.core.pose)));
-        let may = May { enter, fill: enter && !walls_in, hurry: enter && waited > patience };
+        let stands_still = self.core.intent.filled.1.is_some_and(|t| now.since(t) > patience * STANDS_STILL);
+        let may = May {
+            enter,
+            fill: enter && (stands_still || !walls_in),
+            hurry: enter && waited > patience,
+            anyhow: stands_still,
+        };
         let planned = fingerprint(&self.planned(scene, claim.seed));
         if self.core.intent.planned_in == planned
             && let Some(plan) = self.next_leg(scene, &scene.taken, corridor, claim, may)
@@ -506,7 +531,7 @@ impl Metamodule {
                 return None;
             }
             Some(Plan { harmless, ..Plan::to(&ground, pose, posture, aim)? })
-        } else if may.fill && self.keeps_open(scene, claim.seed) {
+        } else if may.fill && (may.anyhow || self.keeps_open(scene, claim.seed)) {
             Plan::to(&ground, pose, posture, aim)
         } else {
             None

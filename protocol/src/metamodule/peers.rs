@@ -3,7 +3,7 @@
 use super::message::{State, Way};
 use super::motions::{Motions, Sweep};
 use super::pose::Pose;
-use crate::ids::{Port, Session, Token};
+use crate::ids::{ModuleId, Port, Session, Token};
 use crate::lattice::Cell;
 use crate::marks::{Mark, hit};
 use crate::time::Time;
@@ -59,6 +59,12 @@ impl Peers {
     /// Who is on a port.
     pub fn get_mut(&mut self, port: Port) -> Option<&mut Peer> {
         self.0.get_mut(port.index())?.as_mut()
+    }
+    /// Whoever has said that it is this one, and its port.
+    pub fn named(&mut self, id: ModuleId) -> Option<(Port, &mut Peer)> {
+        let is_it = |p: &Peer| p.state.is_some_and(|s| s.id == id);
+        let at = self.0.iter().position(|p| p.as_ref().is_some_and(is_it))?;
+        Some((Port(at as u8), self.0.get_mut(at)?.as_mut()?))
     }
     /// Who is on a port from now on.
     pub fn set(&mut self, port: Port, peer: Option<Peer>) {

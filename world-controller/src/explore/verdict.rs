@@ -1,7 +1,10 @@
 //! What a run came to, judged: safe always; and live, unless what is left cannot build the goal.
 
 use crate::report::schema::Report;
-use metamorph_sim_bridge::feasible::{Found, Plight, Within, widest_proof};
+use crate::runnable::Question;
+use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_sim_bridge::feasible::{Found, Within, widest_proof};
+use metamorph_sim_bridge::metamodule_feasible::search;
 use metamorph_sim_bridge::outcome::{Outcome, Reason};
 use serde::Serialize;
 use std::fmt;
@@ -29,12 +32,14 @@ pub enum Kind {
     Unsafe(String),
     /// There was a way left, and nobody went it: the reason of the standstill.
     Stuck(String),
+    /// Nobody went on, and no search has decided whether there was a way: the reason of the standstill.
+    Undecided(String),
 }
 
 impl Kind {
     /// Whether something happened that must never happen, instead of something not happening.
     pub fn is_unsafe(&self) -> bool {
-        !matches!(self, Kind::Stuck(_))
+        matches!(self, Kind::Panic | Kind::Unsafe(_))
     }
 }
 
@@ -44,6 +49,7 @@ impl fmt::Display for Kind {
             Kind::Panic => f.write_str("panic"),
             Kind::Unsafe(invariant) => write!(f, "unsafe: {invariant}"),
             Kind::Stuck(reason) => write!(f, "stuck: {reason}"),
+            Kind::Undecided(reason) => write!(f, "stuck, undecided: {reason}"),
         }
     }
 }
@@ -65,7 +71,7 @@ const PUBLISHED: [Reason; 2] = [Reason::NoBetterPlace, Reason::NoLock];
 const ARRANGEMENTS: usize = 20_000;
 
 /// Judges a run by its report; of cubes, also by what a search finds that could still be built.
-pub fn judge(report: &Report, plight: Option<&Plight>) -> Verdict {
+pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
     if let Some(first) = report.invariants.violated.first() {
         let kind = Kind::Unsafe(first.invariant.clone());
         return Verdict::Failed(Failure { kind, what: format!("at {} s: {}", first.at_s, first.what) });
@@ -87,12 +93,26 @@ pub fn judge(report: &Report, plight: Option<&Plight>) -> Verdict {
         () if is(Reason::Pinned) => broken,
         () => stall.infeasible || PUBLISHED.into_iter().any(is),
     };
-    let searched = plight.map(|p| widest_proof(p, ARRANGEMENTS));
-    let way = match searched {
-        Some(Ok(within)) => return Verdict::Infeasible(within),
-        Some(Err(Found::Way(moves))) => format!(", with a way of {moves} moves"),
-        _ if excused => return Verdict::Excused(stall.reason.clone()),
-        _ => String::new(),
+    let is_cubes = matches!(plight, Some(Question::Cubes(_)));
+    // Cubes that nothing has broken have brought themselves to where nothing can be done any more.
+    let whole = is_cubes && !broken && !report.faults.iter().any(|f| f.fault == "restart");
+    let searched = match plight {
+        Some(Question::Cubes(plight)) => widest_proof(plight, ARRANGEMENTS),
+        Some(Question::Metamodules(plight)) if plight.setup.params.strategy == Strategy::Negotiated => {
+            match search(plight, ARRANGEMENTS) {
+                Found::Impossible(_) => Ok(Within::Grown),
+                other => Err(other),
+            }
+        }
+        _ => Err(Found::Undecided),
+    };
+    let reason = stall.reason.clone();
+    let (kind, way) = match searched {
+        Err(Found::Way(moves)) => (Kind::Stuck(reason), format!(", with a way of {moves} moves")),
+        _ if whole => (Kind::Stuck(reason), ", with nothing broken".into()),
+        Ok(within) => return Verdict::Infeasible(within),
+        _ if excused => return Verdict::Excused(reason),
+        _ => (Kind::Undecided(reason), String::new()),
     };
     let what = format!(
         "{} at {} s, since {} s{way}: {}; {} unfilled, waiting: {}",
@@ -103,5 +123,5 @@ pub fn judge(report: &Report, plight: Option<&Plight>) -> Verdict {
         stall.unfilled.len(),
         stall.waiting.iter().map(|w| w.module.to_string()).collect::<Vec<_>>().join(" ")
     );
-    Verdict::Failed(Failure { kind: Kind::Stuck(stall.reason.clone()), what })
+    Verdict::Failed(Failure { kind, what })
 }
