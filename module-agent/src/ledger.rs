@@ -5,7 +5,6 @@
 //! counted as sent by somebody. The file holds two slots, written in turn, so that a torn write
 //! leaves the older one; the reader takes the newest slot whose check sum fits.
 
-use crc::{CRC_32_ISO_HDLC, Crc};
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::tally::{Counts, Tally};
@@ -22,7 +21,6 @@ const HEADER: usize = 32;
 /// are missing from the journal.
 const NUMBERS: usize = 1 + Class::ALL.len() * 8 + 3;
 const SLOT: usize = NUMBERS * 8 + 4;
-const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// What one life of an agent has counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -180,14 +178,14 @@ fn slot(generation: u64, account: &Account) -> [u8; SLOT] {
     for (chunk, n) in bytes.chunks_exact_mut(8).zip(numbers) {
         chunk.copy_from_slice(&n.to_le_bytes());
     }
-    let sum = CRC.checksum(&bytes[..SLOT - 4]);
+    let sum = crc32fast::hash(&bytes[..SLOT - 4]);
     bytes[SLOT - 4..].copy_from_slice(&sum.to_le_bytes());
     bytes
 }
 
 fn read_slot(bytes: &[u8]) -> Option<(u64, Account)> {
     let (body, sum) = bytes.split_last_chunk::<4>()?;
-    if CRC.checksum(body) != u32::from_le_bytes(*sum) {
+    if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
         return None;
     }
     let mut numbers = body.chunks_exact(8).map(|c| c.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b)));

@@ -18,14 +18,12 @@ use crate::roombots::Kind;
 use crate::roombots::grid::{self, GridState};
 use crate::roombots::posture::Posture;
 use crate::roombots::sweep::FloorContact;
-use crc::{CRC_32_ISO_HDLC, Crc};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
 /// Raised with every change of the bytes, be it of the format or of what the generator finds.
 pub const VERSION: u16 = 1;
 const MAGIC: &[u8; 6] = b"MMRBDB";
-const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Why bytes are not a database.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -83,7 +81,7 @@ impl Database {
             put(&mut out, t.chains.len() as u16);
             out.extend(&t.min_steps);
         }
-        let sum = CRC.checksum(&out);
+        let sum = crc32fast::hash(&out);
         out.extend(sum.to_le_bytes());
         out
     }
@@ -96,7 +94,7 @@ impl Database {
             return Err(DatabaseError::Version { found });
         }
         let (content, sum) = bytes.split_last_chunk::<4>().ok_or(DatabaseError::Checksum)?;
-        if CRC.checksum(content) != u32::from_le_bytes(*sum) {
+        if crc32fast::hash(content) != u32::from_le_bytes(*sum) {
             return Err(DatabaseError::Checksum);
         }
         let mut reader = Reader { bytes: content, at: MAGIC.len() + 2 };
