@@ -132,6 +132,11 @@ pub fn hit(mark: Mark) {
     SET.with(|set| set.set(set.get() | 1 << mark as u32));
 }
 
+/// Marks that were set in another thread, for this one.
+pub fn add(marks: Marks) {
+    SET.with(|set| set.set(set.get() | marks.0));
+}
+
 /// The marks set in this thread since the last call. For whoever carries out runs, not for agents.
 pub fn take() -> Marks {
     SET.with(|set| Marks(set.take()))

@@ -6,6 +6,7 @@
 //! number of hops, the first word comes over a shortest way, and distances are exact.
 
 use crate::direct::{Command, Direct};
+use crate::sim::Listens;
 use crate::world::World;
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::ids::{ModuleId, Port};
@@ -114,6 +115,8 @@ pub struct Onlooker {
     /// Modules that know their distance.
     pub know: u64,
 }
+
+impl Listens for Onlooker {}
 
 impl<W: World<Agent = Flooded>> Direct<W> for Onlooker {
     fn report(&mut self, _: Time, _: ModuleId, _: Hops) {

@@ -27,6 +27,9 @@ use std::collections::{BTreeMap, VecDeque};
 use std::hash::Hasher;
 use std::sync::Arc;
 
+mod lanes;
+pub use lanes::Listens;
+
 /// Messages that a stopped process can have waiting, as in a real inbox.
 const INBOX: usize = 32;
 /// Events for which the kernel looks ahead at a time.
@@ -138,6 +141,59 @@ impl<A> Module<A> {
     }
 }
 
+impl<A: Agent> Module<A> {
+    /// The wake-up to schedule, if the agent wants another one than the one that is in the queue.
+    fn plan_wake(&mut self, now: Time) -> Option<Time> {
+        let at = self.agent.as_ref().map(Agent::wake_at)?;
+        if at == self.wake {
+            return None;
+        }
+        self.wake = if at == Time::NEVER { at } else { at.max(now) };
+        (at != Time::NEVER).then_some(self.wake)
+    }
+
+    /// Draws what becomes of a message, counts it, and puts on its way whatever arrives.
+    fn send(
+        &mut self,
+        on: &LinkModel,
+        now: Time,
+        Sent { from, port, class, message }: Sent<A::Message>,
+        link: &mut Link,
+        tally: &mut Tally,
+        mut put: impl FnMut(Time, Parcel<A::Message>),
+    ) {
+        let counts = &mut tally[class];
+        counts.sent += 1;
+        counts.bytes += message.wire_len() as u64;
+        let number = self.sent;
+        self.sent = number.wrapping_add(1);
+        let Some(contact) = link.contact else {
+            counts.expired += 1;
+            return;
+        };
+        let fate = on.carry(now, from, contact.peer, &mut self.stream, &mut link.last_arrival);
+        let mut copies = 0;
+        for arrival in fate.arrivals.into_iter().flatten() {
+            copies += 1;
+            let message = match arrival.flipped_bit {
+                None => Ok(message.clone()),
+                Some(bit) => damaged(from, contact, port, class, &message, bit),
+            };
+            let Ok(message) = message else {
+                hit(Mark::DriverDamaged);
+                counts.refused += 1;
+                continue;
+            };
+            let Contact { session, peer: to, peer_port: port, .. } = contact;
+            put(arrival.at, Parcel { to, session, port, class, number, message });
+        }
+        match copies {
+            0 => counts.lost += 1,
+            n => counts.duplicated += n - 1,
+        }
+    }
+}
+
 /// One port of a module.
 #[derive(Clone, Copy)]
 struct Link {
@@ -169,6 +225,14 @@ enum Event {
     /// A message arrives; its place in the slab.
     Arrive(u32),
     Wake(ModuleId),
+}
+
+/// A message on a port, before its fate is known.
+struct Sent<M> {
+    from: ModuleId,
+    port: Port,
+    class: Class,
+    message: M,
 }
 
 /// A message under way.
@@ -462,21 +526,14 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
 
     fn plan_wake(&mut self, id: ModuleId) {
-        let module = &mut self.modules[id.index()];
-        let Some(at) = module.agent.as_ref().map(Agent::wake_at) else { return };
-        if at == module.wake {
-            return;
-        }
-        module.wake = at;
-        if at != Time::NEVER {
-            module.wake = at.max(self.now);
-            self.queue.push(module.wake, Event::Wake(id));
+        if let Some(at) = self.modules[id.index()].plan_wake(self.now) {
+            self.queue.push(at, Event::Wake(id));
         }
     }
 
     fn carry_out(&mut self, id: ModuleId, output: OutputOf<W::Agent>) {
         match output {
-            Output::Send { port, class, message } => self.send(id, port, class, message),
+            Output::Send { port, class, message } => self.send(Sent { from: id, port, class, message }),
             Output::Act(action) => {
                 self.body_messages += 1;
                 self.trace.event(self.now, 2, id.0, u64::from(action.kind()));
@@ -494,50 +551,17 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }
     }
 
-    fn send(&mut self, from: ModuleId, port: Port, class: Class, message: <W::Agent as Agent>::Message) {
-        let counts = &mut self.tally[class];
-        counts.sent += 1;
-        counts.bytes += message.wire_len() as u64;
-        let module = &mut self.modules[from.index()];
-        let number = module.sent;
-        module.sent = number.wrapping_add(1);
-        let link = &mut self.links[from.index() * W::Agent::PORTS + port.index()];
-        let Some(contact) = link.contact else {
-            counts.expired += 1;
-            return;
-        };
-        let (stream, last) = (&mut module.stream, &mut link.last_arrival);
-        let fate = self.config.link.carry(self.now, from, contact.peer, stream, last);
-        let mut copies = 0;
-        for arrival in fate.arrivals.into_iter().flatten() {
-            copies += 1;
-            let message = match arrival.flipped_bit {
-                None => Ok(message.clone()),
-                Some(bit) => damaged(from, contact, port, class, &message, bit),
-            };
-            let parcel = match message {
-                Ok(message) => Parcel {
-                    to: contact.peer,
-                    session: contact.session,
-                    port: contact.peer_port,
-                    class,
-                    number,
-                    message,
-                },
-                Err(_) => {
-                    hit(Mark::DriverDamaged);
-                    self.tally[class].refused += 1;
-                    continue;
-                }
-            };
+    fn send(&mut self, sent: Sent<<W::Agent as Agent>::Message>) {
+        let from = sent.from;
+        let link = &mut self.links[from.index() * W::Agent::PORTS + sent.port.index()];
+        let (parcels, queue) = (&mut self.parcels, &mut self.queue);
+        let put = |at, parcel| {
             // Invariant: 2^32 messages under way would not fit into memory.
-            let index = self.parcels.insert(parcel) as u32;
-            self.queue.push(arrival.at, Event::Arrive(index));
-        }
-        match copies {
-            0 => self.tally[class].lost += 1,
-            n => self.tally[class].duplicated += n - 1,
-        }
+            let index = parcels.insert(parcel) as u32;
+            queue.push(at, Event::Arrive(index));
+        };
+        let module = &mut self.modules[from.index()];
+        module.send(&self.config.link, self.now, sent, link, &mut self.tally, put);
     }
 
     /// Carries what bodies sensed to their agents, and the controller's commands out, until nothing

@@ -35,7 +35,7 @@ const SCHEMA: u32 = 1;
 /// What can be measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum Name {
-    /// Hop counts flood a block of up to a million simulated modules
+    /// Hop counts flood a block of up to a million simulated modules, on one thread and on all processors
     Flood,
     /// A slab becomes a ball, with 100 to 10,000 simulated modules
     Growth,
