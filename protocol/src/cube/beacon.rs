@@ -289,7 +289,7 @@ impl Cube {
             epoch: self.epoch,
             role: self.role,
             attached: self.is_attached(),
-            immobile: self.immobile,
+            immobile: self.immobile || self.is_stranded(now),
             anchored_here: match self.role {
                 Role::Walker => self.anchor == Some(face),
                 Role::Final => self.activator == Some(face),
@@ -308,6 +308,14 @@ impl Cube {
             subtree,
             field: if self.role == Role::Walker { [Entry::NONE; 4] } else { self.advertised(now, face) },
         }
+    }
+
+    /// Whether this is a walker with nobody to walk over: whoever carried it has died.
+    fn is_stranded(&self, now: Time) -> bool {
+        self.role == Role::Walker
+            && self.moving.is_none()
+            && !self.may_hear_more(now)
+            && Face::ALL.into_iter().all(|f| self.terrain(now, f).is_none())
     }
 
     pub(super) fn is_attached(&self) -> bool {

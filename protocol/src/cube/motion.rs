@@ -175,7 +175,7 @@ impl Cube {
 
     /// Whether a neighbour that has not spoken yet may want this very cell filled, or know a shorter way.
     /// Whoever has been silent for longer than first words take has nothing to say, or cannot.
-    fn may_hear_more(&self, now: Time) -> bool {
+    pub(super) fn may_hear_more(&self, now: Time) -> bool {
         let p = &self.setup.params;
         now.since(self.settled) < p.usual_delay + p.advertise * u64::from(OUTERMOST_FIRST)
             && self.sides.iter().any(|s| s.session.is_some() && s.peer.is_none() && !s.condemned)
@@ -192,9 +192,7 @@ impl Cube {
                 let ahead = self.side(heading);
                 let behind = match (ahead.session, &ahead.peer) {
                     (None, _) => None,
-                    (Some(_), Some(peer)) if peer.beacon.role == Role::Walker && !ahead.condemned => {
-                        Some(peer.beacon.id)
-                    }
+                    (Some(_), Some(peer)) if self.is_open(now, heading) => Some(peer.beacon.id),
                     // Whoever has just come there will say what it is.
                     (Some(_), None) if !ahead.condemned => continue,
                     (Some(_), _) => {

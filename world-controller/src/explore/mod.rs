@@ -232,15 +232,17 @@ fn found(
 ) -> Result<Vec<Found>, ExploreError> {
     let mut all = Vec::new();
     for ((kind, protocol), failures) in tallies.failures() {
-        let number = failures.first;
-        let (draft, _) = draw(seed.wrapping_add(number), request.family);
+        let seeds = summary::seeds(seed, &failures.first);
+        let first = *seeds.first().expect("invariant: what failed has a first run");
+        let (draft, _) = draw(first, request.family);
         let mut found = Found {
             kind: kind.clone(),
             protocol: protocol.clone(),
-            seed: seed.wrapping_add(number),
+            seed: first,
+            seeds,
             runs: failures.count,
             what: failures.what.clone(),
-            repeat: repeat(seed.wrapping_add(number), request.family),
+            repeat: repeat(first, request.family),
             scenario: None,
             agents: draft.modules(),
             faults: draft.faults.len(),

@@ -12,17 +12,28 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// The version of the layout of [`Summary`].
-pub const SCHEMA: u32 = 2;
+pub const SCHEMA: u32 = 3;
+/// Of runs that are alike, so many seeds are named.
+const NAMED: usize = 20;
 
 /// Failures of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failures {
     /// How many runs.
     pub count: u64,
-    /// The number of the first.
-    pub first: u64,
-    /// What was seen in it.
+    /// The numbers of the first ones.
+    pub first: Vec<u64>,
+    /// What was seen in the first.
     pub what: String,
+}
+
+/// Runs that were excused for one reason.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Excused {
+    /// How many runs.
+    pub runs: u64,
+    /// The seeds of the first ones.
+    pub seeds: Vec<u64>,
 }
 
 /// Counts over runs.
@@ -35,7 +46,7 @@ pub struct Tallies {
     messages: u64,
     outcomes: BTreeMap<&'static str, u64>,
     infeasible: BTreeMap<Within, u64>,
-    excused: BTreeMap<String, u64>,
+    excused: BTreeMap<String, Excused>,
     failures: BTreeMap<(Kind, String), Failures>,
     marks: BTreeMap<Mark, u64>,
 }
@@ -54,11 +65,17 @@ impl Tallies {
         match &ran.verdict {
             Verdict::Built => {}
             Verdict::Infeasible(within) => *self.infeasible.entry(*within).or_default() += 1,
-            Verdict::Excused(why) => *self.excused.entry(why.clone()).or_default() += 1,
+            Verdict::Excused(why) => {
+                let excused = self.excused.entry(why.clone()).or_default();
+                excused.runs += 1;
+                note(&mut excused.seeds, number);
+            }
             Verdict::Failed(failure) => {
-                let first = Failures { count: 0, first: number, what: failure.what.clone() };
+                let first = Failures { count: 0, first: Vec::new(), what: failure.what.clone() };
                 let key = (failure.kind.clone(), ran.protocol.clone());
-                self.failures.entry(key).or_insert(first).count += 1;
+                let failures = self.failures.entry(key).or_insert(first);
+                failures.count += 1;
+                note(&mut failures.first, number);
             }
         }
     }
@@ -97,7 +114,7 @@ pub struct Summary {
     /// the widest rules within which nothing could be done.
     pub infeasible: BTreeMap<Within, u64>,
     /// Runs that could not build any more, by reason; no failures, but not proved by a search either.
-    pub excused: BTreeMap<String, u64>,
+    pub excused: BTreeMap<String, Excused>,
     /// Runs that failed.
     pub failed: u64,
     /// The first failure of each kind.
@@ -118,6 +135,8 @@ pub struct Found {
     pub protocol: String,
     /// The seed of the first run that failed so.
     pub seed: u64,
+    /// The seeds of the first ones, that one among them.
+    pub seeds: Vec<u64>,
     /// In how many runs.
     pub runs: u64,
     /// What was seen.
@@ -136,7 +155,10 @@ pub struct Found {
 
 impl Summary {
     /// From counts and what was found.
-    pub fn new(seed: u64, family: Option<Family>, tallies: Tallies, found: Vec<Found>) -> Summary {
+    pub fn new(seed: u64, family: Option<Family>, mut tallies: Tallies, found: Vec<Found>) -> Summary {
+        for excused in tallies.excused.values_mut() {
+            excused.seeds = seeds(seed, &excused.seeds);
+        }
         let failed = tallies.failed();
         let prefix = match family {
             None => "",
@@ -187,8 +209,11 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
         writeln!(out, "  nothing more could be built, proved by search: {proved}")?;
     }
     if !summary.excused.is_empty() {
-        let excused = list(summary.excused.iter().map(|(k, n)| (k.as_str(), n)).collect());
+        let excused = list(summary.excused.iter().map(|(k, e)| (k.as_str(), &e.runs)).collect());
         writeln!(out, "  could not be built any more, not proved: {excused}")?;
+        let seeds: Vec<String> =
+            summary.excused.values().flat_map(|e| &e.seeds).take(NAMED).map(u64::to_string).collect();
+        writeln!(out, "    seeds {}", seeds.join(" "))?;
     }
     let (events, moves, messages) = (count(summary.events), count(summary.moves), count(summary.messages));
     writeln!(out, "  {events} events, {moves} moves, {messages} messages")?;
@@ -216,6 +241,18 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
         writeln!(out, "  {} {never}", paint.strong("never ran:"))?;
     }
     Ok(())
+}
+
+/// Notes one of the first.
+fn note(numbers: &mut Vec<u64>, number: u64) {
+    if numbers.len() < NAMED {
+        numbers.push(number);
+    }
+}
+
+/// The seeds of runs by their numbers.
+pub fn seeds(from: u64, numbers: &[u64]) -> Vec<u64> {
+    numbers.iter().map(|n| from.wrapping_add(*n)).collect()
 }
 
 fn s(n: u64) -> &'static str {
