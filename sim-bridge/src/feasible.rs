@@ -113,6 +113,9 @@ pub fn widest_proof(plight: &Plight, bound: usize) -> Result<Within, Found> {
 pub fn search(plight: &Plight, within: Within, bound: usize) -> Found {
     let board = Board::new(plight, within);
     let start = board.movers.clone();
+    if board.needs_live() && !board.is_enough(&start) && board.is_out_of_reach(&start) {
+        return Found::Impossible(1);
+    }
     let mut seen = BTreeSet::from([start.clone()]);
     let mut front = BinaryHeap::from([Reverse((board.distance(&start), 0, start))]);
     while let Some(Reverse((_, moves, at))) = front.pop() {
@@ -196,9 +199,12 @@ impl Board {
     fn is_live(&self, at: &[Cell], cell: Cell) -> bool {
         at.binary_search(&cell).is_ok() || self.fixed_live.contains(&cell)
     }
-    /// Whether others can move over whoever is in a cell, and hear from it.
+    /// Whether others can move over whoever is in a cell, and hear from it. Who has set out carries nobody
+    /// before it is part of what is built.
     fn carries(&self, at: &[Cell], cell: Cell) -> bool {
-        self.is_live(at, cell) && !self.stranded.contains(&cell)
+        let stands = || self.movers.binary_search(&cell).is_ok() || self.goal.contains(&cell);
+        (self.fixed_live.contains(&cell) && !self.stranded.contains(&cell))
+            || (at.binary_search(&cell).is_ok() && stands())
     }
     fn is_taken(&self, at: &[Cell], cell: Cell) -> bool {
         self.is_live(at, cell) || self.dead.contains(&cell)
@@ -217,6 +223,33 @@ impl Board {
             None => self.is_taken(at, **c),
         };
         self.goal.iter().filter(is_filled).count() >= self.enough
+    }
+
+    /// Whether nobody comes to a goal cell that could be filled next, even if everybody else made way and
+    /// carried at the same time. Most swarms that are cut off from the goal are seen to be at once.
+    fn is_out_of_reach(&self, at: &[Cell]) -> bool {
+        let grown = self.grown(at);
+        // Of a goal cell that somebody leaves, too.
+        let heard = spread(grown.iter().copied(), &|c| self.carries(at, *c));
+        let is_wall = |c: &Cell| self.fixed_live.contains(c) || self.dead.contains(c);
+        let carries = |c: Cell| self.carries(at, c) || self.goal.contains(&c);
+        let mut reached: BTreeSet<Cell> = at.iter().copied().collect();
+        let mut front = at.to_vec();
+        while let Some(from) = front.pop() {
+            for motion in motions().filter(|m| heard.contains(&from.step(m.support))) {
+                let to = motion.destination(from);
+                let is_free = !is_wall(&to) && motion.corner(from).is_none_or(|c| !is_wall(&c));
+                if is_free && carries(to.step(motion.landing_support())) && reached.insert(to) {
+                    front.push(to);
+                }
+            }
+        }
+        let is_next = |c: &&Cell| {
+            !self.is_taken(at, **c)
+                && reached.contains(*c)
+                && c.neighbours().iter().any(|n| grown.contains(n))
+        };
+        !self.goal.iter().any(|c| is_next(&c))
     }
 
     /// Who can hear of an unfilled goal cell: whoever is connected over live modules with part of what is
@@ -239,7 +272,10 @@ impl Board {
         let heard = self.needs_live().then(|| self.heard(at));
         let mut found = Vec::new();
         for (i, from) in at.iter().copied().enumerate() {
-            if heard.as_ref().is_some_and(|heard| !heard.contains(&from)) {
+            let hears = |heard: &BTreeSet<Cell>| {
+                heard.contains(&from) || from.neighbours().iter().any(|n| heard.contains(n))
+            };
+            if heard.as_ref().is_some_and(|heard| !hears(heard)) {
                 continue;
             }
             let mut rest = at.to_vec();

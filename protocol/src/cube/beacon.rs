@@ -75,24 +75,37 @@ impl Cube {
         }
     }
 
-    /// Whether this finalized module wants the cell outside a face filled (rules G1 and G2).
+    /// Whether this finalized module wants the cell outside a face filled.
     pub(super) fn wants(&self, now: Time, face: Face) -> bool {
+        self.target(now, face).is_some()
+    }
+
+    /// The distance at which the cell outside a face attracts, if this finalized module wants it filled:
+    /// none by rules G1 and G2, and far if it has only been unfilled for long. Filled before its turn it may
+    /// wall in another, so that is for when nobody hears of any other.
+    fn target(&self, now: Time, face: Face) -> Option<u16> {
         if self.role != Role::Final {
-            return false;
+            return None;
         }
         let (goal, cell) = (self.goal(), self.cell.step(face));
         if !goal.contains(cell) || self.peer(face).is_some_and(|b| b.role == Role::Final) {
-            return false;
+            return None;
         }
-        let relaxed = |since: Time| now.since(since) > self.setup.params.relax;
-        if self.side(face).unfilled_since.is_some_and(relaxed) {
-            hit(Mark::CubeRelaxed);
-            return true;
-        }
-        goal.may_start(self.cell, face)
+        let is_next = goal.may_start(self.cell, face)
             && (goal.growth() == Growth::Scaffold
                 || self.has(Sabotage::AnyLowerOnSolids)
-                || self.lower_are_filled(now, face))
+                || self.lower_are_filled(now, face));
+        if is_next {
+            return Some(0);
+        }
+        let relaxed = |since: Time| now.since(since) > self.setup.params.relax;
+        let far = self.setup.params.range.min(Entry::MAX_MOVES) / 2 * Entry::MOVE;
+        let is_last_hope = self.side(face).unfilled_since.is_some_and(relaxed)
+            && self.sides.iter().all(|s| s.field.value().distance >= far);
+        is_last_hope.then(|| {
+            hit(Mark::CubeRelaxed);
+            far
+        })
     }
 
     /// Rule G2: every lower neighbour of the cell is finalized, as far as the common neighbours that
@@ -181,9 +194,11 @@ impl Cube {
                 let i = face.index();
                 changed |= if !open[i] || !carries {
                     self.sides[i].field.set(Entry::NONE)
-                } else if self.side(face).session.is_none() && self.wants(now, face) {
+                } else if self.side(face).session.is_none()
+                    && let Some(distance) = self.target(now, face)
+                {
                     let source = self.id.0 << 3 | face as u32;
-                    self.sides[i].field.set(Entry { distance: 0, source, version })
+                    self.sides[i].field.set(Entry { distance, source, version })
                 } else {
                     let (mut offers, n) = self.offers(now, face, &open);
                     // What comes back of this face's own word is no news of a target.
@@ -210,9 +225,9 @@ impl Cube {
     /// Whether a face that is a target does not say so, in the present version.
     fn targets_are_old(&self, now: Time) -> bool {
         let version = self.version(now);
-        self.wanted_faces(now).any(|f| {
+        Face::ALL.into_iter().filter(|f| self.side(*f).session.is_none()).any(|f| {
             let value = self.side(f).field.value();
-            self.side(f).session.is_none() && (value.distance != 0 || value.version != version)
+            self.target(now, f).is_some_and(|distance| (value.distance, value.version) != (distance, version))
         })
     }
 
@@ -297,7 +312,7 @@ impl Cube {
             },
             wants_you: self.wants(now, face),
             quarantined: self.is_quarantined(now),
-            may_be_final: self.may_be_final(),
+            final_hops: self.final_hops(),
             terrain: masks.0,
             finals: masks.1,
             rank: self.told_rank(),
@@ -448,7 +463,7 @@ fn patience(before: &Beacon, after: &Beacon, advertise: Span) -> Span {
 /// What a beacon is for, judged by what is new in it; connectivity first, gradient last.
 fn news(before: &Beacon, after: &Beacon) -> Class {
     let connectivity = |b: &Beacon| {
-        (b.attached, b.rank, b.renew, b.claim, b.ack, b.anchored_here, b.quarantined, b.may_be_final)
+        (b.attached, b.rank, b.renew, b.claim, b.ack, b.anchored_here, b.quarantined, b.final_hops)
     };
     let seed = |b: &Beacon| (b.epoch, b.role, b.wants_you, b.terrain, b.finals, b.subtree, b.immobile);
     if connectivity(before) != connectivity(after) {

@@ -259,19 +259,32 @@ impl Cube {
     }
 
     /// Whether this module may have been finalized in an earlier life, so that finalized ones may hang on
-    /// it. Whoever is finalized touches somebody who is, and neither leaves: so one of its neighbours is
-    /// finalized still, or has forgotten it as well, or has not been heard.
+    /// it.
     pub(super) fn may_be_final(&self) -> bool {
-        let may_be = |b: &Beacon| b.role == Role::Final || b.may_be_final || b.epoch != self.epoch;
-        let touches_one = || {
-            self.sides
-                .iter()
-                .any(|s| s.session.is_some() && s.peer.as_ref().is_none_or(|p| may_be(&p.beacon)))
+        self.role != Role::Final && self.final_hops() != Beacon::NO_FINAL
+    }
+
+    /// See [`Beacon::final_hops`]. Whoever is finalized touches somebody who is, and neither leaves: so one of
+    /// its neighbours is finalized still, or has forgotten it as well, or has not been heard, and so on up to
+    /// the seed. Those who only think so because of each other count up and see it.
+    pub(super) fn final_hops(&self) -> u8 {
+        let hops = |b: &Beacon| match b.role {
+            Role::Final => 0,
+            _ if b.epoch != self.epoch => 0,
+            _ => b.final_hops,
         };
-        self.reborn
-            && self.role != Role::Final
-            && self.goal().contains(self.cell)
-            && (self.is_root() || touches_one())
+        if self.role == Role::Final {
+            return 0;
+        }
+        if !self.reborn || !self.goal().contains(self.cell) {
+            return Beacon::NO_FINAL;
+        }
+        if self.is_root() {
+            return 0;
+        }
+        let touched = self.sides.iter().filter(|s| s.session.is_some());
+        let nearest = touched.map(|s| s.peer.as_ref().map_or(0, |p| hops(&p.beacon))).min();
+        nearest.map_or(Beacon::NO_FINAL, |n| n.saturating_add(1))
     }
 
     /// Whether the neighbour on a face may hang on this module, as far as it has said.

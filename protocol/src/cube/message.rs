@@ -127,8 +127,9 @@ pub struct Beacon {
     pub wants_you: bool,
     /// The sender has restarted and grants nothing yet.
     pub quarantined: bool,
-    /// The sender has restarted and may have been finalized before.
-    pub may_be_final: bool,
+    /// Over so many modules that do not know any more what they were somebody finalized is reached; if
+    /// [`Beacon::NO_FINAL`], the sender was not finalized.
+    pub final_hops: u8,
     /// Faces behind which the sender knows live modules that can carry a walker.
     pub terrain: u8,
     /// Faces behind which the sender knows finalized modules.
@@ -148,6 +149,11 @@ pub struct Beacon {
     pub subtree: u32,
     /// Distances for the four headings at right angles to the shared face.
     pub field: [Entry; 4],
+}
+
+impl Beacon {
+    /// Nobody finalized is reached, not even over modules that have forgotten what they were.
+    pub const NO_FINAL: u8 = u8::MAX;
 }
 
 /// What the last module of a route is asked for.
@@ -313,8 +319,7 @@ impl Wire for Message {
                 out.u32(b.id.0);
                 out.u32(b.sequence);
                 out.u16(b.epoch);
-                let flags =
-                    [b.attached, b.immobile, b.anchored_here, b.wants_you, b.quarantined, b.may_be_final];
+                let flags = [b.attached, b.immobile, b.anchored_here, b.wants_you, b.quarantined];
                 let bits = flags.iter().rev().fold(0u8, |bits, f| bits << 1 | u8::from(*f));
                 out.u8(bits << 2 | b.role as u8);
                 out.u8(b.terrain);
@@ -322,6 +327,7 @@ impl Wire for Message {
                 out.u16(b.rank.label);
                 out.u64(b.rank.rooted.0);
                 out.u64(b.renew.0);
+                out.u8(b.final_hops);
                 let (claim, token) = match b.claim {
                     Claim::None => (0, 0),
                     Claim::Want(t) => (1, t.0),
@@ -389,9 +395,13 @@ impl Wire for Message {
             0 => {
                 let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, from.u16()?);
                 let bits = from.u8()?;
+                if bits >> 7 != 0 {
+                    return Err(WireError::Field("flags"));
+                }
                 let flag = |i: u8| bits >> (2 + i) & 1 == 1;
                 let (terrain, finals) = (mask(from.u8()?)?, mask(from.u8()?)?);
                 let (label, rooted, renew) = (from.u16()?, Time(from.u64()?), Time(from.u64()?));
+                let final_hops = from.u8()?;
                 let claim = match (from.u8()?, Token(from.u32()?)) {
                     (0, Token(0)) => Claim::None,
                     (1, t) => Claim::Want(t),
@@ -417,7 +427,7 @@ impl Wire for Message {
                     anchored_here: flag(2),
                     wants_you: flag(3),
                     quarantined: flag(4),
-                    may_be_final: flag(5),
+                    final_hops,
                     terrain,
                     finals,
                     rank: Rank { rooted, label },
@@ -464,7 +474,7 @@ impl Wire for Message {
         // Fixed layouts; a test compares them with what `encode` writes.
         crate::wire::HEADER
             + match self {
-                Message::Beacon(_) => 78,
+                Message::Beacon(_) => 79,
                 Message::Request { .. } => 30,
                 Message::Response { .. } => 27,
                 Message::Release { .. } => 8,
@@ -513,7 +523,7 @@ mod tests {
             anchored_here: true,
             wants_you: false,
             quarantined: true,
-            may_be_final: true,
+            final_hops: 3,
             terrain: 0b11_0101,
             finals: 0b00_0001,
             rank: Rank { rooted: Time(0x0C0D), label: 0x0A0B },
@@ -578,7 +588,7 @@ mod tests {
     #[test]
     fn golden_beacon() {
         let bytes = Frame::seal(header(), &Message::Beacon(beacon())).to_bytes();
-        let expected: [u8; 78] = [
+        let expected: [u8; 79] = [
             4,
             3,
             2,
@@ -589,7 +599,7 @@ mod tests {
             0,
             1,
             0,
-            0b1101_0100,
+            0b0101_0100,
             0x35,
             0x01,
             0x0B,
@@ -610,6 +620,7 @@ mod tests {
             0,
             0,
             0,
+            3,
             2,
             0xDD,
             0xCC,
@@ -658,7 +669,7 @@ mod tests {
             0,
             0,
         ];
-        assert_eq!(bytes[HEADER..HEADER + 78], expected);
+        assert_eq!(bytes[HEADER..HEADER + 79], expected);
     }
 
     #[test]

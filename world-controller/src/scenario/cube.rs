@@ -114,9 +114,10 @@ impl RawCubes {
             modules: cells.as_ref().map_or(0, Vec::len),
             goals: self.goals.iter().enumerate().map(name).collect(),
             // The bounds grow with the body, because a module may have to walk all around it before
-            // the next cell is filled: standing still for three diameters at 2.4 moves a cell.
+            // the next cell is filled: standing still for three diameters at 2.4 moves a cell, and not
+            // before anybody may start a cell.
             patience: Patience {
-                stall: move_time * (sides * 3 * 12 / 5).max(300),
+                stall: (move_time * (sides * 3 * 12 / 5)).max(params.relax * 2),
                 livelock: 4,
                 timeout: 3 * self.goals.len().max(1) as u64,
             },
