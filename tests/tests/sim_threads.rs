@@ -164,7 +164,7 @@ fn links() -> Vec<(&'static str, LinkModel)> {
         delay_max: Span::millis(max),
         ..LinkModel::default()
     };
-    let percent = |n: u32| format!("{n}%").parse().unwrap();
+    let percent = |n: u32| format!("{n}%").parse().expect("a share");
     let evils = LinkModel {
         loss: percent(5),
         duplicate: percent(10),
