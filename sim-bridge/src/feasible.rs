@@ -163,8 +163,9 @@ struct Board {
     /// Who lives and does not move.
     fixed_live: BTreeSet<Cell>,
     dead: BTreeSet<Cell>,
-    /// Who stays on its way for ever.
-    stranded: BTreeSet<Cell>,
+    /// Where nobody stands who carries others: who is on its way carries nobody before it is part of what is
+    /// built.
+    walkers: BTreeSet<Cell>,
     /// Live modules of what is built.
     roots: BTreeSet<Cell>,
 }
@@ -185,8 +186,7 @@ impl Board {
             movers: cells(&|m| plight.moves(m, within)).into_iter().collect(),
             fixed_live: cells(&|m| m.alive && !plight.moves(m, within)),
             dead: cells(&|m| !m.alive),
-            // In a goal cell it may become part of what is built.
-            stranded: cells(&|m| m.alive && m.stuck && m.walker && !plight.goal.contains(&m.cell)),
+            walkers: cells(&|m| m.walker),
             roots: cells(&|m| m.alive && m.finalized),
         }
     }
@@ -199,12 +199,12 @@ impl Board {
     fn is_live(&self, at: &[Cell], cell: Cell) -> bool {
         at.binary_search(&cell).is_ok() || self.fixed_live.contains(&cell)
     }
-    /// Whether others can move over whoever is in a cell, and hear from it. Who has set out carries nobody
-    /// before it is part of what is built.
-    fn carries(&self, at: &[Cell], cell: Cell) -> bool {
-        let stands = || self.movers.binary_search(&cell).is_ok() || self.goal.contains(&cell);
-        (self.fixed_live.contains(&cell) && !self.stranded.contains(&cell))
-            || (at.binary_search(&cell).is_ok() && stands())
+    /// Whether others can move over whoever is in a cell, and hear from it: it has not set out, or is part
+    /// of what is built.
+    fn carries(&self, at: &[Cell], grown: &BTreeSet<Cell>, cell: Cell) -> bool {
+        let has_not_set_out = self.fixed_live.contains(&cell)
+            || (at.binary_search(&cell).is_ok() && self.movers.binary_search(&cell).is_ok());
+        (has_not_set_out && !self.walkers.contains(&cell)) || grown.contains(&cell)
     }
     fn is_taken(&self, at: &[Cell], cell: Cell) -> bool {
         self.is_live(at, cell) || self.dead.contains(&cell)
@@ -230,9 +230,9 @@ impl Board {
     fn is_out_of_reach(&self, at: &[Cell]) -> bool {
         let grown = self.grown(at);
         // Of a goal cell that somebody leaves, too.
-        let heard = spread(grown.iter().copied(), &|c| self.carries(at, *c));
+        let heard = spread(grown.iter().copied(), &|c| self.carries(at, &grown, *c));
         let is_wall = |c: &Cell| self.fixed_live.contains(c) || self.dead.contains(c);
-        let carries = |c: Cell| self.carries(at, c) || self.goal.contains(&c);
+        let carries = |c: Cell| self.carries(at, &grown, c) || self.goal.contains(&c);
         let mut reached: BTreeSet<Cell> = at.iter().copied().collect();
         let mut front = at.to_vec();
         while let Some(from) = front.pop() {
@@ -254,10 +254,10 @@ impl Board {
 
     /// Who can hear of an unfilled goal cell: whoever is connected over live modules with part of what is
     /// built that touches one.
-    fn heard(&self, at: &[Cell]) -> BTreeSet<Cell> {
+    fn heard(&self, at: &[Cell], grown: &BTreeSet<Cell>) -> BTreeSet<Cell> {
         let is_free = |c: &Cell| self.goal.contains(c) && !self.is_taken(at, *c);
         let starts = |c: &Cell| c.neighbours().iter().any(is_free);
-        spread(self.grown(at).into_iter().filter(starts), &|c| self.carries(at, *c))
+        spread(grown.iter().copied().filter(starts), &|c| self.carries(at, grown, *c))
     }
 
     /// Unfilled goal cells, and how far they are from somebody who could come.
@@ -269,7 +269,8 @@ impl Board {
 
     /// Every arrangement after one move.
     fn moves(&self, at: &[Cell]) -> Vec<Vec<Cell>> {
-        let heard = self.needs_live().then(|| self.heard(at));
+        let grown = self.grown(at);
+        let heard = self.needs_live().then(|| self.heard(at, &grown));
         let mut found = Vec::new();
         for (i, from) in at.iter().copied().enumerate() {
             let hears = |heard: &BTreeSet<Cell>| {
@@ -281,10 +282,10 @@ impl Board {
             let mut rest = at.to_vec();
             rest.remove(i);
             let destinations: BTreeSet<Cell> = motions()
-                .filter(|m| self.is_possible(&rest, from, *m))
+                .filter(|m| self.is_possible(&rest, &grown, from, *m))
                 .map(|m| m.destination(from))
                 .collect();
-            if destinations.is_empty() || !self.holds_without(&rest, from) {
+            if destinations.is_empty() || !self.holds_without(&rest, &grown, from) {
                 continue;
             }
             for to in destinations {
@@ -297,9 +298,9 @@ impl Board {
         found
     }
 
-    fn is_possible(&self, rest: &[Cell], from: Cell, motion: Motion) -> bool {
+    fn is_possible(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell, motion: Motion) -> bool {
         let carries = |cell: Cell| {
-            if self.needs_live() { self.carries(rest, cell) } else { self.is_taken(rest, cell) }
+            if self.needs_live() { self.carries(rest, grown, cell) } else { self.is_taken(rest, cell) }
         };
         let to = motion.destination(from);
         carries(from.step(motion.support))
@@ -309,7 +310,7 @@ impl Board {
     }
 
     /// Whether the neighbours of a cell hang together without whoever leaves it.
-    fn holds_without(&self, rest: &[Cell], from: Cell) -> bool {
+    fn holds_without(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell) -> bool {
         let together = |counts: &dyn Fn(&Cell) -> bool| {
             let beside: Vec<Cell> = from.neighbours().into_iter().filter(|c| counts(c)).collect();
             if beside.len() < 2 {
@@ -319,7 +320,8 @@ impl Board {
             beside.iter().all(|c| reached.contains(c))
         };
         let by_live = self.within == Within::Held && self.spared_by_live;
-        together(&|c| self.is_taken(rest, *c)) && (!by_live || together(&|c| self.carries(rest, *c)))
+        together(&|c| self.is_taken(rest, *c))
+            && (!by_live || together(&|c| *c != from && self.carries(rest, grown, *c)))
     }
 }
 

@@ -101,7 +101,7 @@ impl Cube {
         let relaxed = |since: Time| now.since(since) > self.setup.params.relax;
         let far = self.setup.params.range.min(Entry::MAX_MOVES) / 2 * Entry::MOVE;
         // Who stands there anyhow is in nobody's way more than before.
-        let is_taken = || self.peer(face).is_some_and(|b| b.role == Role::Reserve);
+        let is_taken = || self.peer(face).is_some_and(|b| b.role == Role::Reserve || b.immobile);
         let is_last_hope = || self.sides.iter().all(|s| s.field.value().distance >= far);
         let is_due = self.side(face).unfilled_since.is_some_and(relaxed) && (is_taken() || is_last_hope());
         is_due.then(|| {

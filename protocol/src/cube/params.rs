@@ -87,7 +87,7 @@ impl Params {
             lease,
             drift: Ratio::new(1, 50).expect("invariant: 1/50 is a ratio"),
             corner_hint: move_time * 75,
-            relax: Span(heartbeat.0 / 2) * 75,
+            relax: Span(heartbeat.0 / 2) * 125,
             quarantine: lease * 2,
             range,
             recruit_per_move: move_time,

@@ -117,7 +117,7 @@ impl RawCubes {
             // the next cell is filled: standing still for three diameters at 2.4 moves a cell, and not
             // before anybody may start a cell.
             patience: Patience {
-                stall: (move_time * (sides * 3 * 12 / 5)).max(params.relax * 2),
+                stall: (move_time * (sides * 3 * 12 / 5)).max(params.relax + params.relax / 5),
                 livelock: 4,
                 timeout: 3 * self.goals.len().max(1) as u64,
             },
