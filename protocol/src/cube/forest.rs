@@ -317,7 +317,8 @@ impl Cube {
             let side = self.side(f);
             side.condemned || (side.peer.is_some() && self.live(now, f).is_none())
         };
-        self.role == Role::Reserve
-            && Face::ALL.into_iter().any(|f| is_gone(f) && self.held_by(now, f).is_some())
+        // A dead finalized neighbour would have to say whether this one was finalized.
+        let holds = |f: Face| self.may_be_final() || self.held_by(now, f).is_some();
+        self.role == Role::Reserve && Face::ALL.into_iter().any(|f| is_gone(f) && holds(f))
     }
 }
