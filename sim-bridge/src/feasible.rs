@@ -269,7 +269,7 @@ impl Board {
 
     /// Every arrangement after one move.
     fn moves(&self, at: &[Cell]) -> Vec<Vec<Cell>> {
-        let grown = self.grown(at);
+        let grown = if self.needs_live() { self.grown(at) } else { BTreeSet::new() };
         let heard = self.needs_live().then(|| self.heard(at, &grown));
         let mut found = Vec::new();
         for (i, from) in at.iter().copied().enumerate() {

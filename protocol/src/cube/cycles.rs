@@ -44,16 +44,12 @@ impl SearchState {
         }
         keep != drop
     }
-    fn parts(&self) -> Vec<Face> {
-        let mut seen = Vec::new();
-        let mut representatives = Vec::new();
-        for face in Face::ALL.into_iter().filter(|f| self.nodes & f.bit() != 0) {
-            if !seen.contains(&self.part[face.index()]) {
-                seen.push(self.part[face.index()]);
-                representatives.push(face);
-            }
-        }
-        representatives
+    /// Whether all neighbours are of one part.
+    fn is_whole(&self) -> bool {
+        let mut parts =
+            Face::ALL.into_iter().filter(|f| self.nodes & f.bit() != 0).map(|f| self.part[f.index()]);
+        let first = parts.next();
+        parts.all(|part| Some(part) == first)
     }
 }
 
@@ -89,7 +85,7 @@ impl Cube {
                 }
             }
         }
-        let connected = state.parts().len() <= 1 || self.has(Sabotage::ShallowSearch);
+        let connected = state.is_whole() || self.has(Sabotage::ShallowSearch);
         if connected {
             self.lock(now, state);
         } else if let Some(attempt) = &mut self.attempt {
@@ -212,7 +208,7 @@ impl Cube {
             return;
         }
         state.routes.push(route);
-        if state.parts().len() > 1 {
+        if !state.is_whole() {
             return;
         }
         if let Some(state) = attempt.search.take() {

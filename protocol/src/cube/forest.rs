@@ -74,7 +74,7 @@ impl Cube {
             match self.live(now, face) {
                 Some(b) if b.epoch == self.epoch && b.attached && b.role != Role::Walker => {
                     let (acknowledged, rank) = (b.ack == Some(token), b.rank);
-                    if !(rank.is_above(self.rank) && self.is_worth_it(now, rank)) {
+                    if !(rank.is_above(self.rank) && self.is_worth_it(rank, self.needs_parent(now))) {
                         // It was relabelled meanwhile, or the old parent has spoken again. Whoever goes on
                         // asking keeps the other from leaving, which may be a child by now: both would wait
                         // for each other.
@@ -174,11 +174,12 @@ impl Cube {
     }
 
     /// Whether whoever has this rank would be the better parent.
-    fn is_worth_it(&self, now: Time, rank: Rank) -> bool {
-        rank.below().label < self.rank.label || self.needs_parent(now)
+    fn is_worth_it(&self, rank: Rank, needs_parent: bool) -> bool {
+        rank.below().label < self.rank.label || needs_parent
     }
 
     fn look_for_parent(&mut self, now: Time) {
+        let needs_parent = self.needs_parent(now);
         let (mut best, mut is_refused) = (None, false);
         for face in Face::ALL {
             let Some(b) = self.terrain(now, face) else { continue };
@@ -187,7 +188,7 @@ impl Cube {
                 && b.claim == Claim::None
                 && !b.quarantined
                 && self.parent != Some(face)
-                && self.is_worth_it(now, b.rank);
+                && self.is_worth_it(b.rank, needs_parent);
             if usable && b.rank.is_above(self.rank) {
                 let offer = (b.rank.label, face);
                 best = Some(best.map_or(offer, |other: (u16, Face)| other.min(offer)));
@@ -196,13 +197,13 @@ impl Cube {
             }
         }
         self.renew = if let Some((_, face)) = best {
-            if self.parent.is_some() && self.needs_parent(now) {
+            if self.parent.is_some() && needs_parent {
                 hit(Mark::CubeParentSuspected);
             }
             let token = self.token();
             self.want = Some((face, token));
             Time::ZERO
-        } else if self.needs_parent(now) && self.rank.label != UNLABELLED {
+        } else if needs_parent && self.rank.label != UNLABELLED {
             hit(Mark::CubeRenewalAsked);
             self.asked(None).max(self.rank.rooted + Span(1))
         } else if is_refused {
@@ -245,10 +246,7 @@ impl Cube {
     /// Whether a module in reserve may leave the body, as far as it knows: it is attached and has no
     /// children, nobody has locked it, and every neighbour is known to hold on to something else.
     pub(super) fn may_leave(&self, now: Time) -> Result<(), Held> {
-        if !self.is_attached() || self.is_quarantined(now) {
-            return Err(Held(None));
-        }
-        if self.may_be_final() {
+        if !self.is_attached() || self.is_quarantined(now) || self.may_be_final() {
             return Err(Held(None));
         }
         let locked = self.locks.iter().find(|l| l.expires > now);
@@ -268,11 +266,7 @@ impl Cube {
     /// its neighbours is finalized still, or has forgotten it as well, or has not been heard, and so on up to
     /// the seed. Those who only think so because of each other count up and see it.
     pub(super) fn final_hops(&self) -> u8 {
-        let hops = |b: &Beacon| match b.role {
-            Role::Final => 0,
-            _ if b.epoch != self.epoch => 0,
-            _ => b.final_hops,
-        };
+        let hops = |b: &Beacon| if b.epoch == self.epoch { b.final_hops } else { 0 };
         if self.role == Role::Final {
             return 0;
         }
