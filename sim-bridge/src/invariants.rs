@@ -42,11 +42,13 @@ pub enum Invariant {
     Attached,
     /// A cell is locked by one metamodule at a time.
     OneHolderPerLock,
+    /// Time goes on: at one instant there is an end to what modules hear, feel and are told.
+    TimePasses,
 }
 
 impl Invariant {
     /// Every invariant.
-    pub const ALL: [Invariant; 13] = [
+    pub const ALL: [Invariant; 14] = [
         Invariant::OneModulePerCell,
         Invariant::BodyConnected,
         Invariant::MoverSupported,
@@ -60,6 +62,7 @@ impl Invariant {
         Invariant::MessagesBalance,
         Invariant::Attached,
         Invariant::OneHolderPerLock,
+        Invariant::TimePasses,
     ];
 
     /// The name used in reports.
@@ -78,6 +81,7 @@ impl Invariant {
             Invariant::MessagesBalance => "messages-balance",
             Invariant::Attached => "attached",
             Invariant::OneHolderPerLock => "one-holder-per-lock",
+            Invariant::TimePasses => "time-passes",
         }
     }
 }
@@ -178,6 +182,20 @@ pub fn session_current(taken_in: Session, real: Option<Session>) -> Result<(), S
     }
 }
 
+/// At one instant modules are handed this much each, on average, and no more.
+const MOST_AT_ONCE: u64 = 1_000;
+
+/// [`Invariant::TimePasses`] for the inputs that so many modules have been handed at one instant. Where
+/// messages take no time, two who answer each other would go on for ever.
+pub fn time_passes(inputs: u64, modules: usize) -> Result<(), String> {
+    if inputs <= MOST_AT_ONCE * modules as u64 {
+        return Ok(());
+    }
+    Err(format!(
+        "{modules} modules had {inputs} inputs at one instant; what they do takes no time and has no end"
+    ))
+}
+
 /// [`Invariant::ReservedOnce`] for the reservations of one module.
 pub fn reserved_once(reservations: &[(Face, ModuleId)]) -> Result<(), String> {
     for (i, (face, origin)) in reservations.iter().enumerate() {
@@ -255,6 +273,12 @@ mod tests {
         let (a, b) = (ModuleId(1), ModuleId(2));
         assert!(reserved_once(&[(Face::Up, a), (Face::Up, a), (Face::Down, b)]).is_ok());
         assert!(reserved_once(&[(Face::Up, a), (Face::Down, b), (Face::Up, b)]).is_err());
+    }
+
+    #[test]
+    fn time_passes_fires() {
+        assert!(time_passes(3_000, 3).is_ok());
+        assert!(time_passes(3_001, 3).is_err());
     }
 
     #[test]

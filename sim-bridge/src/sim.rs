@@ -265,6 +265,8 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     broken: u64,
     checked: u64,
     next_audit: Time,
+    /// The instant of the latest input to an agent, and how many there have been at it.
+    instant: (Time, u64),
     finished: bool,
     log: Option<Log>,
     /// One for each module if there is a log.
@@ -308,6 +310,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             violations: Vec::new(),
             broken: 0,
             checked: 0,
+            instant: (Time::ZERO, 0),
             finished: false,
             diaries,
             log,
@@ -519,10 +522,28 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     fn fed(&mut self, id: ModuleId) {
         self.plan_wake(id);
+        self.count_input();
         self.checked += 1;
         let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
         self.world.audit_agent(self.now, id, &agents, &mut found);
         found.into_iter().for_each(|v| self.note(v));
+    }
+
+    /// A run in which time stands still would go on for ever, and nobody outside could stop it.
+    fn count_input(&mut self) {
+        let (at, inputs) = self.instant;
+        self.instant = (self.now, if at == self.now { inputs + 1 } else { 1 });
+        if self.finished {
+            return;
+        }
+        if let Err(what) = self.time_passes() {
+            self.note(Violation { invariant: Invariant::TimePasses, at: self.now, what });
+            self.finished = true;
+        }
+    }
+
+    fn time_passes(&self) -> Result<(), String> {
+        invariants::time_passes(self.instant.1, self.modules.len())
     }
 
     fn plan_wake(&mut self, id: ModuleId) {
@@ -568,7 +589,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     /// more happens at this instant.
     fn settle(&mut self) {
         let mut bodies_moved = false;
-        loop {
+        while self.time_passes().is_ok() {
             let found = self.world.take_violations();
             found.into_iter().for_each(|v| self.note(v));
             if let Some((id, sensed)) = self.world.poll() {

@@ -1,12 +1,23 @@
 //! Protocols that are known to be wrong, and the invariants that say so: a harness that cannot see a
 //! broken protocol break proves nothing about a sound one.
 
+use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::sabotage::Sabotage;
-use metamorph_protocol::time::Span;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_protocol::wire::Never;
+use metamorph_sim_bridge::direct::{Command, Direct};
+use metamorph_sim_bridge::flood::Hops;
 use metamorph_sim_bridge::invariants::Invariant;
+use metamorph_sim_bridge::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::still_world::StillWorld;
 use metamorph_tests::growth::{Experiment, Ran, ball};
+use std::hash::Hasher;
+use std::sync::Arc;
 
 /// Runs a sabotaged experiment for a few seeds until an invariant breaks.
 fn breaks(invariant: Invariant, seeds: u64, vary: impl Fn(Experiment) -> Experiment) {
@@ -77,4 +88,68 @@ fn any_lower_neighbour_is_not_enough_for_solids() {
         !sabotage(experiment, Sabotage::AnyLowerOnSolids).run().built()
     });
     assert!(walled_in, "every solid was built by the wrong rule");
+}
+
+/// Answers whatever it hears.
+struct Echo(Option<OutputOf<Echo>>);
+
+impl Agent for Echo {
+    type Setup = ();
+    type Place = Cell;
+    type Message = Hops;
+    type Action = Never;
+    type Percept = Never;
+    type Order = Never;
+    type Report = Hops;
+    const PORTS: usize = 6;
+
+    fn new(_: &Arc<()>, _: Birth<Cell>, _: Time) -> Echo {
+        Echo(None)
+    }
+    fn handle(&mut self, _: Time, input: InputOf<Echo>) {
+        let say = |port, hops| Some(Output::Send { port, class: Class::Seed, message: Hops(hops) });
+        self.0 = match input {
+            Input::Contact { port, .. } => say(port, 0),
+            Input::Message { port, message } => say(port, message.0.wrapping_add(1)),
+            _ => None,
+        };
+    }
+    fn poll(&mut self) -> Option<OutputOf<Echo>> {
+        self.0.take()
+    }
+    fn wake_at(&self) -> Time {
+        Time::NEVER
+    }
+    fn digest(&self, _: &mut dyn Hasher) {}
+}
+
+/// A controller that does nothing.
+struct Bystander;
+
+impl Direct<StillWorld<Echo>> for Bystander {
+    fn report(&mut self, _: Time, _: ModuleId, _: Hops) {}
+    fn died(&mut self, _: Time, _: ModuleId) {}
+    fn started(&mut self, _: Time, _: ModuleId) {}
+    fn wake(&mut self, _: Time, _: &mut StillWorld<Echo>) {}
+    fn wake_at(&self) -> Time {
+        Time::NEVER
+    }
+    fn poll(&mut self) -> Option<Command<Never>> {
+        None
+    }
+}
+
+/// Nobody could stop such a run from outside: no time passes in it.
+#[test]
+fn answers_without_end_end_a_run() {
+    let ran = |delay: Span| {
+        let link = LinkModel { delay_min: delay, delay_max: delay, ..LinkModel::default() };
+        let audit_every = Span::secs(1);
+        let config = SimConfig { setup: Arc::new(()), link, seed: 1, audit_every, ignore_sessions: false };
+        let mut sim = Sim::new(config, StillWorld::<Echo>::new([2, 2, 1]), Bystander);
+        let over = sim.run_until(Time::ZERO + Span::secs(2));
+        (over, sim.violations().0.iter().map(|v| v.invariant).collect::<Vec<_>>())
+    };
+    assert_eq!(ran(Span::millis(1)), (false, vec![]));
+    assert_eq!(ran(Span::ZERO), (true, vec![Invariant::TimePasses]));
 }

@@ -225,10 +225,15 @@ impl Metamodule {
         let in_way_of = in_way_of.map(|(_, rank)| *rank).min();
         let is_first = claim.is_some_and(|c| self.is_first(&scene, c));
         let is_done = self.core.filled.holds(self.goal().all());
-        if in_way_of.is_some() || !(is_first || is_done || self.is_safe(&scene, self.core.pose)) {
-            // Until it is in a safe place, the next seed waits for it.
-            let next = self.open().iter().next();
-            let rank = in_way_of.or(next.map(Rank::of_seed)).map_or(Rank::NONE, Rank::below);
+        // The next seed waits until this metamodule is in a safe place, and that may matter more than the way
+        // that it stands in: two who each made way for the other, and thereby gave up their own, would go on
+        // like that for ever.
+        let next = self.open().iter().next().map(Rank::of_seed);
+        let matters = in_way_of.is_none_or(|rank| next.is_some_and(|next| next < rank));
+        let exposed = matters && !(is_first || is_done || self.is_safe(&scene, self.core.pose));
+        let in_way_of = in_way_of.filter(|_| !exposed);
+        if exposed || in_way_of.is_some() {
+            let rank = in_way_of.or(next).map_or(Rank::NONE, Rank::below);
             let kept = std::mem::take(&mut self.core.course);
             let plan = self.make_way(&scene, rank);
             if plan.is_none() && in_way_of.is_some() && self.core.course.is_over() {
