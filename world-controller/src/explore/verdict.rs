@@ -70,6 +70,9 @@ const PUBLISHED: [Reason; 2] = [Reason::NoBetterPlace, Reason::NoLock];
 /// So many arrangements of a broken robot are looked at before it stays undecided what could be built.
 const ARRANGEMENTS: usize = 20_000;
 
+/// So much work is done by every search for what metamodules could still do; there are a few.
+const WORK: usize = 2_000_000;
+
 /// Judges a run by its report; of cubes, also by what a search finds that could still be built.
 pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
     if let Some(first) = report.invariants.violated.first() {
@@ -99,7 +102,7 @@ pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
     let searched = match plight {
         Some(Question::Cubes(plight)) => widest_proof(plight, ARRANGEMENTS),
         Some(Question::Metamodules(plight)) if plight.setup.params.strategy == Strategy::Negotiated => {
-            match search(plight, ARRANGEMENTS) {
+            match search(plight, WORK) {
                 Found::Impossible(_) => Ok(Within::Grown),
                 other => Err(other),
             }
