@@ -12,6 +12,7 @@
 use super::blueprint::SeedSet;
 use super::choice::{Aim, Plan};
 use super::message::{Claim, LEGS, Leg, Message, Rank, Way};
+use super::motions::Sweep;
 use super::pose::Pose;
 use super::search::{Course, Ground};
 use super::shut_in::is_away;
@@ -553,6 +554,9 @@ impl Metamodule {
             !cells.iter().any(|cell| corridor.iter().any(|(cells, _)| cells.contains(cell)))
         };
         let is_apart = |pose: Pose| is_clear(pose) && self.is_apart(scene, pose);
+        // What a leg sweeps is one way of many to its end: whoever is out of all ends may be got past.
+        let ends = self.ends(scene, rank);
+        let is_past = |pose: Pose| !motions.cells(pose).iter().any(|cell| ends.contains(cell));
         let pose = self.core.pose;
         // Whoever is more important does not make way.
         let is_firm = |o: &&Other| o.way.is_some_and(|w| (w.rank, o.id) < (rank, me));
@@ -563,7 +567,9 @@ impl Metamodule {
             .aside(pose, is_apart)
             .or_else(|| firm.aside(pose, is_apart))
             .or_else(|| free.aside(pose, is_clear))
-            .or_else(|| firm.aside(pose, is_clear))?;
+            .or_else(|| firm.aside(pose, is_clear))
+            .or_else(|| free.aside(pose, is_past))
+            .or_else(|| firm.aside(pose, is_past))?;
         let next = course.next();
         let plan = next.and_then(|(posture, lands)| {
             let harmless = self.is_apart(scene, Pose { posture, ..pose });
@@ -626,15 +632,24 @@ impl Metamodule {
         })
     }
 
-    /// The ways that are more important than a rank, with the cells of each.
-    fn corridor(&self, scene: &Scene, rank: Rank) -> Vec<(Vec<Cell>, Rank)> {
-        if self.has(Sabotage::StandInTheWay) {
-            return Vec::new();
-        }
+    /// The ways that are more important than a rank.
+    fn ways_above(&self, scene: &Scene, rank: Rank) -> impl Iterator<Item = Way> {
         let me = self.core.id;
+        let heeds = !self.has(Sabotage::StandInTheWay);
         let ways = scene.free.iter().filter_map(|o| Some((o.id, o.way?)));
-        let above = ways.filter(|(id, w)| (w.rank, *id) < (rank, me));
-        above.map(|(_, w)| (self.cells_of(w.from, w.legs()), w.rank)).collect()
+        ways.filter(move |(id, w)| heeds && (w.rank, *id) < (rank, me)).map(|(_, way)| way)
+    }
+
+    /// The same with the cells of each.
+    fn corridor(&self, scene: &Scene, rank: Rank) -> Vec<(Vec<Cell>, Rank)> {
+        self.ways_above(scene, rank).map(|w| (self.cells_of(w.from, w.legs()), w.rank)).collect()
+    }
+
+    /// Only the cells in which their legs end.
+    fn ends(&self, scene: &Scene, rank: Rank) -> Vec<Cell> {
+        let unswept = |leg: &Leg| Leg { sweep: Sweep::default(), ..*leg };
+        let ends = |w: Way| self.cells_of(w.from, &w.legs().iter().map(unswept).collect::<Vec<Leg>>());
+        self.ways_above(scene, rank).flat_map(ends).collect()
     }
 
     /// All cells of a way.
