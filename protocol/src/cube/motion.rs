@@ -30,8 +30,8 @@ pub(super) struct Moving {
 const MAX_TARGETS: usize = 24;
 
 /// A target that a module in reserve has heard of. A module leaves for a target only when it has been
-/// there for as long as a nearer module would have needed to fill it; so each target recruits an ever
-/// wider circle, and no more modules wander than there is work for.
+/// there for half as long as a nearer module would have needed to fill it; so each target recruits an ever
+/// wider circle, and few more modules wander than there is work for.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Target {
     source: u32,

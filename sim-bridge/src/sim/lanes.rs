@@ -12,7 +12,7 @@
 //!
 //! Deliberately absent: worlds in which modules move. There an action changes what its neighbours sense
 //! at the same instant, and audits look at neighbours after every input, so windows would have to end
-//! wherever somebody might act.
+//! wherever somebody might act. Nor is it checked here that time passes: no message comes within its window.
 
 use super::{AT_HAND, Link, Module, Parcel, Process, Sent, Sim};
 use crate::direct::Direct;
