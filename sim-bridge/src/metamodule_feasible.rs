@@ -93,7 +93,7 @@ pub fn search(plight: &MetamodulePlight, work: usize) -> Found {
         Found::Way(moves) if outside.len() <= 1 => return Found::Way(moves),
         _ => {}
     }
-    match board.search(&[movers.clone()], Rests::Landings, work) {
+    match board.search(std::slice::from_ref(&movers), Rests::Landings, work) {
         Found::Way(moves) => Found::Way(moves),
         _ => board.search(&[movers], Rests::Everything, work),
     }
