@@ -99,6 +99,7 @@ marks! {
     MetaOutranked => "metamodule: its claim was outranked",
     MetaBarred => "metamodule: a seed was barred",
     MetaGaveUpSeed => "metamodule: a claimed seed was given up",
+    MetaLetBy => "metamodule: went where somebody gets past by another way",
     MetaCornered => "metamodule: no way out of a more important way",
     MetaMadeWay => "metamodule: it made way",
     MetaNearest => "metamodule: the nearest seed was claimed, nobody else had",

@@ -48,6 +48,8 @@ pub(super) struct Intent {
     planned_in: u64,
     /// Until when it counts as cornered: it had no way out of a more important way.
     cornered_until: Option<Time>,
+    /// From when on it does not, where nobody means to go anywhere.
+    cornered_at_least: Time,
     /// How often it has been since it last got anywhere.
     pub cornered: u8,
     /// What it has announced.
@@ -71,6 +73,7 @@ impl Intent {
             looked_in: (0, false),
             planned_in: 0,
             cornered_until: None,
+            cornered_at_least: Time::ZERO,
             cornered: 0,
             way: None,
             told: None,
@@ -154,6 +157,8 @@ const LATER: i64 = 1 << 20;
 const BARRED: i64 = 1 << 30;
 /// A way that is not there counts as so many strides: it may be there when its time comes.
 const FAR: i64 = 1 << 10;
+/// In so many places is looked whether somebody else gets past, at most.
+const MOST_LET_BY: u32 = 64;
 /// So many strides more are worth it to whoever has waited in vain.
 const DETOUR: usize = 3;
 
@@ -240,9 +245,14 @@ impl Metamodule {
             if plan.is_none() && in_way_of.is_some() && self.core.course.is_over() {
                 hit(Mark::MetaCornered);
                 // Longer every time: whoever goes around it must get past it before it counts as free again.
-                let times = self.core.intent.cornered;
-                self.core.intent.cornered = (times + 1).min(MOST_CORNERED);
-                self.core.intent.cornered_until = Some(now + self.setup.params.patience * (1 << times));
+                let (times, patience) = (self.core.intent.cornered, self.setup.params.patience);
+                let intent = &mut self.core.intent;
+                intent.cornered = (times + 1).min(MOST_CORNERED);
+                intent.cornered_until = Some(now + patience * (1 << times));
+                // Whoever meant to come this way may have given it up for that very reason, and would mean to
+                // again: they must not go on like that without time passing.
+                let again = times == MOST_CORNERED;
+                intent.cornered_at_least = if again { now + patience } else { now };
                 self.tell(now, Class::Gradient);
             }
             self.announce(rank, &scene);
@@ -270,6 +280,7 @@ impl Metamodule {
         let patience = shared.or(agreed).filter(|at| *at > now).unwrap_or(patience);
         let barred = if intent.barred.is_empty() { Time::NEVER } else { intent.barred_until };
         let cornered = intent.cornered_until.unwrap_or(Time::NEVER);
+        let cornered = if now < intent.cornered_at_least { intent.cornered_at_least } else { cornered };
         let look_at = [next_expiry, patience, barred, cornered].into_iter().fold(Time::NEVER, Time::min);
         self.core.phase = Phase::Idle { look_at };
     }
@@ -278,7 +289,9 @@ impl Metamodule {
     /// from when something else stood around.
     fn review(&mut self, now: Time, scene: &Scene) {
         // Where nobody means to go anywhere, nobody is in the way.
-        let is_over = |until: Time| now >= until || scene.free.iter().all(|o| o.way.is_none());
+        let at_least = self.core.intent.cornered_at_least;
+        let is_over =
+            |until: Time| now >= until || (now >= at_least && scene.free.iter().all(|o| o.way.is_none()));
         if self.core.intent.cornered_until.is_some_and(is_over) {
             self.core.intent.cornered_until = None;
             self.tell(now, Class::Gradient);
@@ -547,7 +560,7 @@ impl Metamodule {
     /// The way out of everything at least as important as what this metamodule makes way for. Its
     /// first leg, if it is free.
     fn make_way(&mut self, scene: &Scene, rank: Rank) -> Option<Plan> {
-        let (corridor, me) = (self.corridor(scene, rank), self.core.id);
+        let (corridor, me, pose) = (self.corridor(scene, rank), self.core.id, self.core.pose);
         let motions = &self.setup.motions;
         let is_clear = |pose: Pose| {
             let cells = motions.cells(pose);
@@ -557,7 +570,7 @@ impl Metamodule {
         // What a leg sweeps is one way of many to its end: whoever is out of all ends may be got past.
         let ends = self.ends(scene, rank);
         let is_past = |pose: Pose| !motions.cells(pose).iter().any(|cell| ends.contains(cell));
-        let pose = self.core.pose;
+        let past = |ground: &Ground<'_>| ground.aside(pose, is_past).filter(|course| !course.is_over());
         // Whoever is more important does not make way.
         let is_firm = |o: &&Other| o.way.is_some_and(|w| (w.rank, o.id) < (rank, me));
         let firm = scene.free.iter().filter(is_firm).flat_map(|o| o.cells);
@@ -568,8 +581,8 @@ impl Metamodule {
             .or_else(|| firm.aside(pose, is_apart))
             .or_else(|| free.aside(pose, is_clear))
             .or_else(|| firm.aside(pose, is_clear))
-            .or_else(|| free.aside(pose, is_past))
-            .or_else(|| firm.aside(pose, is_past))?;
+            .or_else(|| past(&free).or_else(|| past(&firm)))
+            .or_else(|| self.let_by(scene, rank, &free))?;
         let next = course.next();
         let plan = next.and_then(|(posture, lands)| {
             let harmless = self.is_apart(scene, Pose { posture, ..pose });
@@ -578,6 +591,27 @@ impl Metamodule {
         });
         self.core.course = course;
         plan
+    }
+
+    /// A course to the nearest place in which this metamodule may stay: the most important of those in whose
+    /// way it is gets to its seed by some other way then.
+    fn let_by(&self, scene: &Scene, rank: Rank, ground: &Ground<'_>) -> Option<Course> {
+        let claims = |o: &Other| o.claim.filter(|c| o.way.is_some_and(|w| w.rank == Rank::of_seed(c.seed)));
+        let claims = scene.free.iter().filter_map(|o| Some((claims(o)?.seed, o.pose)));
+        let (number, from) =
+            claims.min_by_key(|(seed, _)| *seed).filter(|(s, _)| Rank::of_seed(*s) < rank)?;
+        let (seed, planned) = (self.setup.seed(self.core.task, number)?, self.planned(scene, number));
+        let mut left = MOST_LET_BY;
+        let course = ground.aside(self.core.pose, |pose| {
+            let may_look = left > 0;
+            left = left.saturating_sub(1);
+            let fixed = [&planned[..], &self.setup.motions.cells(pose)].concat();
+            may_look && self.ground(&fixed).to_seed(from, seed, &fixed, usize::MAX).is_some()
+        })?;
+        if !course.is_over() {
+            hit(Mark::MetaLetBy);
+        }
+        Some(course)
     }
 
     /// Whether whoever stands like this is out of the way of what is built, and can get away when all of

@@ -173,7 +173,7 @@ impl Ground<'_> {
     }
 
     /// The cheapest course to a pose that `fits`; changing its shape on the spot is the cheapest of all.
-    pub fn aside(&self, from: Pose, fits: impl Fn(Pose) -> bool) -> Option<Course> {
+    pub fn aside(&self, from: Pose, mut fits: impl FnMut(Pose) -> bool) -> Option<Course> {
         let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
         let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);
         let mut left = Left::new(self.floor);
