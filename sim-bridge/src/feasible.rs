@@ -260,6 +260,50 @@ impl Board {
         spread(grown.iter().copied().filter(starts), &|c| self.carries(at, grown, *c))
     }
 
+    /// The faces at which is known how far an unfilled goal cell is, at most: that spreads along the surface,
+    /// from live module to live module, and ends where somebody dead stands in a corner.
+    fn surface(&self, at: &[Cell], grown: &BTreeSet<Cell>) -> BTreeSet<(Cell, Face)> {
+        let carries = |c: Cell| self.carries(at, grown, c);
+        let is_free = |c: Cell| self.goal.contains(&c) && !self.dead.contains(&c) && !grown.contains(&c);
+        let mut front: Vec<(Cell, Face)> = grown
+            .iter()
+            .flat_map(|c| Face::ALL.map(|f| (*c, f)))
+            .filter(|(c, f)| is_free(c.step(*f)))
+            .collect();
+        let mut reached: BTreeSet<(Cell, Face)> = front.iter().copied().collect();
+        while let Some((cell, face)) = front.pop() {
+            for heading in face.perpendicular() {
+                let beside = cell.step(heading);
+                let next = match (carries(beside), carries(beside.step(face))) {
+                    (false, _) => (cell, heading),
+                    (true, false) => (beside, face),
+                    (true, true) => (beside.step(face), heading.opposite()),
+                };
+                let outside = next.0.step(next.1);
+                if !carries(outside) && !self.dead.contains(&outside) && reached.insert(next) {
+                    front.push(next);
+                }
+            }
+        }
+        reached
+    }
+
+    /// Whether whoever has not set out from a cell hears of an unfilled goal cell from its neighbours.
+    fn is_attracted(
+        &self,
+        at: &[Cell],
+        grown: &BTreeSet<Cell>,
+        surface: &BTreeSet<(Cell, Face)>,
+        from: Cell,
+    ) -> bool {
+        Face::ALL.into_iter().filter(|f| self.carries(at, grown, from.step(*f))).any(|support| {
+            let by = from.step(support);
+            support.perpendicular().into_iter().any(|heading| {
+                surface.contains(&(by, heading)) || surface.contains(&(by.step(heading), support.opposite()))
+            })
+        })
+    }
+
     /// Unfilled goal cells, and how far they are from somebody who could come.
     fn distance(&self, at: &[Cell]) -> u32 {
         let free = self.goal.iter().filter(|c| !self.is_taken(at, **c));
@@ -270,11 +314,14 @@ impl Board {
     /// Every arrangement after one move.
     fn moves(&self, at: &[Cell]) -> Vec<Vec<Cell>> {
         let grown = if self.needs_live() { self.grown(at) } else { BTreeSet::new() };
-        let heard = self.needs_live().then(|| self.heard(at, &grown));
+        let heard = self.needs_live().then(|| (self.heard(at, &grown), self.surface(at, &grown)));
         let mut found = Vec::new();
         for (i, from) in at.iter().copied().enumerate() {
-            let hears = |heard: &BTreeSet<Cell>| {
-                heard.contains(&from) || from.neighbours().iter().any(|n| heard.contains(n))
+            // Whoever has set out and hears nothing may still come to where it hears.
+            let has_set_out = self.movers.binary_search(&from).is_err() || self.walkers.contains(&from);
+            let hears = |(heard, surface): &(BTreeSet<Cell>, BTreeSet<(Cell, Face)>)| {
+                (heard.contains(&from) || from.neighbours().iter().any(|n| heard.contains(n)))
+                    && (has_set_out || self.is_attracted(at, &grown, surface, from))
             };
             if heard.as_ref().is_some_and(|heard| !hears(heard)) {
                 continue;
@@ -414,6 +461,21 @@ mod tests {
         let bridge = [root(0, 0, 0), root(1, 0, 0), dead(2, 0, 0)];
         let built = plight(&bridge, &[[1, 0, 0], [1, 0, 1]]);
         assert_eq!(widest_proof(&built, 1_000), Ok(Within::Grown));
+    }
+
+    /// Distances go along the surface and end where a dead module stands in a corner, though a walker gets past.
+    #[test]
+    fn distances_end_at_the_dead() {
+        let arm = [at(0, -2, -2), at(0, -1, -2), at(0, -1, -1), at(0, -1, 0), at(0, 0, -2), at(0, 0, 0)];
+        let arm = arm.into_iter().chain([at(0, 1, -1), at(0, 1, 0)]).map(|m| Standing { pinned: true, ..m });
+        let dead = [dead(-1, -1, -2), dead(0, -2, -1), dead(1, -1, 0), dead(0, 0, -1), dead(1, -2, -1)];
+        let standstill = |walker| {
+            let end = Standing { walker, ..at(1, -1, -2) };
+            let modules: Vec<Standing> = arm.clone().chain(dead).chain([root(1, 1, -1), end]).collect();
+            search(&plight(&modules, &[[1, 1, -1], [1, 2, -1]]), Within::Held, 1_000)
+        };
+        assert_eq!(standstill(true), Found::Way(4));
+        assert_eq!(standstill(false), Found::Impossible(1));
     }
 
     /// What is impossible within wider rules is impossible within narrower ones: on every small example.

@@ -70,11 +70,43 @@ impl Cube {
             Role::Final => return self.renew_root(now),
         }
         let before = (self.parent, self.rank, self.want, self.renew);
+        match self.dead_root() {
+            Some(face) if self.is_idle() => self.hang_on_dead(now, face),
+            _ => self.tend_parent(now),
+        }
+        if before != (self.parent, self.rank, self.want, self.renew) {
+            self.touch();
+            self.decide_soon(now);
+        }
+    }
+
+    /// A dead finalized neighbour, if there is one, and the parent rather than another. It never leaves, and
+    /// hangs together with all that is finalized.
+    fn dead_root(&self) -> Option<Face> {
+        let is_final = |b: &Beacon| b.role == Role::Final && b.epoch == self.epoch;
+        let is_root = |f: &Face| self.side(*f).condemned && self.peer(*f).is_some_and(is_final);
+        self.parent.into_iter().chain(Face::ALL).find(is_root)
+    }
+
+    /// Whoever hangs on a dead finalized module needs no leave to, and vouches for it.
+    fn hang_on_dead(&mut self, now: Time, face: Face) {
+        if self.parent != Some(face) {
+            hit(Mark::CubeHangsOnDead);
+            let rooted = if self.is_attached() { self.rank.rooted } else { now };
+            self.rank = Rank { rooted, label: 1 };
+            self.parent = Some(face);
+        }
+        (self.want, self.renew) = (None, Time::ZERO);
+        self.renew_root(now);
+    }
+
+    fn tend_parent(&mut self, now: Time) {
         if let Some((face, token)) = self.want {
             match self.live(now, face) {
                 Some(b) if b.epoch == self.epoch && b.attached && b.role != Role::Walker => {
                     let (acknowledged, rank) = (b.ack == Some(token), b.rank);
-                    if !(rank.is_above(self.rank) && self.is_worth_it(rank, self.needs_parent(now))) {
+                    let is_worth_it = self.is_worth_it(b, self.needs_parent(now));
+                    if !(rank.is_above(self.rank) && is_worth_it) {
                         // It was relabelled meanwhile, or the old parent has spoken again. Whoever goes on
                         // asking keeps the other from leaving, which may be a child by now: both would wait
                         // for each other.
@@ -109,13 +141,9 @@ impl Cube {
                 hit(Mark::CubeRebornWaits);
             }
         }
-        if before != (self.parent, self.rank, self.want, self.renew) {
-            self.touch();
-            self.decide_soon(now);
-        }
     }
 
-    /// A finalized module vouches for itself whenever it is asked.
+    /// A finalized module vouches for itself whenever it is asked; so does whoever hangs on a dead one.
     fn renew_root(&mut self, now: Time) {
         let asked = self.asked(None);
         if asked > self.rank.rooted && asked <= now {
@@ -173,9 +201,12 @@ impl Cube {
         })
     }
 
-    /// Whether whoever has this rank would be the better parent.
-    fn is_worth_it(&self, rank: Rank, needs_parent: bool) -> bool {
-        rank.below().label < self.rank.label || needs_parent
+    /// Whether a neighbour would be the better parent. Whoever stays for good had better hang on somebody
+    /// who does so too.
+    fn is_worth_it(&self, b: &Beacon, needs_parent: bool) -> bool {
+        let stays = |f: Face| self.peer(f).is_none_or(|p| p.final_hops != Beacon::NO_FINAL);
+        let is_steadier = b.final_hops < self.final_hops() && !self.parent.is_some_and(stays);
+        b.rank.below().label < self.rank.label || needs_parent || is_steadier
     }
 
     fn look_for_parent(&mut self, now: Time) {
@@ -188,7 +219,7 @@ impl Cube {
                 && b.claim == Claim::None
                 && !b.quarantined
                 && self.parent != Some(face)
-                && self.is_worth_it(b.rank, needs_parent);
+                && self.is_worth_it(b, needs_parent);
             if usable && b.rank.is_above(self.rank) {
                 let offer = (b.rank.label, face);
                 best = Some(best.map_or(offer, |other: (u16, Face)| other.min(offer)));

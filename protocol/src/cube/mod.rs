@@ -197,6 +197,8 @@ pub struct Cube {
     corners_seen: [u8; 6],
     /// Targets heard of while in reserve.
     targets: Vec<Target>,
+    /// Since it has heard of no target, as a walker.
+    roaming: Option<motion::Roaming>,
     reported: Option<Status>,
     reported_at: Time,
     field_stale: bool,
@@ -262,6 +264,7 @@ impl Agent for Cube {
             },
             corners_seen: [0; 6],
             targets: Vec::new(),
+            roaming: None,
             reported: None,
             reported_at: now,
             field_stale: true,
@@ -494,6 +497,7 @@ impl Cube {
         self.anchor = None;
         self.patience = 0;
         self.waiting_since = None;
+        self.roaming = None;
         for side in &mut self.sides {
             side.child = None;
             side.unfilled_since = None;

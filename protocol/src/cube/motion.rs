@@ -20,6 +20,18 @@ const DETOUR: u16 = 12;
 /// Decisions after which a walker sometimes accepts two moves of detour.
 const WIDE_DETOUR: u16 = 40;
 
+/// So often a walker that hears of no target tries to move, until it has heard of one again.
+const MAX_ROAMING: u8 = 32;
+
+/// What a walker that hears of no target has done about it. Distances go from module to module along the
+/// surface, and where a dead one stands in the corner between two they end, though a walker gets past.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Roaming {
+    since: Time,
+    tries: u8,
+    from: Cell,
+}
+
 /// A move that the body has been asked for.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Moving {
@@ -104,12 +116,13 @@ impl Cube {
                 return self.decide_later(now);
             }
         }
-        let options = self.options(now);
+        let (options, blind) = self.options(now);
         let Some(nearest) = options.iter().map(|o| o.moves).min() else {
             self.waiting_since = None;
             self.waits_for = None;
-            return;
+            return self.roam(now, &blind);
         };
+        self.roaming = None;
         if self.role == Role::Reserve
             && let Some(source) = options.iter().find(|o| o.moves == nearest).map(|o| o.source)
         {
@@ -155,6 +168,32 @@ impl Cube {
         }
     }
 
+    /// Goes anywhere but back, after having heard of no target for long.
+    fn roam(&mut self, now: Time, ways: &[Motion]) {
+        if self.role != Role::Walker {
+            return;
+        }
+        let p = &self.setup.params;
+        let cell = self.cell;
+        let roaming = self.roaming.get_or_insert(Roaming { since: now, tries: 0, from: cell });
+        let go = match roaming.tries {
+            0 => roaming.since + p.relax,
+            MAX_ROAMING => return,
+            _ => self.settled + p.first_words(),
+        };
+        if now < go {
+            self.decide_at = go;
+            return;
+        }
+        let onward: Vec<Motion> =
+            ways.iter().copied().filter(|m| m.destination(cell) != roaming.from).collect();
+        let ways = if onward.is_empty() { ways } else { &onward };
+        let Some(motion) = ways.get(self.stream.below(ways.len().max(1) as u64) as usize) else { return };
+        (roaming.tries, roaming.from) = (roaming.tries + 1, cell);
+        hit(Mark::CubeRoamed);
+        self.begin_attempt(now, *motion);
+    }
+
     /// Notes that a target has been heard of.
     pub(super) fn hear_of(&mut self, now: Time, source: u32) {
         if let Some(target) = self.targets.iter_mut().find(|t| t.source == source) {
@@ -176,14 +215,13 @@ impl Cube {
     /// Whether a neighbour that has not spoken yet may want this very cell filled, or know a shorter way.
     /// Whoever has been silent for longer than first words take has nothing to say, or cannot.
     pub(super) fn may_hear_more(&self, now: Time) -> bool {
-        let p = &self.setup.params;
-        now.since(self.settled) < p.usual_delay + p.advertise * u64::from(OUTERMOST_FIRST)
+        now.since(self.settled) < self.setup.params.first_words()
             && self.sides.iter().any(|s| s.session.is_some() && s.peer.is_none() && !s.condemned)
     }
 
-    /// All motions towards a target, over every live support.
-    fn options(&mut self, now: Time) -> Vec<Course> {
-        let mut options = Vec::new();
+    /// All motions towards a target, over every live support; and those of which that is not known.
+    fn options(&mut self, now: Time) -> (Vec<Course>, Vec<Motion>) {
+        let (mut options, mut blind) = (Vec::new(), Vec::new());
         let mut corners = [0u8; 6];
         for support in Face::ALL {
             let Some(b) = self.terrain(now, support) else { continue };
@@ -203,18 +241,16 @@ impl Cube {
                         continue;
                     }
                 };
-                if !entry.is_known() {
-                    continue;
-                }
                 let kind =
                     if b.terrain & heading.bit() == 0 { MotionKind::Convex } else { MotionKind::Slide };
-                options.push(Course {
-                    moves: entry.moves(),
-                    source: entry.source,
-                    over_loose: b.role != Role::Final,
-                    motion: Motion { kind, support, heading },
-                    behind,
-                });
+                let motion = Motion { kind, support, heading };
+                if entry.is_known() {
+                    let over_loose = b.role != Role::Final;
+                    let (moves, source) = (entry.moves(), entry.source);
+                    options.push(Course { moves, source, over_loose, motion, behind });
+                } else if behind.is_none() && self.role == Role::Walker {
+                    blind.push(motion);
+                }
             }
         }
         if corners != self.corners_seen && self.role == Role::Walker {
@@ -224,7 +260,7 @@ impl Cube {
                 side.stale = true;
             }
         }
-        options
+        (options, blind)
     }
 
     pub(super) fn on_percept(&mut self, now: Time, percept: Percept) {

@@ -98,9 +98,25 @@ impl Params {
         }
     }
 
+    /// The same with another connectivity check.
+    pub fn keeping(mut self, connectivity: Connectivity) -> Params {
+        self.connectivity = connectivity;
+        if connectivity == Connectivity::Cycles {
+            // The longest cycle can be asked for and answer within a lease, or it would be found in vain.
+            let there_and_back = self.usual_delay * (2 * super::route::MAX_HOPS as u64);
+            self.lease = self.lease.max(there_and_back + self.move_time * 2);
+            self.quarantine = self.lease * 2;
+        }
+        self
+    }
+
     /// The time unit of back-offs, a twentieth of a move.
     pub fn tick(&self) -> Span {
         (self.move_time / 20).max(Span(1))
+    }
+    /// How long the first words of new neighbours take.
+    pub fn first_words(&self) -> Span {
+        self.usual_delay + self.advertise * 6
     }
     /// Until when a mover may start, counted from its first request: `lease·(1−drift) − move`.
     pub fn start_within(&self) -> Span {

@@ -196,10 +196,16 @@ impl Metamodule {
         }
     }
 
-    /// The seed of the task whose cells this metamodule fills.
-    fn fits(&self) -> Option<u8> {
-        let cells = self.setup.motions.cells(self.core.pose);
+    /// The seed of the task whose cells whoever stands like this fills.
+    fn fits(&self, pose: Pose) -> Option<u8> {
+        let cells = self.setup.motions.cells(pose);
         Some(self.setup.seeds(self.core.task).find(|(_, seed)| seed.cells() == cells)?.0)
+    }
+
+    /// What the dead fill stays filled, and they cannot say so themselves.
+    fn count_dead(&mut self) {
+        let filled = self.core.dead.values().filter_map(|pose| self.fits(*pose));
+        self.core.filled = filled.fold(self.core.filled, SeedSet::with);
     }
 
     /// Something else is to be built from now on.
@@ -210,12 +216,13 @@ impl Metamodule {
         self.core.task = task;
         (self.core.open, self.core.filled) = (SeedSet::default(), SeedSet::default());
         self.withdraw();
-        let settled = self.core.settled.take().and_then(|_| self.fits());
+        let settled = self.core.settled.take().and_then(|_| self.fits(self.core.pose));
         if let Some(seed) = settled {
             self.core.settled = settled;
             hit(Mark::MetaStaysForNewTask);
             self.core.filled = self.core.filled.with(seed);
         }
+        self.count_dead();
         self.core.waiting_since = now;
         self.tell(now, Class::Gradient);
         self.look_again(now);
@@ -265,7 +272,7 @@ impl Metamodule {
             self.core.phase = idle(self.core.quarantine);
             return;
         }
-        if let Some(seed) = self.fits().filter(|s| self.core.filled.has(*s)) {
+        if let Some(seed) = self.fits(self.core.pose).filter(|s| self.core.filled.has(*s)) {
             // It is known to be filled, and nobody else can be in its cells: an earlier life did it.
             hit(Mark::MetaEarlierLifeSettled);
             self.core.settled = Some(seed);
@@ -451,7 +458,7 @@ impl Metamodule {
 
     fn settle(&mut self, now: Time) {
         // The task may have changed on the way.
-        if let Some(seed) = self.fits() {
+        if let Some(seed) = self.fits(self.core.pose) {
             self.core.settled = Some(seed);
             self.core.filled = self.core.filled.with(seed);
         }
@@ -722,6 +729,7 @@ impl Metamodule {
             Order::Dead { id, pose } => {
                 hit(Mark::MetaDeathTold);
                 self.core.dead.insert(id, pose);
+                self.count_dead();
                 if let Some((port, peer)) = self.core.peers.named(id) {
                     (peer.grant, peer.way, peer.condemned) = (None, None, true);
                     if let Some(state) = &mut peer.state {

@@ -186,7 +186,12 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
     ));
     let (since, mut tallies, mut live) = (Stopwatch::start(), Tallies::default(), Live::new(!request.quiet));
     pool::run(seed, request, &interrupt, |number, ran| {
-        tallies.add(number, &ran);
+        // Now, because making it small can take long, and nothing is known of it if that is interrupted.
+        if let Some(failure) = tallies.add(number, &ran) {
+            live.clear();
+            let repeat = repeat(seed.wrapping_add(number), request.family);
+            channel.say(&format!("{} ({}): {}\n  {repeat}\n", failure.kind, ran.protocol, failure.what));
+        }
         live.show(|| {
             let took = since.elapsed().as_secs_f64();
             let rate = count((tallies.runs as f64 / took.max(1e-9)) as u64);

@@ -1,7 +1,7 @@
 //! What an exploration came to: counts, failures by kind, rare paths that never ran.
 
 use super::Ran;
-use super::verdict::{Kind, Verdict};
+use super::verdict::{Failure, Kind, Verdict};
 use crate::report::count;
 use crate::terminal::Paint;
 use metamorph_module_agent::Family;
@@ -52,8 +52,8 @@ pub struct Tallies {
 }
 
 impl Tallies {
-    /// Counts a run.
-    pub fn add(&mut self, number: u64, ran: &Ran) {
+    /// Counts a run. Gives its failure if it is the first of its kind.
+    pub fn add<'a>(&mut self, number: u64, ran: &'a Ran) -> Option<&'a Failure> {
         self.runs += 1;
         self.events += ran.events;
         self.moves += ran.moves;
@@ -76,8 +76,10 @@ impl Tallies {
                 let failures = self.failures.entry(key).or_insert(first);
                 failures.count += 1;
                 note(&mut failures.first, number);
+                return (failures.count == 1).then_some(failure);
             }
         }
+        None
     }
     /// Runs that failed.
     pub fn failed(&self) -> u64 {

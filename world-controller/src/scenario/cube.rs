@@ -106,9 +106,8 @@ impl RawCubes {
             |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
         let range = u16::try_from(sides * 4).unwrap_or(u16::MAX).min(60_000);
         let params = Params {
-            connectivity: self.connectivity,
             co_owners: self.co_owners.unwrap_or(true),
-            ..Params::scaled(move_time, usual_delay, range)
+            ..Params::scaled(move_time, usual_delay, range).keeping(self.connectivity)
         };
         Some(Draft {
             modules: cells.as_ref().map_or(0, Vec::len),
