@@ -20,8 +20,11 @@ const DETOUR: u16 = 12;
 /// Decisions after which a walker sometimes accepts two moves of detour.
 const WIDE_DETOUR: u16 = 40;
 
-/// So often a walker that hears of no target tries to move, until it has heard of one again.
-const MAX_ROAMING: u8 = 32;
+/// So often a walker that hears of no target tries to move at once. After that it waits twice as long every
+/// time, or a swarm with nothing left to do would not come to rest; where it has stopped it may be in the way.
+const ROAMING: u8 = 32;
+/// It waits no longer than so many times twice as long.
+const LONGEST_ROAMING: u8 = 30;
 
 /// What a walker that hears of no target has done about it. Distances go from module to module along the
 /// surface, and where a dead one stands in the corner between two they end, though a walker gets past.
@@ -178,8 +181,8 @@ impl Cube {
         let roaming = self.roaming.get_or_insert(Roaming { since: now, tries: 0, from: cell });
         let go = match roaming.tries {
             0 => roaming.since + p.relax,
-            MAX_ROAMING => return,
-            _ => self.settled + p.first_words(),
+            1..ROAMING => self.settled + p.first_words(),
+            tries => roaming.since + p.relax * (2 << (tries - ROAMING).min(LONGEST_ROAMING)),
         };
         if now < go {
             self.decide_at = go;
@@ -189,7 +192,7 @@ impl Cube {
             ways.iter().copied().filter(|m| m.destination(cell) != roaming.from).collect();
         let ways = if onward.is_empty() { ways } else { &onward };
         let Some(motion) = ways.get(self.stream.below(ways.len().max(1) as u64) as usize) else { return };
-        (roaming.tries, roaming.from) = (roaming.tries + 1, cell);
+        (roaming.tries, roaming.from) = (roaming.tries.saturating_add(1), cell);
         hit(Mark::CubeRoamed);
         self.begin_attempt(now, *motion);
     }
