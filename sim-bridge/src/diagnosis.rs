@@ -81,7 +81,7 @@ pub fn diagnose(
                 || known[id.index()].is_walker()
                 || is_spared(world, known, *id)
         };
-        let is_free = |id: &ModuleId| !is_pinned(world, known, goal, *id) && may_leave(id);
+        let is_free = |id: &ModuleId| !is_pinned(world, known, *id) && may_leave(id);
         let free: Vec<ModuleId> = live.iter().copied().filter(is_free).collect();
         stall.waiting = live.iter().map(|id| waiter(known, *id)).take(20).collect();
         let called = called(world, known, &targets, &starts);
@@ -117,7 +117,10 @@ pub fn plight(
             stuck: world.is_stuck(id),
             walker: of.is_walker(),
             finalized: of.is_final(stage),
-            pinned: of.alive && is_pinned(world, known, goal, id),
+            // Whoever was started again in a goal cell may have been part of what is built: it stays.
+            pinned: of.alive
+                && (is_pinned(world, known, id)
+                    || (of.restarted && !of.is_walker() && goal.contains(world.cell(id)))),
         }
     });
     let fills = |id: ModuleId| known[id.index()].is_final(stage) || !known[id.index()].alive;
@@ -187,14 +190,12 @@ fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
 
 /// Whether a module is pinned by one that cannot move any more: itself, along whom it waits for, or
 /// because its neighbours have no place in the parent forest either and one of them never will.
-fn is_pinned(world: &CubeWorld, known: &[Known], goal: &Goal, id: ModuleId) -> bool {
+fn is_pinned(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
     let is_loose = |of: &Known| of.status.is_some_and(|s| s.role == Role::Reserve && !s.attached);
     let (mut front, mut seen) = (vec![id], BTreeSet::from([id]));
     while let Some(at) = front.pop() {
         let Some(k) = known.get(at.index()) else { continue };
-        // Whoever was started again in a goal cell may have been part of what is built: it stays.
-        let stays = k.restarted && !k.is_walker() && goal.contains(world.cell(at));
-        if !k.alive || stays || world.is_stuck(at) || k.status.is_some_and(|s| s.pinned || s.immobile) {
+        if !k.alive || world.is_stuck(at) || k.status.is_some_and(|s| s.pinned || s.immobile) {
             return true;
         }
         let mut next: Vec<ModuleId> = waits_for(known, at).into_iter().collect();

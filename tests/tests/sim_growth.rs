@@ -159,7 +159,8 @@ fn goals_are_built_one_after_the_other() {
 fn connecting_cycles_build_too() {
     for (seed, loss) in [(1, "0%"), (2, "5%"), (3, "10%")] {
         let mut experiment = Experiment::slab_to_sphere(10, seed).loss(loss);
-        experiment.setup.params.connectivity = metamorph_protocol::cube::params::Connectivity::Cycles;
+        let cycles = metamorph_protocol::cube::params::Connectivity::Cycles;
+        experiment.setup.params = experiment.setup.params.keeping(cycles);
         let ran = experiment.run();
         assert!(
             ran.built() && ran.broken == 0,

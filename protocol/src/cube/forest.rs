@@ -92,8 +92,8 @@ impl Cube {
     fn hang_on_dead(&mut self, now: Time, face: Face) {
         if self.parent != Some(face) {
             hit(Mark::CubeHangsOnDead);
-            let rooted = if self.is_attached() { self.rank.rooted } else { now };
-            self.rank = Rank { rooted, label: 1 };
+            let vouched = self.peer(face).map_or(Time::ZERO, |b| b.rank.rooted);
+            self.rank = Rank { rooted: self.rank.rooted.max(vouched), label: 1 };
             self.parent = Some(face);
         }
         (self.want, self.renew) = (None, Time::ZERO);
@@ -205,7 +205,8 @@ impl Cube {
     /// who does so too.
     fn is_worth_it(&self, b: &Beacon, needs_parent: bool) -> bool {
         let stays = |f: Face| self.peer(f).is_none_or(|p| p.final_hops != Beacon::NO_FINAL);
-        let is_steadier = b.final_hops < self.final_hops() && !self.parent.is_some_and(stays);
+        let is_steadier =
+            self.may_be_final() && b.final_hops < self.final_hops() && !self.parent.is_some_and(stays);
         b.rank.below().label < self.rank.label || needs_parent || is_steadier
     }
 

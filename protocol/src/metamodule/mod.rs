@@ -410,14 +410,22 @@ impl Metamodule {
             let idle = Phase::Idle { look_at: Time::NEVER };
             let over = std::mem::replace(&mut self.core.phase, idle);
             let Phase::Asking { plan, asked, .. } = over else { return };
-            if plan.harmless && !self.is_harmless(plan.ends) {
-                // Others have set out meanwhile, and this one knows only now where they will be.
+            if (plan.harmless && !self.is_harmless(plan.ends)) || self.meets_the_dead(&plan) {
+                // Others have set out meanwhile, or have died where nobody knew them to be, and this one knows
+                // only now where they are.
                 self.core.phase = Phase::Asking { plan, pending: 0, asked, again: now };
                 let rest = self.back_off();
                 return self.stop(now, rest);
             }
             self.begin(now, asked, plan);
         }
+    }
+
+    /// Whether somebody who cannot say so any more stands in the way.
+    fn meets_the_dead(&self, plan: &Plan) -> bool {
+        let motions = &self.setup.motions;
+        let dead: Vec<Cell> = self.core.dead.values().flat_map(|pose| motions.cells(*pose)).collect();
+        motions.swept(plan.from.state, plan.sweep).any(|cell| dead.contains(&cell))
     }
 
     /// The way is locked since `asked`.
