@@ -22,7 +22,7 @@ const WIDE_DETOUR: u16 = 40;
 
 /// So often a walker that hears of no target tries to move at once. After that it waits twice as long every
 /// time, or a swarm with nothing left to do would not come to rest; where it has stopped it may be in the way.
-const ROAMING: u8 = 32;
+const ROAMING: u8 = 100;
 /// It waits no longer than so many times twice as long.
 const LONGEST_ROAMING: u8 = 30;
 

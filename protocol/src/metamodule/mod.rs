@@ -407,18 +407,23 @@ impl Metamodule {
         let Phase::Asking { pending, .. } = &mut self.core.phase else { return };
         *pending &= !(1 << port.0);
         if *pending == 0 {
-            let idle = Phase::Idle { look_at: Time::NEVER };
-            let over = std::mem::replace(&mut self.core.phase, idle);
-            let Phase::Asking { plan, asked, .. } = over else { return };
-            if (plan.harmless && !self.is_harmless(plan.ends)) || self.meets_the_dead(&plan) {
-                // Others have set out meanwhile, or have died where nobody knew them to be, and this one knows
-                // only now where they are.
-                self.core.phase = Phase::Asking { plan, pending: 0, asked, again: now };
-                let rest = self.back_off();
-                return self.stop(now, rest);
-            }
-            self.begin(now, asked, plan);
+            self.set_out(now);
         }
+    }
+
+    /// Everybody who had to be asked has granted the way.
+    fn set_out(&mut self, now: Time) {
+        let idle = Phase::Idle { look_at: Time::NEVER };
+        let over = std::mem::replace(&mut self.core.phase, idle);
+        let Phase::Asking { plan, asked, .. } = over else { return };
+        if (plan.harmless && !self.is_harmless(plan.ends)) || self.meets_the_dead(&plan) {
+            // Others have set out meanwhile, or have died where nobody knew them to be, and this one knows
+            // only now where they are.
+            self.core.phase = Phase::Asking { plan, pending: 0, asked, again: now };
+            let rest = self.back_off();
+            return self.stop(now, rest);
+        }
+        self.begin(now, asked, plan);
     }
 
     /// Whether somebody who cannot say so any more stands in the way.
@@ -706,8 +711,13 @@ impl Metamodule {
                 hit(Mark::MetaCameWhileAsking);
                 self.stop(now, Span::ZERO);
             }
-        } else {
-            self.granted(now, port);
+        } else if let Phase::Asking { pending, again, .. } = &mut self.core.phase {
+            // Whoever has left hearing need not be asked. But whoever has been started again comes back at once,
+            // and must be: not before the next moment is it known which.
+            *pending &= !(1 << port.0);
+            if *pending == 0 {
+                *again = now + Span(1);
+            }
         }
         self.look_again(now);
     }
@@ -831,6 +841,7 @@ impl Agent for Metamodule {
                 }
                 match &mut self.core.phase {
                     Phase::Idle { look_at } if now >= *look_at => self.look(now),
+                    Phase::Asking { pending: 0, again, .. } if now >= *again => self.set_out(now),
                     Phase::Asking { again, .. } if now >= *again => {
                         hit(Mark::MetaResent);
                         *again = now + self.setup.params.resend;
