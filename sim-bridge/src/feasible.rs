@@ -231,15 +231,12 @@ impl Board {
         let grown = self.grown(at);
         // Of a goal cell that somebody leaves, too.
         let heard = spread(grown.iter().copied(), &|c| self.carries(at, &grown, *c));
-        // Whoever has set out goes on without hearing anything.
-        let roams = at.iter().any(|c| self.walkers.contains(c));
-        let goes_over = |c: Cell| heard.contains(&c) || (roams && self.carries(at, &grown, c));
         let is_wall = |c: &Cell| self.fixed_live.contains(c) || self.dead.contains(c);
         let carries = |c: Cell| self.carries(at, &grown, c) || self.goal.contains(&c);
         let mut reached: BTreeSet<Cell> = at.iter().copied().collect();
         let mut front = at.to_vec();
         while let Some(from) = front.pop() {
-            for motion in motions().filter(|m| goes_over(from.step(m.support))) {
+            for motion in motions().filter(|m| heard.contains(&from.step(m.support))) {
                 let to = motion.destination(from);
                 let is_free = !is_wall(&to) && motion.corner(from).is_none_or(|c| !is_wall(&c));
                 if is_free && carries(to.step(motion.landing_support())) && reached.insert(to) {
@@ -320,12 +317,12 @@ impl Board {
         let heard = self.needs_live().then(|| (self.heard(at, &grown), self.surface(at, &grown)));
         let mut found = Vec::new();
         for (i, from) in at.iter().copied().enumerate() {
-            // Whoever has set out and hears nothing may still come to where it hears.
+            // Whoever has set out and hears nothing may still come to where it hears. On that is counted only
+            // where all that lies between lives: behind the dead only luck finds the way.
             let has_set_out = self.movers.binary_search(&from).is_err() || self.walkers.contains(&from);
             let hears = |(heard, surface): &(BTreeSet<Cell>, BTreeSet<(Cell, Face)>)| {
-                has_set_out
-                    || ((heard.contains(&from) || from.neighbours().iter().any(|n| heard.contains(n)))
-                        && self.is_attracted(at, &grown, surface, from))
+                (heard.contains(&from) || from.neighbours().iter().any(|n| heard.contains(n)))
+                    && (has_set_out || self.is_attracted(at, &grown, surface, from))
             };
             if heard.as_ref().is_some_and(|heard| !hears(heard)) {
                 continue;
