@@ -87,10 +87,10 @@ known_defects! {
     finds_forgotten_locks: Metamodule, ForgetLocks, 60;
     finds_outstayed_leases: Metamodule, OutstayLease, 60;
     #[ignore = "takes minutes"]
-    finds_grants_after_a_restart: Metamodule, GrantAfterRestart, 600;
+    finds_grants_after_a_restart: Metamodule, GrantAfterRestart, 300;
     finds_stale_states: Metamodule, AcceptStaleStates, 60;
     #[ignore = "takes minutes"]
-    finds_ignored_claims: Metamodule, IgnoreClaims, 1500;
+    finds_ignored_claims: Metamodule, IgnoreClaims, 120;
     #[ignore = "takes minutes"]
     finds_those_who_stand_in_the_way: Metamodule, StandInTheWay, 100, from 300;
 }

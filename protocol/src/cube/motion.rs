@@ -32,6 +32,7 @@ const LONGEST_ROAMING: u8 = 30;
 pub(super) struct Roaming {
     since: Time,
     tries: u8,
+    /// Where it was when it last tried.
     from: Cell,
 }
 
