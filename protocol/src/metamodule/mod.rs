@@ -357,10 +357,20 @@ impl Metamodule {
         taken.extend(self.core.peers.iter().filter_map(|(_, p)| p.state).flat_map(|s| motions.cells(s.pose)));
         taken.extend(self.core.peers.granted(motions));
         let ground = Ground { motions, floor: self.setup.floor, taken: &taken };
-        let bits = ground.taken_at(self.core.pose);
-        let next = motions.graph().neighbour(self.core.pose.posture, bits);
-        let plan = next.and_then(|posture| Plan::to(&ground, self.core.pose, posture, Aim::Shift));
-        self.core.stuck = Some(now + self.setup.params.patience * 3);
+        let pose = self.core.pose;
+        let free = |at: Pose| motions.graph().neighbour(at.posture, ground.taken_at(at));
+        let turn = free(pose).and_then(|posture| Plan::to(&ground, pose, posture, Aim::Shift));
+        // Whoever lies where nothing turns may have the other end to turn around.
+        let other_end = || {
+            ground.landed(pose, pose.posture).and_then(free)?;
+            Plan::to(&ground, pose, pose.posture, Aim::Land)
+        };
+        let later = now + self.setup.params.patience * 3;
+        let (plan, again) = match turn {
+            Some(plan) => (Some(plan), later),
+            None => other_end().map_or((None, later), |plan| (Some(plan), now)),
+        };
+        self.core.stuck = Some(again);
         if let Some(plan) = plan {
             self.ask(now, plan);
         }
