@@ -13,7 +13,6 @@ pub mod injector;
 pub mod invariants;
 pub mod metamodule_audit;
 pub mod metamodule_director;
-pub mod metamodule_feasible;
 pub mod metamodule_world;
 pub mod outcome;
 pub mod queue;

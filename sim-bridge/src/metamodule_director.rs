@@ -5,12 +5,12 @@ use crate::direct::{Command, Direct};
 use crate::director::{Progress, Stage, Stop};
 use crate::faults::{Fault, Schedule, Struck};
 use crate::injector::Injector;
-use crate::metamodule_feasible::MetamodulePlight;
 use crate::metamodule_world::MetamoduleWorld;
 use crate::outcome::{Outcome, Reason, Stall, Waiter, Why};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedSet, Task};
+use metamorph_protocol::metamodule::joint::Standstill;
 use metamorph_protocol::metamodule::message::{Order, Status};
 use metamorph_protocol::metamodule::params::{Setup, Strategy, Teller};
 use metamorph_protocol::ratio::Ratio;
@@ -138,7 +138,7 @@ impl MetamoduleDirector {
         self.detected
     }
     /// The standstill as a question for a search.
-    pub fn plight(&self, world: &MetamoduleWorld) -> MetamodulePlight {
+    pub fn plight(&self, world: &MetamoduleWorld) -> Standstill {
         let (mut free, mut fixed) = (Vec::new(), Vec::from_iter(world.obstacles().iter().copied()));
         for (id, known) in (0..).map(ModuleId).zip(&self.known) {
             let pose = world.pose(id);
@@ -151,7 +151,7 @@ impl MetamoduleDirector {
             }
         }
         let setup = Arc::clone(&self.setup);
-        MetamodulePlight { setup, task: self.task, filled: self.filled, free, fixed }
+        Standstill { setup, task: self.task, filled: self.filled, free, fixed }
     }
     /// How often somebody said so.
     pub fn alarms(&self) -> u32 {
@@ -541,14 +541,11 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         if self.told.is_some() {
             let order = self.seeds();
             self.commands.push_back(Command::Order(id, order));
-            self.commands.extend(
-                self.obstacles
-                    .iter()
-                    .map(|cell| Command::Order(id, Order::Obstacle { cell: *cell, there: true })),
-            );
-            // Who has lost its memory has to be told again who is dead; the others do not mind.
-            self.untold.extend(self.dead.iter().copied());
         }
+        let there = |cell: &Cell| Command::Order(id, Order::Obstacle { cell: *cell, there: true });
+        self.commands.extend(self.obstacles.iter().map(there));
+        // Who has lost its memory has to be told again who is dead; the others do not mind.
+        self.untold.extend(self.dead.iter().copied());
     }
 
     fn wake(&mut self, now: Time, world: &mut MetamoduleWorld) {

@@ -7,6 +7,7 @@ use crate::report::schema::{LevelReport, MetamoduleReport, MoveReport, StageRepo
 use crate::scenario::{Cubes, Metamodules, Plan};
 use metamorph_module_agent::Family;
 use metamorph_protocol::agent::Agent;
+use metamorph_protocol::metamodule::joint::Standstill;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::cube_audit::audit_every;
 use metamorph_sim_bridge::cube_world::CubeWorld;
@@ -16,7 +17,6 @@ use metamorph_sim_bridge::faults::Struck;
 use metamorph_sim_bridge::feasible::Plight;
 use metamorph_sim_bridge::invariants::Violation;
 use metamorph_sim_bridge::metamodule_director::{MetamoduleDirector, MetamodulePlan};
-use metamorph_sim_bridge::metamodule_feasible::MetamodulePlight;
 use metamorph_sim_bridge::metamodule_world::MetamoduleWorld;
 use metamorph_sim_bridge::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::sim::Audited;
@@ -32,7 +32,7 @@ pub enum Question {
     /// Of cubes.
     Cubes(Plight),
     /// Of metamodules.
-    Metamodules(MetamodulePlight),
+    Metamodules(Standstill),
 }
 
 /// What director and world of a run know when it is over, whatever the family.

@@ -103,6 +103,66 @@ impl Way {
     }
 }
 
+/// What whoever leads says next, while nobody gets on by itself (`negotiated` only).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Call {
+    /// The sender; of two who lead, the one with the smaller number is heeded.
+    pub leader: ModuleId,
+    /// Of the same count as the sender's states.
+    pub sequence: u32,
+    /// What is to be done.
+    pub bid: Bid,
+}
+
+/// What is to be done by all who hear it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Bid {
+    /// Nobody leads any more.
+    Over,
+    /// All stay where they are.
+    Stay,
+    /// All stay but one.
+    Move {
+        /// Who does not.
+        who: ModuleId,
+        /// Where it stands.
+        from: Pose,
+        /// The posture to turn to.
+        posture: u16,
+        /// Whether it lands then.
+        lands: bool,
+    },
+}
+
+impl Bid {
+    fn encode(self, out: &mut Encoder) {
+        match self {
+            Bid::Over => out.u8(0),
+            Bid::Stay => out.u8(1),
+            Bid::Move { who, from, posture, lands } => {
+                out.u8(2);
+                out.u32(who.0);
+                pose(out, from);
+                out.u16(posture);
+                out.bool(lands);
+            }
+        }
+    }
+    fn decode(from: &mut Decoder<'_>) -> Result<Bid, WireError> {
+        Ok(match from.u8()? {
+            0 => Bid::Over,
+            1 => Bid::Stay,
+            2 => Bid::Move {
+                who: ModuleId(from.u32()?),
+                from: Pose::decode(from)?,
+                posture: from.u16()?,
+                lands: from.bool("lands")?,
+            },
+            _ => return Err(WireError::Field("bid")),
+        })
+    }
+}
+
 /// Of a wave that finds out whether anybody can go on (see `detector`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Probe {
@@ -181,6 +241,8 @@ pub enum Message {
     State(State),
     /// Where it means to go.
     Way(Way),
+    /// What all in hearing are to do.
+    Call(Call),
     /// Asks whether anybody can go on, or answers that nobody it has asked can.
     Probe(Probe),
     /// Asks to keep out of all cells of a move, and to grant them to nobody else.
@@ -242,6 +304,7 @@ impl Wire for Message {
             Message::Release { .. } => 19,
             Message::Way(_) => 20,
             Message::Probe(_) => 21,
+            Message::Call(_) => 22,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -276,6 +339,11 @@ impl Wire for Message {
                 let counted = p.answer.unwrap_or_default();
                 out.u16(counted.metamodules);
                 out.u32(counted.stirs);
+            }
+            Message::Call(c) => {
+                out.u32(c.leader.0);
+                out.u32(c.sequence);
+                c.bid.encode(out);
             }
             Message::Request { origin, token, rank, age, pose: p, sweep, ends } => {
                 out.u32(origin.0);
@@ -356,6 +424,11 @@ impl Wire for Message {
                 }
                 Message::Probe(Probe { initiator, wave, sequence, answer: answers.then_some(counted) })
             }
+            22 => Message::Call(Call {
+                leader: ModuleId(from.u32()?),
+                sequence: from.u32()?,
+                bid: Bid::decode(from)?,
+            }),
             18 => Message::Response {
                 from: ModuleId(from.u32()?),
                 token: Token(from.u32()?),
@@ -667,6 +740,12 @@ mod tests {
             legs[..usize::from(count)].fill(leg);
             let (id, rank) = (ModuleId(3), Rank::of_seed(31).below());
             round_trip(&Message::Way(Way { id, sequence: 9, rank, from: p, legs, count }));
+        }
+        for lands in [false, true] {
+            let bid = Bid::Move { who: ModuleId(5), from: p, posture: 0x0304, lands };
+            for bid in [Bid::Over, Bid::Stay, bid] {
+                round_trip(&Message::Call(Call { leader: ModuleId(4), sequence: 9, bid }));
+            }
         }
         let rank = Rank::NONE;
         let (origin, token, sweep) = (ModuleId(7), Token(8), Sweep(1 << 127 | 5));

@@ -16,11 +16,14 @@
 //! `docs/negotiated.md`. Deliberately absent: gripping other metamodules; walls.
 
 pub mod blueprint;
+mod board;
 mod choice;
 mod detector;
 pub mod distances;
 pub mod field;
 pub mod graph;
+pub mod joint;
+mod lead;
 mod memo;
 pub mod message;
 pub mod motions;
@@ -44,6 +47,7 @@ use crate::time::{Span, Time};
 use blueprint::{Blueprint, SeedSet, Task};
 use choice::{Aim, Plan, View, middle};
 use detector::Watch;
+use lead::Lead;
 use message::{Action, Deed, Denial, Message, Order, Percept, Rank, Refusal, State, Status};
 use motions::Sweep;
 use negotiation::Intent;
@@ -88,6 +92,8 @@ struct Core {
     course: Course,
     /// What it is about, under `negotiated`.
     intent: Intent,
+    /// What it leads, and who leads it, under `negotiated`.
+    lead: Lead,
     /// Its joints have not turned when they should; not before this time they are tried again.
     stuck: Option<Time>,
     phase: Phase,
@@ -216,6 +222,7 @@ impl Metamodule {
         self.core.task = task;
         (self.core.open, self.core.filled) = (SeedSet::default(), SeedSet::default());
         self.withdraw();
+        self.stop_leading();
         let settled = self.core.settled.take().and_then(|_| self.fits(self.core.pose));
         if let Some(seed) = settled {
             self.core.settled = settled;
@@ -486,6 +493,7 @@ impl Metamodule {
             self.core.filled = self.core.filled.with(seed);
         }
         self.withdraw();
+        self.stop_leading();
         self.core.waiting_since = now;
         self.stop(now, Span::ZERO);
     }
@@ -560,6 +568,7 @@ impl Metamodule {
             if is_stuck {
                 self.core.stuck = Some(now + self.setup.params.patience * 3);
                 self.withdraw();
+                self.stop_leading();
             }
             self.stop(now, back_off);
         }
@@ -651,6 +660,7 @@ impl Metamodule {
                 }
             }
             Message::Way(way) => self.hear_way(now, port, way),
+            Message::Call(call) => self.hear_call(now, port, call),
             Message::Probe(probe) => self.on_probe(now, port, probe),
             Message::Request { origin, token, rank, age, pose, sweep, ends } => {
                 let known = match self.core.peers.get_mut(port) {
@@ -815,6 +825,7 @@ impl Agent for Metamodule {
                 settled: None,
                 course: Course::default(),
                 intent: Intent::new(),
+                lead: Lead::default(),
                 stuck: None,
                 phase: Phase::Idle { look_at: now.max(quarantine) },
                 // Tokens of a later life are larger than any of an earlier one.
@@ -848,6 +859,7 @@ impl Agent for Metamodule {
                     if let Some(way) = self.core.intent.way {
                         self.broadcast(Class::Liveness, Message::Way(way));
                     }
+                    self.repeat_call();
                 }
                 match &mut self.core.phase {
                     Phase::Idle { look_at } if now >= *look_at => self.look(now),

@@ -80,6 +80,10 @@ impl Intent {
             rank: Rank::NONE,
         }
     }
+    /// Since when nothing has been filled.
+    pub fn filled_since(&self) -> Option<Time> {
+        self.filled.1
+    }
     /// Whether it is in somebody's way and cannot leave it.
     pub fn is_cornered(&self) -> bool {
         self.cornered_until.is_some()
@@ -99,14 +103,18 @@ struct Other {
 }
 
 /// What is around.
-struct Scene {
-    /// Cells of what does not move: the built, the dead, the stuck, the cornered, obstacles.
+pub(super) struct Scene {
+    /// Cells of what does not move: the built, the dead, the stuck, obstacles.
+    pub stays: Vec<Cell>,
+    /// The same, and the cornered.
     fixed: Vec<Cell>,
+    /// Who can move, cornered or not, and where it is.
+    pub movable: Vec<(ModuleId, Pose)>,
     free: Vec<Other>,
     /// Where everybody stands who has no seed yet and may still get to one.
     hopeful: Vec<Pose>,
     /// All cells to keep out of now: fixed ones, bodies, grants.
-    taken: Vec<Cell>,
+    pub taken: Vec<Cell>,
     /// All cells of what will not move when the goal is built.
     built: Vec<Cell>,
     /// The corners of the rectangle around the feet of all seeds.
@@ -165,18 +173,20 @@ const DETOUR: usize = 3;
 impl Metamodule {
     fn scene(&self) -> Scene {
         let (core, motions) = (&self.core, &self.setup.motions);
-        let mut fixed = self.fixed();
-        let (mut free, mut hopeful) = (Vec::new(), Vec::new());
+        let (mut stays, mut cornered) = (self.fixed(), Vec::new());
+        let (mut free, mut hopeful, mut movable) = (Vec::new(), Vec::new(), Vec::new());
         for (_, peer) in core.peers.iter() {
             let Some(state) = peer.state.filter(|s| !core.dead.contains_key(&s.id)) else { continue };
             let cells = motions.cells(state.pose);
             let soon = peer.grant.map_or(state.pose, |g| Pose { posture: g.ends, ..g.pose });
-            let stays = self.stays(&state) || state.stuck;
-            if !stays {
-                hopeful.push(soon);
+            if self.stays(&state) || state.stuck {
+                stays.extend(cells);
+                continue;
             }
-            if stays || state.cornered {
-                fixed.extend(cells);
+            hopeful.push(soon);
+            movable.push((state.id, state.pose));
+            if state.cornered {
+                cornered.extend(cells);
                 continue;
             }
             let counts = !self.has(Sabotage::IgnoreClaims);
@@ -192,6 +202,8 @@ impl Metamodule {
             });
         }
         free.sort_by_key(|o| o.id);
+        movable.sort_by_key(|(id, _)| *id);
+        let fixed = [&stays[..], &cornered].concat();
         let mut taken = fixed.clone();
         taken.extend(free.iter().flat_map(|o| o.cells));
         taken.extend(core.peers.granted(motions));
@@ -203,10 +215,10 @@ impl Metamodule {
             let (x, y) = s.foot;
             ((min.0.min(x), min.1.min(y)), (max.0.max(x), max.1.max(y)))
         });
-        Scene { fixed, free, hopeful, taken, built, zone }
+        Scene { stays, fixed, movable, free, hopeful, taken, built, zone }
     }
 
-    fn ground<'a>(&'a self, taken: &'a [Cell]) -> Ground<'a> {
+    pub(super) fn ground<'a>(&'a self, taken: &'a [Cell]) -> Ground<'a> {
         Ground { motions: &self.setup.motions, floor: self.setup.floor, taken }
     }
 
@@ -214,6 +226,9 @@ impl Metamodule {
     pub(super) fn negotiate(&mut self, now: Time, next_expiry: Time) {
         let scene = self.scene();
         self.review(now, &scene);
+        if self.lead(now, &scene, next_expiry) {
+            return;
+        }
         if self.core.intent.claim.is_none() && !self.core.intent.is_cornered() {
             self.claim(now, &scene);
         }
@@ -281,7 +296,9 @@ impl Metamodule {
         let barred = if intent.barred.is_empty() { Time::NEVER } else { intent.barred_until };
         let cornered = intent.cornered_until.unwrap_or(Time::NEVER);
         let cornered = if now < intent.cornered_at_least { intent.cornered_at_least } else { cornered };
-        let look_at = [next_expiry, patience, barred, cornered].into_iter().fold(Time::NEVER, Time::min);
+        let leads = self.leads_at(now, &scene);
+        let look_at =
+            [next_expiry, patience, barred, cornered, leads].into_iter().fold(Time::NEVER, Time::min);
         self.core.phase = Phase::Idle { look_at };
     }
 
@@ -757,6 +774,18 @@ impl Metamodule {
         }
     }
 
+    /// Is about nothing of its own as long as somebody leads.
+    pub(super) fn fall_silent(&mut self, now: Time) {
+        let filled = self.core.intent.filled;
+        let silent = Intent { filled, ..Intent::new() };
+        if self.core.intent != silent {
+            self.withdraw();
+            self.core.intent.filled = filled;
+            self.core.waiting_since = now;
+            self.tell(now, Class::Gradient);
+        }
+    }
+
     /// Somebody tells where it means to go.
     pub(super) fn hear_way(&mut self, now: Time, port: crate::ids::Port, way: Way) {
         let Some(peer) = self.core.peers.get_mut(port) else { return };
@@ -768,7 +797,7 @@ impl Metamodule {
 }
 
 /// Tells one set of cells from another.
-fn fingerprint(cells: &[Cell]) -> u64 {
+pub(super) fn fingerprint(cells: &[Cell]) -> u64 {
     let mix = |c: &Cell| {
         let v = (c.x as u16 as u64) << 32 | (c.y as u16 as u64) << 16 | c.z as u16 as u64;
         (v + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29).wrapping_mul(0xBF58_476D_1CE4_E5B9)

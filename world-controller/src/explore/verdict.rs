@@ -2,9 +2,9 @@
 
 use crate::report::schema::Report;
 use crate::runnable::Question;
+use metamorph_protocol::metamodule::joint::{Sought, search};
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_sim_bridge::feasible::{Found, Within, widest_proof};
-use metamorph_sim_bridge::metamodule_feasible::search;
 use metamorph_sim_bridge::outcome::{Outcome, Reason};
 use serde::Serialize;
 use std::fmt;
@@ -103,8 +103,9 @@ pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
         Some(Question::Cubes(plight)) => widest_proof(plight, ARRANGEMENTS),
         Some(Question::Metamodules(plight)) if plight.setup.params.strategy == Strategy::Negotiated => {
             match search(plight, WORK) {
-                Found::Impossible(_) => Ok(Within::Grown),
-                other => Err(other),
+                Sought::Way(moves) => Err(Found::Way(moves.iter().filter(|m| m.lands).count())),
+                Sought::NoWay(_) => Ok(Within::Grown),
+                Sought::Undecided => Err(Found::Undecided),
             }
         }
         _ => Err(Found::Undecided),

@@ -1,0 +1,253 @@
+//! Leading: where nobody gets on, one metamodule looks for a way of all that it hears together, and says who
+//! moves next.
+//!
+//! Under `negotiated` everybody decides for itself, and makes way for one way at a time. Some standstills take
+//! more: two who must change their shapes in turn, or one who must step aside for somebody who has no way to
+//! announce yet. Then the metamodule with the smallest number among those in hearing asks all to stay, searches
+//! (`joint`), and calls one move after the other; whoever is called makes it, with locks as always. When the seed
+//! is filled, or a move has not been made in time, or it is not heard any more, everybody goes on as before.
+//!
+//! What is called late or to somebody else than was meant costs time, never safety. Absent: a choice among ways;
+//! the first that is found is gone, also if it closes the way to another seed.
+
+use super::choice::{Aim, Plan};
+use super::joint::{Move, Sought, Standstill, search};
+use super::memo::mix;
+use super::message::{Bid, Call, Message};
+use super::negotiation::{Scene, fingerprint};
+use super::params::Setup;
+use super::pose::Pose;
+use super::{Metamodule, Phase};
+use crate::agent::Class;
+use crate::ids::{ModuleId, Port};
+use crate::marks::{Mark, hit};
+use crate::time::Time;
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// A metamodule leads after nothing has moved for so many times its patience,
+const QUIET: u64 = 5;
+/// or after nothing has been filled for so many, whatever moves.
+const LONG: u64 = 20;
+/// Whoever leads is heeded for so many times the patience after it was last heard.
+const HEEDED: u64 = 3;
+/// So much work is done in each of the searches for a way.
+const WORK: usize = 2_000_000;
+
+/// What a metamodule leads, and who leads it.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
+pub(super) struct Lead {
+    /// Who stands where, and since when.
+    quiet: Option<(u64, Time)>,
+    /// When it last began to lead.
+    began: Option<Time>,
+    /// Who stood where when it found no way.
+    in_vain: Option<u64>,
+    stage: Stage,
+    /// What it has called, to be repeated.
+    said: Option<Call>,
+    /// What it has been called, and until when it heeds that.
+    heard: Option<(Call, Time)>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
+enum Stage {
+    /// It does not lead.
+    #[default]
+    Not,
+    /// All have been asked to stay, and will have heard it by `at`. Locks are waited for until `until`.
+    Gathers { at: Time, until: Time },
+    /// These moves are left of a way, and the first of them is waited for until `until`.
+    Goes { moves: VecDeque<(ModuleId, Move)>, until: Time },
+}
+
+impl Metamodule {
+    /// Does what it is called to do, or leads. Says whether that is all there is to do.
+    pub(super) fn lead(&mut self, now: Time, scene: &Scene, next_expiry: Time) -> bool {
+        if let Some((call, until)) = self.core.lead.heard.filter(|(call, _)| call.bid != Bid::Over) {
+            if now < until {
+                self.stop_leading();
+                return self.heed(now, call.bid, scene, next_expiry.min(until));
+            }
+            self.core.lead.heard = None;
+        }
+        match self.core.lead.stage {
+            Stage::Not => {
+                if now < self.leads_at(now, scene) {
+                    return false;
+                }
+                hit(Mark::MetaLed);
+                let params = &self.setup.params;
+                let (at, until) = (now + params.resend, now + params.lease);
+                self.core.lead.stage = Stage::Gathers { at, until };
+                self.core.lead.began = Some(now);
+                self.call(Bid::Stay);
+                self.heed(now, Bid::Stay, scene, at)
+            }
+            Stage::Gathers { at, .. } if now < at => self.heed(now, Bid::Stay, scene, at),
+            Stage::Gathers { until, .. } if now < until && self.has_granted() => {
+                self.heed(now, Bid::Stay, scene, next_expiry.min(until))
+            }
+            Stage::Gathers { .. } => match self.find_together(scene) {
+                Some(moves) => {
+                    let until = now + self.setup.params.lease;
+                    self.core.lead.stage = Stage::Goes { moves: moves.into(), until };
+                    self.call_next(now, scene, next_expiry)
+                }
+                None => {
+                    hit(Mark::MetaLedInVain);
+                    self.core.lead.in_vain = Some(self.arrangement(scene));
+                    self.stop_leading();
+                    false
+                }
+            },
+            Stage::Goes { .. } => self.call_next(now, scene, next_expiry),
+        }
+    }
+
+    /// Not before this time it leads, if nothing else happens.
+    pub(super) fn leads_at(&mut self, now: Time, scene: &Scene) -> Time {
+        let around = self.arrangement(scene);
+        let patience = self.setup.params.patience;
+        let quiet = self.core.lead.quiet.filter(|(before, _)| *before == around && !self.has_granted());
+        let (_, since) = *self.core.lead.quiet.insert(quiet.unwrap_or((around, now)));
+        let filled = self.core.intent.filled_since().unwrap_or(now);
+        let is_first = scene.movable.iter().all(|(id, _)| *id > self.core.id);
+        if !is_first || self.open().is_empty() || self.core.lead.in_vain == Some(around) {
+            return Time::NEVER;
+        }
+        let at = (since + patience * QUIET).min(filled + patience * LONG);
+        self.core.lead.began.map_or(at, |began| at.max(began + patience * QUIET))
+    }
+
+    fn has_granted(&self) -> bool {
+        self.core.peers.iter().any(|(_, p)| p.grant.is_some())
+    }
+
+    /// Tells who stands where from any other.
+    fn arrangement(&self, scene: &Scene) -> u64 {
+        let poses = scene.movable.iter().map(|(_, pose)| *pose).chain([self.core.pose]);
+        let tells = |p: Pose| [p.state.x as u64, p.state.y as u64, p.state.class.into(), p.posture.into()];
+        let poses = poses.map(|p| tells(p).into_iter().fold(0, mix)).fold(0, u64::wrapping_add);
+        [fingerprint(&scene.stays), self.core.filled.0.into()].into_iter().fold(poses, mix)
+    }
+
+    /// A way of all who can move together.
+    fn find_together(&self, scene: &Scene) -> Option<Vec<(ModuleId, Move)>> {
+        let mut movers = scene.movable.clone();
+        movers.push((self.core.id, self.core.pose));
+        movers.sort_by_key(|(id, _)| *id);
+        let standstill = Standstill {
+            setup: Arc::clone(&self.setup),
+            task: self.core.task,
+            filled: self.core.filled,
+            free: movers.iter().map(|(_, pose)| *pose).collect(),
+            fixed: scene.stays.clone(),
+        };
+        let Sought::Way(way) = search(&standstill, WORK) else { return None };
+        Some(way.into_iter().map(|m| (movers[m.body].0, m)).collect())
+    }
+
+    /// Calls the next move, unless it is waited for.
+    fn call_next(&mut self, now: Time, scene: &Scene, next_expiry: Time) -> bool {
+        let me = (self.core.id, self.core.pose);
+        let pose_of =
+            |id: ModuleId| scene.movable.iter().chain([&me]).find(|(i, _)| *i == id).map(|(_, p)| *p);
+        let lease = self.setup.params.lease;
+        let Stage::Goes { moves, until } = &mut self.core.lead.stage else { return false };
+        if let Some((who, last)) = moves.front()
+            && pose_of(*who).is_some_and(|pose| is_made(&self.setup, last, pose))
+        {
+            moves.pop_front();
+            *until = now + lease;
+        }
+        let next = moves.front().copied();
+        let is_there = |(who, next): &(ModuleId, Move)| pose_of(*who).is_some_and(|p| stands(p, next.from));
+        let Some((who, next)) = next.filter(is_there).filter(|_| now < *until) else {
+            self.stop_leading();
+            return false;
+        };
+        let until = *until;
+        let bid = Bid::Move { who, from: next.from, posture: next.posture, lands: next.lands };
+        if self.core.lead.said.is_none_or(|said| said.bid != bid) {
+            self.call(bid);
+        }
+        self.heed(now, bid, scene, next_expiry.min(until))
+    }
+
+    /// Stays, or makes the move that it is called to make.
+    fn heed(&mut self, now: Time, bid: Bid, scene: &Scene, until: Time) -> bool {
+        self.fall_silent(now);
+        self.core.phase = Phase::Idle { look_at: until };
+        if let Bid::Move { who, from, posture, lands } = bid
+            && who == self.core.id
+            && stands(self.core.pose, from)
+        {
+            let pose = self.core.pose;
+            let fills = self.fits(Pose { posture, ..pose }).filter(|s| self.open().has(*s));
+            let aim = match fills {
+                _ if lands => Aim::Land,
+                Some(seed) => Aim::Settle(seed),
+                None => Aim::Shift,
+            };
+            if let Some(plan) = Plan::to(&self.ground(&scene.taken), pose, posture, aim) {
+                hit(Mark::MetaCalled);
+                self.ask(now, plan);
+            }
+        }
+        true
+    }
+
+    fn call(&mut self, bid: Bid) {
+        self.core.sequence += 1;
+        let call = Call { leader: self.core.id, sequence: self.core.sequence, bid };
+        self.core.lead.said = Some(call);
+        self.broadcast(Class::Negotiation, Message::Call(call));
+    }
+
+    /// Leads no more, and says so.
+    pub(super) fn stop_leading(&mut self) {
+        if std::mem::take(&mut self.core.lead.stage) != Stage::Not {
+            self.call(Bid::Over);
+        }
+    }
+
+    /// Somebody leads.
+    pub(super) fn hear_call(&mut self, now: Time, port: Port, call: Call) {
+        let is_heard = self.core.peers.iter().any(|(p, peer)| p == port && !peer.condemned);
+        let is_later = |(before, until): (Call, Time)| match call.leader == before.leader {
+            true => call.sequence >= before.sequence,
+            false => call.leader < before.leader || now >= until || before.bid == Bid::Over,
+        };
+        let leads = self.core.lead.stage != Stage::Not && self.core.id < call.leader;
+        if !is_heard || leads || !self.core.lead.heard.is_none_or(is_later) {
+            return;
+        }
+        let before = self.core.lead.heard.replace((call, now + self.setup.params.patience * HEEDED));
+        if before.is_none_or(|(before, _)| before.bid != call.bid) {
+            self.look_again(now);
+        }
+    }
+
+    /// Says again what it has called.
+    pub(super) fn repeat_call(&mut self) {
+        if let Some(call) = self.core.lead.said {
+            self.broadcast(Class::Liveness, Message::Call(call));
+            if call.bid == Bid::Over {
+                self.core.lead.said = None;
+            }
+        }
+    }
+}
+
+/// Whether a body stands as a move wants it to.
+fn stands(pose: Pose, as_in: Pose) -> bool {
+    (pose.state, pose.posture, pose.both) == (as_in.state, as_in.posture, false)
+}
+
+/// Whether whoever stands like this has made a move.
+fn is_made(setup: &Setup, made: &Move, pose: Pose) -> bool {
+    let ends = Pose { posture: made.posture, ..made.from };
+    let ends = if made.lands { setup.motions.turned_around(ends) } else { Some(ends) };
+    ends.is_some_and(|ends| stands(pose, ends))
+}
