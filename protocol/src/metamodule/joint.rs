@@ -57,15 +57,19 @@ pub enum Sought {
     Undecided,
 }
 
-/// Whoever has so many arrangements before it, alone or with one or two others, is not taken to be held.
-const HELD: usize = 300;
+/// Whoever has more arrangements before it than this is not taken to be held: alone, and with one or two others
+/// who could not get away alone.
+const HELD: [usize; 2] = [300, 4_000];
 /// So many together are looked at whether they hold each other.
 const GROUP: usize = 3;
-/// Each two who could move while all others stay are looked at with so much less work than everybody.
-const PAIRS: usize = 20;
+/// Each one or two who could move while all others stay are first looked at with so much less work.
+const HASTE: usize = 20;
+/// All of these together are looked at with so much more work than everybody at once.
+const FEW: usize = 10;
 
 /// Looks for a proof that there is no way, and for a way. Each of the searches that this takes, from the
-/// simplest to that over everything, does so much work at most; a unit is one that moves looked at in one
+/// simplest to that over everything, does so much work at most (those for one or two who move, together, ten times
+/// as much); a unit is one that moves looked at in one
 /// place, less than a microsecond.
 pub fn search(standstill: &Standstill, work: usize) -> Sought {
     let held = Held::find(standstill, work);
@@ -79,11 +83,21 @@ pub fn search(standstill: &Standstill, work: usize) -> Sought {
     }
     let movers: Vec<usize> = everybody.filter(|i| !held.still.contains(i)).collect();
     let pairs = movers.iter().flat_map(|i| movers.iter().filter(move |j| *j > i).map(move |j| vec![*i, *j]));
-    for pair in movers.iter().map(|i| vec![*i]).chain(pairs) {
-        let mut board = Board::around_all_but(standstill, &pair);
-        if let way @ Sought::Way(_) = board.search(&[pair], Rests::Everything, work / PAIRS) {
-            return way;
+    let mut groups: Vec<Vec<usize>> = movers.iter().map(|i| vec![*i]).chain(pairs).collect();
+    // Most ways are found soon, if there is one.
+    let mut left = work.saturating_mul(FEW);
+    for most in [work / HASTE, work] {
+        let mut undecided = Vec::new();
+        for group in groups {
+            let mut board = Board::around_all_but(standstill, &group);
+            match board.search(std::slice::from_ref(&group), Rests::Everything, most.min(left)) {
+                Sought::NoWay(_) => {}
+                Sought::Undecided => undecided.push(group),
+                way @ Sought::Way(_) => return way,
+            }
+            left = left.saturating_sub(board.work);
         }
+        groups = undecided;
     }
     let inside = || movers.iter().copied().filter(|i| held.bodies.contains(i));
     let mut starts: Vec<Vec<usize>> = outside.iter().map(|i| inside().chain([*i]).collect()).collect();
@@ -116,7 +130,8 @@ impl Held {
         let (bodies, still) = (BTreeSet::new(), BTreeSet::new());
         let mut held = Held { bodies, still, stays: standstill.fixed.clone(), fills: false };
         // Only who cannot get away while all others stand still is held.
-        let is_shut_in = |i: &usize| Board::around_all_but(standstill, &[*i]).explore(&[*i], HELD).is_some();
+        let is_shut_in =
+            |i: &usize| Board::around_all_but(standstill, &[*i]).explore(&[*i], HELD[0]).is_some();
         let shut_in: Vec<usize> = (0..standstill.free.len()).filter(is_shut_in).collect();
         let mut left = work;
         let mut groups: Vec<Vec<usize>> = shut_in.iter().map(|i| vec![*i]).collect();
@@ -128,7 +143,7 @@ impl Held {
                 continue;
             }
             let mut board = held.board(standstill);
-            let found = board.explore(&group, HELD);
+            let found = board.explore(&group, HELD[usize::from(group.len() > 1)]);
             left = left.saturating_sub(board.work);
             if left == 0 {
                 break;

@@ -10,6 +10,7 @@
 //! What is called late or to somebody else than was meant costs time, never safety. Absent: a choice among ways;
 //! the first that is found is gone, also if it closes the way to another seed.
 
+use super::blueprint::SeedSet;
 use super::choice::{Aim, Plan};
 use super::joint::{Move, Sought, Standstill, search};
 use super::memo::mix;
@@ -31,6 +32,8 @@ const QUIET: u64 = 5;
 const LONG: u64 = 20;
 /// Whoever leads is heeded for so many times the patience after it was last heard.
 const HEEDED: u64 = 3;
+/// The time to the next search doubles with each that finds no way, up to so many times.
+const MOST_IN_VAIN: u8 = 4;
 /// So much work is done in each of the searches for a way.
 const WORK: usize = 2_000_000;
 
@@ -41,8 +44,10 @@ pub(super) struct Lead {
     quiet: Option<(u64, Time)>,
     /// When it last began to lead.
     began: Option<Time>,
-    /// Who stood where when it found no way.
+    /// Who stood where when it found no way, and how often it has found none since something was filled.
     in_vain: Option<u64>,
+    times_in_vain: u8,
+    filled: SeedSet,
     stage: Stage,
     /// What it has called, to be repeated.
     said: Option<Call>,
@@ -96,7 +101,9 @@ impl Metamodule {
                 }
                 None => {
                     hit(Mark::MetaLedInVain);
-                    self.core.lead.in_vain = Some(self.arrangement(scene));
+                    let around = self.arrangement(scene);
+                    let lead = &mut self.core.lead;
+                    (lead.in_vain, lead.times_in_vain) = (Some(around), lead.times_in_vain.saturating_add(1));
                     self.stop_leading();
                     false
                 }
@@ -109,7 +116,7 @@ impl Metamodule {
     pub(super) fn leads_at(&mut self, now: Time, scene: &Scene) -> Time {
         let around = self.arrangement(scene);
         let patience = self.setup.params.patience;
-        let quiet = self.core.lead.quiet.filter(|(before, _)| *before == around && !self.has_granted());
+        let quiet = self.core.lead.quiet.filter(|(before, _)| *before == around);
         let (_, since) = *self.core.lead.quiet.insert(quiet.unwrap_or((around, now)));
         let filled = self.core.intent.filled_since().unwrap_or(now);
         let is_first = scene.movable.iter().all(|(id, _)| *id > self.core.id);
@@ -117,7 +124,13 @@ impl Metamodule {
             return Time::NEVER;
         }
         let at = (since + patience * QUIET).min(filled + patience * LONG);
-        self.core.lead.began.map_or(at, |began| at.max(began + patience * QUIET))
+        let lead = &mut self.core.lead;
+        if lead.filled != self.core.filled {
+            (lead.filled, lead.times_in_vain) = (self.core.filled, 0);
+        }
+        // Where everybody moves and there is no way, looking for one every time would be most of the work.
+        let again = QUIET << lead.times_in_vain.min(MOST_IN_VAIN);
+        lead.began.map_or(at, |began| at.max(began + patience * again))
     }
 
     fn has_granted(&self) -> bool {
