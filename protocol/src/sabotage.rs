@@ -47,16 +47,13 @@ pub enum Sabotage {
     /// Metamodules: what was said earlier replaces what was said later, even that somebody is dead. Of the
     /// living the next word makes it good again.
     AcceptStaleStates,
-    /// Metamodules: claims of others do not count, and everybody goes to the seed that is nearest to it. As
-    /// long as seeds are shared out, hardly two make for the same one, whether or not they claim it.
-    IgnoreClaims,
     /// Metamodules: nobody makes way.
     StandInTheWay,
 }
 
 impl Sabotage {
     /// All of them.
-    pub const ALL: [Sabotage; 21] = [
+    pub const ALL: [Sabotage; 20] = [
         Sabotage::IgnoreSessions,
         Sabotage::NoDeadline,
         Sabotage::ShortLease,
@@ -76,7 +73,6 @@ impl Sabotage {
         Sabotage::OutstayLease,
         Sabotage::GrantAfterRestart,
         Sabotage::AcceptStaleStates,
-        Sabotage::IgnoreClaims,
         Sabotage::StandInTheWay,
     ];
 }

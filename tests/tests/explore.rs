@@ -5,6 +5,7 @@
 
 use metamorph_module_agent::Family;
 use metamorph_protocol::cube::params::Connectivity;
+use metamorph_protocol::marks::Mark;
 use metamorph_protocol::sabotage::Sabotage;
 use metamorph_tests::command::{root, run as metamorph};
 use metamorph_world_controller::explore::draft::{Draft, SwarmDraft};
@@ -90,8 +91,6 @@ known_defects! {
     finds_grants_after_a_restart: Metamodule, GrantAfterRestart, 300;
     finds_stale_states: Metamodule, AcceptStaleStates, 60;
     #[ignore = "takes minutes"]
-    finds_ignored_claims: Metamodule, IgnoreClaims, 120;
-    #[ignore = "takes minutes"]
     finds_those_who_stand_in_the_way: Metamodule, StandInTheWay, 100, from 300;
 }
 
@@ -109,6 +108,17 @@ fn the_published_gradient_is_found_too() {
     });
     println!("the published gradient: torn after {torn:?} runs");
     assert!(torn.is_some());
+}
+
+/// Those who stand in each other's way, and would each stay there, are led out of it.
+#[test]
+fn who_stands_still_is_led() {
+    let path = root().join("tests/corpus/metamodule-led-out-of-a-knot.toml");
+    let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+    let plan = read_file(&path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
+    let ran = run(&plan, &Interrupt::default()).unwrap();
+    assert!(!matches!(ran.verdict, Verdict::Failed(_)), "{:?}", ran.verdict);
+    assert!(ran.marks.has(Mark::MetaLed) && ran.marks.has(Mark::MetaCalled));
 }
 
 /// What failed once does not fail any more.

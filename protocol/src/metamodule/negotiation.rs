@@ -189,8 +189,7 @@ impl Metamodule {
                 cornered.extend(cells);
                 continue;
             }
-            let counts = !self.has(Sabotage::IgnoreClaims);
-            let fits = |c: &Claim| counts && state.task == core.task && !core.filled.has(c.seed);
+            let fits = |c: &Claim| state.task == core.task && !core.filled.has(c.seed);
             free.push(Other {
                 id: state.id,
                 pose: state.pose,
@@ -369,9 +368,7 @@ impl Metamodule {
                 return;
             }
             let patient = now < since + self.setup.params.patience;
-            let shares = !self.has(Sabotage::IgnoreClaims);
-            let shared = if shares { self.share(scene, open, claimed) } else { None };
-            let (shared, patient) = (shared.filter(|s| open.has(*s)), patient && shares);
+            let shared = self.share(scene, open, claimed).filter(|s| open.has(*s));
             let me = [(self.core.id, self.core.pose, SeedSet::default())];
             let nearest = || open.iter().min_by_key(|s| self.strides(scene, &me, *s));
             let Some(number) = shared.or_else(|| nearest().filter(|_| !patient)) else { return };
