@@ -89,6 +89,10 @@ pub fn search(standstill: &Standstill, work: usize) -> Sought {
     for most in [work / HASTE, work] {
         let mut undecided = Vec::new();
         for group in groups {
+            if left == 0 {
+                undecided.push(group);
+                continue;
+            }
             let mut board = Board::around_all_but(standstill, &group);
             match board.search(std::slice::from_ref(&group), Rests::Everything, most.min(left)) {
                 Sought::NoWay(_) => {}
@@ -101,7 +105,10 @@ pub fn search(standstill: &Standstill, work: usize) -> Sought {
     }
     let inside = || movers.iter().copied().filter(|i| held.bodies.contains(i));
     let mut starts: Vec<Vec<usize>> = outside.iter().map(|i| inside().chain([*i]).collect()).collect();
-    starts.push(inside().collect());
+    // Whoever is alone outside is in the way of all others, and in the start before.
+    if outside.len() != 1 {
+        starts.push(inside().collect());
+    }
     let mut board = Board::around_all_but(standstill, &movers);
     match board.search(&starts, Rests::Everything, work) {
         none @ Sought::NoWay(_) => return none,

@@ -95,16 +95,14 @@ impl Metamodule {
             }
             Stage::Gathers { .. } => match self.find_together(scene) {
                 Some(moves) => {
-                    let until = now + self.setup.params.lease;
-                    self.core.lead.stage = Stage::Goes { moves: moves.into(), until };
-                    self.call_next(now, scene, next_expiry)
+                    // The search may have taken its time; the first call is made when it is known how much.
+                    self.core.lead.stage = Stage::Goes { moves: moves.into(), until: Time::NEVER };
+                    self.heed(now, Bid::Stay, scene, now)
                 }
                 None => {
                     hit(Mark::MetaLedInVain);
-                    let around = self.arrangement(scene);
-                    let lead = &mut self.core.lead;
-                    (lead.in_vain, lead.times_in_vain) = (Some(around), lead.times_in_vain.saturating_add(1));
-                    self.stop_leading();
+                    self.core.lead.in_vain = Some(self.arrangement(scene));
+                    self.lead_in_vain(now);
                     false
                 }
             },
@@ -142,7 +140,9 @@ impl Metamodule {
         let poses = scene.movable.iter().map(|(_, pose)| *pose).chain([self.core.pose]);
         let tells = |p: Pose| [p.state.x as u64, p.state.y as u64, p.state.class.into(), p.posture.into()];
         let poses = poses.map(|p| tells(p).into_iter().fold(0, mix)).fold(0, u64::wrapping_add);
-        [fingerprint(&scene.stays), self.core.filled.0.into()].into_iter().fold(poses, mix)
+        let core = &self.core;
+        let task = [core.task.epoch.into(), core.filled.0.into()];
+        task.into_iter().chain([fingerprint(&scene.stays)]).fold(poses, mix)
     }
 
     /// A way of all who can move together.
@@ -166,25 +166,38 @@ impl Metamodule {
         let me = (self.core.id, self.core.pose);
         let pose_of =
             |id: ModuleId| scene.movable.iter().chain([&me]).find(|(i, _)| *i == id).map(|(_, p)| *p);
-        let lease = self.setup.params.lease;
-        let Stage::Goes { moves, until } = &mut self.core.lead.stage else { return false };
-        if let Some((who, last)) = moves.front()
-            && pose_of(*who).is_some_and(|pose| is_made(&self.setup, last, pose))
+        // Whoever repeats its state on the way tells a posture of the way.
+        let is_moving = |id: ModuleId, from: Pose| {
+            let mut granted = self.core.peers.iter().filter(|(_, p)| p.state.is_some_and(|s| s.id == id));
+            granted.any(|(_, p)| p.grant.is_some_and(|g| stands(g.pose, from)))
+        };
+        let Stage::Goes { moves, until } = &self.core.lead.stage else { return false };
+        let (mut moves, mut until) = (moves.clone(), *until);
+        if let [(who, made), _, ..] = moves.make_contiguous()
+            && pose_of(*who).is_some_and(|pose| is_made(&self.setup, made, pose))
         {
             moves.pop_front();
-            *until = now + lease;
         }
-        let next = moves.front().copied();
-        let is_there = |(who, next): &(ModuleId, Move)| pose_of(*who).is_some_and(|p| stands(p, next.from));
-        let Some((who, next)) = next.filter(is_there).filter(|_| now < *until) else {
-            self.stop_leading();
+        let Some((who, next)) = moves.front().copied() else { return false };
+        // The last move is over when whoever makes it stays where it is for good.
+        let Some(pose) = pose_of(who) else {
+            match moves.len() {
+                1 => self.stop_leading(),
+                _ => self.lead_in_vain(now),
+            }
             return false;
         };
-        let until = *until;
-        let bid = Bid::Move { who, from: next.from, posture: next.posture, lands: next.lands };
-        if self.core.lead.said.is_none_or(|said| said.bid != bid) {
-            self.call(bid);
+        if now >= until || !(stands(pose, next.from) || is_moving(who, next.from)) {
+            self.lead_in_vain(now);
+            return false;
         }
+        let bid = Bid::Move { who, from: next.from, posture: next.posture, lands: next.lands };
+        let is_called = self.core.lead.said.is_some_and(|said| said.bid == bid);
+        if !is_called {
+            self.call(bid);
+            until = now + self.setup.params.lease;
+        }
+        self.core.lead.stage = Stage::Goes { moves, until };
         self.heed(now, bid, scene, next_expiry.min(until))
     }
 
@@ -218,6 +231,20 @@ impl Metamodule {
         self.broadcast(Class::Negotiation, Message::Call(call));
     }
 
+    /// Leads no more, as it was for nothing.
+    fn lead_in_vain(&mut self, now: Time) {
+        let lead = &mut self.core.lead;
+        (lead.began, lead.times_in_vain) = (Some(now), lead.times_in_vain.saturating_add(1));
+        self.stop_leading();
+    }
+
+    /// What has been tried for another task says nothing of this one.
+    pub(super) fn lead_afresh(&mut self) {
+        self.stop_leading();
+        let Lead { said, heard, .. } = std::mem::take(&mut self.core.lead);
+        self.core.lead = Lead { said, heard, ..Lead::default() };
+    }
+
     /// Leads no more, and says so.
     pub(super) fn stop_leading(&mut self) {
         if std::mem::take(&mut self.core.lead.stage) != Stage::Not {
@@ -229,7 +256,8 @@ impl Metamodule {
     pub(super) fn hear_call(&mut self, now: Time, port: Port, call: Call) {
         let is_heard = self.core.peers.iter().any(|(p, peer)| p == port && !peer.condemned);
         let is_later = |(before, until): (Call, Time)| match call.leader == before.leader {
-            true => call.sequence >= before.sequence,
+            // Whoever has been started again begins to count anew.
+            true => call.sequence >= before.sequence || now >= until,
             false => call.leader < before.leader || now >= until || before.bid == Bid::Over,
         };
         let leads = self.core.lead.stage != Stage::Not && self.core.id < call.leader;
@@ -243,7 +271,15 @@ impl Metamodule {
     }
 
     /// Says again what it has called.
-    pub(super) fn repeat_call(&mut self) {
+    pub(super) fn repeat_call(&mut self, now: Time) {
+        let (Stage::Gathers { until, .. } | Stage::Goes { until, .. }) = self.core.lead.stage else {
+            return self.repeat_said();
+        };
+        // Whoever waits for somebody else meanwhile keeps nobody longer than that.
+        if now >= until { self.lead_in_vain(now) } else { self.repeat_said() }
+    }
+
+    fn repeat_said(&mut self) {
         if let Some(call) = self.core.lead.said {
             self.broadcast(Class::Liveness, Message::Call(call));
             if call.bid == Bid::Over {

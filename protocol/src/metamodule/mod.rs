@@ -222,7 +222,7 @@ impl Metamodule {
         self.core.task = task;
         (self.core.open, self.core.filled) = (SeedSet::default(), SeedSet::default());
         self.withdraw();
-        self.stop_leading();
+        self.lead_afresh();
         let settled = self.core.settled.take().and_then(|_| self.fits(self.core.pose));
         if let Some(seed) = settled {
             self.core.settled = settled;
@@ -284,6 +284,7 @@ impl Metamodule {
             hit(Mark::MetaEarlierLifeSettled);
             self.core.settled = Some(seed);
             self.withdraw();
+            self.stop_leading();
             self.core.phase = idle(Time::NEVER);
             return self.tell(now, Class::Gradient);
         }
@@ -859,7 +860,7 @@ impl Agent for Metamodule {
                     if let Some(way) = self.core.intent.way {
                         self.broadcast(Class::Liveness, Message::Way(way));
                     }
-                    self.repeat_call();
+                    self.repeat_call(now);
                 }
                 match &mut self.core.phase {
                     Phase::Idle { look_at } if now >= *look_at => self.look(now),
