@@ -11,11 +11,12 @@ use metamorph_tests::command::{root, run as metamorph};
 use metamorph_world_controller::explore::draft::{Draft, SwarmDraft};
 use metamorph_world_controller::explore::draw::draw;
 use metamorph_world_controller::explore::verdict::{Failure, Kind, Verdict};
-use metamorph_world_controller::explore::{make_small, run};
+use metamorph_world_controller::explore::{Ran, make_small, run};
 use metamorph_world_controller::interrupt::Interrupt;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, read_file};
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
+use std::path::Path;
 
 /// How a scenario fails with a defect, if it does, and does not without it: where nothing unsafe is done
 /// but not all is built, the sound protocol builds all.
@@ -110,13 +111,17 @@ fn the_published_gradient_is_found_too() {
     assert!(torn.is_some());
 }
 
+/// What a file comes to.
+fn simulated(path: &Path) -> Ran {
+    let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+    let plan = read_file(path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
+    run(&plan, &Interrupt::default()).unwrap()
+}
+
 /// Those who stand in each other's way, and would each stay there, are led out of it.
 #[test]
 fn who_stands_still_is_led() {
-    let path = root().join("tests/corpus/metamodule-led-out-of-a-knot.toml");
-    let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
-    let plan = read_file(&path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
-    let ran = run(&plan, &Interrupt::default()).unwrap();
+    let ran = simulated(&root().join("tests/corpus/metamodule-led-out-of-a-knot.toml"));
     assert!(!matches!(ran.verdict, Verdict::Failed(_)), "{:?}", ran.verdict);
     assert!(ran.marks.has(Mark::MetaLed) && ran.marks.has(Mark::MetaCalled));
 }
@@ -124,15 +129,13 @@ fn who_stands_still_is_led() {
 /// What failed once does not fail any more.
 #[test]
 fn past_failures_stay_past() {
-    let (interrupt, mut replayed) = (Interrupt::default(), 0);
+    let mut replayed = 0;
     for entry in fs::read_dir(root().join("tests/corpus")).unwrap() {
         let path = entry.unwrap().path();
         if path.extension().is_none_or(|e| e != "toml") {
             continue;
         }
-        let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
-        let plan = read_file(&path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
-        let verdict = run(&plan, &interrupt).unwrap().verdict;
+        let verdict = simulated(&path).verdict;
         assert!(!matches!(verdict, Verdict::Failed(_)), "{}: {verdict:?}", path.display());
         replayed += 1;
     }

@@ -251,8 +251,8 @@ impl<'a> Board<'a> {
         next
     }
 
-    /// If these together have at most so many arrangements with nobody else there: the cells that they never leave, and
-    /// whether one of them fills a seed.
+    /// If these together have at most so many arrangements with nobody else there: the cells that they never
+    /// leave, and whether one of them fills a seed.
     pub fn explore(&mut self, group: &[usize], most: usize) -> Option<(BTreeSet<Cell>, bool)> {
         let cells = |board: &Board<'_>, shape: u32| board.shapes[shape as usize].cells;
         let mut front: Vec<Node> = self.begin(group).into_iter().map(|(node, _)| node).collect();

@@ -67,10 +67,12 @@ const HASTE: usize = 20;
 /// All of these together are looked at with so much more work than everybody at once.
 const FEW: usize = 10;
 
+/// So much work is worth it to a swarm that stands still, and to whoever judges it: they see the same ways.
+pub const WORK: usize = 2_000_000;
+
 /// Looks for a proof that there is no way, and for a way. Each of the searches that this takes, from the
-/// simplest to that over everything, does so much work at most (those for one or two who move, together, ten times
-/// as much); a unit is one that moves looked at in one
-/// place, less than a microsecond.
+/// simplest to that over everything, does so much work at most, and those for one or two who move ten times
+/// as much together; a unit is one that moves looked at in one place, less than a microsecond.
 pub fn search(standstill: &Standstill, work: usize) -> Sought {
     let held = Held::find(standstill, work);
     let everybody = 0..standstill.free.len();

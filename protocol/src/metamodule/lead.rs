@@ -12,7 +12,7 @@
 
 use super::blueprint::SeedSet;
 use super::choice::{Aim, Plan};
-use super::joint::{Move, Sought, Standstill, search};
+use super::joint::{Move, Sought, Standstill, WORK, search};
 use super::memo::mix;
 use super::message::{Bid, Call, Message};
 use super::negotiation::{Scene, fingerprint};
@@ -32,20 +32,19 @@ const QUIET: u64 = 5;
 const LONG: u64 = 20;
 /// Whoever leads is heeded for so many times the patience after it was last heard.
 const HEEDED: u64 = 3;
-/// The time to the next search doubles with each that finds no way, up to so many times.
+/// The time until it leads again doubles each time that it has led in vain, up to so many times.
 const MOST_IN_VAIN: u8 = 4;
-/// So much work is done in each of the searches for a way.
-const WORK: usize = 2_000_000;
 
 /// What a metamodule leads, and who leads it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
 pub(super) struct Lead {
     /// Who stands where, and since when.
     quiet: Option<(u64, Time)>,
-    /// When it last began to lead.
+    /// When it last began to lead, or had to give it up.
     began: Option<Time>,
-    /// Who stood where when it found no way, and how often it has found none since something was filled.
+    /// Who stood where when it found no way.
     in_vain: Option<u64>,
+    /// How often it has led in vain since these were filled, and nothing else.
     times_in_vain: u8,
     filled: SeedSet,
     stage: Stage,
@@ -241,8 +240,8 @@ impl Metamodule {
     /// What has been tried for another task says nothing of this one.
     pub(super) fn lead_afresh(&mut self) {
         self.stop_leading();
-        let Lead { said, heard, .. } = std::mem::take(&mut self.core.lead);
-        self.core.lead = Lead { said, heard, ..Lead::default() };
+        let lead = &mut self.core.lead;
+        *lead = Lead { said: lead.said, heard: lead.heard, ..Lead::default() };
     }
 
     /// Leads no more, and says so.
@@ -272,14 +271,12 @@ impl Metamodule {
 
     /// Says again what it has called.
     pub(super) fn repeat_call(&mut self, now: Time) {
-        let (Stage::Gathers { until, .. } | Stage::Goes { until, .. }) = self.core.lead.stage else {
-            return self.repeat_said();
-        };
-        // Whoever waits for somebody else meanwhile keeps nobody longer than that.
-        if now >= until { self.lead_in_vain(now) } else { self.repeat_said() }
-    }
-
-    fn repeat_said(&mut self) {
+        if let Stage::Gathers { until, .. } | Stage::Goes { until, .. } = self.core.lead.stage
+            && now >= until
+        {
+            // Whoever waits for somebody else meanwhile keeps nobody longer than that.
+            return self.lead_in_vain(now);
+        }
         if let Some(call) = self.core.lead.said {
             self.broadcast(Class::Liveness, Message::Call(call));
             if call.bid == Bid::Over {

@@ -374,11 +374,9 @@ impl Metamodule {
             Plan::to(&ground, pose, pose.posture, Aim::Land)
         };
         let later = now + self.setup.params.patience * 3;
-        let (plan, again) = match turn {
-            Some(plan) => (Some(plan), later),
-            None => other_end().map_or((None, later), |plan| (Some(plan), now)),
-        };
-        self.core.stuck = Some(again);
+        let again = if turn.is_none() { now } else { later };
+        let plan = turn.or_else(other_end);
+        self.core.stuck = Some(if plan.is_some() { again } else { later });
         if let Some(plan) = plan {
             self.ask(now, plan);
         }

@@ -2,7 +2,7 @@
 
 use crate::report::schema::Report;
 use crate::runnable::Question;
-use metamorph_protocol::metamodule::joint::{Sought, search};
+use metamorph_protocol::metamodule::joint::{Sought, WORK, search};
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_sim_bridge::feasible::{Found, Within, widest_proof};
 use metamorph_sim_bridge::outcome::{Outcome, Reason};
@@ -69,9 +69,6 @@ const PUBLISHED: [Reason; 2] = [Reason::NoBetterPlace, Reason::NoLock];
 
 /// So many arrangements of a broken robot are looked at before it stays undecided what could be built.
 const ARRANGEMENTS: usize = 20_000;
-
-/// So much work is done by every search for what metamodules could still do; there are a few.
-const WORK: usize = 2_000_000;
 
 /// Judges a run by its report; of cubes, also by what a search finds that could still be built.
 pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
