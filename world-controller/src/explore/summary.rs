@@ -213,16 +213,18 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
     if !summary.excused.is_empty() {
         let excused = list(summary.excused.iter().map(|(k, e)| (k.as_str(), &e.runs)).collect());
         writeln!(out, "  could not be built any more, not proved: {excused}")?;
-        let seeds: Vec<String> =
-            summary.excused.values().flat_map(|e| &e.seeds).take(NAMED).map(u64::to_string).collect();
-        writeln!(out, "    seeds {}", seeds.join(" "))?;
+        let seeds = summary.excused.values().flat_map(|e| &e.seeds).take(NAMED);
+        writeln!(out, "    seeds {}", spaced(seeds))?;
     }
     let (events, moves, messages) = (count(summary.events), count(summary.moves), count(summary.messages));
     writeln!(out, "  {events} events, {moves} moves, {messages} messages")?;
     for found in &summary.found {
-        let Found { kind, protocol, runs, what, repeat, agents, faults, .. } = found;
+        let Found { kind, protocol, seeds, runs, what, repeat, agents, faults, .. } = found;
         writeln!(out, "\n{} ({protocol}) in {} run{}", paint.bad(&kind.to_string()), count(*runs), s(*runs))?;
         writeln!(out, "  {what}\n  first in  {repeat}")?;
+        if *runs > 1 {
+            writeln!(out, "  seeds {}{}", spaced(seeds), if *runs > NAMED as u64 { " ..." } else { "" })?;
+        }
         if let Some(scenario) = &found.scenario {
             writeln!(
                 out,
@@ -255,6 +257,10 @@ fn note(numbers: &mut Vec<u64>, number: u64) {
 /// The seeds of runs by their numbers.
 pub fn seeds(from: u64, numbers: &[u64]) -> Vec<u64> {
     numbers.iter().map(|n| from.wrapping_add(*n)).collect()
+}
+
+fn spaced<'a>(seeds: impl IntoIterator<Item = &'a u64>) -> String {
+    seeds.into_iter().map(u64::to_string).collect::<Vec<_>>().join(" ")
 }
 
 fn s(n: u64) -> &'static str {
