@@ -27,7 +27,7 @@ pub struct Known {
 }
 
 impl Known {
-    fn is_final(&self, stage: u16) -> bool {
+    pub(crate) fn is_final(&self, stage: u16) -> bool {
         self.status.is_some_and(|s| s.role == Role::Final && s.epoch == stage)
     }
     fn is_walker(&self) -> bool {

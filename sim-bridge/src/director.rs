@@ -222,10 +222,11 @@ impl Director {
     /// come back in that contact session.
     fn certify_deaths(&mut self, world: &CubeWorld) {
         for (victim, told) in &mut self.dead {
+            let finalized = self.known[victim.index()].is_final(self.stage);
             for contact in Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)) {
                 if told.insert(contact.session) {
                     let (port, session) = (contact.peer_port, contact.session);
-                    let order = Order::Condemn { port, session, epoch: self.stage };
+                    let order = Order::Condemn { port, session, epoch: self.stage, finalized };
                     self.commands.push_back(Command::Order(contact.peer, order));
                 }
             }

@@ -20,6 +20,8 @@ pub enum Order {
         session: Session,
         /// The latest goal that it can have worked for.
         epoch: u16,
+        /// In that goal it was finalized: it is for good, and so is all that it hangs on.
+        finalized: bool,
     },
 }
 
@@ -33,10 +35,11 @@ impl Wire for Order {
     fn encode(&self, out: &mut Encoder) {
         match self {
             Order::Goal { epoch } => out.u16(*epoch),
-            Order::Condemn { port, session, epoch } => {
+            Order::Condemn { port, session, epoch, finalized } => {
                 out.u8(port.0);
                 out.u32(session.0);
                 out.u16(*epoch);
+                out.bool(*finalized);
             }
         }
     }
@@ -47,6 +50,7 @@ impl Wire for Order {
                 port: Port(from.face("port")? as u8),
                 session: Session(from.u32()?),
                 epoch: from.u16()?,
+                finalized: from.bool("finalized")?,
             }),
             _ => Err(WireError::Kind(kind)),
         }

@@ -64,6 +64,7 @@ impl Cube {
                 // A dead finalized module stays where it is, and what hangs on it must not be cut off
                 // from it; but it answers no more.
                 (None, Some(b)) if b.role == Role::Final => Some((f, b.role, 0, 0)),
+                (None, _) if self.died_finalized(f) => Some((f, Role::Final, 0, 0)),
                 _ => None,
             })
             .collect();
@@ -217,5 +218,69 @@ impl Cube {
             self.lock(now, state);
             self.ask_for_destination(now);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agent::{Agent, Birth, Input};
+    use crate::cube::control::Order;
+    use crate::cube::message::{Claim, Entry, Rank};
+    use crate::cube::params::{Connectivity, Params, Setup};
+    use crate::goal::{Goal, Growth};
+    use crate::ids::{Incarnation, ModuleId, Port, Session};
+    use crate::lattice::Cell;
+    use crate::time::Span;
+    use std::sync::Arc;
+
+    /// A module in reserve at the origin with a live neighbour in the east and one that died in the west.
+    fn between(west_was_final: bool) -> Cube {
+        let seed = Cell::new(-2, 0, 0);
+        let setup = Setup {
+            params: Params::scaled(Span::secs(1), Span::millis(10), 100).keeping(Connectivity::Cycles),
+            goals: vec![Goal::compile(&[seed, Cell::new(-1, 0, 0)], seed, Growth::Solid).unwrap()],
+        };
+        let birth = Birth { id: ModuleId(0), place: Cell::default(), incarnation: Incarnation(0), seed: 1 };
+        let mut cube = Cube::new(&Arc::new(setup), birth, Time::ZERO);
+        let (east, west, session) = (Port(Face::East as u8), Port(Face::West as u8), Session(1));
+        for port in [east, west] {
+            cube.handle(Time::ZERO, Input::Contact { port, session: Some(session) });
+        }
+        let beacon = Beacon {
+            id: ModuleId(1),
+            sequence: 1,
+            epoch: 0,
+            role: Role::Reserve,
+            attached: true,
+            immobile: false,
+            anchored_here: false,
+            wants_you: false,
+            quarantined: false,
+            final_hops: Beacon::NO_FINAL,
+            terrain: Face::West.bit(),
+            finals: 0,
+            rank: Rank { rooted: Time::ZERO, label: 3 },
+            renew: Time::ZERO,
+            claim: Claim::None,
+            ack: None,
+            corners: 0,
+            subtree: 0,
+            field: [Entry::NONE; 4],
+        };
+        cube.handle(Time::ZERO, Input::Message { port: east, message: Message::Beacon(beacon) });
+        let order = Order::Condemn { port: west, session, epoch: 0, finalized: west_was_final };
+        cube.handle(Time::ZERO, Input::Order(order));
+        cube
+    }
+
+    /// Whoever may let go of a dead neighbour asks whether the others stay connected with it.
+    #[test]
+    fn what_hangs_on_dead_strangers_is_not_cut_off() {
+        let now = Time::ZERO;
+        assert!(between(false).may_leave(now).is_err(), "nobody knows what hangs on whom");
+        let mut cube = between(true);
+        assert_eq!(cube.may_leave(now), Ok(()), "it hangs on nobody");
+        assert!(!cube.ask_for_cycles(now), "the east is connected over this module alone");
     }
 }

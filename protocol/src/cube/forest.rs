@@ -33,6 +33,8 @@ impl Cube {
             self.role != Role::Walker && self.is_attached() && self.is_idle() && !self.is_quarantined(now);
         let child = match beacon.claim {
             _ if beacon.role != Role::Reserve || beacon.epoch != self.epoch => None,
+            // What it said before that came late.
+            _ if self.died_finalized(face) => None,
             Claim::None => None,
             // Also how a restarted parent learns of its children again.
             Claim::Parent(token) => Some(token),
@@ -84,8 +86,15 @@ impl Cube {
     /// hangs together with all that is finalized.
     fn dead_root(&self) -> Option<Face> {
         let is_final = |b: &Beacon| b.role == Role::Final && b.epoch == self.epoch;
-        let is_root = |f: &Face| self.side(*f).condemned && self.peer(*f).is_some_and(is_final);
+        let is_root = |f: &Face| {
+            self.died_finalized(*f) || (self.side(*f).condemned && self.peer(*f).is_some_and(is_final))
+        };
         self.parent.into_iter().chain(Face::ALL).find(is_root)
+    }
+
+    /// Whether the neighbour on a face is certified to have died finalized, heard or not.
+    pub(super) fn died_finalized(&self, face: Face) -> bool {
+        self.side(face).died_final == Some(self.epoch)
     }
 
     /// Whoever hangs on a dead finalized module needs no leave to, and vouches for it.
@@ -317,6 +326,9 @@ impl Cube {
     fn held_by(&self, now: Time, face: Face) -> Option<Held> {
         let side = self.side(face);
         side.session?;
+        if self.died_finalized(face) {
+            return None;
+        }
         let Some(peer) = &side.peer else {
             return (!self.has(Sabotage::IgnoreStrangers)).then_some(Held(None));
         };

@@ -574,9 +574,8 @@ mod tests {
         {
             assert_eq!(Frame::seal(header(), &percept).message::<Percept>(), Ok(percept));
         }
-        for order in
-            [Order::Goal { epoch: 3 }, Order::Condemn { port: Port(5), session: Session(6), epoch: 1 }]
-        {
+        let condemn = Order::Condemn { port: Port(5), session: Session(6), epoch: 1, finalized: true };
+        for order in [Order::Goal { epoch: 3 }, condemn] {
             assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));
         }
         let motion = Motion { kind: MotionKind::Convex, support: Face::Down, heading: Face::East };

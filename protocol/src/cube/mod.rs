@@ -98,6 +98,8 @@ struct Side {
     peer: Option<Peer>,
     /// The neighbour is certified dead.
     condemned: bool,
+    /// The goal in which it is certified to have been finalized, as it may never have been heard itself.
+    died_final: Option<u16>,
     /// The neighbour is a registered child.
     child: Option<Token>,
     field: FaceField,
@@ -122,6 +124,7 @@ impl Side {
             session: None,
             peer: None,
             condemned: false,
+            died_final: None,
             child: None,
             field: FaceField::new(),
             corners: 0,
@@ -140,6 +143,7 @@ impl Side {
         self.session = session;
         self.peer = None;
         self.condemned = false;
+        self.died_final = None;
         self.child = None;
         self.sent = None;
         self.sequence = 0;
@@ -463,13 +467,19 @@ impl Cube {
     fn on_order(&mut self, now: Time, order: Order) {
         match order {
             Order::Goal { epoch } => self.follow_epoch(now, epoch),
-            Order::Condemn { port, session, epoch } => {
+            Order::Condemn { port, session, epoch, finalized } => {
                 self.follow_epoch(now, epoch);
                 if let Some(face) = Face::from_index(port.0)
                     && self.side(face).session == Some(session)
                 {
-                    self.side_mut(face).condemned = true;
+                    let side = self.side_mut(face);
+                    side.condemned = true;
+                    side.died_final = finalized.then_some(epoch);
+                    if self.died_finalized(face) {
+                        self.side_mut(face).child = None;
+                    }
                     self.touch();
+                    self.decide_soon(now);
                 }
             }
         }
