@@ -29,7 +29,11 @@ impl Cube {
                 hit(Mark::CubeBeaconLate);
                 return;
             }
-            if (Beacon { sequence: beacon.sequence, ..peer.beacon }) == beacon {
+            let is_known = (Beacon { sequence: beacon.sequence, ..peer.beacon }) == beacon;
+            if self.is_missed(now, face) {
+                self.wait_for_news(now);
+            }
+            if is_known {
                 self.side_mut(face).peer = Some(Peer { beacon, heard: now });
                 return;
             }
@@ -57,6 +61,17 @@ impl Cube {
         }
         self.touch();
         self.decide_soon(now);
+    }
+
+    /// What has long been unfilled may only have been out of hearing: before any is started out of turn there
+    /// is time for distances to come from there.
+    fn wait_for_news(&mut self, now: Time) {
+        let p = &self.setup.params;
+        let (relax, hold) = (p.relax, p.hold);
+        for side in &mut self.sides {
+            side.unfilled_since = side.unfilled_since.map(|since| since.max(now + hold - relax));
+        }
+        self.field_stale = true;
     }
 
     /// Becomes finalized if it stands in a goal cell that a finalized neighbour wants filled.
@@ -103,11 +118,20 @@ impl Cube {
         // Who stands there anyhow is in nobody's way more than before.
         let is_taken = || self.peer(face).is_some_and(|b| b.role == Role::Reserve || b.immobile);
         let is_last_hope = || self.sides.iter().all(|s| s.field.value().distance >= far);
-        let is_due = self.side(face).unfilled_since.is_some_and(relaxed) && (is_taken() || is_last_hope());
+        let is_due = self.side(face).unfilled_since.is_some_and(relaxed)
+            && !Face::ALL.into_iter().any(|f| self.is_missed(now, f))
+            && (is_taken() || is_last_hope());
         is_due.then(|| {
             hit(Mark::CubeRelaxed);
             far
         })
+    }
+
+    /// Whether the neighbour on a face has fallen silent and is not certified dead: whoever is behind it
+    /// cannot be heard either.
+    fn is_missed(&self, now: Time, face: Face) -> bool {
+        let side = self.side(face);
+        side.peer.is_some() && !side.condemned && self.live(now, face).is_none()
     }
 
     /// Rule G2: every lower neighbour of the cell is finalized, as far as the common neighbours that
