@@ -65,6 +65,46 @@ enum By {
     Wakes { rests: u32, woken: u32, posture: u16 },
 }
 
+/// Where one body gets while all others stay.
+pub struct Roam {
+    body: usize,
+    stays: Vec<Stay>,
+    /// In which posture it may rest, by the number of its stay.
+    pub rests: Vec<(usize, u16)>,
+    /// The posture that fills an open seed, by the number of its stay.
+    pub fills: Option<(usize, u16)>,
+}
+
+/// Where a body has landed.
+struct Stay {
+    /// The stay before, and the posture that lands from there; none where it begins.
+    before: Option<(usize, u16)>,
+    /// How it stands then.
+    pose: Pose,
+}
+
+impl Roam {
+    /// How it stands when it rests there.
+    pub fn pose(&self, (stay, posture): (usize, u16)) -> Pose {
+        Pose { posture, ..self.stays[stay].pose }
+    }
+
+    /// The moves that bring it there.
+    pub fn moves(&self, (mut stay, posture): (usize, u16)) -> Vec<Move> {
+        let turn = |stay: usize, posture| {
+            let from = self.stays[stay].pose;
+            Move { body: self.body, from, posture, lands: false }
+        };
+        let mut moves = vec![turn(stay, posture)];
+        while let Some((before, by)) = self.stays[stay].before {
+            moves.push(Move { lands: true, ..turn(before, by) });
+            stay = before;
+        }
+        moves.reverse();
+        moves
+    }
+}
+
 /// The place of the one who moves, and the shapes of the others, in order.
 type Node = (u32, Vec<u32>);
 
@@ -249,6 +289,29 @@ impl<'a> Board<'a> {
             }
         }
         next
+    }
+
+    /// Everywhere that one of these gets while all others stay where they are.
+    pub fn roam(&mut self, poses: &[Pose], body: usize) -> Roam {
+        let from = poses[body];
+        let others = poses.iter().enumerate().filter(|(i, _)| *i != body);
+        let others: Vec<u32> = others.map(|(_, p)| self.shape(p.state, vec![p.posture])).collect();
+        let mut roam = Roam { body, stays: Vec::new(), rests: Vec::new(), fills: None };
+        let (mut seen, mut found) = (BTreeSet::new(), vec![Stay { before: None, pose: from }]);
+        for at in 0.. {
+            for stay in found {
+                if seen.insert(self.place(stay.pose.state, stay.pose.posture, &others)) {
+                    roam.stays.push(stay);
+                }
+            }
+            let Some(pose) = roam.stays.get(at).map(|stay| stay.pose) else { break };
+            let number = self.place(pose.state, pose.posture, &others);
+            let place = &self.places[number as usize];
+            roam.rests.extend(place.shapes.iter().map(|s| (at, first(&self.shapes[*s as usize].postures))));
+            roam.fills = roam.fills.or(place.fills.map(|posture| (at, posture)));
+            found = place.lands.iter().map(|(by, to)| Stay { before: Some((at, *by)), pose: *to }).collect();
+        }
+        roam
     }
 
     /// If these together have at most so many arrangements with nobody else there: the cells that they never

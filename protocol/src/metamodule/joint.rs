@@ -6,7 +6,7 @@
 //! gone, or all but one or two who could not either. The cells that it never leaves are taken for everybody
 //! else, always; and whoever fills a seed could do it also if all others who are not held were gone. If
 //! nobody can do that, there is no way. On the other hand, most ways take one or two who move while all
-//! others stay where they are.
+//! others stay where they are. Where nothing is decided in the end, luck may find a way (`wander`).
 //!
 //! Absent: what is known to whom, and who tells whom what to do.
 
@@ -14,6 +14,7 @@ use super::blueprint::{SeedSet, Task};
 use super::board::{Board, Rests};
 use super::params::Setup;
 use super::pose::Pose;
+use super::wander::wander;
 use crate::lattice::Cell;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -66,13 +67,15 @@ const GROUP: usize = 3;
 const HASTE: usize = 20;
 /// All of these together are looked at with so much more work than everybody at once.
 const FEW: usize = 10;
+/// Ways by luck are looked for with so much more.
+const LUCK: usize = 5;
 
 /// So much work is worth it to a swarm that stands still, and to whoever judges it: they see the same ways.
 pub const WORK: usize = 2_000_000;
 
 /// Looks for a proof that there is no way, and for a way. Each of the searches that this takes, from the
-/// simplest to that over everything, does so much work at most, and those for one or two who move ten times
-/// as much together; a unit is one that moves looked at in one place, less than a microsecond.
+/// simplest to that over everything, does so much work at most, those for one or two who move ten times as much
+/// together, and what is tried by luck in the end five times as much; a unit is one that moves looked at in one place, less than a microsecond.
 pub fn search(standstill: &Standstill, work: usize) -> Sought {
     let held = Held::find(standstill, work);
     let everybody = 0..standstill.free.len();
@@ -117,10 +120,13 @@ pub fn search(standstill: &Standstill, work: usize) -> Sought {
         way @ Sought::Way(_) if outside.len() <= 1 => return way,
         _ => {}
     }
-    match board.search(std::slice::from_ref(&movers), Rests::Landings, work) {
-        way @ Sought::Way(_) => way,
-        _ => board.search(&[movers], Rests::Everything, work),
+    for rests in [Rests::Landings, Rests::Everything] {
+        match board.search(std::slice::from_ref(&movers), rests, work) {
+            Sought::Undecided => {}
+            decided => return decided,
+        }
     }
+    wander(standstill, &movers, work.saturating_mul(LUCK)).map_or(Sought::Undecided, Sought::Way)
 }
 
 /// Those who can never get away, alone or together, whatever all others do.
@@ -258,7 +264,7 @@ mod tests {
             "it stands there"
         );
         assert!(matches!(search(&standstill(&setup, &[(0, 0), (1, 1)], &[]), 100_000), Sought::Way(_)));
-        assert_eq!(search(&standstill(&setup, &[(0, 0), (1, 1)], &[]), 1), Sought::Undecided);
+        assert_eq!(search(&standstill(&setup, &[(0, 0), (1, 1)], &[]), 0), Sought::Undecided);
         let has_no_way = |standstill| matches!(search(&standstill, 100_000), Sought::NoWay(_));
         assert!(has_no_way(standstill(&setup, &[], &[])), "nobody is free");
         assert!(has_no_way(standstill(&setup, &[(0, 0)], &[Cell::new(4, 4, 2)])), "the seed is taken");
@@ -268,7 +274,7 @@ mod tests {
     #[test]
     fn says_only_what_is_so() {
         let (database, mut stream) = (Arc::new(Database::build()), Stream::named(1, "feasible", 0));
-        let mut counts = [0; 4];
+        let (mut counts, mut lucky) = ([0; 4], 0);
         for _ in 0..60 {
             let side = 2 + stream.below(3) as i16;
             let mut place = || (stream.below(side as u64) as i16, stream.below(side as u64) as i16);
@@ -288,9 +294,14 @@ mod tests {
             if let Sought::Way(moves) = &found {
                 go(&standstill, moves);
             }
+            let by_luck = wander(&standstill, &(0..free.len()).collect::<Vec<usize>>(), 20_000);
+            if let Some(moves) = &by_luck {
+                go(&standstill, moves);
+                lucky += 1;
+            }
             let is_so = match &all {
                 Sought::Way(_) => matches!(found, Sought::Way(_)),
-                Sought::NoWay(_) => matches!(found, Sought::NoWay(_)),
+                Sought::NoWay(_) => matches!(found, Sought::NoWay(_)) && by_luck.is_none(),
                 Sought::Undecided => true,
             };
             assert!(is_so, "{all:?}, {found:?}: {standstill:?}");
@@ -302,5 +313,6 @@ mod tests {
             }] += 1;
         }
         assert!(counts[..3].iter().all(|n| *n > 1), "{counts:?}");
+        assert!(lucky > counts[0] / 2, "{lucky} by luck, {counts:?}");
     }
 }

@@ -35,6 +35,7 @@ mod postures;
 pub mod search;
 mod shut_in;
 pub mod start;
+mod wander;
 
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
 use crate::ids::{ModuleId, Port, Token};
