@@ -66,8 +66,8 @@ impl Cube {
     /// What has long been unfilled may only have been out of hearing: before any is started out of turn there
     /// is time for distances to come from there.
     fn wait_for_news(&mut self, now: Time) {
-        let p = &self.setup.params;
-        let (relax, hold) = (p.relax, p.hold);
+        hit(Mark::CubeWaitsForNews);
+        let (relax, hold) = (self.setup.params.relax, self.setup.params.hold);
         for side in &mut self.sides {
             side.unfilled_since = side.unfilled_since.map(|since| since.max(now + hold - relax));
         }

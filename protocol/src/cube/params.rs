@@ -51,7 +51,8 @@ pub struct Params {
     pub drift: Ratio,
     /// How long a corner found blocked is avoided.
     pub corner_hint: Span,
-    /// After this long an unfilled goal cell may be started from any filled neighbour.
+    /// After this long an unfilled goal cell may be started from any filled neighbour, unless it misses one of
+    /// its own.
     pub relax: Span,
     /// How long a restarted module only listens and looks for a parent: it grants nothing, does not
     /// move and is not finalized.

@@ -9,6 +9,7 @@
 use super::board::{Board, Roam};
 use super::joint::{Move, Standstill};
 use super::pose::Pose;
+use crate::marks::{Mark, hit};
 use crate::stream::Stream;
 
 /// After so many trips the first try begins anew, each later one after twice as many.
@@ -39,6 +40,7 @@ pub(super) fn wander(standstill: &Standstill, movers: &[usize], work: usize) -> 
         let moves = way.and_then(|way| way.shortened(standstill, &mut board, until));
         left = left.saturating_sub(board.work);
         if moves.is_some() && best.is_none() {
+            hit(Mark::MetaByLuck);
             left = left.min((work - left).saturating_mul(MORE));
         }
         best = best.into_iter().chain(moves).min_by_key(Vec::len);
