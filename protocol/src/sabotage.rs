@@ -47,7 +47,7 @@ pub enum Sabotage {
     /// Metamodules: what was said earlier replaces what was said later, even that somebody is dead. Of the
     /// living the next word makes it good again.
     AcceptStaleStates,
-    /// Metamodules: nobody makes way.
+    /// Metamodules: nobody makes way, on its own account or when it is called.
     StandInTheWay,
 }
 

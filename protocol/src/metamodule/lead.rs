@@ -22,6 +22,7 @@ use super::{Metamodule, Phase};
 use crate::agent::Class;
 use crate::ids::{ModuleId, Port};
 use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
 use crate::time::Time;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -207,6 +208,7 @@ impl Metamodule {
         if let Bid::Move { who, from, posture, lands } = bid
             && who == self.core.id
             && stands(self.core.pose, from)
+            && !self.has(Sabotage::StandInTheWay)
         {
             let pose = self.core.pose;
             let fills = self.fits(Pose { posture, ..pose }).filter(|s| self.open().has(*s));

@@ -6,7 +6,7 @@
 //!
 //! Absent: the proof that there is no way.
 
-use super::board::{Board, Roam};
+use super::board::Board;
 use super::joint::{Move, Standstill};
 use super::pose::Pose;
 use crate::marks::{Mark, hit};
@@ -28,7 +28,8 @@ struct Trip {
     to: Pose,
 }
 
-/// The shortest of the ways of these that are found with so much work, or with little more than the first. The last one may take a little more.
+/// The shortest of the ways of these that are found with so much work, or soon after the first one. Making the
+/// last one short may take a little more.
 pub(super) fn wander(standstill: &Standstill, movers: &[usize], work: usize) -> Option<Vec<Move>> {
     let mut stream = Stream::named(0, "wander", 0);
     let (mut most, mut left, mut best) = (FIRST, work, None::<Vec<Move>>);
@@ -113,7 +114,7 @@ fn go(standstill: &Standstill, board: &mut Board<'_>, way: &Way) -> Option<Vec<M
     let (mut poses, mut moves) = (standstill.free.clone(), Vec::new());
     let does_something = |m: &Move| m.lands || m.posture != m.from.posture;
     for trip in &way.trips {
-        let roam: Roam = board.roam(&poses, trip.body);
+        let roam = board.roam(&poses, trip.body);
         let to = roam.rests.iter().find(|rest| roam.pose(**rest) == trip.to)?;
         moves.extend(roam.moves(*to).into_iter().filter(does_something));
         poses[trip.body] = trip.to;
