@@ -298,15 +298,16 @@ impl<'a> Board<'a> {
         let others: Vec<u32> = others.map(|(_, p)| self.shape(p.state, vec![p.posture])).collect();
         let mut roam = Roam { body, stays: Vec::new(), rests: Vec::new(), fills: None };
         let (mut seen, mut found) = (BTreeSet::new(), vec![Stay { before: None, pose: from }]);
+        let mut places = Vec::new();
         for at in 0.. {
             for stay in found {
-                if seen.insert(self.place(stay.pose.state, stay.pose.posture, &others)) {
+                let place = self.place(stay.pose.state, stay.pose.posture, &others);
+                if seen.insert(place) {
                     roam.stays.push(stay);
+                    places.push(place);
                 }
             }
-            let Some(pose) = roam.stays.get(at).map(|stay| stay.pose) else { break };
-            let number = self.place(pose.state, pose.posture, &others);
-            let place = &self.places[number as usize];
+            let Some(place) = places.get(at).map(|number| &self.places[*number as usize]) else { break };
             roam.rests.extend(place.shapes.iter().map(|s| (at, first(&self.shapes[*s as usize].postures))));
             roam.fills = roam.fills.or(place.fills.map(|posture| (at, posture)));
             found = place.lands.iter().map(|(by, to)| Stay { before: Some((at, *by)), pose: *to }).collect();

@@ -75,7 +75,8 @@ pub const WORK: usize = 2_000_000;
 
 /// Looks for a proof that there is no way, and for a way. Each of the searches that this takes, from the
 /// simplest to that over everything, does so much work at most, those for one or two who move ten times as much
-/// together, and what is tried by luck in the end five times as much; a unit is one that moves looked at in one place, less than a microsecond.
+/// together, and what is tried by luck in the end five times as much; a unit is one that moves looked at in one
+/// place, less than a microsecond.
 pub fn search(standstill: &Standstill, work: usize) -> Sought {
     let held = Held::find(standstill, work);
     let everybody = 0..standstill.free.len();
