@@ -7,7 +7,7 @@ use crate::clock::{Clock, monotonic};
 use crate::contacts::{Contacts, Place};
 use crate::impair::{Impair, Parcel};
 use crate::inbox::{Inbox, InboxError};
-use crate::journal::{Head, JournalError, Writer, agent_part};
+use crate::journal::{Head, JournalError, Parts, Writer, agent_part};
 use crate::ledger::{Account, Ledger, LedgerError};
 use crate::outbox::{Handed, Outbox};
 use crate::process::{Guard, Identity};
@@ -110,9 +110,10 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     let mut uplink =
         Uplink::new(Outbox::to_controller(&at, args.id, seat.generation)?, args.id, args.incarnation);
     let ledger = Ledger::create(&args.root, args.id, args.incarnation)?;
+    // Before the controller knows of this life: each one that it starts has its part of the journal.
+    let pages = swarm.journal.as_ref().map(|parts| Pages::begin(parts, args)).transpose()?;
     uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Hello { pid: std::process::id() });
     uplink.flush();
-    let pages = swarm.journal.as_deref().map(|parts| Pages::begin(parts, args)).transpose()?;
     let SwarmFile { seed, speed, link, setup, patience, .. } = swarm;
     let driver = Driver::<A> {
         args,
@@ -194,10 +195,9 @@ struct Pages {
 }
 
 impl Pages {
-    fn begin(parts: &Path, args: &AgentArgs) -> Result<Pages, JournalError> {
-        let run = args.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let head = Head::Part { run, id: args.id, life: args.incarnation };
-        let writer = Writer::create(&agent_part(parts, args.id, args.incarnation), &head)?;
+    fn begin(parts: &Parts, args: &AgentArgs) -> Result<Pages, JournalError> {
+        let head = Head::Part { run: parts.run, id: args.id, life: args.incarnation };
+        let writer = Writer::create(&agent_part(&parts.dir, args.id, args.incarnation), &head)?;
         Ok(Pages { writer, diary: None })
     }
 }

@@ -2,6 +2,7 @@
 //! starts: `swarm.bin` in the run's directory. `MMSW`, a version (2 bytes), then bincode.
 
 use crate::clock::Speed;
+use crate::journal::Parts;
 use bincode::config::standard;
 use metamorph_protocol::link::LinkModel;
 use serde::de::DeserializeOwned;
@@ -13,7 +14,7 @@ use thiserror::Error;
 
 const MAGIC: [u8; 4] = *b"MMSW";
 /// The version of the layout. Any change of [`SwarmFile`] raises it.
-const VERSION: u16 = 3;
+const VERSION: u16 = 4;
 /// A swarm file is never larger; a length in a damaged file must not eat all memory.
 const LIMIT: usize = 256 << 20;
 
@@ -28,8 +29,8 @@ pub struct SwarmFile<S> {
     pub speed: Speed,
     /// What links do to messages.
     pub link: LinkModel,
-    /// The directory that agents write their parts of the journal to, if one is kept.
-    pub journal: Option<PathBuf>,
+    /// Where agents write their parts of the journal, if one is kept.
+    pub journal: Option<Parts>,
     /// How long, in milliseconds, an agent goes on without a controller, for one to come back.
     pub patience: u32,
     /// The family's own part.
@@ -107,6 +108,7 @@ impl<S: DeserializeOwned> SwarmFile<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::journal::RunId;
     use metamorph_protocol::time::Span;
     use proptest::prelude::*;
 
@@ -116,7 +118,7 @@ mod tests {
             seed: 9,
             speed: Speed::new(10, 1).unwrap(),
             link: LinkModel { delay_max: Span::millis(2), ..LinkModel::default() },
-            journal: Some("/tmp/journal.parts".into()),
+            journal: Some(Parts { dir: "/tmp/journal.parts".into(), run: RunId([9; 16]) }),
             patience: 30_000,
             setup: vec![1, 2],
         }

@@ -96,22 +96,21 @@ pub enum Event {
         revision: Revision,
         /// What it asks for.
         action: Blob,
+        /// Whether the body began it. It is over with the [`Event::Advance`] that names the module next.
+        begun: bool,
     },
     /// World, input: what was due has come.
-    Advance,
+    Advance {
+        /// The bodies whose action ended, in the order of their ends, and where each stands now: elsewhere,
+        /// or where it was if the action failed.
+        ended: Vec<(ModuleId, Blob)>,
+    },
     /// World, output: what a body senses.
     Sensed {
         /// Which module.
         id: ModuleId,
         /// What.
         sensed: Sensation,
-    },
-    /// World, output: a body is somewhere else now.
-    Placed {
-        /// Which module.
-        id: ModuleId,
-        /// Where it stands.
-        place: Blob,
     },
     /// World, output: an invariant broke.
     Violated {
@@ -139,6 +138,13 @@ pub enum Event {
     },
     /// Director, input: it looks at the world and decides.
     Wake,
+    /// Director, input: anything else that it has to take into account.
+    Input {
+        /// What it is, which says how to read it.
+        kind: String,
+        /// Its content.
+        bytes: Vec<u8>,
+    },
     /// Director, output: what it wants done.
     Command(Wanted),
     /// Director, output: a fault of the scenario has struck.

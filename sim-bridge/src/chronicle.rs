@@ -13,6 +13,7 @@ use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::journal::{Blob, Event, Record, Sensation, Sink, Touch, Wanted, Who};
 use metamorph_protocol::time::Time;
 use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::rc::Rc;
 
 /// Where all records of a driver go.
@@ -68,15 +69,18 @@ pub struct RecordedWorld<W: World> {
     inner: W,
     log: Log,
     now: Time,
-    /// Where each body was last said to stand.
-    places: Vec<Blob>,
+    /// What bodies sensed, taken from the world to see which actions ended, and not polled yet.
+    sensed: VecDeque<Told<W>>,
 }
+
+type Told<W> = (ModuleId, Sensed<<<W as World>::Agent as Agent>::Percept>);
 
 impl<W: World> RecordedWorld<W> {
     /// Records everything from here on.
     pub fn new(inner: W, log: Log) -> RecordedWorld<W> {
-        let places = (0..inner.len() as u32).map(|id| Blob::of(&inner.place(ModuleId(id)))).collect();
-        RecordedWorld { inner, log, now: Time::ZERO, places }
+        let mut world = RecordedWorld { inner, log, now: Time::ZERO, sensed: VecDeque::new() };
+        world.collect();
+        world
     }
     /// The world itself.
     pub fn inner(&self) -> &W {
@@ -89,6 +93,13 @@ impl<W: World> RecordedWorld<W> {
 
     fn put(&self, event: Event) {
         put(&self.log, self.now, event);
+    }
+    /// Takes everything sensed from the world, and returns whose actions ended, in order.
+    fn collect(&mut self) -> Vec<ModuleId> {
+        let first = self.sensed.len();
+        self.sensed.extend(std::iter::from_fn(|| self.inner.poll()));
+        let new = self.sensed.iter().skip(first);
+        new.filter(|(_, sensed)| matches!(sensed, Sensed::Percept(_))).map(|(id, _)| *id).collect()
     }
     fn put_violations<'v>(&self, found: impl IntoIterator<Item = &'v Violation>) {
         for Violation { invariant, at, what } in found {
@@ -114,30 +125,32 @@ impl<W: World> World for RecordedWorld<W> {
     }
     fn act(&mut self, now: Time, id: ModuleId, revision: Revision, action: &<W::Agent as Agent>::Action) {
         self.now = now;
-        self.put(Event::Act { id, revision, action: Blob::of(action) });
+        self.collect();
         self.inner.act(now, id, revision, action);
+        // What is refused is answered at once.
+        let begun = !self.collect().contains(&id);
+        self.put(Event::Act { id, revision, action: Blob::of(action), begun });
     }
     fn next_event(&self) -> Time {
         self.inner.next_event()
     }
     fn advance(&mut self, now: Time) {
         self.now = now;
+        self.collect();
         // Without anything due, this changes nothing.
-        if self.inner.next_event() <= now {
-            self.put(Event::Advance);
-        }
+        let due = self.inner.next_event() <= now;
         self.inner.advance(now);
+        if due {
+            let ended = self.collect();
+            let place = |id| (id, Blob::of(&self.inner.place(id)));
+            let ended = ended.into_iter().map(place).collect();
+            self.put(Event::Advance { ended });
+        }
     }
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<W::Agent as Agent>::Percept>)> {
-        let (id, sensed) = self.inner.poll()?;
+        self.collect();
+        let (id, sensed) = self.sensed.pop_front()?;
         self.put(Event::Sensed { id, sensed: sensation::<W::Agent>(&sensed) });
-        if matches!(sensed, Sensed::Percept(_)) {
-            let place = Blob::of(&self.inner.place(id));
-            if self.places[id.index()] != place {
-                self.places[id.index()].clone_from(&place);
-                self.put(Event::Placed { id, place });
-            }
-        }
         Some((id, sensed))
     }
 }
@@ -229,6 +242,12 @@ impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
         self.struck += new.len();
         new.into_iter().for_each(|event| self.put(now, event));
     }
+    fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
+        // What is refused has no effect, so it is no part of the run.
+        self.inner.input(now, kind, bytes)?;
+        self.put(now, Event::Input { kind: kind.to_owned(), bytes: bytes.to_owned() });
+        Ok(())
+    }
     fn wake_at(&self) -> Time {
         self.inner.wake_at()
     }
@@ -243,5 +262,85 @@ impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
     }
     fn commit(&mut self) {
         self.log.borrow_mut().commit();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube_world::CubeWorld;
+    use metamorph_protocol::cube::Cube;
+    use metamorph_protocol::cube::body::Move;
+    use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
+    use metamorph_protocol::time::Span;
+
+    #[derive(Default)]
+    struct Kept(Vec<Event>);
+
+    impl Sink for Kept {
+        fn put(&mut self, record: &Record) {
+            self.0.push(record.event.clone());
+        }
+        fn commit(&mut self) {}
+    }
+
+    /// Takes inputs of kind `known`.
+    struct Listening(Vec<Vec<u8>>);
+
+    impl Direct<CubeWorld> for Listening {
+        fn report(&mut self, _: Time, _: ModuleId, _: <Cube as Agent>::Report) {}
+        fn died(&mut self, _: Time, _: ModuleId) {}
+        fn started(&mut self, _: Time, _: ModuleId) {}
+        fn wake(&mut self, _: Time, _: &mut CubeWorld) {}
+        fn input(&mut self, _: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
+            if kind != "known" {
+                return Err(kind.to_owned());
+            }
+            self.0.push(bytes.to_owned());
+            Ok(())
+        }
+        fn wake_at(&self) -> Time {
+            Time::NEVER
+        }
+        fn poll(&mut self) -> Option<Command<<Cube as Agent>::Order>> {
+            None
+        }
+    }
+
+    #[test]
+    fn inputs_that_are_taken_are_recorded() {
+        let log = Rc::new(RefCell::new(Kept::default()));
+        let mut director = RecordedDirector::new(Listening(Vec::new()), log.clone());
+        assert_eq!(director.input(Time(1), "known", &[1, 2]), Ok(()));
+        assert_eq!(director.input(Time(2), "other", &[3]), Err("other".to_owned()));
+        assert_eq!(director.inner().0, [vec![1, 2]]);
+        assert_eq!(log.borrow().0, [Event::Input { kind: "known".into(), bytes: vec![1, 2] }]);
+    }
+
+    /// What begins and ends is told by the records of inputs, in the order of the world, whenever it is
+    /// polled.
+    #[test]
+    fn beginnings_and_ends_of_actions_are_recorded() {
+        let log = Rc::new(RefCell::new(Kept::default()));
+        let cells = [[0, 0, 0], [1, 0, 0], [0, 0, 1]].map(Cell::from);
+        let mut world = RecordedWorld::new(CubeWorld::new(&cells, Span::secs(1), 1), log.clone());
+        let motion = Motion { kind: MotionKind::Slide, support: Face::Down, heading: Face::East };
+        let action = Move { motion, not_after: Time::NEVER };
+        let mover = ModuleId(2);
+        let revision = Revision(1);
+        world.act(Time::ZERO, mover, revision, &action);
+        world.act(Time::ZERO, mover, revision, &action);
+        world.advance(Time(999_999_999));
+        world.advance(Time(1_000_000_000));
+        let there = Blob::of(&Cell::new(1, 0, 1));
+        let seen = log.borrow().0.iter().map(|event| match event {
+            Event::Act { id: ModuleId(2), begun, .. } => Ok(*begun),
+            Event::Advance { ended } => Err(ended.clone()),
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(seen.collect::<Vec<_>>(), [Ok(true), Ok(false), Err(vec![(mover, there)])]);
+        let polled: Vec<_> = std::iter::from_fn(|| world.poll()).collect();
+        let percepts = polled.iter().filter(|(_, sensed)| matches!(sensed, Sensed::Percept(_)));
+        assert_eq!(percepts.count(), 2, "the refusal and the arrival");
     }
 }

@@ -36,6 +36,15 @@ pub trait Direct<W: World> {
     fn started(&mut self, now: Time, id: ModuleId);
     /// The time of [`Direct::wake_at`] has come, or bodies have moved. `world` has been advanced.
     fn wake(&mut self, now: Time, world: &mut W);
+    /// Takes an input that is neither a report nor a change of a process: a command of a person, or
+    /// anything else that is not decided by scenario and seed. `kind` says how to read `bytes`.
+    ///
+    /// # Errors
+    /// Says what is wrong with it. A director takes no kind unless it says so.
+    fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
+        let _ = (now, bytes);
+        Err(format!("this director takes no input of kind `{kind}`"))
+    }
     /// When to wake the controller at the latest.
     fn wake_at(&self) -> Time;
     /// The next command, in order. Asked after every other call.

@@ -96,6 +96,20 @@ fn every_file_says_what_it_is_for() {
     }
 }
 
+/// What is written down is read back by its own format: journals do not go through the command line.
+#[test]
+fn journals_know_nothing_of_the_command_line() {
+    let mut files = Vec::new();
+    rust_files(&root().join("world-controller/src/journal"), &mut files);
+    assert!(files.len() > 2, "the sources were not found");
+    for file in files {
+        let text = fs::read_to_string(&file).expect("sources are text");
+        for absent in ["clap", "crate::command"] {
+            assert!(!text.contains(absent), "{} uses {absent}", file.display());
+        }
+    }
+}
+
 /// The tests that contributors are told to run are the tests that are run for them.
 #[test]
 fn the_readme_names_the_test_command_of_ci() {

@@ -512,6 +512,11 @@ fn help_is_enough_to_use_every_command() {
         ),
         (&["check", "--help"], &["SCENARIO", "Examples", "Exit codes"]),
         (&["clean", "--help"], &["killed", "Exit codes"]),
+        (&["--help"], &["8  a replay differs", "9  a journal is damaged"]),
+        (&["replay", "--help"], &["Exit codes", "8  something did not", "9  the journal is damaged"]),
+        (&["view", "--help"], &["Exit codes", "9  the journal is damaged"]),
+        (&["resume", "--help"], &["Exit codes", "9  the journal is damaged"]),
+        (&["export", "--help"], &["Exit codes", "9  the journal is damaged"]),
         (&["explore", "--help"], &["--runs", "--seconds", "--seed", "--family", "Examples", "Exit codes"]),
     ] {
         let ran = run(args);

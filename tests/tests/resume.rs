@@ -82,7 +82,8 @@ fn assert_one_run(journal: &Path, report: &Report, controllers: usize) {
     assert_eq!((replayed.troubles.as_slice(), replayed.done.unchecked), (&[] as &[String], 0));
     assert_eq!(replayed.ended.as_deref(), Some(report.outcome.as_str()));
     let resumed = |e: &Event| matches!(e, Event::Resumed);
-    let seen = Journal::open(journal).expect("it was just read").filter(|r| resumed(&r.event)).count();
+    let journal = Journal::open(journal).expect("it was just read");
+    let seen = journal.filter(|r| resumed(&r.as_ref().expect("it is sound").event)).count();
     assert_eq!(seen, controllers - 1);
     // Counts of before and after: what was reported is what all of the journal adds up to.
     assert!(replayed.tally.total().sent >= report.messages.total);

@@ -31,6 +31,13 @@ Exit codes:
   6  unsafe: an invariant broke, such as two modules in one cell
   7  aborted: stopped by Ctrl-C or SIGTERM; the report is partial";
 
+const JOURNAL_EXIT_CODES: &str = "\
+  8  a replay differs: something did not come as recorded
+  9  a journal is damaged: bytes were changed, or parts are missing or of another run";
+
+const DAMAGED_EXIT_CODE: &str = "\
+  9  the journal is damaged; where, and what is wrong, is said";
+
 const TOP_EXAMPLES: &str = "\
 Examples:
   metamorph run deploy/scenarios/swarm.toml              one process per module
@@ -66,7 +73,8 @@ lists its keys. Ctrl-C ends it.
 Exit codes:
   0  the page was shown until Ctrl-C
   1  the program itself failed, for example because there was no port
-  2  the command line or the scenario is wrong, or the file is no journal of this version";
+  2  the command line or the scenario is wrong, or the file is no journal of this version
+  9  the journal is damaged; what comes before the damage was shown until Ctrl-C";
 
 const CHECK_EXAMPLES: &str = "\
 Examples:
@@ -159,7 +167,13 @@ Examples:
   metamorph export run.journal --mcap run.mcap
 
 The recording has Foxglove's SceneUpdate on /modules and Log on /log. Open it in Foxglove or in Lichtblick
-and show /modules in a 3D panel whose frame is `world`.";
+and show /modules in a 3D panel whose frame is `world`.
+
+Exit codes:
+  0  the recording is written
+  1  it could not be written to its end
+  2  the command line is wrong, or the file is no journal of this version
+  9  the journal is damaged; no recording is left behind";
 
 const SCHEMA_EXAMPLES: &str = "\
 Examples:
@@ -213,7 +227,8 @@ Exit codes:
   0  everything came as recorded
   1  the program itself failed
   2  the command line is wrong, or the file is no journal of this version
-  8  something did not come as recorded; the first such event is named";
+  8  something did not come as recorded; the first such event is named
+  9  the journal is damaged; what comes before the damage came as recorded";
 
 const EXPLORE_EXAMPLES: &str = "\
 Examples:
@@ -249,7 +264,7 @@ Exit codes:
 /// Runs swarms of modules that change their shape by themselves: every module is a process of its
 /// own, or all of them together are simulated in virtual time.
 #[derive(Debug, Parser)]
-#[command(name = "metamorph", version, after_help = TOP_EXAMPLES, after_long_help = format!("{TOP_EXAMPLES}\n\n{EXIT_CODES}"))]
+#[command(name = "metamorph", version, after_help = TOP_EXAMPLES, after_long_help = format!("{TOP_EXAMPLES}\n\n{EXIT_CODES}\n{JOURNAL_EXIT_CODES}"))]
 pub struct CommandLine {
     /// What to do.
     #[command(subcommand)]
@@ -272,7 +287,7 @@ pub enum Command {
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
     /// Go on with a run whose controller was killed
-    #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}"))]
+    #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}\n{DAMAGED_EXIT_CODE}"))]
     Resume(ResumeArgs),
     /// Carry the journal of a run out again, and say where it differs
     #[command(after_help = REPLAY_EXAMPLES)]

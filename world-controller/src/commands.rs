@@ -5,7 +5,7 @@ use crate::command::{Command, CommandLine, ResumeArgs, RunArgs, ViewArgs};
 use crate::explore::{ExploreError, explore};
 use crate::export::{ExportError, export};
 use crate::interrupt::Interrupt;
-use crate::journal::{Journal, JournalError, Keeping, plan_of};
+use crate::journal::{Damage, Journal, JournalError, Keeping, plan_of};
 use crate::overview::overview;
 use crate::processes;
 use crate::reference::{completions, man, schema};
@@ -40,6 +40,8 @@ const FAILED: u8 = 1;
 const BAD_USAGE: u8 = 2;
 /// A replay did not come as recorded.
 const DIFFERENT: u8 = 8;
+/// A journal is damaged.
+const DAMAGED: u8 = 9;
 
 /// Why a command did not get as far as an outcome.
 #[derive(Debug, Error)]
@@ -93,10 +95,11 @@ enum Failure {
     #[error(transparent)]
     Sweep(#[from] SweepError),
     /// A file cannot be shown.
-    #[error(
-        "metamorph: {0}\n  fix: name a whole journal that `metamorph run --journal` of this version wrote, or a scenario that ends in .toml"
-    )]
+    #[error("metamorph: {0}, or a scenario that ends in .toml")]
     NoJournal(scribe::ReadError),
+    /// A journal is damaged; what comes before that is shown.
+    #[error("metamorph: {0}")]
+    Damaged(#[from] Damage),
     /// A run cannot be shown.
     #[error(transparent)]
     Server(#[from] ServerError),
@@ -121,8 +124,22 @@ enum Failure {
 }
 
 impl Failure {
-    fn exit_code(&self) -> u8 {
+    /// What is wrong with a journal, if that is the reason.
+    fn journal(&self) -> Option<&JournalError> {
         match self {
+            Failure::Replay(ReplayError::Journal(error))
+            | Failure::Export(ExportError::Journal(error))
+            | Failure::Processes(processes::ProcessError::Journal(error)) => Some(error),
+            _ => None,
+        }
+    }
+
+    fn exit_code(&self) -> u8 {
+        if self.journal().is_some_and(JournalError::is_damage) {
+            return DAMAGED;
+        }
+        match self {
+            Failure::Damaged(_) => DAMAGED,
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Shape(error) if error.is_input() => BAD_USAGE,
@@ -201,7 +218,10 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             if !quiet {
                 print_out(&replay::text(&plan, &replayed));
             }
-            Ok(if replayed.difference.is_some() { DIFFERENT } else { 0 })
+            match replayed.damage {
+                Some(damage) => Err(damage.into()),
+                None => Ok(if replayed.difference.is_some() { DIFFERENT } else { 0 }),
+            }
         }
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
         Command::Shape(args) => {
@@ -358,43 +378,52 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
         && let Some(journal) = journal
     {
         match recorded(journal) {
-            Ok(whole) => scene.replace(whole),
+            Ok((whole, None)) => scene.replace(whole),
+            Ok((_, Some(damage))) => tracing::warn!("the page goes without messages: {damage}"),
             Err(error) => tracing::warn!("the page goes without messages: {error}"),
         }
     }
     scene.lock().finish(report.clone());
 }
 
-/// The scene of a journal.
-fn recorded(file: &Path) -> Result<Scene, scribe::ReadError> {
+/// The scene of a journal, up to where it is damaged.
+fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scribe::ReadError> {
     let mut journal = Journal::open(file)?;
     let plan = plan_of(journal.head())?;
     let scene = Shared::new(Scene::new(&plan, true));
     let log = scribe::log(&plan, &scene);
-    journal.by_ref().for_each(|record| log.borrow_mut().put(&record));
+    let whole = journal.by_ref().try_for_each(|record| {
+        log.borrow_mut().put(&record?);
+        Ok(())
+    });
     drop(log);
-    let mut scene = scene.into_inner();
-    scene.end(journal.troubles());
-    Ok(scene)
+    let (mut scene, damage) = (scene.into_inner(), whole.err());
+    let troubles = journal.troubles().into_iter().chain(damage.as_ref().map(Damage::to_string));
+    scene.end(troubles.collect());
+    Ok((scene, damage))
 }
 
 fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
     let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
     if args.file.extension().is_none_or(|extension| extension != "toml") {
-        let scene = recorded(&args.file).map_err(Failure::NoJournal)?;
+        let (scene, damage) = recorded(&args.file).map_err(|error| match error {
+            scribe::ReadError::Journal(JournalError::Damaged(damage)) => Failure::Damaged(damage),
+            error => Failure::NoJournal(error),
+        })?;
         for trouble in scene.troubles() {
             complain(&format!("note: {trouble}"));
         }
         print_out(&shown(&Shared::new(scene))?);
-    } else {
-        let file = args.file.clone();
-        let plan = plan(&file, &args.overrides())?;
-        let scene = Shared::new(Scene::new(&plan, true));
-        print_out(&shown(&scene)?);
-        let scribe = Some(scribe::log(&plan, &scene));
-        let report = run_simulated(&plan, &interrupt, &mut Live::new(true), since, None, scribe);
-        scene.lock().finish(report);
+        interrupt.wait();
+        return damage.map_or(Ok(0), |damage| Err(damage.into()));
     }
+    let file = args.file.clone();
+    let plan = plan(&file, &args.overrides())?;
+    let scene = Shared::new(Scene::new(&plan, true));
+    print_out(&shown(&scene)?);
+    let scribe = Some(scribe::log(&plan, &scene));
+    let report = run_simulated(&plan, &interrupt, &mut Live::new(true), since, None, scribe);
+    scene.lock().finish(report);
     interrupt.wait();
     Ok(0)
 }

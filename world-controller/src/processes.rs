@@ -1,8 +1,8 @@
 //! Runs a plan with one process per module, over shared memory. What a swarm of processes is, and
 //! how it is supervised, is in `swarm`; here a plan goes in and a report comes out.
 
-use crate::journal::{HeadError, JournalError, Keeping, parts_of, plan_of};
-use crate::replay::{Recovered, recover};
+use crate::journal::{HeadError, Journal, JournalError, Keeping, parts_of, plan_of};
+use crate::replay::{RecoverError, Recovered, recover};
 use crate::report::schema::Report;
 use crate::report::{Facts, progress, report};
 use crate::runnable::Runnable;
@@ -17,7 +17,7 @@ use crate::view::scribe::both;
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::clock::Speed;
-use metamorph_module_agent::journal::{Head, Reader, controller_part};
+use metamorph_module_agent::journal::{Head, Parts, Reader, RunId, controller_part};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
@@ -64,7 +64,7 @@ pub enum ProcessError {
     NotResumable(#[from] NotResumable),
     /// A journal does not lead to where the run was.
     #[error("the run cannot be resumed, because its journal does not lead to where it was: {0}")]
-    Recovery(String),
+    Recovery(RecoverError),
     /// What killed runs left behind.
     #[error(transparent)]
     Clean(#[from] CleanError),
@@ -74,6 +74,15 @@ pub enum ProcessError {
     /// One agent.
     #[error("{0}")]
     Agent(String),
+}
+
+impl From<RecoverError> for ProcessError {
+    fn from(error: RecoverError) -> ProcessError {
+        match error {
+            RecoverError::Damaged(damage) => JournalError::from(damage).into(),
+            different => ProcessError::Recovery(different),
+        }
+    }
 }
 
 /// Runs to the end, or until a signal asks for it. `since` is when the program started; `patience` is
@@ -97,6 +106,7 @@ pub struct LeftBehind {
     /// The plan that it was made by.
     pub plan: Plan,
     file: PathBuf,
+    run: RunId,
     part: Reader,
 }
 
@@ -112,9 +122,13 @@ pub fn left_behind(file: &Path) -> Result<LeftBehind, ProcessError> {
     let path = controller_part(&parts);
     let part = Reader::open(&path)?;
     let Head::Run(head) = part.head().clone() else {
-        return Err(JournalError::Head(path, "it is the part of a module".to_owned()).into());
+        return Err(JournalError::Unfit(path, "this is the part of a module".to_owned()).into());
     };
-    Ok(LeftBehind { plan: plan_of(&head)?, file, part })
+    // Taking the run over ends its agents if that fails. Damage is found before.
+    for record in Journal::open(&parts)? {
+        record.map_err(JournalError::from)?;
+    }
+    Ok(LeftBehind { plan: plan_of(&head)?, file, run: head.run, part })
 }
 
 /// Goes on with a run from its journal.
@@ -124,14 +138,13 @@ pub fn resume_processes(
     since: Stopwatch,
     scribe: Option<Log>,
 ) -> Result<Report, ProcessError> {
-    let LeftBehind { plan, file, part } = left;
-    match &plan.swarm {
-        Swarm::Cubes(cubes) => resume(cubes, &plan, &file, part, live, since, scribe),
-        Swarm::Metamodules(metamodules) => resume(metamodules, &plan, &file, part, live, since, scribe),
+    match &left.plan.clone().swarm {
+        Swarm::Cubes(cubes) => resume(cubes, left, live, since, scribe),
+        Swarm::Metamodules(metamodules) => resume(metamodules, left, live, since, scribe),
     }
 }
 
-fn options<R: Runnable>(plan: &Plan, parts: Option<&Path>) -> Result<SwarmOptions, ProcessError> {
+fn options<R: Runnable>(plan: &Plan, parts: Option<&Parts>) -> Result<SwarmOptions, ProcessError> {
     Ok(SwarmOptions {
         // `--` keeps the agent's arguments from being read as options of this program.
         program_args: vec!["agent".into(), "--".into(), R::FAMILY.name().into()],
@@ -140,7 +153,7 @@ fn options<R: Runnable>(plan: &Plan, parts: Option<&Path>) -> Result<SwarmOption
         link: plan.link.clone(),
         // A swarm ends at once if it is interrupted while it is being set up.
         catch_signals: true,
-        journal: parts.map(Path::to_owned),
+        journal: parts.cloned(),
         ..SwarmOptions::new(std::env::current_exe().map_err(ProcessError::Program)?)
     })
 }
@@ -180,25 +193,27 @@ fn run<R: Runnable>(
 
 fn resume<R: Runnable>(
     swarm: &R,
-    plan: &Plan,
-    file: &Path,
-    mut part: Reader,
+    left: LeftBehind,
     live: &mut Live,
     since: Stopwatch,
     scribe: Option<Log>,
 ) -> Result<Report, ProcessError> {
+    let LeftBehind { plan, file, run, mut part } = left;
+    let plan = &plan;
     // First of all, so that nobody writes to the journal any more while it is read.
-    let parts = parts_of(file);
+    let parts = parts_of(&file);
     let adopted = adopt(&parts)?;
-    let recovered = recover(swarm, plan, part.by_ref()).map_err(ProcessError::Recovery)?;
+    let recovered = recover(swarm, plan, part.by_ref())?;
     let Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted } = recovered;
     let mut said = vec![format!("the controller was killed; another went on from {until}")];
     said.extend(part.torn().map(ToString::to_string));
     if let Some(scribe) = &scribe {
         // Whoever looks on is told what happened before.
-        Reader::open(&controller_part(&parts))?.for_each(|record| scribe.borrow_mut().put(&record));
+        for record in Reader::open(&controller_part(&parts))? {
+            scribe.borrow_mut().put(&record.map_err(JournalError::from)?);
+        }
     }
-    let keeping = Keeping::going_on(file, part.whole(), until)?;
+    let keeping = Keeping::going_on(&file, run, part.end(), until)?;
     let options = options::<R>(plan, keeping.parts())?;
     let director = Watched::<R> { brain: director, plan, live, meter: Meter::new(&options) };
     let before = since.elapsed();
@@ -313,6 +328,9 @@ impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
             let seen = Progress { messages: self.meter.sent(), ..R::progress(&self.brain) };
             progress(self.plan, now, &seen)
         });
+    }
+    fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
+        self.brain.input(now, kind, bytes)
     }
     fn wake_at(&self) -> Time {
         self.brain.wake_at()

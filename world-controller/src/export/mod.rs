@@ -23,7 +23,7 @@ use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -46,7 +46,7 @@ pub struct ExportArgs {
 #[derive(Debug, Error)]
 pub enum ExportError {
     /// The journal cannot be read.
-    #[error("{0}\n  fix: name a whole journal that `metamorph run --journal` of this version wrote")]
+    #[error(transparent)]
     Journal(#[from] JournalError),
     /// Its scenario cannot be read.
     #[error("{0}\n  fix: use the program that wrote the journal")]
@@ -156,6 +156,11 @@ pub fn export(args: &ExportArgs) -> Result<String, ExportError> {
     let mut recording = Recording::begin(file, Span::millis(args.every.into())).map_err(write)?;
     let mut records = 0;
     for record in journal.by_ref() {
+        let record = record.map_err(|damage| {
+            // Half a recording would look like a whole one.
+            let _ = fs::remove_file(&args.mcap);
+            JournalError::from(damage)
+        })?;
         records += 1;
         recording.take(&record, &cells).map_err(write)?;
     }
@@ -210,11 +215,15 @@ impl Recording {
             Event::Start { id, place, .. } => self.change(*id, |body| {
                 *body = Body { cells: cells(place).unwrap_or_default(), ..Body::default() };
             }),
-            Event::Placed { id, place } => self.change(*id, |body| {
-                if let Some(cells) = cells(place) {
-                    body.cells = cells;
+            Event::Advance { ended } => {
+                for (id, place) in ended {
+                    self.change(*id, |body| {
+                        if let Some(cells) = cells(place) {
+                            body.cells = cells;
+                        }
+                    });
                 }
-            }),
+            }
             Event::Died { id } => self.change(*id, |body| body.process = Process::Dead),
             Event::Command(Wanted::Pause(id)) => self.change(*id, |body| body.process = Process::Paused),
             Event::Command(Wanted::Resume(id)) => self.change(*id, |body| body.process = Process::Alive),

@@ -4,10 +4,10 @@
 //! wherever clocks should disagree, a record waits for its cause: a message for the step that sent it,
 //! what the controller told for the controller's record, an action for the step that asked for it. A
 //! cause that will never come, because its file ends earlier, is noted ([`Event::Torn`]) and not waited
-//! for.
+//! for; so is a torn end. Parts of another run, missing parts and damaged ones are errors.
 
-use super::{Event, JournalError, Record, RunHead, Taken, Wanted, Who};
-use metamorph_module_agent::journal::{Head, Reader, controller_part};
+use super::{Damage, Event, Flaw, JournalError, Record, RunHead, Taken, Wanted, Who};
+use metamorph_module_agent::journal::{Head, Reader, agent_part, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::time::Time;
 use std::cmp::Reverse;
@@ -34,6 +34,7 @@ struct Life {
 }
 
 struct Stream {
+    who: Who,
     reader: Reader,
     next: Option<Record>,
 }
@@ -54,7 +55,13 @@ pub struct Join {
     /// The time of the latest record so far.
     last: Time,
     ready: VecDeque<Record>,
+    /// Parts without a head, whose writers were killed while they began.
     troubles: Vec<String>,
+    /// The directory.
+    parts: PathBuf,
+    /// The first damage, until it is told.
+    damage: Option<Damage>,
+    over: bool,
 }
 
 impl Join {
@@ -63,8 +70,9 @@ impl Join {
         let controller = controller_part(parts);
         let first = Reader::open(&controller)?;
         let Head::Run(head) = first.head().clone() else {
-            return Err(JournalError::Head(controller, "it is the part of a module".to_owned()));
+            return Err(JournalError::Unfit(controller, "this is the part of a module".to_owned()));
         };
+        let run = head.run;
         let mut join = Join {
             head,
             streams: Vec::new(),
@@ -77,26 +85,39 @@ impl Join {
             last: Time::ZERO,
             ready: VecDeque::new(),
             troubles: Vec::new(),
+            parts: parts.to_owned(),
+            damage: None,
+            over: false,
         };
         join.add(Who::Controller, first);
         let entries = fs::read_dir(parts).map_err(|e| JournalError::Read(parts.to_owned(), e))?;
-        // Parts of agents are named by module and life.
-        let is_part = |p: &PathBuf| {
-            let name = p.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-            name.split_once('.')
-                .is_some_and(|(id, life)| id.parse::<u32>().is_ok() && life.parse::<u16>().is_ok())
-        };
-        let mut paths: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(is_part).collect();
+        let mut paths: Vec<PathBuf> = entries.flatten().map(|e| e.path()).collect();
         paths.sort();
         for path in paths {
-            match Reader::open(&path) {
-                Ok(reader) => match *reader.head() {
-                    Head::Part { id, life, .. } => join.add(Who::Agent(id, life), reader),
-                    Head::Run(_) => join.troubles.push(format!("{} is no part of a run", path.display())),
-                },
-                // Killed while it began, for example.
-                Err(e) => join.troubles.push(e.to_string()),
-            }
+            let Some(whose) = named(&path) else { continue };
+            let damage = |flaw| Damage { path: path.clone(), at: 0, flaw };
+            let reader = match Reader::open(&path) {
+                Ok(reader) => reader,
+                // Killed while it began: if the controller had started it, its part is missing.
+                Err(JournalError::NoHead(path)) => {
+                    join.troubles.push(format!("{}: nothing was written to this part", path.display()));
+                    continue;
+                }
+                Err(JournalError::Magic(_) | JournalError::Version(..)) => {
+                    return Err(damage(Flaw::NoPart).into());
+                }
+                Err(e) => return Err(e),
+            };
+            let flaw = match *reader.head() {
+                Head::Run(_) => Flaw::NoPart,
+                Head::Part { run: found, .. } if found != run => Flaw::OtherRun { expected: run, found },
+                Head::Part { id, life, .. } if (id, life) != whose => Flaw::OtherPart { id, life },
+                Head::Part { id, life, .. } => {
+                    join.add(Who::Agent(id, life), reader);
+                    continue;
+                }
+            };
+            return Err(damage(flaw).into());
         }
         Ok(join)
     }
@@ -115,13 +136,23 @@ impl Join {
     fn add(&mut self, who: Who, reader: Reader) {
         let stream = self.streams.len();
         self.index.insert(who, stream);
-        self.streams.push(Stream { reader, next: None });
+        self.streams.push(Stream { who, reader, next: None });
         self.refill(stream);
     }
 
     fn refill(&mut self, i: usize) {
         let stream = &mut self.streams[i];
-        stream.next = stream.reader.next();
+        stream.next = match stream.reader.next() {
+            Some(Err(damage)) => {
+                self.damage.get_or_insert(damage);
+                None
+            }
+            next => next.and_then(Result::ok),
+        };
+        let who = stream.who;
+        if stream.reader.torn().is_some() && self.torn.insert(who) {
+            self.ready.push_back(Record { at: self.last, who, event: Event::Torn });
+        }
         if let Some(record) = &stream.next {
             // Agents went on for a moment after the end, until they were told.
             if matches!(record.event, Event::Counted { .. } | Event::Ended { .. }) {
@@ -199,6 +230,11 @@ impl Join {
             }
             (_, Event::Start { id, life, .. }) => {
                 self.current.insert(*id, *life);
+                if !self.index.contains_key(&Who::Agent(*id, *life)) {
+                    let path = agent_part(&self.parts, *id, *life);
+                    let flaw = Flaw::MissingPart { id: *id, life: *life };
+                    self.damage.get_or_insert(Damage { path, at: 0, flaw });
+                }
             }
             (_, Event::Sensed { id, .. } | Event::Command(Wanted::Order(id, _))) => {
                 if let Some(l) = self.current.get(id).copied() {
@@ -243,10 +279,22 @@ impl Join {
 }
 
 impl Iterator for Join {
-    type Item = Record;
+    type Item = Result<Record, Damage>;
 
-    fn next(&mut self) -> Option<Record> {
-        while self.ready.is_empty() && self.advance() {}
-        self.ready.pop_front()
+    /// The next record; an error is the last item.
+    fn next(&mut self) -> Option<Result<Record, Damage>> {
+        if self.over {
+            return None;
+        }
+        while self.ready.is_empty() && self.damage.is_none() && self.advance() {}
+        let next = self.ready.pop_front().map(Ok).or_else(|| self.damage.take().map(Err));
+        self.over = !matches!(next, Some(Ok(_)));
+        next
     }
+}
+
+/// The module and the life that a part is named by.
+fn named(path: &Path) -> Option<(ModuleId, Incarnation)> {
+    let (id, life) = path.file_name()?.to_str()?.split_once('.')?;
+    Some((ModuleId(id.parse().ok()?), Incarnation(life.parse().ok()?)))
 }

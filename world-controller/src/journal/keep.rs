@@ -1,9 +1,9 @@
 //! Begins and ends the journal of a run, for the drivers.
 
 use super::join::Join;
-use super::{Event, JournalError, Record, Who, head_of, parts_of};
+use super::{Event, JournalError, Record, RunHead, Who, head_of, parts_of};
 use crate::scenario::Plan;
-use metamorph_module_agent::journal::{Head, Writer, controller_part};
+use metamorph_module_agent::journal::{End, Head, Parts, RunId, Writer, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::journal::Sink;
 use metamorph_protocol::tally::Tally;
@@ -18,14 +18,14 @@ use std::rc::Rc;
 /// A journal that is being kept.
 pub struct Keeping {
     file: PathBuf,
-    parts: Option<PathBuf>,
+    parts: Option<Parts>,
     writer: Rc<RefCell<Writer>>,
 }
 
 impl Keeping {
     /// Begins the journal of a simulated run: one file.
     pub fn simulated(file: &Path, plan: &Plan) -> Result<Keeping, JournalError> {
-        let writer = Writer::create(file, &Head::Run(head_of(plan)))?;
+        let writer = Writer::create(file, &Head::Run(head(file, plan)?))?;
         Ok(Keeping { file: file.to_owned(), parts: None, writer: Rc::new(RefCell::new(writer)) })
     }
 
@@ -40,15 +40,18 @@ impl Keeping {
                        `metamorph replay` reads it, and without it the name is free again";
             JournalError::Create(parts.clone(), if taken { io::Error::other(why) } else { e })
         })?;
-        let writer = Writer::create(&controller_part(&parts), &Head::Run(head_of(plan)))?;
-        Ok(Keeping { file, parts: Some(parts), writer: Rc::new(RefCell::new(writer)) })
+        let head = head(&file, plan)?;
+        let run = head.run;
+        let writer = Writer::create(&controller_part(&parts), &Head::Run(head))?;
+        let parts = Some(Parts { dir: parts, run });
+        Ok(Keeping { file, parts, writer: Rc::new(RefCell::new(writer)) })
     }
 
-    /// Goes on with the journal of a run of processes whose controller was killed. `whole` is how many
-    /// bytes of the controller's part are whole.
-    pub fn going_on(file: &Path, whole: u64, at: Time) -> Result<Keeping, JournalError> {
-        let parts = parts_of(file);
-        let mut writer = Writer::go_on(&controller_part(&parts), whole)?;
+    /// Goes on with the journal of a run of processes whose controller was killed, from the end of what is
+    /// whole of the controller's part.
+    pub fn going_on(file: &Path, run: RunId, end: End, at: Time) -> Result<Keeping, JournalError> {
+        let parts = Parts { dir: parts_of(file), run };
+        let mut writer = Writer::go_on(&controller_part(&parts.dir), end)?;
         writer.put(&Record { at, who: Who::Controller, event: Event::Resumed });
         writer.commit();
         Ok(Keeping { file: file.to_owned(), parts: Some(parts), writer: Rc::new(RefCell::new(writer)) })
@@ -59,8 +62,8 @@ impl Keeping {
         self.writer.clone()
     }
     /// Where agents write their parts.
-    pub fn parts(&self) -> Option<&Path> {
-        self.parts.as_deref()
+    pub fn parts(&self) -> Option<&Parts> {
+        self.parts.as_ref()
     }
 
     /// The run is over. `counts` are those of every life of an agent, where they are known apart, and
@@ -88,9 +91,9 @@ impl Keeping {
             notes.push(format!("{} records are missing from the journal: {why}", lost + unrecorded));
         }
         if let Some(parts) = &self.parts
-            && let Err(e) = self.join(parts)
+            && let Err(e) = self.join(&parts.dir)
         {
-            notes.push(format!("the parts of the journal stay in {}: {e}", parts.display()));
+            notes.push(format!("the parts of the journal stay in {}: {e}", parts.dir.display()));
         }
         notes
     }
@@ -99,9 +102,9 @@ impl Keeping {
     pub fn give_up(&self) {
         self.writer.borrow_mut().commit();
         if let Some(parts) = &self.parts
-            && let Err(e) = self.join(parts)
+            && let Err(e) = self.join(&parts.dir)
         {
-            tracing::warn!("the parts of the journal stay in {}: {e}", parts.display());
+            tracing::warn!("the parts of the journal stay in {}: {e}", parts.dir.display());
         }
     }
 
@@ -109,7 +112,12 @@ impl Keeping {
     fn join(&self, parts: &Path) -> Result<(), JournalError> {
         let mut join = Join::open(parts)?;
         let mut joined = Writer::create(&self.file, &Head::Run(join.head().clone()))?;
-        join.by_ref().for_each(|record| joined.put(&record));
+        for record in join.by_ref() {
+            let record = record.inspect_err(|_| {
+                let _ = fs::remove_file(&self.file);
+            })?;
+            joined.put(&record);
+        }
         joined.commit();
         if let (1.., why) = joined.lost() {
             let error = io::Error::other(why.unwrap_or_default().to_owned());
@@ -121,4 +129,8 @@ impl Keeping {
         }
         fs::remove_dir_all(parts).map_err(|e| JournalError::Create(parts.to_owned(), e))
     }
+}
+
+fn head(file: &Path, plan: &Plan) -> Result<RunHead, JournalError> {
+    head_of(plan).map_err(|why| JournalError::Create(file.to_owned(), io::Error::other(why)))
 }

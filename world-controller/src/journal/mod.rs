@@ -1,4 +1,4 @@
-//! Journals of runs: reading them, whoever wrote them and however the run ended.
+//! Journals of runs: reading them, on whatever link they were written and however the run ended.
 //!
 //! [`Journal::open`] gives the head of a journal and then its records, in an order in which causes come
 //! before effects. A run of processes writes one file for the controller and one for each life of an
@@ -10,31 +10,31 @@ mod join;
 mod keep;
 
 pub use keep::Keeping;
-pub use metamorph_module_agent::journal::{JournalError, RunHead};
+pub use metamorph_module_agent::journal::{Damage, Flaw, JournalError, RunHead};
 pub use metamorph_protocol::journal::{
     Blob, Event, MessageName, Record, Sensation, Sent, Step, Summary, Taken, Told, Touch, Wanted, Who,
 };
 
-use crate::command::{Command, CommandLine};
-use crate::scenario::{Overrides, Plan, read_text};
-use clap::Parser;
+use crate::scenario::{LinkKind, Overrides, Plan, read_text};
 use join::Join;
-use metamorph_module_agent::journal::{Head, Reader};
+use metamorph_module_agent::journal::{Head, Packed, Reader, RunId};
+use siphasher::sip128::SipHasher13;
+use std::hash::{BuildHasher, RandomState};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Why a journal's scenario cannot be read again.
 #[derive(Debug, Error)]
 pub enum HeadError {
-    /// The options do not make sense to this program.
-    #[error("the options in the head of the journal are not those of this program: {0}")]
-    Options(String),
+    /// What was changed in the scenario does not make sense to this program.
+    #[error("what the head of the journal says was changed in the scenario is not of this program: {0}")]
+    Overrides(String),
     /// The scenario does not make sense to this program.
     #[error("the scenario in the head of the journal cannot be read:\n{0}")]
     Scenario(String),
 }
 
-/// A journal that is being read: an iterator over its records.
+/// A journal that is being read: an iterator over its records that ends with the first damage.
 pub struct Journal {
     head: RunHead,
     source: Source,
@@ -70,8 +70,8 @@ impl Journal {
             }
             Head::Part { id, .. } => {
                 let what =
-                    format!("it is the part of module {id}; name the journal or the directory of parts");
-                Err(JournalError::Head(path.to_owned(), what))
+                    format!("this is the part of module {id}; name the journal or the directory of parts");
+                Err(JournalError::Unfit(path.to_owned(), what))
             }
         }
     }
@@ -81,8 +81,8 @@ impl Journal {
         &self.head
     }
 
-    /// What was wrong with the files, once all records have been read: torn ends, unreadable parts, a
-    /// run that was not over.
+    /// What is incomplete about the files, once all records have been read: torn ends, empty parts, a run
+    /// that was not over.
     pub fn troubles(&self) -> Vec<String> {
         let mut troubles = match &self.source {
             Source::File(reader) => reader.torn().map(ToString::to_string).into_iter().collect(),
@@ -96,9 +96,9 @@ impl Journal {
 }
 
 impl Iterator for Journal {
-    type Item = Record;
+    type Item = Result<Record, Damage>;
 
-    fn next(&mut self) -> Option<Record> {
+    fn next(&mut self) -> Option<Result<Record, Damage>> {
         match &mut self.source {
             Source::File(reader) => reader.next(),
             Source::Parts(join) => join.next(),
@@ -106,11 +106,15 @@ impl Iterator for Journal {
     }
 }
 
-/// What a journal of this plan begins with.
-pub fn head_of(plan: &Plan) -> RunHead {
-    let fixed = ["--link".to_owned(), plan.overrides.link.name().to_owned()];
-    let seed = ["--seed".to_owned(), plan.seed.to_string()];
-    RunHead {
+/// What the journal of a run of this plan begins with. Simulated runs of one plan have one identity, so that
+/// their journals are the same; runs of processes each have their own.
+///
+/// # Errors
+/// Says why the plan cannot be written down.
+pub fn head_of(plan: &Plan) -> Result<RunHead, String> {
+    let overrides = Overrides { seed: Some(plan.seed), ..plan.overrides.clone() };
+    let mut head = RunHead {
+        run: RunId::default(),
         program: env!("CARGO_PKG_VERSION").to_owned(),
         family: plan.swarm.family().name().to_owned(),
         link: plan.overrides.link.name().to_owned(),
@@ -118,20 +122,25 @@ pub fn head_of(plan: &Plan) -> RunHead {
         modules: plan.swarm.len() as u32,
         origin: plan.origin.clone(),
         scenario: plan.text.to_string(),
-        options: [&fixed[..], &seed[..], &plan.overrides.options()].concat(),
-    }
+        overrides: Packed::of(&overrides)?,
+        hosts: Vec::new(),
+    };
+    head.run = match plan.overrides.link {
+        LinkKind::Sim => RunId(SipHasher13::new().hash(Packed::of(&head)?.bytes()).as_bytes()),
+        LinkKind::Ipc => {
+            let mut random = [0; 16];
+            for half in random.chunks_mut(8) {
+                half.copy_from_slice(&RandomState::new().hash_one(0).to_le_bytes());
+            }
+            RunId(random)
+        }
+    };
+    Ok(head)
 }
 
 /// The plan that a journal's run was made by.
 pub fn plan_of(head: &RunHead) -> Result<Plan, HeadError> {
-    let start = ["metamorph", "check"].map(str::to_owned);
-    let line = start.iter().chain(&head.options);
-    let line = CommandLine::try_parse_from(line.cloned().chain(["--".to_owned(), head.origin.clone()]))
-        .map_err(|e| HeadError::Options(e.to_string()))?;
-    let Command::Check(args) = line.command else {
-        return Err(HeadError::Options(head.options.join(" ")));
-    };
-    let (_, overrides): (PathBuf, Overrides) = args.plan.into();
+    let overrides: Overrides = head.overrides.read().map_err(HeadError::Overrides)?;
     read_text(&head.origin, &head.scenario, &overrides)
         .map_err(|problems| HeadError::Scenario(problems.to_string()))
 }

@@ -253,11 +253,19 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 // What it is told from now on is for this life.
                 self.lives.entry((*id, *life)).or_default().died = false;
             }
-            Event::Act { id, revision, action } => {
+            Event::Act { id, revision, action, .. } => {
                 self.take_told(*id, &Told::Act { revision: *revision, action: action.clone() })?;
                 self.world.act(at, *id, *revision, &read(action)?);
             }
-            Event::Advance => self.world.advance(at),
+            Event::Advance { ended } => {
+                self.world.advance(at);
+                for (id, place) in ended {
+                    let got = Blob::of(&self.world.place(*id));
+                    if got != *place {
+                        return Err(format!("module {id} is elsewhere: {got:?}, not {place:?}"));
+                    }
+                }
+            }
             Event::Report { id, report } => {
                 self.take_told(*id, &Told::Report(report.clone()))?;
                 self.director.report(at, *id, read(report)?);
@@ -270,6 +278,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 self.director.died(at, *id);
             }
             Event::Wake => self.director.wake(at, &mut self.world),
+            Event::Input { kind, bytes } => self.director.input(at, kind, bytes)?,
             Event::Sensed { id, sensed } => {
                 let got = self.world.poll();
                 let got = got.map(|(id, s)| (id, chronicle::sensation::<AgentOf<R>>(&s)));
@@ -283,12 +292,6 @@ impl<'a, R: Runnable> Engine<'a, R> {
                     Sensation::Percept(percept) => Taken::Percept(percept.clone()),
                 };
                 self.tell(*id, letter);
-            }
-            Event::Placed { id, place } => {
-                let got = Blob::of(&self.world.place(*id));
-                if got != *place {
-                    return Err(format!("module {id} is elsewhere: {got:?}, not {place:?}"));
-                }
             }
             Event::Command(wanted) => {
                 let got = self.director.poll().map(|c| chronicle::wanted::<AgentOf<R>>(&c));

@@ -7,10 +7,10 @@ mod engine;
 mod recover;
 
 pub use engine::{Done, Engine, input};
-pub use recover::{Recovered, recover};
+pub use recover::{RecoverError, Recovered, recover};
 
 use crate::journal::{
-    Event, HeadError, Journal, JournalError, Record, Step, Summary, Taken, Told, Who, plan_of,
+    Damage, Event, HeadError, Journal, JournalError, Record, Step, Summary, Taken, Told, Who, plan_of,
 };
 use crate::report::count;
 use crate::runnable::Runnable;
@@ -39,7 +39,7 @@ pub struct Request {
 #[derive(Debug, Error)]
 pub enum ReplayError {
     /// It cannot be read.
-    #[error("{0}\n  fix: name a whole journal that `metamorph run --journal` of this version wrote")]
+    #[error(transparent)]
     Journal(#[from] JournalError),
     /// Its scenario cannot be read.
     #[error("{0}\n  fix: use the program that wrote the journal")]
@@ -69,7 +69,9 @@ pub struct Replayed {
     pub done: Done,
     /// The first difference.
     pub difference: Option<Difference>,
-    /// What was wrong with the files.
+    /// What the replay ended at, if the journal is damaged.
+    pub damage: Option<Damage>,
+    /// What is incomplete about the files.
     pub troubles: Vec<String>,
     /// Messages sent and delivered, by what agents did.
     pub tally: Tally,
@@ -96,8 +98,15 @@ pub fn replay(request: &Request) -> Result<(Plan, Replayed), ReplayError> {
 fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed {
     let mut engine = Engine::new(swarm, plan);
     let mut shown = String::new();
-    let mut difference = None;
+    let (mut difference, mut damage) = (None, None);
     for record in journal.by_ref() {
+        let record = match record {
+            Ok(record) => record,
+            Err(found) => {
+                damage = Some(found);
+                break;
+            }
+        };
         if request.until.is_some_and(|until| record.at > until) {
             break;
         }
@@ -121,6 +130,7 @@ fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Req
     Replayed {
         done: engine.done(),
         difference,
+        damage,
         troubles: journal.troubles(),
         tally: engine.tally(),
         ended: engine.ended().map(|(outcome, _)| outcome.clone()),
@@ -184,7 +194,7 @@ fn state(s: &Summary) -> String {
 
 /// What a replay came to, for people.
 pub fn text(plan: &Plan, replayed: &Replayed) -> String {
-    let Replayed { done, difference, troubles, tally, ended, shown } = replayed;
+    let Replayed { done, difference, damage, troubles, tally, ended, shown } = replayed;
     let mut text = shown.clone();
     let total = tally.total();
     let _ = writeln!(
@@ -213,6 +223,7 @@ pub fn text(plan: &Plan, replayed: &Replayed) -> String {
         let _ = writeln!(text, "note: {} causes are missing and were not checked", count(done.unchecked));
     }
     let verdict = match (difference, ended) {
+        (None, _) if damage.is_some() => "the same states up to where the journal is damaged".to_owned(),
         (Some(Difference { number, at, who, what }), _) => {
             format!("different: record {}, at {at}, {who}: {what}", count(*number))
         }

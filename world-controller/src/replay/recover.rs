@@ -4,7 +4,7 @@
 //! What agents wrote down is not needed for that, so only one file is read.
 
 use super::engine::Engine;
-use crate::journal::{Event, Record, Sensation, Wanted};
+use crate::journal::{Damage, Event, Record, Sensation, Wanted};
 use crate::runnable::Runnable;
 use crate::scenario::Plan;
 use crate::swarm::{Counted, Letter, TakenOver};
@@ -15,6 +15,7 @@ use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Wire;
 use metamorph_sim_bridge::world::World;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use thiserror::Error;
 
 type AgentOf<R> = <<R as Runnable>::World as World>::Agent;
 
@@ -40,12 +41,30 @@ pub struct Recovered<R: Runnable> {
     pub counted: Counted,
 }
 
-/// Carries the controller's records out. An error says which of them is not as recorded.
+/// Why the controller's records do not lead to where the run was.
+#[derive(Debug, Error)]
+pub enum RecoverError {
+    /// They cannot be read.
+    #[error(transparent)]
+    Damaged(#[from] Damage),
+    /// One of them is not as recorded.
+    #[error("record {number} of the controller, at {at}: {what}")]
+    Different {
+        /// The number of the record, from 1.
+        number: u64,
+        /// When.
+        at: Time,
+        /// What is different.
+        what: String,
+    },
+}
+
+/// Carries the controller's records out.
 pub fn recover<R: Runnable>(
     swarm: &R,
     plan: &Plan,
-    records: impl Iterator<Item = Record>,
-) -> Result<Recovered<R>, String> {
+    records: impl Iterator<Item = Result<Record, Damage>>,
+) -> Result<Recovered<R>, RecoverError> {
     let mut engine = Engine::new(swarm, plan);
     engine.follow_no_agents();
     let mut notes = Notes::<AgentOf<R>> {
@@ -56,11 +75,12 @@ pub fn recover<R: Runnable>(
         counted: Counted::default(),
     };
     for record in records {
+        let record = record?;
         let number = engine.done().records + 1;
         engine
             .carry_out(&record)
             .and_then(|()| notes.take(&record.event))
-            .map_err(|what| format!("record {number} of the controller, at {}: {what}", record.at))?;
+            .map_err(|what| RecoverError::Different { number, at: record.at, what })?;
     }
     let until = engine.done().until;
     let (world, director, struck) = engine.into_parts();

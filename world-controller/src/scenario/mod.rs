@@ -40,6 +40,7 @@ use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Stop;
 use metamorph_sim_bridge::faults::Schedule;
 use problems::Problems;
+use serde::{Deserialize, Serialize};
 use settings::Setting;
 use std::fs::File;
 use std::io::Read;
@@ -48,7 +49,7 @@ use std::sync::Arc;
 use toml::de::DeTable;
 
 /// What carries messages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum LinkKind {
     /// One process per module, over shared memory.
     #[default]
@@ -69,7 +70,7 @@ impl LinkKind {
 
 /// What the command line changes. Texts are checked together with the scenario, so that an option
 /// gets the same quality of complaint as a line of the file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Overrides {
     /// The link.
     pub link: LinkKind,

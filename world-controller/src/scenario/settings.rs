@@ -4,6 +4,7 @@
 
 use super::flaw::Flaw;
 use super::problems::Problems;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::fmt;
 use std::ops::Range;
@@ -15,13 +16,18 @@ use toml::de::{DeArray, DeTable, DeValue};
 const MAX_PARTS: usize = 32;
 
 /// One value for one key.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setting {
-    /// The option that it was given with, for complaints.
+    /// The option that it was given with, for complaints. Read from elsewhere, as if it had been typed.
+    #[serde(skip, default = "set")]
     pub option: &'static str,
     /// `KEY=VALUE`. A key is names joined by dots; an element of a list goes by its number, from 0. A
     /// value is TOML, or text without quotes.
     pub text: String,
+}
+
+fn set() -> &'static str {
+    "--set"
 }
 
 impl Setting {

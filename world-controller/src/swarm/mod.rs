@@ -29,6 +29,7 @@ use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::supervise::{Launch, Supervisor};
 use metamorph_module_agent::clock::{Speed, monotonic};
 use metamorph_module_agent::inbox::Inbox;
+use metamorph_module_agent::journal::Parts;
 use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::rendezvous::{Rendezvous, SHARD, set_verbosity};
 use metamorph_module_agent::run_name::HOME;
@@ -64,8 +65,8 @@ pub struct SwarmOptions {
     pub shutdown: Shutdown,
     /// Whether SIGINT, SIGTERM and SIGHUP ask the swarm to end.
     pub catch_signals: bool,
-    /// The directory that agents write their parts of the journal to, if one is kept.
-    pub journal: Option<PathBuf>,
+    /// Where agents write their parts of the journal, if one is kept.
+    pub journal: Option<Parts>,
     /// How long agents wait for a controller to come back after theirs was killed. Zero without a
     /// journal, from which alone it could.
     pub patience: Duration,

@@ -9,7 +9,8 @@ use super::visible::Visible;
 use crate::journal::{HeadError, JournalError};
 use crate::scenario::{Plan, Swarm};
 use metamorph_protocol::cube::Cube;
-use metamorph_protocol::journal::{self, Record, Sensation, Sink, Taken, Wanted, Who};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::journal::{self, Blob, Record, Sensation, Sink, Taken, Wanted, Who};
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::WireError;
@@ -26,7 +27,7 @@ pub enum ReadError {
     #[error(transparent)]
     Journal(#[from] JournalError),
     /// Its head makes no sense.
-    #[error(transparent)]
+    #[error("{0}\n  fix: use the program that wrote the journal")]
     Head(#[from] HeadError),
 }
 
@@ -100,6 +101,20 @@ struct Scribe<A: Visible> {
 }
 
 impl<A: Visible> Scribe<A> {
+    fn place(
+        setup: &A::Setup,
+        places: &mut [A::Place],
+        scene: &mut Scene,
+        id: ModuleId,
+        place: &Blob,
+    ) -> Result<(), WireError> {
+        if let Some(known) = places.get_mut(id.index()) {
+            *known = place.read()?;
+            scene.placed(id, A::stance(setup, known));
+        }
+        Ok(())
+    }
+
     fn write(&mut self, at: Time, who: Who, event: &journal::Event) -> Result<(), WireError> {
         use journal::Event as E;
         let mut scene = self.scene.lock();
@@ -110,10 +125,12 @@ impl<A: Visible> Scribe<A> {
             Who::Controller => None,
         };
         match event {
-            E::Start { id, place, .. } | E::Placed { id, place } => {
-                if let Some(known) = self.places.get_mut(id.index()) {
-                    *known = place.read()?;
-                    scene.placed(*id, A::stance(&self.setup, known));
+            E::Start { id, place, .. } => {
+                Self::place(&self.setup, &mut self.places, &mut scene, *id, place)?;
+            }
+            E::Advance { ended } => {
+                for (id, place) in ended {
+                    Self::place(&self.setup, &mut self.places, &mut scene, *id, place)?;
                 }
             }
             E::Act { id, action, .. } => {

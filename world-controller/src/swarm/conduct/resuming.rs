@@ -112,14 +112,20 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
 
     fn told_by(&self, header: Header, heard: u32, told: u32) -> Result<Vec<Told>, JournalError> {
         let Some(parts) = &self.options.journal else { return Ok(Vec::new()) };
-        let path = agent_part(parts, header.source, header.incarnation);
-        let reader = Reader::open(&path)?;
-        let all = reader.filter_map(|r| if let Event::Step(step) = r.event { Some(step.told) } else { None });
-        let missed: Vec<Told> = all.flatten().take(told as usize).skip(heard as usize).collect();
-        if missed.len() < told.saturating_sub(heard) as usize {
-            return Err(JournalError::Head(path, "it ends before what the agent has told".to_owned()));
+        let path = agent_part(&parts.dir, header.source, header.incarnation);
+        let mut all = Vec::new();
+        for record in Reader::open(&path)? {
+            if all.len() >= told as usize {
+                break;
+            }
+            if let Event::Step(step) = record?.event {
+                all.extend(step.told);
+            }
         }
-        Ok(missed)
+        if all.len() < told as usize {
+            return Err(JournalError::Unfit(path, "it ends before what the agent has told".to_owned()));
+        }
+        Ok(all.into_iter().take(told as usize).skip(heard as usize).collect())
     }
 
     fn take_missed(&mut self, header: Header, told: Told) {

@@ -70,11 +70,11 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         self.epoch = monotonic();
         self.outcome.setup = Duration::from_nanos(self.epoch - self.begun);
         self.clock = Clock::new(self.epoch, self.options.speed);
-        if let Some(parts) = self.options.journal.as_deref().filter(|_| !self.options.patience.is_zero()) {
+        if let Some(parts) = self.options.journal.as_ref().filter(|_| !self.options.patience.is_zero()) {
             let root = self.dir.root();
-            write_run(parts, root, self.epoch)
+            write_run(&parts.dir, root, self.epoch)
                 .and_then(|()| mark_awaited(root))
-                .map_err(|e| RunDirError::Create(parts.to_owned(), e))?;
+                .map_err(|e| RunDirError::Create(parts.dir.clone(), e))?;
         }
         for i in 0..self.processes.len() {
             let id = self.processes[i].id;

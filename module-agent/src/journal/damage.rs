@@ -1,0 +1,134 @@
+//! What can be wrong with a journal: ends that a killed writer leaves, and damage that it does not.
+
+use super::{RunId, VERSION};
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use std::io;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Why a journal cannot be written or read at all.
+#[derive(Debug, Error)]
+pub enum JournalError {
+    /// The file cannot be created.
+    #[error("cannot write the journal {0}: {1}; name a file in a directory that exists and is yours")]
+    Create(PathBuf, io::Error),
+    /// The file cannot be read.
+    #[error("cannot read the journal {0}: {1}{FIX}")]
+    Read(PathBuf, io::Error),
+    /// Not a journal.
+    #[error("{0} is not a journal; `metamorph run SCENARIO --journal FILE` writes one{FIX}")]
+    Magic(PathBuf),
+    /// Another version.
+    #[error(
+        "{0} is a journal of version {1}; this program reads version {VERSION}: use the program that wrote it{FIX}"
+    )]
+    Version(PathBuf, u16),
+    /// The writer was killed before the head was written.
+    #[error("the journal {0} ends within its head, so nothing of it can be read{FIX}")]
+    NoHead(PathBuf),
+    /// A journal, but not one that can be used here.
+    #[error("{0}: {1}{FIX}")]
+    Unfit(PathBuf, String),
+    /// A file does not hold what its writer wrote.
+    #[error(transparent)]
+    Damaged(#[from] Damage),
+}
+
+const FIX: &str = "\n  fix: name a whole journal that `metamorph run --journal` of this version wrote";
+
+impl JournalError {
+    /// Whether a file was changed after it was written, or is missing.
+    pub fn is_damage(&self) -> bool {
+        matches!(self, JournalError::Damaged(_))
+    }
+}
+
+/// A place in a journal where it does not hold what its writer wrote. No killed writer leaves this behind.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{}: the journal is damaged at byte {at}: {flaw}\n  fix: {}", .path.display(), .flaw.fix())]
+pub struct Damage {
+    /// The file.
+    pub path: PathBuf,
+    /// The first byte of what is wrong.
+    pub at: u64,
+    /// What is wrong.
+    pub flaw: Flaw,
+}
+
+/// What is wrong with a damaged journal.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum Flaw {
+    /// Bytes were changed.
+    #[error("a frame was changed: its check sum does not match")]
+    Changed,
+    /// Frames were moved.
+    #[error(
+        "a frame does not follow the one before it: frames were removed, repeated or put in another order"
+    )]
+    Order,
+    /// A frame that is whole holds something else.
+    #[error("a whole frame holds no record of this version: {0}")]
+    Content(String),
+    /// The file cannot be read at this place.
+    #[error("it cannot be read there: {0}")]
+    Unreadable(String),
+    /// Something else lies where a part should.
+    #[error("this is no part of a journal of version {VERSION}")]
+    NoPart,
+    /// The part of another run.
+    #[error("this is a part of run {found}, but the controller's part is of run {expected}")]
+    OtherRun {
+        /// The run of the controller's part.
+        expected: RunId,
+        /// The run of this part.
+        found: RunId,
+    },
+    /// A part under the name of another.
+    #[error("this is the part of module {id} in life {life}, under the name of another part")]
+    OtherPart {
+        /// The module.
+        id: ModuleId,
+        /// Its life.
+        life: Incarnation,
+    },
+    /// A part is missing, or empty.
+    #[error("the part of module {id} in life {life}, which the controller started, is missing")]
+    MissingPart {
+        /// The module.
+        id: ModuleId,
+        /// Its life.
+        life: Incarnation,
+    },
+}
+
+impl Flaw {
+    fn fix(&self) -> &'static str {
+        match self {
+            Flaw::Changed | Flaw::Order | Flaw::Content(_) | Flaw::Unreadable(_) => {
+                "use an undamaged copy; `metamorph view` shows what comes before the damage"
+            }
+            Flaw::NoPart | Flaw::OtherRun { .. } | Flaw::OtherPart { .. } => {
+                "take the file out of the directory, and put the right one in its place"
+            }
+            Flaw::MissingPart { .. } => "put the file back; without it the run cannot be carried out again",
+        }
+    }
+}
+
+/// The end of a journal that a killed writer has left incomplete.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Torn {
+    /// The file.
+    pub path: PathBuf,
+    /// Bytes of it that are whole.
+    pub whole: u64,
+    /// Bytes behind them.
+    pub cut: u64,
+}
+
+impl std::fmt::Display for Torn {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Torn { path, whole, cut } = self;
+        write!(f, "{}: cut off after {whole} bytes; the last frame has {cut} bytes only", path.display())
+    }
+}

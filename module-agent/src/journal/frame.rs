@@ -1,0 +1,96 @@
+//! Frames, which a journal file is made of, and whether the end of a file is torn or damaged.
+//!
+//! A frame is length of the content (4 bytes), check sum of the frame before (4), check sum (4), content.
+//! A check sum is the CRC-32/ISO-HDLC of length, check sum of the frame before, and content, so it depends
+//! on everything in the file up to there: a frame that was removed, repeated, moved or taken from another
+//! file does not fit. Numbers are little endian.
+
+use bincode::config::standard;
+use serde::Serialize;
+use std::io;
+
+/// Bytes of a frame before its content.
+pub const HEADER: usize = 12;
+
+/// Bytes that are hashed at most to find out whether a whole frame follows a broken one. What a killed
+/// writer leaves is less than one frame and takes far less.
+const SEARCH: usize = 64 << 20;
+
+/// What a frame begins with.
+#[derive(Clone, Copy, Debug)]
+pub struct Header {
+    /// Bytes of content.
+    pub length: usize,
+    /// Check sum of the frame before.
+    pub previous: u32,
+    /// Check sum of this frame.
+    pub sum: u32,
+}
+
+impl Header {
+    /// Reads a header.
+    pub fn read(bytes: [u8; HEADER]) -> Header {
+        let [a, b, c, d, e, f, g, h, i, j, k, l] = bytes;
+        let [length, previous, sum] = [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(u32::from_le_bytes);
+        Header { length: length as usize, previous, sum }
+    }
+    /// Whether this is the check sum of a frame with this content.
+    pub fn fits(&self, content: &[u8]) -> bool {
+        sum(self.previous, content) == self.sum
+    }
+}
+
+fn sum(previous: u32, content: &[u8]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&(content.len() as u32).to_le_bytes());
+    hasher.update(&previous.to_le_bytes());
+    hasher.update(content);
+    hasher.finalize()
+}
+
+/// Appends a frame and returns its check sum. Appends nothing if the content is longer than `longest`.
+pub fn append<T: Serialize>(
+    out: &mut Vec<u8>,
+    previous: u32,
+    content: &T,
+    longest: usize,
+) -> io::Result<u32> {
+    let start = out.len();
+    out.extend([0; HEADER]);
+    let encoded = bincode::serde::encode_into_std_write(content, out, standard());
+    let length = out.len() - start - HEADER;
+    if encoded.is_err() || length > longest {
+        out.truncate(start);
+        encoded.map_err(io::Error::other)?;
+        return Err(io::Error::other(format!("a frame of {length} bytes is too long")));
+    }
+    let sum = sum(previous, &out[start + HEADER..]);
+    for (i, number) in [length as u32, previous, sum].into_iter().enumerate() {
+        out[start + 4 * i..start + 4 * i + 4].copy_from_slice(&number.to_le_bytes());
+    }
+    Ok(sum)
+}
+
+/// Whether the last bytes of a file are the beginning of a frame, as a killed writer leaves it. They are
+/// not if a whole frame is among them, with the right or another length: then bytes were changed.
+pub fn is_torn(rest: &[u8], longest: usize) -> bool {
+    let Some((header, content)) = split(rest) else { return true };
+    if header.length > longest || header.length <= content.len() || header.fits(content) {
+        return false;
+    }
+    let mut budget = SEARCH;
+    for at in 1..rest.len() {
+        let Some((header, content)) = split(&rest[at..]) else { break };
+        let Some(content) = content.get(..header.length) else { continue };
+        if header.fits(content) || budget < content.len() {
+            return false;
+        }
+        budget -= content.len();
+    }
+    true
+}
+
+fn split(bytes: &[u8]) -> Option<(Header, &[u8])> {
+    let (header, content) = bytes.split_first_chunk()?;
+    Some((Header::read(*header), content))
+}
