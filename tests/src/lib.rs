@@ -4,11 +4,14 @@
 //! sees; [`mod@conformance`] is the one suite that every driver passes, written against it; [`chaos`]
 //! breaks swarms of real processes from outside; [`growth`] is the experiment that tests of the cube
 //! protocol vary, [`metamodules`] the one of the thesis, whose variations [`cases`] gives names;
-//! [`command`] is `metamorph` as a user types it; [`statistics`] compares samples.
+//! [`command`] is `metamorph` as a user types it; [`checker`] reads journals without code of the program
+//! and checks every position; [`statistics`] compares samples.
 
 pub mod browser;
 pub mod cases;
 pub mod chaos;
+pub mod checked_run;
+pub mod checker;
 pub mod command;
 pub mod conformance;
 pub mod growth;

@@ -4,6 +4,8 @@
 
 use metamorph_protocol::stream::Stream;
 use metamorph_tests::chaos::{signal_to, wait_until};
+use metamorph_tests::checked_run::geometry;
+use metamorph_tests::checker::check;
 use metamorph_tests::command::{Ran, command, run, run_processes, scenario};
 use metamorph_world_controller::journal::{Event, Journal, parts_of};
 use metamorph_world_controller::replay::{Request, replay, text};
@@ -81,6 +83,7 @@ fn assert_one_run(journal: &Path, report: &Report, controllers: usize) {
     assert_eq!(replayed.difference, None);
     assert_eq!((replayed.troubles.as_slice(), replayed.done.unchecked), (&[] as &[String], 0));
     assert_eq!(replayed.ended.as_deref(), Some(report.outcome.as_str()));
+    check(journal, geometry(&plan).as_ref()).unwrap_or_else(|breach| panic!("{breach}"));
     let resumed = |e: &Event| matches!(e, Event::Resumed);
     let journal = Journal::open(journal).expect("it was just read");
     let seen = journal.filter(|r| resumed(&r.as_ref().expect("it is sound").event)).count();

@@ -1,0 +1,41 @@
+//! Simulated runs with a journal that the independent [`checker`](crate::checker) goes through.
+
+use crate::checker::{Breach, Checked, Geometry, check};
+use metamorph_world_controller::database::database;
+use metamorph_world_controller::interrupt::Interrupt;
+use metamorph_world_controller::journal::Keeping;
+use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::scenario::{Plan, Swarm};
+use metamorph_world_controller::simulated::run_simulated;
+use metamorph_world_controller::stopwatch::Stopwatch;
+use metamorph_world_controller::terminal::Live;
+use std::path::Path;
+use std::sync::OnceLock;
+
+/// What the checker has to know of the bodies of a plan besides its journal; `None` for cubes.
+pub fn geometry(plan: &Plan) -> Option<Geometry> {
+    static DATABASE: OnceLock<Vec<u8>> = OnceLock::new();
+    let Swarm::Metamodules(metamodules) = &plan.swarm else { return None };
+    let floor = metamodules.setup.floor;
+    let bytes = DATABASE.get_or_init(|| database(true).to_bytes());
+    let geometry = Geometry::read(bytes, metamodules.setup.motions.kind().name(), [floor.min, floor.max]);
+    Some(geometry.expect("the database has all kinds"))
+}
+
+/// Simulates a plan with a journal in this file.
+pub fn record(plan: &Plan, journal: &Path) -> Report {
+    let keeping = Keeping::simulated(journal, plan).expect("a journal can be begun");
+    let (interrupt, mut live) = (Interrupt::default(), Live::new(false));
+    run_simulated(plan, &interrupt, &mut live, Stopwatch::start(), Some(keeping), None)
+}
+
+/// Simulates a plan and checks where its bodies were.
+///
+/// # Errors
+/// Returns the first rule that was broken.
+pub fn run_and_check(plan: &Plan) -> Result<Checked, Breach> {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    record(plan, &journal);
+    check(&journal, geometry(plan).as_ref())
+}
