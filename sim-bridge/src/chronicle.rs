@@ -13,6 +13,7 @@ use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::journal::{Blob, Event, Record, Sensation, Sink, Touch, Wanted, Who};
 use metamorph_protocol::time::Time;
 use std::cell::RefCell;
+use std::hash::Hasher;
 use std::rc::Rc;
 
 /// Where all records of a driver go.
@@ -127,6 +128,9 @@ impl<W: World> World for RecordedWorld<W> {
             self.put(Event::Advance);
         }
         self.inner.advance(now);
+    }
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        self.inner.digest(hasher);
     }
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<W::Agent as Agent>::Percept>)> {
         let (id, sensed) = self.inner.poll()?;

@@ -9,6 +9,7 @@ use crate::invariants::{Invariant, Violation};
 use crate::world::{Contact, Sensed, World, due};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept, Refusal};
+use metamorph_protocol::digest::Portable;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use metamorph_protocol::ratio::Ratio;
@@ -337,6 +338,16 @@ impl World for CubeWorld {
             self.due.pop();
             self.complete(at, id);
         }
+    }
+
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        let mut hasher = Portable(hasher);
+        for body in &self.bodies {
+            let Body { cell, incarnation, revision, contacts, under_way, stuck } = body;
+            (cell, incarnation, revision, contacts, stuck).hash(&mut hasher);
+            under_way.map(|UnderWay { motion, fails }| (motion, fails)).hash(&mut hasher);
+        }
+        (due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
     }
 
     fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {

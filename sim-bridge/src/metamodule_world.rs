@@ -9,6 +9,7 @@ use crate::grid::{Grid, Occupant};
 use crate::invariants::{Invariant, Violation};
 use crate::world::{Contact, Sensed, World, due};
 use metamorph_protocol::agent::Agent;
+use metamorph_protocol::digest::Portable;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
@@ -404,6 +405,17 @@ impl World for MetamoduleWorld {
             self.due.pop();
             self.complete(at, id);
         }
+    }
+
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        let mut hasher = Portable(hasher);
+        for body in &self.bodies {
+            let Body { pose, grips, cells: _, incarnation, revision, contacts, under_way, stuck } = body;
+            (pose, grips, incarnation, revision, contacts, stuck).hash(&mut hasher);
+            let under_way = under_way.as_ref();
+            under_way.map(|UnderWay { to, claimed: _, deed, fails }| (to, deed, fails)).hash(&mut hasher);
+        }
+        (&self.obstacles, due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
     }
 
     fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {
