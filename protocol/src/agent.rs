@@ -167,7 +167,8 @@ pub trait Agent: Sized {
     /// When the agent wants [`Input::Wake`] at the latest. Changes only in `new` and `handle`.
     fn wake_at(&self) -> Time;
 
-    /// Feeds the whole state into a hash, for traces and for model checking.
+    /// Feeds the state of the protocol into a hash, to tell runs apart: in a fixed order and form (see
+    /// [`crate::digest`]), without caches, times to be woken at, and outputs.
     fn digest(&self, hasher: &mut dyn Hasher);
 
     /// What it is about, for whoever looks on at a run or its journal.

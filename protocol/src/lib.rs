@@ -9,6 +9,7 @@
 
 pub mod agent;
 pub mod cube;
+pub mod digest;
 pub mod goal;
 pub mod ids;
 pub mod journal;

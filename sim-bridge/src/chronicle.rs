@@ -14,6 +14,7 @@ use metamorph_protocol::journal::{Blob, Event, Record, Sensation, Sink, Touch, W
 use metamorph_protocol::time::Time;
 use std::cell::RefCell;
 use std::collections::VecDeque;
+use std::hash::Hasher;
 use std::rc::Rc;
 
 /// Where all records of a driver go.
@@ -146,6 +147,9 @@ impl<W: World> World for RecordedWorld<W> {
             let ended = ended.into_iter().map(place).collect();
             self.put(Event::Advance { ended });
         }
+    }
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        self.inner.digest(hasher);
     }
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<W::Agent as Agent>::Percept>)> {
         self.collect();

@@ -2,13 +2,14 @@
 //!
 //! The world is the interlock: a move starts only if all cells it needs are free, the agent had seen
 //! the present contacts, and it is not too late. What it does *not* check is whether moving is wise;
-//! that the structure stays connected is the protocol's promise, and an invariant here.
+//! that the structure stays connected is the protocol's promise, and an invariant here (`safety`).
 
 use crate::grid::{Grid, Occupant};
 use crate::invariants::{Invariant, Violation};
 use crate::world::{Contact, Sensed, World, due};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept, Refusal};
+use metamorph_protocol::digest::Portable;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use metamorph_protocol::ratio::Ratio;
@@ -17,6 +18,8 @@ use metamorph_protocol::time::{Span, Time};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::hash::{Hash, Hasher};
+
+mod safety;
 
 /// A move under way.
 #[derive(Clone, Copy, Debug, Hash)]
@@ -225,92 +228,6 @@ impl CubeWorld {
         self.grid.body(cell).filter(|id| !self.is_moving(*id))
     }
 
-    /// Whether the resting neighbours of a cell are connected with each other over resting modules.
-    /// Searches from all of them in turn and stops when they have met, so that a small local loop
-    /// costs little in a large body.
-    fn neighbours_connected(&mut self, cell: Cell) -> bool {
-        let starts: Vec<ModuleId> = cell.neighbours().into_iter().filter_map(|c| self.resting(c)).collect();
-        if starts.len() < 2 {
-            return true;
-        }
-        self.search += 1;
-        let mut part: Vec<usize> = (0..starts.len()).collect();
-        let mut fronts: Vec<VecDeque<Cell>> = Vec::new();
-        for (i, id) in starts.iter().enumerate() {
-            self.marks[id.index()] = (self.search, i as u32);
-            fronts.push(VecDeque::from([self.bodies[id.index()].cell]));
-        }
-        loop {
-            for i in 0..fronts.len() {
-                let Some(at) = fronts[i].pop_front() else {
-                    // All of this part is seen. If others share the name of the part they go on.
-                    let alone =
-                        !(0..fronts.len()).any(|j| j != i && part[j] == part[i] && !fronts[j].is_empty());
-                    if alone && part.iter().any(|p| *p != part[i]) {
-                        return false;
-                    }
-                    continue;
-                };
-                for next in at.neighbours() {
-                    let Some(id) = self.resting(next) else { continue };
-                    let mark = self.marks[id.index()];
-                    if mark.0 != self.search {
-                        self.marks[id.index()] = (self.search, i as u32);
-                        fronts[i].push_back(next);
-                    } else if part[mark.1 as usize] != part[i] {
-                        let (keep, drop) = (part[i], part[mark.1 as usize]);
-                        part.iter_mut().filter(|p| **p == drop).for_each(|p| *p = keep);
-                        if part.iter().all(|p| *p == keep) {
-                            return true;
-                        }
-                    }
-                }
-            }
-        }
-    }
-
-    /// Whether all bodies are connected over resting modules, movers hanging on one: the whole check,
-    /// for the beginning and for now and then.
-    pub fn check_connected(&mut self, now: Time) {
-        let resting: Vec<ModuleId> =
-            (0..self.bodies.len() as u32).map(ModuleId).filter(|id| !self.is_moving(*id)).collect();
-        let Some(first) = resting.first() else { return };
-        self.search += 1;
-        self.marks[first.index()] = (self.search, 0);
-        let (mut stack, mut seen) = (vec![self.bodies[first.index()].cell], 1);
-        while let Some(cell) = stack.pop() {
-            for next in cell.neighbours() {
-                if let Some(id) = self.resting(next)
-                    && self.marks[id.index()].0 != self.search
-                {
-                    self.marks[id.index()].0 = self.search;
-                    seen += 1;
-                    stack.push(next);
-                }
-            }
-        }
-        for id in (0..self.bodies.len() as u32).map(ModuleId) {
-            if !self.is_moving(id) {
-                continue;
-            }
-            let cell = self.bodies[id.index()].cell;
-            let held = cell.neighbours().iter().any(|c| self.resting(*c).is_some())
-                || self.landing(id).is_some_and(|l| !self.is_moving(l));
-            if !held {
-                self.violate(Invariant::MoverSupported, now, format!("{id} hangs on nothing at {cell}"));
-            }
-        }
-        if seen != resting.len() {
-            let lost = resting.iter().find(|id| self.marks[id.index()].0 != self.search);
-            let what = format!(
-                "{} of {} resting modules are cut off, {lost:?} among them",
-                resting.len() - seen,
-                resting.len()
-            );
-            self.violate(Invariant::BodyConnected, now, what);
-        }
-    }
-
     fn begin(&mut self, now: Time, id: ModuleId, motion: Motion) {
         let from = self.bodies[id.index()].cell;
         let fails = self.bodies[id.index()].stuck | self.joints.chance(self.failure);
@@ -322,33 +239,23 @@ impl CubeWorld {
         self.motions.started += 1;
         self.order += 1;
         self.due.push(Reverse((now + self.move_time, self.order, id)));
-        let landing = motion.destination(from).step(motion.landing_support());
-        if self.resting(from.step(motion.support)).is_none() || self.resting(landing).is_none() {
-            let what = format!("{id} moves {motion:?} from {from} over a module that is leaving");
-            self.violate(Invariant::MoverSupported, now, what);
-        }
-        if !self.neighbours_connected(from) {
-            let what = format!("{id} leaves {from} while its neighbours need it");
-            self.violate(Invariant::BodyConnected, now, what);
-        }
+        self.check_departure(now, id);
     }
 
     fn complete(&mut self, now: Time, id: ModuleId) {
         let Some(UnderWay { motion, fails }) = self.bodies[id.index()].under_way.take() else { return };
         let from = self.bodies[id.index()].cell;
         let to = motion.destination(from);
+        self.check_path(now, id, from, motion);
         if let Some(corner) = motion.corner(from) {
             self.grid.set(corner, None);
         }
         if fails {
             self.grid.set(to, None);
+            self.check_arrival(now, id, motion.support);
             self.motions.failed += 1;
             self.sensed.push_back((id, Sensed::Percept(Percept::Failed)));
             return;
-        }
-        if self.grid.get(to) != Some(Occupant::Path(id)) {
-            let what = format!("{id} arrives at {to}, which holds {:?}", self.grid.get(to));
-            self.violate(Invariant::OneModulePerCell, now, what);
         }
         self.grid.set(from, None);
         self.grid.set(to, Some(Occupant::Body(id)));
@@ -363,9 +270,7 @@ impl CubeWorld {
             }
         }
         self.touch_neighbours(id, true);
-        if !to.neighbours().iter().any(|c| self.resting(*c).is_some()) {
-            self.violate(Invariant::MoverSupported, now, format!("{id} hangs on nothing at {to}"));
-        }
+        self.check_arrival(now, id, motion.landing_support());
     }
 }
 
@@ -433,6 +338,16 @@ impl World for CubeWorld {
             self.due.pop();
             self.complete(at, id);
         }
+    }
+
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        let mut hasher = Portable(hasher);
+        for body in &self.bodies {
+            let Body { cell, incarnation, revision, contacts, under_way, stuck } = body;
+            (cell, incarnation, revision, contacts, stuck).hash(&mut hasher);
+            under_way.map(|UnderWay { motion, fails }| (motion, fails)).hash(&mut hasher);
+        }
+        (due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
     }
 
     fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {

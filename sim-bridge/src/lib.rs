@@ -17,6 +17,7 @@ pub mod metamodule_world;
 pub mod outcome;
 pub mod queue;
 pub mod sim;
+pub mod state;
 pub mod still_world;
 pub mod trace;
 pub mod world;

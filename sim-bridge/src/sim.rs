@@ -10,6 +10,7 @@ use crate::chronicle::Log;
 use crate::direct::{Command, Direct};
 use crate::invariants::{self, Invariant, Violation};
 use crate::queue::Queue;
+use crate::state::{self, Held, States};
 use crate::trace::Trace;
 use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
@@ -21,10 +22,8 @@ use metamorph_protocol::stream::Stream;
 use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire, WireError};
-use siphasher::sip::SipHasher13;
 use slab::Slab;
 use std::collections::{BTreeMap, VecDeque};
-use std::hash::Hasher;
 use std::sync::Arc;
 
 mod lanes;
@@ -261,6 +260,7 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     tally: Tally,
     body_messages: u64,
     trace: Trace,
+    states: States,
     violations: Vec<Violation>,
     broken: u64,
     checked: u64,
@@ -293,6 +293,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             })
             .collect();
         let diaries = modules.iter().map(|_| None).take(if log.is_some() { usize::MAX } else { 0 }).collect();
+        let states = States::new(modules.len());
         let mut sim = Sim {
             now: Time::ZERO,
             next_audit: Time::ZERO + config.audit_every,
@@ -307,6 +308,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             tally: Tally::default(),
             body_messages: 0,
             trace: Trace::default(),
+            states,
             violations: Vec::new(),
             broken: 0,
             checked: 0,
@@ -386,6 +388,9 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             } else {
                 self.director.wake(self.now, &mut self.world);
                 self.settle();
+            }
+            if self.states.is_due(self.trace.events()) {
+                self.look_at_states();
             }
             if self.now >= self.next_audit {
                 self.audit_all();
@@ -734,16 +739,26 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         found.into_iter().for_each(|v| self.note(v));
     }
 
-    /// The hash of the state of all agents, for comparing runs.
-    pub fn digest(&self) -> u64 {
-        let mut hasher = SipHasher13::new();
-        for module in &self.modules {
-            hasher.write_u8(module.is_alive().into());
-            if let Some(agent) = &module.agent {
-                agent.digest(&mut hasher);
-            }
-        }
-        hasher.finish()
+    /// The hash of the state of all agents now.
+    pub fn agents_hash(&self) -> u64 {
+        state::agents_hash(self.modules.iter().map(|m| Held {
+            is_alive: m.is_alive(),
+            incarnation: m.incarnation,
+            agent: m.agent.as_ref(),
+        }))
+    }
+
+    /// The hash of all states that the run has gone through, as far as they were looked at, and of how things
+    /// stand now. Where slices of a run end has no effect on it; but in [`Sim::run_on`] nobody looks.
+    pub fn state_hash(&self) -> u64 {
+        let mut states = self.states.clone();
+        states.fold(self.trace.events(), self.agents_hash(), state::world_hash(&self.world));
+        states.value()
+    }
+
+    fn look_at_states(&mut self) {
+        let (agents, world) = (self.agents_hash(), state::world_hash(&self.world));
+        self.states.fold(self.trace.events(), agents, world);
     }
 }
 

@@ -1,5 +1,5 @@
-//! The rolling hash of everything that happens in a simulated run: one number that two runs share
-//! if and only if they were the same, event by event.
+//! The rolling hash of what happens when in a simulated run: one number that two runs share if their events
+//! were the same, by time, module and kind. What was said and held is told apart by `state`.
 
 use metamorph_protocol::time::Time;
 use siphasher::sip::SipHasher13;

@@ -8,6 +8,7 @@ use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::time::Time;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::hash::Hasher;
 
 /// The other end of a contact, for whoever opens channels. Agents do not see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -69,6 +70,10 @@ pub trait World {
 
     /// Completes everything that is due at or before `now`, in the order in which it is due.
     fn advance(&mut self, now: Time);
+
+    /// Feeds the state of the bodies into a hash, as [`Agent::digest`] does for an agent. Nothing by default,
+    /// for worlds in which nothing changes.
+    fn digest(&self, _hasher: &mut dyn Hasher) {}
 
     /// What bodies sensed, in order.
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<Self::Agent as Agent>::Percept>)>;

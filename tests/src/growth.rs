@@ -65,6 +65,8 @@ pub struct Ran {
     pub trace: u64,
     /// The hash of the final state of all agents.
     pub digest: u64,
+    /// The hash of the states gone through.
+    pub state: u64,
 }
 
 impl Ran {
@@ -158,8 +160,8 @@ impl Experiment {
         self
     }
 
-    /// Runs it.
-    pub fn run(self) -> Ran {
+    /// At its beginning.
+    pub fn sim(self) -> Sim<CubeWorld, Director> {
         let setup = Arc::new(self.setup);
         let world = CubeWorld::new(&self.start, MOVE, self.seed);
         let stop = Stop {
@@ -177,9 +179,15 @@ impl Experiment {
             audit_every: audit_every(MOVE),
             ignore_sessions: self.ignore_sessions,
         };
-        let mut sim = Sim::new(config, world, director);
+        Sim::new(config, world, director)
+    }
+
+    /// Runs it.
+    pub fn run(self) -> Ran {
+        let until_broken = self.until_broken;
+        let mut sim = self.sim();
         while !sim.run_until(sim.now() + MOVE * 10) {
-            if self.until_broken && sim.violations().1 > 0 {
+            if until_broken && sim.violations().1 > 0 {
                 break;
             }
         }
@@ -193,7 +201,8 @@ impl Experiment {
             motions: sim.world().motions(),
             stages: sim.director().stages().to_vec(),
             trace: sim.trace().value(),
-            digest: sim.digest(),
+            digest: sim.agents_hash(),
+            state: sim.state_hash(),
         }
     }
 }

@@ -267,7 +267,7 @@ impl Assembly {
             deeds: sim.world().deeds(),
             prevented: sim.director().prevented(),
             trace: sim.trace().value(),
-            digest: sim.digest(),
+            digest: sim.agents_hash(),
             poses: (0..self.start.len() as u32).map(|id| sim.world().pose(ModuleId(id))).collect(),
         }
     }

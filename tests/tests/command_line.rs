@@ -582,6 +582,9 @@ fn json_goes_to_standard_output_alone() {
         "/invariants/violated",
         "/faults",
         "/trace_hash",
+        "/state_hash",
+        "/agents_hash",
+        "/world_hash",
     ] {
         assert!(value.pointer(path).is_some(), "{path} is missing");
     }
@@ -611,15 +614,17 @@ fn quiet_prints_nothing_and_the_file_is_written() {
 }
 
 #[test]
-fn one_seed_gives_one_trace_in_every_process() {
-    let hash = |seed: &str| {
+fn one_seed_gives_one_trace_and_the_same_states_in_every_process() {
+    let hashes = |seed: &str| {
         let args = ["run", "{}", "--link", "sim", "--quiet", "--json", "-", "--loss", "5%", "--seed", seed];
-        json(&on(SMALL, &args).out).trace_hash.expect("the simulated link hashes its trace")
+        let report = json(&on(SMALL, &args).out);
+        let hashes = [report.trace_hash, report.state_hash, report.agents_hash, report.world_hash];
+        hashes.map(|hash| hash.expect("the simulated link hashes its run"))
     };
-    let first = hash("7");
-    assert_eq!(first.len(), 16);
-    assert_eq!(first, hash("7"));
-    assert_ne!(first, hash("8"));
+    let (first, other) = (hashes("7"), hashes("8"));
+    assert!(first.iter().all(|hash| hash.len() == 16));
+    assert_eq!(first, hashes("7"));
+    assert!(first.iter().zip(&other).all(|(a, b)| a != b), "{first:?} {other:?}");
 }
 
 #[test]
@@ -689,6 +694,11 @@ fn the_same_scenario_runs_as_processes() {
     assert_eq!((report.link.as_str(), report.outcome.as_str()), ("ipc", "built"));
     assert_eq!((report.agents.launched, report.agents.crashed, report.agents.alive), (24, 1, 23));
     assert_eq!((report.trace_hash, report.notes, report.invariants.broken), (None, vec![], 0));
+    // What two runs of processes cannot share is not there to be compared.
+    assert_eq!(
+        (report.state_hash, report.agents_hash, report.world_hash.map(|h| h.len())),
+        (None, None, Some(16))
+    );
     assert!(report.messages.all.delivered > 0 && report.body_messages > 0);
     // Nothing of a run that has ended is left to remove; other tests' runs are none of its business.
     let ran = run(&["clean"]);

@@ -9,6 +9,7 @@ use metamorph_protocol::stream::Stream;
 use metamorph_tests::command::{Ran, run, run_processes, scenario};
 use metamorph_world_controller::journal::{Event, Journal, Record, Taken, Who, parts_of};
 use metamorph_world_controller::replay::{Replayed, Request, replay, text};
+use metamorph_world_controller::report::digits;
 use std::path::Path;
 
 /// Runs a scenario that ships with the program, with a journal.
@@ -44,6 +45,7 @@ fn assert_same(ran: &Ran, replayed: &Replayed) {
     assert!(counted.is_some_and(|counted| sent >= counted && sent <= counted + 50));
     assert_eq!(replayed.difference, None);
     assert_eq!((replayed.troubles.as_slice(), replayed.done.unchecked), (&[] as &[String], 0));
+    assert_eq!(report["world_hash"].as_str(), Some(digits(replayed.hashes.1).as_str()));
     assert!(replayed.done.steps > 100 && replayed.tally.total().delivered > 100);
 }
 
@@ -59,8 +61,13 @@ fn a_simulated_run_is_the_same_with_a_journal_and_in_its_replay() {
         let path = scenario(name).display().to_string();
         let fixed = ["run", path.as_str(), "--link", "sim", "--json", "-"];
         let without = run(&[&fixed, options].concat());
-        assert_eq!(report(&with)["trace_hash"], report(&without)["trace_hash"]);
-        assert_same(&with, &again(&journal));
+        for hash in ["trace_hash", "state_hash", "agents_hash", "world_hash"] {
+            assert!(report(&with)[hash].is_string());
+            assert_eq!(report(&with)[hash], report(&without)[hash], "{hash}");
+        }
+        let replayed = again(&journal);
+        assert_same(&with, &replayed);
+        assert_eq!(report(&with)["agents_hash"].as_str(), replayed.hashes.0.map(digits).as_deref());
     }
 }
 

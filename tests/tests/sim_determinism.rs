@@ -1,5 +1,7 @@
 //! Determinism is a contract: same experiment and seed, same events and same final states.
 
+use metamorph_protocol::sabotage::Sabotage;
+use metamorph_protocol::time::Time;
 use metamorph_tests::growth::Experiment;
 
 fn eventful(seed: u64) -> Experiment {
@@ -9,7 +11,7 @@ fn eventful(seed: u64) -> Experiment {
 #[test]
 fn a_run_repeats_itself_and_seeds_differ() {
     let (a, b, other) = (eventful(1).run(), eventful(1).run(), eventful(2).run());
-    assert_eq!((a.trace, a.digest, a.tally), (b.trace, b.digest, b.tally));
+    assert_eq!((a.trace, a.digest, a.state, a.tally), (b.trace, b.digest, b.state, b.tally));
     assert_ne!(a.trace, other.trace);
 }
 
@@ -19,4 +21,31 @@ fn a_run_repeats_itself_and_seeds_differ() {
 fn golden_trace() {
     let ran = eventful(1).run();
     assert_eq!(format!("{:016x}", ran.trace), "9d4e6fe9c0f06606");
+}
+
+/// The same for what agents hold and where bodies are, at every look and at the end.
+#[test]
+fn golden_state() {
+    let ran = eventful(1).run();
+    assert_eq!(format!("{:016x}", ran.state), "99ccde8a2f413620");
+}
+
+/// A grant that is said to last long and ends early is a matter of contents alone, until somebody relies on
+/// it: events are the same, states are not.
+#[test]
+fn contents_are_told_apart_where_events_are_not() {
+    let begun = |defect| {
+        let mut experiment = Experiment::slab_to_sphere(8, 1);
+        experiment.setup.params.sabotage = defect;
+        experiment.sim()
+    };
+    let (mut sound, mut broken) = (begun(None), begun(Some(Sabotage::ShortLease)));
+    let mut told = (0..200).map(|i| {
+        [&mut sound, &mut broken].map(|sim| {
+            sim.run_until(Time(i * 100_000_000));
+            (sim.trace().value(), sim.state_hash())
+        })
+    });
+    let Some(first) = told.find(|[a, b]| a != b) else { panic!("the defect makes no difference") };
+    assert_eq!(first[0].0, first[1].0, "the states differ before the events do");
 }

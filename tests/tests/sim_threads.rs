@@ -142,7 +142,7 @@ where
     Seen {
         trace: sim.trace().value(),
         events: sim.trace().events(),
-        digest: sim.digest(),
+        digest: sim.agents_hash(),
         tally: *sim.tally(),
         checked: sim.checked(),
         body_messages: sim.body_messages(),

@@ -37,6 +37,12 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
         "  ends      at {} at the latest; standing still {} is a deadlock, nothing new filled for {} a livelock",
         stop.timeout, stop.stall, stop.livelock
     )?;
+    if plan.is_beyond {
+        writeln!(
+            out,
+            "            so much is lost that standing still may be waiting; for a surer verdict set stall in [stop]"
+        )?;
+    }
     write_faults(out, plan)?;
     writeln!(out)?;
     writeln!(out, "  run it with {}", plan.repeat_with())

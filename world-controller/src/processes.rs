@@ -27,6 +27,7 @@ use metamorph_sim_bridge::director::Progress;
 use metamorph_sim_bridge::faults::Struck;
 use metamorph_sim_bridge::invariants::{Invariant, Violation};
 use metamorph_sim_bridge::outcome::Outcome;
+use metamorph_sim_bridge::state::world_hash;
 use metamorph_sim_bridge::world::World;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -262,6 +263,9 @@ fn conclude<R: Runnable>(
         wall: outcome.wall,
         setup: before + outcome.setup,
         trace_hash: None,
+        state_hash: None,
+        agents_hash: None,
+        world_hash: world_hash(&world),
         notes,
     })
 }

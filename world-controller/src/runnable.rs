@@ -140,8 +140,11 @@ impl Runnable for Cubes {
     }
     fn last_check(world: &mut CubeWorld, now: Time) -> (Vec<Violation>, u64) {
         world.check_connected(now);
-        // Space, support and connection at every move, and connection once more now.
-        (world.take_violations(), world.motions().started * 3 + 1)
+        let motions = world.motions();
+        // Of a move that begins: its supports, those of others, connection. Of one that ends: space and
+        // support. And the whole body now.
+        let checks = motions.started * 3 + (motions.completed + motions.failed) * 2 + 1;
+        (world.take_violations(), checks)
     }
 }
 
@@ -220,8 +223,9 @@ impl Runnable for Metamodules {
     fn last_check(world: &mut MetamoduleWorld, now: Time) -> (Vec<Violation>, u64) {
         world.check_all(now);
         let deeds = world.deeds();
-        // Space and grips after every action, and of everybody once more now.
-        let checks = (deeds.turns + deeds.moves + deeds.released + world.len() as u64) * 2;
+        // Space and grips when an action begins and when it ends, and of every body now.
+        let ended = deeds.turns + deeds.moves + deeds.released + deeds.failed;
+        let checks = (deeds.started + ended + world.len() as u64) * 2;
         (world.take_violations(), checks)
     }
 }

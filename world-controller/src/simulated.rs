@@ -15,6 +15,7 @@ use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::director::Progress;
 use metamorph_sim_bridge::outcome::Outcome;
 use metamorph_sim_bridge::sim::{Audited, Sim, SimConfig};
+use metamorph_sim_bridge::state::world_hash;
 use std::sync::Arc;
 
 /// Runs to the end, or until interrupted. `since` is when the program started; what happens is written
@@ -127,6 +128,9 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
         wall,
         setup,
         trace_hash: Some(sim.trace().value()),
+        state_hash: Some(sim.state_hash()),
+        agents_hash: Some(sim.agents_hash()),
+        world_hash: world_hash(sim.world()),
         notes,
     };
     (report(&facts), facts.account)

@@ -14,6 +14,7 @@ mod beacon;
 pub mod body;
 pub mod control;
 mod cycles;
+mod digest;
 mod field;
 mod forest;
 pub mod message;
@@ -300,8 +301,8 @@ impl Agent for Cube {
         self.wake
     }
 
-    fn digest(&self, mut hasher: &mut dyn Hasher) {
-        self.hash(&mut hasher);
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        self.digest_state(hasher);
     }
 
     fn summary(&self, now: Time) -> Summary {

@@ -8,6 +8,7 @@
 use super::Cube;
 use super::message::{Ask, Denial, Message, RequestId, Role};
 use super::motion::Moving;
+use super::params::{BACK_OFF, BACK_OFF_SPREAD, MOST_DOUBLED};
 use super::route::Route;
 use crate::agent::{Class, Output};
 use crate::ids::{ModuleId, Token};
@@ -377,8 +378,8 @@ impl Cube {
     }
 
     pub(super) fn back_off(&mut self, now: Time) {
-        let spread = 8u64 << self.denied.min(4);
-        let ticks = 6 + self.stream.below(spread);
+        let spread = BACK_OFF_SPREAD << self.denied.min(MOST_DOUBLED);
+        let ticks = BACK_OFF + self.stream.below(spread);
         self.back_off_until = now + self.setup.params.tick() * ticks;
         self.decide_at = self.back_off_until;
     }

@@ -6,6 +6,12 @@ use crate::sabotage::Sabotage;
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
 
+/// The least ticks of a back-off, the ticks that are drawn in addition at first, and how often these double
+/// at most.
+pub(super) const BACK_OFF: u64 = 6;
+pub(super) const BACK_OFF_SPREAD: u64 = 8;
+pub(super) const MOST_DOUBLED: u8 = 4;
+
 /// How a module makes sure that the structure stays in one piece when it leaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -114,6 +120,10 @@ impl Params {
     /// The time unit of back-offs, a twentieth of a move.
     pub fn tick(&self) -> Span {
         (self.move_time / 20).max(Span(1))
+    }
+    /// The longest that a module waits after an attempt that failed, before it makes another.
+    pub fn longest_back_off(&self) -> Span {
+        self.tick() * (BACK_OFF + (BACK_OFF_SPREAD << MOST_DOUBLED))
     }
     /// How long the first words of new neighbours take.
     pub fn first_words(&self) -> Span {

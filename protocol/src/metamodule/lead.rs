@@ -20,11 +20,13 @@ use super::params::Setup;
 use super::pose::Pose;
 use super::{Metamodule, Phase};
 use crate::agent::Class;
+use crate::digest::Portable;
 use crate::ids::{ModuleId, Port};
 use crate::marks::{Mark, hit};
 use crate::sabotage::Sabotage;
 use crate::time::Time;
 use std::collections::VecDeque;
+use std::hash::Hash;
 use std::sync::Arc;
 
 /// A metamodule leads after nothing has moved for so many times its patience,
@@ -53,6 +55,14 @@ pub(super) struct Lead {
     said: Option<Call>,
     /// What it has been called, and until when it heeds that.
     heard: Option<(Call, Time)>,
+}
+
+impl Lead {
+    /// Hashes what it leads, without what it has already found to be in vain.
+    pub fn digest_state(&self, hasher: &mut Portable<'_>) {
+        let Lead { began, times_in_vain, filled, stage, said, heard, quiet: _, in_vain: _ } = self;
+        (began, times_in_vain, filled, stage, said, heard).hash(hasher);
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]

@@ -19,6 +19,7 @@ pub mod blueprint;
 mod board;
 mod choice;
 mod detector;
+mod digest;
 pub mod distances;
 pub mod field;
 pub mod graph;
@@ -129,6 +130,13 @@ pub struct Metamodule {
     setup: Arc<Setup>,
     core: Core,
     out: VecDeque<OutputOf<Metamodule>>,
+}
+
+/// All of its state, unlike [`Agent::digest`]: two that hash alike do the same from now on.
+impl Hash for Metamodule {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.core.hash(state);
+    }
 }
 
 impl Metamodule {
@@ -890,8 +898,8 @@ impl Agent for Metamodule {
         next.min(self.core.repeat_at).min(self.core.watch.wake_at())
     }
 
-    fn digest(&self, mut hasher: &mut dyn Hasher) {
-        self.core.hash(&mut hasher);
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        self.core.digest_state(hasher);
     }
 
     fn summary(&self, _now: Time) -> Summary {

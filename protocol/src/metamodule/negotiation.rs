@@ -18,6 +18,7 @@ use super::search::{Course, Ground};
 use super::shut_in::is_away;
 use super::{Metamodule, Phase};
 use crate::agent::Class;
+use crate::digest::Portable;
 use crate::ids::ModuleId;
 use crate::lattice::Cell;
 use crate::marks::{Mark, hit};
@@ -25,6 +26,7 @@ use crate::sabotage::Sabotage;
 use crate::time::Time;
 use pathfinding::kuhn_munkres::kuhn_munkres_min;
 use pathfinding::matrix::Matrix;
+use std::hash::Hash;
 
 /// What a metamodule is about, under `negotiated`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -79,6 +81,28 @@ impl Intent {
             told: None,
             rank: Rank::NONE,
         }
+    }
+    /// Hashes what it is about, without what it knows already to be of no use.
+    pub fn digest_state(&self, hasher: &mut Portable<'_>) {
+        let Intent {
+            claim,
+            agreed_at,
+            barred,
+            barred_until,
+            unclaimed_since,
+            filled,
+            cornered_until,
+            cornered_at_least,
+            cornered,
+            way,
+            told,
+            rank,
+            barred_in: _,
+            looked_in: _,
+            planned_in: _,
+        } = self;
+        (claim, agreed_at, barred, barred_until, unclaimed_since, filled).hash(hasher);
+        (cornered_until, cornered_at_least, cornered, way, told, rank).hash(hasher);
     }
     /// Since when nothing has been filled.
     pub fn filled_since(&self) -> Option<Time> {

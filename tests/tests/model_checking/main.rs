@@ -99,7 +99,7 @@ struct Found {
 fn explore<W>(name: &str, model: SwarmModel<W>, most: usize) -> Found
 where
     W: Audited + Clone + Hash + Send + Sync + 'static,
-    W::Agent: Clone + Send + Sync,
+    W::Agent: Clone + Hash + Send + Sync,
     <W::Agent as Agent>::Message: Hash + Send + Sync,
     <W::Agent as Agent>::Percept: Send + Sync,
 {
@@ -131,7 +131,7 @@ where
 fn holds<W>(name: &str, model: SwarmModel<W>)
 where
     W: Audited + Clone + Hash + Send + Sync + 'static,
-    W::Agent: Clone + Send + Sync,
+    W::Agent: Clone + Hash + Send + Sync,
     <W::Agent as Agent>::Message: Hash + Send + Sync,
     <W::Agent as Agent>::Percept: Send + Sync,
 {

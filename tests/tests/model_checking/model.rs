@@ -134,11 +134,12 @@ impl<A: Agent> Clone for Process<A> {
     }
 }
 
-impl<A: Agent> Process<A> {
+impl<A: Agent + Hash> Process<A> {
     fn seal(&mut self) {
         let mut hasher = DefaultHasher::new();
         if self.alive {
-            self.agent.digest(&mut hasher);
+            // All of it: what a digest leaves out decides when something happens.
+            self.agent.hash(&mut hasher);
         }
         (self.alive, self.incarnation, &self.contacts, self.revision, self.paused).hash(&mut hasher);
         format!("{:?}", self.waiting).hash(&mut hasher);
@@ -222,7 +223,7 @@ where
 impl<W> SwarmModel<W>
 where
     W: Audited + Clone,
-    W::Agent: Clone,
+    W::Agent: Clone + Hash,
 {
     fn begin(&self) -> Moment<W> {
         let mut world = self.world.clone();
@@ -523,7 +524,7 @@ pub const BUILT_IN_TIME: &str = "built in time";
 impl<W> Model for SwarmModel<W>
 where
     W: Audited + Clone + Hash,
-    W::Agent: Clone,
+    W::Agent: Clone + Hash,
     <W::Agent as Agent>::Message: Hash,
 {
     type State = Moment<W>;

@@ -105,6 +105,16 @@ fn patience(draft: &Draft, family: Family) -> Option<(u64, u64)> {
     }
 }
 
+/// Seeds below this one draw what they always have.
+const LASTING_FROM: u64 = 1 << 32;
+
+/// Whether what harms messages goes on for ever: in one of four runs in which something does. The usual
+/// bounds count with what the link does, but not with moves that fail again and again.
+fn lasts(draft: &Draft) -> bool {
+    let drawn = || Stream::named(draft.seed, "explore, lasting harm", 0).below(4) == 0;
+    draft.seed >= LASTING_FROM && draft.link.harms() && draft.failed_connections == 0 && drawn()
+}
+
 /// What is drawn from.
 struct Dice(Stream);
 
@@ -143,6 +153,10 @@ impl Dice {
         }
         draft.link.until = self.end_of_harm(&draft);
         draft.patience = patience(&draft, family);
+        if lasts(&draft) {
+            // Bounds for that follow from the link.
+            (draft.link.until, draft.patience) = (None, None);
+        }
         draft
     }
 
@@ -381,5 +395,18 @@ mod tests {
             texts.insert(draft.to_string());
         }
         assert_eq!(texts.len(), 60);
+    }
+
+    /// Harm that lasts is drawn, with the bounds that follow from it, and earlier seeds draw none.
+    #[test]
+    fn harm_may_last() {
+        let lasting = |seed: u64| {
+            let (draft, plan) = draw(seed, Some(Family::Cube));
+            let lasts = draft.link.harms() && draft.link.until.is_none();
+            assert!(!lasts || (draft.patience.is_none() && plan.link.harmless_from.is_none()), "{draft}");
+            lasts
+        };
+        assert!((0..200).all(|seed| !lasting(seed)));
+        assert!((LASTING_FROM..LASTING_FROM + 200).filter(|seed| lasting(*seed)).count() > 10);
     }
 }

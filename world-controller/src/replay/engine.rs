@@ -17,6 +17,7 @@ use metamorph_protocol::wire::{Wire, WireError};
 use metamorph_sim_bridge::chronicle;
 use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::outcome::Outcome;
+use metamorph_sim_bridge::state::{Held, agents_hash, world_hash};
 use metamorph_sim_bridge::world::World;
 use siphasher::sip::SipHasher13;
 use std::collections::{BTreeMap, VecDeque};
@@ -134,6 +135,24 @@ impl<'a, R: Runnable> Engine<'a, R> {
             let alive = life.is_some_and(|l| !l.died);
             (id, alive, self.world.place(id), life.map(|l| &l.summary))
         })
+    }
+
+    /// The hashes of all agents and of the world as they are now, as reports have them. None of agents that are
+    /// not followed to here.
+    pub fn hashes(&self) -> (Option<u64>, u64) {
+        let all = || {
+            (0..self.world.len() as u32).map(ModuleId).map(|id| {
+                let incarnation = self.current.get(&id).copied().unwrap_or(Incarnation(0));
+                (incarnation, self.lives.get(&(id, incarnation)))
+            })
+        };
+        let is_followed = !self.alone && !self.torn && all().all(|(_, life)| life.is_some_and(|l| !l.torn));
+        let agents = agents_hash(all().map(|(incarnation, life)| Held {
+            is_alive: life.is_some_and(|l| !l.died),
+            incarnation,
+            agent: life.and_then(|l| l.agent.as_ref()),
+        }));
+        (is_followed.then_some(agents), world_hash(&self.world))
     }
 
     /// Carries one record out. An error says what is not as recorded.

@@ -12,7 +12,7 @@ pub use recover::{RecoverError, Recovered, recover};
 use crate::journal::{
     Damage, Event, HeadError, Journal, JournalError, Record, Step, Summary, Taken, Told, Who, plan_of,
 };
-use crate::report::count;
+use crate::report::{count, digits};
 use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
 use metamorph_protocol::agent::{Agent, InputOf};
@@ -77,6 +77,8 @@ pub struct Replayed {
     pub tally: Tally,
     /// How the run ended; none if it was not read so far.
     pub ended: Option<String>,
+    /// The hashes of all agents, if all could be followed, and of the world, as reports have them.
+    pub hashes: (Option<u64>, u64),
     /// What else was asked for, as text.
     pub shown: String,
 }
@@ -134,6 +136,7 @@ fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Req
         troubles: journal.troubles(),
         tally: engine.tally(),
         ended: engine.ended().map(|(outcome, _)| outcome.clone()),
+        hashes: engine.hashes(),
         shown,
     }
 }
@@ -194,7 +197,7 @@ fn state(s: &Summary) -> String {
 
 /// What a replay came to, for people.
 pub fn text(plan: &Plan, replayed: &Replayed) -> String {
-    let Replayed { done, difference, damage, troubles, tally, ended, shown } = replayed;
+    let Replayed { done, difference, damage, troubles, tally, ended, hashes: (agents, world), shown } = replayed;
     let mut text = shown.clone();
     let total = tally.total();
     let _ = writeln!(
@@ -216,6 +219,8 @@ pub fn text(plan: &Plan, replayed: &Replayed) -> String {
         count(total.sent),
         count(total.delivered)
     );
+    let agents = agents.map_or("not all followed".to_owned(), digits);
+    let _ = writeln!(text, "state there: agents {agents}, world {}", digits(*world));
     for trouble in troubles {
         let _ = writeln!(text, "note: {trouble}");
     }

@@ -101,6 +101,11 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     if let Some(hash) = &r.trace_hash {
         writeln!(out, "  trace hash  {hash}")?;
     }
+    match (&r.state_hash, &r.world_hash) {
+        (Some(hash), _) => writeln!(out, "  state hash  {hash}")?,
+        (None, Some(hash)) => writeln!(out, "  world hash  {hash}")?,
+        (None, None) => {}
+    }
     Ok(())
 }
 

@@ -49,6 +49,12 @@ pub struct Facts<'a> {
     pub setup: Duration,
     /// The hash of the trace; none where runs cannot be repeated bit for bit.
     pub trace_hash: Option<u64>,
+    /// The hash of the states gone through; none where runs cannot be repeated.
+    pub state_hash: Option<u64>,
+    /// The hash of all agents at the end; none where they end with their processes.
+    pub agents_hash: Option<u64>,
+    /// The hash of the world at the end.
+    pub world_hash: u64,
     /// What else a reader should know, such as processes that died without a fault.
     pub notes: Vec<String>,
 }
@@ -152,7 +158,10 @@ pub fn report(facts: &Facts<'_>) -> Report {
         faults: account.struck.iter().map(|s| fault(s.at, s.fault, &s.effect)).collect(),
         faults_planned: plan.schedule.len() as u64,
         notes: facts.notes.clone(),
-        trace_hash: facts.trace_hash.map(|hash| format!("{hash:016x}")),
+        trace_hash: facts.trace_hash.map(digits),
+        state_hash: facts.state_hash.map(digits),
+        agents_hash: facts.agents_hash.map(digits),
+        world_hash: Some(digits(facts.world_hash)),
         repeat: plan.repeat_with(),
         machine: Machine {
             os: std::env::consts::OS.to_owned(),
@@ -161,6 +170,11 @@ pub fn report(facts: &Facts<'_>) -> Report {
             build: if cfg!(debug_assertions) { "debug" } else { "release" }.to_owned(),
         },
     }
+}
+
+/// A hash as it is written in reports.
+pub fn digits(hash: u64) -> String {
+    format!("{hash:016x}")
 }
 
 /// Processors available. Looked up once: asking the system takes as long as a short run.

@@ -43,7 +43,9 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
         pre.command { (report.repeat) }
         p.note {
             @match &report.trace_hash {
-                Some(hash) => { "The run was simulated and is the same on every machine; a hash of all its events is " code { (hash) } "." }
+                Some(hash) => { "The run was simulated and is the same on every machine; a hash of all its events is " code { (hash) }
+                    @if let Some(state) = &report.state_hash { ", one of the states of all agents and bodies " code { (state) } }
+                    "." }
                 None => { "Processes ran in real time, so a repeated run is like this one, but not the same event by event." }
             }
             " The scenario is at the end of this page."

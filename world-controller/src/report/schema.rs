@@ -66,8 +66,17 @@ pub struct Report {
     pub faults_planned: u64,
     /// What else happened that a reader should know.
     pub notes: Vec<String>,
-    /// 16 hexadecimal digits that two runs share if they were the same event by event; null on `ipc`.
+    /// 16 hexadecimal digits that two runs share if they were the same event by event, by time, module and
+    /// kind; null on `ipc`.
     pub trace_hash: Option<String>,
+    /// 16 hexadecimal digits that two runs share if their agents and bodies were also in the same states, as
+    /// looked at every so many events and at the end; null on `ipc`.
+    pub state_hash: Option<String>,
+    /// The hash of the state of all agents at the end, which `metamorph replay` shows too; null on `ipc`.
+    pub agents_hash: Option<String>,
+    /// The hash of the state of the world at the end, which `metamorph replay` shows too. On `ipc` it says
+    /// when what happened, so no two runs share it. Null in reports of earlier versions.
+    pub world_hash: Option<String>,
     /// The command that repeats the run.
     pub repeat: String,
     /// What it ran on.

@@ -1,6 +1,7 @@
 //! The parts of a scenario that only cubes have: shapes to start from and to grow, the protocol's
 //! options; read, checked, and made into what a run of cubes needs.
 
+use super::bounds::{Bounds, Passage};
 use super::flaw::{Flaw, MAX_MODULES, MAX_VOLUME};
 use super::plan::{Draft, Patience};
 use super::problems::{At, Place, Problems};
@@ -93,7 +94,13 @@ impl RawCubes {
     }
 
     /// Checks everything that needs more than one value.
-    pub fn draft(&self, move_time: Span, usual_delay: Span, problems: &mut Problems) -> Option<Draft> {
+    pub fn draft(
+        &self,
+        move_time: Span,
+        usual_delay: Span,
+        passage: Passage,
+        problems: &mut Problems,
+    ) -> Option<Draft> {
         let cells = self.start_cells(problems);
         let shapes: Vec<Option<Vec<Cell>>> =
             self.goals.iter().map(|goal| goal_cells(goal, problems)).collect();
@@ -112,11 +119,8 @@ impl RawCubes {
         Some(Draft {
             modules: cells.as_ref().map_or(0, Vec::len),
             goals: self.goals.iter().enumerate().map(name).collect(),
-            // The bounds grow with the body, because a module may have to walk all around it before
-            // the next cell is filled: standing still for three diameters at 2.4 moves a cell, and not
-            // before anybody may start a cell.
             patience: Patience {
-                stall: (move_time * (sides * 3 * 12 / 5)).max(params.relax + params.relax / 5),
+                bounds: Bounds::of_cubes(&params, sides, passage),
                 livelock: 4,
                 timeout: 3 * self.goals.len().max(1) as u64,
             },

@@ -4,6 +4,7 @@
 //! Coordinates of the floor are those of connectors, two each. Absent: placing them at random, which
 //! the protocol's own library does.
 
+use super::bounds::{Bounds, Passage};
 use super::flaw::{Flaw, MAX_FLOOR, MAX_HEARING, MAX_METAMODULES};
 use super::plan::{Draft, Patience};
 use super::problems::{At, Place, Problems};
@@ -136,6 +137,7 @@ impl RawMetamodules {
         &self,
         turn_time: Span,
         usual_delay: Span,
+        passage: Passage,
         seed: u64,
         problems: &mut Problems,
     ) -> Option<Draft> {
@@ -167,8 +169,11 @@ impl RawMetamodules {
             swarm: None,
             modules: count,
             goals: self.goals.iter().enumerate().map(name).collect(),
-            // The longest motion is some 30 steps, and waits for one other at most.
-            patience: Patience { stall: turn_time * 120, livelock: 16, timeout: all as u64 + 1 },
+            patience: Patience {
+                bounds: Bounds::of_metamodules(&params, passage),
+                livelock: 16,
+                timeout: all as u64 + 1,
+            },
         };
         if let (Some(goals), true) = (goals, problems.is_empty()) {
             let setup = Setup { params, floor: self.floor, goals, motions };

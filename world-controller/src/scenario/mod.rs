@@ -13,6 +13,7 @@
 //! *Invariants.* No text makes the reader panic, and none makes it use more memory or time than the
 //! limits in `flaw` allow. Deliberately absent: anything that runs.
 
+mod bounds;
 mod cube;
 pub mod faults;
 pub mod flaw;
@@ -217,6 +218,8 @@ pub struct Plan {
     pub schedule: Schedule,
     /// When the run ends.
     pub stop: Stop,
+    /// The link loses so much that the bound for a deadlock may be too short, and nobody has set another.
+    pub is_beyond: bool,
     /// Scenario seconds per second on the process link.
     pub time_scale: f64,
 }

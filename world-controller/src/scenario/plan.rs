@@ -1,6 +1,7 @@
 //! From a scenario as written to a plan that can be run: what both families share. What belongs to one
 //! of them is checked in its own file.
 
+use super::bounds::{Bounds as IdleBounds, Passage};
 use super::faults::{self, Bounds};
 use super::flaw::{Flaw, LONGEST, SHORTEST};
 use super::problems::{At, Problems};
@@ -30,8 +31,8 @@ pub struct Draft {
 
 /// How long to wait if the scenario does not say.
 pub struct Patience {
-    /// The bound for standing still.
-    pub stall: Span,
+    /// The bound for standing still, and what it is made of.
+    pub bounds: IdleBounds,
     /// So many times that is the bound for moving without progress.
     pub livelock: u64,
     /// So many times that is the latest end.
@@ -46,9 +47,13 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
     };
     let beat = bounded(beat, key, SHORTEST, LONGEST, problems).unwrap_or(Span::secs(1));
     let (mut link, usual_delay) = link(raw, overrides.link, beat, problems);
+    let Delay(_, usual) = default_delay(LinkKind::Sim, beat);
+    let passage = Passage::of(&link, usual_delay, usual);
     let draft = match &raw.swarm {
-        RawSwarm::Cubes(cubes) => cubes.draft(beat, usual_delay, problems),
-        RawSwarm::Metamodules(metamodules) => metamodules.draft(beat, usual_delay, raw.seed, problems),
+        RawSwarm::Cubes(cubes) => cubes.draft(beat, usual_delay, passage, problems),
+        RawSwarm::Metamodules(metamodules) => {
+            metamodules.draft(beat, usual_delay, passage, raw.seed, problems)
+        }
     }?;
     let mut stop = stop(raw, &draft.patience, problems);
     let mut faults = Vec::new();
@@ -82,6 +87,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
         schedule: faults::draw(&faults, raw.seed),
         faults: faults.into(),
         stop,
+        is_beyond: raw.stall.is_none() && passage.is_beyond(&draft.patience.bounds),
         time_scale,
     })
 }
@@ -106,7 +112,7 @@ fn bounded(
 fn stop(raw: &Raw, patience: &Patience, problems: &mut Problems) -> Stop {
     let long = Span(u64::MAX / 4);
     let mut get = |span, what, default| bounded(span, what, Span(1), long, problems).unwrap_or(default);
-    let stall = get(&raw.stall, "stall", patience.stall);
+    let stall = get(&raw.stall, "stall", patience.bounds.stall);
     let livelock = get(&raw.livelock, "livelock", stall * patience.livelock);
     let timeout = get(&raw.timeout, "timeout", livelock * patience.timeout);
     Stop { timeout: Time::ZERO + timeout, stall, livelock, planned_until: Time::ZERO }

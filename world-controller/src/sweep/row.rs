@@ -57,11 +57,13 @@ pub struct Row {
     pub violations: u64,
     /// What two runs share if they were the same event by event.
     pub trace_hash: String,
+    /// What they also share if agents and bodies went through the same states.
+    pub state_hash: String,
 }
 
 impl Row {
     /// The names of the fields.
-    pub const COLUMNS: [&str; 21] = [
+    pub const COLUMNS: [&str; 22] = [
         "seed",
         "outcome",
         "reason",
@@ -83,6 +85,7 @@ impl Row {
         "faults_struck",
         "violations",
         "trace_hash",
+        "state_hash",
     ];
 
     /// What a report says, as a row.
@@ -119,6 +122,7 @@ impl Row {
             faults_struck: report.faults.len() as u64,
             violations: report.invariants.broken,
             trace_hash: report.trace_hash.clone().unwrap_or_default(),
+            state_hash: report.state_hash.clone().unwrap_or_default(),
         }
     }
 
@@ -215,6 +219,7 @@ pub(crate) mod tests {
             faults_struck: 4,
             violations: 5,
             trace_hash: "0012345678901234".into(),
+            state_hash: "0043210987654321".into(),
         }
     }
 

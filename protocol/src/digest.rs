@@ -1,0 +1,81 @@
+//! Hashes of state that are the same on every machine and build: numbers are hashed as little-endian bytes
+//! of a fixed width, lengths and discriminants as 64 bits. (Slices of wider numbers are hashed as they lie in
+//! memory, which is the same on all little-endian machines.)
+//!
+//! `#[derive(Hash)]` alone hashes native bytes, lengths as `usize`, and fields in the order in which they
+//! happen to be declared. So a digest of an agent or a world names its fields by hand, in an order that stays,
+//! and hashes them through [`Portable`]. It leaves out what follows from the rest: caches, marks that
+//! something has to be looked at again, times to be woken at, and outputs.
+
+use std::hash::Hasher;
+
+/// A hasher that hands numbers on in one form.
+pub struct Portable<'a>(pub &'a mut dyn Hasher);
+
+impl Hasher for Portable<'_> {
+    fn finish(&self) -> u64 {
+        self.0.finish()
+    }
+    fn write(&mut self, bytes: &[u8]) {
+        self.0.write(bytes);
+    }
+    fn write_u16(&mut self, n: u16) {
+        self.0.write(&n.to_le_bytes());
+    }
+    fn write_u32(&mut self, n: u32) {
+        self.0.write(&n.to_le_bytes());
+    }
+    fn write_u64(&mut self, n: u64) {
+        self.0.write(&n.to_le_bytes());
+    }
+    fn write_u128(&mut self, n: u128) {
+        self.0.write(&n.to_le_bytes());
+    }
+    fn write_usize(&mut self, n: usize) {
+        self.write_u64(n as u64);
+    }
+    fn write_i16(&mut self, n: i16) {
+        self.0.write(&n.to_le_bytes());
+    }
+    fn write_i32(&mut self, n: i32) {
+        self.0.write(&n.to_le_bytes());
+    }
+    fn write_i64(&mut self, n: i64) {
+        self.0.write(&n.to_le_bytes());
+    }
+    fn write_i128(&mut self, n: i128) {
+        self.0.write(&n.to_le_bytes());
+    }
+    fn write_isize(&mut self, n: isize) {
+        self.write_i64(n as i64);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::hash::Hash;
+
+    /// Keeps what it is given.
+    #[derive(Default)]
+    struct Bytes(Vec<u8>);
+
+    impl Hasher for Bytes {
+        fn finish(&self) -> u64 {
+            0
+        }
+        fn write(&mut self, bytes: &[u8]) {
+            self.0.extend_from_slice(bytes);
+        }
+    }
+
+    #[test]
+    fn numbers_have_one_form() {
+        let mut bytes = Bytes::default();
+        let mut portable = Portable(&mut bytes);
+        (1u8, 2u16, 3u32, -2i16, 4usize, Some(5u16)).hash(&mut portable);
+        let length = [4, 0, 0, 0, 0, 0, 0, 0];
+        let some = [1, 0, 0, 0, 0, 0, 0, 0, 5, 0];
+        assert_eq!(bytes.0, [&[1, 2, 0, 3, 0, 0, 0, 0xFE, 0xFF][..], &length, &some].concat());
+    }
+}

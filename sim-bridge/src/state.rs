@@ -1,0 +1,112 @@
+//! Hashes of what agents hold and of where bodies are. The trace hash tells runs apart by what happened
+//! when; these do by contents: what beacons said, what has been promised, where everybody stands.
+
+use crate::world::World;
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::Incarnation;
+use siphasher::sip::SipHasher13;
+use std::hash::Hasher;
+
+/// Increased whenever the meaning of the hashes changes.
+const STATE_VERSION: u64 = 1;
+
+/// Events between two looks at all agents and the world: so many for each module, and at least so many. A
+/// look costs about as much as two events of every module, so looks cost less than a hundredth of a run.
+const PER_MODULE: u64 = 256;
+const AT_LEAST: u64 = 4_096;
+
+fn hasher() -> SipHasher13 {
+    let mut hasher = SipHasher13::new_with_keys(0x7374_6174_6568_6173, STATE_VERSION);
+    hasher.write(&STATE_VERSION.to_le_bytes());
+    hasher
+}
+
+/// One agent of many, for [`agents_hash`].
+pub struct Held<'a, A> {
+    /// Whether its process lives.
+    pub is_alive: bool,
+    /// Which life of it this is.
+    pub incarnation: Incarnation,
+    /// The agent, or what it was when its process died; none before its first start.
+    pub agent: Option<&'a A>,
+}
+
+/// The hash of the state of all agents, in the order of their modules.
+pub fn agents_hash<'a, A: Agent + 'a>(agents: impl Iterator<Item = Held<'a, A>>) -> u64 {
+    let mut hasher = hasher();
+    for Held { is_alive, incarnation, agent } in agents {
+        hasher.write(&[is_alive.into(), agent.is_some().into()]);
+        hasher.write(&incarnation.0.to_le_bytes());
+        if let Some(agent) = agent {
+            agent.digest(&mut hasher);
+        }
+    }
+    hasher.finish()
+}
+
+/// The hash of the state of a world.
+pub fn world_hash<W: World>(world: &W) -> u64 {
+    let mut hasher = hasher();
+    world.digest(&mut hasher);
+    hasher.finish()
+}
+
+/// The rolling hash of the states that a simulated run goes through: looked at every so many events, and at
+/// the end.
+#[derive(Clone)]
+pub struct States {
+    hasher: SipHasher13,
+    every: u64,
+    next: u64,
+}
+
+impl States {
+    /// For a run of so many modules.
+    pub fn new(modules: usize) -> States {
+        let every = (modules as u64 * PER_MODULE).max(AT_LEAST);
+        States { hasher: hasher(), every, next: every }
+    }
+    /// Whether it is time to look again, after so many events.
+    pub fn is_due(&self, events: u64) -> bool {
+        events >= self.next
+    }
+    /// Folds in how things stand after so many events.
+    pub fn fold(&mut self, events: u64, agents: u64, world: u64) {
+        for n in [events, agents, world] {
+            self.hasher.write(&n.to_le_bytes());
+        }
+        self.next = events - events % self.every + self.every;
+    }
+    /// The hash so far.
+    pub fn value(&self) -> u64 {
+        self.hasher.finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_came_between_counts() {
+        let hash = |states: &[(u64, u64, u64)]| {
+            let mut all = States::new(3);
+            states.iter().for_each(|(events, agents, world)| all.fold(*events, *agents, *world));
+            all.value()
+        };
+        let base = hash(&[(4_096, 1, 2), (5_000, 3, 4)]);
+        assert_eq!(base, hash(&[(4_096, 1, 2), (5_000, 3, 4)]));
+        for other in [&[(5_000, 3, 4)][..], &[(4_096, 9, 2), (5_000, 3, 4)], &[(4_096, 1, 2), (5_000, 3, 5)]]
+        {
+            assert_ne!(base, hash(other));
+        }
+    }
+
+    #[test]
+    fn is_due_every_so_many_events() {
+        let mut states = States::new(100);
+        assert!(!states.is_due(25_599) && states.is_due(25_600));
+        states.fold(25_603, 0, 0);
+        assert!(!states.is_due(51_199) && states.is_due(51_200));
+    }
+}

@@ -1,0 +1,76 @@
+//! Verdicts on slow and lossy links: whoever only waits for a message is not stuck. Every case is one in
+//! which the bounds of a fast link called runs deadlocked that build their goal if they are let.
+
+use metamorph_tests::command::scenario;
+use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::scenario::{LinkKind, Overrides, read_text};
+use metamorph_world_controller::simulated::simulate;
+use metamorph_world_controller::stopwatch::Stopwatch;
+use std::fs;
+
+const CUBES: &str = "
+version = 1
+[swarm]
+family = \"cube\"
+start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }
+[[goal]]
+shape = { sphere = { center = [2, 2, 2], radius = 2 } }
+";
+
+fn run(text: &str, delay: &str, loss: &str, seed: u64) -> Report {
+    let overrides = Overrides {
+        link: LinkKind::Sim,
+        seed: Some(seed),
+        delay: Some(delay.to_owned()),
+        loss: Some(loss.to_owned()),
+        ..Overrides::default()
+    };
+    let plan = read_text("slow.toml", text, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
+    simulate(&plan, Stopwatch::start(), |_, _| true)
+}
+
+/// Every seed builds, with the bounds that follow from the link.
+fn builds(text: &str, delay: &str, loss: &str, seeds: u64) {
+    for seed in 0..seeds {
+        let report = run(text, delay, loss, seed);
+        assert_eq!(report.outcome, "built", "delay {delay}, loss {loss}, seed {seed}: {}", report.reason);
+    }
+}
+
+fn shipped(name: &str) -> String {
+    fs::read_to_string(scenario(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+}
+
+#[test]
+fn a_chair_builds_with_delays_of_many_steps() {
+    builds(&shipped("chair.toml"), "5s..10s", "0%", 30);
+}
+
+#[test]
+fn a_box_builds_with_delay_and_loss() {
+    builds(&shipped("box.toml"), "1s..10s", "20%", 60);
+}
+
+#[test]
+fn cubes_build_with_delays_of_many_moves() {
+    // Seed 9 is the one whose bound was too short.
+    builds(CUBES, "5s..10s", "0%", 10);
+}
+
+#[test]
+fn cubes_build_though_every_other_message_is_lost() {
+    builds(CUBES, "10ms..100ms", "50%", 12);
+}
+
+/// A standstill that is one is still found, later.
+#[test]
+fn a_standstill_is_found_on_a_bad_link() {
+    // Nobody is left to fill the goal.
+    let kills: String = (1..36).map(|id| format!("[[fault]]\nkill = {id}\nat = \"1s\"\n")).collect();
+    let [fast, slow] = [("100ms", "0%"), ("10s", "30%")].map(|(delay, loss)| {
+        let report = run(&format!("{CUBES}{kills}"), delay, loss, 1);
+        assert_eq!(report.outcome, "deadlock", "{}", report.reason);
+        report.time.virtual_s
+    });
+    assert!(fast < 400.0 && slow > 3_000.0, "{fast} {slow}");
+}
