@@ -2,7 +2,8 @@
 //!
 //! [`probe`] is a family of units that does nothing but send what it is told and report what it
 //! sees; [`mod@conformance`] is the one suite that every driver passes, written against it; [`chaos`]
-//! breaks swarms of real processes from outside; [`growth`] is the experiment that tests of the cube
+//! breaks swarms of real processes from outside; [`mod@hostile`] gives commands what they do not expect;
+//! [`growth`] is the experiment that tests of the cube
 //! protocol vary, [`metamodules`] the one of the thesis, whose variations [`cases`] gives names;
 //! [`command`] is `metamorph` as a user types it; [`statistics`] compares samples.
 
@@ -12,6 +13,7 @@ pub mod chaos;
 pub mod command;
 pub mod conformance;
 pub mod growth;
+pub mod hostile;
 pub mod metamodules;
 pub mod probe;
 pub mod script;
