@@ -19,6 +19,7 @@ pub mod ledger;
 pub mod outbox;
 pub mod packet;
 pub mod process;
+pub mod regular;
 pub mod rendezvous;
 pub mod run_name;
 pub mod runtime;

@@ -151,17 +151,19 @@ pub enum ShapeError {
 impl Shape {
     /// The cells in ascending order.
     pub fn cells(&self) -> Result<Vec<Cell>, ShapeError> {
-        let set = self.collect()?;
-        if set.is_empty() {
+        let cells = self.collect()?;
+        if cells.is_empty() {
             return Err(ShapeError::Empty);
         }
-        match set.iter().find(|c| !c.in_range()) {
+        match cells.iter().find(|c| !c.in_range()) {
             Some(far) => Err(ShapeError::OutOfRange(*far)),
-            None => Ok(set.into_iter().collect()),
+            None => Ok(cells),
         }
     }
 
-    fn collect(&self) -> Result<BTreeSet<Cell>, ShapeError> {
+    /// The cells in ascending order, each once. A list of six bytes a cell: sets of what is nested would
+    /// take many times as much memory.
+    fn collect(&self) -> Result<Vec<Cell>, ShapeError> {
         match self {
             Shape::Box { min, max } => {
                 if min.x > max.x || min.y > max.y || min.z > max.z {
@@ -177,45 +179,55 @@ impl Shape {
             Shape::Disc { center, radius, axis } => cylinder(*center, *radius, 1, *axis),
             Shape::Cylinder { base, radius, height, axis } => cylinder(*base, *radius, *height, *axis),
             Shape::Cells(cells) => {
-                let mut set = BTreeSet::new();
-                for cell in cells {
-                    if !set.insert(*cell) {
-                        return Err(ShapeError::Twice(*cell));
-                    }
+                let mut cells = cells.clone();
+                cells.sort_unstable();
+                match cells.windows(2).find(|pair| pair[0] == pair[1]) {
+                    Some(pair) => Err(ShapeError::Twice(pair[0])),
+                    None => Ok(cells),
                 }
-                Ok(set)
             }
-            Shape::Union(parts) => {
-                let mut set = BTreeSet::new();
-                for part in parts {
-                    set.append(&mut part.collect()?);
-                    if set.len() > MAX_CELLS {
-                        return Err(ShapeError::TooLarge);
-                    }
-                }
-                Ok(set)
+            Shape::Union(_) => {
+                let mut all = Vec::new();
+                self.gather(&mut all)?;
+                tidy(&mut all)?;
+                Ok(all)
             }
             Shape::Difference(parts) => {
                 let (first, rest) = parts.split_first().ok_or(ShapeError::NoMinuend)?;
-                let mut set = first.collect()?;
+                let mut cells = first.collect()?;
                 for part in rest {
-                    for cell in part.collect()? {
-                        set.remove(&cell);
-                    }
+                    let other = part.collect()?;
+                    cells.retain(|cell| other.binary_search(cell).is_err());
                 }
-                Ok(set)
+                Ok(cells)
             }
             Shape::Intersection(parts) => {
                 let (first, rest) = parts.split_first().ok_or(ShapeError::NoOperand)?;
-                let mut set = first.collect()?;
+                let mut cells = first.collect()?;
                 for part in rest {
                     let other = part.collect()?;
-                    set.retain(|cell| other.contains(cell));
+                    cells.retain(|cell| other.binary_search(cell).is_ok());
                 }
-                Ok(set)
+                Ok(cells)
             }
         }
     }
+
+    /// Appends the cells; those of unions within unions go to one list.
+    fn gather(&self, all: &mut Vec<Cell>) -> Result<(), ShapeError> {
+        let Shape::Union(parts) = self else {
+            all.extend(self.collect()?);
+            return if all.len() > 2 * MAX_CELLS { tidy(all) } else { Ok(()) };
+        };
+        parts.iter().try_for_each(|part| part.gather(all))
+    }
+}
+
+/// Sorts cells and removes doubles.
+fn tidy(cells: &mut Vec<Cell>) -> Result<(), ShapeError> {
+    cells.sort_unstable();
+    cells.dedup();
+    if cells.len() > MAX_CELLS { Err(ShapeError::TooLarge) } else { Ok(()) }
 }
 
 fn span(center: Cell, reach: Cell) -> Result<(Cell, Cell), ShapeError> {
@@ -225,7 +237,7 @@ fn span(center: Cell, reach: Cell) -> Result<(Cell, Cell), ShapeError> {
     Ok((center + -reach, center + reach))
 }
 
-fn scan(min: Cell, max: Cell, inside: impl Fn(Cell) -> bool) -> Result<BTreeSet<Cell>, ShapeError> {
+fn scan(min: Cell, max: Cell, inside: impl Fn(Cell) -> bool) -> Result<Vec<Cell>, ShapeError> {
     for corner in [min, max] {
         if !corner.in_range() {
             return Err(ShapeError::OutOfRange(corner));
@@ -236,21 +248,21 @@ fn scan(min: Cell, max: Cell, inside: impl Fn(Cell) -> bool) -> Result<BTreeSet<
     if volume > 8 * MAX_CELLS as u64 {
         return Err(ShapeError::TooLarge);
     }
-    let mut set = BTreeSet::new();
+    let mut cells = Vec::new();
     for x in min.x..=max.x {
         for y in min.y..=max.y {
             for z in min.z..=max.z {
                 let cell = Cell::new(x, y, z);
                 if inside(cell) {
-                    set.insert(cell);
+                    cells.push(cell);
                 }
             }
         }
     }
-    if set.len() > MAX_CELLS { Err(ShapeError::TooLarge) } else { Ok(set) }
+    if cells.len() > MAX_CELLS { Err(ShapeError::TooLarge) } else { Ok(cells) }
 }
 
-fn cylinder(base: Cell, radius: Radius, height: u16, axis: Axis) -> Result<BTreeSet<Cell>, ShapeError> {
+fn cylinder(base: Cell, radius: Radius, height: u16, axis: Axis) -> Result<Vec<Cell>, ShapeError> {
     let r = radius.reach();
     let along = axis.step();
     let mut disc = Cell::new(r, r, r);
@@ -264,7 +276,7 @@ fn cylinder(base: Cell, radius: Radius, height: u16, axis: Axis) -> Result<BTree
         max = max + along;
     }
     if height == 0 {
-        return Ok(BTreeSet::new());
+        return Ok(Vec::new());
     }
     scan(min, max, |c| {
         let (dx, dy, dz) = (c.x - base.x, c.y - base.y, c.z - base.z);
@@ -317,6 +329,7 @@ mod tests {
             (r#"{"cylinder":{"base":[0,0,0],"radius":1,"height":4}}"#, 20),
             (r#"{"cells":[[0,0,0],[1,0,0]]}"#, 2),
             (r#"{"union":[{"cells":[[0,0,0]]},{"box":{"min":[0,0,0],"max":[1,0,0]}}]}"#, 2),
+            (r#"{"union":[{"union":[{"cells":[[5,0,0]]},{"cells":[[1,0,0]]}]},{"cells":[[5,0,0]]}]}"#, 2),
             (r#"{"difference":[{"box":{"min":[0,0,0],"max":[2,2,2]}},{"cells":[[1,1,1]]}]}"#, 26),
             (r#"{"intersection":[{"box":{"min":[0,0,0],"max":[2,2,2]}},{"cells":[[1,1,1],[3,3,3]]}]}"#, 1),
         ] {
@@ -334,6 +347,10 @@ mod tests {
             (r#"{"sphere":{"center":[16383,0,0],"radius":4}}"#, "out of range"),
             (r#"{"cylinder":{"base":[0,0,0],"radius":1,"height":0}}"#, "no cell"),
             (r#"{"cylinder":{"base":[0,0,0],"radius":1,"height":65535}}"#, "out of range"),
+            (
+                r#"{"union":[{"union":[{"box":{"min":[0,0,0],"max":[157,157,157]}}]},{"box":{"min":[0,0,200],"max":[157,157,250]}}]}"#,
+                "more than",
+            ),
             (r#"{"difference":[]}"#, "at least one"),
             (r#"{"intersection":[]}"#, "at least one"),
             (r#"{"intersection":[{"cells":[[0,0,0]]},{"cells":[[1,1,1]]}]}"#, "no cell"),

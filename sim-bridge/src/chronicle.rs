@@ -337,12 +337,14 @@ mod tests {
         world.advance(Time(999_999_999));
         world.advance(Time(1_000_000_000));
         let there = Blob::of(&Cell::new(1, 0, 1));
-        let seen = log.borrow().0.iter().map(|event| match event {
+        let log = log.borrow();
+        let seen = log.0.iter().map(|event| match event {
             Event::Act { id: ModuleId(2), begun, .. } => Ok(*begun),
             Event::Advance { ended } => Err(ended.clone()),
             other => panic!("{other:?}"),
         });
         assert_eq!(seen.collect::<Vec<_>>(), [Ok(true), Ok(false), Err(vec![(mover, there)])]);
+        drop(log);
         let polled: Vec<_> = std::iter::from_fn(|| world.poll()).collect();
         let percepts = polled.iter().filter(|(_, sensed)| matches!(sensed, Sensed::Percept(_)));
         assert_eq!(percepts.count(), 2, "the refusal and the arrival");

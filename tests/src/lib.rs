@@ -2,7 +2,8 @@
 //!
 //! [`probe`] is a family of units that does nothing but send what it is told and report what it
 //! sees; [`mod@conformance`] is the one suite that every driver passes, written against it; [`chaos`]
-//! breaks swarms of real processes from outside; [`growth`] is the experiment that tests of the cube
+//! breaks swarms of real processes from outside; [`mod@hostile`] gives commands what they do not expect;
+//! [`growth`] is the experiment that tests of the cube
 //! protocol vary, [`metamodules`] the one of the thesis, whose variations [`cases`] gives names;
 //! [`command`] is `metamorph` as a user types it; [`checker`] reads journals without code of the program
 //! and checks every position; [`statistics`] compares samples.
@@ -15,6 +16,7 @@ pub mod checker;
 pub mod command;
 pub mod conformance;
 pub mod growth;
+pub mod hostile;
 pub mod metamodules;
 pub mod probe;
 pub mod script;

@@ -8,8 +8,8 @@ use metamorph_tests::command::{command, run, scenario};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use std::fs;
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::{Shutdown, TcpStream};
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::Duration;
@@ -155,6 +155,68 @@ fn only_whoever_has_the_address_is_let_in() {
         .filter(|local| local.ends_with(&format!(":{port:04X}")))
         .collect();
     assert!(!listening.is_empty() && listening.iter().all(|l| l.starts_with("0100007F:")), "{listening:?}");
+    assert_eq!(view.end(), Some(0));
+}
+
+/// As any program on the machine can do: requests that do not end, and what is no request.
+#[test]
+fn the_page_survives_what_is_no_request() {
+    let view = View::of("chair.toml", &[]);
+    let (host, root) = view.parts();
+    let connect = || {
+        let stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        stream
+    };
+    // The server ends them all; none is waited for.
+    let closed = |mut stream: TcpStream, about: &str| {
+        let ended = stream.read_to_end(&mut Vec::new()).map_err(|error| error.kind());
+        assert!(!matches!(ended, Err(ErrorKind::WouldBlock | ErrorKind::TimedOut)), "{about} is still open");
+    };
+    let unfinished: Vec<TcpStream> = (0..400)
+        .map(|_| {
+            let mut stream = connect();
+            stream.write_all(format!("GET {root} HTTP/1.1\r\nHost: {host}\r\nX-Slow: ").as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    unfinished.into_iter().for_each(|stream| closed(stream, "an unfinished request"));
+    let start = format!("GET {root}scene HTTP/1.1\r\nHost: {host}\r\n");
+    let requests: Vec<Vec<u8>> = vec![
+        Vec::new(),
+        vec![0; 100_000],
+        b"\r\n".repeat(50_000),
+        b"GET".to_vec(),
+        b"GET /\r\n".to_vec(),
+        b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n".to_vec(),
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03".to_vec(),
+        format!("GET /{} HTTP/1.1\r\nHost: {host}\r\n\r\n", "x".repeat(1 << 20)).into(),
+        format!("{start}X: {}\r\n\r\n", "x".repeat(1 << 20)).into(),
+        format!("{start}{}\r\n", "X: y\r\n".repeat(100_000)).into(),
+        format!("{start}Content-Length: 18446744073709551615\r\n\r\nx").into(),
+        format!("{start}Content-Length: -1\r\n\r\n").into(),
+        format!("{start}Content-Length: 3\r\nContent-Length: 4\r\n\r\n").into(),
+        format!("{start}Transfer-Encoding: chunked\r\n\r\nffffffffffffffff\r\nx").into(),
+        format!("{start}Connection: upgrade\r\nUpgrade: websocket\r\n\r\n").into(),
+        format!("{start}Expect: 100-continue\r\nContent-Length: 9\r\n\r\n").into(),
+        format!("{start}\0: x\r\n\r\n").into(),
+        format!("GET {root}\x1b[31m HTTP/1.1\r\nHost: {host}\r\n\r\n").into(),
+        format!("GET http://evil.example{root} HTTP/1.1\r\nHost: {host}\r\n\r\n").into(),
+        format!("CONNECT {host} HTTP/1.1\r\nHost: {host}\r\n\r\n").into(),
+        format!("{start}\r\n").repeat(200).into(),
+    ];
+    for request in &requests {
+        let mut stream = connect();
+        // It may have been given up before all of it was read.
+        let _ = stream.write_all(request).and_then(|()| stream.shutdown(Shutdown::Write));
+        closed(stream, &String::from_utf8_lossy(&request[..request.len().min(80)]));
+    }
+    let (status, answer) = view.get(&format!("{root}scene"), "");
+    assert!(status == 200 && answer.contains("\"classes\""), "{answer}");
+    let facts = fs::read_to_string(format!("/proc/{}/status", view.process.id())).unwrap();
+    let peak = facts.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
+    let peak: u64 = peak.unwrap().parse().unwrap();
+    assert!(peak < 512 << 10, "{peak} kB of memory");
     assert_eq!(view.end(), Some(0));
 }
 

@@ -23,7 +23,7 @@ use std::time::Duration;
 const EXIT_CODES: &str = "\
 Exit codes:
   0  built: every goal cell is filled (or the command did what it should)
-  1  the program itself failed, for example because a file could not be written
+  1  the program itself failed, for example because a file or standard output could not be written
   2  the command line or the scenario is wrong
   3  deadlock: nobody can make progress and goal cells are unfilled
   4  livelock: modules move, but no goal cell is filled for longer than the scenario's bound
@@ -44,6 +44,10 @@ Examples:
   metamorph run deploy/scenarios/swarm.toml --link sim   the same in virtual time, repeatable
   metamorph check my.toml                                what would run, or what is wrong
   metamorph clean                                        remove what killed runs left behind
+
+A file that a command writes appears at its end and as a whole; it must be no other file that the command
+reads or writes. If standard output cannot be written, the exit code is 1; that whoever reads it has closed
+it (`| head`) is no error.
 
 Logs go to standard error; -v, -vv and -vvv show more, and METAMORPH_LOG takes filters such as
 `metamorph_world_controller=debug`.";
@@ -338,7 +342,8 @@ pub struct RunArgs {
     /// goes to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
-    /// Write everything that happens to a file, for `metamorph replay` and for viewers
+    /// Write everything that happens to a file, for `metamorph replay` and for viewers; it is written while
+    /// the run goes on
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,
     /// On `ipc` with --journal: how long, in real time, the modules go on when the controller is killed,

@@ -5,7 +5,8 @@ use crate::command::{Command, CommandLine, ResumeArgs, RunArgs, ViewArgs};
 use crate::explore::{ExploreError, explore};
 use crate::export::{ExportError, export};
 use crate::interrupt::Interrupt;
-use crate::journal::{Damage, Journal, JournalError, Keeping, plan_of};
+use crate::journal::{Damage, Journal, JournalError, Keeping, parts_of, plan_of};
+use crate::output::{Json, Output, OutputError, Outputs};
 use crate::overview::overview;
 use crate::processes;
 use crate::reference::{completions, man, schema};
@@ -16,11 +17,12 @@ use crate::report::schema::Report;
 use crate::reproduce::reproduce;
 use crate::robot::{self, RobotError};
 use crate::scenario::{LinkKind, Overrides, Plan, read_file};
+use crate::shown::Shown;
 use crate::simulated::run_simulated;
 use crate::solid::shape::{ShapeError, shape};
 use crate::stopwatch::Stopwatch;
 use crate::sweep::{SweepError, sweep};
-use crate::terminal::{Channel, Live, complain, print_out};
+use crate::terminal::{self, Channel, Live, complain, note, print_data, print_out};
 use crate::view::scene::Scene;
 use crate::view::scribe::{self, Shared};
 use crate::view::server::{Server, ServerError};
@@ -28,8 +30,7 @@ use clap::Parser;
 use metamorph_sim_bridge::chronicle::Log;
 use metamorph_sim_bridge::outcome::Outcome;
 use std::ffi::OsString;
-use std::fs::OpenOptions;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use thiserror::Error;
@@ -49,29 +50,10 @@ enum Failure {
     /// The scenario or an option is wrong; the text says all.
     #[error("{0}")]
     Input(String),
-    /// The report cannot go where it shall.
-    #[error(
-        "{option} {path}: cannot write there: {error}\n  fix: name a file in a directory that exists and is yours{or}"
-    )]
-    Unwritable {
-        /// What asked for it.
-        option: &'static str,
-        /// What else could be named.
-        or: &'static str,
-        /// Where.
-        path: String,
-        /// Why.
-        error: std::io::Error,
-    },
-    /// The report could not be written after the run.
-    #[error("the report could not be written to {path}: {error}")]
-    Report {
-        /// Where.
-        path: String,
-        /// Why.
-        error: std::io::Error,
-    },
-    /// Man pages could not be written.
+    /// A file cannot go where it shall, or could not be written after the run.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// Man pages cannot be made.
     #[error("{path}: cannot write man pages there: {error}\n  fix: name a directory that is yours")]
     Pages {
         /// Where.
@@ -144,14 +126,12 @@ impl Failure {
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Shape(error) if error.is_input() => BAD_USAGE,
             Failure::Export(error) if error.is_input() => BAD_USAGE,
+            Failure::Output(error) | Failure::Bench(BenchError::Json(error)) if error.is_input() => BAD_USAGE,
+            Failure::Explore(ExploreError::Output(error)) if error.is_input() => BAD_USAGE,
             Failure::Shape(_) | Failure::Sweep(_) | Failure::Export(_) | Failure::Explore(_) => FAILED,
-            Failure::Input(_) | Failure::Unwritable { .. } | Failure::Journal(_) | Failure::Replay(_) => {
-                BAD_USAGE
-            }
-            Failure::NoJournal(_) => BAD_USAGE,
-            Failure::Report { .. } | Failure::Pages { .. } | Failure::Signals(_) => FAILED,
+            Failure::Input(_) | Failure::Journal(_) | Failure::Replay(_) | Failure::NoJournal(_) => BAD_USAGE,
+            Failure::Output(_) | Failure::Pages { .. } | Failure::Signals(_) => FAILED,
             Failure::Processes(_) | Failure::Server(_) => FAILED,
-            Failure::Bench(BenchError::Json { .. }) => BAD_USAGE,
             Failure::Bench(_) | Failure::BenchPart(_) => FAILED,
         }
     }
@@ -172,22 +152,44 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             }
         };
     }
-    let line = match CommandLine::try_parse_from(args) {
+    let line = match CommandLine::try_parse_from(&args) {
         Ok(line) => line,
-        Err(error) => {
-            // Help and version are no errors; clap knows which stream and which colours they get.
-            let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { BAD_USAGE } else { 0 });
-        }
+        Err(error) => return ExitCode::from(refuse(&error, &args)),
     };
     log_to_stderr(line.verbose);
     match carry_out(line.command, since) {
-        Ok(code) => ExitCode::from(code),
+        Ok(code) => ExitCode::from(unless_out_failed(code)),
         Err(failure) => {
             complain(&failure.to_string());
             ExitCode::from(failure.exit_code())
         }
     }
+}
+
+/// Shows help, or what is wrong with a command line. Clap knows which stream and which colours that gets.
+fn refuse(error: &clap::Error, args: &[OsString]) -> u8 {
+    if !error.use_stderr() {
+        note(error.print().and_then(|()| std::io::stdout().flush()));
+        return unless_out_failed(0);
+    }
+    // Clap quotes what is wrong, so it is shown what would be wrong with the harmless form of that.
+    let shown = args.iter().map(|arg| arg.to_string_lossy().shown());
+    let harmless = CommandLine::try_parse_from(shown).err().filter(clap::Error::use_stderr);
+    match harmless {
+        // There is nowhere left to say that this failed.
+        Some(error) => drop(error.print()),
+        None => complain(&error.to_string()),
+    }
+    BAD_USAGE
+}
+
+/// The exit code, unless standard output could not be written: then nobody has seen what it stands for.
+fn unless_out_failed(code: u8) -> u8 {
+    let Some(why) = terminal::failure() else { return code };
+    complain(&format!(
+        "metamorph: standard output could not be written: {why}\n  fix: let it go to a file with room, or to a program"
+    ));
+    FAILED
 }
 
 /// Becomes an agent if the arguments are those that a swarm of this program starts its agents with.
@@ -244,16 +246,18 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Schema(args) => {
-            print_out(&schema(args.of));
+            print_data(&schema(args.of));
             Ok(0)
         }
         Command::Completions(args) => {
-            print_out(&completions(args.shell));
+            print_data(&completions(args.shell));
             Ok(0)
         }
         Command::Man(args) => {
-            let path = args.dir.display().to_string();
-            man(&args).map_err(|error| Failure::Pages { path, error })?;
+            let path = args.dir.shown();
+            for (file, page) in man(&args).map_err(|error| Failure::Pages { path, error })? {
+                Outputs::new().writes("man", &file)?.write(page)?;
+            }
             Ok(0)
         }
         Command::Agent(args) => {
@@ -270,8 +274,15 @@ fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
 fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
+    let mut outputs = Outputs::new();
+    outputs.reads("the scenario", &path);
+    plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
+    if let Some(file) = &args.journal {
+        // It is written while the run goes on, so this is about whether it can be.
+        outputs.writes("--journal", file)?;
+    }
     let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
-    let show = Show::begin(&plan, asked)?;
+    let show = Show::begin(&plan, asked, &mut outputs)?;
     let mut live = Live::new(!args.quiet);
     let begin = match overrides.link {
         LinkKind::Sim => Keeping::simulated,
@@ -291,8 +302,13 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
 fn resume(args: ResumeArgs, since: Stopwatch) -> Result<u8, Failure> {
     let left = processes::left_behind(&args.file)?;
     let plan = left.plan.clone();
+    let mut outputs = Outputs::new();
+    outputs.reads("the scenario", Path::new(&plan.origin));
+    plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
+    outputs.reads_directory("a part of the journal,", &parts_of(&args.file));
+    outputs.writes("the journal", &args.file)?;
     let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
-    let show = Show::begin(&plan, asked)?;
+    let show = Show::begin(&plan, asked, &mut outputs)?;
     let mut live = Live::new(!args.quiet);
     let report = processes::resume_processes(left, &mut live, since, show.log(&plan))?;
     drop(live);
@@ -309,26 +325,28 @@ struct Asked {
 
 /// Whoever looks at a run: the page while it goes on, the reports afterwards.
 struct Show {
-    asked: Asked,
+    json: Json,
+    html: Option<Output>,
+    view: bool,
+    quiet: bool,
     scene: Option<Shared>,
     interrupt: Interrupt,
 }
 
 impl Show {
-    fn begin(plan: &Plan, asked: Asked) -> Result<Show, Failure> {
-        may_write(&asked.json)?;
-        if let Some(file) = &asked.html {
-            check_writable("--html", "", file)?;
-        }
+    fn begin(plan: &Plan, asked: Asked, outputs: &mut Outputs) -> Result<Show, Failure> {
+        let Asked { json, html, view, quiet } = asked;
+        let json = Json::of(json.as_deref(), outputs)?;
+        let html = html.map(|file| outputs.writes("--html", &file)).transpose()?;
         let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
-        let watched = asked.view || asked.html.is_some();
+        let watched = view || html.is_some();
         let messages = plan.overrides.link == LinkKind::Sim;
         let scene = watched.then(|| Shared::new(Scene::new(plan, messages)));
-        if let Some(scene) = scene.as_ref().filter(|_| asked.view) {
+        if let Some(scene) = scene.as_ref().filter(|_| view) {
             // Standard output is for the report.
-            complain(&shown(scene)?);
+            complain(&address(scene)?);
         }
-        Ok(Show { asked, scene, interrupt })
+        Ok(Show { json, html, view, quiet, scene, interrupt })
     }
 
     /// Where records go so that they are seen.
@@ -337,37 +355,32 @@ impl Show {
     }
 
     fn end(self, plan: &Plan, report: &Report, journal: Option<&Path>) -> Result<u8, Failure> {
-        let Show { asked, scene, interrupt } = self;
+        let Show { json, html, view, quiet, scene, interrupt } = self;
         if let Some(scene) = &scene {
             finish(scene, plan, report, journal);
         }
-        let code = deliver(report, &asked.json, asked.quiet)?;
-        if let (Some(file), Some(scene)) = (&asked.html, &scene) {
+        let channel = Channel::beside(json.is_out(), quiet);
+        // Whoever reads it here is where the command was typed.
+        let here = Report { repeat: plan.repeat_here(), ..report.clone() };
+        channel.say(&human(&here, channel.paint()));
+        // Each is written even if the other cannot be.
+        let written = json.write(report);
+        if let (Some(file), Some(scene)) = (&html, &scene) {
             let scene = scene.lock();
             let (width, bins) = scene.bins();
-            write(file, &page(report, plan, width, bins))?;
+            file.write(page(report, plan, width, bins))?;
         }
-        if asked.view {
+        written?;
+        if view {
             interrupt.wait();
         }
-        Ok(code)
+        let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
+        Ok(outcome.map_or(FAILED, Outcome::exit_code))
     }
 }
 
-/// Finds out now, and not after a long run, whether a file can be written. What it holds is kept.
-fn check_writable(option: &'static str, or: &'static str, file: &Path) -> Result<(), Failure> {
-    let path = || file.display().to_string();
-    let opened = OpenOptions::new().append(true).create(true).open(file);
-    opened.map(drop).map_err(|error| Failure::Unwritable { option, or, path: path(), error })
-}
-
-fn write(file: &Path, text: &str) -> Result<(), Failure> {
-    let path = file.display().to_string();
-    std::fs::write(file, text).map_err(|error| Failure::Report { path, error })
-}
-
 /// Serves a scene, and says where.
-fn shown(scene: &Shared) -> Result<String, ServerError> {
+fn address(scene: &Shared) -> Result<String, ServerError> {
     let server = Server::start(scene.clone())?;
     Ok(format!("look at it at {}\nCtrl-C ends it", server.address()))
 }
@@ -413,44 +426,26 @@ fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
         for trouble in scene.troubles() {
             complain(&format!("note: {trouble}"));
         }
-        print_out(&shown(&Shared::new(scene))?);
-        interrupt.wait();
+        print_out(&address(&Shared::new(scene))?);
+        wait_for_end(&interrupt);
         return damage.map_or(Ok(0), |damage| Err(damage.into()));
     }
     let file = args.file.clone();
     let plan = plan(&file, &args.overrides())?;
     let scene = Shared::new(Scene::new(&plan, true));
-    print_out(&shown(&scene)?);
+    print_out(&address(&scene)?);
     let scribe = Some(scribe::log(&plan, &scene));
     let report = run_simulated(&plan, &interrupt, &mut Live::new(true), since, None, scribe);
     scene.lock().finish(report);
-    interrupt.wait();
+    wait_for_end(&interrupt);
     Ok(0)
 }
 
-/// Finds out now whether the JSON can be written.
-fn may_write(json: &Option<PathBuf>) -> Result<(), Failure> {
-    json_file(json).map_or(Ok(()), |file| check_writable("--json", ", or `-`", file))
-}
-
-fn json_file(json: &Option<PathBuf>) -> Option<&Path> {
-    json.as_deref().filter(|path| *path != Path::new("-"))
-}
-
-fn deliver(report: &Report, json: &Option<PathBuf>, quiet: bool) -> Result<u8, Failure> {
-    let to_stdout = json.as_deref() == Some(Path::new("-"));
-    let channel = Channel::beside(to_stdout, quiet);
-    channel.say(&human(report, channel.paint()));
-    let text = serde_json::to_string_pretty(report)
-        .expect("invariant: a report is made of plain values, text keys and finite numbers");
-    if to_stdout {
-        print_out(&text);
+/// Waits until the page is no longer wanted. Without its address there is no page to look at.
+fn wait_for_end(interrupt: &Interrupt) {
+    if terminal::failure().is_none() {
+        interrupt.wait();
     }
-    if let Some(file) = json_file(json) {
-        write(file, &(text + "\n"))?;
-    }
-    let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
-    Ok(outcome.map_or(FAILED, Outcome::exit_code))
 }
 
 fn log_to_stderr(verbose: u8) {

@@ -3,6 +3,8 @@
 //! A kept file that is missing, damaged or of another version is built anew; one that cannot be
 //! written is done without.
 
+use crate::output::Outputs;
+use metamorph_module_agent::regular;
 use metamorph_protocol::metamodule::motions::{Motions, MotionsError};
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::database::{Database, VERSION};
@@ -11,6 +13,9 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
+
+/// The most bytes of a kept file; ours have a fifth of that.
+const MAX_BYTES: u64 = 64 << 20;
 
 /// The motions of a kind of metamodule; made once in the life of a thread. Threads that simulate do not
 /// share them: what is kept of earlier searches would be fought over.
@@ -48,18 +53,18 @@ fn place(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
 }
 
 fn kept_at(path: &Path) -> Database {
-    if let Some(database) = fs::read(path).ok().and_then(|b| Database::from_bytes(&b).ok()) {
+    let kept = regular::read(path, MAX_BYTES).ok();
+    if let Some(database) = kept.and_then(|b| Database::from_bytes(&b).ok()) {
         return database;
     }
     let database = Database::build();
-    // Written beside and renamed, so that no other run ever reads half a file.
-    let draft = path.with_extension(format!("{}.draft", std::process::id()));
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let written = fs::create_dir_all(folder)
-        .and_then(|()| fs::write(&draft, database.to_bytes()))
-        .and_then(|()| fs::rename(&draft, path));
-    if written.is_err() {
-        let _ = fs::remove_file(&draft);
+    let made = fs::create_dir_all(path.parent().unwrap_or(Path::new(".")));
+    if made.is_ok()
+        && let Err(error) = Outputs::default()
+            .writes("the motion database", path)
+            .and_then(|file| file.write(database.to_bytes()))
+    {
+        tracing::debug!("{error}");
     }
     database
 }

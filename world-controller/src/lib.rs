@@ -8,7 +8,8 @@
 //! answers questions about the Roombots model, from the
 //! `database` that metamodules move by; `runnable` is what drivers and reports need of each family of
 //! units. `command` is the command line, `commands` carries it out, `terminal` prints what it has to
-//! say (`gauge` while a run is under way), `reference` tells other programs about all of it.
+//! say (`gauge` while a run is under way) and `shown` makes what came from outside fit to be printed; files
+//! are written by `output`; `reference` tells other programs about all of it.
 //!
 //! Deliberately absent: decisions of the protocol (they are in `protocol`) and ground truth about
 //! the world (it is in `sim-bridge`).
@@ -22,6 +23,7 @@ pub mod export;
 pub mod gauge;
 pub mod interrupt;
 pub mod journal;
+pub mod output;
 pub mod overview;
 pub mod processes;
 pub mod reference;
@@ -31,6 +33,7 @@ pub mod reproduce;
 pub mod robot;
 pub mod runnable;
 pub mod scenario;
+pub mod shown;
 pub mod simulated;
 pub mod solid;
 pub mod stopwatch;

@@ -1,6 +1,7 @@
 //! What a plan would do, for `metamorph check`.
 
 use crate::scenario::{Cubes, LinkKind, Metamodules, Plan, Swarm};
+use crate::shown::Shown;
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
@@ -21,9 +22,9 @@ pub fn overview(plan: &Plan) -> String {
 }
 
 fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
-    writeln!(out, "{}", plan.title())?;
+    writeln!(out, "{}", plan.title().shown())?;
     if let Some(description) = &plan.description {
-        writeln!(out, "  {}", description.trim())?;
+        writeln!(out, "  {}", description.trim().shown())?;
     }
     writeln!(out)?;
     match &plan.swarm {
@@ -45,7 +46,7 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
     }
     write_faults(out, plan)?;
     writeln!(out)?;
-    writeln!(out, "  run it with {}", plan.repeat_with())
+    writeln!(out, "  run it with {}", plan.repeat_here())
 }
 
 fn write_cubes(out: &mut String, plan: &Plan, Cubes { cells, setup }: &Cubes) -> std::fmt::Result {
@@ -67,7 +68,7 @@ fn write_cubes(out: &mut String, plan: &Plan, Cubes { cells, setup }: &Cubes) ->
         writeln!(
             out,
             "  goal      {}: {} cells ({share}% of the modules), {growth}, grows from {}",
-            stage.name,
+            stage.name.shown(),
             goal.len(),
             goal.seed()
         )?;
@@ -108,7 +109,7 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
         writeln!(
             out,
             "  goal      {}: {} seeds, level by level {}{from}",
-            stage.name,
+            stage.name.shown(),
             goal.seeds().len(),
             levels.join(" + ")
         )?;

@@ -7,6 +7,7 @@ use crate::report::schema::Report;
 use crate::report::{Facts, progress, report};
 use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
+use crate::shown::Shown;
 use crate::stopwatch::Stopwatch;
 use crate::swarm::{
     CleanError, Crash, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, adopt, clean,
@@ -52,7 +53,7 @@ pub enum ProcessError {
     /// There is no run.
     #[error(
         "{}: there is nothing to go on with: {why}\n  fix: name the journal of a run of processes whose controller was killed",
-        .file.display()
+        .file.shown()
     )]
     NothingLeft {
         /// The journal.
@@ -207,7 +208,9 @@ fn resume<R: Runnable>(
     let recovered = recover(swarm, plan, part.by_ref())?;
     let Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted } = recovered;
     let mut said = vec![format!("the controller was killed; another went on from {until}")];
-    said.extend(part.torn().map(ToString::to_string));
+    said.extend(part.torn().map(|torn| {
+        format!("the controller's part of the journal was cut off after {} bytes", torn.whole)
+    }));
     if let Some(scribe) = &scribe {
         // Whoever looks on is told what happened before.
         for record in Reader::open(&controller_part(&parts))? {

@@ -10,6 +10,7 @@ use clap_complete::Shell;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::Value;
+use std::fs;
 use std::io;
 use std::path::PathBuf;
 
@@ -71,8 +72,14 @@ pub fn completions(shell: Shell) -> String {
     String::from_utf8_lossy(&script).into_owned()
 }
 
-/// Writes a page for the program and one for each command.
-pub fn man(ManArgs { dir }: &ManArgs) -> io::Result<()> {
-    std::fs::create_dir_all(dir)?;
-    clap_mangen::generate_to(CommandLine::command(), dir)
+/// A page for the program and one for each command, and the files that they go to.
+pub fn man(ManArgs { dir }: &ManArgs) -> io::Result<Vec<(PathBuf, Vec<u8>)>> {
+    fs::create_dir_all(dir)?;
+    let made = tempfile::tempdir()?;
+    clap_mangen::generate_to(CommandLine::command(), made.path())?;
+    let pages = fs::read_dir(made.path())?.map(|page| {
+        let page = page?;
+        Ok((dir.join(page.file_name()), fs::read(page.path())?))
+    });
+    pages.collect()
 }

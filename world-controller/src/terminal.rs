@@ -1,14 +1,29 @@
 //! The one place that prints. Absent: what is printed.
 //!
-//! A reader that has gone away (a closed pipe) is no error of this program: what it does not want
-//! to read is not written.
+//! Text for people has no control characters in it but those of this module, wherever it came from. A
+//! reader that has gone away (a closed pipe) is no error of this program: what it does not want to read
+//! is not written, as with ripgrep and git. Any other failure of standard output is kept until the end
+//! ([`failure`]), where it decides the exit code: a command has other things to finish first.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is the one place that prints")]
 
-use std::io::{IsTerminal, Write};
+use crate::gauge::{Gauge, Status};
+use crate::shown::escape;
+use crate::stopwatch::Stopwatch;
+use std::io::{self, IsTerminal, Write};
+use std::sync::OnceLock;
 use std::time::Duration;
 
-use crate::gauge::{Gauge, Status};
-use crate::stopwatch::Stopwatch;
+/// Stand for the beginnings and the end of colours until text is printed: characters that mean nothing
+/// in any text, so that no colour can come from outside.
+const MARKS: [(char, &str); 4] =
+    [(GOOD, "\x1b[1;32m"), (BAD, "\x1b[1;31m"), (STRONG, "\x1b[1m"), (PLAIN, "\x1b[0m")];
+const GOOD: char = '\u{fdd0}';
+const BAD: char = '\u{fdd1}';
+const STRONG: char = '\u{fdd2}';
+const PLAIN: char = '\u{fdd3}';
+
+/// Why standard output could not be written, the first time that it could not.
+static FAILURE: OnceLock<String> = OnceLock::new();
 
 /// Colours, or none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,20 +40,32 @@ impl Paint {
         let refused = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
         Paint { on: is_terminal && !refused }
     }
-    fn wrap(self, code: &str, text: &str) -> String {
-        if self.on { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_owned() }
+    fn wrap(self, mark: char, text: &str) -> String {
+        if self.on { format!("{mark}{text}{PLAIN}") } else { text.to_owned() }
+    }
+    /// The text as it is printed: harmless, with its colours and the end of its last line.
+    fn finish(self, text: &str) -> String {
+        let is_mark = |c: char| self.on && MARKS.iter().any(|(mark, _)| *mark == c);
+        let mut text = escape(text, |c| matches!(c, '\n' | '\t') || is_mark(c)).into_owned();
+        if self.on {
+            text = MARKS.iter().fold(text, |text, (mark, code)| text.replace(*mark, code));
+        }
+        if !text.ends_with('\n') {
+            text.push('\n');
+        }
+        text
     }
     /// As it should be.
     pub fn good(self, text: &str) -> String {
-        self.wrap("1;32", text)
+        self.wrap(GOOD, text)
     }
     /// Not as it should be.
     pub fn bad(self, text: &str) -> String {
-        self.wrap("1;31", text)
+        self.wrap(BAD, text)
     }
     /// A heading.
     pub fn strong(self, text: &str) -> String {
-        self.wrap("1", text)
+        self.wrap(STRONG, text)
     }
 }
 
@@ -80,17 +107,43 @@ impl Channel {
     }
 }
 
-/// Writes to standard output.
+/// Prints text for people on standard output.
 pub fn print_out(text: &str) {
-    let end = if text.ends_with('\n') { "" } else { "\n" };
-    let mut out = std::io::stdout().lock();
-    let _ = write!(out, "{text}{end}").and_then(|()| out.flush());
+    let paint = Channel::Out.paint();
+    write_out(paint.finish(text).as_bytes());
 }
 
-/// Writes to standard error.
+/// Prints what a program reads on standard output, as it is but for the end of its last line.
+pub fn print_data(data: &str) {
+    let end = if data.ends_with('\n') { "" } else { "\n" };
+    write_out(format!("{data}{end}").as_bytes());
+}
+
+fn write_out(bytes: &[u8]) {
+    let mut out = std::io::stdout().lock();
+    note(out.write_all(bytes).and_then(|()| out.flush()));
+}
+
+/// Notes what came of writing to standard output.
+pub fn note(written: io::Result<()>) {
+    match written {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            // The first failure is the one to tell.
+            let _ = FAILURE.set(error.to_string());
+        }
+        _ => {}
+    }
+}
+
+/// Why standard output could not be written, if it could not.
+pub fn failure() -> Option<&'static str> {
+    FAILURE.get().map(String::as_str)
+}
+
+/// Prints text for people on standard error.
 pub fn complain(text: &str) {
-    let end = if text.ends_with('\n') { "" } else { "\n" };
-    let _ = write!(std::io::stderr().lock(), "{text}{end}");
+    // There is nowhere left to say that this failed.
+    let _ = std::io::stderr().lock().write_all(Channel::Err.paint().finish(text).as_bytes());
 }
 
 /// What a line shows.
@@ -166,5 +219,23 @@ impl Live {
 impl Drop for Live {
     fn drop(&mut self) {
         self.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_our_colours_reach_a_terminal() {
+        let on = Paint { on: true };
+        let hostile = "a\x1b[2Jb\u{9b}31mc\u{202e}d\n";
+        let escaped = "a\\u{1b}[2Jb\\u{9b}31mc\\u{202e}d\n";
+        for paint in [on, Paint::PLAIN] {
+            assert_eq!(paint.finish(hostile), escaped);
+        }
+        assert_eq!(on.finish(&on.good("built")), "\x1b[1;32mbuilt\x1b[0m\n");
+        assert_eq!(Paint::PLAIN.finish(&Paint::PLAIN.bad("no")), "no\n");
+        assert_eq!(Paint::PLAIN.finish("a\u{fdd0}b"), "a\\u{fdd0}b\n");
     }
 }

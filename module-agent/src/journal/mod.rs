@@ -169,8 +169,13 @@ pub struct Writer {
 impl Writer {
     /// Creates a journal file; one that is there is replaced.
     pub fn create(path: &Path, head: &Head) -> Result<Writer, JournalError> {
+        let file = File::create(path).map_err(|e| JournalError::Create(path.to_owned(), e))?;
+        Writer::onto(file, path, head)
+    }
+
+    /// Begins a journal in a file that is open and empty; `path` is what messages call it.
+    pub fn onto(file: File, path: &Path, head: &Head) -> Result<Writer, JournalError> {
         let error = |e| JournalError::Create(path.to_owned(), e);
-        let file = File::create(path).map_err(error)?;
         let start = [&MAGIC[..], &VERSION.to_le_bytes()].concat();
         let mut writer = Writer::new(file, path, End { bytes: 0, sum: crc32fast::hash(&start) });
         writer.gathered = start;
@@ -294,7 +299,7 @@ impl Reader {
     /// Opens a journal file and reads its head.
     pub fn open(path: &Path) -> Result<Reader, JournalError> {
         let io = |e| JournalError::Read(path.to_owned(), e);
-        let file = File::open(path).map_err(io)?;
+        let file = crate::regular::open(path).map_err(io)?;
         let size = file.metadata().map_err(io)?.len();
         let mut file = BufReader::with_capacity(READ_AHEAD, file);
         let mut start = Vec::with_capacity(START);

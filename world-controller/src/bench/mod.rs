@@ -18,7 +18,9 @@ mod wire;
 
 pub use part::{PartError, SUBCOMMAND, part};
 
+use crate::output::{OutputError, Outputs};
 use crate::processes::ProcessError;
+use crate::shown::{self, Shown};
 use crate::swarm::{RunDirError, SwarmError};
 use crate::terminal::{Channel, Live};
 use clap::ValueEnum;
@@ -26,7 +28,7 @@ use machine::Machine;
 use metamorph_module_agent::inbox::InboxError;
 use metamorph_module_agent::rendezvous::ChannelError;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// Increased whenever a field of `bench.json` changes its meaning or goes.
@@ -66,15 +68,8 @@ pub struct Request {
 #[derive(Debug, Error)]
 pub enum BenchError {
     /// The numbers cannot be written.
-    #[error(
-        "--json {path}: cannot write there: {error}\n  fix: name a file in a directory that exists and is yours"
-    )]
-    Json {
-        /// Where.
-        path: PathBuf,
-        /// Why.
-        error: std::io::Error,
-    },
+    #[error(transparent)]
+    Json(#[from] OutputError),
     /// Something of the system does not work.
     #[error("bench: cannot {0}: {1}")]
     System(&'static str, std::io::Error),
@@ -130,9 +125,7 @@ pub struct Results {
 
 /// Does what was asked for, and gives the exit code.
 pub fn bench(request: &Request) -> Result<u8, BenchError> {
-    // Found out now, and not after minutes.
-    let opened = std::fs::OpenOptions::new().append(true).create(true).open(&request.json);
-    opened.map_err(|error| BenchError::Json { path: request.json.clone(), error })?;
+    let json = Outputs::new().writes("--json", &request.json)?;
     let wanted = |name| request.names.is_empty() || request.names.contains(&name);
     let most = request.most.unwrap_or(u64::MAX);
     let channel = Channel::beside(false, request.quiet);
@@ -181,15 +174,9 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         channel.say(&text::churn(&churn, paint));
         results.churn = Some(churn);
     }
-    write(&request.json, &results)?;
-    channel.say(&format!("the numbers are in {}", request.json.display()));
+    json.write(shown::json(&results) + "\n")?;
+    channel.say(&format!("the numbers are in {}", request.json.shown()));
     Ok(0)
-}
-
-fn write(path: &Path, results: &Results) -> Result<(), BenchError> {
-    let text = serde_json::to_string_pretty(results)
-        .expect("invariant: results are made of plain values, text keys and finite numbers");
-    std::fs::write(path, text + "\n").map_err(|error| BenchError::Json { path: path.to_owned(), error })
 }
 
 /// How `y` grows with `x`: the exponent of the power law that fits best, and how well it fits.

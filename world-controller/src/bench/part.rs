@@ -3,7 +3,7 @@
 use super::wire::{self, Mechanism, Mode};
 use super::{BenchError, busy, flood};
 use crate::processes::ProcessError;
-use crate::terminal::print_out;
+use crate::terminal::print_data;
 use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::{AgentArgs, AgentError, run};
 use metamorph_sim_bridge::flood::Flooded;
@@ -39,7 +39,7 @@ pub fn part(args: &[OsString]) -> Result<(), PartError> {
     match texts.as_slice() {
         ["flood", side] => {
             let row = flood::row(side.parse().map_err(|_| PartError::Role)?)?;
-            print_out(&serde_json::to_string(&row).map_err(|_| PartError::Role)?);
+            print_data(&serde_json::to_string(&row).map_err(|_| PartError::Role)?);
             Ok(())
         }
         ["echo", mechanism, mode, root] => {

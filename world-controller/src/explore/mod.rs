@@ -15,11 +15,13 @@ pub mod summary;
 pub mod verdict;
 
 use crate::interrupt::Interrupt;
+use crate::output::{Json, OutputError, Outputs};
 use crate::report::{count, seconds};
 use crate::scenario::{Plan, Swarm};
+use crate::shown::{Shown, portable};
 use crate::simulated::simulate_and_account;
 use crate::stopwatch::Stopwatch;
-use crate::terminal::{Channel, Live, print_out};
+use crate::terminal::{Channel, Live};
 use draft::{Draft, SwarmDraft};
 use draw::draw;
 use metamorph_module_agent::Family;
@@ -31,7 +33,7 @@ use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::num::NonZeroUsize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 use summary::{Found, Summary, Tallies};
 use thiserror::Error;
@@ -83,9 +85,12 @@ pub enum ExploreError {
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
     /// The numbers or a scenario cannot be written.
-    #[error("cannot write {}: {error}\n  fix: name a place in a directory that exists and is yours", .path.display())]
-    Write {
-        /// Where.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// The directory cannot be made.
+    #[error("--out {}: cannot make it: {error}\n  fix: name a directory in one that exists and is yours", .path.shown())]
+    Directory {
+        /// Which.
         path: PathBuf,
         /// Why.
         error: io::Error,
@@ -177,8 +182,9 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
     let interrupt = Interrupt::listen().map_err(ExploreError::Signals)?;
     // Small enough to be typed again, large enough to be new.
     let seed = request.seed.unwrap_or_else(|| RandomState::new().hash_one(0) >> 28);
-    let to_stdout = request.json.as_deref() == Some(Path::new("-"));
-    let channel = Channel::beside(to_stdout, request.quiet);
+    let mut outputs = Outputs::new();
+    let json = Json::of(request.json.as_deref(), &mut outputs)?;
+    let channel = Channel::beside(json.is_out(), request.quiet);
     let one_run = request.budget == Budget::Runs(1);
     channel.say(&format!(
         "exploring from seed {seed}{}\n",
@@ -201,7 +207,7 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
     live.clear();
     let took = since.elapsed().as_secs_f64();
     let interrupted = interrupt.is_set();
-    let found = found(request, seed, &tallies, &interrupt)?;
+    let found = found(request, seed, &tallies, &mut outputs, &interrupt)?;
     let summary = Summary::new(seed, request.family, tallies, found);
     channel.say(&summary::text(&summary, channel.paint()));
     channel.say(&format!(
@@ -211,15 +217,7 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
         if request.jobs.get() == 1 { "" } else { "s" },
         count((summary.runs as f64 / took.max(1e-9)) as u64)
     ));
-    if let Some(path) = &request.json {
-        let text = serde_json::to_string_pretty(&summary)
-            .expect("invariant: a summary is made of plain values and text keys");
-        if to_stdout {
-            print_out(&text);
-        } else {
-            write(path, &(text + "\n"))?;
-        }
-    }
+    json.write(&summary)?;
     Ok(match () {
         () if summary.found.iter().any(|f| f.kind.is_unsafe()) => Outcome::Unsafe.exit_code(),
         () if !summary.found.is_empty() => Outcome::Deadlock.exit_code(),
@@ -233,6 +231,7 @@ fn found(
     request: &Request,
     seed: u64,
     tallies: &Tallies,
+    outputs: &mut Outputs,
     interrupt: &Interrupt,
 ) -> Result<Vec<Found>, ExploreError> {
     let mut all = Vec::new();
@@ -249,6 +248,7 @@ fn found(
             what: failures.what.clone(),
             repeat: repeat(first, request.family),
             scenario: None,
+            here: None,
             agents: draft.modules(),
             faults: draft.faults.len(),
             shrinking: 0,
@@ -261,12 +261,15 @@ fn found(
             let repeat = &found.repeat;
             let description =
                 format!("{kind}: {}. Found with `{repeat}`, then made small.", small.failure.what);
-            create(&request.out)?;
-            write(&path, &Draft { description, ..small.draft.clone() }.to_string())?;
+            fs::create_dir_all(&request.out)
+                .map_err(|error| ExploreError::Directory { path: request.out.clone(), error })?;
+            let text = Draft { description, ..small.draft.clone() }.to_string();
+            outputs.writes("--out", &path)?.write(text)?;
             (found.agents, found.faults) = (small.draft.modules(), small.draft.faults.len());
             found.what = small.failure.what;
             found.shrinking = small.runs;
-            found.scenario = Some(path.display().to_string());
+            found.scenario = Some(portable(&path));
+            found.here = Some(path);
         }
         all.push(found);
     }
@@ -277,12 +280,4 @@ fn found(
 fn repeat(seed: u64, family: Option<Family>) -> String {
     let family = family.map_or(String::new(), |f| format!(" --family {}", f.name()));
     format!("metamorph explore --runs 1 --seed {seed}{family}")
-}
-
-fn create(dir: &Path) -> Result<(), ExploreError> {
-    fs::create_dir_all(dir).map_err(|error| ExploreError::Write { path: dir.into(), error })
-}
-
-fn write(path: &Path, text: &str) -> Result<(), ExploreError> {
-    fs::write(path, text).map_err(|error| ExploreError::Write { path: path.into(), error })
 }

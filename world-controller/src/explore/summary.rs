@@ -3,6 +3,7 @@
 use super::Ran;
 use super::verdict::{Failure, Kind, Verdict};
 use crate::report::count;
+use crate::scenario::quote;
 use crate::terminal::Paint;
 use metamorph_module_agent::Family;
 use metamorph_protocol::marks::Mark;
@@ -10,6 +11,7 @@ use metamorph_sim_bridge::feasible::Within;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::path::PathBuf;
 
 /// The version of the layout of [`Summary`].
 pub const SCHEMA: u32 = 3;
@@ -147,6 +149,9 @@ pub struct Found {
     pub repeat: String,
     /// The small scenario that fails the same way; null if none was made.
     pub scenario: Option<String>,
+    /// Its file, seen from here.
+    #[serde(skip)]
+    pub here: Option<PathBuf>,
     /// Modules in it.
     pub agents: usize,
     /// Faults in it.
@@ -225,14 +230,14 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
         if *runs > 1 {
             writeln!(out, "  seeds {}{}", spaced(seeds), if *runs > NAMED as u64 { " ..." } else { "" })?;
         }
-        if let Some(scenario) = &found.scenario {
+        if let Some(file) = &found.here {
             writeln!(
                 out,
                 "  made small: {agents} modules, {faults} fault{} ({} runs)",
                 s(*faults as u64),
                 count(found.shrinking)
             )?;
-            writeln!(out, "  metamorph run {scenario} --link sim")?;
+            writeln!(out, "  metamorph run {} --link sim", quote(file.to_string_lossy().into_owned()))?;
         }
     }
     writeln!(

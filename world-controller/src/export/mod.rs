@@ -10,8 +10,10 @@
 mod foxglove;
 
 use crate::journal::{Event, HeadError, Journal, JournalError, Record, Wanted, Who, plan_of};
+use crate::output::{OutputError, Outputs};
 use crate::report::count;
 use crate::scenario::Swarm;
+use crate::shown::Shown;
 use clap::Args;
 use foxglove::{Colour, Cube, Entity, Level, Log, Pair, SceneUpdate, schema_of};
 use mcap::records::MessageHeader;
@@ -51,16 +53,11 @@ pub enum ExportError {
     /// Its scenario cannot be read.
     #[error("{0}\n  fix: use the program that wrote the journal")]
     Head(#[from] HeadError),
-    /// The recording cannot be begun.
-    #[error("--mcap {}: cannot write there: {error}\n  fix: name a new file in a directory that exists and is yours", .path.display())]
-    Create {
-        /// Where.
-        path: PathBuf,
-        /// Why.
-        error: std::io::Error,
-    },
-    /// Nor be finished.
-    #[error("--mcap {}: the recording could not be written to its end: {error}", .path.display())]
+    /// The recording cannot go where it shall.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// The recording cannot be finished.
+    #[error("--mcap {}: the recording could not be written to its end: {error}", .path.shown())]
     Write {
         /// Where.
         path: PathBuf,
@@ -72,7 +69,11 @@ pub enum ExportError {
 impl ExportError {
     /// Whether what was typed, or the journal, is to blame.
     pub fn is_input(&self) -> bool {
-        !matches!(self, ExportError::Write { .. })
+        match self {
+            ExportError::Output(error) => error.is_input(),
+            ExportError::Journal(_) | ExportError::Head(_) => true,
+            ExportError::Write { .. } => false,
+        }
     }
 }
 
@@ -140,6 +141,7 @@ struct Recording {
 
 /// Writes the recording and says what is in it.
 pub fn export(args: &ExportArgs) -> Result<String, ExportError> {
+    let output = Outputs::new().creates("--mcap", &args.mcap)?;
     let mut journal = Journal::open(&args.journal)?;
     let plan = plan_of(journal.head())?;
     let cells = |place: &Blob| match &plan.swarm {
@@ -151,8 +153,9 @@ pub fn export(args: &ExportArgs) -> Result<String, ExportError> {
         }
     };
     let path = || args.mcap.clone();
-    let file = File::create_new(&args.mcap).map_err(|error| ExportError::Create { path: path(), error })?;
     let write = |error| ExportError::Write { path: path(), error };
+    let draft = output.begin()?;
+    let file = draft.handle().map_err(|error| write(error.into()))?;
     let mut recording = Recording::begin(file, Span::millis(args.every.into())).map_err(write)?;
     let mut records = 0;
     for record in journal.by_ref() {
@@ -166,9 +169,10 @@ pub fn export(args: &ExportArgs) -> Result<String, ExportError> {
     }
     let troubles = journal.troubles();
     recording.end(&troubles).map_err(write)?;
+    output.finish(draft)?;
     let mut said = format!(
         "{}: {} modules in {} updates until {}, from {} records\n",
-        args.mcap.display(),
+        args.mcap.shown(),
         count(recording.bodies.len() as u64),
         count(recording.updates),
         recording.now,

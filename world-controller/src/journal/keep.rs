@@ -2,7 +2,9 @@
 
 use super::join::Join;
 use super::{Event, JournalError, Record, RunHead, Who, head_of, parts_of};
+use crate::output::{OutputError, Outputs};
 use crate::scenario::Plan;
+use crate::shown::{Shown, portable};
 use metamorph_module_agent::journal::{End, Head, Parts, RunId, Writer, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::journal::Sink;
@@ -93,7 +95,11 @@ impl Keeping {
         if let Some(parts) = &self.parts
             && let Err(e) = self.join(&parts.dir)
         {
-            notes.push(format!("the parts of the journal stay in {}: {e}", parts.dir.display()));
+            tracing::warn!("the parts of the journal stay in {}: {e}", parts.dir.shown());
+            notes.push(format!(
+                "the parts of the journal could not be joined, and stay in {}",
+                portable(&parts.dir)
+            ));
         }
         notes
     }
@@ -104,26 +110,28 @@ impl Keeping {
         if let Some(parts) = &self.parts
             && let Err(e) = self.join(&parts.dir)
         {
-            tracing::warn!("the parts of the journal stay in {}: {e}", parts.dir.display());
+            tracing::warn!("the parts of the journal stay in {}: {e}", parts.dir.shown());
         }
     }
 
     /// Joins the parts to one file, and removes them.
     fn join(&self, parts: &Path) -> Result<(), JournalError> {
         let mut join = Join::open(parts)?;
-        let mut joined = Writer::create(&self.file, &Head::Run(join.head().clone()))?;
+        let failed = |e: OutputError| JournalError::Create(self.file.clone(), io::Error::other(e));
+        let output = Outputs::default().writes("--journal", &self.file).map_err(failed)?;
+        let draft = output.begin().map_err(failed)?;
+        let handle = draft.handle().map_err(|e| JournalError::Create(self.file.clone(), e))?;
+        let mut joined = Writer::onto(handle, &self.file, &Head::Run(join.head().clone()))?;
         for record in join.by_ref() {
-            let record = record.inspect_err(|_| {
-                let _ = fs::remove_file(&self.file);
-            })?;
-            joined.put(&record);
+            joined.put(&record?);
         }
         joined.commit();
         if let (1.., why) = joined.lost() {
             let error = io::Error::other(why.unwrap_or_default().to_owned());
-            let _ = fs::remove_file(&self.file);
             return Err(JournalError::Create(self.file.clone(), error));
         }
+        drop(joined);
+        output.finish(draft).map_err(failed)?;
         for trouble in join.troubles() {
             tracing::warn!("{trouble}");
         }

@@ -15,6 +15,7 @@ use crate::journal::{
 use crate::report::{count, digits};
 use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
+use crate::shown::Shown;
 use metamorph_protocol::agent::{Agent, InputOf};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::tally::Tally;
@@ -203,7 +204,7 @@ pub fn text(plan: &Plan, replayed: &Replayed) -> String {
     let _ = writeln!(
         text,
         "{}, {} modules, link {}, seed {}: {} records up to {}",
-        plan.title(),
+        plan.title().shown(),
         plan.swarm.len(),
         plan.overrides.link.name(),
         plan.seed,

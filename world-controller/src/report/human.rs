@@ -4,6 +4,7 @@ use super::Words;
 use super::schema::{ClassCounts, Report, Standstill};
 use crate::gauge::Status;
 use crate::scenario::Plan;
+use crate::shown::Shown;
 use crate::terminal::Paint;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Progress;
@@ -23,7 +24,7 @@ pub fn human(report: &Report, paint: Paint) -> String {
 fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     let outcome = r.outcome.to_uppercase();
     let outcome = if r.outcome == "built" { paint.good(&outcome) } else { paint.bad(&outcome) };
-    writeln!(out, "{outcome}  {}", r.scenario)?;
+    writeln!(out, "{outcome}  {}", r.scenario.shown())?;
     writeln!(out, "  {}", r.reason)?;
     writeln!(out)?;
     let g = &r.goal;
@@ -33,7 +34,7 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     if r.stages.len() > 1 {
         for s in &r.stages {
             let built = s.built_s.map_or("not built".to_owned(), |t| format!("built at {}", seconds(t)));
-            writeln!(out, "              {}: {} of {}, {built}", s.name, s.filled, s.cells)?;
+            writeln!(out, "              {}: {} of {}, {built}", s.name.shown(), s.filled, s.cells)?;
         }
     }
     let a = &r.agents;

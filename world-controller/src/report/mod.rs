@@ -120,8 +120,8 @@ pub fn report(facts: &Facts<'_>) -> Report {
     Report {
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        scenario: plan.title().to_owned(),
-        file: plan.origin.clone(),
+        scenario: plan.title(),
+        file: plan.file(),
         family: plan.swarm.family().name().to_owned(),
         seed: plan.seed,
         link: plan.overrides.link.name().to_owned(),

@@ -18,7 +18,7 @@ pub struct Report {
     pub version: String,
     /// The scenario's name, or its file if it has none.
     pub scenario: String,
-    /// The scenario's file, as named by the user.
+    /// The scenario's file as it was typed, or its last part if that was an absolute path.
     pub file: String,
     /// What was run: `cube` or `metamodule`.
     pub family: String,

@@ -11,10 +11,12 @@ pub mod published;
 mod text;
 
 use crate::interrupt::Interrupt;
+use crate::output::{Json, Outputs};
+use crate::shown::Shown;
 use crate::sweep::grid::{Axis, Grid, Seeds};
 use crate::sweep::store::Store;
-use crate::sweep::{Progress, Scenario, SweepError, create_directory, run, write, write_results};
-use crate::terminal::{Channel, print_out};
+use crate::sweep::{Progress, Results, Scenario, SweepError, create_directory, run};
+use crate::terminal::Channel;
 use clap::ValueEnum;
 use compare::{Reproduction, Runs};
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
@@ -22,7 +24,7 @@ use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_sim_bridge::outcome::Outcome;
 use published::KINDS;
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The page, beside the directories of the sweeps.
 const PAGE: &str = "report.html";
@@ -113,37 +115,29 @@ pub fn reproduce(request: &Request) -> Result<u8, SweepError> {
     let mut experiments = request.experiments.clone();
     experiments.sort_unstable();
     experiments.dedup();
-    let to_stdout = request.json.as_deref() == Some(Path::new("-"));
-    let json = request.json.as_deref().filter(|_| !to_stdout);
-    if let Some(file) = json {
-        // Found out now, and not after all the runs.
-        let opened = std::fs::OpenOptions::new().append(true).create(true).open(file);
-        opened.map_err(|error| SweepError::Json { path: file.into(), error })?;
-    }
-    if let Some(dir) = &request.out {
-        create_directory(dir)?;
-    }
+    let mut outputs = Outputs::new();
+    let page = match &request.out {
+        Some(dir) => {
+            create_directory(dir)?;
+            Some(outputs.writes("--out", &dir.join(PAGE))?)
+        }
+        None => None,
+    };
+    let json = Json::of(request.json.as_deref(), &mut outputs)?;
     let grid = grid(request.seeds)?;
     let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
     let mut runs = Runs { of: Vec::new() };
     for goal in [Goal::Box, Goal::Chair] {
         if experiments.iter().any(|e| e.goals().contains(&goal)) {
-            runs.of.push((goal, sweep(goal, request, &grid, &interrupt)?));
+            runs.of.push((goal, sweep(goal, request, &grid, &mut outputs, &interrupt)?));
         }
     }
     let all = runs.reproduction(&experiments, request.seeds);
-    if let Some(dir) = &request.out {
-        write(&dir.join(PAGE), &page::page(&all))?;
+    if let Some(page) = &page {
+        page.write(page::page(&all))?;
     }
-    let text = serde_json::to_string_pretty(&all)
-        .expect("invariant: it is made of plain values, text keys and finite numbers");
-    if to_stdout {
-        print_out(&text);
-    }
-    if let Some(file) = json {
-        write(file, &(text + "\n"))?;
-    }
-    let channel = Channel::beside(to_stdout, request.quiet);
+    json.write(&all)?;
+    let channel = Channel::beside(json.is_out(), request.quiet);
     channel.say(&text::text(&all, channel.paint()));
     channel.say(&ending(request, &all));
     Ok(match () {
@@ -171,22 +165,24 @@ fn sweep(
     goal: Goal,
     request: &Request,
     grid: &Grid,
+    outputs: &mut Outputs,
     interrupt: &Interrupt,
 ) -> Result<crate::sweep::summary::Summary, SweepError> {
     // With a directory the scenario is a file in it, so that the commands in the results work.
     let file = request.out.as_ref().map(|dir| dir.join(goal.name()).with_extension("toml"));
     let origin = file.as_ref().map_or_else(|| format!("{}.toml", goal.name()), |f| f.display().to_string());
     let scenario = Scenario { origin, text: goal.text().to_owned() };
-    let mut store = None;
+    let (mut store, mut results) = (None, None);
     let dir = request.out.as_ref().map(|dir| dir.join(goal.name()));
     if let (Some(file), Some(dir)) = (&file, &dir) {
-        write(file, goal.text())?;
+        outputs.writes("--out", file)?.write(goal.text())?;
         store = Some(Store::create(dir, &scenario.manifest(grid))?);
+        results = Some(Results::of(dir, outputs)?);
     }
     let tallies = run(&scenario, grid, Progress::new(grid, store), request.jobs, interrupt, !request.quiet)?;
-    let summary = tallies.summary(&scenario.origin, grid);
-    if let Some(dir) = &dir {
-        write_results(dir, &scenario, grid, &summary)?;
+    let summary = tallies.summary(&scenario.name(), grid);
+    if let Some(results) = &results {
+        results.write(&scenario, grid, &summary)?;
     }
     Ok(summary)
 }
@@ -198,7 +194,7 @@ fn ending(request: &Request, all: &Reproduction) -> String {
         n => format!("  interrupted: {n} of {} runs are missing here\n", all.runs_planned),
     };
     let place = match &request.out {
-        Some(dir) => format!("  every run and a report are in {}", dir.display()),
+        Some(dir) => format!("  every run and a report are in {}", dir.shown()),
         None => "  nothing is kept; --out DIR keeps every run and a report".to_owned(),
     };
     interrupted + &place

@@ -8,6 +8,7 @@ mod poses;
 mod report;
 mod svg;
 
+use crate::output::OutputError;
 use clap::{Args, Subcommand};
 use metamorph_protocol::roombots::inverse::InverseError;
 use metamorph_protocol::roombots::{Kind, KinematicsError};
@@ -69,14 +70,9 @@ pub enum RobotError {
     /// No posture has the pose.
     #[error("{0}")]
     OutOfReach(String),
-    /// A file could not be written.
-    #[error("cannot write {}: {source}", path.display())]
-    File {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    /// A file cannot be written.
+    #[error(transparent)]
+    File(#[from] OutputError),
     /// The answer could not be written.
     #[error("cannot write the answer: {0}")]
     Output(io::Error),
@@ -87,7 +83,8 @@ impl RobotError {
     pub fn exit_code(&self) -> u8 {
         match self {
             RobotError::Usage(_) | RobotError::Kinematics(_) => 2,
-            RobotError::OutOfReach(_) | RobotError::File { .. } | RobotError::Output(_) => 1,
+            RobotError::File(error) if error.is_input() => 2,
+            RobotError::OutOfReach(_) | RobotError::File(_) | RobotError::Output(_) => 1,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! What the motion database holds.
 
 use super::{Answer, RobotError};
+use crate::output::Outputs;
 use clap::Args;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::roombots::Kind;
@@ -10,7 +11,6 @@ use metamorph_protocol::roombots::shape::Shape;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::fs;
 use std::path::PathBuf;
 
 #[derive(Args, Clone, Debug)]
@@ -153,7 +153,7 @@ fn describe(database: &Database, table: &Table, way: &Transition, shape: Shape) 
 pub fn database_summary(database: &Database, out: Option<PathBuf>) -> Result<Answer, RobotError> {
     let bytes = database.to_bytes();
     if let Some(path) = &out {
-        fs::write(path, &bytes).map_err(|source| RobotError::File { path: path.clone(), source })?;
+        Outputs::new().writes("--out", path)?.write(&bytes)?;
     }
     let mut text = format!(
         "motion database version {VERSION}: {} bytes, {} cells\n",

@@ -3,6 +3,8 @@
 
 use super::poses::radians;
 use super::{Answer, RobotError};
+use crate::output::Outputs;
+use crate::shown::Shown;
 use clap::Args;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::roombots::body::{Body, bodies, plate_radius};
@@ -14,7 +16,6 @@ use serde_json::json;
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write;
-use std::fs;
 use std::path::PathBuf;
 
 #[derive(Args, Clone, Debug)]
@@ -38,8 +39,8 @@ pub fn answer(args: &SvgArgs) -> Result<Answer, RobotError> {
     match &args.out {
         None => Ok(Answer::new(picture, json)),
         Some(path) => {
-            fs::write(path, &picture).map_err(|source| RobotError::File { path: path.clone(), source })?;
-            Ok(Answer::new(format!("drawn to {}\n", path.display()), json))
+            Outputs::new().writes("--out", path)?.write(&picture)?;
+            Ok(Answer::new(format!("drawn to {}\n", path.shown()), json))
         }
     }
 }

@@ -6,7 +6,7 @@ use super::flaw::{Flaw, MAX_MODULES, MAX_VOLUME};
 use super::plan::{Draft, Patience};
 use super::problems::{At, Place, Problems};
 use super::raw::{Sections, goal_sections};
-use super::shapes::lay_out;
+use super::shapes::Layout;
 use super::table::Section;
 use super::{Cubes, Swarm};
 use metamorph_module_agent::Family;
@@ -101,9 +101,10 @@ impl RawCubes {
         passage: Passage,
         problems: &mut Problems,
     ) -> Option<Draft> {
-        let cells = self.start_cells(problems);
+        let mut layout = Layout::default();
+        let cells = self.start_cells(&mut layout, problems);
         let shapes: Vec<Option<Vec<Cell>>> =
-            self.goals.iter().map(|goal| goal_cells(goal, problems)).collect();
+            self.goals.iter().map(|goal| goal_cells(goal, &mut layout, problems)).collect();
         let sides = check_box(cells.iter().flatten().chain(shapes.iter().flatten().flatten()), problems)?;
         let goals = match &cells {
             Some(cells) => compile_goals(&self.goals, &shapes, cells, problems),
@@ -130,9 +131,9 @@ impl RawCubes {
         })
     }
 
-    fn start_cells(&self, problems: &mut Problems) -> Option<Vec<Cell>> {
+    fn start_cells(&self, layout: &mut Layout, problems: &mut Problems) -> Option<Vec<Cell>> {
         let start = self.start.as_ref()?;
-        let cells = problems.note(&start.place, lay_out(&start.value))?;
+        let cells = problems.note(&start.place, layout.cells(&start.value))?;
         if cells.len() > MAX_MODULES {
             problems.add(start.place.clone(), Flaw::TooMany(cells.len()));
             return None;
@@ -150,9 +151,9 @@ impl RawCubes {
     }
 }
 
-fn goal_cells(goal: &RawGoal, problems: &mut Problems) -> Option<Vec<Cell>> {
+fn goal_cells(goal: &RawGoal, layout: &mut Layout, problems: &mut Problems) -> Option<Vec<Cell>> {
     let shape = goal.shape.as_ref()?;
-    problems.note(&shape.place, lay_out(&shape.value))
+    problems.note(&shape.place, layout.cells(&shape.value))
 }
 
 /// The sum of the sides of the box around all cells; none if that box is too large to keep in memory.
@@ -187,6 +188,12 @@ fn compile_goals(
     let mut goals: Vec<Goal> = Vec::new();
     for (goal, shape) in raw.iter().zip(shapes) {
         let (Some(shape), Some(at)) = (shape, &goal.shape) else { break };
+        let too_few = |goal| Flaw::TooFewModules { goal, modules: start.len() };
+        if goal.growth == Growth::Solid && shape.len() > start.len() {
+            // Compiling a goal that is too large takes long.
+            problems.add(at.place.clone(), too_few(shape.len()));
+            break;
+        }
         let before = goals.last();
         let occupied = |cell: &Cell| match before {
             None => start.binary_search(cell).is_ok(),
@@ -209,8 +216,8 @@ fn compile_goals(
         let place = goal.seed.as_ref().map_or(&at.place, |s| &s.place);
         let Some(compiled) = problems.note(place, Goal::compile(shape, seed, goal.growth)) else { break };
         if compiled.len() > start.len() {
-            let flaw = Flaw::TooFewModules { goal: compiled.len(), modules: start.len() };
-            problems.add(at.place.clone(), flaw);
+            problems.add(at.place.clone(), too_few(compiled.len()));
+            break;
         }
         goals.push(compiled);
     }

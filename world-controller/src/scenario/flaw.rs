@@ -30,8 +30,10 @@ pub const MAX_FLOOR: u16 = 256;
 pub const MAX_HEARING: u64 = 64;
 /// The largest file that is read as a scenario, in bytes.
 pub const MAX_BYTES: u64 = 16 << 20;
-/// The most cells that the boxes around all parts of a shape may have together.
+/// The most cells of the box around the start and all goals.
 pub const MAX_VOLUME: u64 = 64_000_000;
+/// The most cells that the boxes around all parts of all shapes of a scenario may have together.
+pub const MAX_LAID_OUT: u64 = 24_000_000;
 /// How deep unions, differences and intersections may be nested.
 pub const MAX_DEPTH: usize = 16;
 /// The most shapes from files in one scenario.
@@ -49,6 +51,9 @@ pub enum Flaw {
     /// The file cannot be opened or read.
     #[error("cannot read the scenario: {0}")]
     Unreadable(String),
+    /// A directory, a pipe or a device.
+    #[error("cannot read the scenario: {0}")]
+    NoFile(String),
     /// The file is not text.
     #[error("the file is not UTF-8 text")]
     NotUtf8,
@@ -163,7 +168,7 @@ pub enum Flaw {
     #[error("shapes are nested more than {MAX_DEPTH} deep")]
     TooDeep,
     /// More cells to look at than is sensible.
-    #[error("laying this shape out means looking at {0} cells; {MAX_VOLUME} is the most")]
+    #[error("laying out the shapes up to this one means looking at {0} cells; {MAX_LAID_OUT} is the most")]
     TooMuch(u64),
     /// A world too wide.
     #[error("the box around the start and the goals has {0} cells; {MAX_VOLUME} is the most")]
@@ -323,6 +328,9 @@ impl Flaw {
     pub fn fix(&self) -> String {
         match self {
             Flaw::Unreadable(_) => "check the path and its permissions".into(),
+            Flaw::NoFile(_) => {
+                "name a file; what another program prints is read from /dev/stdin or <(program)".into()
+            }
             Flaw::NotUtf8 => "save it as UTF-8; is it really a scenario?".into(),
             Flaw::FileTooLarge => "describe large shapes with box, sphere, union, not cell by cell".into(),
             Flaw::Syntax(_) => "see https://toml.io for the syntax; text values need quotes".into(),

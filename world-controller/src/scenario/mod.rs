@@ -26,9 +26,10 @@ pub mod settings;
 mod shapes;
 mod table;
 
+use crate::shown::portable;
 use faults::Planned;
 use flaw::{Flaw, MAX_BYTES};
-use metamorph_module_agent::Family;
+use metamorph_module_agent::{Family, regular};
 use metamorph_protocol::cube::params::Setup;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
@@ -45,7 +46,7 @@ use serde::{Deserialize, Serialize};
 use settings::Setting;
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use toml::de::DeTable;
 
@@ -198,6 +199,8 @@ pub struct Plan {
     pub description: Option<String>,
     /// The file it comes from, as named by the user.
     pub origin: String,
+    /// Other files that it takes shapes from.
+    pub files: Vec<PathBuf>,
     /// The text of the scenario.
     pub text: Arc<str>,
     /// What the command line changed.
@@ -226,8 +229,13 @@ pub struct Plan {
 
 impl Plan {
     /// The name of the scenario, or else of its file.
-    pub fn title(&self) -> &str {
-        self.name.as_deref().unwrap_or(&self.origin)
+    pub fn title(&self) -> String {
+        self.name.clone().unwrap_or_else(|| self.file())
+    }
+
+    /// The file it comes from, in what is written to be passed on.
+    pub fn file(&self) -> String {
+        portable(Path::new(&self.origin))
     }
 
     /// The same plan with another seed. Cheap: what does not depend on the seed is shared.
@@ -239,9 +247,18 @@ impl Plan {
         Ok(plan)
     }
 
-    /// The command that repeats the run.
+    /// The command that repeats the run, for what is written to be passed on.
     pub fn repeat_with(&self) -> String {
-        let mut words = vec!["metamorph".to_owned(), "run".to_owned(), quote(self.origin.clone())];
+        self.repeat(self.file())
+    }
+
+    /// The command that repeats the run from the working directory.
+    pub fn repeat_here(&self) -> String {
+        self.repeat(self.origin.clone())
+    }
+
+    fn repeat(&self, file: String) -> String {
+        let mut words = vec!["metamorph".to_owned(), "run".to_owned(), quote(file)];
         words.extend(["--link".to_owned(), self.overrides.link.name().to_owned()]);
         words.extend(["--seed".to_owned(), self.seed.to_string()]);
         words.extend(self.overrides.options().into_iter().map(quote));
@@ -268,7 +285,14 @@ pub fn read_file(path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
 pub fn load(path: &Path) -> Result<String, Problems> {
     let origin = path.display().to_string();
     let unreadable = |error: std::io::Error| Problems::of_file(&origin, Flaw::Unreadable(error.to_string()));
-    let file = File::open(path).map_err(unreadable)?;
+    let descriptor = ["/dev/stdin", "/dev/fd/", "/proc/self/fd/"].iter().any(|d| origin.starts_with(d));
+    // What this process was given by its parent is read, whatever it is; for a name of anything else but
+    // a file one could wait for ever.
+    let opened = if descriptor { File::open(path) } else { regular::open(path) };
+    let file = opened.map_err(|error| match error.kind() {
+        std::io::ErrorKind::InvalidInput => Problems::of_file(&origin, Flaw::NoFile(error.to_string())),
+        _ => unreadable(error),
+    })?;
     let mut bytes = Vec::new();
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     if bytes.len() as u64 > MAX_BYTES {
@@ -296,7 +320,8 @@ pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan
     let raw = raw::Raw::read(document.get_ref(), overrides, &mut problems);
     match plan::make(&raw, overrides, &mut problems) {
         Some(plan) if problems.is_empty() => {
-            Ok(Plan { origin: origin.to_owned(), text: Arc::from(text), ..plan })
+            let files = problems.files().to_vec();
+            Ok(Plan { origin: origin.to_owned(), files, text: Arc::from(text), ..plan })
         }
         _ => Err(problems.sorted()),
     }

@@ -77,6 +77,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
         name: raw.name.clone(),
         description: raw.description.clone(),
         origin: String::new(),
+        files: Vec::new(),
         text: Arc::from(""),
         overrides: overrides.clone(),
         seed: raw.seed,

@@ -2,6 +2,7 @@
 //! a caret, and the fix.
 
 use super::flaw::{Flaw, MAX_FILES};
+use crate::shown::{Shown, is_control, line};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
@@ -9,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// At most this many problems are shown; the rest is counted.
 const SHOWN: usize = 20;
+/// The most characters of a reason that are shown.
+const LONGEST: usize = 1_000;
 /// Longer lines are cut for display.
 const WIDTH: usize = 160;
 
@@ -67,7 +70,7 @@ pub struct Problems {
     /// Values that came from options lie behind the end of the text, at these places.
     options: BTreeMap<usize, String>,
     /// Other files that the scenario has named so far.
-    files: usize,
+    files: Vec<PathBuf>,
     list: Vec<Problem>,
 }
 
@@ -78,7 +81,7 @@ impl Problems {
             origin: origin.into(),
             text: text.into(),
             options: BTreeMap::new(),
-            files: 0,
+            files: Vec::new(),
             list: Vec::new(),
         }
     }
@@ -89,11 +92,16 @@ impl Problems {
     }
     /// The path of another file that the scenario names, seen from the directory of the scenario.
     pub fn file(&mut self, name: &str) -> Result<PathBuf, Flaw> {
-        self.files += 1;
-        if self.files > MAX_FILES {
+        if self.files.len() >= MAX_FILES {
             return Err(Flaw::TooManyFiles);
         }
-        Ok(Path::new(&*self.origin).parent().unwrap_or(Path::new("")).join(name))
+        let path = Path::new(&*self.origin).parent().unwrap_or(Path::new("")).join(name);
+        self.files.push(path.clone());
+        Ok(path)
+    }
+    /// The files that were named so far.
+    pub fn files(&self) -> &[PathBuf] {
+        &self.files
     }
     /// A single problem with a file whose text is not known.
     pub fn of_file(origin: &str, flaw: Flaw) -> Problems {
@@ -131,29 +139,29 @@ impl Problems {
     }
 
     fn write(&self, f: &mut fmt::Formatter<'_>, problem: &Problem) -> fmt::Result {
+        // Flaws quote what is wrong, whatever that is.
+        let flaw = line(&problem.flaw.to_string(), LONGEST);
         match &problem.place {
-            Place::File => writeln!(f, "{}: {}", self.origin, problem.flaw)?,
-            Place::Option(option) => writeln!(f, "{option}: {}", problem.flaw)?,
-            Place::Text { start, end } => self.write_excerpt(f, *start, *end, &problem.flaw)?,
+            Place::File => writeln!(f, "{}: {flaw}", self.origin())?,
+            Place::Option(option) => writeln!(f, "{}: {flaw}", option.shown())?,
+            Place::Text { start, end } => self.write_excerpt(f, *start, *end, &flaw)?,
         }
         write!(f, "  fix: {}", problem.flaw.fix())
     }
 
-    fn write_excerpt(
-        &self,
-        f: &mut fmt::Formatter<'_>,
-        start: usize,
-        end: usize,
-        flaw: &Flaw,
-    ) -> fmt::Result {
+    fn origin(&self) -> String {
+        Path::new(&*self.origin).shown()
+    }
+
+    fn write_excerpt(&self, f: &mut fmt::Formatter<'_>, start: usize, end: usize, flaw: &str) -> fmt::Result {
         let start = floor(&self.text, start);
         let line_start = self.text[..start].rfind('\n').map_or(0, |i| i + 1);
-        let line = self.text[line_start..].lines().next().unwrap_or("");
+        let whole = self.text[line_start..].lines().next().unwrap_or("");
         let number = self.text[..line_start].matches('\n').count() + 1;
         let before = self.text[line_start..start].chars().count();
-        writeln!(f, "{}:{number}:{}: {flaw}", self.origin, before + 1)?;
+        writeln!(f, "{}:{number}:{}: {flaw}", self.origin(), before + 1)?;
         // Tabs and control characters would shift the caret, or play with the terminal.
-        let shown: String = line.chars().take(WIDTH).map(|c| if c.is_control() { ' ' } else { c }).collect();
+        let shown: String = whole.chars().take(WIDTH).map(|c| if is_control(c) { ' ' } else { c }).collect();
         let marked = self.text[start..floor(&self.text, end).max(start)].lines().next().unwrap_or("");
         let room = shown.chars().count().saturating_sub(before).max(1);
         let carets = marked.chars().count().clamp(1, room);

@@ -1,7 +1,7 @@
 //! Shapes as they are written in a scenario, with the places of their parts. Those from files are cells
 //! from here on (see `solid`).
 
-use super::flaw::{Flaw, MAX_DEPTH, MAX_VOLUME};
+use super::flaw::{Flaw, MAX_DEPTH, MAX_LAID_OUT};
 use super::problems::{At, Problems};
 use super::table::{Node, Read, Section, elements};
 use crate::solid::{Import, Part, Up, import};
@@ -162,13 +162,22 @@ impl Read for Radius {
     }
 }
 
-/// The cells of a shape, unless laying it out would take too much time or memory.
-pub fn lay_out(shape: &Shape) -> Result<Vec<Cell>, Flaw> {
-    let volume = volume(shape);
-    if volume > MAX_VOLUME {
-        return Err(Flaw::TooMuch(volume));
+/// Lays out the shapes of one scenario, as long as all together do not take too much time or memory.
+#[derive(Debug, Default)]
+pub struct Layout {
+    /// Cells that were looked at.
+    looked_at: u64,
+}
+
+impl Layout {
+    /// The cells of a shape.
+    pub fn cells(&mut self, shape: &Shape) -> Result<Vec<Cell>, Flaw> {
+        self.looked_at = self.looked_at.saturating_add(volume(shape));
+        if self.looked_at > MAX_LAID_OUT {
+            return Err(Flaw::TooMuch(self.looked_at));
+        }
+        Ok(shape.cells()?)
     }
-    Ok(shape.cells()?)
 }
 
 /// How many cells are looked at to lay a shape out.

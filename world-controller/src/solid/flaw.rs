@@ -6,8 +6,8 @@
 use metamorph_protocol::lattice::Cell;
 use thiserror::Error;
 
-/// The largest file that a shape is read from, in bytes.
-pub const MAX_BYTES: u64 = 256 << 20;
+/// The largest file that a shape is read from, in bytes: two million triangles in a binary STL.
+pub const MAX_BYTES: u64 = 128 << 20;
 /// The most triangles of one file.
 pub const MAX_TRIANGLES: usize = 2_000_000;
 /// The most cells of the box around a mesh.
@@ -16,8 +16,16 @@ pub const MAX_GRID: u64 = 16_000_000;
 pub const MAX_BOX: u64 = 64_000_000;
 /// The most pairs of a triangle and a column of cells, or a sample of its surface, that are looked at.
 pub const MAX_WORK: u64 = 400_000_000;
-/// The most elements of an XML file.
-pub const MAX_NODES: u32 = 4_000_000;
+/// The most elements, texts and comments of an XML file.
+pub const MAX_NODES: u32 = 2_000_000;
+/// The most attributes of an XML file.
+pub const MAX_ATTRIBUTES: usize = 2_000_000;
+/// The most attributes of one element. The parser compares each with each.
+pub const MAX_ATTRIBUTES_OF_ONE: usize = 64;
+/// The most namespaces that an XML file may declare. The parser gives every element a list of them.
+pub const MAX_NAMESPACES: usize = 16;
+/// The most groups, objects and materials of an OBJ file.
+pub const MAX_GROUPS: usize = 10_000;
 
 /// What is wrong with a file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -33,6 +41,18 @@ pub enum SolidError {
     /// A directory, a pipe or a device.
     #[error("{0}: this is no regular file")]
     NoFile(String),
+    /// More parts of one sort than are read.
+    #[error("{file}:{line}: there are more than {most} {what}")]
+    TooManyParts {
+        /// The file.
+        file: String,
+        /// The line of the first that is too much.
+        line: usize,
+        /// What there are too many of.
+        what: &'static str,
+        /// The most that are read.
+        most: usize,
+    },
     /// Too many bytes.
     #[error("{file}: the file is larger than {} MiB", MAX_BYTES >> 20, file = .0)]
     TooLarge(String),
@@ -288,6 +308,7 @@ impl SolidError {
             SolidError::Pitch(_) => {
                 "write the edge of a cell in the units of the file, for example `pitch = 10`"
             }
+            SolidError::TooManyParts { .. } => "export it as one solid, and leave out what is not its shape",
             SolidError::TooFine { .. } => "choose a larger pitch",
             SolidError::TooMuchWork(_) => "reduce the mesh, or choose a larger pitch",
             SolidError::Vanished { .. } => "choose a smaller pitch",

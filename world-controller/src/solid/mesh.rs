@@ -2,7 +2,7 @@
 //! they leave open: which of the two STL formats a file has, several solids in one file, and the place
 //! of whatever is wrong. Absent: whether the triangles enclose a solid (`voxel` looks at that).
 
-use super::flaw::{MAX_TRIANGLES, SolidError};
+use super::flaw::{MAX_GROUPS, MAX_TRIANGLES, SolidError};
 use std::collections::HashMap;
 use std::io::Cursor;
 
@@ -108,6 +108,7 @@ fn line_of_facet(text: &[u8], before: usize) -> usize {
 
 /// The triangles of an OBJ file; polygons are taken apart, lines, points and materials left out.
 pub fn obj(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
+    check_size(file, bytes)?;
     let options = tobj::LoadOptions {
         triangulate: true,
         ignore_points: true,
@@ -140,6 +141,29 @@ pub fn obj(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
         }
     }
     finite(file, triangles)
+}
+
+/// Counts what an OBJ file has before it is read: the crate keeps a hundred bytes of every corner and a
+/// thousand of every group.
+fn check_size(file: &str, bytes: &[u8]) -> Result<(), SolidError> {
+    let (mut triangles, mut groups) = (0, 0);
+    for (i, line) in bytes.split(|b| *b == b'\n').enumerate() {
+        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        match words.next() {
+            // Lines and points are read as well before they are left out.
+            Some(b"f" | b"l" | b"p") => triangles += words.count().saturating_sub(2).max(1),
+            Some(b"g" | b"o" | b"usemtl") => groups += 1,
+            _ => {}
+        }
+        if groups > MAX_GROUPS {
+            let (file, line, what) = (file.to_owned(), i + 1, "groups, objects and materials");
+            return Err(SolidError::TooManyParts { file, line, what, most: MAX_GROUPS });
+        }
+    }
+    if triangles > MAX_TRIANGLES {
+        return Err(SolidError::TooManyTriangles { file: file.to_owned(), found: triangles as u64 });
+    }
+    Ok(())
 }
 
 fn finite(file: &str, triangles: Vec<Triangle>) -> Result<Vec<Triangle>, SolidError> {

@@ -16,11 +16,11 @@ pub mod survey;
 mod visiblesim;
 mod voxel;
 
+use crate::shown::Shown;
 use flaw::{MAX_BOX, MAX_BYTES, SolidError};
+use metamorph_module_agent::regular;
 use metamorph_protocol::lattice::Cell;
 use std::collections::BTreeSet;
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 pub use visiblesim::Part;
 use visiblesim::in_range;
@@ -93,14 +93,14 @@ impl Format {
             "stl" => Ok(Format::Stl),
             "obj" => Ok(Format::Obj),
             "xml" => Ok(Format::VisibleSim),
-            _ => Err(SolidError::Format(path.display().to_string())),
+            _ => Err(SolidError::Format(path.shown())),
         }
     }
 }
 
 /// Reads a file and lays it into cells. Parts that are too thin are no error here.
 pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
-    let file = path.display().to_string();
+    let file = path.shown();
     let refuse = |wrong: bool, option, what| {
         let file = file.clone();
         if wrong { Err(SolidError::Option { file, option, what }) } else { Ok(()) }
@@ -153,7 +153,7 @@ pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
 
 /// The pitch with which a mesh is so many cells long along its longest side.
 pub fn pitch_for(path: &Path, cells: u16) -> Result<f64, SolidError> {
-    let file = path.display().to_string();
+    let file = path.shown();
     let triangles = match Format::of(path)? {
         Format::Stl => mesh::stl(&file, load(path)?)?,
         _ => mesh::obj(&file, &load(path)?)?,
@@ -189,18 +189,12 @@ fn place(file: &str, triangles: &[mesh::Triangle], pitch: f64, at: Cell) -> Resu
 
 /// The bytes of a regular file that is not too large.
 fn load(path: &Path) -> Result<Vec<u8>, SolidError> {
-    let file = path.display().to_string();
+    let file = path.shown();
     let unreadable =
         |error: std::io::Error| SolidError::Unreadable { file: file.clone(), why: error.to_string() };
-    // Looked at before it is opened: opening a pipe waits for somebody to write into it.
-    let facts = std::fs::metadata(path).map_err(unreadable)?;
-    if !facts.is_file() {
-        return Err(SolidError::NoFile(file));
-    }
-    if facts.len() > MAX_BYTES {
-        return Err(SolidError::TooLarge(file));
-    }
-    let mut bytes = Vec::new();
-    File::open(path).and_then(|f| f.take(MAX_BYTES).read_to_end(&mut bytes)).map_err(unreadable)?;
-    Ok(bytes)
+    regular::read(path, MAX_BYTES).map_err(|error| match error.kind() {
+        std::io::ErrorKind::InvalidInput => SolidError::NoFile(file.clone()),
+        std::io::ErrorKind::FileTooLarge => SolidError::TooLarge(file.clone()),
+        _ => unreadable(error),
+    })
 }

@@ -5,9 +5,11 @@ use super::flaw::SolidError;
 use super::preview::{self, Written};
 use super::survey::{corners, survey};
 use super::{Format, Import, Imported, Part, Up, import, pitch_for};
+use crate::output::{OutputError, Outputs};
 use crate::report::count;
 use crate::scenario::problems::Problems;
 use crate::scenario::{LinkKind, Overrides, read_text};
+use crate::shown::{Shown as _, portable};
 use clap::{Args, ValueEnum};
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::Cell;
@@ -96,19 +98,17 @@ pub enum ShapeError {
     #[error("no scenario was written, because it could not be run:\n{0}")]
     Scenario(Problems),
     /// A file cannot be written.
-    #[error("cannot write {}: {error}\n  fix: name a new file in a directory that exists and is yours", .path.display())]
-    Write {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        error: std::io::Error,
-    },
+    #[error(transparent)]
+    Output(#[from] OutputError),
 }
 
 impl ShapeError {
     /// Whether what was typed, or the file, is to blame, and not this program or the disk.
     pub fn is_input(&self) -> bool {
-        !matches!(self, ShapeError::Write { .. })
+        match self {
+            ShapeError::Output(error) => error.is_input(),
+            ShapeError::Solid(_) | ShapeError::Scenario(_) => true,
+        }
     }
 }
 
@@ -130,6 +130,10 @@ fn cell(text: &str) -> Result<Cell, String> {
 /// Reads the file, looks it over, and writes what is asked for.
 pub fn shape(args: &ShapeArgs) -> Result<Shown, ShapeError> {
     let format = Format::of(&args.file)?;
+    let mut outputs = Outputs::new();
+    outputs.reads("the file", &args.file);
+    let svg = args.svg.as_ref().map(|path| outputs.writes("--svg", path)).transpose()?;
+    let written = args.write.as_ref().map(|path| outputs.creates("--write", path)).transpose()?;
     let growth = match args.growth {
         GrowthArg::Solid => Growth::Solid,
         GrowthArg::Scaffold => Growth::Scaffold,
@@ -178,20 +182,19 @@ pub fn shape(args: &ShapeArgs) -> Result<Shown, ShapeError> {
             let _ = writeln!(text, "\n  too large to be shown as text; --svg FILE draws it");
         }
     }
-    if let Some(path) = &args.svg {
-        let written = std::fs::write(path, preview::svg(&imported.cells));
-        written.map_err(|error| ShapeError::Write { path: path.clone(), error })?;
-        let _ = writeln!(text, "\ndrawn to {}", path.display());
+    if let (Some(path), Some(file)) = (&args.svg, svg) {
+        file.write(preview::svg(&imported.cells))?;
+        let _ = writeln!(text, "\ndrawn to {}", path.shown());
     }
-    if let Some(path) = args.write.as_ref().filter(|_| buildable) {
-        write_scenario(path, args, &how, &imported, growth)?;
-        let _ = writeln!(text, "\nwritten to {0}; run it with metamorph run {0} --link sim", path.display());
+    if let (Some(path), Some(file), true) = (&args.write, written, buildable) {
+        file.write(scenario(path, args, &how, &imported, growth)?)?;
+        let _ = writeln!(text, "\nwritten to {0}; run it with metamorph run {0} --link sim", path.shown());
     }
     Ok(Shown { text, buildable })
 }
 
 fn describe(text: &mut String, file: &Path, Imported { cells, mesh, .. }: &Imported) {
-    let _ = writeln!(text, "{}", file.display());
+    let _ = writeln!(text, "{}", file.shown());
     if let Some(mesh) = mesh {
         let [x, y, z] = mesh.size.map(|s| s as f32);
         let _ = writeln!(text, "  mesh      {} triangles, {x} x {y} x {z}", count(mesh.triangles as u64));
@@ -209,13 +212,14 @@ fn middle(cells: &[Cell]) -> Cell {
     cells.iter().copied().min_by_key(|c| (distance(c), *c)).unwrap_or_default()
 }
 
-fn write_scenario(
+/// The text of a scenario that builds what was imported.
+fn scenario(
     path: &Path,
     args: &ShapeArgs,
     how: &Import,
     imported: &Imported,
     growth: Growth,
-) -> Result<(), ShapeError> {
+) -> Result<String, ShapeError> {
     let part = |part| import(&args.file, &Import { part: Some(part), ..how.clone() }).map(|i| i.cells);
     let (start, goal) = if imported.mesh.is_some() {
         let goal = imported.cells.clone();
@@ -227,13 +231,10 @@ fn write_scenario(
         (part(Part::Blocks)?, part(Part::Targets)?)
     };
     let name = args.file.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let origin = args.file.display().to_string();
+    let origin = portable(&args.file);
     let text =
         preview::scenario(&Written { origin: &origin, name: &name, start: &start, goal: &goal, growth });
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
     read_text(&path.display().to_string(), &text, &overrides).map_err(ShapeError::Scenario)?;
-    let mut new = std::fs::OpenOptions::new();
-    let file = new.write(true).create_new(true).open(path);
-    file.and_then(|mut file| std::io::Write::write_all(&mut file, text.as_bytes()))
-        .map_err(|error| ShapeError::Write { path: path.to_owned(), error })
+    Ok(text)
 }

@@ -6,7 +6,7 @@
 //! come out as cells, too, but as a sheared shape. Absent: cameras, lights, colours, orientations, and
 //! descriptions of shapes (`csg`, `blockBox`), which are refused instead of left out.
 
-use super::flaw::{MAX_NODES, SolidError};
+use super::flaw::{MAX_ATTRIBUTES, MAX_ATTRIBUTES_OF_ONE, MAX_NAMESPACES, MAX_NODES, SolidError};
 use metamorph_protocol::lattice::Cell;
 use roxmltree::{Document, Error, Node, ParsingOptions};
 use std::collections::BTreeSet;
@@ -22,6 +22,7 @@ pub enum Part {
 
 /// The cells of one part.
 pub fn cells(file: &str, text: &str, part: Part) -> Result<BTreeSet<Cell>, SolidError> {
+    check_size(file, text)?;
     let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text, options).map_err(|error| {
         let (line, file) = (error.pos().row, file.to_owned());
@@ -56,6 +57,49 @@ pub fn cells(file: &str, text: &str, part: Part) -> Result<BTreeSet<Cell>, Solid
         return Err(SolidError::NoPart { file: file.to_owned(), what });
     }
     Ok(reader.cells)
+}
+
+/// Counts attributes before the text is parsed, because the parser compares each attribute of an element
+/// with each. What is not XML is left to the parser.
+fn check_size(file: &str, text: &str) -> Result<(), SolidError> {
+    let (mut rest, mut all, mut namespaces) = (text, 0, 0);
+    let too_many = |rest: &str, what, most| {
+        let line = text[..text.len() - rest.len()].matches('\n').count() + 1;
+        Err(SolidError::TooManyParts { file: file.to_owned(), line, what, most })
+    };
+    while let Some(at) = rest.find('<') {
+        rest = &rest[at..];
+        let without = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>")];
+        if let Some((_, end)) = without.iter().find(|(begin, _)| rest.starts_with(begin)) {
+            let Some(at) = rest.find(end) else { return Ok(()) };
+            rest = &rest[at + end.len()..];
+            continue;
+        }
+        let mut of_one = 0;
+        // Each attribute has one value in quotes.
+        loop {
+            let Some(at) = rest.find(['"', '\'', '>']) else { return Ok(()) };
+            let quote = &rest[at..=at];
+            namespaces += usize::from(rest[..at].contains("xmlns"));
+            rest = &rest[at + 1..];
+            if quote == ">" {
+                break;
+            }
+            (of_one, all) = (of_one + 1, all + 1);
+            if of_one > MAX_ATTRIBUTES_OF_ONE {
+                return too_many(rest, "attributes in one element", MAX_ATTRIBUTES_OF_ONE);
+            }
+            if all > MAX_ATTRIBUTES {
+                return too_many(rest, "attributes", MAX_ATTRIBUTES);
+            }
+            if namespaces > MAX_NAMESPACES {
+                return too_many(rest, "namespaces", MAX_NAMESPACES);
+            }
+            let Some(end) = rest.find(quote) else { return Ok(()) };
+            rest = &rest[end + 1..];
+        }
+    }
+    Ok(())
 }
 
 /// The parser names no place for this one.

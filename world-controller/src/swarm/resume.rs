@@ -3,6 +3,7 @@
 
 use super::agents::Letter;
 use super::run_dir::{RunDir, RunDirError};
+use metamorph_module_agent::regular;
 use metamorph_module_agent::run_name::{RunName, RunNameError};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -12,6 +13,9 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
+
+/// The most bytes of the file that says which run it is.
+const LONGEST: u64 = 1 << 10;
 
 /// Why a run cannot be gone on with.
 #[derive(Debug, Error)]
@@ -105,7 +109,8 @@ pub fn write_run(parts: &Path, root: &Path, epoch: u64) -> io::Result<()> {
 /// Which run it is, and when it began.
 fn read_run(parts: &Path) -> Result<(RunName, u64), NotResumable> {
     let path = path(parts);
-    let text = fs::read_to_string(&path).map_err(|e| NotResumable::NotBegun(path.clone(), e))?;
+    let bytes = regular::read(&path, LONGEST).map_err(|e| NotResumable::NotBegun(path.clone(), e))?;
+    let text = String::from_utf8(bytes).map_err(|_| NotResumable::Damaged(path.clone()))?;
     let (name, epoch) = text.trim_end().split_once(' ').ok_or(NotResumable::Damaged(path.clone()))?;
     let epoch = epoch.parse().map_err(|_| NotResumable::Damaged(path))?;
     Ok((RunName::parse(name)?, epoch))

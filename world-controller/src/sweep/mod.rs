@@ -20,10 +20,12 @@ pub mod summary;
 pub mod table;
 
 use crate::interrupt::Interrupt;
+use crate::output::{Output, OutputError, Outputs};
 use crate::report::{count, seconds};
 use crate::scenario::flaw::Flaw;
 use crate::scenario::problems::Problems;
 use crate::scenario::{LinkKind, Overrides, Plan, load, quote, read_text};
+use crate::shown::{Shown, json, portable};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::{Channel, Live};
 use grid::{Axis, Grid, GridError, Seeds};
@@ -32,7 +34,6 @@ use metamorph_sim_bridge::outcome::Outcome;
 use page::Context;
 use pool::{News, Work};
 use std::collections::BTreeSet;
-use std::fs;
 use std::io;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -69,22 +70,9 @@ pub enum SweepError {
     /// The directory.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The numbers cannot go where they shall.
-    #[error("--json {}: cannot write there: {error}\n  fix: name a file in a directory that exists and is yours, or `-`", .path.display())]
-    Json {
-        /// Where.
-        path: PathBuf,
-        /// Why.
-        error: io::Error,
-    },
-    /// A file beside the runs.
-    #[error("cannot write {}: {error}", .path.display())]
-    File {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        error: io::Error,
-    },
+    /// The numbers, or a file beside the runs, cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
@@ -110,10 +98,10 @@ impl SweepError {
             SweepError::Grid(_)
             | SweepError::Scenario(_)
             | SweepError::Combination { .. }
-            | SweepError::NoStart { .. }
-            | SweepError::Json { .. } => true,
+            | SweepError::NoStart { .. } => true,
             SweepError::Store(error) => !matches!(error, StoreError::Write { .. }),
-            SweepError::File { .. } | SweepError::Signals(_) | SweepError::Defect(_) => false,
+            SweepError::Output(error) => error.is_input(),
+            SweepError::Signals(_) | SweepError::Defect(_) => false,
         }
     }
 }
@@ -148,7 +136,12 @@ impl Scenario {
 
     /// What a sweep of it is known by.
     pub fn manifest(&self, grid: &Grid) -> Manifest {
-        Manifest::new(&self.origin, &self.text, grid)
+        Manifest::new(&self.name(), &self.text, grid)
+    }
+
+    /// How what is passed on calls it.
+    pub fn name(&self) -> String {
+        portable(Path::new(&self.origin))
     }
 
     /// The page that shows what came of it.
@@ -156,17 +149,17 @@ impl Scenario {
         // Invariant: every combination was read before the first run.
         let plan = self.plan(grid, 0).ok();
         let context = Context {
-            title: plan.as_ref().map_or(&self.origin, |p| p.title()),
+            title: &plan.as_ref().map_or_else(|| self.name(), Plan::title),
             description: plan.as_ref().and_then(|p| p.description.as_deref()),
             scenario: &self.text,
-            command: &self.command(grid),
+            command: &self.command(self.name(), grid),
         };
         page::page(summary, &context)
     }
 
-    /// The command that gives the same results.
-    fn command(&self, grid: &Grid) -> String {
-        let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), quote(self.origin.clone())];
+    /// The command that gives the same results from the file of this name.
+    fn command(&self, file: String, grid: &Grid) -> String {
+        let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), quote(file)];
         words.extend(["--seeds".to_owned(), grid.seeds.to_string()]);
         words.extend(grid.vary.iter().flat_map(|v| ["--vary".to_owned(), quote(v.to_string())]));
         words.join(" ")
@@ -213,6 +206,11 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     let vary = request.vary.iter().map(|text| Axis::parse(text)).collect::<Result<Vec<_>, _>>()?;
     let grid = Grid::new(Seeds::parse(&request.seeds)?, vary)?;
     scenario.check(&grid)?;
+    let mut outputs = Outputs::new();
+    outputs.reads("the scenario", &request.scenario);
+    for file in scenario.plan(&grid, 0).map(|plan| plan.files).unwrap_or_default() {
+        outputs.reads("a file that the scenario names,", &file);
+    }
     let mut tallies = Tallies::new(&grid);
     let (store, done) = match &request.out {
         None => (None, Done::default()),
@@ -226,14 +224,15 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
             (Some(store), done)
         }
     };
+    let results = request.out.as_deref().map(|dir| Results::of(dir, &mut outputs)).transpose()?;
     let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
     let since = Stopwatch::start();
     let before = done.before + done.ahead.len() as u64;
     let jobs = request.jobs;
     let tallies = run(&scenario, &grid, Progress { store, done, tallies }, jobs, &interrupt, !request.quiet)?;
-    let summary = tallies.summary(&scenario.origin, &grid);
-    if let Some(dir) = &request.out {
-        write_results(dir, &scenario, &grid, &summary)?;
+    let summary = tallies.summary(&scenario.name(), &grid);
+    if let Some(results) = &results {
+        results.write(&scenario, &grid, &summary)?;
     }
     let channel = if request.quiet { Channel::Quiet } else { Channel::Out };
     let new = summary.runs - before;
@@ -245,7 +244,7 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
         seconds(took),
         if jobs.get() == 1 { "" } else { "s" },
         count((new as f64 / took.max(1e-9)) as u64),
-        ending(request, &scenario.command(&grid), &summary),
+        ending(request, &scenario.command(scenario.origin.clone(), &grid), &summary),
     ));
     Ok(match () {
         () if summary.runs < summary.runs_planned => Outcome::Aborted.exit_code(),
@@ -262,7 +261,7 @@ fn ending(request: &Request, command: &str, summary: &Summary) -> String {
         (None, n) => {
             format!("  interrupted: {} runs were not done, and nothing is kept without --out DIR", count(n))
         }
-        (Some(dir), 0) => format!("  every run and a report are in {}", dir.display()),
+        (Some(dir), 0) => format!("  every run and a report are in {}", dir.shown()),
         (Some(dir), n) => format!(
             "  interrupted: {} runs are still to be done, everything else is kept\n  go on with  {command} --out {} --resume",
             count(n),
@@ -271,22 +270,25 @@ fn ending(request: &Request, command: &str, summary: &Summary) -> String {
     }
 }
 
-/// Writes the numbers and the page beside the runs.
-pub fn write_results(
-    dir: &Path,
-    scenario: &Scenario,
-    grid: &Grid,
-    summary: &Summary,
-) -> Result<(), SweepError> {
-    let text = serde_json::to_string_pretty(summary)
-        .expect("invariant: a summary is made of plain values, text keys and finite numbers");
-    write(&dir.join(SUMMARY), &(text + "\n"))?;
-    write(&dir.join(PAGE), &scenario.page(grid, summary))
+/// The files beside the runs.
+#[derive(Debug)]
+pub struct Results {
+    summary: Output,
+    page: Output,
 }
 
-/// Writes a file beside the runs.
-pub fn write(path: &Path, text: &str) -> Result<(), SweepError> {
-    fs::write(path, text).map_err(|error| SweepError::File { path: path.into(), error })
+impl Results {
+    /// In this directory. Found out now, and not after all the runs, is whether they can be written.
+    pub fn of(dir: &Path, outputs: &mut Outputs) -> Result<Results, OutputError> {
+        let summary = outputs.writes("--out", &dir.join(SUMMARY))?;
+        Ok(Results { summary, page: outputs.writes("--out", &dir.join(PAGE))? })
+    }
+
+    /// Writes the numbers and the page.
+    pub fn write(&self, scenario: &Scenario, grid: &Grid, summary: &Summary) -> Result<(), OutputError> {
+        self.summary.write(json(summary) + "\n")?;
+        self.page.write(scenario.page(grid, summary))
+    }
 }
 
 /// How far a sweep has come.

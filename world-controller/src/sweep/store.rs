@@ -7,6 +7,10 @@
 
 use super::grid::Grid;
 use super::row::{self, Row, RowError};
+use crate::output::{OutputError, Outputs};
+use crate::scenario::flaw::MAX_BYTES;
+use crate::shown::{Shown, json};
+use metamorph_module_agent::regular;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -23,11 +27,14 @@ const MANIFEST: &str = "manifest.json";
 /// What the runs are in.
 pub const RUNS: &str = "runs.csv";
 
+/// The most bytes of a manifest: a scenario in it, in which every byte is escaped.
+const LONGEST: u64 = 6 * MAX_BYTES + (1 << 20);
+
 /// Why a directory cannot be used.
 #[derive(Debug, Error)]
 pub enum StoreError {
     /// Something is there already.
-    #[error("--out {}: the directory is not empty\n  fix: name a new or empty directory{}", .dir.display(),
+    #[error("--out {}: the directory is not empty\n  fix: name a new or empty directory{}", .dir.shown(),
         if *.resumable { ", or add --resume to go on with the sweep in it" } else { "" })]
     NotEmpty {
         /// Which.
@@ -36,10 +43,10 @@ pub enum StoreError {
         resumable: bool,
     },
     /// There is no sweep to go on with.
-    #[error("--out {}: there is no sweep to go on with, because {} is missing\n  fix: leave --resume out to start one", .0.display(), MANIFEST)]
+    #[error("--out {}: there is no sweep to go on with, because {} is missing\n  fix: leave --resume out to start one", .0.shown(), MANIFEST)]
     Nothing(PathBuf),
     /// The manifest is damaged or something else.
-    #[error("{}: this is not the manifest of a sweep: {reason}\n  fix: name another directory with --out and start anew without --resume", .path.display())]
+    #[error("{}: this is not the manifest of a sweep: {reason}\n  fix: name another directory with --out and start anew without --resume", .path.shown())]
     Manifest {
         /// The file.
         path: PathBuf,
@@ -48,7 +55,7 @@ pub enum StoreError {
     },
     /// Another layout.
     #[error("{}: the sweep has format version {found}; this program (metamorph {program}) reads version {VERSION}\n  fix: go on with the program that began it, or start anew in another directory",
-        .path.display(), program = env!("CARGO_PKG_VERSION"))]
+        .path.shown(), program = env!("CARGO_PKG_VERSION"))]
     Version {
         /// The file.
         path: PathBuf,
@@ -56,7 +63,7 @@ pub enum StoreError {
         found: u32,
     },
     /// Another sweep.
-    #[error("--out {}: the sweep there has {what}: {theirs}, and not {ours}\n  fix: resume with exactly what it was begun with, or start anew in another directory", .dir.display())]
+    #[error("--out {}: the sweep there has {what}: {theirs}, and not {ours}\n  fix: resume with exactly what it was begun with, or start anew in another directory", .dir.shown())]
     Different {
         /// The directory.
         dir: PathBuf,
@@ -68,10 +75,10 @@ pub enum StoreError {
         ours: String,
     },
     /// Somebody writes there.
-    #[error("--out {}: another sweep is writing there\n  fix: wait until it has ended, or name another directory", .0.display())]
+    #[error("--out {}: another sweep is writing there\n  fix: wait until it has ended, or name another directory", .0.shown())]
     Busy(PathBuf),
     /// The runs are damaged.
-    #[error("{}:{line}: {reason}\n  fix: remove this line and all after it, and resume; their runs are repeated", .path.display())]
+    #[error("{}:{line}: {reason}\n  fix: remove this line and all after it, and resume; their runs are repeated", .path.shown())]
     Line {
         /// The file.
         path: PathBuf,
@@ -81,15 +88,18 @@ pub enum StoreError {
         reason: String,
     },
     /// A run could not be written.
-    #[error("cannot write {}: {error}; what was written before is kept, and --resume goes on from there", .path.display())]
+    #[error("cannot write {}: {error}; what was written before is kept, and --resume goes on from there", .path.shown())]
     Write {
         /// The file.
         path: PathBuf,
         /// Why.
         error: io::Error,
     },
+    /// The manifest cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// A file cannot be used.
-    #[error("--out: cannot write {}: {error}\n  fix: name a directory on a disk with room that is yours", .path.display())]
+    #[error("--out: cannot write {}: {error}\n  fix: name a directory on a disk with room that is yours", .path.shown())]
     File {
         /// Which.
         path: PathBuf,
@@ -136,7 +146,7 @@ impl Manifest {
 
     fn read(dir: &Path) -> Result<Manifest, StoreError> {
         let path = dir.join(MANIFEST);
-        let bytes = match fs::read(&path) {
+        let bytes = match regular::read(&path, LONGEST) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 return Err(StoreError::Nothing(dir.into()));
             }
@@ -201,10 +211,7 @@ impl Store {
     /// Begins a sweep in a directory that is new or empty.
     pub fn create(dir: &Path, manifest: &Manifest) -> Result<Store, StoreError> {
         create_directory(dir)?;
-        let text = serde_json::to_string_pretty(manifest)
-            .expect("invariant: a manifest is made of texts and numbers");
-        let path = dir.join(MANIFEST);
-        fs::write(&path, text + "\n").map_err(|error| StoreError::File { path, error })?;
+        Outputs::new().writes("--out", &dir.join(MANIFEST))?.write(json(manifest) + "\n")?;
         Store::open(dir, &manifest.grid, |_, _| {}).map(|(store, _)| store)
     }
 
@@ -223,6 +230,10 @@ impl Store {
         let failed = |error| StoreError::File { path: path.clone(), error };
         let options = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
         let mut file = options.map_err(failed)?;
+        // Reading from a pipe would wait for ever.
+        if !file.metadata().map_err(failed)?.is_file() {
+            return Err(failed(io::Error::other("it is no regular file")));
+        }
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => return Err(StoreError::Busy(dir.into())),

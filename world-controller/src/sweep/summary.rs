@@ -20,7 +20,7 @@ pub struct Summary {
     pub schema: u32,
     /// The version of the program that ran.
     pub version: String,
-    /// The scenario's file, as named by the user.
+    /// The scenario's file as it was typed, or its last part if that was an absolute path.
     pub scenario: String,
     /// The seeds of every combination, without the last.
     pub seeds: Seeds,

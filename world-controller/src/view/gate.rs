@@ -5,8 +5,8 @@
 //! tells of where a request comes from must be this server: a page of another origin that has guessed
 //! the port, or has bent a name of its own to this machine (DNS rebinding), is refused.
 
-use axum::http::header::{HOST, HeaderMap, ORIGIN};
-use axum::http::{Method, StatusCode};
+use hyper::header::{HOST, HeaderMap, ORIGIN};
+use hyper::{Method, StatusCode};
 use rustix::rand::{GetRandomFlags, getrandom};
 use std::fmt::Write;
 use std::io;
@@ -115,7 +115,7 @@ impl Gate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use axum::http::HeaderName;
+    use hyper::header::HeaderName;
 
     fn gate() -> Gate {
         Gate::new(Token("00112233445566778899aabbccddeeff".into()), 4000)

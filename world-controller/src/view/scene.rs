@@ -96,7 +96,7 @@ impl Beginning {
         };
         Beginning {
             version: VERSION,
-            title: plan.title().to_owned(),
+            title: plan.title(),
             description: plan.description.as_ref().map(|d| d.trim().to_owned()),
             family: plan.swarm.family().name(),
             seed: plan.seed,

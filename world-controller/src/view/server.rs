@@ -1,22 +1,47 @@
 //! The server of the page: on the loopback interface, behind the gate, on a thread of its own. It
 //! hands out the files that are in the program and the scene as JSON, and nothing else.
+//!
+//! Every user of the machine can connect, so connections, their headers and their time are bounded.
 
 use super::gate::{Gate, Token};
 use super::scribe::Shared;
-use axum::Router;
-use axum::body::Body;
-use axum::extract::State;
-use axum::http::header::{
+use http_body_util::Full;
+use hyper::body::{Bytes, Incoming};
+use hyper::header::{
     CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderName, HeaderValue, REFERRER_POLICY,
     X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{Request, Response, StatusCode};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper::{Request, Response, StatusCode};
+use hyper_util::rt::{TokioIo, TokioTimer};
 use metamorph_protocol::ids::ModuleId;
 use serde_json::Value;
+use std::convert::Infallible;
 use std::io;
 use std::net::{Ipv4Addr, TcpListener};
+use std::pin::pin;
 use std::sync::Arc;
+use std::time::Duration;
 use thiserror::Error;
+use tokio::net::TcpStream;
+use tokio::sync::Semaphore;
+use tokio::time::{sleep, timeout};
+
+/// Connections at the same time; others wait. A browser makes six.
+const CONNECTIONS: usize = 128;
+/// The longest time until a request has its headers, and the longest between two requests.
+const HEADERS: Duration = Duration::from_secs(3);
+/// After this time a connection is closed when its latest answer is out. A browser makes a new one.
+const LIFETIME: Duration = Duration::from_secs(60);
+/// The longest time that the latest answer may take then.
+const LAST_ANSWER: Duration = Duration::from_secs(10);
+/// The most bytes of headers, and of what is read ahead.
+const MAX_HEADER_BYTES: usize = 16 << 10;
+/// The most headers of a request.
+const MAX_HEADERS: usize = 64;
+/// Between two attempts to accept a connection, when the system has no more of something.
+const AGAIN: Duration = Duration::from_secs(1);
 
 /// Stretches of time handed out at once.
 const BINS_AT_ONCE: usize = 64;
@@ -66,16 +91,13 @@ impl Server {
         let gate = Gate::new(Token::random()?, listener.local_addr()?.port());
         let address = gate.address();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        let app = Router::new().fallback(answer).with_state(Arc::new(Inside { gate, scene }));
+        let inside = Arc::new(Inside { gate, scene });
         let listener = {
             let _entered = runtime.enter();
             tokio::net::TcpListener::from_std(listener)?
         };
-        std::thread::Builder::new().name("page".into()).spawn(move || {
-            if let Err(error) = runtime.block_on(async { axum::serve(listener, app).await }) {
-                tracing::error!("the page is no longer served: {error}");
-            }
-        })?;
+        let page = std::thread::Builder::new().name("page".into());
+        page.spawn(move || runtime.block_on(serve(listener, inside)))?;
         Ok(Server { address })
     }
 
@@ -85,20 +107,57 @@ impl Server {
     }
 }
 
-async fn answer(State(inside): State<Arc<Inside>>, request: Request<Body>) -> Response<Body> {
+/// Accepts connections, as many at a time as there may be.
+async fn serve(listener: tokio::net::TcpListener, inside: Arc<Inside>) {
+    let places = Arc::new(Semaphore::new(CONNECTIONS));
+    while let Ok(place) = Arc::clone(&places).acquire_owned().await {
+        match listener.accept().await {
+            Ok((stream, _)) => {
+                let inside = Arc::clone(&inside);
+                tokio::spawn(async move {
+                    serve_one(stream, inside).await;
+                    drop(place);
+                });
+            }
+            Err(error) => {
+                tracing::warn!("the page cannot be asked for: {error}");
+                sleep(AGAIN).await;
+            }
+        }
+    }
+}
+
+/// Answers the requests of one connection.
+async fn serve_one(stream: TcpStream, inside: Arc<Inside>) {
+    let service = service_fn(|request: Request<Incoming>| {
+        let answered = answer(&inside, &request);
+        async { Ok::<_, Infallible>(answered) }
+    });
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(HEADERS);
+    http.max_buf_size(MAX_HEADER_BYTES).max_headers(MAX_HEADERS);
+    let mut connection = pin!(http.serve_connection(TokioIo::new(stream), service));
+    // What a connection dies of is told to the other end, and is no business of ours.
+    if timeout(LIFETIME, connection.as_mut()).await.is_err() {
+        connection.as_mut().graceful_shutdown();
+        let _ = timeout(LAST_ANSWER, connection).await;
+    }
+}
+
+fn answer(inside: &Inside, request: &Request<Incoming>) -> Response<Full<Bytes>> {
     let uri = request.uri();
     let (status, kind, body) = match inside.gate.admit(request.method(), request.headers(), uri.path()) {
         Err(refusal) => {
             let (status, text) = refusal.answer();
-            (status, TEXT, Body::from(text))
+            (status, TEXT, Bytes::from_static(text.as_bytes()))
         }
         Ok(rest) => match (file(rest), data(&inside.scene, rest, uri.query().unwrap_or_default())) {
-            (Some((kind, text)), _) => (StatusCode::OK, kind, Body::from(text)),
-            (None, Some(value)) => (StatusCode::OK, "application/json", Body::from(value.to_string())),
-            (None, None) => (StatusCode::NOT_FOUND, TEXT, Body::from("not found\n")),
+            (Some((kind, text)), _) => (StatusCode::OK, kind, Bytes::from_static(text.as_bytes())),
+            (None, Some(value)) => (StatusCode::OK, "application/json", Bytes::from(value.to_string())),
+            (None, None) => (StatusCode::NOT_FOUND, TEXT, Bytes::from_static(b"not found\n")),
         },
     };
-    let mut response = Response::new(body);
+    let mut response = Response::new(Full::new(body));
     *response.status_mut() = status;
     let headers = response.headers_mut();
     for (name, value) in [
