@@ -9,42 +9,85 @@
 
 use std::hash::Hasher;
 
+/// Bytes gathered before they are handed on: one long write is faster than many short ones.
+const GATHERED: usize = 512;
+
 /// A hasher that hands numbers on in one form.
-pub struct Portable<'a>(pub &'a mut dyn Hasher);
+pub struct Portable<'a> {
+    to: &'a mut dyn Hasher,
+    gathered: [u8; GATHERED],
+    /// Bytes of `gathered` in use.
+    used: usize,
+}
+
+impl<'a> Portable<'a> {
+    /// Hands on to this hasher, the last bytes when it is dropped.
+    pub fn new(to: &'a mut dyn Hasher) -> Portable<'a> {
+        Portable { to, gathered: [0; GATHERED], used: 0 }
+    }
+
+    fn flush(&mut self) {
+        self.to.write(&self.gathered[..self.used]);
+        self.used = 0;
+    }
+
+    #[inline]
+    fn put<const N: usize>(&mut self, bytes: [u8; N]) {
+        if self.used + N > GATHERED {
+            self.flush();
+        }
+        self.gathered[self.used..self.used + N].copy_from_slice(&bytes);
+        self.used += N;
+    }
+}
+
+impl Drop for Portable<'_> {
+    fn drop(&mut self) {
+        self.flush();
+    }
+}
 
 impl Hasher for Portable<'_> {
+    /// Of what has been handed on.
     fn finish(&self) -> u64 {
-        self.0.finish()
+        self.to.finish()
     }
     fn write(&mut self, bytes: &[u8]) {
-        self.0.write(bytes);
+        self.flush();
+        self.to.write(bytes);
+    }
+    fn write_u8(&mut self, n: u8) {
+        self.put([n]);
     }
     fn write_u16(&mut self, n: u16) {
-        self.0.write(&n.to_le_bytes());
+        self.put(n.to_le_bytes());
     }
     fn write_u32(&mut self, n: u32) {
-        self.0.write(&n.to_le_bytes());
+        self.put(n.to_le_bytes());
     }
     fn write_u64(&mut self, n: u64) {
-        self.0.write(&n.to_le_bytes());
+        self.put(n.to_le_bytes());
     }
     fn write_u128(&mut self, n: u128) {
-        self.0.write(&n.to_le_bytes());
+        self.put(n.to_le_bytes());
     }
     fn write_usize(&mut self, n: usize) {
         self.write_u64(n as u64);
     }
+    fn write_i8(&mut self, n: i8) {
+        self.put(n.to_le_bytes());
+    }
     fn write_i16(&mut self, n: i16) {
-        self.0.write(&n.to_le_bytes());
+        self.put(n.to_le_bytes());
     }
     fn write_i32(&mut self, n: i32) {
-        self.0.write(&n.to_le_bytes());
+        self.put(n.to_le_bytes());
     }
     fn write_i64(&mut self, n: i64) {
-        self.0.write(&n.to_le_bytes());
+        self.put(n.to_le_bytes());
     }
     fn write_i128(&mut self, n: i128) {
-        self.0.write(&n.to_le_bytes());
+        self.put(n.to_le_bytes());
     }
     fn write_isize(&mut self, n: isize) {
         self.write_i64(n as i64);
@@ -72,10 +115,27 @@ mod tests {
     #[test]
     fn numbers_have_one_form() {
         let mut bytes = Bytes::default();
-        let mut portable = Portable(&mut bytes);
+        let mut portable = Portable::new(&mut bytes);
         (1u8, 2u16, 3u32, -2i16, 4usize, Some(5u16)).hash(&mut portable);
+        drop(portable);
         let length = [4, 0, 0, 0, 0, 0, 0, 0];
         let some = [1, 0, 0, 0, 0, 0, 0, 0, 5, 0];
         assert_eq!(bytes.0, [&[1, 2, 0, 3, 0, 0, 0, 0xFE, 0xFF][..], &length, &some].concat());
+    }
+
+    /// Nothing is lost or moved where the bytes gathered are handed on.
+    #[test]
+    fn what_is_gathered_arrives_in_order() {
+        let (mut bytes, mut expected) = (Bytes::default(), Vec::new());
+        let mut portable = Portable::new(&mut bytes);
+        for n in 0..300u64 {
+            (n as u8).hash(&mut portable);
+            n.hash(&mut portable);
+            portable.write(&[9; 5]);
+            n.hash(&mut portable);
+            expected.extend([&[n as u8][..], &n.to_le_bytes(), &[9; 5], &n.to_le_bytes()].concat());
+        }
+        drop(portable);
+        assert_eq!(bytes.0, expected);
     }
 }

@@ -341,7 +341,7 @@ impl World for CubeWorld {
     }
 
     fn digest(&self, hasher: &mut dyn Hasher) {
-        let mut hasher = Portable(hasher);
+        let mut hasher = Portable::new(hasher);
         for body in &self.bodies {
             let Body { cell, incarnation, revision, contacts, under_way, stuck } = body;
             (cell, incarnation, revision, contacts, stuck).hash(&mut hasher);

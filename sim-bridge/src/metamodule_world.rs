@@ -408,7 +408,7 @@ impl World for MetamoduleWorld {
     }
 
     fn digest(&self, hasher: &mut dyn Hasher) {
-        let mut hasher = Portable(hasher);
+        let mut hasher = Portable::new(hasher);
         for body in &self.bodies {
             let Body { pose, grips, cells: _, incarnation, revision, contacts, under_way, stuck } = body;
             (pose, grips, incarnation, revision, contacts, stuck).hash(&mut hasher);

@@ -10,7 +10,7 @@ use crate::chronicle::Log;
 use crate::direct::{Command, Direct};
 use crate::invariants::{self, Invariant, Violation};
 use crate::queue::Queue;
-use crate::state::{self, Held, States};
+use crate::state::{self, Hashes, Held, States};
 use crate::trace::Trace;
 use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
@@ -748,12 +748,13 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }))
     }
 
-    /// The hash of all states that the run has gone through, as far as they were looked at, and of how things
-    /// stand now. Where slices of a run end has no effect on it; but in [`Sim::run_on`] nobody looks.
-    pub fn state_hash(&self) -> u64 {
+    /// The hashes of the states now, and of all that the run has gone through, as far as they were looked at.
+    /// Where slices of a run end has no effect on them; but in [`Sim::run_on`] nobody looks.
+    pub fn hashes(&self) -> Hashes {
+        let (agents, world) = (self.agents_hash(), state::world_hash(&self.world));
         let mut states = self.states.clone();
-        states.fold(self.trace.events(), self.agents_hash(), state::world_hash(&self.world));
-        states.value()
+        states.fold(self.trace.events(), agents, world);
+        Hashes { states: states.value(), agents, world }
     }
 
     fn look_at_states(&mut self) {

@@ -11,7 +11,7 @@ use std::hash::Hasher;
 const STATE_VERSION: u64 = 1;
 
 /// Events between two looks at all agents and the world: so many for each module, and at least so many. A
-/// look costs about as much as two events of every module, so looks cost less than a hundredth of a run.
+/// look costs about as much as an event of every module, so looks cost less than a hundredth of a run.
 const PER_MODULE: u64 = 256;
 const AT_LEAST: u64 = 4_096;
 
@@ -19,6 +19,17 @@ fn hasher() -> SipHasher13 {
     let mut hasher = SipHasher13::new_with_keys(0x7374_6174_6568_6173, STATE_VERSION);
     hasher.write(&STATE_VERSION.to_le_bytes());
     hasher
+}
+
+/// What a simulated run comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hashes {
+    /// Of all states gone through, as far as they were looked at, and of those at the end.
+    pub states: u64,
+    /// Of all agents at the end.
+    pub agents: u64,
+    /// Of the world at the end.
+    pub world: u64,
 }
 
 /// One agent of many, for [`agents_hash`].

@@ -202,7 +202,7 @@ impl Experiment {
             stages: sim.director().stages().to_vec(),
             trace: sim.trace().value(),
             digest: sim.agents_hash(),
-            state: sim.state_hash(),
+            state: sim.hashes().states,
         }
     }
 }

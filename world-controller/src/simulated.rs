@@ -15,7 +15,6 @@ use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::director::Progress;
 use metamorph_sim_bridge::outcome::Outcome;
 use metamorph_sim_bridge::sim::{Audited, Sim, SimConfig};
-use metamorph_sim_bridge::state::world_hash;
 use std::sync::Arc;
 
 /// Runs to the end, or until interrupted. `since` is when the program started; what happens is written
@@ -115,6 +114,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
     let account = swarm.account(plan, director(sim.director()), world(sim.world()));
     let notes = finish(&sim, account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome));
     let (violations, broken) = sim.violations();
+    let hashes = sim.hashes();
     let facts = Facts {
         plan,
         account,
@@ -128,9 +128,9 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
         wall,
         setup,
         trace_hash: Some(sim.trace().value()),
-        state_hash: Some(sim.state_hash()),
-        agents_hash: Some(sim.agents_hash()),
-        world_hash: world_hash(sim.world()),
+        state_hash: Some(hashes.states),
+        agents_hash: Some(hashes.agents),
+        world_hash: hashes.world,
         notes,
     };
     (report(&facts), facts.account)

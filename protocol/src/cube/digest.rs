@@ -49,7 +49,7 @@ impl Cube {
             wake: _,
             out: _,
         } = self;
-        let mut hasher = Portable(hasher);
+        let mut hasher = Portable::new(hasher);
         (id, cell, settled, epoch, role, rank, renew, parent, want).hash(&mut hasher);
         (activator, anchor, attempt, moving, next_epoch, locks, searches).hash(&mut hasher);
         (stream, tokens, back_off_until, waiting_since, waits_for).hash(&mut hasher);

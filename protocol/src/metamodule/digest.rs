@@ -35,7 +35,7 @@ impl Core {
             repeat_at: _,
             reported: _,
         } = self;
-        let mut hasher = Portable(hasher);
+        let mut hasher = Portable::new(hasher);
         (id, pose, peers, dead, obstacles, task, open, filled, settled, course).hash(&mut hasher);
         intent.digest_state(&mut hasher);
         lead.digest_state(&mut hasher);

@@ -220,7 +220,7 @@ mod tests {
         assert!(!losing("50%").is_beyond(&bounds) && losing("60%").is_beyond(&bounds));
     }
 
-    /// Of 20,000 draws none needs more than the formulas allow for, and some need a third of it.
+    /// Of 20,000 draws none needs more than the formulas allow for, and some need a fifth of it.
     #[test]
     fn draws_stay_within() {
         let mut stream = Stream::named(1, "bounds", 0);
@@ -234,7 +234,7 @@ mod tests {
                         .map(|_| std::iter::repeat(()).take_while(|()| stream.chance(p)).count());
                     most = most.max(lost.sum::<usize>() as u64);
                 }
-                assert!((repeats / 3..=repeats).contains(&most), "{loss}: {most} of {repeats} repeats");
+                assert!((repeats / 5..=repeats).contains(&most), "{loss}: {most} of {repeats} repeats");
             }
             let (tries, mut over) = (passage.more_tries(2, 1) + 1, 0);
             for _ in 0..20_000 {
