@@ -46,8 +46,8 @@ Examples:
   metamorph clean                                        remove what killed runs left behind
 
 A file that a command writes appears at its end and as a whole; it must be no other file that the command
-reads or writes. If standard output cannot be written, the exit code is 1; that whoever reads it has closed
-it (`| head`) is no error.
+reads or writes. If standard output cannot be written, the exit code is 1; a reader that closes it early
+(`| head`) is no error.
 
 Logs go to standard error; -v, -vv and -vvv show more, and METAMORPH_LOG takes filters such as
 `metamorph_world_controller=debug`.";

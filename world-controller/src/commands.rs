@@ -183,7 +183,7 @@ fn refuse(error: &clap::Error, args: &[OsString]) -> u8 {
     BAD_USAGE
 }
 
-/// The exit code, unless standard output could not be written: then nobody has seen what it stands for.
+/// The exit code, unless standard output could not be written: then what it stands for was not seen.
 fn unless_out_failed(code: u8) -> u8 {
     let Some(why) = terminal::failure() else { return code };
     complain(&format!(
@@ -360,7 +360,7 @@ impl Show {
             finish(scene, plan, report, journal);
         }
         let channel = Channel::beside(json.is_out(), quiet);
-        // Whoever reads it here is where the command was typed.
+        // The terminal is where the command was typed; the report goes elsewhere.
         let here = Report { repeat: plan.repeat_here(), ..report.clone() };
         channel.say(&human(&here, channel.paint()));
         // Each is written even if the other cannot be.

@@ -358,7 +358,7 @@ fn stream(path: &Path) -> io::Result<File> {
 /// Where the numbers of a command go as JSON: `--json FILE|-`.
 #[derive(Debug)]
 pub enum Json {
-    /// Nobody asked for them.
+    /// They are not wanted.
     Nowhere,
     /// To standard output.
     Out,

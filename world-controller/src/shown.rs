@@ -52,7 +52,7 @@ impl Shown for str {
     }
 }
 
-/// One line of at most so many characters, and a sign if there are more.
+/// One line of at most `most` characters, with an ellipsis if there are more.
 pub fn line(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         None => escape(text, |_| false).into_owned(),

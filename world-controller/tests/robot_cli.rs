@@ -138,7 +138,7 @@ fn a_posture_is_drawn() {
     assert!(text(&format!("svg single 10 20 30 --out {}", file.display())).contains("drawn to"));
     assert!(std::fs::read_to_string(&file).unwrap().starts_with("<svg"));
     let output = run("svg single 0 0 0 --out /proc/none/x.svg");
-    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("/proc/none/x.svg"));
 }
 

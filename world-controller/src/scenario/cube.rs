@@ -158,6 +158,17 @@ fn goal_cells(goal: &RawGoal, layout: &mut Layout, problems: &mut Problems) -> O
 
 /// The sum of the sides of the box around all cells; none if that box is too large to keep in memory.
 fn check_box<'c>(cells: impl Iterator<Item = &'c Cell>, problems: &mut Problems) -> Option<u64> {
+    let sides = sides(cells);
+    let volume = sides.iter().product();
+    if volume > MAX_VOLUME {
+        problems.add(Place::File, Flaw::TooWide(volume));
+        return None;
+    }
+    Some(sides.iter().sum())
+}
+
+/// The sides of the box around cells.
+fn sides<'c>(cells: impl Iterator<Item = &'c Cell>) -> [u64; 3] {
     let mut bounds: Option<([i16; 3], [i16; 3])> = None;
     for cell in cells {
         let at: [i16; 3] = (*cell).into();
@@ -168,13 +179,7 @@ fn check_box<'c>(cells: impl Iterator<Item = &'c Cell>, problems: &mut Problems)
         }
     }
     let (min, max) = bounds.unwrap_or_default();
-    let side = |axis: usize| u64::from(max[axis].abs_diff(min[axis])) + 1;
-    let volume = side(0) * side(1) * side(2);
-    if volume > MAX_VOLUME {
-        problems.add(Place::File, Flaw::TooWide(volume));
-        return None;
-    }
-    Some(side(0) + side(1) + side(2))
+    [0, 1, 2].map(|axis: usize| u64::from(max[axis].abs_diff(min[axis])) + 1)
 }
 
 /// Compiles one goal after the other. A goal is judged only if the one before could be compiled,
@@ -186,8 +191,15 @@ fn compile_goals(
     problems: &mut Problems,
 ) -> Vec<Goal> {
     let mut goals: Vec<Goal> = Vec::new();
+    let mut volume = 0;
     for (goal, shape) in raw.iter().zip(shapes) {
         let (Some(shape), Some(at)) = (shape, &goal.shape) else { break };
+        // A goal has a table of the box around it.
+        volume += sides(shape.iter()).iter().product::<u64>();
+        if volume > MAX_VOLUME {
+            problems.add(at.place.clone(), Flaw::TooWide(volume));
+            break;
+        }
         let too_few = |goal| Flaw::TooFewModules { goal, modules: start.len() };
         if goal.growth == Growth::Solid && shape.len() > start.len() {
             // Compiling a goal that is too large takes long.

@@ -30,7 +30,7 @@ pub const MAX_FLOOR: u16 = 256;
 pub const MAX_HEARING: u64 = 64;
 /// The largest file that is read as a scenario, in bytes.
 pub const MAX_BYTES: u64 = 16 << 20;
-/// The most cells of the box around the start and all goals.
+/// The most cells of the box around the start and all goals, and of the boxes around each goal together.
 pub const MAX_VOLUME: u64 = 64_000_000;
 /// The most cells that the boxes around all parts of all shapes of a scenario may have together.
 pub const MAX_LAID_OUT: u64 = 24_000_000;
@@ -171,7 +171,9 @@ pub enum Flaw {
     #[error("laying out the shapes up to this one means looking at {0} cells; {MAX_LAID_OUT} is the most")]
     TooMuch(u64),
     /// A world too wide.
-    #[error("the box around the start and the goals has {0} cells; {MAX_VOLUME} is the most")]
+    #[error(
+        "the box around the start and the goals, or those around each goal together, have {0} cells; {MAX_VOLUME} is the most"
+    )]
     TooWide(u64),
     /// A swarm too large.
     #[error("the swarm has {0} modules; {MAX_MODULES} is the most")]
