@@ -19,6 +19,7 @@ use crate::scenario::{LinkKind, Overrides, Plan, read_file};
 use crate::simulated::run_simulated;
 use crate::solid::shape::{ShapeError, shape};
 use crate::stopwatch::Stopwatch;
+use crate::swarm;
 use crate::sweep::{SweepError, sweep};
 use crate::terminal::{Channel, Live, complain, print_out};
 use crate::view::scene::Scene;
@@ -80,6 +81,9 @@ enum Failure {
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(std::io::Error),
+    /// What a killed controller has left cannot be removed.
+    #[error("what a killed controller has left cannot be removed: {0}")]
+    Watch(std::io::Error),
     /// The process link failed.
     #[error(transparent)]
     Processes(#[from] processes::ProcessError),
@@ -126,15 +130,19 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Shape(error) if error.is_input() => BAD_USAGE,
+            Failure::Export(ExportError::Interrupted { .. }) => Outcome::Aborted.exit_code(),
             Failure::Export(error) if error.is_input() => BAD_USAGE,
             Failure::Shape(_) | Failure::Sweep(_) | Failure::Export(_) | Failure::Explore(_) => FAILED,
             Failure::Input(_) | Failure::Unwritable { .. } | Failure::Journal(_) | Failure::Replay(_) => {
                 BAD_USAGE
             }
             Failure::NoJournal(_) => BAD_USAGE,
-            Failure::Report { .. } | Failure::Pages { .. } | Failure::Signals(_) => FAILED,
+            Failure::Report { .. } | Failure::Pages { .. } | Failure::Signals(_) | Failure::Watch(_) => {
+                FAILED
+            }
             Failure::Processes(_) | Failure::Server(_) => FAILED,
             Failure::Bench(BenchError::Json { .. }) => BAD_USAGE,
+            Failure::Bench(BenchError::Interrupted(_)) => Outcome::Aborted.exit_code(),
             Failure::Bench(_) | Failure::BenchPart(_) => FAILED,
         }
     }
@@ -164,7 +172,10 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
     };
     log_to_stderr(line.verbose);
-    match carry_out(line.command, since) {
+    let carried_out = Interrupt::listen()
+        .map_err(Failure::Signals)
+        .and_then(|interrupt| carry_out(line.command, since, &interrupt));
+    match carried_out {
         Ok(code) => ExitCode::from(code),
         Err(failure) => {
             complain(&failure.to_string());
@@ -179,22 +190,25 @@ fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
         [_, agent, dashes, rest @ ..] if agent == "agent" && dashes == "--" => {
             Some(processes::agent(rest).map_err(Failure::from))
         }
+        [_, watch, root] if watch == swarm::WATCH => {
+            Some(swarm::watch(Path::new(root)).map_err(Failure::Watch))
+        }
         [_, part, rest @ ..] if part == bench::SUBCOMMAND => Some(bench::part(rest).map_err(Failure::from)),
         _ => None,
     }
 }
 
-fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
+fn carry_out(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     match command {
-        Command::Run(args) => run(args, since),
-        Command::View(args) => view(args, since),
+        Command::Run(args) => run(args, since, interrupt),
+        Command::View(args) => view(args, since, interrupt),
         Command::Check(args) => {
             let (path, overrides) = args.plan.into();
             print_out(&overview(&plan(&path, &overrides)?));
             Ok(0)
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
-        Command::Resume(args) => resume(args, since),
+        Command::Resume(args) => resume(args, since, interrupt),
         Command::Replay(args) => {
             let quiet = args.quiet;
             let (plan, replayed) = replay(&args.into())?;
@@ -220,7 +234,7 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Export(args) => {
-            print_out(&export(&args)?);
+            print_out(&export(&args, interrupt)?);
             Ok(0)
         }
         Command::Schema(args) => {
@@ -247,11 +261,11 @@ fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
     read_file(path, overrides).map_err(|problems| Failure::Input(problems.to_string()))
 }
 
-fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
+fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
     let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
-    let show = Show::begin(&plan, asked)?;
+    let show = Show::begin(&plan, asked, interrupt)?;
     let mut live = Live::new(!args.quiet);
     let begin = match overrides.link {
         LinkKind::Sim => Keeping::simulated,
@@ -268,11 +282,11 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     show.end(&plan, &report, args.journal.as_deref())
 }
 
-fn resume(args: ResumeArgs, since: Stopwatch) -> Result<u8, Failure> {
+fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     let left = processes::left_behind(&args.file)?;
     let plan = left.plan.clone();
     let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
-    let show = Show::begin(&plan, asked)?;
+    let show = Show::begin(&plan, asked, interrupt)?;
     let mut live = Live::new(!args.quiet);
     let report = processes::resume_processes(left, &mut live, since, show.log(&plan))?;
     drop(live);
@@ -295,12 +309,12 @@ struct Show {
 }
 
 impl Show {
-    fn begin(plan: &Plan, asked: Asked) -> Result<Show, Failure> {
+    fn begin(plan: &Plan, asked: Asked, interrupt: &Interrupt) -> Result<Show, Failure> {
+        interrupt.begin();
         may_write(&asked.json)?;
         if let Some(file) = &asked.html {
             check_writable("--html", "", file)?;
         }
-        let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
         let watched = asked.view || asked.html.is_some();
         let messages = plan.overrides.link == LinkKind::Sim;
         let scene = watched.then(|| Shared::new(Scene::new(plan, messages)));
@@ -308,7 +322,7 @@ impl Show {
             // Standard output is for the report.
             complain(&shown(scene)?);
         }
-        Ok(Show { asked, scene, interrupt })
+        Ok(Show { asked, scene, interrupt: interrupt.clone() })
     }
 
     /// Where records go so that they are seen.
@@ -378,21 +392,22 @@ fn recorded(file: &Path) -> Result<Scene, scribe::ReadError> {
     Ok(scene)
 }
 
-fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
-    let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
+fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     if args.file.extension().is_none_or(|extension| extension != "toml") {
         let scene = recorded(&args.file).map_err(Failure::NoJournal)?;
         for trouble in scene.troubles() {
             complain(&format!("note: {trouble}"));
         }
+        interrupt.begin();
         print_out(&shown(&Shared::new(scene))?);
     } else {
         let file = args.file.clone();
         let plan = plan(&file, &args.overrides())?;
         let scene = Shared::new(Scene::new(&plan, true));
+        interrupt.begin();
         print_out(&shown(&scene)?);
         let scribe = Some(scribe::log(&plan, &scene));
-        let report = run_simulated(&plan, &interrupt, &mut Live::new(true), since, None, scribe);
+        let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, scribe);
         scene.lock().finish(report);
     }
     interrupt.wait();

@@ -9,6 +9,7 @@
 
 mod foxglove;
 
+use crate::interrupt::Interrupt;
 use crate::journal::{Event, HeadError, Journal, JournalError, Record, Wanted, Who, plan_of};
 use crate::report::count;
 use crate::scenario::Swarm;
@@ -58,6 +59,12 @@ pub enum ExportError {
         path: PathBuf,
         /// Why.
         error: std::io::Error,
+    },
+    /// A signal came.
+    #[error("--mcap {}: interrupted; nothing is written there", .path.display())]
+    Interrupted {
+        /// Where.
+        path: PathBuf,
     },
     /// Nor be finished.
     #[error("--mcap {}: the recording could not be written to its end: {error}", .path.display())]
@@ -139,7 +146,7 @@ struct Recording {
 }
 
 /// Writes the recording and says what is in it.
-pub fn export(args: &ExportArgs) -> Result<String, ExportError> {
+pub fn export(args: &ExportArgs, interrupt: &Interrupt) -> Result<String, ExportError> {
     let mut journal = Journal::open(&args.journal)?;
     let plan = plan_of(journal.head())?;
     let cells = |place: &Blob| match &plan.swarm {
@@ -151,12 +158,18 @@ pub fn export(args: &ExportArgs) -> Result<String, ExportError> {
         }
     };
     let path = || args.mcap.clone();
+    interrupt.begin();
     let file = File::create_new(&args.mcap).map_err(|error| ExportError::Create { path: path(), error })?;
     let write = |error| ExportError::Write { path: path(), error };
     let mut recording = Recording::begin(file, Span::millis(args.every.into())).map_err(write)?;
     let mut records = 0;
     for record in journal.by_ref() {
         records += 1;
+        if interrupt.is_set() {
+            // Part of a recording is none.
+            let _ = std::fs::remove_file(&args.mcap);
+            return Err(ExportError::Interrupted { path: path() });
+        }
         recording.take(&record, &cells).map_err(write)?;
     }
     let troubles = journal.troubles();

@@ -113,6 +113,8 @@ pub fn reproduce(request: &Request) -> Result<u8, SweepError> {
     let mut experiments = request.experiments.clone();
     experiments.sort_unstable();
     experiments.dedup();
+    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
+    interrupt.begin();
     let to_stdout = request.json.as_deref() == Some(Path::new("-"));
     let json = request.json.as_deref().filter(|_| !to_stdout);
     if let Some(file) = json {
@@ -124,7 +126,6 @@ pub fn reproduce(request: &Request) -> Result<u8, SweepError> {
         create_directory(dir)?;
     }
     let grid = grid(request.seeds)?;
-    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
     let mut runs = Runs { of: Vec::new() };
     for goal in [Goal::Box, Goal::Chair] {
         if experiments.iter().any(|e| e.goals().contains(&goal)) {

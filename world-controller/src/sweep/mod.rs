@@ -214,6 +214,8 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     let grid = Grid::new(Seeds::parse(&request.seeds)?, vary)?;
     scenario.check(&grid)?;
     let mut tallies = Tallies::new(&grid);
+    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
+    interrupt.begin();
     let (store, done) = match &request.out {
         None => (None, Done::default()),
         Some(dir) => {
@@ -226,7 +228,6 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
             (Some(store), done)
         }
     };
-    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
     let since = Stopwatch::start();
     let before = done.before + done.ahead.len() as u64;
     let jobs = request.jobs;
