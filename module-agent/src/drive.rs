@@ -10,10 +10,12 @@ use crate::inbox::{Inbox, InboxError};
 use crate::journal::{Head, JournalError, Parts, Writer, agent_part};
 use crate::ledger::{Account, Ledger, LedgerError};
 use crate::outbox::{Handed, Outbox};
-use crate::process::{Guard, Identity};
+use crate::process::{Guard, Identity, survive_file_limits};
 use crate::rendezvous::{ChannelError, Rendezvous, set_verbosity};
+use crate::run_name::RunName;
 use crate::runtime::{Contact, Runtime};
 use crate::seat::{Seat, is_marked};
+use crate::space;
 use crate::swarm_file::{SwarmFile, SwarmFileError};
 use crate::uplink::Uplink;
 use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
@@ -68,6 +70,9 @@ pub enum AgentError {
     /// It is not known who controls the run.
     #[error("cannot find out who controls the run in {0}: {1}")]
     Seat(PathBuf, io::Error),
+    /// The inbox has no room in shared memory.
+    #[error("cannot get memory for the inbox of this agent in {0}: {1}; is shared memory full?")]
+    Space(PathBuf, io::Error),
     /// The controller is gone.
     #[error("the controller (process {0}) is gone; an agent does not go on without it")]
     Orphan(i32),
@@ -107,6 +112,8 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     let at = Rendezvous::join(&args.root)?;
     register(args, Some(at.member()))?;
     let inbox = Inbox::create(&at, args.id, args.incarnation, A::PORTS)?;
+    space::allocate(&RunName::of_root(&args.root).map_err(ChannelError::Run)?)
+        .map_err(|e| AgentError::Space(args.root.clone(), e))?;
     let mut uplink =
         Uplink::new(Outbox::to_controller(&at, args.id, seat.generation)?, args.id, args.incarnation);
     let ledger = Ledger::create(&args.root, args.id, args.incarnation)?;
@@ -160,6 +167,9 @@ fn settle_in(verbose: bool) {
     // The program may have set up its own.
     let _ = tracing_subscriber::fmt().with_writer(io::stderr).with_max_level(level).try_init();
     set_verbosity(verbose);
+    if let Err(e) = survive_file_limits() {
+        tracing::debug!("a write beyond the limit of file sizes ends this process: {e}");
+    }
     // The controller carries everybody's traffic, so it comes before its agents.
     if let Err(e) = rustix::process::nice(1) {
         tracing::debug!("priority is unchanged: {e}");

@@ -24,6 +24,8 @@ pub mod rendezvous;
 pub mod run_name;
 pub mod runtime;
 pub mod seat;
+mod service;
+pub mod space;
 pub mod swarm_file;
 pub mod undertaker;
 pub mod uplink;

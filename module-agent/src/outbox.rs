@@ -3,8 +3,12 @@
 
 use crate::packet::Packet;
 use crate::rendezvous::{self, ChannelError, Frames, Notifier, Publisher, Rendezvous, Wakes};
+use crate::space;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::wire::Frame;
+
+/// Bytes of shared memory that the sending end of a channel takes, with room for others who open one.
+const ATTACHING: u64 = 32 << 10;
 
 /// What became of one frame at the sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,6 +44,7 @@ impl Outbox {
     }
 
     fn over(frames: Frames, bell: Wakes) -> Result<Outbox, ChannelError> {
+        space::require(ATTACHING)?;
         let publisher = rendezvous::publish(&frames)?;
         let notifier = rendezvous::ring(&bell)?;
         Ok(Outbox { publisher, notifier, frames, _bell: bell, ring: false })

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;
 use std::str::FromStr;
+use std::sync::Arc;
 
 /// One process of this machine since its last boot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -84,6 +85,12 @@ fn state(stat: &str) -> Option<char> {
 fn start_time(stat: &str) -> Option<u64> {
     // Field 22 of the whole line; the state, field 3, is the first after the name.
     fields(stat)?.nth(22 - 3)?.parse().ok()
+}
+
+/// Makes a write beyond the limit of file sizes (`ulimit -f`) fail with EFBIG, where SIGXFSZ would end this
+/// process. A program that this process starts has the usual behaviour again.
+pub fn survive_file_limits() -> io::Result<()> {
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default()).map(drop)
 }
 
 /// Watches the controller from within an agent, so that no agent outlives it.

@@ -7,11 +7,12 @@
 
 use crate::packet::Packet;
 use crate::run_name::{RunName, RunNameError};
+use crate::service::Svc;
+use crate::space::{self, Full};
 use iceoryx2::port::backpressure_strategy::BackpressureStrategy;
 use iceoryx2::port::{listener, notifier, publisher, subscriber};
 use iceoryx2::prelude::{
     Config, FileName, Node, NodeBuilder, Path as IoxPath, SemanticString, ServiceName, SignalHandlingMode,
-    ipc,
 };
 use iceoryx2::service::builder::{event, publish_subscribe};
 use iceoryx2::service::port_factory;
@@ -20,8 +21,6 @@ use std::path::Path;
 use std::time::Duration;
 use thiserror::Error;
 
-/// Shared memory between processes.
-pub type Svc = ipc::Service;
 /// The sending end of a channel of frames.
 pub type Publisher = publisher::Publisher<Svc, Packet, ()>;
 /// The receiving end of a channel of frames.
@@ -46,6 +45,8 @@ const CONTROLLER_RINGERS: usize = 20_000;
 const REPORTS_DEPTH: usize = 16;
 /// Agents that share one channel to the controller; the cost of joining grows with their number.
 pub const SHARD: u32 = 1_000;
+/// Bytes of shared memory that a member needs to join and to create its channels.
+const JOINING: u64 = 64 << 10;
 /// Waiting for someone else to finish creating a service, on a loaded machine.
 const CREATION_TIMEOUT: Duration = Duration::from_secs(30);
 
@@ -55,6 +56,9 @@ pub enum ChannelError {
     /// The directory is not one of a run.
     #[error(transparent)]
     Run(#[from] RunNameError),
+    /// Too little shared memory is free.
+    #[error(transparent)]
+    Full(#[from] Full),
     /// The node of this process cannot be created.
     #[error("cannot join the run in shared memory: {0:?}; is {home} writable and not full?", home = crate::run_name::HOME)]
     Node(iceoryx2::node::NodeCreationFailure),
@@ -145,6 +149,7 @@ impl Rendezvous {
     /// Joins the run whose directory is `root`.
     pub fn join(root: &Path) -> Result<Rendezvous, ChannelError> {
         let run = RunName::of_root(root)?;
+        space::require(JOINING)?;
         let node = NodeBuilder::new()
             .config(&config(&run))
             .signal_handling_mode(SignalHandlingMode::Disabled)

@@ -9,8 +9,9 @@
 //! Deliberately absent: places at the controller's bell. iceoryx2 looks at everybody who has a bell when one
 //! who rang it has died, so that bell has places enough instead ([`crate::rendezvous`]).
 
-use crate::rendezvous::{self, Svc, is_controller_bell};
+use crate::rendezvous::{self, is_controller_bell};
 use crate::run_name::{HOME, RunName, RunNameError};
+use crate::service::Svc;
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::prelude::{Config, ServiceName, ZeroCopySend, local};
 use iceoryx2::service::Service;

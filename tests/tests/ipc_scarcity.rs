@@ -7,16 +7,20 @@
 
 use metamorph_module_agent::outbox::{Handed, Outbox};
 use metamorph_module_agent::packet::Packet;
+use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::rendezvous::Rendezvous;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::stream::Stream;
 use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{Ran, command, metamorph, module_agent, root, run, scenario};
 use metamorph_world_controller::replay::{Replayed, Request, replay, text};
-use rustix::process::Signal;
+use metamorph_world_controller::swarm::RunDir;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::time::Duration;
 
 fn again(journal: &Path) -> Replayed {
     let request = Request { file: journal.to_owned(), until: None, agent: None };
@@ -91,6 +95,97 @@ fn too_little_shared_memory_is_said_at_once() {
     assert_eq!(ran.code, Some(1), "{ran:?}");
     assert!(ran.err.contains("in /dev/shm, but only") && ran.err.contains("--shm-size"), "{ran:?}");
     assert_eq!(ran.out.trim(), "", "nothing stays: {ran:?}");
+}
+
+/// Something else fills the shared memory while a run is on: the run ends in order and says why.
+#[test]
+fn what_fills_shared_memory_ends_the_run_with_the_reason() {
+    let (program, file) = (metamorph().display(), scenario("swarm.toml"));
+    let script = format!(
+        "timeout 200 {program} run {} --time-scale 1 --json - & pid=$!; \
+         until [ \"$(stat -c %s /dev/shm/mm*/reserve 2>/dev/null)\" = 1048576 ]; do \
+             kill -0 $pid || exit 1; done; \
+         cat /dev/zero >/dev/shm/fill 2>/dev/null; wait $pid; code=$?; ls -A /dev/shm >&2; exit $code",
+        file.display()
+    );
+    let Some(ran) = with_small_disk(Path::new("/dev/shm"), "24m", &script) else { return };
+    assert_eq!(ran.code, Some(7), "{ran:?}");
+    let report = report(&Ran { out: ran.out[ran.out.find('{').unwrap_or_default()..].to_owned(), ..ran });
+    assert_eq!(report["outcome"].as_str(), Some("aborted"), "{report}");
+    assert!(notes(&report).contains("the run was ended: shared memory is full"), "{report}");
+}
+
+/// A limit of file sizes is an error, and not the end by a signal.
+#[test]
+fn a_limit_of_file_sizes_is_said_at_once() {
+    let (program, file) = (metamorph().display(), scenario("swarm.toml"));
+    let script = format!("ulimit -f 1000; exec {program} run {} -q", file.display());
+    let ran: Ran = Command::new("sh").args(["-c", &script]).output().expect("a shell can be started").into();
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    assert!(ran.err.contains("ulimit -f"), "{ran:?}");
+}
+
+/// An agent that dies of a lack of memory is reported so.
+#[test]
+fn an_agent_that_dies_of_sigbus_is_reported_so() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let run = Run::start(&dir.path().join("journal"), &["--time-scale", "5"]);
+    let mut victim = None;
+    wait_until("module 20 to be there", || {
+        victim = root_of(run.pid()).and_then(|root| agent_of(&root, 20, 0));
+        // Not before the run has begun.
+        root_of(run.pid()).is_some_and(|root| begun(&root)) && victim.is_some()
+    });
+    let victim = victim.expect("it was just there");
+    let pid = Pid::from_raw(victim.pid).expect("a pid is not 0");
+    wait_until("it to be dead", || {
+        // The standard library takes the first one, since a fault comes again.
+        let _ = kill_process(pid, Signal::BUS);
+        !victim.is_alive()
+    });
+    let report = report(&run.end());
+    assert!(notes(&report).contains("module 20 died of SIGBUS: shared memory"), "{report}");
+}
+
+/// Whether all agents of a run are up: what was held for them is given back.
+fn begun(root: &Path) -> bool {
+    std::fs::metadata(root.join("reserve")).is_ok_and(|held| held.len() == 1 << 20)
+}
+
+/// Other users can neither read nor write what a run has in shared memory, at any time of it; and nothing of it
+/// has a size without the pages for it, which would end the process that writes there when they run out.
+#[test]
+fn shared_memory_is_private_and_really_there() {
+    for file in ["swarm.toml", "chair.toml"] {
+        let file = scenario(file).display().to_string();
+        let mut command = command(&["run", &file, "--time-scale", "20", "--json", "-"]);
+        module_agent();
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        let run = Run(Some(child.expect("metamorph can be started")));
+        let identity = Identity::of(run.pid()).ok().flatten().expect("it is not waited for yet");
+        let name = RunDir::name_of(identity, 0);
+        let (mut looks, mut segments) = (0, 0);
+        while identity.is_alive() {
+            let on = begun(&name.root());
+            for entry in std::fs::read_dir("/dev/shm").expect("it can be listed").flatten() {
+                let file = entry.file_name().to_string_lossy().into_owned();
+                let Ok(found) = entry.metadata() else { continue };
+                if !file.starts_with(&name.to_string()) {
+                    continue;
+                }
+                assert_eq!(found.mode() & 0o077, 0, "{file} is {:o}", found.mode());
+                // Of what an agent is just making, pages may still be missing.
+                let age = found.modified().ok().and_then(|at| at.elapsed().ok()).unwrap_or_default();
+                if on && found.is_file() && age > Duration::from_secs(1) {
+                    segments += 1;
+                    assert!(found.blocks() * 512 >= found.len(), "{file} has {} pages", found.blocks() / 8);
+                }
+            }
+            looks += 1;
+        }
+        assert!(looks > 10 && segments > 0, "{looks} looks at {segments} segments");
+        assert_built(&run.end());
+    }
 }
 
 /// A run of the command. Asked to end when it is dropped, so that it removes what it has made.

@@ -29,7 +29,8 @@ Exit codes:
   4  livelock: modules move, but no goal cell is filled for longer than the scenario's bound
   5  timeout: the scenario's time was up
   6  unsafe: an invariant broke, such as two modules in one cell
-  7  aborted: stopped by Ctrl-C or SIGTERM; the report is partial";
+  7  aborted: stopped by Ctrl-C, SIGTERM or SIGHUP, or because shared memory ran short; the report,
+     if the run had begun, is partial";
 
 const JOURNAL_EXIT_CODES: &str = "\
   8  a replay differs: something did not come as recorded
@@ -61,7 +62,7 @@ Examples:
 Times are scenario times with a unit: 200ms, 1.5s, 2min. Probabilities are written 5%, 0.05 or 1/20.
 Modules are numbered from 0; `metamorph check SCENARIO` says how many there are.
 
-Ctrl-C ends a run with a partial report; a second Ctrl-C ends it at once.";
+Ctrl-C, SIGTERM or SIGHUP ends a run with a partial report; a second one does not wait for agents.";
 
 const VIEW_EXAMPLES: &str = "\
 Examples:
@@ -75,7 +76,7 @@ listens on the loopback interface only, and lets in only whoever has the whole a
 lists its keys. Ctrl-C ends it.
 
 Exit codes:
-  0  the page was shown until Ctrl-C
+  0  the page was shown until Ctrl-C, SIGTERM or SIGHUP
   1  the program itself failed, for example because there was no port
   2  the command line or the scenario is wrong, or the file is no journal of this version
   9  the journal is damaged; what comes before the damage was shown until Ctrl-C";
@@ -107,14 +108,14 @@ runs and 10,000 combinations.
 Files in DIR: runs.csv has a line for every run, summary.json the numbers of the table, report.html
 shows them. They are the same on every machine and with any number of jobs.
 
-Ctrl-C ends a sweep; with --out every run that was done is kept. A second Ctrl-C ends it at once.
+Ctrl-C ends a sweep; with --out every run that was done is kept.
 
 Exit codes:
   0  every run has ended, however it ended
   1  the program itself failed, for example because a file could not be written
   2  the command line, the scenario or the directory is wrong
   6  an invariant broke in at least one run, such as two modules in one cell
-  7  stopped by Ctrl-C or SIGTERM before every run was done";
+  7  stopped by Ctrl-C, SIGTERM or SIGHUP before every run was done";
 
 const REPRODUCE_EXAMPLES: &str = "\
 Examples:
@@ -134,7 +135,7 @@ Exit codes:
   1  the program itself failed, for example because a file could not be written
   2  the command line or the directory is wrong
   6  an invariant broke in at least one run, such as two modules in one cell
-  7  stopped by Ctrl-C or SIGTERM before every run was done";
+  7  stopped by Ctrl-C, SIGTERM or SIGHUP before every run was done";
 
 const RESUME_EXAMPLES: &str = "\
 Examples:
@@ -254,7 +255,7 @@ Exit codes:
   2  the command line is wrong
   3  a run stood still although there was a way left
   6  an invariant broke, or the program panicked, in at least one run
-  7  stopped by Ctrl-C or SIGTERM, and nothing had failed until then";
+  7  stopped by Ctrl-C, SIGTERM or SIGHUP, and nothing had failed until then";
 
 const CLEAN_EXAMPLES: &str = "\
 Only what belongs to this user and to runs that no longer exist is removed: shared memory, files

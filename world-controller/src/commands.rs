@@ -21,6 +21,7 @@ use crate::shown::Shown;
 use crate::simulated::run_simulated;
 use crate::solid::shape::{ShapeError, shape};
 use crate::stopwatch::Stopwatch;
+use crate::swarm;
 use crate::sweep::{SweepError, sweep};
 use crate::terminal::{self, Channel, Live, complain, note, print_data, print_out};
 use crate::view::scene::Scene;
@@ -64,6 +65,9 @@ enum Failure {
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(std::io::Error),
+    /// What a killed controller has left cannot be removed.
+    #[error("what a killed controller has left cannot be removed: {0}")]
+    Watch(std::io::Error),
     /// The process link failed.
     #[error(transparent)]
     Processes(#[from] processes::ProcessError),
@@ -125,13 +129,15 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Shape(error) if error.is_input() => BAD_USAGE,
+            Failure::Export(ExportError::Interrupted { .. }) => Outcome::Aborted.exit_code(),
             Failure::Export(error) if error.is_input() => BAD_USAGE,
             Failure::Output(error) | Failure::Bench(BenchError::Json(error)) if error.is_input() => BAD_USAGE,
             Failure::Explore(ExploreError::Output(error)) if error.is_input() => BAD_USAGE,
             Failure::Shape(_) | Failure::Sweep(_) | Failure::Export(_) | Failure::Explore(_) => FAILED,
             Failure::Input(_) | Failure::Journal(_) | Failure::Replay(_) | Failure::NoJournal(_) => BAD_USAGE,
-            Failure::Output(_) | Failure::Pages { .. } | Failure::Signals(_) => FAILED,
+            Failure::Output(_) | Failure::Pages { .. } | Failure::Signals(_) | Failure::Watch(_) => FAILED,
             Failure::Processes(_) | Failure::Server(_) => FAILED,
+            Failure::Bench(BenchError::Interrupted(_)) => Outcome::Aborted.exit_code(),
             Failure::Bench(_) | Failure::BenchPart(_) => FAILED,
         }
     }
@@ -157,7 +163,10 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(error) => return ExitCode::from(refuse(&error, &args)),
     };
     log_to_stderr(line.verbose);
-    match carry_out(line.command, since) {
+    let carried_out = Interrupt::listen()
+        .map_err(Failure::Signals)
+        .and_then(|interrupt| carry_out(line.command, since, &interrupt));
+    match carried_out {
         Ok(code) => ExitCode::from(unless_out_failed(code)),
         Err(failure) => {
             complain(&failure.to_string());
@@ -198,22 +207,25 @@ fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
         [_, agent, dashes, rest @ ..] if agent == "agent" && dashes == "--" => {
             Some(processes::agent(rest).map_err(Failure::from))
         }
+        [_, watch, root] if watch == swarm::WATCH => {
+            Some(swarm::watch(Path::new(root)).map_err(Failure::Watch))
+        }
         [_, part, rest @ ..] if part == bench::SUBCOMMAND => Some(bench::part(rest).map_err(Failure::from)),
         _ => None,
     }
 }
 
-fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
+fn carry_out(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     match command {
-        Command::Run(args) => run(args, since),
-        Command::View(args) => view(args, since),
+        Command::Run(args) => run(args, since, interrupt),
+        Command::View(args) => view(args, since, interrupt),
         Command::Check(args) => {
             let (path, overrides) = args.plan.into();
             print_out(&overview(&plan(&path, &overrides)?));
             Ok(0)
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
-        Command::Resume(args) => resume(args, since),
+        Command::Resume(args) => resume(args, since, interrupt),
         Command::Replay(args) => {
             let quiet = args.quiet;
             let (plan, replayed) = replay(&args.into())?;
@@ -242,7 +254,7 @@ fn carry_out(command: Command, since: Stopwatch) -> Result<u8, Failure> {
             Ok(0)
         }
         Command::Export(args) => {
-            print_out(&export(&args)?);
+            print_out(&export(&args, interrupt)?);
             Ok(0)
         }
         Command::Schema(args) => {
@@ -271,7 +283,7 @@ fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
     read_file(path, overrides).map_err(|problems| Failure::Input(problems.to_string()))
 }
 
-fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
+fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
     let mut outputs = Outputs::new();
@@ -282,7 +294,7 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
         outputs.writes("--journal", file)?;
     }
     let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
-    let show = Show::begin(&plan, asked, &mut outputs)?;
+    let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
     let mut live = Live::new(!args.quiet);
     let begin = match overrides.link {
         LinkKind::Sim => Keeping::simulated,
@@ -299,7 +311,7 @@ fn run(args: RunArgs, since: Stopwatch) -> Result<u8, Failure> {
     show.end(&plan, &report, args.journal.as_deref())
 }
 
-fn resume(args: ResumeArgs, since: Stopwatch) -> Result<u8, Failure> {
+fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     let left = processes::left_behind(&args.file)?;
     let plan = left.plan.clone();
     let mut outputs = Outputs::new();
@@ -308,7 +320,7 @@ fn resume(args: ResumeArgs, since: Stopwatch) -> Result<u8, Failure> {
     outputs.reads_directory("a part of the journal,", &parts_of(&args.file));
     outputs.writes("the journal", &args.file)?;
     let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
-    let show = Show::begin(&plan, asked, &mut outputs)?;
+    let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
     let mut live = Live::new(!args.quiet);
     let report = processes::resume_processes(left, &mut live, since, show.log(&plan))?;
     drop(live);
@@ -334,11 +346,16 @@ struct Show {
 }
 
 impl Show {
-    fn begin(plan: &Plan, asked: Asked, outputs: &mut Outputs) -> Result<Show, Failure> {
+    fn begin(
+        plan: &Plan,
+        asked: Asked,
+        outputs: &mut Outputs,
+        interrupt: &Interrupt,
+    ) -> Result<Show, Failure> {
+        interrupt.begin();
         let Asked { json, html, view, quiet } = asked;
         let json = Json::of(json.as_deref(), outputs)?;
         let html = html.map(|file| outputs.writes("--html", &file)).transpose()?;
-        let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
         let watched = view || html.is_some();
         let messages = plan.overrides.link == LinkKind::Sim;
         let scene = watched.then(|| Shared::new(Scene::new(plan, messages)));
@@ -346,7 +363,7 @@ impl Show {
             // Standard output is for the report.
             complain(&address(scene)?);
         }
-        Ok(Show { json, html, view, quiet, scene, interrupt })
+        Ok(Show { json, html, view, quiet, scene, interrupt: interrupt.clone() })
     }
 
     /// Where records go so that they are seen.
@@ -416,8 +433,7 @@ fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scribe::ReadError> {
     Ok((scene, damage))
 }
 
-fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
-    let interrupt = Interrupt::listen().map_err(Failure::Signals)?;
+fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     if args.file.extension().is_none_or(|extension| extension != "toml") {
         let (scene, damage) = recorded(&args.file).map_err(|error| match error {
             scribe::ReadError::Journal(JournalError::Damaged(damage)) => Failure::Damaged(damage),
@@ -426,18 +442,20 @@ fn view(args: ViewArgs, since: Stopwatch) -> Result<u8, Failure> {
         for trouble in scene.troubles() {
             complain(&format!("note: {trouble}"));
         }
+        interrupt.begin();
         print_out(&address(&Shared::new(scene))?);
-        wait_for_end(&interrupt);
+        wait_for_end(interrupt);
         return damage.map_or(Ok(0), |damage| Err(damage.into()));
     }
     let file = args.file.clone();
     let plan = plan(&file, &args.overrides())?;
     let scene = Shared::new(Scene::new(&plan, true));
+    interrupt.begin();
     print_out(&address(&scene)?);
     let scribe = Some(scribe::log(&plan, &scene));
-    let report = run_simulated(&plan, &interrupt, &mut Live::new(true), since, None, scribe);
+    let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, scribe);
     scene.lock().finish(report);
-    wait_for_end(&interrupt);
+    wait_for_end(interrupt);
     Ok(0)
 }
 

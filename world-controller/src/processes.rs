@@ -10,8 +10,8 @@ use crate::scenario::{Plan, Swarm};
 use crate::shown::Shown;
 use crate::stopwatch::Stopwatch;
 use crate::swarm::{
-    CleanError, Crash, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, adopt, clean,
-    resume_swarm, run_swarm,
+    CleanError, Crash, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, WATCH, adopt,
+    clean, resume_swarm, run_swarm,
 };
 use crate::terminal::Live;
 use crate::view::scribe::both;
@@ -147,6 +147,7 @@ pub fn resume_processes(
 }
 
 fn options<R: Runnable>(plan: &Plan, parts: Option<&Parts>) -> Result<SwarmOptions, ProcessError> {
+    let program = std::env::current_exe().map_err(ProcessError::Program)?;
     Ok(SwarmOptions {
         // `--` keeps the agent's arguments from being read as options of this program.
         program_args: vec!["agent".into(), "--".into(), R::FAMILY.name().into()],
@@ -155,8 +156,9 @@ fn options<R: Runnable>(plan: &Plan, parts: Option<&Parts>) -> Result<SwarmOptio
         link: plan.link.clone(),
         // A swarm ends at once if it is interrupted while it is being set up.
         catch_signals: true,
+        watcher: Some((program.clone(), vec![WATCH.into()])),
         journal: parts.cloned(),
-        ..SwarmOptions::new(std::env::current_exe().map_err(ProcessError::Program)?)
+        ..SwarmOptions::new(program)
     })
 }
 
@@ -298,7 +300,9 @@ fn notes(outcome: &SwarmOutcome) -> Vec<String> {
         let said = if tail.is_empty() { String::new() } else { format!("; it said: {tail}") };
         format!("module {} {} at {} although nobody had asked it to{said}", c.id, c.how, c.at)
     };
-    let mut notes: Vec<String> = outcome.crashes.iter().map(crash).collect();
+    let mut notes: Vec<String> =
+        outcome.shortage.iter().map(|why| format!("the run was ended: {why}")).collect();
+    notes.extend(outcome.crashes.iter().map(crash));
     notes.extend(
         outcome.missing_ledgers.iter().map(|why| format!("messages are missing from the counts: {why}")),
     );

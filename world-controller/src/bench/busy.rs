@@ -36,14 +36,15 @@ pub struct Row {
     pub unix_socket_per_s: f64,
 }
 
-/// All numbers of tokens.
-pub fn measure(live: &mut Live) -> Result<Vec<Row>, BenchError> {
+/// All numbers of tokens, as long as `on` lets it.
+pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Result<Vec<Row>, BenchError> {
     let mut rows = Vec::new();
     for tokens in TOKENS {
         live.show(|| format!("busy: {MEMBERS} processes, {tokens} tokens"));
         let (mut ours, mut socket) = (Vec::new(), Vec::new());
         // Taken in turns, so that what else the machine does meets both.
         for _ in 0..TIMES {
+            on()?;
             ours.push(ring(Mechanism::Ours, tokens)?);
             socket.push(ring(Mechanism::UnixSocket, tokens)?);
         }

@@ -18,6 +18,7 @@ mod wire;
 
 pub use part::{PartError, SUBCOMMAND, part};
 
+use crate::interrupt::Interrupt;
 use crate::output::{OutputError, Outputs};
 use crate::processes::ProcessError;
 use crate::shown::{self, Shown};
@@ -76,6 +77,12 @@ pub enum BenchError {
     /// The other process did not do its part.
     #[error("bench: the other process {0}")]
     Part(String),
+    /// A signal came.
+    #[error("bench: interrupted; nothing is written to {}", .0.display())]
+    Interrupted(PathBuf),
+    /// Signals cannot be caught.
+    #[error("cannot listen for Ctrl-C: {0}")]
+    Signals(std::io::Error),
     /// A run did not come to what it should have come to, so that its times mean nothing.
     #[error("bench: {0}")]
     Wrong(String),
@@ -145,6 +152,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
     };
     channel.say(&text::machine(&results.machine));
     let mut live = Live::new(!request.quiet);
+    let interrupt = Interrupt::listen().map_err(BenchError::Signals)?;
     if wanted(Name::Flood) {
         results.flood = flood::measure(most, &mut live)?;
         channel.say(&text::flood(&results.flood, paint));
@@ -158,22 +166,29 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         results.chairs = chairs::measure(chairs::RUNS, &mut live)?;
         channel.say(&text::chairs(&results.chairs, paint));
     }
+    // From here on there are processes and shared memory.
+    interrupt.begin();
+    let on = || if interrupt.is_set() { Err(BenchError::Interrupted(request.json.clone())) } else { Ok(()) };
     if wanted(Name::Wire) {
-        results.wire = wire::measure(&mut live)?;
+        results.wire = wire::measure(&mut live, &on)?;
         channel.say(&text::wire(&results.wire, paint));
-        results.busy = busy::measure(&mut live)?;
+        results.busy = busy::measure(&mut live, &on)?;
         channel.say(&text::busy(&results.busy, paint));
     }
     if wanted(Name::Swarm) {
-        let swarms = swarm::measure(most, &mut live)?;
+        // A swarm that is interrupted comes to less than it should.
+        let swarms = swarm::measure(most, &mut live).or_else(|e| on().and(Err(e)))?;
         channel.say(&text::swarm(&swarms, paint));
         results.swarm = Some(swarms);
     }
     if wanted(Name::Churn) {
-        let churn = churn::measure(if most < 1_000 { 4 } else { 10 }, &mut live)?;
+        on()?;
+        let churn = churn::measure(if most < 1_000 { 4 } else { 10 }, &mut live);
+        let churn = churn.or_else(|e| on().and(Err(e)))?;
         channel.say(&text::churn(&churn, paint));
         results.churn = Some(churn);
     }
+    on()?;
     json.write(shown::json(&results) + "\n")?;
     channel.say(&format!("the numbers are in {}", request.json.shown()));
     Ok(0)

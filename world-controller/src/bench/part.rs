@@ -8,6 +8,7 @@ use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::{AgentArgs, AgentError, run};
 use metamorph_sim_bridge::flood::Flooded;
 use std::ffi::OsString;
+use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
 use thiserror::Error;
 
@@ -35,6 +36,8 @@ pub enum PartError {
 
 /// Plays a part.
 pub fn part(args: &[OsString]) -> Result<(), PartError> {
+    // A part without the measurement that it belongs to would go on for ever.
+    let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL));
     let texts: Vec<&str> = args.iter().filter_map(|a| a.to_str()).collect();
     match texts.as_slice() {
         ["flood", side] => {
@@ -61,7 +64,8 @@ pub fn part(args: &[OsString]) -> Result<(), PartError> {
 pub fn command(args: &[&str]) -> Result<Command, BenchError> {
     let program = std::env::current_exe().map_err(ProcessError::Program)?;
     let mut command = Command::new(program);
-    command.arg(SUBCOMMAND).args(args).stdin(Stdio::null());
+    // Ctrl-C reaches only the measurement, which ends its parts.
+    command.arg(SUBCOMMAND).args(args).stdin(Stdio::null()).process_group(0);
     Ok(command)
 }
 

@@ -133,8 +133,8 @@ pub struct Row {
     pub waiting: Cost,
 }
 
-/// All mechanisms.
-pub fn measure(live: &mut Live) -> Result<Vec<Row>, BenchError> {
+/// All mechanisms, as long as `on` lets it.
+pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Result<Vec<Row>, BenchError> {
     rendezvous::set_verbosity(false);
     let before = sched_getaffinity(None).ok();
     let roam = || {
@@ -149,6 +149,7 @@ pub fn measure(live: &mut Live) -> Result<Vec<Row>, BenchError> {
             live.show(|| format!("wire: {}, {}", mechanism.name(), mode.name()));
             // The other process starts where this one may run.
             roam();
+            on()?;
             between_processes(mechanism, mode)
         };
         rows.push(Row {

@@ -180,6 +180,7 @@ pub fn make_small(
 /// Does what was asked for, and gives the exit code.
 pub fn explore(request: &Request) -> Result<u8, ExploreError> {
     let interrupt = Interrupt::listen().map_err(ExploreError::Signals)?;
+    interrupt.begin();
     // Small enough to be typed again, large enough to be new.
     let seed = request.seed.unwrap_or_else(|| RandomState::new().hash_one(0) >> 28);
     let mut outputs = Outputs::new();

@@ -9,6 +9,7 @@
 
 mod foxglove;
 
+use crate::interrupt::Interrupt;
 use crate::journal::{Event, HeadError, Journal, JournalError, Record, Wanted, Who, plan_of};
 use crate::output::{OutputError, Outputs};
 use crate::report::count;
@@ -25,7 +26,7 @@ use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -56,6 +57,12 @@ pub enum ExportError {
     /// The recording cannot go where it shall.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// A signal came.
+    #[error("--mcap {}: interrupted; nothing is written there", .path.shown())]
+    Interrupted {
+        /// Where.
+        path: PathBuf,
+    },
     /// The recording cannot be finished.
     #[error("--mcap {}: the recording could not be written to its end: {error}", .path.shown())]
     Write {
@@ -140,7 +147,7 @@ struct Recording {
 }
 
 /// Writes the recording and says what is in it.
-pub fn export(args: &ExportArgs) -> Result<String, ExportError> {
+pub fn export(args: &ExportArgs, interrupt: &Interrupt) -> Result<String, ExportError> {
     let output = Outputs::new().creates("--mcap", &args.mcap)?;
     let mut journal = Journal::open(&args.journal)?;
     let plan = plan_of(journal.head())?;
@@ -153,18 +160,19 @@ pub fn export(args: &ExportArgs) -> Result<String, ExportError> {
         }
     };
     let path = || args.mcap.clone();
+    interrupt.begin();
     let write = |error| ExportError::Write { path: path(), error };
     let draft = output.begin()?;
     let file = draft.handle().map_err(|error| write(error.into()))?;
     let mut recording = Recording::begin(file, Span::millis(args.every.into())).map_err(write)?;
     let mut records = 0;
     for record in journal.by_ref() {
-        let record = record.map_err(|damage| {
-            // Half a recording would look like a whole one.
-            let _ = fs::remove_file(&args.mcap);
-            JournalError::from(damage)
-        })?;
+        // Half a recording would look like a whole one, so what is begun takes its name at the end.
+        let record = record.map_err(JournalError::from)?;
         records += 1;
+        if interrupt.is_set() {
+            return Err(ExportError::Interrupted { path: path() });
+        }
         recording.take(&record, &cells).map_err(write)?;
     }
     let troubles = journal.troubles();

@@ -115,6 +115,8 @@ pub fn reproduce(request: &Request) -> Result<u8, SweepError> {
     let mut experiments = request.experiments.clone();
     experiments.sort_unstable();
     experiments.dedup();
+    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
+    interrupt.begin();
     let mut outputs = Outputs::new();
     let page = match &request.out {
         Some(dir) => {
@@ -125,7 +127,6 @@ pub fn reproduce(request: &Request) -> Result<u8, SweepError> {
     };
     let json = Json::of(request.json.as_deref(), &mut outputs)?;
     let grid = grid(request.seeds)?;
-    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
     let mut runs = Runs { of: Vec::new() };
     for goal in [Goal::Box, Goal::Chair] {
         if experiments.iter().any(|e| e.goals().contains(&goal)) {

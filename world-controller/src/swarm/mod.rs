@@ -11,9 +11,11 @@ mod conduct;
 mod links;
 mod meter;
 mod outcome;
+mod reserve;
 mod resume;
 mod run_dir;
 mod supervise;
+mod watch;
 
 pub use agents::Letter;
 pub use links::descriptor_limit;
@@ -22,24 +24,27 @@ pub use outcome::{Crash, SwarmError, SwarmOutcome};
 pub use resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
 pub use run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
 pub use supervise::Shutdown;
+pub use watch::{SUBCOMMAND as WATCH, watch};
 
+use crate::interrupt::Interrupt;
 use crate::swarm::burials::Burials;
 use crate::swarm::conduct::Conductor;
 use crate::swarm::links::raise_descriptor_limit;
+use crate::swarm::reserve::Reserve;
 use crate::swarm::supervise::{Launch, Supervisor};
+use crate::swarm::watch::Watch;
 use metamorph_module_agent::clock::{Speed, monotonic};
 use metamorph_module_agent::inbox::Inbox;
 use metamorph_module_agent::journal::Parts;
 use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::rendezvous::{Rendezvous, SHARD, set_verbosity};
-use metamorph_module_agent::run_name::HOME;
 use metamorph_module_agent::seat::Seat;
+use metamorph_module_agent::space;
 use metamorph_module_agent::swarm_file::SwarmFile;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::link::LinkModel;
 use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::world::World;
-use rustix::fs::statvfs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
@@ -63,8 +68,11 @@ pub struct SwarmOptions {
     pub verbose: bool,
     /// Asks the swarm to end before its director does.
     pub shutdown: Shutdown,
-    /// Whether SIGINT, SIGTERM and SIGHUP ask the swarm to end.
+    /// Whether SIGINT, SIGTERM and SIGHUP ask the swarm to end, see [`Interrupt`].
     pub catch_signals: bool,
+    /// A program and its arguments that carry out [`watch`]: it removes what this process leaves in shared
+    /// memory if it is killed. Without it, the next run does.
+    pub watcher: Option<(PathBuf, Vec<OsString>)>,
     /// Where agents write their parts of the journal, if one is kept.
     pub journal: Option<Parts>,
     /// How long agents wait for a controller to come back after theirs was killed. Zero without a
@@ -90,6 +98,7 @@ impl SwarmOptions {
             verbose: false,
             shutdown: Shutdown::new(),
             catch_signals: false,
+            watcher: None,
             journal: None,
             patience: Duration::ZERO,
             root: Arc::default(),
@@ -105,9 +114,6 @@ pub const MODULE_LIMIT: usize = 16_000;
 /// Dead agents of one shard that may wait to be buried while others are started in their place. A restart
 /// beyond that fails, and is reported as a crash that says so.
 const UNBURIED: usize = 1_000;
-/// Bytes of shared memory for each agent, and for the run; twice what was measured.
-const SPACE: (u64, u64) = (200 << 10, 8 << 20);
-
 /// Runs a swarm until its director finishes it or a shutdown is asked for, and leaves nothing
 /// behind: no process, no shared memory, no file. What earlier runs of this user left when they
 /// were killed is removed first.
@@ -128,15 +134,14 @@ where
     if count == 0 || count > MODULE_LIMIT {
         return Err(SwarmError::Size(count));
     }
-    raise_descriptor_limit(count as u64)?;
-    set_verbosity(options.verbose);
-    let begun = monotonic();
+    let begun = begin(options, count)?;
     if let Err(e) = clean() {
         tracing::warn!("what earlier runs left behind could not be removed: {e}");
     }
-    check_space(count as u64)?;
     // Dropped in reverse: first the supervisor, which ends all processes, then channels, then files.
-    let dir = RunDir::create()?;
+    let mut dir = RunDir::create()?;
+    watch_over(&mut dir, options)?;
+    let mut reserve = Reserve::take(dir.root(), count as u64)?;
     options.root.get_or_init(|| dir.root().to_owned());
     SwarmFile {
         count: count as u32,
@@ -149,10 +154,13 @@ where
     }
     .write(dir.root())?;
     let seat = take_seat(&dir, 0)?;
+    reserve.release_own();
     let at = Rendezvous::join(dir.root())?;
     let (inbox, supervisor) = attach(options, &dir, &at, seat, count)?;
     let burials = Burials::start(dir.root())?;
-    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, burials, world, director, begun);
+    let mut conductor =
+        Conductor::new(options, &dir, &at, inbox, supervisor, burials, world, director, begun);
+    conductor.reserve = reserve;
     conductor.run()
 }
 
@@ -169,10 +177,10 @@ where
     W: World,
     D: Direct<W>,
 {
-    let (count, begun) = (world.len(), monotonic());
-    raise_descriptor_limit(count as u64)?;
-    set_verbosity(options.verbose);
-    let Adopted { dir, epoch } = adopted;
+    let count = world.len();
+    let begun = begin(options, count)?;
+    let Adopted { mut dir, epoch } = adopted;
+    watch_over(&mut dir, options)?;
     options.root.get_or_init(|| dir.root().to_owned());
     let before = Seat::read(dir.root()).map_err(SwarmError::Identity)?;
     let at = Rendezvous::join(dir.root())?;
@@ -181,8 +189,29 @@ where
     let (inbox, supervisor) = attach(options, &dir, &at, next, count)?;
     take_seat(&dir, next.generation)?;
     let burials = Burials::start(dir.root())?;
-    let conductor = Conductor::new(options, &dir, &at, inbox, supervisor, burials, world, director, begun);
+    let mut conductor =
+        Conductor::new(options, &dir, &at, inbox, supervisor, burials, world, director, begun);
+    conductor.reserve = Reserve::left(dir.root());
     conductor.go_on(epoch, resumption)
+}
+
+/// What comes before a swarm has anything. Returns when that was.
+fn begin(options: &SwarmOptions, count: usize) -> Result<u64, SwarmError> {
+    if options.catch_signals {
+        let interrupt = Interrupt::listen().map_err(SwarmError::Signals)?;
+        interrupt.begin();
+        interrupt.pass_on(&options.shutdown);
+    }
+    raise_descriptor_limit(count as u64)?;
+    set_verbosity(options.verbose);
+    Ok(monotonic())
+}
+
+fn watch_over(dir: &mut RunDir, options: &SwarmOptions) -> Result<(), SwarmError> {
+    let Some((program, args)) = &options.watcher else { return Ok(()) };
+    let watch = Watch::start(program, args, dir.root()).map_err(SwarmError::Watcher)?;
+    dir.keep(watch);
+    Ok(())
 }
 
 fn take_seat(dir: &RunDir, generation: u32) -> Result<Seat, SwarmError> {
@@ -202,27 +231,13 @@ fn attach(
     let shards = (count as u32).div_ceil(SHARD);
     let senders = count.min(SHARD as usize) + UNBURIED;
     let inbox = Inbox::create_for_controller(at, seat.generation, shards, senders)?;
+    space::allocate(dir.name()).map_err(|e| reserve::refused_own(e))?;
     let launch = Launch {
         program: options.program.clone(),
         args: options.program_args.clone(),
         root: dir.root().to_owned(),
         generation: seat.generation,
         verbose: options.verbose,
-        catch_signals: options.catch_signals,
     };
     Ok((inbox, Supervisor::start(launch, options.shutdown.clone())?))
-}
-
-/// Shared memory that runs out kills whoever touches it next, so it is looked at beforehand;
-/// containers often have 64 MB of it.
-fn check_space(agents: u64) -> Result<(), SwarmError> {
-    let needed = agents * SPACE.0 + SPACE.1;
-    match statvfs(HOME) {
-        Ok(fs) if fs.f_bavail.saturating_mul(fs.f_frsize) < needed => {
-            let available = fs.f_bavail.saturating_mul(fs.f_frsize);
-            Err(SwarmError::Space { needed: needed >> 20, available: available >> 20 })
-        }
-        Ok(_) => Ok(()),
-        Err(e) => Err(SwarmError::NoSharedMemory(e.into())),
-    }
 }

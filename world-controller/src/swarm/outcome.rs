@@ -65,6 +65,8 @@ pub struct SwarmOutcome {
     pub unrecorded: u64,
     /// Whether a shutdown was asked for before the director had finished.
     pub interrupted: bool,
+    /// Why the swarm was ended before, if shared memory ran short.
+    pub shortage: Option<String>,
 }
 
 /// Why a swarm could not be run.
@@ -86,13 +88,25 @@ pub enum SwarmError {
         why: io::Error,
     },
     /// Not enough shared memory.
-    #[error("this swarm needs about {needed} MB in {home}, but only {available} MB are free; give it more (docker: --shm-size) or use fewer modules", home = metamorph_module_agent::run_name::HOME)]
+    #[error("this swarm needs about {needed} MB in {home}, but only {available} MB are free; give it more (mount -o remount,size=..., docker: --shm-size) or use fewer modules", home = metamorph_module_agent::run_name::HOME)]
     Space {
         /// How many megabytes.
         needed: u64,
         /// How many are free.
         available: u64,
     },
+    /// Files may not become large enough.
+    #[error("this swarm needs files of {needed} kB in {home}, and the limit of file sizes (ulimit -f) is lower; raise it or use fewer modules", home = metamorph_module_agent::run_name::HOME)]
+    FileSize {
+        /// How many kilobytes.
+        needed: u64,
+    },
+    /// Signals cannot be caught.
+    #[error("cannot listen for Ctrl-C: {0}")]
+    Signals(io::Error),
+    /// The process that watches over this one cannot be started.
+    #[error("cannot start the process that cleans up if this one is killed: {0}")]
+    Watcher(io::Error),
     /// No shared memory at all.
     #[error("cannot use {home}: {0}; processes need it to talk to each other", home = metamorph_module_agent::run_name::HOME)]
     NoSharedMemory(io::Error),

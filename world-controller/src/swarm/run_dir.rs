@@ -7,6 +7,7 @@
 //! Shared-memory files of a run lie beside it and start with its name and an underscore. The directory goes last, so that
 //! what a killed cleaner leaves is found by the next.
 
+use crate::swarm::watch::Watch;
 use metamorph_module_agent::ledger;
 use metamorph_module_agent::pid_directory;
 use metamorph_module_agent::process::Identity;
@@ -77,21 +78,21 @@ pub struct RunDir {
     name: RunName,
     root: PathBuf,
     _lock: File,
+    /// Told that everything is removed after it is.
+    watch: Option<Watch>,
 }
 
 impl RunDir {
     /// Makes the directory of a new run.
     pub fn create() -> Result<RunDir, RunDirError> {
         let me = Identity::own().map_err(|e| RunDirError::Create("/proc".into(), e))?;
-        let user = geteuid().as_raw();
         for _ in 0..NAMES_TRIED {
-            let salt = (me.pid as u64) << 40 ^ me.start << 8 ^ RUNS.fetch_add(1, Ordering::Relaxed);
-            let name = RunName::new(user, salt);
+            let name = RunDir::name_of(me, RUNS.fetch_add(1, Ordering::Relaxed));
             let part = Path::new(HOME).join(format!("{name}~{}.{}", me.pid, me.start));
             let lock = prepare(&part, me).map_err(|e| RunDirError::Create(part.clone(), e))?;
             let root = name.root();
             match fs::rename(&part, &root) {
-                Ok(()) => return Ok(RunDir { name, root, _lock: lock }),
+                Ok(()) => return Ok(RunDir { name, root, _lock: lock, watch: None }),
                 Err(e) => {
                     let _ = fs::remove_dir_all(&part);
                     if !matches!(e.kind(), io::ErrorKind::DirectoryNotEmpty | io::ErrorKind::AlreadyExists) {
@@ -101,6 +102,12 @@ impl RunDir {
             }
         }
         Err(RunDirError::Names)
+    }
+
+    /// What a process of this user calls its runs, by how many it has begun before.
+    pub fn name_of(controller: Identity, before: u64) -> RunName {
+        let salt = (controller.pid as u64) << 40 ^ controller.start << 8 ^ before;
+        RunName::new(geteuid().as_raw(), salt)
     }
 
     /// Takes over the directory of a run whose controller is dead.
@@ -115,7 +122,17 @@ impl RunDir {
         let me = Identity::own().map_err(|e| RunDirError::Create("/proc".into(), e))?;
         let line = me.to_line();
         owner.set_len(line.len() as u64).and_then(|()| owner.write_all(line.as_bytes())).map_err(gone)?;
-        Ok(RunDir { name, root, _lock: owner })
+        Ok(RunDir { name, root, _lock: owner, watch: None })
+    }
+
+    /// Keeps what watches over the run until its files are removed.
+    pub fn keep(&mut self, watch: Watch) {
+        self.watch = Some(watch);
+    }
+
+    /// What the run is called.
+    pub fn name(&self) -> &RunName {
+        &self.name
     }
 
     /// The directory.
@@ -152,6 +169,11 @@ fn prepare(part: &Path, me: Identity) -> io::Result<File> {
     Ok(owner)
 }
 
+/// The controller of the run in `root`, alive or dead.
+pub fn owner(root: &Path) -> Option<Identity> {
+    fs::read_to_string(root.join(OWNER)).ok()?.parse().ok()
+}
+
 /// Whether a live controller holds the lock of this run.
 fn is_locked(root: &Path) -> bool {
     File::open(root.join(OWNER)).is_ok_and(|owner| {
@@ -160,7 +182,7 @@ fn is_locked(root: &Path) -> bool {
 }
 
 /// Whether agents of this run still wait. Stopped ones cannot end by themselves, so they do not count.
-fn is_awaited(root: &Path) -> bool {
+pub fn is_awaited(root: &Path) -> bool {
     is_marked(root) && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
 }
 
@@ -189,10 +211,7 @@ pub fn clean() -> Result<CleanReport, CleanError> {
         let (run, owner) = match name.split_once('~') {
             // Under preparation: the name says by whom. It has no shared memory yet.
             Some((run, by)) => (run, by.replacen('.', " ", 1).parse::<Identity>().ok()),
-            None => {
-                let text = fs::read_to_string(entry.path().join(OWNER)).unwrap_or_default();
-                (name.as_str(), text.parse().ok())
-            }
+            None => (name.as_str(), owner(&entry.path())),
         };
         if RunName::parse(run).is_err() {
             continue;

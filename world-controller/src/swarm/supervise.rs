@@ -5,12 +5,16 @@
 //! process groups of their own, so that Ctrl-C reaches only the controller.
 
 use crate::swarm::outcome::SwarmError;
+use crate::swarm::reserve::SCARCE;
 use crate::swarm::run_dir::log_directory;
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::rendezvous::{self, ChannelError, Notifier, Rendezvous};
+use metamorph_module_agent::run_name::HOME;
+use metamorph_module_agent::space;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal};
+use signal_hook::consts::{SIGBUS, SIGXFSZ};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fs::File;
@@ -23,30 +27,39 @@ use std::thread::JoinHandle;
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 use tokio::process::{Child, Command};
-use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
+/// How much a swarm is urged to end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Urgency {
+    /// Not at all.
+    #[default]
+    None,
+    /// In order.
+    Asked,
+    /// At once: agents are killed.
+    Hurried,
+}
+
 /// Asks a swarm to end early and cleanly. Clones ask the same swarm.
 #[derive(Clone, Debug)]
-pub struct Shutdown(watch::Sender<bool>);
+pub struct Shutdown(watch::Sender<Urgency>);
 
 impl Shutdown {
     /// Nothing is asked yet.
     pub fn new() -> Shutdown {
-        Shutdown(watch::Sender::new(false))
+        Shutdown(watch::Sender::new(Urgency::None))
     }
-    /// Asks for the end.
+    /// Asks for the end, or, if it was asked for before, for a faster one.
     pub fn request(&self) {
-        self.0.send_replace(true);
+        self.0.send_modify(|urgency| {
+            *urgency = if *urgency == Urgency::None { Urgency::Asked } else { Urgency::Hurried };
+        });
     }
-    /// Whether the end was asked for.
-    pub fn is_requested(&self) -> bool {
-        *self.0.borrow()
-    }
-    async fn requested(&self) {
+    async fn beyond(&self, known: Urgency) -> Urgency {
         // Invariant: the sender is `self`, so the channel cannot be closed.
-        let _ = self.0.subscribe().wait_for(|asked| *asked).await;
+        self.0.subscribe().wait_for(|urgency| *urgency > known).await.map_or(known, |urgency| *urgency)
     }
 }
 
@@ -68,7 +81,6 @@ pub struct Launch {
     /// Which controller of the run this is.
     pub generation: u32,
     pub verbose: bool,
-    pub catch_signals: bool,
 }
 
 /// What the conductor wants of the supervisor.
@@ -80,12 +92,12 @@ pub enum Task {
     Signal(Life, Signal),
 }
 
-/// What the supervisor tells the conductor. At most two for each life, and one more.
+/// What the supervisor tells the conductor. At most two for each life, and two more.
 #[derive(Debug)]
 pub enum Event {
     SpawnFailed(Life, io::Error),
     Exited { life: Life, how: String, stderr_tail: String },
-    Shutdown,
+    Shutdown(Urgency),
 }
 
 /// Tasks that may wait; the conductor blocks beyond, and the supervisor never waits for it.
@@ -189,8 +201,7 @@ impl Bell {
 async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver<Task>, bell: Bell) {
     let mut processes: BTreeMap<Life, mpsc::Sender<Signal>> = BTreeMap::new();
     let mut ends = JoinSet::new();
-    let (mut asked, mut is_caught) = (false, false);
-    let mut caught = std::pin::pin!(termination(launch.catch_signals));
+    let mut told = Urgency::None;
     loop {
         tokio::select! {
             task = tasks.recv() => match task {
@@ -221,13 +232,9 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
                 processes.remove(&life);
                 bell.tell(exited(&launch, life, status));
             }
-            () = shutdown.requested(), if !asked => {
-                asked = true;
-                bell.tell(Event::Shutdown);
-            }
-            () = &mut caught, if !is_caught => {
-                is_caught = true;
-                shutdown.request();
+            urgency = shutdown.beyond(told), if told < Urgency::Hurried => {
+                told = urgency;
+                bell.tell(Event::Shutdown(urgency));
             }
         }
     }
@@ -235,23 +242,6 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
         let _ = process.send(Signal::KILL).await;
     }
     while ends.join_next().await.is_some() {}
-}
-
-/// Completes when one of the usual requests to end arrives.
-async fn termination(caught: bool) {
-    let streams = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()]
-        .map(|kind| if caught { signal(kind).ok() } else { None });
-    let [interrupt, terminate, hangup] = streams.map(|stream| async move {
-        match stream {
-            Some(mut stream) => drop(stream.recv().await),
-            None => std::future::pending().await,
-        }
-    });
-    tokio::select! {
-        () = interrupt => {}
-        () = terminate => {}
-        () = hangup => {}
-    }
 }
 
 fn log_path(launch: &Launch, (id, incarnation): Life) -> PathBuf {
@@ -340,12 +330,24 @@ fn exited(launch: &Launch, life: Life, status: io::Result<ExitStatus>) -> Event 
         Ok(status) => match (status.code(), status.signal()) {
             (Some(0), _) => "exited".to_owned(),
             (Some(code), _) => format!("exited with code {code}"),
-            (None, Some(signal)) => format!("was killed by signal {signal}"),
+            (None, Some(signal)) => killed_by(signal),
             (None, None) => "ended".to_owned(),
         },
     };
     let stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, life)) };
     Event::Exited { life, how, stderr_tail }
+}
+
+/// What a signal says of the end of a process. Two of them mean that it was given too little.
+fn killed_by(signal: i32) -> String {
+    match signal {
+        SIGBUS if space::require(SCARCE).is_err() => {
+            format!("died of SIGBUS: shared memory ({HOME}) is full")
+        }
+        SIGBUS => format!("died of SIGBUS: shared memory ({HOME}) was full, or a file in it was cut"),
+        SIGXFSZ => "died of SIGXFSZ: a file grew beyond the limit of file sizes (ulimit -f)".to_owned(),
+        _ => format!("was killed by signal {signal}"),
+    }
 }
 
 fn tail(path: &Path) -> String {

@@ -212,6 +212,8 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
         outputs.reads("a file that the scenario names,", &file);
     }
     let mut tallies = Tallies::new(&grid);
+    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
+    interrupt.begin();
     let (store, done) = match &request.out {
         None => (None, Done::default()),
         Some(dir) => {
@@ -225,7 +227,6 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
         }
     };
     let results = request.out.as_deref().map(|dir| Results::of(dir, &mut outputs)).transpose()?;
-    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
     let since = Stopwatch::start();
     let before = done.before + done.ahead.len() as u64;
     let jobs = request.jobs;

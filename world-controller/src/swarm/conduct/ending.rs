@@ -42,7 +42,12 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         }
         let deadline = monotonic() + nanos(self.options.stop_timeout);
         let mut killed = false;
+        let mut hurried = false;
         while self.processes.iter().any(|p| p.stage != Stage::Absent) {
+            if self.hurried && !hurried {
+                hurried = true;
+                self.kill_at_once();
+            }
             self.flush();
             self.drain_after_the_end()?;
             let retry = self.retry_at.unwrap_or(u64::MAX);
@@ -72,13 +77,27 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     }
 
     fn ended(&mut self, event: Event) {
-        let Event::Exited { life: (id, incarnation), how, stderr_tail } = event else { return };
+        let (id, incarnation, how, stderr_tail) = match event {
+            Event::Exited { life: (id, life), how, stderr_tail } => (id, life, how, stderr_tail),
+            Event::Shutdown(urgency) => return self.interrupt(urgency),
+            Event::SpawnFailed((id, life), e) => {
+                (id, life, format!("could not be started: {e}"), String::new())
+            }
+        };
         let at = self.outcome.end;
         let Some(process) = self.processes.get_mut(id.index()) else { return };
         process.bury();
         let how = process.verdict.map_or(how, str::to_owned);
         if !process.condemned && how != "exited" {
             self.outcome.crashes.push(Crash { id, incarnation, at, how, stderr_tail });
+        }
+    }
+
+    /// Kills everybody, as was asked for by a second signal.
+    fn kill_at_once(&mut self) {
+        for process in self.processes.iter_mut().filter(|p| p.stage != Stage::Absent) {
+            process.condemned = true;
+            self.supervisor.ask(Task::Signal((process.id, process.incarnation), Signal::KILL));
         }
     }
 

@@ -9,11 +9,12 @@ use crate::swarm::agents::{Letter, Process, Stage};
 use crate::swarm::burials::Burials;
 use crate::swarm::links::Links;
 use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
+use crate::swarm::reserve::Reserve;
 use crate::swarm::run_dir::RunDir;
-use crate::swarm::supervise::{Event, Life, Supervisor, Task};
+use crate::swarm::supervise::{Event, Life, Supervisor, Task, Urgency};
 use metamorph_module_agent::clock::{Clock, monotonic};
 use metamorph_module_agent::inbox::Inbox;
-use metamorph_module_agent::rendezvous::Rendezvous;
+use metamorph_module_agent::rendezvous::{ChannelError, Rendezvous};
 use metamorph_module_agent::runtime::{Contact, Runtime};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
@@ -33,6 +34,7 @@ const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
 mod ending;
 mod resuming;
+mod space;
 mod starting;
 
 pub struct Conductor<'a, W: World, D> {
@@ -55,6 +57,11 @@ pub struct Conductor<'a, W: World, D> {
     clock: Clock,
     last: Time,
     finishing: bool,
+    /// Whether agents are killed instead of asked to stop.
+    hurried: bool,
+    pub reserve: Reserve,
+    /// When shared memory was last looked at, in nanoseconds of CLOCK_MONOTONIC.
+    looked: u64,
     retry_at: Option<u64>,
 }
 
@@ -91,6 +98,9 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             clock: Clock::new(u64::MAX, options.speed),
             last: Time::ZERO,
             finishing: false,
+            hurried: false,
+            reserve: Reserve::default(),
+            looked: begun,
             retry_at: None,
         }
     }
@@ -119,6 +129,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
 
     fn turn(&mut self) -> Result<(), SwarmError> {
         self.take_events()?;
+        self.look_at_space();
         let drained = self.drain()?;
         self.play();
         self.flush();
@@ -145,7 +156,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
     fn take_events(&mut self) -> Result<(), SwarmError> {
         while let Some(event) = self.supervisor.event() {
             match event {
-                Event::Shutdown => self.interrupt(),
+                Event::Shutdown(urgency) => self.interrupt(urgency),
                 Event::SpawnFailed(life, e) => {
                     self.buried(life, format!("could not be started: {e}"), String::new(), true);
                 }
@@ -168,9 +179,10 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         Ok(())
     }
 
-    fn interrupt(&mut self) {
+    fn interrupt(&mut self, urgency: Urgency) {
         self.outcome.interrupted = true;
         self.finishing = true;
+        self.hurried = urgency == Urgency::Hurried;
     }
 
     fn buried(&mut self, (id, incarnation): Life, how: String, stderr_tail: String, crashed: bool) {
@@ -179,6 +191,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         let how = verdict.map_or(how, str::to_owned);
         if crashed {
             tracing::warn!("module {id} {how}");
+            self.looked = 0;
             self.outcome.crashes.push(Crash { id, incarnation, at: now, how, stderr_tail });
         }
         let Some(process) = self.processes.get_mut(id.index()) else { return };
@@ -391,6 +404,10 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             Ok(link) => process.connect(link),
             // It has just died, and its end is heard of soon.
             Err(e) if e.is_absent() => tracing::debug!("module {i} cannot be reached: {e}"),
+            Err(ChannelError::Full(full)) => {
+                self.run_short(full);
+                return false;
+            }
             Err(e) => {
                 tracing::error!("cannot reach module {i}: {e}");
                 self.give_up(i, "could not be reached, and was killed");

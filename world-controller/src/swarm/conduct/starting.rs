@@ -26,6 +26,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         let (mut next, mut up) = (0, 0);
         while up < count && !self.finishing {
             while next < count && next - up < STARTING {
+                self.reserve.release_one();
                 self.launch(next, Incarnation(0));
                 self.outcome.launched += 1;
                 next += 1;
@@ -37,7 +38,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                     Event::Exited { life, how, stderr_tail } => {
                         return Err(SwarmError::DiedEarly { id: life.0, how, stderr_tail });
                     }
-                    Event::Shutdown => self.interrupt(),
+                    Event::Shutdown(urgency) => self.interrupt(urgency),
                 }
             }
             self.drain()?;
@@ -47,6 +48,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                 return Err(SwarmError::SetupTimeout { missing: count - up, count, seconds });
             }
         }
+        self.reserve.release_most();
         // The ways to all agents, so that the first orders do not wait for them.
         for i in 0..self.processes.len() {
             if self.processes[i].stage == Stage::Up && self.links.too_many(count) == 0 {

@@ -1,0 +1,42 @@
+//! The variant of iceoryx2 that the processes of a run use: shared memory between processes, but with the one
+//! segment that every user of the machine could write in the run's directory.
+//!
+//! iceoryx2 gives the counter that the numbers of members are made from mode 0666, because members of a run
+//! may belong to several users. In a run of this program they never do, and in `/dev/shm` a stranger could
+//! cut that segment, so that the next process that looks at it dies. A file in the run's directory, which
+//! has mode 0700, is out of reach whatever its own mode is, from the moment it is made.
+
+use iceoryx2::prelude::{ZeroCopySend, ipc};
+use iceoryx2::service::Service;
+use iceoryx2::service::internal::ServiceInternal;
+use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
+use iceoryx2_cal::dynamic_storage::file;
+use std::fmt::Debug;
+
+/// Shared memory between the processes of one user.
+#[derive(Clone, Debug)]
+pub struct Svc;
+
+impl ServiceInternal<Svc> for Svc {}
+
+impl Service for Svc {
+    type StaticStorage = <ipc::Service as Service>::StaticStorage;
+    type ConfigSerializer = <ipc::Service as Service>::ConfigSerializer;
+    type PersistentDynamicStorage<T: Debug + Send + Sync + ZeroCopySend + 'static> = file::Storage<T>;
+    type Bag = <ipc::Service as Service>::Bag;
+    type DynamicStorage<T: Debug + Send + Sync + ZeroCopySend + 'static> =
+        <ipc::Service as Service>::DynamicStorage<T>;
+    type ServiceNameHasher = <ipc::Service as Service>::ServiceNameHasher;
+    type SharedMemory = <ipc::Service as Service>::SharedMemory;
+    type ResizableSharedMemory = <ipc::Service as Service>::ResizableSharedMemory;
+    type Connection = <ipc::Service as Service>::Connection;
+    type Event = <ipc::Service as Service>::Event;
+    type Monitoring = <ipc::Service as Service>::Monitoring;
+    type Reactor = <ipc::Service as Service>::Reactor;
+    type ArcThreadSafetyPolicy<T: Send + Debug + Abandonable> =
+        <ipc::Service as Service>::ArcThreadSafetyPolicy<T>;
+    type BlackboardMgmt<T: Send + Sync + Debug + ZeroCopySend + 'static> =
+        <ipc::Service as Service>::BlackboardMgmt<T>;
+    type BlackboardPayload = <ipc::Service as Service>::BlackboardPayload;
+    type UniqueId = <ipc::Service as Service>::UniqueId;
+}

@@ -1,0 +1,104 @@
+//! Shared memory that a run has before it needs it: a file in the run's directory with all its pages. It holds what
+//! agents that are not started yet will take, so that a shortage is an error at the start; and, as long as
+//! the run lasts, a little that the end of the run needs when something else fills the shared memory.
+
+use crate::swarm::outcome::SwarmError;
+use metamorph_module_agent::space;
+use rustix::fs::{FallocateFlags, fallocate};
+use rustix::io::Errno;
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
+const NAME: &str = "reserve";
+/// Bytes of shared memory for each agent, and for the run; twice what was measured.
+const SPACE: (u64, u64) = (200 << 10, 8 << 20);
+/// Bytes of that for the run which the controller takes at the start.
+const OWN: u64 = SPACE.1 - LAST;
+/// Bytes that are held until the run ends.
+const LAST: u64 = 1 << 20;
+/// With fewer bytes free than this, a run ends.
+pub const SCARCE: u64 = 512 << 10;
+
+/// The file. It goes with the run's directory.
+#[derive(Debug, Default)]
+pub struct Reserve {
+    file: Option<File>,
+    held: u64,
+}
+
+impl Reserve {
+    /// Holds what so many agents need.
+    pub fn take(root: &Path, agents: u64) -> Result<Reserve, SwarmError> {
+        let held = agents * SPACE.0 + SPACE.1;
+        // An attempt that fails would take everything for a moment, and others die of that.
+        match space::free() {
+            Ok(free) if free < held => return Err(shortage(held, free)),
+            Ok(_) => {}
+            Err(e) => return Err(SwarmError::NoSharedMemory(e)),
+        }
+        let create = || -> io::Result<File> {
+            let file = File::create_new(root.join(NAME))?;
+            fallocate(&file, FallocateFlags::empty(), 0, held)?;
+            Ok(file)
+        };
+        Ok(Reserve { file: Some(create().map_err(|e| refused(e, held))?), held })
+    }
+
+    /// What is left of the reserve of a run that is taken over.
+    pub fn left(root: &Path) -> Reserve {
+        let file = File::options().write(true).open(root.join(NAME)).ok();
+        let held = file.as_ref().and_then(|file| Some(file.metadata().ok()?.len())).unwrap_or_default();
+        Reserve { file, held }
+    }
+
+    /// Gives back what the controller is about to take.
+    pub fn release_own(&mut self) {
+        self.shrink(self.held.saturating_sub(OWN).max(LAST));
+    }
+
+    /// Gives back what one agent that is about to start needs.
+    pub fn release_one(&mut self) {
+        self.shrink(self.held.saturating_sub(SPACE.0).max(LAST));
+    }
+
+    /// Gives back what all agents need, for all have been started.
+    pub fn release_most(&mut self) {
+        self.shrink(LAST);
+    }
+
+    /// Gives everything back, because the run ends.
+    pub fn release(&mut self) {
+        self.shrink(0);
+    }
+
+    fn shrink(&mut self, held: u64) {
+        if held < self.held
+            && let Some(file) = &self.file
+            && let Err(e) = file.set_len(held)
+        {
+            tracing::warn!("reserved memory could not be given back: {e}");
+        }
+        self.held = self.held.min(held);
+    }
+}
+
+fn shortage(needed: u64, free: u64) -> SwarmError {
+    SwarmError::Space { needed: needed.div_ceil(1 << 20), available: free >> 20 }
+}
+
+/// What it means that the system has refused the controller its part.
+pub fn refused_own(error: io::Error) -> SwarmError {
+    refused(error, OWN)
+}
+
+fn refused(error: io::Error, needed: u64) -> SwarmError {
+    let errno = error.raw_os_error().unwrap_or_default();
+    if [Errno::NOSPC, Errno::DQUOT, Errno::NOMEM].iter().any(|e| e.raw_os_error() == errno) {
+        return shortage(needed, space::free().unwrap_or_default());
+    }
+    if errno == Errno::FBIG.raw_os_error() {
+        return SwarmError::FileSize { needed: needed >> 10 };
+    }
+    SwarmError::NoSharedMemory(error)
+}
