@@ -4,6 +4,7 @@
 use crate::packet::Packet;
 use crate::rendezvous::{self, ChannelError, Frames, Notifier, Publisher, Rendezvous, Wakes};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Frame;
 
 /// What became of one frame at the sender.
@@ -45,12 +46,12 @@ impl Outbox {
         Ok(Outbox { publisher, notifier, frames, _bell: bell, ring: false })
     }
 
-    /// Puts one frame into the inbox. The receiver is woken by [`Outbox::flush`].
-    pub fn send(&mut self, frame: &Frame) -> Handed {
-        self.send_packet(Packet::from(frame))
+    /// Puts one frame into the inbox at `now`. The receiver is woken by [`Outbox::flush`].
+    pub fn send(&mut self, frame: &Frame, now: Time) -> Handed {
+        self.send_packet(Packet::new(frame, now))
     }
 
-    /// Puts arbitrary bytes into the inbox.
+    /// Puts a packet into the inbox.
     pub fn send_packet(&mut self, packet: Packet) -> Handed {
         use iceoryx2::prelude::PortFactory as _;
         match self.publisher.send_copy(packet) {

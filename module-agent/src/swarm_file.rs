@@ -4,6 +4,7 @@
 use crate::clock::Speed;
 use bincode::config::standard;
 use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::time::Span;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -13,7 +14,7 @@ use thiserror::Error;
 
 const MAGIC: [u8; 4] = *b"MMSW";
 /// The version of the layout. Any change of [`SwarmFile`] raises it.
-const VERSION: u16 = 3;
+const VERSION: u16 = 4;
 /// A swarm file is never larger; a length in a damaged file must not eat all memory.
 const LIMIT: usize = 256 << 20;
 
@@ -24,8 +25,10 @@ pub struct SwarmFile<S> {
     pub count: u32,
     /// The seed of the run.
     pub seed: u64,
-    /// How fast scenario time passes.
+    /// How fast scenario time passes at most.
     pub speed: Speed,
+    /// By how much scenario time agents may be late before the controller slows the clock.
+    pub tolerance: Span,
     /// What links do to messages.
     pub link: LinkModel,
     /// The directory that agents write their parts of the journal to, if one is kept.
@@ -107,7 +110,6 @@ impl<S: DeserializeOwned> SwarmFile<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_protocol::time::Span;
     use proptest::prelude::*;
 
     fn sample() -> SwarmFile<Vec<u32>> {
@@ -115,6 +117,7 @@ mod tests {
             count: 3,
             seed: 9,
             speed: Speed::new(10, 1).unwrap(),
+            tolerance: Span::millis(100),
             link: LinkModel { delay_max: Span::millis(2), ..LinkModel::default() },
             journal: Some("/tmp/journal.parts".into()),
             patience: 30_000,
