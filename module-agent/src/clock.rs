@@ -1,14 +1,23 @@
-//! The one clock of a real process: scenario time from CLOCK_MONOTONIC.
+//! The one clock of a real process: scenario time from CLOCK_MONOTONIC and the run's clock page.
 //!
-//! All processes of a run share the epoch, which the controller reads once all agents are up, so
-//! that setting up is outside scenario time. `time = (monotonic - epoch) * speed` in integers.
-//! Absent: the date, which no run may depend on.
+//! The controller decides how fast scenario time passes, between not at all and the speed of the
+//! scenario, so that a busy machine slows the run instead of making its agents late. Absent: the date,
+//! which no run may depend on, and deciding the speed.
 
+use crate::clock_page::{self, Page};
 use metamorph_protocol::time::Time;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io;
+use std::path::Path;
 use std::time::Duration;
 use thiserror::Error;
+
+/// The longest wait while time passes slowly, because it may pass faster before that is over.
+const SLOW_WAIT: Duration = Duration::from_millis(50);
+/// The wait while the controller is late with the next slice of time.
+const LAPSED_WAIT: Duration = Duration::from_millis(5);
 
 /// How much faster than real time scenario time passes, as a ratio of integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -18,18 +27,46 @@ pub struct Speed {
     den: u32,
 }
 
-/// A speed that is zero or infinite.
+/// An infinite speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[error("a speed of {0}/{1} is not possible; both numbers must be above 0")]
+#[error("a speed of {0}/{1} is not possible; the second number must be above 0")]
 pub struct SpeedError(u32, u32);
 
 impl Speed {
     /// Scenario time is real time.
     pub const REAL: Speed = Speed { num: 1, den: 1 };
+    /// Scenario time stands still.
+    pub const STOPPED: Speed = Speed { num: 0, den: 1 };
 
     /// `num / den` seconds of scenario time in a second of real time.
     pub const fn new(num: u32, den: u32) -> Result<Speed, SpeedError> {
-        if num == 0 || den == 0 { Err(SpeedError(num, den)) } else { Ok(Speed { num, den }) }
+        if den == 0 { Err(SpeedError(num, den)) } else { Ok(Speed { num, den }) }
+    }
+
+    /// This speed times `part / whole`, rounded down to what two 32-bit numbers can say.
+    pub fn scaled(self, part: u32, whole: u32) -> Speed {
+        let mut num = u64::from(self.num) * u64::from(part);
+        let mut den = u64::from(self.den) * u64::from(whole);
+        while num > u64::from(u32::MAX) || den > u64::from(u32::MAX) {
+            num >>= 1;
+            den = den.div_ceil(2);
+        }
+        Speed { num: num as u32, den: (den as u32).max(1) }
+    }
+
+    /// The scenario time, in nanoseconds, that passes in so much real time.
+    pub fn scenario(self, real: u64) -> u64 {
+        let scaled = u128::from(real) * u128::from(self.num) / u128::from(self.den);
+        u64::try_from(scaled).unwrap_or(u64::MAX)
+    }
+
+    /// The real time, in nanoseconds, in which at least so much scenario time passes.
+    pub fn real(self, scenario: u64) -> u64 {
+        if self.num == 0 {
+            return if scenario == 0 { 0 } else { u64::MAX };
+        }
+        let real = (u128::from(scenario) * u128::from(self.den)).div_ceil(self.num.into());
+        u64::try_from(real).unwrap_or(u64::MAX)
     }
 }
 
@@ -52,41 +89,60 @@ pub fn monotonic() -> u64 {
     t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
 }
 
-/// Scenario time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Scenario time, as an agent reads it.
+#[derive(Debug)]
 pub struct Clock {
-    epoch: u64,
-    speed: Speed,
+    file: File,
+    page: Page,
+    full: Speed,
 }
 
 impl Clock {
-    /// A clock that shows zero when CLOCK_MONOTONIC shows `epoch`.
-    pub const fn new(epoch: u64, speed: Speed) -> Clock {
-        Clock { epoch, speed }
+    /// The clock of the run in `root`, whose time passes with `full` speed at most.
+    pub fn open(root: &Path, full: Speed) -> io::Result<Clock> {
+        let file = File::open(clock_page::path(root))?;
+        let page = Page::read(&file)?;
+        Ok(Clock { file, page, full })
     }
 
-    /// The time now; zero before the epoch.
-    pub fn now(&self) -> Time {
-        self.at(monotonic())
+    /// The time now.
+    pub fn now(&mut self) -> Time {
+        let monotonic = monotonic();
+        self.look(monotonic);
+        self.page.at(monotonic)
     }
 
-    /// The time when CLOCK_MONOTONIC shows `monotonic`.
-    pub fn at(&self, monotonic: u64) -> Time {
-        let real = u128::from(monotonic.saturating_sub(self.epoch));
-        let scaled = real * u128::from(self.speed.num) / u128::from(self.speed.den);
-        Time(u64::try_from(scaled).unwrap_or(u64::MAX))
+    /// How long to wait, in real time, before looking at the clock again, in order to be there at `time`.
+    pub fn until(&mut self, time: Time) -> Duration {
+        let monotonic = monotonic();
+        self.look(monotonic);
+        wait(&self.page, self.full, monotonic, time)
     }
 
-    /// How long to wait, in real time, until `time`; never too short.
-    pub fn until(&self, time: Time) -> Duration {
-        self.wait(monotonic(), time)
+    /// Reads the page if the copy says nothing about this instant.
+    fn look(&mut self, monotonic: u64) {
+        if monotonic < self.page.until() {
+            return;
+        }
+        match Page::read(&self.file) {
+            Ok(page) => self.page = page,
+            // Scenario time stands still for this process; the controller will miss it.
+            Err(e) => tracing::debug!("the clock page cannot be read: {e}"),
+        }
     }
+}
 
-    fn wait(&self, monotonic: u64, time: Time) -> Duration {
-        let real = (u128::from(time.0) * u128::from(self.speed.den)).div_ceil(self.speed.num.into());
-        let due = u128::from(self.epoch) + real;
-        let left = due.saturating_sub(monotonic.into());
-        Duration::from_nanos(u64::try_from(left).unwrap_or(u64::MAX))
+/// How long to wait from an instant on before looking at the clock again, in order not to miss `time`:
+/// as long as it takes at full speed, or as it takes at the present speed but not longer than
+/// [`SLOW_WAIT`], since time may pass faster meanwhile.
+pub fn wait(page: &Page, full: Speed, monotonic: u64, time: Time) -> Duration {
+    let left = time.since(page.at(monotonic)).0;
+    let soonest = Duration::from_nanos(full.real(left));
+    match page.speed_at(monotonic) {
+        _ if left == 0 => Duration::ZERO,
+        Some(speed) if speed == full => soonest,
+        Some(speed) => Duration::from_nanos(speed.real(left)).min(SLOW_WAIT).max(soonest),
+        None => LAPSED_WAIT.max(soonest),
     }
 }
 
@@ -97,24 +153,46 @@ mod tests {
 
     #[test]
     fn scales_exactly() {
-        let clock = |num, den| Clock::new(1_000, Speed::new(num, den).unwrap());
-        assert_eq!(clock(1, 1).at(999), Time::ZERO);
-        assert_eq!(clock(1, 1).at(1_007), Time(7));
-        assert_eq!(clock(10, 1).at(1_007), Time(70));
-        assert_eq!(clock(1, 3).at(1_007), Time(2));
-        assert_eq!(clock(1, 1).at(u64::MAX), Time(u64::MAX - 1_000));
-        assert_eq!(clock(u32::MAX, 1).at(u64::MAX), Time::NEVER);
-        assert!(Speed::new(0, 1).is_err() && Speed::new(1, 0).is_err());
+        let speed = |num, den| Speed::new(num, den).unwrap();
+        assert_eq!(speed(1, 1).scenario(7), 7);
+        assert_eq!(speed(10, 1).scenario(7), 70);
+        assert_eq!(speed(1, 3).scenario(7), 2);
+        assert_eq!(speed(u32::MAX, 1).scenario(u64::MAX), u64::MAX);
+        assert_eq!(
+            (Speed::STOPPED.scenario(7), Speed::STOPPED.real(7), Speed::STOPPED.real(0)),
+            (0, u64::MAX, 0)
+        );
+        assert!(Speed::new(1, 0).is_err());
+        assert_eq!(speed(3, 1).scaled(1, 2), speed(3, 2));
+        assert_eq!(speed(u32::MAX, 1).scaled(1, 4), speed(u32::MAX, 4));
+        assert_eq!(speed(3, 1).scaled(0, 4).scenario(u64::MAX), 0);
+        // What cannot be said exactly is slower, never faster.
+        let odd = speed(u32::MAX, u32::MAX - 1).scaled(999_999, 1_000_000);
+        assert!(odd.scenario(1 << 60) <= (1 << 60) && odd.scenario(1 << 60) > (1 << 60) / 1_000 * 998);
     }
 
     proptest! {
-        /// Having waited as long as asked, the time has come.
+        /// Having waited as long as asked at full speed, the time has come, and not long before.
         #[test]
-        fn waits_long_enough(epoch: u32, now: u32, time: u32, num in 1u32..1_000, den in 1u32..1_000) {
-            let clock = Clock::new(epoch.into(), Speed::new(num, den).unwrap());
-            let wait = clock.wait(now.into(), Time(time.into()));
-            let then = u64::from(now) + wait.as_nanos() as u64;
-            prop_assert!(clock.at(then) >= Time(time.into()));
+        fn waits_long_enough(now: u32, left: u32, num in 1u32..1_000, den in 1u32..1_000) {
+            let (now, speed) = (u64::from(now), Speed::new(num, den).unwrap());
+            let page = Page::stopped(now, Time(5)).extended(now, u64::MAX / 2, speed);
+            let due = Time(5 + u64::from(left));
+            let wait = wait(&page, speed, now, due).as_nanos() as u64;
+            prop_assert!(page.at(now + wait) >= due);
+            prop_assert!(wait == 0 || page.at(now + wait - 1) < due);
+        }
+
+        /// While time passes slowly, no wait is so long that the time could pass unnoticed for longer
+        /// than [`SLOW_WAIT`], whatever becomes of the speed; and none is no wait at all.
+        #[test]
+        fn waits_are_short_while_time_is_slow(left in 1u32.., part in 0u32..1_000, lapsed: bool) {
+            let full = Speed::new(20, 1).unwrap();
+            let page = Page::stopped(0, Time::ZERO);
+            let page = if lapsed { page } else { page.extended(0, 1 << 40, full.scaled(part, 1_000)) };
+            let wait = wait(&page, full, 0, Time(left.into()));
+            prop_assert!(!wait.is_zero());
+            prop_assert!(wait <= SLOW_WAIT.max(Duration::from_nanos(full.real(left.into()))));
         }
     }
 }

@@ -15,8 +15,9 @@ use std::collections::VecDeque;
 pub const EARLY_LIMIT: usize = 64;
 /// Ended sessions that are remembered. A frame of one forgotten waits and then expires, too.
 const ENDED_LIMIT: usize = 64;
-/// How long a frame waits for its contact, in nanoseconds of real time.
-const EARLY_NANOS: u64 = 2_000_000_000;
+/// How long a frame waits for its contact, in nanoseconds of real time; a busy machine may take seconds
+/// to tell of one.
+const EARLY_NANOS: u64 = 10_000_000_000;
 
 /// The contact on one port, with the way to the peer once something has been sent.
 #[derive(Debug)]

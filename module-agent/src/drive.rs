@@ -4,32 +4,36 @@
 
 use crate::args::AgentArgs;
 use crate::clock::{Clock, monotonic};
-use crate::contacts::{Contacts, Place};
-use crate::impair::{Impair, Parcel};
+use crate::contacts::{Contacts, EARLY_LIMIT, Place};
+use crate::impair::{HELD_LIMIT, Impair, Parcel};
 use crate::inbox::{Inbox, InboxError};
 use crate::journal::{Head, JournalError, Parts, Writer, agent_part};
+use crate::lateness::Lateness;
 use crate::ledger::{Account, Ledger, LedgerError};
-use crate::outbox::{Handed, Outbox};
+use crate::outbox::Outbox;
+use crate::packet::Packet;
 use crate::process::{Guard, Identity, survive_file_limits};
-use crate::rendezvous::{ChannelError, Rendezvous, set_verbosity};
+use crate::rendezvous::{ChannelError, INBOX_DEPTH, INBOX_SPARE, Rendezvous, set_verbosity};
 use crate::run_name::RunName;
 use crate::runtime::{Contact, Runtime};
 use crate::seat::{Seat, is_marked};
 use crate::space;
 use crate::swarm_file::{SwarmFile, SwarmFileError};
 use crate::uplink::Uplink;
-use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, OutputOf};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
 use metamorph_protocol::journal::{self, Diary, MessageName, Sink};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::time::Time;
-use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
+use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
 use rustix::process::{getpgid, getppid, setpgid, setsid};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
+
+mod sending;
 
 /// The longest wait, if the kernel tells when the controller is gone, and otherwise.
 const LONGEST_WAIT: (Duration, Duration) = (Duration::from_secs(2), Duration::from_secs(1));
@@ -45,6 +49,14 @@ const DRAINS: usize = 1_000;
 const WAKES: usize = 16;
 /// Frames gathered before they are sent.
 const BURST: usize = 128;
+
+/// Messages that may be missing from the counts for a process that was killed: in its inbox, taken from it
+/// or waiting for their contact, gathered to be sent, or held back by its link.
+pub fn in_hand(ports: usize, transparent: bool) -> u64 {
+    let inbox = (ports + INBOX_SPARE) * INBOX_DEPTH;
+    let held = if transparent { 0 } else { HELD_LIMIT };
+    (inbox + DRAIN + EARLY_LIMIT + 2 * BURST + 2 * held) as u64
+}
 
 /// Why an agent process ends before it is told to.
 #[derive(Debug, Error)]
@@ -67,6 +79,9 @@ pub enum AgentError {
     /// The process cannot say who it is.
     #[error("cannot register this process in {0}: {1}")]
     Register(PathBuf, io::Error),
+    /// The clock of the run cannot be read.
+    #[error("cannot read the clock of the run in {0}: {1}")]
+    Clock(PathBuf, io::Error),
     /// It is not known who controls the run.
     #[error("cannot find out who controls the run in {0}: {1}")]
     Seat(PathBuf, io::Error),
@@ -120,8 +135,9 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     // Before the controller knows of this life: each one that it starts has its part of the journal.
     let pages = swarm.journal.as_ref().map(|parts| Pages::begin(parts, args)).transpose()?;
     uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Hello { pid: std::process::id() });
-    uplink.flush();
-    let SwarmFile { seed, speed, link, setup, patience, .. } = swarm;
+    let SwarmFile { seed, speed, tolerance, link, setup, patience, count, .. } = swarm;
+    let mut clock = Clock::open(&args.root, speed).map_err(|e| AgentError::Clock(args.root.clone(), e))?;
+    uplink.flush(clock.now());
     let driver = Driver::<A> {
         args,
         guard,
@@ -129,8 +145,9 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
         patience: u64::from(patience) * 1_000_000,
         orphaned: None,
         guarded: monotonic(),
-        clock: Clock::new(u64::MAX, speed),
-        speed_of: speed,
+        clock,
+        lateness: Lateness::new(tolerance, count),
+        due: Time::NEVER,
         setup: Arc::new(setup),
         seed,
         refusal_expected: !link.corrupt.is_zero(),
@@ -150,7 +167,8 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
         told: 0,
         returned: false,
         pages,
-        stopping: false,
+        silent: false,
+        ending: false,
         at,
     };
     driver.run()
@@ -223,7 +241,9 @@ struct Driver<'a, A: Agent> {
     /// When the controller was last looked for.
     guarded: u64,
     clock: Clock,
-    speed_of: crate::clock::Speed,
+    lateness: Lateness,
+    /// When the agent or its link wanted to be woken, as of the last wait.
+    due: Time,
     setup: Arc<A::Setup>,
     seed: u64,
     /// Whether the link damages frames, so that a damaged one need not be a stranger's.
@@ -249,7 +269,10 @@ struct Driver<'a, A: Agent> {
     /// Another controller says that it has the seat.
     returned: bool,
     pages: Option<Pages>,
-    stopping: bool,
+    /// The run is over: nothing is taken or sent any more.
+    silent: bool,
+    /// Nor does anybody else send.
+    ending: bool,
     // Last, so that all ports are gone before the process leaves the run.
     at: Rendezvous,
 }
@@ -261,20 +284,25 @@ impl<A: Agent> Driver<'_, A> {
             self.wake_agent()?;
             let now = self.now();
             self.impair.release(now, &mut self.burst);
-            self.send_burst()?;
+            self.send_burst(now)?;
             while let Some(class) = self.contacts.give_up(monotonic()) {
                 self.account.tally[class].expired += 1;
             }
             // Before the controller hears of anything: it may kill this process for what it hears.
             self.write_down()?;
-            self.uplink.flush();
-            if self.stopping {
+            if let Some(late) = self.lateness.report(monotonic()) {
+                self.uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Late(late));
+            }
+            self.uplink.flush(now);
+            if self.ending {
                 return self.end();
             }
             let wait = self.patience(drained);
             if !wait.is_zero() && !self.returned {
                 self.inbox.wait(wait)?;
                 self.account.wakes += 1;
+                let now = self.now();
+                self.lateness.taken(self.due.min(now), now);
             }
             if std::mem::take(&mut self.returned) {
                 self.follow_seat()?;
@@ -329,12 +357,26 @@ impl<A: Agent> Driver<'_, A> {
         self.orphaned = None;
         let here = Runtime::<A::Place>::Here { told: self.told, expected: self.expected };
         self.uplink.push(Channel::Runtime, 0, &here);
-        self.uplink.flush();
+        let now = self.now();
+        self.uplink.flush(now);
         Ok(())
     }
 
-    /// What is counted at the very end: frames that wait for a contact that will not come.
+    /// The run is over for the agent. What the link model holds back stays under way for ever.
+    fn fall_silent(&mut self) {
+        self.silent = true;
+        for class in self.impair.drain() {
+            self.account.left[class.index()] += 1;
+        }
+        self.uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Silent);
+    }
+
+    /// What is counted at the very end: frames in the inbox, to which none is added any more, and frames
+    /// that wait for a contact that will not come.
     fn end(mut self) -> Result<(), AgentError> {
+        while let Some(packet) = self.inbox.receive()? {
+            self.accept(&packet)?;
+        }
         while let Some(class) = self.contacts.give_up(u64::MAX) {
             self.account.tally[class].expired += 1;
         }
@@ -362,6 +404,7 @@ impl<A: Agent> Driver<'_, A> {
 
     /// How long to block.
     fn patience(&mut self, drained: usize) -> Duration {
+        self.due = Time::NEVER;
         if drained == DRAIN && !self.uplink.is_full() {
             return Duration::ZERO;
         }
@@ -372,33 +415,36 @@ impl<A: Agent> Driver<'_, A> {
         if self.uplink.is_full() {
             return wait;
         }
-        let due = self.agent.as_ref().map_or(Time::NEVER, Agent::wake_at).min(self.impair.next());
+        let agent = self.agent.as_ref().filter(|_| !self.silent);
+        let due = agent.map_or(Time::NEVER, Agent::wake_at).min(self.impair.next());
+        self.due = due;
         if due == Time::NEVER { wait } else { wait.min(self.clock.until(due)) }
     }
 
     fn drain(&mut self) -> Result<usize, AgentError> {
         for taken in 0..DRAIN {
-            if self.uplink.is_full() || self.stopping {
+            if self.uplink.is_full() || self.ending {
                 return Ok(taken);
             }
-            let Some(frame) = self.inbox.receive()? else { return Ok(taken) };
-            self.accept(&frame)?;
+            let Some(packet) = self.inbox.receive()? else { return Ok(taken) };
+            self.accept(&packet)?;
         }
         Ok(DRAIN)
     }
 
-    fn accept(&mut self, frame: &Frame) -> Result<(), AgentError> {
+    fn accept(&mut self, packet: &Packet) -> Result<(), AgentError> {
+        let frame = &packet.frame();
         let Ok(header) = frame.open() else {
-            if self.refusal_expected {
-                self.account.tally[frame.claimed_class()].refused += 1;
-            } else {
-                self.account.foreign += 1;
+            match packet.damaged_class().filter(|_| self.refusal_expected) {
+                Some(class) if self.silent => self.account.left[class.index()] += 1,
+                Some(class) => self.account.tally[class].refused += 1,
+                None => self.account.foreign += 1,
             }
             return Ok(());
         };
         let accepted = header.destination == self.args.id
             && match header.channel {
-                Channel::Peer => return self.accept_peer(header, frame),
+                Channel::Peer => return self.accept_peer(header, frame, packet.sent()),
                 Channel::Runtime if header.source == CONTROLLER && self.is_aside(frame) => return Ok(()),
                 _ if header.source != CONTROLLER || header.sequence != self.expected => false,
                 Channel::Runtime => match frame.message() {
@@ -416,6 +462,7 @@ impl<A: Agent> Driver<'_, A> {
             };
         if accepted {
             self.expected = self.expected.wrapping_add(1);
+            self.lateness.taken(packet.sent(), self.last);
         } else {
             tracing::debug!(?header, "a frame that no member of the run would send");
             self.account.foreign += 1;
@@ -436,9 +483,13 @@ impl<A: Agent> Driver<'_, A> {
         true
     }
 
-    fn accept_peer(&mut self, header: Header, frame: &Frame) -> Result<(), AgentError> {
+    fn accept_peer(&mut self, header: Header, frame: &Frame, sent: Time) -> Result<(), AgentError> {
         match self.contacts.place(&header) {
-            Place::Here(port) => self.deliver(port, &header, frame)?,
+            Place::Here(_) if self.silent => self.account.left[header.class.index()] += 1,
+            Place::Here(port) => {
+                self.deliver(port, &header, frame)?;
+                self.lateness.taken(sent, self.last);
+            }
             Place::Ended => self.account.tally[header.class].expired += 1,
             Place::Early => {
                 if let Some(class) = self.contacts.keep(monotonic(), header, *frame) {
@@ -465,8 +516,7 @@ impl<A: Agent> Driver<'_, A> {
 
     fn accept_runtime(&mut self, message: Runtime<A::Place>) -> Result<bool, AgentError> {
         match message {
-            Runtime::Begin { epoch, place } if self.agent.is_none() => {
-                self.clock = Clock::new(epoch, self.speed_of);
+            Runtime::Begin { place } if self.agent.is_none() => {
                 let birth =
                     Birth { id: self.args.id, incarnation: self.args.incarnation, place, seed: self.seed };
                 let now = self.now();
@@ -481,7 +531,8 @@ impl<A: Agent> Driver<'_, A> {
             Runtime::Contact { port, revision, contact } if self.contacts.has_port(port) => {
                 self.change_contact(port, revision, contact)?;
             }
-            Runtime::Stop => self.stopping = true,
+            Runtime::Stop if !self.silent => self.fall_silent(),
+            Runtime::End if self.silent => self.ending = true,
             _ => return Ok(false),
         }
         Ok(true)
@@ -510,7 +561,7 @@ impl<A: Agent> Driver<'_, A> {
         for _ in 0..WAKES {
             let now = self.now();
             let due = self.agent.as_ref().is_some_and(|a| a.wake_at() <= now);
-            if !due || self.uplink.is_full() || self.stopping {
+            if !due || self.uplink.is_full() || self.silent {
                 break;
             }
             self.hand(Input::Wake)?;
@@ -531,6 +582,9 @@ impl<A: Agent> Driver<'_, A> {
     ) -> Result<bool, AgentError> {
         let now = self.now();
         let Some(agent) = &mut self.agent else { return Ok(false) };
+        if self.silent {
+            return Ok(true);
+        }
         let mut outputs = std::mem::take(&mut self.outputs);
         if let Some(Pages { writer, diary: Some(diary) }) = &mut self.pages {
             let taken = Diary::taken::<A>(&input, heard);
@@ -546,101 +600,5 @@ impl<A: Agent> Driver<'_, A> {
         }
         self.outputs = outputs;
         Ok(true)
-    }
-
-    fn carry_out(&mut self, now: Time, output: OutputOf<A>) -> Result<(), AgentError> {
-        match output {
-            Output::Send { port, class, message } => self.send(now, port, class, &message),
-            Output::Act(action) => {
-                self.told += 1;
-                self.uplink.push(Channel::Body, self.revision.0, &action);
-            }
-            Output::Report(report) => {
-                self.told += 1;
-                self.uplink.push(Channel::Control, 0, &report);
-            }
-        }
-        if self.burst.len() >= BURST { self.send_burst() } else { Ok(()) }
-    }
-
-    fn send(&mut self, now: Time, port: Port, class: Class, message: &A::Message) {
-        let counts = &mut self.account.tally[class];
-        counts.sent += 1;
-        counts.bytes += message.wire_len() as u64;
-        let sequence = self.peer_sequence;
-        self.peer_sequence = sequence.wrapping_add(1);
-        let Some(contact) = self.contacts.get(port) else {
-            // Nothing touches this port (any more).
-            counts.expired += 1;
-            return;
-        };
-        let header = Header {
-            channel: Channel::Peer,
-            kind: message.kind(),
-            class,
-            port,
-            incarnation: self.args.incarnation,
-            source: self.args.id,
-            destination: contact.peer,
-            session: contact.session.0,
-            sequence,
-        };
-        let (peer, session) = (contact.peer, contact.session);
-        let parcel = Parcel { port, peer, session, class, frame: Frame::seal(header, message) };
-        self.impair.carry(now, parcel, &mut self.account.tally, &mut self.burst);
-    }
-
-    /// Sends what has gathered. What is about to be seen by others is written down first; what
-    /// could not be sent is written down before the next wait.
-    fn send_burst(&mut self) -> Result<(), AgentError> {
-        if self.burst.is_empty() {
-            return Ok(());
-        }
-        self.write_down()?;
-        let mut touched = 0u32;
-        for parcel in std::mem::take(&mut self.burst) {
-            let counts = &mut self.account.tally[parcel.class];
-            let Some(way) = self.contacts.get_mut(parcel.port) else {
-                counts.expired += 1;
-                continue;
-            };
-            if way.contact.session != parcel.session {
-                counts.expired += 1;
-                continue;
-            }
-            if way.outbox.is_none() {
-                let Contact { peer, peer_incarnation, .. } = way.contact;
-                match Outbox::to_agent(&self.at, peer, peer_incarnation) {
-                    Ok(outbox) => way.outbox = Some(outbox),
-                    Err(e) if e.is_absent() => {
-                        counts.expired += 1;
-                        continue;
-                    }
-                    Err(e) => {
-                        tracing::debug!("cannot reach module {peer}: {e}");
-                        counts.overflowed += 1;
-                        continue;
-                    }
-                }
-            }
-            let Some(outbox) = &mut way.outbox else { continue };
-            match outbox.send(&parcel.frame) {
-                // The shift is below 32: an agent has at most 32 ports.
-                Handed::Over => touched |= 1 << parcel.port.0,
-                Handed::Full => {
-                    counts.overflowed += 1;
-                    touched |= 1 << parcel.port.0;
-                }
-                Handed::Nobody => counts.expired += 1,
-            }
-        }
-        for port in 0..A::PORTS as u8 {
-            if touched & (1 << port) != 0
-                && let Some(outbox) = self.contacts.get_mut(Port(port)).and_then(|w| w.outbox.as_mut())
-            {
-                outbox.flush();
-            }
-        }
-        Ok(())
     }
 }

@@ -26,6 +26,8 @@ pub struct Parcel {
     pub class: Class,
     /// The frame, damaged if the link damages it.
     pub frame: Frame,
+    /// Whether it does.
+    pub damaged: bool,
 }
 
 /// The links of one agent, one for each port.
@@ -77,6 +79,7 @@ impl Impair {
             let mut parcel = parcel;
             if let Some(bit) = arrival.flipped_bit {
                 parcel.frame.flip(bit);
+                parcel.damaged = true;
             }
             if arrival.at <= now && self.held.is_empty() {
                 out.push(parcel);
@@ -106,6 +109,11 @@ impl Impair {
         }
     }
 
+    /// Drops what is held back, and says of which classes it was.
+    pub fn drain(&mut self) -> impl Iterator<Item = Class> {
+        std::mem::take(&mut self.held).into_values().map(|parcel| parcel.class)
+    }
+
     /// When the next frame is due.
     pub fn next(&self) -> Time {
         self.held.first_key_value().map_or(Time::NEVER, |((at, _), _)| *at)
@@ -133,7 +141,14 @@ mod tests {
             session: session.0,
             sequence: n as u32,
         };
-        Parcel { port, peer, session, class: Class::Seed, frame: Frame::seal(header, &message) }
+        Parcel {
+            port,
+            peer,
+            session,
+            class: Class::Seed,
+            frame: Frame::seal(header, &message),
+            damaged: false,
+        }
     }
     fn links(model: LinkModel) -> Impair {
         Impair::new(model, 1, ModuleId(0), Incarnation(0), 6)
@@ -174,10 +189,12 @@ mod tests {
         for _ in 0..10_000 {
             links.carry(Time::ZERO, parcel(1), &mut tally, &mut out);
         }
-        links.release(Time::NEVER, &mut out);
+        links.release(Time(500_000_000), &mut out);
+        out.extend(links.drain().map(|class| Parcel { class, damaged: false, ..parcel(1) }));
+        assert_eq!(links.next(), Time::NEVER);
         let c = tally[Class::Seed];
         assert!(c.overflowed > 0 && c.lost > 0 && c.duplicated > 0);
         assert_eq!(10_000 + c.duplicated, out.len() as u64 + c.lost + c.overflowed);
-        assert!(out.iter().any(|p| p.frame.open().is_err()));
+        assert!(out.iter().any(|p| p.damaged) && out.iter().all(|p| p.damaged == p.frame.open().is_err()));
     }
 }

@@ -1,9 +1,9 @@
 //! The receiving ends of a process: frames come out of channels, and one bell wakes it.
 
+use crate::packet::Packet;
 use crate::rendezvous::{self, ChannelError, Frames, Listener, Rendezvous, Subscriber, Wakes};
 use iceoryx2::port::listener::ListenerWaitError;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
-use metamorph_protocol::wire::Frame;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -56,8 +56,8 @@ impl Inbox {
         Ok(Inbox { subscribers, listener: rendezvous::listen(&bell)?, _services: (frames, bell), next: 0 })
     }
 
-    /// The next frame, unchecked; none when all channels are empty.
-    pub fn receive(&mut self) -> Result<Option<Frame>, InboxError> {
+    /// The next packet, unchecked; none when all channels are empty.
+    pub fn receive(&mut self) -> Result<Option<Packet>, InboxError> {
         for _ in 0..self.subscribers.len() {
             let subscriber = &self.subscribers[self.next];
             // A sender that was killed while it attached cannot be connected to. That is reported
@@ -67,7 +67,7 @@ impl Inbox {
                 subscriber.receive()
             });
             match sample {
-                Ok(Some(sample)) => return Ok(Some(sample.payload().frame())),
+                Ok(Some(sample)) => return Ok(Some(*sample.payload())),
                 Ok(None) => self.next = (self.next + 1) % self.subscribers.len(),
                 Err(e) => return Err(InboxError::Receive(format!("{e:?}"))),
             }

@@ -15,11 +15,11 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 const MAGIC: [u8; 8] = *b"MMLEDGER";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const HEADER: usize = 32;
-/// Numbers of a slot: its generation, the counts of all classes, foreign frames, wake-ups, records that
-/// are missing from the journal.
-const NUMBERS: usize = 1 + Class::ALL.len() * 8 + 3;
+/// Numbers of a slot: its generation, the counts of all classes and what was left of each, foreign
+/// frames, wake-ups, records that are missing from the journal, whether the ledger is closed.
+const NUMBERS: usize = 1 + Class::ALL.len() * 9 + 4;
 const SLOT: usize = NUMBERS * 8 + 4;
 
 /// What one life of an agent has counted.
@@ -27,6 +27,11 @@ const SLOT: usize = NUMBERS * 8 + 4;
 pub struct Account {
     /// Protocol messages by class.
     pub tally: Tally,
+    /// Messages by class that were under way when the run ended: held back by the link model of this
+    /// agent, or in its inbox.
+    pub left: [u64; Class::ALL.len()],
+    /// Whether this life ended in order, with all of its messages counted.
+    pub closed: bool,
     /// Frames that no member of the run wrote: malformed, of unknown kinds, or under a false name.
     pub foreign: u64,
     /// How often the process woke up; of a killed one, until the last message was counted.
@@ -89,7 +94,7 @@ impl Ledger {
 
     /// Writes the counts down for the last time.
     pub fn close(mut self, account: &Account) -> Result<(), LedgerError> {
-        self.put(account)
+        self.put(&Account { closed: true, ..*account })
     }
 
     fn put(&mut self, account: &Account) -> Result<(), LedgerError> {
@@ -171,9 +176,9 @@ fn slot(generation: u64, account: &Account) -> [u8; SLOT] {
         numbers[1 + i * 8..][..8]
             .copy_from_slice(&[sent, delivered, lost, duplicated, overflowed, expired, refused, bytes]);
     }
-    numbers[NUMBERS - 3] = account.foreign;
-    numbers[NUMBERS - 2] = account.wakes;
-    numbers[NUMBERS - 1] = account.unrecorded;
+    let Account { tally: _, left, closed, foreign, wakes, unrecorded } = *account;
+    numbers[1 + Class::ALL.len() * 8..][..left.len()].copy_from_slice(&left);
+    numbers[NUMBERS - 4..].copy_from_slice(&[foreign, wakes, unrecorded, closed.into()]);
     let mut bytes = [0; SLOT];
     for (chunk, n) in bytes.chunks_exact_mut(8).zip(numbers) {
         chunk.copy_from_slice(&n.to_le_bytes());
@@ -203,9 +208,13 @@ fn read_slot(bytes: &[u8]) -> Option<(u64, Account)> {
             bytes: numbers.next()?,
         };
     }
+    for left in &mut account.left {
+        *left = numbers.next()?;
+    }
     account.foreign = numbers.next()?;
     account.wakes = numbers.next()?;
     account.unrecorded = numbers.next()?;
+    account.closed = numbers.next()? != 0;
     Some((generation, account))
 }
 
@@ -216,7 +225,14 @@ mod tests {
     const ME: (ModuleId, Incarnation) = (ModuleId(3), Incarnation(1));
 
     fn account(n: u64) -> Account {
-        let mut account = Account { foreign: n, wakes: n + 1, unrecorded: n + 2, ..Account::default() };
+        let mut account = Account {
+            left: std::array::from_fn(|i| n + i as u64),
+            closed: n % 2 == 0,
+            foreign: n,
+            wakes: n + 1,
+            unrecorded: n + 2,
+            ..Account::default()
+        };
         for (i, class) in Class::ALL.into_iter().enumerate() {
             let i = i as u64 * 100 + n;
             account.tally[class] = Counts {
@@ -293,9 +309,9 @@ mod tests {
         fs::write(&file, header(ME.0, ME.1)).unwrap();
         assert!(matches!(read(), Ok(None)));
         let mut newer = header(ME.0, ME.1);
-        newer[8] = 3;
+        newer[8] += 1;
         fs::write(&file, newer).unwrap();
-        assert!(matches!(read(), Err(LedgerError::Version(_, 3))));
+        assert!(matches!(read(), Err(LedgerError::Version(_, 4))));
         let mut garbage = header(ME.0, ME.1).to_vec();
         garbage.extend([7; SLOT * 3]);
         fs::write(&file, garbage).unwrap();

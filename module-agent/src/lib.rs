@@ -9,12 +9,14 @@
 
 pub mod args;
 pub mod clock;
+pub mod clock_page;
 pub mod contacts;
 mod drive;
 pub mod family;
 pub mod impair;
 pub mod inbox;
 pub mod journal;
+pub mod lateness;
 pub mod ledger;
 pub mod outbox;
 pub mod packet;
@@ -31,5 +33,5 @@ pub mod undertaker;
 pub mod uplink;
 
 pub use args::AgentArgs;
-pub use drive::{AgentError, pid_directory, pid_file, run};
+pub use drive::{AgentError, in_hand, pid_directory, pid_file, run};
 pub use family::Family;

@@ -5,6 +5,7 @@ use crate::packet::Packet;
 use crate::rendezvous::{self, ChannelError, Frames, Notifier, Publisher, Rendezvous, Wakes};
 use crate::space;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Frame;
 
 /// Bytes of shared memory that the sending end of a channel takes, with room for others who open one.
@@ -50,12 +51,12 @@ impl Outbox {
         Ok(Outbox { publisher, notifier, frames, _bell: bell, ring: false })
     }
 
-    /// Puts one frame into the inbox. The receiver is woken by [`Outbox::flush`].
-    pub fn send(&mut self, frame: &Frame) -> Handed {
-        self.send_packet(Packet::from(frame))
+    /// Puts one frame into the inbox at `now`. The receiver is woken by [`Outbox::flush`].
+    pub fn send(&mut self, frame: &Frame, now: Time) -> Handed {
+        self.send_packet(Packet::new(frame, now))
     }
 
-    /// Puts arbitrary bytes into the inbox.
+    /// Puts a packet into the inbox.
     pub fn send_packet(&mut self, packet: Packet) -> Handed {
         use iceoryx2::prelude::PortFactory as _;
         match self.publisher.send_copy(packet) {

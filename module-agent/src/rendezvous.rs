@@ -37,8 +37,8 @@ pub type Wakes = port_factory::event::PortFactory<Svc>;
 /// Frames that an inbox holds of each sender.
 pub const INBOX_DEPTH: usize = 32;
 /// Senders that an inbox takes beside one for each port: the controller, and dead ones until they are
-/// buried. Each costs every agent 3.6 kB.
-const INBOX_SPARE: usize = 10;
+/// buried. Each costs every agent 4.4 kB.
+pub const INBOX_SPARE: usize = 10;
 /// Agents that may die in a run: their places at the controller's bell are not given back.
 const CONTROLLER_RINGERS: usize = 20_000;
 /// Frames of each agent that wait for the controller.

@@ -3,15 +3,20 @@
 //! | kind | message | from | payload |
 //! |---|---|---|---|
 //! | 0 | hello | agent | pid (4) |
-//! | 1 | begin | controller | epoch (8), kind of place (1), place |
+//! | 1 | begin | controller | kind of place (1), place |
 //! | 2 | contact | controller | port (1), revision (4), present (1), then session (4), peer (4), its incarnation (2), its port (1) |
 //! | 3 | stop | controller | |
 //! | 4 | return | controller | |
 //! | 5 | here | agent | told (4), expected (4) |
 //! | 6 | leave | controller | |
 //! | 7 | taken | agent | expected (4) |
+//! | 8 | late | agent | since (8), by (8) |
+//! | 9 | silent | agent | |
+//! | 10 | end | controller | |
 
+use crate::lateness::Late;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};
 
 /// The other end of a contact.
@@ -37,9 +42,7 @@ pub enum Runtime<P> {
     },
     /// The run begins, or goes on for a restarted agent.
     Begin {
-        /// CLOCK_MONOTONIC at scenario time zero.
-        epoch: u64,
-        /// Where the body stands; at most 87 bytes on the wire.
+        /// Where the body stands; at most 95 bytes on the wire.
         place: P,
     },
     /// The contact on a port changed.
@@ -51,7 +54,8 @@ pub enum Runtime<P> {
         /// What touches the port now.
         contact: Option<Contact>,
     },
-    /// The run is over; the process ends.
+    /// The run is over: the agent takes and sends nothing more, says that it is silent, and counts what
+    /// still arrives.
     Stop,
     /// Another controller has the seat: look who. Believed nothing, and in no sequence.
     Return,
@@ -71,6 +75,12 @@ pub enum Runtime<P> {
         /// The sequence number that the agent expects of the controller next.
         expected: u32,
     },
+    /// The agent has taken something much later than it was sent or due.
+    Late(Late),
+    /// The agent sends nothing more.
+    Silent,
+    /// All agents are silent: the process counts what is left in its inbox, and ends.
+    End,
 }
 
 impl<P: Wire> Wire for Runtime<P> {
@@ -84,14 +94,16 @@ impl<P: Wire> Wire for Runtime<P> {
             Runtime::Here { .. } => 5,
             Runtime::Leave => 6,
             Runtime::Taken { .. } => 7,
+            Runtime::Late(_) => 8,
+            Runtime::Silent => 9,
+            Runtime::End => 10,
         }
     }
 
     fn encode(&self, out: &mut Encoder) {
         match self {
             Runtime::Hello { pid } => out.u32(*pid),
-            Runtime::Begin { epoch, place } => {
-                out.u64(*epoch);
+            Runtime::Begin { place } => {
                 out.u8(place.kind());
                 place.encode(out);
             }
@@ -106,7 +118,11 @@ impl<P: Wire> Wire for Runtime<P> {
                     out.u8(c.peer_port.0);
                 }
             }
-            Runtime::Stop | Runtime::Return | Runtime::Leave => {}
+            Runtime::Stop | Runtime::Return | Runtime::Leave | Runtime::Silent | Runtime::End => {}
+            Runtime::Late(late) => {
+                out.u64(late.since.0);
+                out.u64(late.by.0);
+            }
             Runtime::Taken { expected } => out.u32(*expected),
             Runtime::Here { told, expected } => {
                 out.u32(*told);
@@ -119,8 +135,8 @@ impl<P: Wire> Wire for Runtime<P> {
         match kind {
             0 => Ok(Runtime::Hello { pid: from.u32()? }),
             1 => {
-                let (epoch, kind) = (from.u64()?, from.u8()?);
-                Ok(Runtime::Begin { epoch, place: P::decode(kind, from)? })
+                let kind = from.u8()?;
+                Ok(Runtime::Begin { place: P::decode(kind, from)? })
             }
             2 => {
                 let (port, revision) = (Port(from.u8()?), Revision(from.u32()?));
@@ -141,6 +157,9 @@ impl<P: Wire> Wire for Runtime<P> {
             5 => Ok(Runtime::Here { told: from.u32()?, expected: from.u32()? }),
             6 => Ok(Runtime::Leave),
             7 => Ok(Runtime::Taken { expected: from.u32()? }),
+            8 => Ok(Runtime::Late(Late { since: Time(from.u64()?), by: Span(from.u64()?) })),
+            9 => Ok(Runtime::Silent),
+            10 => Ok(Runtime::End),
             _ => Err(WireError::Kind(kind)),
         }
     }
@@ -179,13 +198,10 @@ mod tests {
             peer_port: Port(5),
         };
         let (port, revision) = (Port(3), Revision(7));
-        let cases: [(Runtime<Cell>, u8, &[u8]); 9] = [
+        let late = Late { since: Time(0x0102), by: Span(3) };
+        let cases: [(Runtime<Cell>, u8, &[u8]); 12] = [
             (Runtime::Hello { pid: 0x0A0B }, 0, &[0x0B, 0x0A, 0, 0]),
-            (
-                Runtime::Begin { epoch: 5, place: Cell::new(1, -1, 2) },
-                1,
-                &[5, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0xFF, 0xFF, 2, 0],
-            ),
+            (Runtime::Begin { place: Cell::new(1, -1, 2) }, 1, &[0, 1, 0, 0xFF, 0xFF, 2, 0]),
             (
                 Runtime::Contact { port, revision, contact: Some(contact) },
                 2,
@@ -197,6 +213,9 @@ mod tests {
             (Runtime::Here { told: 0x0102, expected: 3 }, 5, &[2, 1, 0, 0, 3, 0, 0, 0]),
             (Runtime::Leave, 6, &[]),
             (Runtime::Taken { expected: 0x0203 }, 7, &[3, 2, 0, 0]),
+            (Runtime::Late(late), 8, &[2, 1, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0]),
+            (Runtime::Silent, 9, &[]),
+            (Runtime::End, 10, &[]),
         ];
         for (message, kind, payload) in cases {
             let frame = seal(&message);

@@ -5,6 +5,7 @@ use crate::clock::Speed;
 use crate::journal::Parts;
 use bincode::config::standard;
 use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::time::Span;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -25,8 +26,10 @@ pub struct SwarmFile<S> {
     pub count: u32,
     /// The seed of the run.
     pub seed: u64,
-    /// How fast scenario time passes.
+    /// How fast scenario time passes at most.
     pub speed: Speed,
+    /// By how much scenario time agents may be late before the controller slows the clock.
+    pub tolerance: Span,
     /// What links do to messages.
     pub link: LinkModel,
     /// Where agents write their parts of the journal, if one is kept.
@@ -109,7 +112,6 @@ impl<S: DeserializeOwned> SwarmFile<S> {
 mod tests {
     use super::*;
     use crate::journal::RunId;
-    use metamorph_protocol::time::Span;
     use proptest::prelude::*;
 
     fn sample() -> SwarmFile<Vec<u32>> {
@@ -117,6 +119,7 @@ mod tests {
             count: 3,
             seed: 9,
             speed: Speed::new(10, 1).unwrap(),
+            tolerance: Span::millis(100),
             link: LinkModel { delay_max: Span::millis(2), ..LinkModel::default() },
             journal: Some(Parts { dir: "/tmp/journal.parts".into(), run: RunId([9; 16]) }),
             patience: 30_000,

@@ -4,6 +4,7 @@
 use crate::outbox::{Handed, Outbox};
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
+use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
 use std::collections::VecDeque;
 
@@ -53,10 +54,10 @@ impl Uplink {
         self.outbox = outbox;
     }
 
-    /// Sends as much as fits.
-    pub fn flush(&mut self) {
+    /// Sends as much as fits at `now`.
+    pub fn flush(&mut self, now: Time) {
         while let Some(frame) = self.queue.front() {
-            if self.outbox.send(frame) != Handed::Over {
+            if self.outbox.send(frame, now) != Handed::Over {
                 break;
             }
             self.queue.pop_front();

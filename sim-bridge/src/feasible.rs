@@ -64,6 +64,15 @@ impl Within {
     /// All of them, the narrowest first.
     pub const ALL: [Within; 4] = [Within::Held, Within::Called, Within::Grown, Within::Anything];
 
+    /// The name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Within::Held => "held",
+            Within::Called => "called",
+            Within::Grown => "grown",
+            Within::Anything => "anything",
+        }
+    }
     /// For people: what was proved.
     pub const fn text(self) -> &'static str {
         match self {

@@ -4,6 +4,7 @@
 //! violation; worlds and audits call them on the real thing. Sources: protocol specification,
 //! invariants I1 to I8; thesis 4.1.2 for connectivity.
 
+use metamorph_protocol::agent::Class;
 use metamorph_protocol::cube::message::Rank;
 use metamorph_protocol::ids::{ModuleId, Session};
 use metamorph_protocol::lattice::{Cell, Face};
@@ -206,13 +207,19 @@ pub fn reserved_once(reservations: &[(Face, ModuleId)]) -> Result<(), String> {
     Ok(())
 }
 
-/// [`Invariant::MessagesBalance`]: what was sent has met one fate each, or is under way.
-pub fn messages_balance(tally: &Tally, in_flight: u64) -> Result<(), String> {
-    let left = tally.total().in_flight();
-    if left == in_flight as i64 {
-        Ok(())
-    } else {
-        Err(format!("{left} messages are unaccounted for, {in_flight} are under way"))
+/// A count for each class of messages.
+pub type PerClass = [u64; Class::ALL.len()];
+
+/// [`Invariant::MessagesBalance`]: what was sent in each class has met one fate each, or is under way.
+pub fn messages_balance(tally: &Tally, under_way: &PerClass) -> Result<(), String> {
+    let left = |class| tally[class].in_flight();
+    match Class::ALL.into_iter().find(|class| left(*class) != under_way[class.index()] as i64) {
+        None => Ok(()),
+        Some(class) => Err(format!(
+            "{} {class} messages are unaccounted for, {} are under way",
+            left(class),
+            under_way[class.index()]
+        )),
     }
 }
 
@@ -221,7 +228,6 @@ mod tests {
     use super::*;
     use crate::cube_world::CubeWorld;
     use crate::world::World;
-    use metamorph_protocol::agent::Class;
     use metamorph_protocol::cube::body::Move;
     use metamorph_protocol::ids::Revision;
     use metamorph_protocol::lattice::{Cell, Motion, MotionKind};
@@ -299,8 +305,17 @@ mod tests {
         let mut tally = Tally::default();
         tally[Class::Seed].sent = 3;
         tally[Class::Gradient].delivered = 2;
-        assert!(messages_balance(&tally, 1).is_ok());
-        assert!(messages_balance(&tally, 0).is_err());
+        // All classes together add up, and neither does for itself.
+        let under_way = |seed, gradient| {
+            let mut of = [0; Class::ALL.len()];
+            (of[Class::Seed.index()], of[Class::Gradient.index()]) = (seed, gradient);
+            of
+        };
+        assert!(messages_balance(&tally, &under_way(1, 0)).is_err());
+        tally[Class::Gradient].sent = 2;
+        assert!(messages_balance(&tally, &under_way(3, 0)).is_ok());
+        assert!(messages_balance(&tally, &under_way(2, 0)).is_err());
+        assert!(messages_balance(&tally, &under_way(2, 1)).is_err());
     }
 
     fn world(cells: &[[i16; 3]]) -> CubeWorld {

@@ -109,7 +109,8 @@ impl Reason {
             Reason::NoWay => "no-way",
         }
     }
-    /// Whether no protocol could have gone on from here.
+    /// Whether no module could have gone on as the others stand, so that it is no fault of a module that it
+    /// did not. That nothing could be done at all takes a search (`feasible`) to prove.
     pub const fn is_infeasible(self) -> bool {
         !matches!(
             self,
@@ -126,17 +127,25 @@ impl Reason {
             Reason::CutOff => {
                 "cut off: dead modules separate every spare module that has a way from those that could call it"
             }
-            Reason::SeedBlocked => "infeasible: something that cannot move is in a cell of an unfilled seed",
+            Reason::SeedBlocked => {
+                "seed blocked: something that cannot move is in a cell of an unfilled seed"
+            }
             Reason::NoBetterPlace => {
                 "deadlock: no free metamodule can get to a place that the force field prefers to its own"
             }
             Reason::NoLock => "deadlock: a free metamodule is refused the way to a better place",
-            Reason::MaterialExhausted => "infeasible: fewer live spare modules than goal cells to fill",
-            Reason::NoActiveTarget => {
-                "infeasible: no live finalized module can start one of the unfilled goal cells"
+            Reason::MaterialExhausted => {
+                "material exhausted: fewer live spare modules than goal cells to fill"
             }
-            Reason::NeedsDeadSupport => "infeasible: every way to a goal cell leads over dead modules",
-            Reason::NoWay => "infeasible: no way leads to a goal cell",
+            Reason::NoActiveTarget => {
+                "no active target: no live finalized module can start one of the unfilled goal cells"
+            }
+            Reason::NeedsDeadSupport => {
+                "needs dead support: every way that a module could walk to a goal cell leads over dead ones"
+            }
+            Reason::NoWay => {
+                "no way: no module could walk to a goal cell while the others stay where they are"
+            }
         }
     }
 }

@@ -731,12 +731,22 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
         self.world.audit_all(self.now, &agents, &mut found);
         found.extend(self.world.take_violations());
-        let waiting: usize = self.backlogs.values().map(|b| b.messages).sum();
-        let in_flight = self.parcels.len() + waiting;
-        if let Err(what) = invariants::messages_balance(&self.tally, in_flight as u64) {
+        if let Err(what) = invariants::messages_balance(&self.tally, &self.under_way()) {
             found.push(Violation { invariant: Invariant::MessagesBalance, at: self.now, what });
         }
         found.into_iter().for_each(|v| self.note(v));
+    }
+
+    /// Messages of each class that are on their way, or unread at a module that is stopped.
+    fn under_way(&self) -> invariants::PerClass {
+        let mut of = invariants::PerClass::default();
+        self.parcels.iter().for_each(|(_, parcel)| of[parcel.class.index()] += 1);
+        for waiting in self.backlogs.values().flat_map(|b| &b.waiting) {
+            if let Waiting::Message(parcel) = waiting {
+                of[parcel.class.index()] += 1;
+            }
+        }
+        of
     }
 
     /// The hash of the state of all agents now.

@@ -11,6 +11,7 @@ use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::stream::Stream;
+use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
 use metamorph_sim_bridge::direct::Command;
 use metamorph_tests::chaos::{Controller, left_of, signal_to, wait_until};
@@ -121,7 +122,7 @@ fn what_strangers_write_is_counted_and_changes_nothing() {
         Header { channel: Channel::Peer, source: ModuleId(0), session: 999, ..header },
     ]
     .iter()
-    .map(|h| Packet::from(&Frame::seal(*h, &message)))
+    .map(|h| Packet::new(&Frame::seal(*h, &message), Time::ZERO))
     .collect();
     let mut random = Stream::named(1, "garbage", 0);
     packets.extend((0..40).map(|_| Packet::from_bytes(std::array::from_fn(|_| random.next_u64() as u8))));

@@ -26,6 +26,8 @@ pub struct Status {
     pub moves: u64,
     /// Messages sent, if that is known while a run is under way.
     pub messages: Option<u64>,
+    /// The speed of the clock, as a share of the scenario's.
+    pub speed: f64,
 }
 
 /// Without anything that follows from what was seen before.
@@ -44,6 +46,8 @@ impl fmt::Display for Status {
 const MEMORY: Duration = Duration::from_secs(10);
 /// Nothing is said about the end before so much has been seen.
 const LEARNING: Duration = Duration::from_secs(1);
+/// A clock as fast as this share of its speed is not called slow.
+const UNSLOWED: f64 = 0.95;
 /// Characters of the bar.
 const BAR: u64 = 20;
 
@@ -83,6 +87,9 @@ impl Gauge {
         if status.messages.is_some() {
             parts.push(format!("{} messages/s", count(rate(status.messages.unwrap_or(0), messages) as u64)));
         }
+        if status.speed < UNSLOWED {
+            parts.push(format!("slowed to {:.0}%", (status.speed * 100.0).max(1.0)));
+        }
         let filling = rate(status.filled, filled);
         if span >= LEARNING.as_secs_f64() && filling > 0.0 && status.filled < status.goal {
             parts.push(format!("{} left", seconds((status.goal - status.filled) as f64 / filling)));
@@ -107,7 +114,16 @@ mod tests {
             alive: 1_000,
             moves: 77,
             messages,
+            speed: 1.0,
         }
+    }
+
+    #[test]
+    fn a_slowed_clock_is_said() {
+        let mut gauge = Gauge::default();
+        let mut line = |speed| gauge.line(Duration::ZERO, &Status { speed, ..status(0, None) }, 200);
+        assert!(!line(1.0).contains("slowed") && !line(0.96).contains("slowed"));
+        assert!(line(0.4).contains("slowed to 40%") && line(0.001).contains("slowed to 1%"));
     }
 
     #[test]

@@ -14,7 +14,8 @@
 //! Deliberately absent: decisions of the protocol (they are in `protocol`) and ground truth about
 //! the world (it is in `sim-bridge`).
 
-pub mod bench;
+pub mod balance;
+mod bench;
 pub mod command;
 pub mod commands;
 pub mod database;

@@ -1,6 +1,8 @@
 //! Runs a plan with one process per module, over shared memory. What a swarm of processes is, and
 //! how it is supervised, is in `swarm`; here a plan goes in and a report comes out.
 
+use crate::balance::unbalanced;
+use crate::gauge::Status;
 use crate::journal::{HeadError, Journal, JournalError, Keeping, parts_of, plan_of};
 use crate::replay::{RecoverError, Recovered, recover};
 use crate::report::schema::Report;
@@ -10,7 +12,7 @@ use crate::scenario::{Plan, Swarm};
 use crate::shown::Shown;
 use crate::stopwatch::Stopwatch;
 use crate::swarm::{
-    CleanError, Crash, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, WATCH, adopt,
+    CleanError, Crash, FULL, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, WATCH, adopt,
     clean, resume_swarm, run_swarm,
 };
 use crate::terminal::Live;
@@ -26,12 +28,13 @@ use metamorph_sim_bridge::chronicle::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::direct::{Command, Direct};
 use metamorph_sim_bridge::director::Progress;
 use metamorph_sim_bridge::faults::Struck;
-use metamorph_sim_bridge::invariants::{Invariant, Violation};
 use metamorph_sim_bridge::outcome::Outcome;
 use metamorph_sim_bridge::state::world_hash;
 use metamorph_sim_bridge::world::World;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 use thiserror::Error;
 
@@ -86,6 +89,9 @@ impl From<RecoverError> for ProcessError {
         }
     }
 }
+/// Agents may be late by this part of a move, or of a step of a joint, before time is slowed: that much later
+/// than usual no answer is given up, and leases and heartbeats are forty and more times as long.
+const TOLERATED: u64 = 10;
 
 /// Runs to the end, or until a signal asks for it. `since` is when the program started; `patience` is
 /// how long agents wait for a controller to come back, if a journal is kept.
@@ -146,13 +152,14 @@ pub fn resume_processes(
     }
 }
 
-fn options<R: Runnable>(plan: &Plan, parts: Option<&Parts>) -> Result<SwarmOptions, ProcessError> {
+fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result<SwarmOptions, ProcessError> {
     let program = std::env::current_exe().map_err(ProcessError::Program)?;
     Ok(SwarmOptions {
         // `--` keeps the agent's arguments from being read as options of this program.
         program_args: vec!["agent".into(), "--".into(), R::FAMILY.name().into()],
         seed: plan.seed,
         speed: speed(plan.time_scale),
+        tolerance: swarm.beat() / TOLERATED,
         link: plan.link.clone(),
         // A swarm ends at once if it is interrupted while it is being set up.
         catch_signals: true,
@@ -172,10 +179,11 @@ fn run<R: Runnable>(
     scribe: Option<Log>,
 ) -> Result<Report, ProcessError> {
     let mut world = swarm.world(plan);
-    let mut options = options::<R>(plan, keeping.as_ref().and_then(Keeping::parts))?;
+    let mut options = options(swarm, plan, keeping.as_ref().and_then(Keeping::parts))?;
     options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
     let brain = swarm.director(plan);
-    let mut director = Watched::<R> { brain, plan, live, meter: Meter::new(&options) };
+    let mut director =
+        Watched::<R> { brain, plan, live, meter: Meter::new(&options), share: Arc::clone(&options.share) };
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let setup = swarm.setup().as_ref();
@@ -220,8 +228,14 @@ fn resume<R: Runnable>(
         }
     }
     let keeping = Keeping::going_on(&file, run, part.end(), until)?;
-    let options = options::<R>(plan, keeping.parts())?;
-    let director = Watched::<R> { brain: director, plan, live, meter: Meter::new(&options) };
+    let options = options(swarm, plan, keeping.parts())?;
+    let director = Watched::<R> {
+        brain: director,
+        plan,
+        live,
+        meter: Meter::new(&options),
+        share: Arc::clone(&options.share),
+    };
     let before = since.elapsed();
     let log = both(Some(keeping.log()), scribe).expect("invariant: two logs make one, and one is there");
     let mut recorded = RecordedWorld::new(world, log.clone());
@@ -246,7 +260,7 @@ fn conclude<R: Runnable>(
     said: Vec<String>,
 ) -> Report {
     let (mut violations, checked) = R::last_check(&mut world, outcome.end);
-    violations.extend(unbalanced(outcome));
+    violations.extend(unbalanced(outcome, <R::World as World>::Agent::PORTS, plan.link.is_transparent()));
     let account = swarm.account(plan, &brain, &world);
     let mut notes = [said, notes(outcome)].concat();
     if let Some(keeping) = keeping {
@@ -267,10 +281,13 @@ fn conclude<R: Runnable>(
         now: outcome.end,
         wall: outcome.wall,
         setup: before + outcome.setup,
+        slowed: Some(outcome.slowed),
+        left: Some(outcome.left),
         trace_hash: None,
         state_hash: None,
         agents_hash: None,
         world_hash: world_hash(&world),
+        search: true,
         notes,
     })
 }
@@ -279,18 +296,6 @@ fn conclude<R: Runnable>(
 fn speed(time_scale: f64) -> Speed {
     let thousandths = (time_scale * 1_000.0).round().clamp(1.0, f64::from(u32::MAX)) as u32;
     Speed::new(thousandths, 1_000).unwrap_or(Speed::REAL)
-}
-
-/// Message counts that do not add up.
-fn unbalanced(outcome: &SwarmOutcome) -> Option<Violation> {
-    // Of all classes together: the class of a damaged message is what is left of it.
-    let left = outcome.tally.total().in_flight();
-    // Without the counts of every life, nothing can be said about their sum.
-    if left >= 0 || !outcome.missing_ledgers.is_empty() {
-        return None;
-    }
-    let what = format!("{} messages more arrived than were sent", -left);
-    Some(Violation { invariant: Invariant::MessagesBalance, at: outcome.end, what })
 }
 
 /// What does not fit the report's numbers, in words.
@@ -318,6 +323,8 @@ struct Watched<'a, R: Runnable> {
     plan: &'a Plan,
     live: &'a mut Live,
     meter: Meter,
+    /// The present speed of the clock, in parts of [`FULL`].
+    share: Arc<AtomicU32>,
 }
 
 type ReportOf<W> = <<W as World>::Agent as Agent>::Report;
@@ -337,7 +344,8 @@ impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
         self.brain.wake(now, world);
         self.live.show(|| {
             let seen = Progress { messages: self.meter.sent(), ..R::progress(&self.brain) };
-            progress(self.plan, now, &seen)
+            let share = f64::from(self.share.load(Ordering::Relaxed)) / f64::from(FULL);
+            Status { speed: share, ..progress(self.plan, now, &seen) }
         });
     }
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {

@@ -33,8 +33,8 @@ pub fn run_simulated(
         !interrupt.is_set()
     };
     let (report, _) = match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, keeping, scribe),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, keeping, scribe),
+        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, keeping, scribe, true),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, keeping, scribe, true),
     };
     live.clear();
     report
@@ -57,8 +57,8 @@ pub fn simulate_and_account(
     watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
 ) -> (Report, Account) {
     match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, None, None),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, None, None),
+        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, None, None, false),
+        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, None, None, false),
     }
 }
 
@@ -69,6 +69,7 @@ fn run<R: Runnable>(
     watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
     keeping: Option<Keeping>,
     scribe: Option<Log>,
+    search: bool,
 ) -> (Report, Account) {
     let config = SimConfig {
         setup: Arc::clone(swarm.setup()),
@@ -80,7 +81,7 @@ fn run<R: Runnable>(
     let (world, director) = (swarm.world(plan), swarm.director(plan));
     let Some(log) = both(keeping.as_ref().map(Keeping::log), scribe) else {
         let sim = Sim::new(config, world, director);
-        return drive(swarm, plan, since, watch, sim, |w| w, |d| d, |_, _| Vec::new());
+        return drive(swarm, plan, since, watch, sim, |w| w, |d| d, |_, _| Vec::new(), search);
     };
     let world = RecordedWorld::new(world, log.clone());
     let director = RecordedDirector::new(director, log.clone());
@@ -89,7 +90,7 @@ fn run<R: Runnable>(
         let kept = keeping.map(|k| k.finish(sim.now(), outcome.name(), sim.tally(), &[], 0));
         kept.unwrap_or_default()
     };
-    drive(swarm, plan, since, watch, sim, RecordedWorld::inner, RecordedDirector::inner, finish)
+    drive(swarm, plan, since, watch, sim, RecordedWorld::inner, RecordedDirector::inner, finish, search)
 }
 
 #[allow(clippy::too_many_arguments, reason = "the same for runs with and without a journal")]
@@ -102,6 +103,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
     world: fn(&W) -> &R::World,
     director: fn(&D) -> &R::Director,
     finish: impl FnOnce(&Sim<W, D>, Outcome) -> Vec<String>,
+    search: bool,
 ) -> (Report, Account) {
     let (setup, running) = (since.elapsed(), Stopwatch::start());
     // Slices are only for being watched; where they end has no effect on the run.
@@ -116,6 +118,8 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
     let (violations, broken) = sim.violations();
     let hashes = sim.hashes();
     let facts = Facts {
+        slowed: None,
+        left: None,
         plan,
         account,
         beat: swarm.beat(),
@@ -131,6 +135,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
         state_hash: Some(hashes.states),
         agents_hash: Some(hashes.agents),
         world_hash: hashes.world,
+        search,
         notes,
     };
     (report(&facts), facts.account)

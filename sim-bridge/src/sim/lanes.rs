@@ -16,7 +16,7 @@
 
 use super::{AT_HAND, Link, Module, Parcel, Process, Sent, Sim};
 use crate::direct::Direct;
-use crate::invariants::{self, Invariant, Violation};
+use crate::invariants::{self, Invariant, PerClass, Violation};
 use crate::queue::Queue;
 use crate::still_world::StillWorld;
 use crate::trace::Trace;
@@ -85,7 +85,7 @@ struct Log<A: Agent> {
     /// For each event, the number of the first thing that it scheduled.
     numbers: Vec<u64>,
     /// Messages of this lane that are under way, what it has posted included.
-    under_way: u64,
+    under_way: PerClass,
     /// Counts since the beginning.
     tally: Tally,
     body_messages: u64,
@@ -99,7 +99,7 @@ impl<A: Agent> Log<A> {
             reports: Vec::new(),
             wakers: Vec::new(),
             numbers: Vec::new(),
-            under_way: 0,
+            under_way: PerClass::default(),
             tally: Tally::default(),
             body_messages: 0,
             checked: 0,
@@ -182,12 +182,14 @@ struct Lane<'a, A: Agent> {
     queue: Queue<u32>,
     scheduled: Slab<Numbered<A::Message>>,
     /// Messages among what is scheduled.
-    messages: u64,
+    messages: PerClass,
 }
 
 impl<A: Agent<Action = Never>> Lane<'_, A> {
     fn put(&mut self, at: Time, number: u64, what: What<A::Message>) {
-        self.messages += u64::from(matches!(what, What::Arrive(_)));
+        if let What::Arrive(parcel) = &what {
+            self.messages[parcel.class.index()] += 1;
+        }
         // Invariant: 2^32 messages under way would not fit into memory.
         let index = self.scheduled.insert(Numbered { number, what }) as u32;
         self.queue.push(at, index);
@@ -219,7 +221,7 @@ impl<A: Agent<Action = Never>> Lane<'_, A> {
         log.events.clear();
         log.wakers.clear();
         let mut boxes: Vec<_> = (0..lanes).map(|to| shared.post(self.index, to)).collect();
-        let mut sent = 0;
+        let mut sent = PerClass::default();
         while self.queue.next_at() < end {
             if self.queue.taken().is_multiple_of(AT_HAND) {
                 self.look_ahead(lanes);
@@ -243,7 +245,7 @@ impl<A: Agent<Action = Never>> Lane<'_, A> {
                     (current && module.process == Process::Running).then_some(Input::Wake)
                 }
                 What::Arrive(Parcel { session, port, class, message, .. }) => {
-                    self.messages -= 1;
+                    self.messages[class.index()] -= 1;
                     let current = links[port.index()].contact.map(|c| c.session);
                     let counts = &mut log.tally[class];
                     if module.process == Process::Dead {
@@ -275,7 +277,7 @@ impl<A: Agent<Action = Never>> Lane<'_, A> {
                     match output {
                         Output::Send { port, class, message } => {
                             let put = |at, parcel: Parcel<A::Message>| {
-                                sent += 1;
+                                sent[parcel.class.index()] += 1;
                                 post(shared.lane_of(parcel.to), at, What::Arrive(parcel));
                             };
                             let link = &mut links[port.index()];
@@ -304,7 +306,7 @@ impl<A: Agent<Action = Never>> Lane<'_, A> {
             }
             log.events.push(event);
         }
-        log.under_way = self.messages + sent;
+        log.under_way = std::array::from_fn(|class| self.messages[class] + sent[class]);
     }
 
     /// As [`Sim::look_ahead`].
@@ -403,12 +405,12 @@ impl<D> Merge<'_, D> {
         }
         drop(heads);
         if self.audits > audits {
-            let (mut tally, mut under_way) = (self.tally, 0);
+            let (mut tally, mut under_way) = (self.tally, PerClass::default());
             for log in &logs {
                 tally += log.tally;
-                under_way += log.under_way;
+                under_way.iter_mut().zip(log.under_way).for_each(|(sum, of)| *sum += of);
             }
-            if let Err(what) = invariants::messages_balance(&tally, under_way) {
+            if let Err(what) = invariants::messages_balance(&tally, &under_way) {
                 self.unbalanced.push(Violation { invariant: Invariant::MessagesBalance, at: self.now, what });
             }
         }
@@ -504,7 +506,14 @@ where
             .enumerate()
             .map(|(index, (modules, links))| {
                 let queue = Queue::new(config.link.delay_max);
-                Apart(Lane { index, modules, links, queue, scheduled: Slab::new(), messages: 0 })
+                Apart(Lane {
+                    index,
+                    modules,
+                    links,
+                    queue,
+                    scheduled: Slab::new(),
+                    messages: PerClass::default(),
+                })
             })
             .collect();
         while let Some((at, event)) = self.queue.pop() {

@@ -17,6 +17,7 @@ use metamorph_module_agent::rendezvous::{self, Rendezvous};
 use metamorph_module_agent::run_name::RunName;
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
+use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Decoder, Encoder, Frame, Header, Wire, WireError};
 use rustix::net::{AddressFamily, SocketFlags, SocketType, socketpair};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
@@ -520,13 +521,14 @@ impl End for Ours {
             sequence: self.sequence,
         };
         self.sequence = self.sequence.wrapping_add(1);
-        Ok(self.outbox.send(&Frame::seal(header, &note)) == Handed::Over)
+        Ok(self.outbox.send(&Frame::seal(header, &note), Time::ZERO) == Handed::Over)
     }
     fn ring(&mut self) {
         self.outbox.flush();
     }
     fn take(&mut self) -> Result<Option<u32>, BenchError> {
-        let Some(frame) = self.inbox.receive()? else { return Ok(None) };
+        let Some(packet) = self.inbox.receive()? else { return Ok(None) };
+        let frame = packet.frame();
         let fits = frame.open().is_ok_and(|h| h.destination == ModuleId(self.me) && h.session == 1);
         match frame.message::<Note>() {
             Ok(note) if fits => Ok(Some(note.ask)),

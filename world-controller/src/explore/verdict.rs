@@ -67,6 +67,10 @@ pub struct Failure {
 /// its experiment measures.
 const PUBLISHED: [Reason; 2] = [Reason::NoBetterPlace, Reason::NoLock];
 
+/// Reasons for which no module could have gone on alone.
+const UNMOVED: [Reason; 4] =
+    [Reason::MaterialExhausted, Reason::SeedBlocked, Reason::NeedsDeadSupport, Reason::NoWay];
+
 /// So many arrangements of a broken robot are looked at before it stays undecided what could be built.
 const ARRANGEMENTS: usize = 20_000;
 
@@ -91,7 +95,7 @@ pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
         () if is(Reason::NoActiveTarget) || is(Reason::CutOff) => dead,
         // Holding on to what is broken is what keeps it from falling off.
         () if is(Reason::Pinned) => broken,
-        () => stall.infeasible || PUBLISHED.into_iter().any(is),
+        () => UNMOVED.into_iter().chain(PUBLISHED).any(is),
     };
     let is_cubes = matches!(plight, Some(Question::Cubes(_)));
     // Cubes that nothing has broken have brought themselves to where nothing can be done any more.

@@ -79,7 +79,7 @@ impl ExportError {
         match self {
             ExportError::Output(error) => error.is_input(),
             ExportError::Journal(_) | ExportError::Head(_) => true,
-            ExportError::Write { .. } => false,
+            ExportError::Interrupted { .. } | ExportError::Write { .. } => false,
         }
     }
 }

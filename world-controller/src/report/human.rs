@@ -10,6 +10,8 @@ use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Progress;
 use std::fmt::Write;
 
+/// The mean speed of the clock, as a share of the scenario's, from which on nothing is said of it.
+const UNSLOWED: f64 = 0.99;
 /// Faults and violations shown; JSON has them all.
 const SHOWN: usize = 12;
 
@@ -65,6 +67,14 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
         seconds(t.wall_s),
         seconds(t.setup_s)
     )?;
+    if let Some(slowed) = t.slowed.as_ref().filter(|s| s.factor < UNSLOWED) {
+        writeln!(
+            out,
+            "  slowed      to {:.0}% of its speed in the mean, {:.0}% at the least, because the machine was busy",
+            slowed.factor * 100.0,
+            slowed.lowest * 100.0
+        )?;
+    }
     let broken = if r.invariants.broken == 0 {
         "0 broken".to_owned()
     } else {
@@ -174,6 +184,7 @@ fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) 
     writeln!(out, "  {} since {}: {}", paint.strong("unbuilt"), seconds(s.since_s), s.text)?;
     let what = if s.unfilled.len() == 1 { words.cell } else { words.cells };
     writeln!(out, "    {} {what}: {}{dots}", s.unfilled.len(), cells.join(", "))?;
+    writeln!(out, "    {}", s.proof)?;
     if !s.wait_cycle.is_empty() {
         let ids: Vec<String> = s.wait_cycle.iter().take(10).map(u32::to_string).collect();
         writeln!(out, "    wait for each other: {}", ids.join(", "))?;
@@ -211,6 +222,7 @@ pub fn progress(plan: &Plan, now: Time, p: &Progress) -> Status {
         alive: p.alive as u64,
         moves: p.moves,
         messages: p.messages,
+        speed: 1.0,
     }
 }
 

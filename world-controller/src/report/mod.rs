@@ -4,21 +4,25 @@
 mod human;
 mod over_time;
 pub mod page;
+mod prospect;
 pub mod schema;
 
 pub use human::{count, human, progress, seconds};
 
 use crate::runnable::Account;
 use crate::scenario::Plan;
+use crate::swarm::Slowed;
 use metamorph_module_agent::Family;
-use metamorph_protocol::tally::Tally;
+use metamorph_protocol::agent::Class;
+use metamorph_protocol::tally::{Counts, Tally};
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::faults::Fault;
 use metamorph_sim_bridge::invariants::{Invariant, Violation};
 use metamorph_sim_bridge::outcome::{Outcome, Stall};
+use prospect::{Possible, Prospect};
 use schema::{
     Agents, ClassCounts, Collisions, Detected, FaultReport, GoalReport, Invariants, Machine, Messages,
-    Report, SCHEMA, Standstill, Times, ViolationReport, Waiting,
+    Report, SCHEMA, SlowedReport, Standstill, Times, ViolationReport, Waiting,
 };
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -47,6 +51,11 @@ pub struct Facts<'a> {
     pub wall: Duration,
     /// From the start of the program to the first event, on a real clock.
     pub setup: Duration,
+    /// By how much the clock was slowed; none where there is no real clock.
+    pub slowed: Option<Slowed>,
+    /// Messages by class that both ends of the links counted as under way at the end; none where that is
+    /// what is left of the others.
+    pub left: Option<[u64; Class::ALL.len()]>,
     /// The hash of the trace; none where runs cannot be repeated bit for bit.
     pub trace_hash: Option<u64>,
     /// The hash of the states gone through; none where runs cannot be repeated.
@@ -55,6 +64,8 @@ pub struct Facts<'a> {
     pub agents_hash: Option<u64>,
     /// The hash of the world at the end.
     pub world_hash: u64,
+    /// Whether it is worth a search to find out if a run that stood still could have gone on.
+    pub search: bool,
     /// What else a reader should know, such as processes that died without a fault.
     pub notes: Vec<String>,
 }
@@ -112,7 +123,8 @@ pub fn report(facts: &Facts<'_>) -> Report {
     let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
     let outcome = if facts.broken > 0 { Outcome::Unsafe } else { ended };
     let progress = account.progress;
-    let unbuilt = account.stall.as_ref().map(standstill);
+    let question = account.plight.as_ref().filter(|_| facts.search);
+    let unbuilt = account.stall.as_ref().map(|stall| standstill(stall, &Prospect::of(stall, question)));
     let listed = |when| (ended == when).then(|| unbuilt.clone()).flatten().into_iter().collect();
     let one_cell = |v: &&Violation| v.invariant == Invariant::OneModulePerCell;
     let suffered = facts.violations.iter().filter(one_cell).count() as u64;
@@ -142,13 +154,18 @@ pub fn report(facts: &Facts<'_>) -> Report {
         moves: account.metamodules.as_ref().map_or(account.bodies.completed, |m| m.connections),
         move_details: account.bodies.clone(),
         metamodules: account.metamodules.clone(),
-        messages: messages(facts.tally),
+        messages: messages(facts.tally, facts.left.as_ref()),
         body_messages: facts.body_messages,
         time: Times {
             virtual_s: facts.now.as_secs_f64(),
             move_times: facts.now.0 as f64 / facts.beat.0 as f64,
             wall_s: facts.wall.as_secs_f64(),
             setup_s: facts.setup.as_secs_f64(),
+            slowed: facts.slowed.map(|s| SlowedReport {
+                factor: s.factor,
+                lowest: s.lowest,
+                real_s: s.time.as_secs_f64(),
+            }),
         },
         invariants: Invariants {
             checked: facts.checked,
@@ -206,11 +223,15 @@ fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> St
     }
 }
 
-fn standstill(stall: &Stall) -> Standstill {
+fn standstill(stall: &Stall, prospect: &Prospect) -> Standstill {
     Standstill {
         since_s: stall.since.as_secs_f64(),
         reason: stall.reason.name().to_owned(),
-        infeasible: stall.reason.is_infeasible(),
+        infeasible: prospect.possible == Possible::No,
+        possible: prospect.possible.name().to_owned(),
+        impossible_within: prospect.within.map(|within| within.name().to_owned()),
+        way: if let Possible::Yes(moves) = prospect.possible { Some(moves as u64) } else { None },
+        proof: prospect.text(),
         text: stall.text.to_owned(),
         unfilled: stall.unfilled.iter().map(|c| (*c).into()).collect(),
         wait_cycle: stall.wait_cycle.iter().map(|id| id.0).collect(),
@@ -227,8 +248,8 @@ fn standstill(stall: &Stall) -> Standstill {
     }
 }
 
-fn messages(tally: &Tally) -> Messages {
-    let counts = |c: &metamorph_protocol::tally::Counts| ClassCounts {
+fn messages(tally: &Tally, left: Option<&[u64; Class::ALL.len()]>) -> Messages {
+    let counts = |c: &Counts, left: Option<u64>| ClassCounts {
         sent: c.sent,
         delivered: c.delivered,
         lost: c.lost,
@@ -237,14 +258,18 @@ fn messages(tally: &Tally) -> Messages {
         expired: c.expired,
         refused: c.refused,
         in_flight: c.in_flight(),
+        uncounted: left.map_or(0, |left| c.in_flight() - left as i64),
         bytes: c.bytes,
     };
     let total = tally.total();
+    let by_class = |(class, c): (Class, &Counts)| {
+        (class.name().to_owned(), counts(c, left.map(|left| left[class.index()])))
+    };
     Messages {
         total: total.sent,
         bytes: total.bytes,
-        all: counts(&total),
-        by_class: tally.iter().map(|(class, c)| (class.name().to_owned(), counts(c))).collect(),
+        all: counts(&total, left.map(|left| left.iter().sum())),
+        by_class: tally.iter().map(by_class).collect(),
     }
 }
 

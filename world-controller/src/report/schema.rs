@@ -133,8 +133,24 @@ pub struct Standstill {
     /// `blocked`, `pinned`, `cut-off`, `material-exhausted`, `no-active-target`, `needs-dead-support`, `no-way`; of
     /// metamodules `material-exhausted`, `seed-blocked`, `no-way`, `no-better-place`, `no-lock` or `blocked`.
     pub reason: String,
-    /// Whether no protocol could have gone on from here.
+    /// Whether it is proved that no protocol could have gone on from here: `possible` is `no`.
     pub infeasible: bool,
+    /// Whether live modules that can hear of the goal could have filled more of it: `no` if that is proved
+    /// impossible, `yes` if a search found a way, `undecided` if it did not end or was not made (large
+    /// swarms, the published strategies of metamodules, `sweep`).
+    #[serde(default = "undecided")]
+    pub possible: String,
+    /// The widest rules within which it is proved that nothing more could be done: `held` (what may hang on
+    /// a broken module is not let go), `called` (live modules that can hear of the goal), `grown` (all, but
+    /// what is built stays) or `anything`; null if nothing is proved.
+    #[serde(default)]
+    pub impossible_within: Option<String>,
+    /// The moves of the way that was found; null if there is none.
+    #[serde(default)]
+    pub way: Option<u64>,
+    /// The last three in words.
+    #[serde(default)]
+    pub proof: String,
     /// The reason in words.
     pub text: String,
     /// Goal cells that are not filled; of seeds, the cells of their feet.
@@ -146,6 +162,11 @@ pub struct Standstill {
     pub waiting: Vec<Waiting>,
     /// When the swarm itself found out that nobody can go on, if it did (`detector = true`).
     pub detected: Option<Detected>,
+}
+
+/// What is known where nobody has looked.
+fn undecided() -> String {
+    "undecided".to_owned()
 }
 
 /// What the swarm itself found out.
@@ -235,8 +256,8 @@ pub struct LevelReport {
 }
 
 /// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired +
-/// refused + in_flight`. On `ipc` a damaged message may be refused under another class than it was
-/// sent in, because the damage may have hit the class; all classes together add up.
+/// refused + in_flight`. Both ends of a link count; a run of whose processes none was killed and whose
+/// counts do not add up has broken the invariant `messages-balance`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Messages {
     /// Handed to the link.
@@ -268,6 +289,10 @@ pub struct ClassCounts {
     pub refused: u64,
     /// Not arrived when the run ended.
     pub in_flight: i64,
+    /// Those of them that no process has counted, because they were under way to or from a process that was
+    /// killed; 0 on `sim`.
+    #[serde(default)]
+    pub uncounted: i64,
     /// Bytes of the messages sent, headers included.
     pub bytes: u64,
 }
@@ -283,6 +308,21 @@ pub struct Times {
     pub wall_s: f64,
     /// Real time before that.
     pub setup_s: f64,
+    /// By how much the clock was slowed because the machine was too busy for the agents to keep up; null on
+    /// `sim`.
+    #[serde(default)]
+    pub slowed: Option<SlowedReport>,
+}
+
+/// By how much the clock of a run was slowed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SlowedReport {
+    /// The mean speed of scenario time, as a share of `time_scale`: 1 if it was never slowed.
+    pub factor: f64,
+    /// The lowest speed that was set, as a share of `time_scale`.
+    pub lowest: f64,
+    /// Real time, in seconds, that passed at less than `time_scale`.
+    pub real_s: f64,
 }
 
 /// What must always hold.

@@ -10,6 +10,7 @@ use metamorph_module_agent::outbox::Handed;
 use metamorph_module_agent::runtime::Runtime;
 use metamorph_protocol::agent::{Agent, Class};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
+use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
 use std::collections::{BTreeSet, VecDeque};
 
@@ -42,6 +43,8 @@ pub enum Stage {
     Lost,
     /// Its agent has started.
     Running,
+    /// The run is over, and it sends nothing more.
+    Silent,
 }
 
 /// One module's process.
@@ -60,6 +63,8 @@ pub struct Process<A: Agent> {
     pub restart: bool,
     /// Whether it is stopped by a signal.
     pub paused: bool,
+    /// When it was last told to go on after it had been stopped.
+    pub resumed_at: Time,
     /// The next sequence number that it will use.
     pub expected: u32,
     /// Actions and reports of this life that earlier controllers have taken.
@@ -87,6 +92,7 @@ impl<A: Agent> Process<A> {
             verdict: None,
             restart: false,
             paused: false,
+            resumed_at: Time::ZERO,
             expected: 0,
             heard: 0,
             listed: false,
@@ -112,14 +118,14 @@ impl<A: Agent> Process<A> {
     }
 
     /// Asks a life of an earlier controller to turn to this one.
-    pub fn call(&mut self) {
-        self.say_aside(Runtime::Return);
+    pub fn call(&mut self, now: Time) {
+        self.say_aside(Runtime::Return, now);
     }
 
     /// Says something in no sequence; whether it was handed over.
-    fn say_aside(&mut self, message: Runtime<A::Place>) -> bool {
+    fn say_aside(&mut self, message: Runtime<A::Place>, now: Time) -> bool {
         let Some(link) = &mut self.link else { return false };
-        let handed = link.outbox.send(&seal::<A>(&Letter::Runtime(message), self.id, u32::MAX));
+        let handed = link.outbox.send(&seal::<A>(&Letter::Runtime(message), self.id, u32::MAX), now);
         link.outbox.flush();
         handed == Handed::Over
     }
@@ -133,8 +139,8 @@ impl<A: Agent> Process<A> {
     }
 
     /// Prepares to close the way to the process: what it has not taken would be lost.
-    pub fn leave(&mut self) {
-        if self.say_aside(Runtime::Leave)
+    pub fn leave(&mut self, now: Time) {
+        if self.say_aside(Runtime::Leave, now)
             && let Some(link) = &mut self.link
         {
             link.ask();
@@ -169,7 +175,9 @@ impl<A: Agent> Process<A> {
     }
     /// Whether there is something to tell it, but no way to do so.
     pub fn needs_link(&self) -> bool {
-        self.link.is_none() && !self.queue.is_empty() && matches!(self.stage, Stage::Up | Stage::Running)
+        self.link.is_none()
+            && !self.queue.is_empty()
+            && matches!(self.stage, Stage::Up | Stage::Running | Stage::Silent)
     }
 
     /// The life is over; what waited is void.
@@ -209,7 +217,7 @@ impl<A: Agent> Process<A> {
 
     /// Sends what fits. Returns when to try again, in nanoseconds of CLOCK_MONOTONIC, if something
     /// is left. Whoever is lost is told nothing: it would not know the numbers of what it is told.
-    pub fn flush(&mut self, now: u64) -> Option<u64> {
+    pub fn flush(&mut self, now: u64, time: Time) -> Option<u64> {
         let Link { outbox, used, .. } = self.link.as_mut()?;
         if self.queue.is_empty() || self.stage == Stage::Lost {
             return None;
@@ -221,7 +229,7 @@ impl<A: Agent> Process<A> {
         let mut sent = false;
         while let Some(letter) = self.queue.front() {
             let frame = seal(letter, self.id, self.sequence);
-            if outbox.send(&frame) != Handed::Over {
+            if outbox.send(&frame, time) != Handed::Over {
                 break;
             }
             sent = true;
@@ -270,7 +278,6 @@ mod tests {
     use metamorph_protocol::agent::{Birth, InputOf, OutputOf};
     use metamorph_protocol::ids::{Revision, Session};
     use metamorph_protocol::lattice::Cell;
-    use metamorph_protocol::time::Time;
     use metamorph_protocol::wire::Never;
     use std::hash::Hasher;
     use std::sync::Arc;

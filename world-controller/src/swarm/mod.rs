@@ -11,6 +11,7 @@ mod conduct;
 mod links;
 mod meter;
 mod outcome;
+mod pace;
 mod reserve;
 mod resume;
 mod run_dir;
@@ -21,6 +22,7 @@ pub use agents::Letter;
 pub use links::descriptor_limit;
 pub use meter::Meter;
 pub use outcome::{Crash, SwarmError, SwarmOutcome};
+pub use pace::{FULL, Slowed};
 pub use resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
 pub use run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
 pub use supervise::Shutdown;
@@ -30,6 +32,7 @@ use crate::interrupt::Interrupt;
 use crate::swarm::burials::Burials;
 use crate::swarm::conduct::Conductor;
 use crate::swarm::links::raise_descriptor_limit;
+use crate::swarm::pace::Pace;
 use crate::swarm::reserve::Reserve;
 use crate::swarm::supervise::{Launch, Supervisor};
 use crate::swarm::watch::Watch;
@@ -43,10 +46,12 @@ use metamorph_module_agent::space;
 use metamorph_module_agent::swarm_file::SwarmFile;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::time::Span;
 use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::world::World;
 use std::ffi::OsString;
 use std::path::PathBuf;
+use std::sync::atomic::AtomicU32;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -59,8 +64,13 @@ pub struct SwarmOptions {
     pub program_args: Vec<OsString>,
     /// The seed of the run.
     pub seed: u64,
-    /// How fast scenario time passes.
+    /// How fast scenario time passes, unless agents cannot keep up.
     pub speed: Speed,
+    /// By how much scenario time agents may be late before time passes more slowly. It should be small
+    /// against what the protocol waits for.
+    pub tolerance: Span,
+    /// The present speed in parts of [`FULL`]; for whoever looks on.
+    pub share: Arc<AtomicU32>,
     /// What links do to messages.
     pub link: LinkModel,
     /// Whether agents log to this process's standard error. Otherwise it is kept, and the end of it
@@ -80,9 +90,9 @@ pub struct SwarmOptions {
     pub patience: Duration,
     /// Where the run's directory is, as soon as it has one; for whoever looks on.
     pub root: Arc<OnceLock<PathBuf>>,
-    /// How long all agents together may take to start.
+    /// How long it may take until one more agent has started.
     pub setup_timeout: Duration,
-    /// How long agents may take to stop before they are killed.
+    /// How long it may take until one more agent has stopped, before the rest are killed.
     pub stop_timeout: Duration,
 }
 
@@ -94,6 +104,8 @@ impl SwarmOptions {
             program_args: Vec::new(),
             seed: 0,
             speed: Speed::REAL,
+            tolerance: Span::millis(100),
+            share: Arc::default(),
             link: LinkModel::default(),
             verbose: false,
             shutdown: Shutdown::new(),
@@ -103,7 +115,7 @@ impl SwarmOptions {
             patience: Duration::ZERO,
             root: Arc::default(),
             setup_timeout: Duration::from_secs(120),
-            stop_timeout: Duration::from_secs(10),
+            stop_timeout: Duration::from_secs(30),
         }
     }
 }
@@ -147,19 +159,23 @@ where
         count: count as u32,
         seed: options.seed,
         speed: options.speed,
+        tolerance: options.tolerance,
         link: options.link.clone(),
         journal: options.journal.clone(),
         patience: u32::try_from(options.patience.as_millis()).unwrap_or(u32::MAX),
         setup,
     }
     .write(dir.root())?;
+    let share = Arc::clone(&options.share);
+    let pace =
+        Pace::create(dir.root(), options.speed, options.tolerance, share).map_err(SwarmError::Clock)?;
     let seat = take_seat(&dir, 0)?;
     reserve.release_own();
     let at = Rendezvous::join(dir.root())?;
     let (inbox, supervisor) = attach(options, &dir, &at, seat, count)?;
     let burials = Burials::start(dir.root())?;
     let mut conductor =
-        Conductor::new(options, &dir, &at, inbox, supervisor, burials, world, director, begun);
+        Conductor::new(options, &dir, &at, inbox, supervisor, burials, pace, world, director, begun);
     conductor.reserve = reserve;
     conductor.run()
 }
@@ -183,6 +199,8 @@ where
     watch_over(&mut dir, options)?;
     options.root.get_or_init(|| dir.root().to_owned());
     let before = Seat::read(dir.root()).map_err(SwarmError::Identity)?;
+    let share = Arc::clone(&options.share);
+    let pace = Pace::adopt(dir.root(), options.speed, options.tolerance, share).map_err(SwarmError::Clock)?;
     let at = Rendezvous::join(dir.root())?;
     // First the channels, then the seat: whoever finds the new controller can reach it.
     let next = Seat { generation: before.generation + 1, ..before };
@@ -190,7 +208,7 @@ where
     take_seat(&dir, next.generation)?;
     let burials = Burials::start(dir.root())?;
     let mut conductor =
-        Conductor::new(options, &dir, &at, inbox, supervisor, burials, world, director, begun);
+        Conductor::new(options, &dir, &at, inbox, supervisor, burials, pace, world, director, begun);
     conductor.reserve = Reserve::left(dir.root());
     conductor.go_on(epoch, resumption)
 }

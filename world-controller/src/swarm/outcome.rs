@@ -1,8 +1,10 @@
 //! What a swarm of processes came to, and why one could not be run.
 
 use metamorph_module_agent::inbox::InboxError;
+use metamorph_module_agent::ledger::Account;
 use metamorph_module_agent::rendezvous::ChannelError;
 use metamorph_module_agent::swarm_file::SwarmFileError;
+use metamorph_protocol::agent::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::Time;
@@ -11,6 +13,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 use thiserror::Error;
 
+use super::pace::Slowed;
 use super::run_dir::RunDirError;
 
 /// A process that ended although nobody had asked it to.
@@ -33,6 +36,12 @@ pub struct Crash {
 pub struct SwarmOutcome {
     /// Protocol messages of all agents in all their lives.
     pub tally: Tally,
+    /// Messages by class that were under way at the end, as agents counted them.
+    pub left: [u64; Class::ALL.len()],
+    /// Lives that did not end in order, so that what was under way to and from them is not counted.
+    pub unclosed: u64,
+    /// By how much the clock was slowed.
+    pub slowed: Slowed,
     /// Frames that no member of the run wrote.
     pub foreign: u64,
     /// How often agents woke up.
@@ -67,6 +76,28 @@ pub struct SwarmOutcome {
     pub interrupted: bool,
     /// Why the swarm was ended before, if shared memory ran short.
     pub shortage: Option<String>,
+}
+
+impl SwarmOutcome {
+    /// Adds what one life of an agent has counted, if its ledger could be read.
+    pub fn count(&mut self, id: ModuleId, life: Incarnation, account: Result<Option<Account>, String>) {
+        match account {
+            Ok(Some(account)) => {
+                self.tally += account.tally;
+                for (sum, left) in self.left.iter_mut().zip(account.left) {
+                    *sum += left;
+                }
+                self.unclosed += u64::from(!account.closed);
+                self.foreign += account.foreign;
+                self.wakes += account.wakes;
+                self.unrecorded += account.unrecorded;
+                self.accounts.push((id, life, account.tally));
+            }
+            // Killed before it had started.
+            Ok(None) => {}
+            Err(e) => self.missing_ledgers.push(e),
+        }
+    }
 }
 
 /// Why a swarm could not be run.
@@ -125,6 +156,9 @@ pub enum SwarmError {
     /// The controller's inbox failed.
     #[error(transparent)]
     Inbox(#[from] InboxError),
+    /// The clock page cannot be written or read.
+    #[error("cannot set the clock of the run: {0}")]
+    Clock(io::Error),
     /// The supervisor's thread cannot be started.
     #[error("cannot start the supervisor: {0}")]
     Supervisor(io::Error),
@@ -149,13 +183,15 @@ pub enum SwarmError {
         stderr_tail: String,
     },
     /// Agents did not come up in time.
-    #[error("{missing} of {count} agents were not up after {seconds} s; is the machine overloaded?")]
+    #[error(
+        "{missing} of {count} agents were not up, and none came up for {seconds} s; is the machine overloaded?"
+    )]
     SetupTimeout {
         /// How many were missing.
         missing: usize,
         /// How many there should be.
         count: usize,
-        /// How long was waited.
+        /// How long was waited for one more.
         seconds: u64,
     },
 }

@@ -8,7 +8,9 @@ use crate::swarm::supervise::{Event, Task};
 use metamorph_module_agent::clock::monotonic;
 use metamorph_module_agent::ledger::Ledger;
 use metamorph_module_agent::runtime::Runtime;
+use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::Incarnation;
+use metamorph_protocol::wire::Channel;
 use metamorph_sim_bridge::direct::Direct;
 use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
@@ -17,6 +19,7 @@ use std::time::Duration;
 impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     pub(super) fn stop(&mut self) -> Result<(), SwarmError> {
         self.outcome.end = self.now();
+        self.outcome.slowed = self.pace.slowed();
         self.outcome.wall = Duration::from_nanos(monotonic().saturating_sub(self.epoch));
         let lives = |s| matches!(s, Stage::Running | Stage::Lost);
         let alive = |p: &&Process<W::Agent>| lives(p.stage) && !p.condemned;
@@ -40,16 +43,33 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                 }
             }
         }
-        let deadline = monotonic() + nanos(self.options.stop_timeout);
-        let mut killed = false;
-        let mut hurried = false;
-        while self.processes.iter().any(|p| p.stage != Stage::Absent) {
+        let timeout = nanos(self.options.stop_timeout);
+        let (mut deadline, mut left) = (monotonic() + timeout, usize::MAX);
+        let (mut dismissed, mut killed, mut hurried) = (false, false, false);
+        loop {
             if self.hurried && !hurried {
                 hurried = true;
                 self.kill_at_once();
             }
-            self.flush();
             self.drain_after_the_end()?;
+            // An agent has two steps to go: to fall silent, and to end.
+            let steps = |p: &Process<W::Agent>| match p.stage {
+                Stage::Absent => 0,
+                Stage::Silent => 1,
+                _ => 2,
+            };
+            let before = std::mem::replace(&mut left, self.processes.iter().map(steps).sum());
+            if left == 0 {
+                break;
+            }
+            if left < before {
+                deadline = monotonic() + timeout;
+            }
+            if !dismissed && self.processes.iter().all(|p| steps(p) < 2 || p.condemned) {
+                dismissed = true;
+                self.dismiss();
+            }
+            self.flush();
             let retry = self.retry_at.unwrap_or(u64::MAX);
             self.wait_until(deadline.min(retry).max(monotonic() + 1_000_000))?;
             while let Some(event) = self.supervisor.event() {
@@ -66,11 +86,30 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         Ok(())
     }
 
-    /// Makes room for agents that still have something to say; nobody listens any more.
+    /// Nobody sends any more: what is in an inbox now stays there, and its owner can count it and end.
+    fn dismiss(&mut self) {
+        for i in 0..self.processes.len() {
+            if self.processes[i].stage == Stage::Silent {
+                self.processes[i].hurry();
+                self.tell(i, Letter::Runtime(Runtime::End));
+            }
+        }
+    }
+
+    /// Hears which agents have fallen silent; what else they still have to say nobody listens to.
     fn drain_after_the_end(&mut self) -> Result<(), SwarmError> {
         for _ in 0..DRAIN * 8 {
-            if self.inbox.receive()?.is_none() {
-                break;
+            let Some(packet) = self.inbox.receive()? else { break };
+            let frame = packet.frame();
+            let Ok(header) = frame.open() else { continue };
+            let silent = header.channel == Channel::Runtime
+                && frame.message() == Ok(Runtime::<<W::Agent as Agent>::Place>::Silent);
+            if let Some(process) = self.processes.get_mut(header.source.index())
+                && silent
+                && header.incarnation == process.incarnation
+                && matches!(process.stage, Stage::Up | Stage::Running)
+            {
+                process.stage = Stage::Silent;
             }
         }
         Ok(())
@@ -115,18 +154,8 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     pub(super) fn read_ledgers(&mut self) {
         for process in &self.processes {
             for life in 0..=process.incarnation.0 {
-                match Ledger::read(self.dir.root(), process.id, Incarnation(life)) {
-                    Ok(Some(account)) => {
-                        self.outcome.tally += account.tally;
-                        self.outcome.foreign += account.foreign;
-                        self.outcome.wakes += account.wakes;
-                        self.outcome.unrecorded += account.unrecorded;
-                        self.outcome.accounts.push((process.id, Incarnation(life), account.tally));
-                    }
-                    // Killed before it had started.
-                    Ok(None) => {}
-                    Err(e) => self.outcome.missing_ledgers.push(e.to_string()),
-                }
+                let account = Ledger::read(self.dir.root(), process.id, Incarnation(life));
+                self.outcome.count(process.id, Incarnation(life), account.map_err(|e| e.to_string()));
             }
         }
     }

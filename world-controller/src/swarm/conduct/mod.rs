@@ -9,11 +9,14 @@ use crate::swarm::agents::{Letter, Process, Stage};
 use crate::swarm::burials::Burials;
 use crate::swarm::links::Links;
 use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
+use crate::swarm::pace::Pace;
 use crate::swarm::reserve::Reserve;
 use crate::swarm::run_dir::RunDir;
 use crate::swarm::supervise::{Event, Life, Supervisor, Task, Urgency};
-use metamorph_module_agent::clock::{Clock, monotonic};
+use metamorph_module_agent::clock::monotonic;
 use metamorph_module_agent::inbox::Inbox;
+use metamorph_module_agent::lateness::Late;
+use metamorph_module_agent::packet::Packet;
 use metamorph_module_agent::rendezvous::{ChannelError, Rendezvous};
 use metamorph_module_agent::runtime::{Contact, Runtime};
 use metamorph_protocol::agent::Agent;
@@ -54,7 +57,7 @@ pub struct Conductor<'a, W: World, D> {
     /// When the run was asked for.
     begun: u64,
     epoch: u64,
-    clock: Clock,
+    pace: Pace,
     last: Time,
     finishing: bool,
     /// Whether agents are killed instead of asked to stop.
@@ -74,6 +77,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         inbox: Inbox,
         supervisor: Supervisor,
         burials: Burials,
+        pace: Pace,
         world: &'a mut W,
         director: &'a mut D,
         begun: u64,
@@ -95,7 +99,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             outcome: SwarmOutcome::default(),
             begun,
             epoch: begun,
-            clock: Clock::new(u64::MAX, options.speed),
+            pace,
             last: Time::ZERO,
             finishing: false,
             hurried: false,
@@ -123,7 +127,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
     }
 
     fn now(&mut self) -> Time {
-        self.last = self.clock.now().max(self.last);
+        self.last = self.pace.now().max(self.last);
         self.last
     }
 
@@ -131,19 +135,23 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         self.take_events()?;
         self.look_at_space();
         let drained = self.drain()?;
+        self.pace.renew().map_err(SwarmError::Clock)?;
         self.play();
         self.flush();
         if self.finishing || drained == DRAIN {
             return Ok(());
         }
         let due = self.world.next_event().min(self.director.wake_at());
-        let mut wait =
-            if due == Time::NEVER { LONGEST_WAIT } else { self.clock.until(due).min(LONGEST_WAIT) };
+        let mut wait = self.pace.until(due);
         if let Some(retry_at) = self.retry_at {
             wait = wait.min(Duration::from_nanos(retry_at.saturating_sub(monotonic())));
         }
         if !wait.is_zero() {
             self.inbox.wait(wait)?;
+            let now = self.now();
+            if due < now {
+                self.pace.late(Late { since: due, by: now.since(due) });
+            }
         }
         Ok(())
     }
@@ -216,8 +224,8 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
 
     fn drain(&mut self) -> Result<usize, SwarmError> {
         for taken in 0..DRAIN {
-            let Some(frame) = self.inbox.receive()? else { return Ok(taken) };
-            if !self.accept(&frame) {
+            let Some(packet) = self.inbox.receive()? else { return Ok(taken) };
+            if !self.accept(&packet) {
                 self.outcome.foreign += 1;
             }
         }
@@ -225,7 +233,8 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
     }
 
     /// Takes one frame; false if no member of the run can have sent it.
-    fn accept(&mut self, frame: &Frame) -> bool {
+    fn accept(&mut self, packet: &Packet) -> bool {
+        let frame = &packet.frame();
         let Ok(header) = frame.open() else { return false };
         let i = header.source.index();
         let Some(process) = self.processes.get_mut(i) else { return false };
@@ -248,6 +257,8 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         };
         if understood {
             self.processes[i].expected = next;
+            let now = self.now();
+            self.judge(i, Late { since: packet.sent(), by: now.since(packet.sent()) });
         }
         understood
     }
@@ -262,7 +273,20 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                 self.processes[header.source.index()].has_taken(expected);
                 true
             }
+            Ok(Runtime::Late(late)) => {
+                self.judge(header.source.index(), late);
+                true
+            }
             _ => false,
+        }
+    }
+
+    /// Something that a process has sent or taken was late. The time for which it was stopped does not count.
+    fn judge(&mut self, i: usize, late: Late) {
+        let process = &self.processes[i];
+        let stopped = process.resumed_at.since(late.since);
+        if process.stage == Stage::Running && !process.paused {
+            self.pace.late(Late { since: late.since + stopped, by: late.by - stopped });
         }
     }
 
@@ -374,13 +398,13 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
     fn flush(&mut self) {
         self.director.commit();
         self.retry_at = None;
-        let now = monotonic();
+        let (now, time) = (monotonic(), self.now());
         for i in std::mem::take(&mut self.unsent) {
             self.processes[i].listed = false;
             if self.processes[i].needs_link() && !self.connect(i) {
                 // Tried again when somebody has left, which rings the bell.
                 self.list(i);
-            } else if let Some(at) = self.processes[i].flush(now) {
+            } else if let Some(at) = self.processes[i].flush(now, time) {
                 self.retry_at = Some(self.retry_at.map_or(at, |earliest| earliest.min(at)));
                 self.list(i);
             }
@@ -390,7 +414,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             let idle = |(i, p): (usize, &Process<_>)| p.idle_since().map(|since| (since, i));
             let mut idle: Vec<(u64, usize)> = self.processes.iter().enumerate().filter_map(idle).collect();
             idle.sort_unstable();
-            idle.into_iter().take(too_many).for_each(|(_, i)| self.processes[i].leave());
+            idle.into_iter().take(too_many).for_each(|(_, i)| self.processes[i].leave(time));
         }
     }
 
@@ -449,6 +473,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                 }
                 Command::Resume(_) if alive => {
                     process.paused = false;
+                    process.resumed_at = now;
                     process.hurry();
                     self.supervisor.ask(Task::Signal(life, Signal::CONT));
                 }

@@ -7,7 +7,6 @@ use crate::swarm::outcome::{SwarmError, SwarmOutcome};
 use crate::swarm::resume::Resumption;
 use crate::swarm::run_dir::{identities, kill};
 use crate::swarm::supervise::Task;
-use metamorph_module_agent::clock::Clock;
 use metamorph_module_agent::journal::{JournalError, Reader, agent_part};
 use metamorph_module_agent::runtime::Runtime;
 use metamorph_protocol::agent::Agent;
@@ -29,7 +28,6 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     fn take_over(&mut self, epoch: u64, from: Resumption<W::Agent>) {
         let Resumption { until, lives, latest, mut awaited, finishing, counted } = from;
         (self.epoch, self.last) = (epoch, until);
-        self.clock = Clock::new(epoch, self.options.speed);
         self.finishing = finishing;
         self.outcome.launched = self.processes.len() as u32;
         self.outcome.body_messages = counted.body_messages;
@@ -54,7 +52,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             }
         }
         for mut life in lives {
-            let begin = Runtime::Begin { epoch, place: life.place };
+            let begin = Runtime::Begin { place: life.place };
             life.told.push_front(Letter::Runtime(begin));
             let process = &mut self.processes[life.id.index()];
             process.take_over(life.life, life.heard, life.told);
@@ -81,7 +79,8 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             }
             // Whoever is not called finds out by itself within two seconds.
             if self.connect(life.id.index()) {
-                self.processes[life.id.index()].call();
+                let now = self.now();
+                self.processes[life.id.index()].call(now);
             }
         }
         awaited.into_iter().for_each(|id| self.relaunch(id.index()));

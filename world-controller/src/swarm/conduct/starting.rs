@@ -7,7 +7,7 @@ use crate::swarm::outcome::SwarmError;
 use crate::swarm::resume::write_run;
 use crate::swarm::run_dir::RunDirError;
 use crate::swarm::supervise::{Event, Life, Task};
-use metamorph_module_agent::clock::{Clock, monotonic};
+use metamorph_module_agent::clock::monotonic;
 use metamorph_module_agent::runtime::Runtime;
 use metamorph_module_agent::seat::mark_awaited;
 use metamorph_protocol::ids::Incarnation;
@@ -21,7 +21,8 @@ const STARTING: usize = 32;
 
 impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     pub(super) fn set_up(&mut self) -> Result<(), SwarmError> {
-        let deadline = self.begun + nanos(self.options.setup_timeout);
+        let timeout = nanos(self.options.setup_timeout);
+        let mut deadline = self.begun + timeout;
         let count = self.processes.len();
         let (mut next, mut up) = (0, 0);
         while up < count && !self.finishing {
@@ -42,7 +43,11 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                 }
             }
             self.drain()?;
-            up = self.processes.iter().filter(|p| p.stage == Stage::Up).count();
+            let before =
+                std::mem::replace(&mut up, self.processes.iter().filter(|p| p.stage == Stage::Up).count());
+            if up > before {
+                deadline = monotonic() + timeout;
+            }
             if up < count && monotonic() >= deadline {
                 let seconds = self.options.setup_timeout.as_secs();
                 return Err(SwarmError::SetupTimeout { missing: count - up, count, seconds });
@@ -67,11 +72,10 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         SwarmError::Spawn { id, program: self.options.program.clone(), cause }
     }
 
-    /// The clock starts; every agent gets its place, then its contacts.
+    /// Every agent gets its place, then its contacts; with the first turn after that the clock starts.
     pub(super) fn begin(&mut self) -> Result<(), SwarmError> {
         self.epoch = monotonic();
         self.outcome.setup = Duration::from_nanos(self.epoch - self.begun);
-        self.clock = Clock::new(self.epoch, self.options.speed);
         if let Some(parts) = self.options.journal.as_ref().filter(|_| !self.options.patience.is_zero()) {
             let root = self.dir.root();
             write_run(&parts.dir, root, self.epoch)
@@ -98,7 +102,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     fn send_begin(&mut self, i: usize) {
         let place = self.world.place(self.processes[i].id);
         self.processes[i].stage = Stage::Running;
-        self.tell(i, Letter::Runtime(Runtime::Begin { epoch: self.epoch, place }));
+        self.tell(i, Letter::Runtime(Runtime::Begin { place }));
     }
 
     /// A restarted process is up.

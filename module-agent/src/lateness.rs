@@ -1,0 +1,82 @@
+//! How late an agent is: by how much scenario time what it takes has waited for it, and by how much it
+//! wakes up after it should have. An agent that is later than the run tolerates tells its controller,
+//! which then lets scenario time pass more slowly. Absent: what is done about it.
+
+use metamorph_protocol::time::{Span, Time};
+
+/// The least real time between two reports of one agent, in nanoseconds, in a swarm of up to a hundred.
+/// It grows with the swarm, so that all reports together stay few.
+const EVERY: u64 = 25_000_000;
+
+/// Something that was taken late.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Late {
+    /// When it was sent, or due.
+    pub since: Time,
+    /// How long it waited.
+    pub by: Span,
+}
+
+impl Late {
+    /// The later of two.
+    pub fn worse(self, other: Option<Late>) -> Late {
+        other.filter(|o| o.by > self.by).unwrap_or(self)
+    }
+}
+
+/// Remembers the worst until it may be reported.
+#[derive(Debug)]
+pub struct Lateness {
+    least: Span,
+    every: u64,
+    worst: Option<Late>,
+    reported: u64,
+}
+
+impl Lateness {
+    /// Reports what is later than half of `tolerance`, in a swarm of `count` agents.
+    pub fn new(tolerance: Span, count: u32) -> Lateness {
+        let every = EVERY * u64::from(count.div_ceil(100)).max(1);
+        Lateness { least: tolerance / 2, every, worst: None, reported: 0 }
+    }
+
+    /// Something that has waited since `since` is taken at `now`.
+    pub fn taken(&mut self, since: Time, now: Time) {
+        let by = now.since(since);
+        if by > self.least {
+            self.worst = Some(Late { since, by }.worse(self.worst));
+        }
+    }
+
+    /// What is to be reported now, if anything.
+    pub fn report(&mut self, monotonic: u64) -> Option<Late> {
+        let due = self.worst.is_some() && monotonic.saturating_sub(self.reported) >= self.every;
+        if due {
+            self.reported = monotonic;
+            self.worst.take()
+        } else {
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_is_reported_now_and_then() {
+        let mut lateness = Lateness::new(Span(100), 200);
+        lateness.taken(Time(10), Time(60));
+        assert_eq!(lateness.report(1 << 40), None, "half of what is tolerated is not late");
+        for (since, now) in [(0, 70), (100, 300), (200, 310)] {
+            lateness.taken(Time(since), Time(now));
+        }
+        // A time in the future is no lateness: clocks do not run apart, but strangers write anything.
+        lateness.taken(Time(900), Time(310));
+        assert_eq!(lateness.report(1 << 40), Some(Late { since: Time(100), by: Span(200) }));
+        lateness.taken(Time(400), Time(600));
+        assert_eq!(lateness.report((1 << 40) + 2 * EVERY - 1), None);
+        assert_eq!(lateness.report((1 << 40) + 2 * EVERY), Some(Late { since: Time(400), by: Span(200) }));
+    }
+}

@@ -1,0 +1,238 @@
+//! How fast scenario time passes: as fast as the scenario asks for, unless the machine is too busy for its
+//! agents to keep up.
+//!
+//! The controller promises scenario time to all processes in short slices (`clock_page`), and before each
+//! slice looks at how late agents and itself have been. Lateness counts in scenario time: 20 ms are nothing
+//! for a move of a second, and too much for a move of 20 ms. Where it exceeds what the run tolerates, time
+//! passes more slowly, in proportion; where there is none, slowly faster again. What was sent or due before
+//! time was last slowed says nothing about the new speed and is not judged.
+//!
+//! A process that is stopped or hangs takes nothing, and so is not late: it holds nobody up. A controller
+//! that is late itself promises nothing, and time stands still until it goes on.
+
+use metamorph_module_agent::clock::{Speed, monotonic, wait};
+use metamorph_module_agent::clock_page::{Page, path};
+use metamorph_module_agent::lateness::Late;
+use metamorph_protocol::time::{Span, Time};
+use std::fs::File;
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+/// One slice of promised time, in nanoseconds of real time.
+const SLICE: u64 = 25_000_000;
+/// Full speed, in the unit that speeds are set in.
+pub const FULL: u32 = 1_000_000;
+/// The least speed that lateness can bring about: a thousandth.
+const LEAST: u32 = FULL / 1_000;
+/// By how much time may be slowed at once: to a quarter.
+const STEEPEST: u64 = 4;
+/// How much faster time may pass in the next slice where nobody is late: by a thirtieth, so twice as fast
+/// after half a second.
+const RECOVERY: u32 = 30;
+
+/// By how much the clock of a run was slowed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slowed {
+    /// The mean speed of scenario time, as a share of the scenario's.
+    pub factor: f64,
+    /// The least speed that was set, as a share of the scenario's.
+    pub lowest: f64,
+    /// Real time that passed at less than the scenario's speed.
+    pub time: Duration,
+}
+
+impl Default for Slowed {
+    fn default() -> Slowed {
+        Slowed { factor: 1.0, lowest: 1.0, time: Duration::ZERO }
+    }
+}
+
+/// The controller's end of the clock.
+#[derive(Debug)]
+pub struct Pace {
+    file: File,
+    page: Page,
+    full: Speed,
+    tolerance: Span,
+    /// The present speed, in parts of [`FULL`]; for whoever looks on.
+    share: Arc<AtomicU32>,
+    /// When time was last slowed.
+    slowed_at: Time,
+    /// The worst since the last slice.
+    worst: Option<Late>,
+    /// When slices began to be promised, and the scenario time then.
+    begun: Option<(u64, Time)>,
+    /// Nanoseconds of real time at less than full speed.
+    below: u64,
+    lowest: u32,
+}
+
+impl Pace {
+    /// The clock of a new run in `root`: it stands at zero.
+    pub fn create(root: &Path, full: Speed, tolerance: Span, share: Arc<AtomicU32>) -> io::Result<Pace> {
+        let page = Page::stopped(monotonic(), Time::ZERO);
+        let part = root.join("clock.part");
+        page.write(&File::create(&part)?)?;
+        std::fs::rename(&part, path(root))?;
+        Pace::adopt(root, full, tolerance, share)
+    }
+
+    /// The clock of the run in `root`, as another controller left it: it stands still.
+    pub fn adopt(root: &Path, full: Speed, tolerance: Span, share: Arc<AtomicU32>) -> io::Result<Pace> {
+        let file = File::options().read(true).write(true).open(path(root))?;
+        let page = Page::read(&file)?;
+        share.store(FULL, Ordering::Relaxed);
+        Ok(Pace {
+            file,
+            page,
+            full,
+            tolerance,
+            share,
+            slowed_at: Time::ZERO,
+            worst: None,
+            begun: None,
+            below: 0,
+            lowest: FULL,
+        })
+    }
+
+    /// The time now.
+    pub fn now(&self) -> Time {
+        self.page.at(monotonic())
+    }
+
+    /// How long to wait before looking at the clock again, in order to be there at `time` and to promise
+    /// the next slice.
+    pub fn until(&self, time: Time) -> Duration {
+        let monotonic = monotonic();
+        let renewal = Duration::from_nanos(self.page.renewal().saturating_sub(monotonic));
+        wait(&self.page, self.full, monotonic, time).min(renewal)
+    }
+
+    /// Something was taken late.
+    pub fn late(&mut self, late: Late) {
+        if late.since >= self.slowed_at {
+            self.worst = Some(late.worse(self.worst));
+        }
+    }
+
+    /// Promises more time if that is due. The first call lets time begin.
+    pub fn renew(&mut self) -> io::Result<()> {
+        let monotonic = monotonic();
+        if self.page.renewal() > monotonic {
+            return Ok(());
+        }
+        while self.page.renewal() <= monotonic {
+            self.extend(monotonic);
+        }
+        self.page.write(&self.file)
+    }
+
+    fn extend(&mut self, monotonic: u64) {
+        let share = self.share();
+        // Time stood still from the end of the last slice.
+        let lapsed = self.begun.map_or(0, |_| monotonic.saturating_sub(self.page.until()));
+        self.below += lapsed + if share < FULL { SLICE } else { 0 };
+        self.lowest = self.lowest.min(share);
+        self.begun.get_or_insert((monotonic, self.page.at(monotonic)));
+        let speed = if share == FULL { self.full } else { self.full.scaled(share, FULL) };
+        self.page = self.page.extended(monotonic, SLICE, speed);
+    }
+
+    /// The speed of the next slice.
+    fn share(&mut self) -> u32 {
+        let share = self.share.load(Ordering::Relaxed);
+        let next = match self.worst.take() {
+            Some(late) if late.by > self.tolerance => {
+                self.slowed_at = self.page.at(self.page.until());
+                let fitting = u128::from(share) * u128::from(self.tolerance.0) / u128::from(late.by.0);
+                (fitting as u32).max(share / STEEPEST as u32).max(LEAST)
+            }
+            Some(late) if late.by > self.tolerance / 2 => share,
+            _ => (share + share.div_ceil(RECOVERY)).min(FULL),
+        };
+        self.share.store(next, Ordering::Relaxed);
+        next
+    }
+
+    /// By how much time was slowed up to now.
+    pub fn slowed(&self) -> Slowed {
+        let Some((begun, time)) = self.begun else { return Slowed::default() };
+        let monotonic = monotonic();
+        let possible = self.full.scenario(monotonic.saturating_sub(begun));
+        let passed = self.page.at(monotonic).since(time).0;
+        let factor = if possible == 0 { 1.0 } else { (passed as f64 / possible as f64).min(1.0) };
+        let lowest = f64::from(self.lowest) / f64::from(FULL);
+        Slowed { factor, lowest, time: Duration::from_nanos(self.below) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pace(tolerance: Span) -> (tempfile::TempDir, Pace) {
+        let dir = tempfile::tempdir().unwrap();
+        let pace = Pace::create(dir.path(), Speed::REAL, tolerance, Arc::default()).unwrap();
+        (dir, pace)
+    }
+    fn late(since: u64, by: u64) -> Late {
+        Late { since: Time(since), by: Span(by) }
+    }
+
+    #[test]
+    fn time_is_slowed_in_proportion_and_recovers() {
+        let (_dir, mut pace) = pace(Span(100));
+        assert_eq!(pace.share(), FULL);
+        pace.late(late(0, 50));
+        assert_eq!(pace.share(), FULL, "that much is tolerated");
+        pace.late(late(0, 150));
+        pace.late(late(0, 200));
+        assert_eq!(pace.share(), FULL / 2, "the worst counts");
+        pace.late(late(0, 75));
+        assert_eq!(pace.share(), FULL / 2, "nobody is late, but only just");
+        let slices = (0..).take_while(|_| pace.share() < FULL).count();
+        assert!((15..30).contains(&slices), "{slices} slices to twice the speed");
+    }
+
+    #[test]
+    fn one_that_hangs_does_not_stop_time() {
+        let (_dir, mut pace) = pace(Span(100));
+        for _ in 0..100 {
+            pace.late(late(u64::MAX / 2, u64::MAX / 4));
+            pace.slowed_at = Time::ZERO;
+            assert!(pace.share() >= LEAST);
+        }
+        assert_eq!(pace.share(), LEAST + LEAST.div_ceil(RECOVERY));
+    }
+
+    #[test]
+    fn what_was_sent_before_time_was_slowed_is_not_judged() {
+        let (_dir, mut pace) = pace(Span(100));
+        pace.renew().unwrap();
+        pace.late(late(0, 200));
+        assert_eq!(pace.share(), FULL / 2);
+        assert!(pace.slowed_at > Time::ZERO);
+        pace.late(late(0, 200));
+        assert!(pace.share() > FULL / 2);
+        pace.late(late(pace.slowed_at.0, 200));
+        assert!(pace.share() < FULL / 2);
+    }
+
+    #[test]
+    fn another_controller_goes_on_from_where_time_stood_still() {
+        let (dir, mut pace) = pace(Span(100));
+        assert_eq!(pace.now(), Time::ZERO);
+        pace.renew().unwrap();
+        let promised = pace.page.at(u64::MAX);
+        assert!(promised > Time::ZERO);
+        drop(pace);
+        let mut next = Pace::adopt(dir.path(), Speed::REAL, Span(100), Arc::default()).unwrap();
+        assert_eq!(next.page.at(u64::MAX), promised);
+        next.renew().unwrap();
+        assert!(next.page.at(u64::MAX) > promised);
+    }
+}
