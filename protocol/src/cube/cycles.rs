@@ -59,12 +59,12 @@ impl Cube {
         let mut state = SearchState { part: [0, 1, 2, 3, 4, 5, 6], nodes: 0, depth: 0, routes: Vec::new() };
         let neighbours: Vec<(Face, Role, u8, u8)> = Face::ALL
             .into_iter()
-            .filter_map(|f| match (self.terrain(now, f), self.peer(f)) {
+            .filter_map(|f| match (self.sides.terrain(f), self.sides.peer(f)) {
                 (Some(b), _) => Some((f, b.role, b.terrain, b.finals)),
                 // A dead finalized module stays where it is, and what hangs on it must not be cut off
                 // from it; but it answers no more.
                 (None, Some(b)) if b.role == Role::Final => Some((f, b.role, 0, 0)),
-                (None, _) if self.died_finalized(f) => Some((f, Role::Final, 0, 0)),
+                (None, _) if self.view(now).died_finalized(f) => Some((f, Role::Final, 0, 0)),
                 _ => None,
             })
             .collect();
@@ -86,7 +86,7 @@ impl Cube {
                 }
             }
         }
-        let connected = state.is_whole() || self.has(Sabotage::ShallowSearch);
+        let connected = state.is_whole() || self.own.has(Sabotage::ShallowSearch);
         if connected {
             self.lock(now, state);
         } else if let Some(attempt) = &mut self.attempt {
@@ -111,16 +111,16 @@ impl Cube {
         let Some(attempt) = &mut self.attempt else { return };
         let Some(state) = &attempt.search else { return };
         let ttl = DEPTHS[state.depth];
-        let (origin, token, depth) = (self.id, attempt.token, state.depth as u8);
+        let (origin, token, depth) = (self.own.id, attempt.token, state.depth as u8);
         let root = state.part[ROOT];
         let is_lost = |f: &Face| state.nodes & f.bit() != 0 && state.part[f.index()] != root;
         let from: Vec<Face> = Face::ALL.into_iter().filter(is_lost).collect();
-        let p = &self.setup.params;
+        let p = self.own.params();
         attempt.timeout = now + p.usual_delay * (2 * (u64::from(ttl) + 2)) + p.tick() * 8;
         for face in from {
             let id = RequestId { origin, token, number: depth * 8 + face as u8 };
             if let Some(route) = Route::new(&[face]) {
-                self.send(face, Class::Connectivity, Message::Search { id, ttl, route });
+                self.out.send(&self.sides, face, Class::Connectivity, Message::Search { id, ttl, route });
             }
         }
     }
@@ -141,13 +141,13 @@ impl Cube {
     pub(super) fn on_search(&mut self, now: Time, from: Face, id: RequestId, ttl: u8, route: Route) {
         let last = route.hop(route.hop_count() - 1).map(Face::opposite);
         // Only those who are finalized for one and the same goal hang together.
-        let same_goal = |f: Face| self.terrain(now, f).is_some_and(|b| b.epoch == self.epoch);
+        let same_goal = |f: Face| self.sides.terrain(f).is_some_and(|b| b.epoch == self.own.epoch);
         let passes = last == Some(from)
-            && id.origin != self.id
-            && self.role != Role::Walker
+            && id.origin != self.own.id
+            && self.own.role != Role::Walker
             && self.moving.is_none()
             && self.attempt.as_ref().is_none_or(|a| a.search.is_some())
-            && !self.is_quarantined(now)
+            && !self.own.is_quarantined(now)
             && !self.searches.contains(&id)
             && same_goal(from);
         if !passes {
@@ -157,23 +157,34 @@ impl Cube {
             self.searches.pop_front();
         }
         self.searches.push_back(id);
-        let is_root = |b: &Beacon| b.role == Role::Final && b.epoch == self.epoch;
-        let touches_root =
-            self.role == Role::Final || Face::ALL.into_iter().any(|f| self.live(now, f).is_some_and(is_root));
-        let touches_origin =
-            Face::ALL.into_iter().find(|f| *f != from && self.peer(*f).is_some_and(|b| b.id == id.origin));
+        let is_root = |b: &Beacon| b.role == Role::Final && b.epoch == self.own.epoch;
+        let touches_root = self.own.role == Role::Final
+            || Face::ALL.into_iter().any(|f| self.sides.live(f).is_some_and(is_root));
+        let touches_origin = Face::ALL
+            .into_iter()
+            .find(|f| *f != from && self.sides.peer(*f).is_some_and(|b| b.id == id.origin));
         if touches_root || touches_origin.is_some() {
             let back = if touches_root { None } else { touches_origin };
             let hop = route.hop_count() as u8 - 1;
-            return self.send(from, Class::Connectivity, Message::Found { id, hop, back, route });
+            return self.out.send(
+                &self.sides,
+                from,
+                Class::Connectivity,
+                Message::Found { id, hop, back, route },
+            );
         }
         if ttl == 0 {
             return;
         }
         for face in Face::ALL.into_iter().filter(|f| *f != from) {
-            let on = self.terrain(now, face).is_some_and(|b| b.epoch == self.epoch);
+            let on = self.sides.terrain(face).is_some_and(|b| b.epoch == self.own.epoch);
             if on && let Some(route) = route.then(face) {
-                self.send(face, Class::Connectivity, Message::Search { id, ttl: ttl - 1, route });
+                self.out.send(
+                    &self.sides,
+                    face,
+                    Class::Connectivity,
+                    Message::Search { id, ttl: ttl - 1, route },
+                );
             }
         }
     }
@@ -194,11 +205,11 @@ impl Cube {
         if depth > 0 {
             if let Some(to) = route.hop(depth - 1).map(Face::opposite) {
                 let message = Message::Found { id, hop: hop - 1, back, route };
-                self.send(to, Class::Connectivity, message);
+                self.out.send(&self.sides, to, Class::Connectivity, message);
             }
             return;
         }
-        let Some(attempt) = self.attempt.as_mut().filter(|a| a.token == id.token && id.origin == self.id)
+        let Some(attempt) = self.attempt.as_mut().filter(|a| a.token == id.token && id.origin == self.own.id)
         else {
             return;
         };
@@ -214,7 +225,7 @@ impl Cube {
         }
         if let Some(state) = attempt.search.take() {
             // Leases begin now; nothing has been asked for before.
-            attempt.deadline = now + self.setup.params.start_within();
+            attempt.deadline = now + self.own.params().start_within();
             self.lock(now, state);
             self.ask_for_destination(now);
         }
@@ -274,7 +285,7 @@ mod tests {
         cube
     }
 
-    /// Whoever may let go of a dead neighbour asks whether the others stay connected with it.
+    /// A module that may let go of a dead neighbour asks whether the others stay connected with it.
     #[test]
     fn what_hangs_on_dead_strangers_is_not_cut_off() {
         let now = Time::ZERO;

@@ -1,214 +1,141 @@
 //! The cube: a module of the sliding-cube model with local messages only.
 //!
-//! Growth after Stoy (thesis 4.1.2) made safe for late, lost and doubled messages and for crashes:
+//! Growth after Stoy (thesis 4.1.2) made safe for late, lost and doubled messages and for crashes. An
+//! agent is made of parts, each with a state of its own that no other part writes:
 //!
-//! * `beacon` — everything a module tells its neighbours, as soft state;
-//! * `field` — attraction towards unfilled goal cells, kept on faces of empty surface cells;
-//! * `forest`, `cycles` — the connectivity checks;
-//! * `negotiation` — locks and reservations along routes, with leases;
-//! * `motion` — where to go, and going there.
+//! * `sides` — the six contacts, and what the neighbours said last;
+//! * `attraction` — the field towards unfilled goal cells, on faces of empty surface cells;
+//! * `parent_forest`, `cycles` — the connectivity checks;
+//! * `lock_table`, `negotiation` — locks and reservations along routes, with leases;
+//! * `motion_planner` — where to go, and when;
+//! * `beacon` — telling the neighbours; `reporter` — telling the world-controller;
+//! * `view` — what the parts read: the module itself, its neighbours, the time of the step.
 //!
-//! Deliberately absent: any knowledge of the world beyond contacts, messages and the own cell.
+//! This file holds them together: what an input means for which part, and in which order the parts work
+//! in a step; `queries` is what audits and viewers may ask. Deliberately absent: any knowledge of the world
+//! beyond contacts, messages and the own cell.
 
+mod attraction;
 mod beacon;
 pub mod body;
 pub mod control;
 mod cycles;
 mod digest;
-mod field;
-mod forest;
+mod lock_table;
 pub mod message;
-mod motion;
+mod motion_planner;
 mod negotiation;
 pub mod params;
+mod parent_forest;
+mod queries;
+mod reporter;
 pub mod route;
+mod sides;
+mod view;
+
+pub use attraction::Successor;
 
 use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
-use crate::goal::Goal;
-use crate::ids::{Incarnation, ModuleId, Port, Session, Token};
+use crate::ids::{Incarnation, Port, Session};
 use crate::journal::Summary;
 use crate::lattice::{Cell, Face};
 use crate::marks::{Mark, hit};
 use crate::sabotage::Sabotage;
 use crate::stream::Stream;
 use crate::time::{Span, Time};
+use attraction::Attraction;
+use beacon::Beacons;
 use body::{Move, Percept};
 use control::{Order, Status};
-use field::FaceField;
-use message::{Beacon, Message, Rank, Role};
-use motion::{Moving, Target};
-use negotiation::{Attempt, Lock};
+use lock_table::LockTable;
+use message::{Beacon, Message, RequestId, Role};
+use motion_planner::MotionPlanner;
+use negotiation::Attempt;
 use params::{Connectivity, Setup};
+use parent_forest::{Effect, Held, ParentForest, Tokens};
+use reporter::Reporter;
+use sides::Sides;
 use std::collections::VecDeque;
-use std::hash::{Hash, Hasher};
-use std::ops::Deref;
+use std::hash::Hasher;
 use std::sync::Arc;
-
-/// The label of a module without a parent.
-const UNLABELLED: u16 = u16::MAX;
-/// The rank of whoever has never had a parent: everybody may be it.
-const UNRANKED: Rank = Rank { rooted: Time::ZERO, label: UNLABELLED };
-
-/// The shared setup; it never changes, so it is no part of an agent's state.
-#[derive(Clone, Debug)]
-struct Shared(Arc<Setup>);
-
-impl Deref for Shared {
-    type Target = Setup;
-    fn deref(&self) -> &Setup {
-        &self.0
-    }
-}
-impl PartialEq for Shared {
-    fn eq(&self, other: &Shared) -> bool {
-        Arc::ptr_eq(&self.0, &other.0) || self.0 == other.0
-    }
-}
-impl Eq for Shared {}
-impl Hash for Shared {
-    fn hash<H: Hasher>(&self, _: &mut H) {}
-}
-
-/// The last beacon of a neighbour.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Peer {
-    beacon: Beacon,
-    heard: Time,
-}
-
-/// Where following the attraction field leads from a face.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Successor {
-    /// To another face of the same module.
-    Own(Face),
-    /// Along the neighbour in this direction: to its face of the same name or, if a further module
-    /// stands out from it and touches the same cell, to that one's.
-    Beside {
-        /// Where the neighbour is.
-        heading: Face,
-        /// Whether a further module touches the same cell.
-        same_cell: bool,
-    },
-}
-
-/// Everything a module keeps per face.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Side {
-    session: Option<Session>,
-    /// The neighbour, once it has been heard in this session.
-    peer: Option<Peer>,
-    /// The neighbour is certified dead.
-    condemned: bool,
-    /// The goal in which it is certified to have been finalized, as it may never have been heard itself.
-    died_final: Option<u16>,
-    /// The neighbour is a registered child.
-    child: Option<Token>,
-    field: FaceField,
-    /// Directions in which the corner over this face was found blocked, and until when to mind.
-    corners: u8,
-    corners_until: Time,
-    /// The last beacon sent in this session.
-    sent: Option<Beacon>,
-    sent_at: Time,
-    sequence: u32,
-    /// Something may have changed since.
-    stale: bool,
-    /// When news that can wait is sent.
-    later: Option<Time>,
-    /// Since when the goal cell outside has been unfilled, as seen by a finalized module.
-    unfilled_since: Option<Time>,
-}
-
-impl Side {
-    fn new() -> Side {
-        Side {
-            session: None,
-            peer: None,
-            condemned: false,
-            died_final: None,
-            child: None,
-            field: FaceField::new(),
-            corners: 0,
-            corners_until: Time::ZERO,
-            sent: None,
-            sent_at: Time::ZERO,
-            sequence: 0,
-            stale: true,
-            later: None,
-            unfilled_since: None,
-        }
-    }
-
-    /// Starts a session, or none; forgets all that belonged to the one before.
-    fn begin(&mut self, session: Option<Session>) {
-        self.session = session;
-        self.peer = None;
-        self.condemned = false;
-        self.died_final = None;
-        self.child = None;
-        self.sent = None;
-        self.sequence = 0;
-        self.stale = true;
-        self.later = None;
-    }
-}
+use view::{GoalMasks, Own, Shared, View};
 
 /// The agent of one cube.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Cube {
-    setup: Shared,
-    id: ModuleId,
-    cell: Cell,
-    settled: Time,
-    epoch: u16,
-    role: Role,
-    sides: [Side; 6],
-    /// The place in the parent forest; without a parent, what a parent's has to be better than.
-    rank: Rank,
-    /// Neighbours are asked for ways to the finalized modules that are known anew, no earlier than this;
-    /// zero if none is needed.
-    renew: Time,
-    parent: Option<Face>,
-    /// The neighbour asked to be the next parent.
-    want: Option<(Face, Token)>,
-    /// The neighbour that made this module finalized.
-    activator: Option<Face>,
-    /// The support a walker hangs on.
-    anchor: Option<Face>,
+    own: Own,
+    sides: Sides,
+    forest: ParentForest,
+    attraction: Attraction,
+    locks: LockTable,
+    planner: MotionPlanner,
+    /// What this module asks for before a move.
     attempt: Option<Attempt>,
-    moving: Option<Moving>,
+    /// The attempt whose motion the body has been asked for.
+    moving: Option<Attempt>,
+    /// Searches seen lately, so that each is passed on once.
+    searches: VecDeque<RequestId>,
+    /// Reservations turned down because another module had the cell.
+    prevented: u32,
     /// A goal heard of during a move, taken up after it.
     next_epoch: Option<u16>,
-    locks: Vec<Lock>,
-    /// Searches seen lately, so that each is passed on once.
-    searches: VecDeque<message::RequestId>,
-    stream: Stream,
-    tokens: u32,
-    decide_at: Time,
-    back_off_until: Time,
-    /// Since when this module has been wanting to move.
-    waiting_since: Option<Time>,
-    waits_for: Option<ModuleId>,
-    patience: u16,
-    /// Attempts that failed in a row.
-    denied: u8,
-    /// Actions of the body that failed in a row.
-    failed: u8,
-    immobile: bool,
-    /// How often a reservation was turned down because somebody else had the cell.
-    prevented: u32,
-    reborn: bool,
-    quarantine_until: Time,
-    corners_seen: [u8; 6],
-    /// Targets heard of while in reserve.
-    targets: Vec<Target>,
-    /// Since it has heard of no target, as a walker.
-    roaming: Option<motion::Roaming>,
-    reported: Option<Status>,
-    reported_at: Time,
-    field_stale: bool,
+    beacons: Beacons,
+    reporter: Reporter,
+    rng: Stream,
+    tokens: Tokens,
+    /// Faces outside which this finalized module wants the cell filled; worked out in every step.
+    wanted: u8,
+    /// Faces behind which live finalized modules of the same goal are; worked out in every step.
+    finals: u8,
     wake: Time,
-    out: VecDeque<OutputOf<Cube>>,
+    out: Outbox,
+}
+
+/// Outputs that have not been polled yet.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
+struct Outbox(VecDeque<OutputOf<Cube>>);
+
+impl Outbox {
+    fn push(&mut self, output: OutputOf<Cube>) {
+        self.0.push_back(output);
+    }
+    /// Sends a message over a face, if there is a contact.
+    fn send(&mut self, sides: &Sides, face: Face, class: Class, message: Message) {
+        if sides.is_touching(face) {
+            self.push(Output::Send { port: Port(face as u8), class, message });
+        }
+    }
+}
+
+/// What an agent waits for.
+#[derive(Clone, Copy, Debug)]
+enum Timer {
+    /// The next decision whether to move.
+    Decision,
+    /// Answers to the requests of an attempt.
+    Answers,
+    /// The next beacon on any face.
+    Beacon,
+    /// The end of the validity of a field value.
+    Field,
+    /// The next version of this module's own targets.
+    Refresh,
+    /// The end of a lease.
+    Lease,
+    /// The end of listening after a restart.
+    Quarantine,
+}
+
+impl Timer {
+    const ALL: [Timer; 7] = [
+        Timer::Decision,
+        Timer::Answers,
+        Timer::Beacon,
+        Timer::Field,
+        Timer::Refresh,
+        Timer::Lease,
+        Timer::Quarantine,
+    ];
 }
 
 impl Agent for Cube {
@@ -223,66 +150,57 @@ impl Agent for Cube {
     const PORTS: usize = 6;
 
     fn new(setup: &Arc<Setup>, birth: Birth<Cell>, now: Time) -> Cube {
-        let reborn = birth.incarnation > Incarnation(0);
-        Cube {
+        let restarted = birth.incarnation > Incarnation(0);
+        let listens = restarted && setup.params.sabotage != Some(Sabotage::NoListening);
+        let mut own = Own {
             setup: Shared(Arc::clone(setup)),
             id: birth.id,
             cell: birth.place,
             settled: now,
             epoch: 0,
             role: Role::Reserve,
-            sides: std::array::from_fn(|_| Side::new()),
-            // Whoever an earlier life carried may still hang on this module: only a way that is known
-            // anew since certainly does not lead over it.
-            rank: if reborn { Rank { rooted: now, label: 0 } } else { UNRANKED },
-            renew: Time::ZERO,
-            parent: None,
-            want: None,
+            restarted,
+            quarantine_until: if listens { now + setup.params.quarantine } else { now },
             activator: None,
             anchor: None,
+            immobile: false,
+            masks: GoalMasks::default(),
+        };
+        own.look_up();
+        Cube {
+            own,
+            sides: Sides::new(),
+            forest: ParentForest::new(restarted.then_some(now)),
+            attraction: Attraction::new(),
+            locks: LockTable::default(),
+            planner: MotionPlanner::new(now),
             attempt: None,
             moving: None,
-            next_epoch: None,
-            locks: Vec::new(),
             searches: VecDeque::new(),
-            stream: Stream::named(
+            prevented: 0,
+            next_epoch: None,
+            beacons: Beacons::new(),
+            reporter: Reporter::new(now),
+            rng: Stream::named(
                 birth.seed,
                 "cube",
                 u64::from(birth.id.0) << 16 | u64::from(birth.incarnation.0),
             ),
-            // Tokens of earlier lives may still be under way.
-            tokens: u32::from(birth.incarnation.0) << 20,
-            decide_at: now,
-            back_off_until: now,
-            waiting_since: None,
-            waits_for: None,
-            patience: 0,
-            denied: 0,
-            failed: 0,
-            immobile: false,
-            prevented: 0,
-            reborn,
-            quarantine_until: if reborn && setup.params.sabotage != Some(Sabotage::NoListening) {
-                now + setup.params.quarantine
-            } else {
-                now
-            },
-            corners_seen: [0; 6],
-            targets: Vec::new(),
-            roaming: None,
-            reported: None,
-            reported_at: now,
-            field_stale: true,
+            // Tokens of earlier incarnations may still be under way.
+            tokens: Tokens(u32::from(birth.incarnation.0) << 20),
+            wanted: 0,
+            finals: 0,
             wake: now,
-            out: VecDeque::new(),
+            out: Outbox::default(),
         }
     }
 
     fn handle(&mut self, now: Time, input: InputOf<Cube>) {
+        self.sides.pass_time(now, self.own.params().suspect);
         match input {
             Input::Contact { port, session } => self.on_contact(now, port, session),
             Input::Message { port, message } => {
-                if let Some(face) = Face::from_index(port.0).filter(|f| self.side(*f).session.is_some()) {
+                if let Some(face) = Face::from_index(port.0).filter(|f| self.sides.is_touching(*f)) {
                     self.on_message(now, face, message);
                 }
             }
@@ -294,7 +212,7 @@ impl Agent for Cube {
     }
 
     fn poll(&mut self) -> Option<OutputOf<Cube>> {
-        self.out.pop_front()
+        self.out.0.pop_front()
     }
 
     fn wake_at(&self) -> Time {
@@ -306,131 +224,84 @@ impl Agent for Cube {
     }
 
     fn summary(&self, now: Time) -> Summary {
-        let role = match self.role {
+        let role = match self.own.role {
             Role::Reserve => "reserve",
             Role::Walker => "walker",
             Role::Final => "final",
         };
-        let nearest = self.sides.iter().map(|s| s.field.value().distance).min();
-        let keeps = |l: &&Lock| l.id.origin != self.id;
         Summary {
             role: role.to_owned(),
             activity: self.activity(now).to_owned(),
-            goal: self.epoch,
-            level: Some(self.label()).filter(|l| *l != UNLABELLED),
-            gradient: nearest.filter(|d| *d != message::Entry::FAR).map(u32::from),
-            lock: self.locks.iter().find(keeps).map(|l| l.id.origin),
-            waits_for: self.waits_for,
+            goal: self.own.epoch,
+            level: Some(self.label()).filter(|_| !self.is_unlabelled()),
+            gradient: self.attraction.nearest().filter(|d| *d != message::Entry::FAR).map(u32::from),
+            lock: self.locks.iter().find(|l| l.id.origin != self.own.id).map(|l| l.id.origin),
+            waits_for: self.planner.waits_for,
         }
     }
 }
 
 impl Cube {
-    fn side(&self, face: Face) -> &Side {
-        &self.sides[face.index()]
+    fn view(&self, now: Time) -> View<'_> {
+        View { now, own: &self.own, sides: &self.sides }
     }
-    fn side_mut(&mut self, face: Face) -> &mut Side {
-        &mut self.sides[face.index()]
-    }
-    /// Whether a test has switched this defect on.
-    fn has(&self, defect: Sabotage) -> bool {
-        self.setup.params.sabotage == Some(defect)
-    }
-    fn goal(&self) -> &Goal {
-        // Invariant: epochs are only taken up if there is a goal for them, and there is a first goal.
-        &self.setup.goals[usize::from(self.epoch)]
-    }
-
-    /// The neighbour on a face, if it has been heard in this session.
-    fn peer(&self, face: Face) -> Option<&Beacon> {
-        self.side(face).peer.as_ref().map(|p| &p.beacon)
-    }
-
-    /// The neighbour on a face, if it is believed alive.
-    fn live(&self, now: Time, face: Face) -> Option<&Beacon> {
-        let side = self.side(face);
-        let peer = side.peer.as_ref()?;
-        let silent = now.since(peer.heard) > self.setup.params.suspect;
-        (!silent && !side.condemned).then_some(&peer.beacon)
-    }
-
-    /// The neighbour on a face, if it is a live module that can carry a walker.
-    fn terrain(&self, now: Time, face: Face) -> Option<&Beacon> {
-        self.live(now, face).filter(|b| b.role != Role::Walker)
-    }
-
-    /// Whether the cell outside a face can hold a walker: it is empty, or holds one that moves on.
-    fn is_open(&self, now: Time, face: Face) -> bool {
-        self.side(face).session.is_none()
-            || self.live(now, face).is_some_and(|b| b.role == Role::Walker && !b.immobile)
-    }
-
     fn is_idle(&self) -> bool {
         self.attempt.is_none() && self.moving.is_none()
     }
-    fn is_quarantined(&self, now: Time) -> bool {
-        now < self.quarantine_until
-    }
 
-    fn token(&mut self) -> Token {
-        // The largest one is set apart for claims to a parent.
-        self.tokens = self.tokens.checked_add(1).filter(|t| *t != u32::MAX).unwrap_or(0);
-        Token(self.tokens)
-    }
-
-    fn send(&mut self, face: Face, class: Class, message: Message) {
-        if self.side(face).session.is_some() {
-            self.out.push_back(Output::Send { port: Port(face as u8), class, message });
-        }
-    }
-
-    /// The module in the seed cell is finalized from the start, in every life: everything else
-    /// grows from there.
+    /// Finalizes the module in the seed cell, in every incarnation: everything else grows from there.
     fn take_root(&mut self, now: Time) {
-        if self.is_root() && self.role != Role::Final && self.moving.is_none() && !self.is_quarantined(now) {
+        if self.own.masks.seed
+            && self.own.role != Role::Final
+            && self.moving.is_none()
+            && !self.own.is_quarantined(now)
+        {
             self.abort_attempt(now, None);
             self.become_final(None);
         }
     }
 
+    /// Becomes finalized if it stands in a goal cell that a finalized neighbour wants filled.
+    fn finalize_if_wanted(&mut self, now: Time) {
+        // A module that has just restarted may be on its way elsewhere without knowing.
+        let settled = self.own.role != Role::Final && self.moving.is_none() && !self.own.is_quarantined(now);
+        if !settled || !self.own.masks.own {
+            return;
+        }
+        let v = self.view(now);
+        let wanted_by = |f: &Face| v.live(*f).is_some_and(|b| b.wants_you && v.is_final(b));
+        if let Some(face) = Face::ALL.into_iter().find(wanted_by) {
+            self.abort_attempt(now, None);
+            self.become_final(Some(face));
+        }
+    }
+
     fn become_final(&mut self, activator: Option<Face>) {
-        self.role = Role::Final;
-        self.activator = activator;
-        self.rank.label = 0;
-        self.renew = Time::ZERO;
-        self.parent = None;
-        self.want = None;
-        self.anchor = None;
-        self.waiting_since = None;
-        self.waits_for = None;
+        (self.own.role, self.own.activator, self.own.anchor) = (Role::Final, activator, None);
+        self.forest.on_finalized();
+        self.planner.on_finalized();
         self.touch();
     }
 
     /// Everything may look different now.
     fn touch(&mut self) {
-        self.field_stale = true;
-        for side in &mut self.sides {
-            side.stale = true;
-        }
+        self.attraction.touch();
+        self.beacons.touch();
     }
 
     fn on_contact(&mut self, now: Time, port: Port, session: Option<Session>) {
         let Some(face) = Face::from_index(port.0) else { return };
-        if self.side(face).session == session {
+        if self.sides.session(face) == session {
             return;
         }
-        let lost = self.peer(face).map(|b| b.id);
-        self.side_mut(face).begin(session);
+        let lost = self.sides.peer(face).map(|b| b.id);
+        self.sides.begin(face, session);
+        self.beacons.on_contact(face);
+        self.forest.on_contact(face, session.is_none());
         if session.is_none() {
-            // Nothing touches this face any more. A restarted neighbour is a new session instead,
-            // and what hangs on it stays so.
-            if self.parent == Some(face) {
-                hit(Mark::CubeParentLost);
-                self.parent = None;
-                self.rank.label = 0;
-            }
-            self.activator = self.activator.filter(|f| *f != face);
-            self.anchor = self.anchor.filter(|f| *f != face);
+            let own = &mut self.own;
+            own.activator = own.activator.filter(|f| *f != face);
+            own.anchor = own.anchor.filter(|f| *f != face);
             // What a restarted neighbour was granted stays until the lease is up: the body may be on
             // its way.
             if let Some(id) = lost {
@@ -440,9 +311,8 @@ impl Cube {
                 self.release_locks(|lock| lock.id.origin == id);
             }
         }
-        self.want = self.want.filter(|(f, _)| *f != face);
-        if self.role == Role::Reserve && self.setup.params.connectivity == Connectivity::Cycles {
-            // Whoever has come may hang on this module alone, and nobody has asked it.
+        if self.own.role == Role::Reserve && self.own.params().connectivity == Connectivity::Cycles {
+            // A module that has come may hang on this one alone, and has not been asked.
             self.abort_attempt(now, None);
         }
         self.touch();
@@ -465,19 +335,55 @@ impl Cube {
         }
     }
 
+    fn on_beacon(&mut self, now: Time, face: Face, beacon: Beacon) {
+        let suspect = self.own.params().suspect;
+        if let Some(before) = self.sides.peer(face) {
+            // One session has one neighbour; anything else is garbage.
+            if before.sequence >= beacon.sequence || before.id != beacon.id {
+                return hit(Mark::CubeBeaconLate);
+            }
+            let is_known = (Beacon { sequence: beacon.sequence, ..*before }) == beacon;
+            if self.sides.missed() & face.bit() != 0 {
+                let v = View { now, own: &self.own, sides: &self.sides };
+                self.attraction.wait_for_news(v);
+            }
+            if is_known {
+                return self.sides.hear(now, suspect, face, beacon);
+            }
+        }
+        if beacon.id == self.own.id {
+            return;
+        }
+        self.sides.hear(now, suspect, face, beacon);
+        let v = View { now, own: &self.own, sides: &self.sides };
+        self.attraction.note_corners(v, face, beacon.corners);
+        if beacon.epoch > self.own.epoch {
+            self.follow_epoch(now, beacon.epoch);
+        }
+        // A walker that has arrived needs its reservation no more: it is anchored by contact now.
+        self.release_locks(|lock| lock.id.origin == beacon.id && lock.reserved == Some(face));
+        let (is_idle, v) = (self.is_idle(), View { now, own: &self.own, sides: &self.sides });
+        self.forest.register_child(v, is_idle, face, &beacon);
+        if self.own.role == Role::Reserve {
+            for entry in beacon.field.iter().filter(|e| e.is_known()) {
+                self.planner.hear_of(now, entry.source);
+            }
+        }
+        self.touch();
+        self.decide_soon(now);
+    }
+
     fn on_order(&mut self, now: Time, order: Order) {
         match order {
             Order::Goal { epoch } => self.follow_epoch(now, epoch),
             Order::Condemn { port, session, epoch, finalized } => {
                 self.follow_epoch(now, epoch);
                 if let Some(face) = Face::from_index(port.0)
-                    && self.side(face).session == Some(session)
+                    && self.sides.session(face) == Some(session)
                 {
-                    let side = self.side_mut(face);
-                    side.condemned = true;
-                    side.died_final = finalized.then_some(epoch);
-                    if self.died_finalized(face) {
-                        self.side_mut(face).child = None;
+                    self.sides.certify_dead(face, finalized.then_some(epoch));
+                    if self.view(now).died_finalized(face) {
+                        self.forest.forget_child(face);
                     }
                     self.touch();
                     self.decide_soon(now);
@@ -487,9 +393,9 @@ impl Cube {
     }
 
     /// Takes up a later goal. All modules start over in reserve, unattached; until they are attached
-    /// again nobody leaves, so the body is as safe as at the start of a run.
+    /// again none leaves, so the body is as safe as at the start of a run.
     fn follow_epoch(&mut self, now: Time, epoch: u16) {
-        if epoch <= self.epoch || usize::from(epoch) >= self.setup.goals.len() {
+        if epoch <= self.own.epoch || usize::from(epoch) >= self.own.setup.goals.len() {
             return;
         }
         if self.moving.is_some() {
@@ -498,34 +404,34 @@ impl Cube {
             return;
         }
         self.abort_attempt(now, None);
-        self.epoch = epoch;
-        self.role = Role::Reserve;
-        self.rank = if self.rank.rooted > Time::ZERO { Rank { label: 0, ..self.rank } } else { UNRANKED };
-        self.renew = Time::ZERO;
-        self.parent = None;
-        self.want = None;
-        self.activator = None;
-        self.anchor = None;
-        self.patience = 0;
-        self.waiting_since = None;
-        self.roaming = None;
-        for side in &mut self.sides {
-            side.child = None;
-            side.unfilled_since = None;
-            side.field = FaceField::new();
-        }
+        let own = &mut self.own;
+        (own.epoch, own.role, own.activator, own.anchor) = (epoch, Role::Reserve, None, None);
+        own.look_up();
+        self.forest.on_goal();
+        self.planner.on_goal();
+        self.attraction.on_goal();
         self.touch();
     }
 
-    /// Registered children.
-    pub fn children(&self) -> usize {
-        self.sides.iter().filter(|s| s.child.is_some()).count()
+    /// Whether a module in reserve may leave the body, as far as it knows: it is attached, has promised
+    /// nobody to stay, and no neighbour hangs on it.
+    fn may_leave(&self, now: Time) -> Result<(), Held> {
+        let v = self.view(now);
+        if !self.forest.is_attached(v) || v.is_quarantined() || v.may_be_final() {
+            return Err(Held(None));
+        }
+        let holder = self.locks.holder(now).filter(|_| !v.has(Sabotage::IgnoreLocks));
+        holder.map_or(Ok(()), |origin| Err(Held(Some(origin))))?;
+        self.forest.may_leave(v)
     }
 
     /// Brings everything that depends on time and on what was heard up to date, and plans the next
     /// wake-up.
     fn step(&mut self, now: Time) {
-        self.expire_locks(now);
+        if self.locks.expire(now) {
+            hit(Mark::CubeLockExpired);
+            self.decide_soon(now);
+        }
         if self.moving.is_none()
             && let Some(epoch) = self.next_epoch.take()
         {
@@ -533,147 +439,51 @@ impl Cube {
         }
         self.take_root(now);
         self.finalize_if_wanted(now);
-        match self.setup.params.connectivity {
-            Connectivity::Forest => self.tend_forest(now),
-            // With cycles the gradient only tells who is farther out, and should leave first.
-            Connectivity::Gradient | Connectivity::Cycles => self.tend_gradient(now),
+        self.tend_forest(now);
+        let v = View { now, own: &self.own, sides: &self.sides };
+        if self.attraction.tend(v) {
+            self.beacons.touch();
         }
-        self.tend_field(now);
+        self.wanted = self.attraction.wanted(v);
+        let is_final = |f: &Face| v.terrain(*f).is_some_and(|b| v.is_final(b));
+        self.finals = Face::ALL.into_iter().filter(is_final).fold(0, |mask, f| mask | f.bit());
         self.tend_attempt(now);
-        if now >= self.decide_at {
+        if now >= self.planner.decide_at {
             self.decide(now);
         }
         self.tend_beacons(now);
         self.tend_report(now);
-        self.wake = self.next_wake(now);
+        let next = Timer::ALL.into_iter().map(|timer| self.due(timer, now)).min();
+        // Never now: all that was due has been done, so this cannot spin.
+        self.wake = next.unwrap_or(Time::NEVER).max(now + Span(1));
     }
 
-    fn next_wake(&self, now: Time) -> Time {
-        let p = &self.setup.params;
-        let mut wake = self.decide_at;
-        if let Some(attempt) = &self.attempt {
-            wake = wake.min(attempt.timeout);
+    fn tend_forest(&mut self, now: Time) {
+        let (is_idle, v) = (self.is_idle(), View { now, own: &self.own, sides: &self.sides });
+        let effect = match v.params().connectivity {
+            Connectivity::Forest => self.forest.tend(v, is_idle, &mut self.tokens),
+            // With cycles the gradient only tells which modules are farther out, and should leave first.
+            Connectivity::Gradient | Connectivity::Cycles => self.forest.tend_gradient(v),
+        };
+        if effect != Effect::None {
+            self.touch();
         }
-        for side in self.sides.iter().filter(|s| s.session.is_some()) {
-            let again = if side.stale { p.advertise } else { p.heartbeat };
-            wake = wake.min(side.sent_at + again).min(side.later.unwrap_or(Time::NEVER));
+        if effect == Effect::TellAndDecide {
+            self.decide_soon(now);
         }
-        for side in &self.sides {
-            wake = wake.min(side.field.expires(p.hold));
-        }
-        if self.wanted_faces(now).next().is_some() {
-            wake = wake.min(self.next_refresh(now));
-        }
-        if let Some(lock) = self.locks.iter().map(|l| l.expires).min() {
-            wake = wake.min(lock);
-        }
-        if self.is_quarantined(now) {
-            wake = wake.min(self.quarantine_until);
-        }
-        // Never now: whatever was due has been done, so this cannot spin.
-        wake.max(now + Span(1))
     }
 
-    /// The module's part in the growth.
-    pub fn role(&self) -> Role {
-        self.role
-    }
-    /// The module's cell, as it believes.
-    pub fn cell(&self) -> Cell {
-        self.cell
-    }
-    /// Depth in the parent forest; 65,535 without a parent.
-    pub fn label(&self) -> u16 {
-        self.told_rank().label
-    }
-    /// The place in the parent forest; without a parent, what a parent's has to be better than.
-    pub fn rank(&self) -> Rank {
-        self.rank
-    }
-    /// The face behind which the parent is.
-    pub fn parent(&self) -> Option<Face> {
-        self.parent
-    }
-    /// Whether the neighbour on a face is a registered child.
-    pub fn has_child(&self, face: Face) -> bool {
-        self.side(face).child.is_some()
-    }
-    /// Whether the neighbour on a face has been heard in this contact session.
-    pub fn has_heard(&self, face: Face) -> bool {
-        self.side(face).peer.is_some()
-    }
-    /// Whether the module has asked its body to move and has not heard how it went.
-    pub fn is_moving(&self) -> bool {
-        self.moving.is_some()
-    }
-    /// The session the module believes to have on a face.
-    pub fn session(&self, face: Face) -> Option<Session> {
-        self.side(face).session
-    }
-    /// The goal the module works for.
-    pub fn epoch(&self) -> u16 {
-        self.epoch
-    }
-    /// The field value of a face, where following it leads, and when its version was first heard of.
-    pub fn attraction(&self, face: Face) -> (message::Entry, Option<Successor>, Time) {
-        let field = &self.side(face).field;
-        let (heading, kind) = (Face::from_index(field.via() % 6), field.via() / 6 * 6);
-        let successor = heading.and_then(|heading| match kind {
-            0 => Some(Successor::Beside { heading, same_cell: false }),
-            beacon::OWN => Some(Successor::Own(heading)),
-            beacon::SAME_CELL => Some(Successor::Beside { heading, same_cell: true }),
-            _ => None,
-        });
-        (field.value(), successor, field.heard())
-    }
-    /// Since when the module has been at its cell with its memory.
-    pub fn settled(&self) -> Time {
-        self.settled
-    }
-    /// What the module is busy with, for people.
-    pub fn activity(&self, now: Time) -> &'static str {
-        match self.role {
-            Role::Final => "finalized",
-            _ if self.immobile => "immobile",
-            _ if self.moving.is_some() => "moving",
-            _ if self.attempt.is_some() => "asking",
-            _ if self.is_quarantined(now) => "listening",
-            _ if now < self.back_off_until => "backing off",
-            Role::Reserve if self.may_leave(now).is_err() => "holding",
-            _ if self.waits_for.is_some() => "waiting",
-            _ => "idle",
+    /// When what a timer stands for is due.
+    fn due(&self, timer: Timer, now: Time) -> Time {
+        match timer {
+            Timer::Decision => self.planner.decide_at,
+            Timer::Answers => self.attempt.as_ref().map_or(Time::NEVER, |a| a.timeout),
+            Timer::Beacon => self.beacons_due(),
+            Timer::Field => self.attraction.expires(self.own.params().hold),
+            Timer::Refresh if self.wanted != 0 => attraction::next_refresh(self.view(now)),
+            Timer::Quarantine if self.own.is_quarantined(now) => self.own.quarantine_until,
+            Timer::Refresh | Timer::Quarantine => Time::NEVER,
+            Timer::Lease => self.locks.next_expiry(),
         }
-    }
-    /// Until when the module stays because of a lock of `origin`.
-    pub fn locked_for(&self, origin: ModuleId) -> Option<Time> {
-        self.locks.iter().filter(|l| l.id.origin == origin).map(|l| l.expires).max()
-    }
-    /// Whether the module has restarted and is still listening.
-    pub fn is_listening(&self, now: Time) -> bool {
-        self.is_quarantined(now)
-    }
-    /// Whether the module has restarted and cannot know what it was before.
-    pub fn has_restarted(&self) -> bool {
-        self.reborn
-    }
-    /// Whether the module has no place in the parent forest.
-    pub fn is_unlabelled(&self) -> bool {
-        self.label() == UNLABELLED
-    }
-    /// The connectivity check in use.
-    pub fn connectivity(&self) -> Connectivity {
-        self.setup.params.connectivity
-    }
-    /// Faces outside which the cell is kept free, and for whom.
-    pub fn reservations(&self) -> Vec<(Face, ModuleId)> {
-        self.locks.iter().filter_map(|l| l.reserved.map(|f| (f, l.id.origin))).collect()
-    }
-    /// Whether the module stands where its goal begins.
-    pub fn is_root(&self) -> bool {
-        self.cell == self.goal().seed()
-    }
-    /// The finalized neighbour that made this module finalized; none for the seed.
-    pub fn activator(&self) -> Option<Face> {
-        self.activator
     }
 }

@@ -6,9 +6,8 @@
 //! deadline is earlier than the end of every grant, whatever the delay of the request was.
 
 use super::Cube;
+use super::lock_table::Lock;
 use super::message::{Ask, Denial, Message, RequestId, Role};
-use super::motion::Moving;
-use super::params::{BACK_OFF, BACK_OFF_SPREAD, MOST_DOUBLED};
 use super::route::Route;
 use crate::agent::{Class, Output};
 use crate::ids::{ModuleId, Token};
@@ -17,23 +16,8 @@ use crate::marks::{Mark, hit};
 use crate::sabotage::Sabotage;
 use crate::time::{Span, Time};
 
-/// Locks that one module grants at the same time.
-const MAX_LOCKS: usize = 16;
 /// Requests of one attempt.
 const MAX_REQUESTS: usize = 24;
-
-/// Something granted: this module stays, and perhaps keeps a cell free.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Lock {
-    pub id: RequestId,
-    pub expires: Time,
-    /// Where the request went on to.
-    pub next: Option<Face>,
-    /// The face outside which the cell is kept free.
-    pub reserved: Option<Face>,
-    /// All that come after on the route have granted it too: the co-owners that the last one named.
-    pub beyond: Option<u8>,
-}
 
 /// One request of an attempt.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -59,8 +43,8 @@ pub(super) struct Attempt {
 
 impl Cube {
     pub(super) fn begin_attempt(&mut self, now: Time, motion: Motion) {
-        let token = self.token();
-        let deadline = now + self.setup.params.start_within();
+        let token = self.tokens.next();
+        let deadline = now + self.own.params().start_within();
         self.attempt = Some(Attempt {
             token,
             motion,
@@ -69,9 +53,9 @@ impl Cube {
             requests: Vec::new(),
             search: None,
         });
-        self.waiting_since.get_or_insert(now);
-        if self.role == Role::Reserve
-            && self.setup.params.connectivity == super::params::Connectivity::Cycles
+        self.planner.waiting_since.get_or_insert(now);
+        if self.own.role == Role::Reserve
+            && self.own.params().connectivity == super::params::Connectivity::Cycles
             && !self.ask_for_cycles(now)
         {
             return;
@@ -93,7 +77,7 @@ impl Cube {
 
     /// How long an answer over a route takes, if nothing is lost.
     fn answers_within(&self, route: Route) -> Span {
-        let p = &self.setup.params;
+        let p = self.own.params();
         p.usual_delay * (2 * route.hop_count() as u64) + p.tick() * 8
     }
 
@@ -104,7 +88,8 @@ impl Cube {
             hit(Mark::CubeTooManyRequests);
             return self.abort_attempt(now, None);
         }
-        let id = RequestId { origin: self.id, token: attempt.token, number: attempt.requests.len() as u8 };
+        let id =
+            RequestId { origin: self.own.id, token: attempt.token, number: attempt.requests.len() as u8 };
         attempt.requests.push(Request { route, ask, granted: false });
         let first = attempt.requests.len() == 1;
         let answer = now + self.answers_within(route);
@@ -115,10 +100,10 @@ impl Cube {
     }
 
     fn send_request(&mut self, now: Time, id: RequestId, route: Route, ask: Ask) {
-        let age = now.since(self.waiting_since.unwrap_or(now));
+        let age = now.since(self.planner.waiting_since.unwrap_or(now));
         let class = if ask == Ask::Lock { Class::Connectivity } else { Class::Negotiation };
         if let Some(first) = route.hop(0) {
-            self.send(first, class, Message::Request { id, age, hop: 1, ask, route });
+            self.out.send(&self.sides, first, class, Message::Request { id, age, hop: 1, ask, route });
         }
     }
 
@@ -130,12 +115,14 @@ impl Cube {
         let open: Vec<(RequestId, Route, Ask)> = (0u8..)
             .zip(&attempt.requests)
             .filter(|(_, r)| !r.granted)
-            .map(|(number, r)| (RequestId { origin: self.id, token: attempt.token, number }, r.route, r.ask))
+            .map(|(number, r)| {
+                (RequestId { origin: self.own.id, token: attempt.token, number }, r.route, r.ask)
+            })
             .collect();
         let Some(answer) = open.iter().map(|(_, route, _)| now + self.answers_within(*route)).max() else {
             return false;
         };
-        let hopeless = open.iter().any(|(_, r, _)| r.hop(0).is_none_or(|f| self.live(now, f).is_none()));
+        let hopeless = open.iter().any(|(_, r, _)| r.hop(0).is_none_or(|f| self.sides.live(f).is_none()));
         if answer > attempt.deadline || hopeless {
             return false;
         }
@@ -166,7 +153,7 @@ impl Cube {
         }
         let next = route.hop(depth);
         // Asked again because an answer was lost on the way back from here.
-        if let Some(co_owners) = self.locks.iter().find(|l| l.id == id).and_then(|l| l.beyond) {
+        if let Some(co_owners) = self.locks.find(id).and_then(|l| l.beyond) {
             hit(Mark::CubeRequestRepeated);
             return self.answer(from, id, hop - 1, None, None, co_owners, route);
         }
@@ -178,11 +165,16 @@ impl Cube {
             }
             (Ok(()), Some(next)) => {
                 let class = if ask == Ask::Lock { Class::Connectivity } else { Class::Negotiation };
-                self.send(next, class, Message::Request { id, age, hop: hop + 1, ask, route });
+                self.out.send(
+                    &self.sides,
+                    next,
+                    class,
+                    Message::Request { id, age, hop: hop + 1, ask, route },
+                );
             }
             (Ok(()), None) => {
                 let co_owners = match ask {
-                    Ask::Reserve(face) => self.co_owners(now, face),
+                    Ask::Reserve(face) => self.co_owners(face),
                     Ask::Lock => 0,
                 };
                 self.answer(from, id, hop - 1, None, None, co_owners, route);
@@ -199,44 +191,45 @@ impl Cube {
         next: Option<Face>,
         ask: Ask,
     ) -> Result<(), (Denial, Option<ModuleId>)> {
-        if self.locks.iter().any(|l| l.id == id) {
+        if self.locks.find(id).is_some() {
             hit(Mark::CubeRequestRepeated);
             return Ok(());
         }
-        if self.role == Role::Walker || id.origin == self.id {
+        if self.own.role == Role::Walker || id.origin == self.own.id {
             return Err((Denial::NoTerrain, None));
         }
-        if self.locks.len() == MAX_LOCKS {
+        if self.locks.is_full() {
             hit(Mark::CubeDeniedFull);
         }
-        if self.moving.is_some() || self.locks.len() == MAX_LOCKS {
-            return Err((Denial::Busy, Some(self.id)));
+        if self.moving.is_some() || self.locks.is_full() {
+            return Err((Denial::Busy, Some(self.own.id)));
         }
-        if self.is_quarantined(now) {
-            return Err((Denial::Quarantined, Some(self.id)));
+        if self.own.is_quarantined(now) {
+            return Err((Denial::Quarantined, Some(self.own.id)));
         }
         if let Some(attempt) = &self.attempt {
-            let mine = now.since(self.waiting_since.unwrap_or(now));
+            let mine = now.since(self.planner.waiting_since.unwrap_or(now));
             // A search may take long and be in vain; whoever knows its way goes first.
-            let theirs_first = attempt.search.is_some() || age > mine || (age == mine && id.origin < self.id);
+            let theirs_first =
+                attempt.search.is_some() || age > mine || (age == mine && id.origin < self.own.id);
             if !theirs_first {
-                return Err((Denial::Younger, Some(self.id)));
+                return Err((Denial::Younger, Some(self.own.id)));
             }
         }
         let mut reserved = None;
         match (next, ask) {
             (Some(next), _) => {
-                if self.terrain(now, next).is_none() {
-                    return Err((Denial::NoTerrain, self.peer(next).map(|b| b.id)));
+                if self.sides.terrain(next).is_none() {
+                    return Err((Denial::NoTerrain, self.sides.peer(next).map(|b| b.id)));
                 }
             }
             (None, Ask::Reserve(face)) => {
-                if self.side(face).session.is_some() {
-                    return Err((Denial::Occupied, self.peer(face).map(|b| b.id)));
+                if self.sides.is_touching(face) {
+                    return Err((Denial::Occupied, self.sides.peer(face).map(|b| b.id)));
                 }
-                let other = self.locks.iter().find(|l| l.reserved == Some(face) && l.id.origin != id.origin);
-                if let Some(other) = other.filter(|_| !self.has(Sabotage::ReserveTwice)) {
-                    return Err((Denial::Reserved, Some(other.id.origin)));
+                let other = self.locks.reserved_for_other(face, id.origin);
+                if other.is_some() && !self.own.has(Sabotage::ReserveTwice) {
+                    return Err((Denial::Reserved, other));
                 }
                 reserved = Some(face);
             }
@@ -247,18 +240,18 @@ impl Cube {
             hit(Mark::CubeYielded);
         }
         self.abort_attempt(now, Some(id.origin));
-        let expires = match self.setup.params.sabotage {
-            Some(Sabotage::ShortLease) => now + self.setup.params.move_time,
+        let expires = match self.own.params().sabotage {
+            Some(Sabotage::ShortLease) => now + self.own.params().move_time,
             Some(Sabotage::KeepLocks) => Time::NEVER,
-            _ => now + self.setup.params.keep_for(),
+            _ => now + self.own.params().keep_for(),
         };
-        self.locks.push(Lock { id, expires, next, reserved, beyond: None });
+        self.locks.grant(Lock { id, expires, next, reserved, beyond: None });
         Ok(())
     }
 
     /// Directions from here in which a further module touches the cell outside `face`.
-    fn co_owners(&self, now: Time, face: Face) -> u8 {
-        let touches = |u: &Face| self.terrain(now, *u).is_some_and(|b| b.terrain & face.bit() != 0);
+    fn co_owners(&self, face: Face) -> u8 {
+        let touches = |u: &Face| self.sides.terrain(*u).is_some_and(|b| b.terrain & face.bit() != 0);
         face.perpendicular().into_iter().filter(touches).fold(0, |mask, u| mask | u.bit())
     }
 
@@ -274,7 +267,7 @@ impl Cube {
         route: Route,
     ) {
         let message = Message::Response { id, hop, denial, blocker, co_owners, route };
-        self.send(to, Class::Negotiation, message);
+        self.out.send(&self.sides, to, Class::Negotiation, message);
     }
 
     pub(super) fn on_response(&mut self, now: Time, from: Face, message: Message) {
@@ -285,16 +278,16 @@ impl Cube {
         }
         if depth > 0 {
             if denial.is_some() {
-                self.locks.retain(|l| l.id != id);
-            } else if let Some(lock) = self.locks.iter_mut().find(|l| l.id == id) {
-                lock.beyond = Some(co_owners);
+                self.locks.withdraw(id);
+            } else {
+                self.locks.granted_beyond(id, co_owners);
             }
             if let Some(back) = route.hop(depth - 1).map(Face::opposite) {
                 self.answer(back, id, hop - 1, denial, blocker, co_owners, route);
             }
             return;
         }
-        let Some(attempt) = self.attempt.as_mut().filter(|a| a.token == id.token && id.origin == self.id)
+        let Some(attempt) = self.attempt.as_mut().filter(|a| a.token == id.token && id.origin == self.own.id)
         else {
             return;
         };
@@ -311,7 +304,7 @@ impl Cube {
         let first_of_its_kind = attempt.requests.iter().filter(|r| r.ask != Ask::Lock).count() == 1;
         if let Ask::Reserve(face) = ask
             && first_of_its_kind
-            && self.setup.params.co_owners
+            && self.own.params().co_owners
         {
             self.ask_co_owners(now, route, face, co_owners);
         }
@@ -339,8 +332,8 @@ impl Cube {
         if !ready {
             return;
         }
-        let held = if self.role == Role::Reserve { self.may_leave(now).err() } else { None };
-        let fenced = !self.has(Sabotage::NoDeadline);
+        let held = if self.own.role == Role::Reserve { self.may_leave(now).err() } else { None };
+        let fenced = !self.own.has(Sabotage::NoDeadline);
         let late = fenced && self.attempt.as_ref().is_some_and(|a| now > a.deadline);
         if held.is_some() || late {
             hit(if late { Mark::CubeTooLate } else { Mark::CubeHeldAtLaunch });
@@ -349,8 +342,8 @@ impl Cube {
         if let Some(attempt) = self.attempt.take() {
             let not_after = if fenced { attempt.deadline } else { Time::NEVER };
             let motion = attempt.motion;
-            self.out.push_back(Output::Act(super::Move { motion, not_after }));
-            self.moving = Some(Moving { attempt });
+            self.out.push(Output::Act(super::Move { motion, not_after }));
+            self.moving = Some(attempt);
             self.touch();
         }
     }
@@ -370,62 +363,32 @@ impl Cube {
     pub(super) fn abort_attempt(&mut self, now: Time, blocker: Option<ModuleId>) {
         if let Some(attempt) = self.attempt.take() {
             self.give_back(&attempt);
-            self.waits_for = blocker;
-            self.denied = self.denied.saturating_add(1);
-            self.patience = self.patience.saturating_add(1);
-            self.back_off(now);
+            self.planner.waits_for = blocker;
+            self.planner.count_denial();
+            self.planner.back_off(now, self.own.params(), &mut self.rng);
         }
     }
 
-    pub(super) fn back_off(&mut self, now: Time) {
-        let spread = BACK_OFF_SPREAD << self.denied.min(MOST_DOUBLED);
-        let ticks = BACK_OFF + self.stream.below(spread);
-        self.back_off_until = now + self.setup.params.tick() * ticks;
-        self.decide_at = self.back_off_until;
-    }
-
+    /// Tells the modules asked for an attempt that it is over.
     pub(super) fn give_back(&mut self, attempt: &Attempt) {
         let mut told = 0u8;
         for first in attempt.requests.iter().filter_map(|r| r.route.hop(0)) {
             if told & first.bit() == 0 {
                 told |= first.bit();
-                let message = Message::Release { origin: self.id, token: attempt.token };
-                self.send(first, Class::Negotiation, message);
+                let message = Message::Release { origin: self.own.id, token: attempt.token };
+                self.out.send(&self.sides, first, Class::Negotiation, message);
             }
         }
     }
 
-    /// Drops locks and passes the word on to where the requests went.
+    /// Drops locks, and all others of the same attempts, and passes the releases on.
     pub(super) fn release_locks(&mut self, which: impl Fn(&Lock) -> bool) {
-        let mut told: Vec<(Face, ModuleId, Token)> = Vec::new();
-        let attempts: Vec<(ModuleId, Token)> =
-            self.locks.iter().filter(|l| which(l)).map(|l| (l.id.origin, l.id.token)).collect();
-        if attempts.is_empty() || self.has(Sabotage::KeepLocks) {
+        if self.own.has(Sabotage::KeepLocks) {
             return;
         }
-        // All locks of an attempt go together: it is over.
-        self.locks.retain(|l| {
-            let over = attempts.contains(&(l.id.origin, l.id.token));
-            if let Some(next) = l.next.filter(|_| over) {
-                let word = (next, l.id.origin, l.id.token);
-                if !told.contains(&word) {
-                    told.push(word);
-                }
-            }
-            !over
-        });
-        for (next, origin, token) in told {
+        for (next, origin, token) in self.locks.release(which) {
             hit(Mark::CubeReleaseForwarded);
-            self.send(next, Class::Negotiation, Message::Release { origin, token });
-        }
-    }
-
-    pub(super) fn expire_locks(&mut self, now: Time) {
-        let before = self.locks.len();
-        self.locks.retain(|l| l.expires > now);
-        if self.locks.len() != before {
-            hit(Mark::CubeLockExpired);
-            self.decide_soon(now);
+            self.out.send(&self.sides, next, Class::Negotiation, Message::Release { origin, token });
         }
     }
 }

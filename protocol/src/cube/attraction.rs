@@ -1,0 +1,557 @@
+//! The attraction field: for each face, how many moves it is from the cell outside to the nearest target.
+//!
+//! A distance is followed only if it is *feasible*: closer to the source than everything advertised
+//! here for the same version of that source. So the successors of one version never form a loop,
+//! whatever is late, lost or doubled, and a source that is gone is forgotten with its last version
+//! instead of being counted to infinity.
+
+use super::message::{Entry, Role};
+use super::view::View;
+use crate::digest::Portable;
+use crate::goal::Growth;
+use crate::lattice::Face;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
+use crate::time::{Span, Time};
+use std::hash::Hash;
+
+/// Marks an offer that comes from another face of the same module.
+pub(super) const OWN: u8 = 6;
+/// Marks an offer of a module one further out, which touches the same cell.
+pub(super) const SAME_CELL: u8 = 12;
+/// Rounds in which the faces of a module settle: distances only fall within one settling, and no path over
+/// one module is longer than its six faces.
+const ROUNDS: usize = 6;
+
+/// Where following the attraction field leads from a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Successor {
+    /// To another face of the same module.
+    Own(Face),
+    /// Along the neighbour in this direction: to its face of the same name or, if a further module
+    /// stands out from it and touches the same cell, to that one's.
+    Beside {
+        /// Where the neighbour is.
+        heading: Face,
+        /// Whether a further module touches the same cell.
+        same_cell: bool,
+    },
+}
+
+/// The field on all faces of a module, and what it knows of the cells outside them.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Attraction {
+    faces: [FaceField; 6],
+    /// Directions in which the corner over each face was found blocked, and until when to mind.
+    corners: [u8; 6],
+    corners_until: [Time; 6],
+    /// Since when the goal cell outside each face has been unfilled, as seen by a finalized module.
+    unfilled_since: [Option<Time>; 6],
+    /// Something that the field follows from may have changed.
+    stale: bool,
+}
+
+impl Attraction {
+    pub fn new() -> Attraction {
+        Attraction {
+            faces: std::array::from_fn(|_| FaceField::new()),
+            corners: [0; 6],
+            corners_until: [Time::ZERO; 6],
+            unfilled_since: [None; 6],
+            stale: true,
+        }
+    }
+
+    /// The module starts over with another goal.
+    pub fn on_goal(&mut self) {
+        self.unfilled_since = [None; 6];
+        self.faces = std::array::from_fn(|_| FaceField::new());
+    }
+    /// Has the field worked out anew in this step.
+    pub fn touch(&mut self) {
+        self.stale = true;
+    }
+    /// Feeds the field of one face into a hash; see `digest`.
+    pub fn digest_field(&self, face: Face, hasher: &mut Portable<'_>) {
+        self.faces[face.index()].hash(hasher);
+    }
+    /// Feeds what is known of the cell outside one face into a hash; see `digest`.
+    pub fn digest_outside(&self, face: Face, sequence: u32, hasher: &mut Portable<'_>) {
+        let i = face.index();
+        (self.corners[i], self.corners_until[i], sequence, self.unfilled_since[i]).hash(hasher);
+    }
+    pub fn value(&self, face: Face) -> Entry {
+        self.faces[face.index()].value()
+    }
+    /// The smallest distance on any face.
+    pub fn nearest(&self) -> Option<u16> {
+        self.faces.iter().map(|f| f.value().distance).min()
+    }
+    /// Where following the field leads from a face, and when the version of its value was first heard of.
+    pub fn successor(&self, face: Face) -> (Option<Successor>, Time) {
+        let field = &self.faces[face.index()];
+        let (heading, kind) = (Face::from_index(field.via % 6), field.via / 6 * 6);
+        let successor = heading.and_then(|heading| match kind {
+            0 => Some(Successor::Beside { heading, same_cell: false }),
+            OWN => Some(Successor::Own(heading)),
+            SAME_CELL => Some(Successor::Beside { heading, same_cell: true }),
+            _ => None,
+        });
+        (successor, field.heard())
+    }
+
+    /// Notes what a walker found out about the corners over a face.
+    pub fn note_corners(&mut self, v: View<'_>, face: Face, corners: u8) {
+        if corners != 0 {
+            self.corners[face.index()] |= corners;
+            self.corners_until[face.index()] = v.now + v.params().corner_hint;
+        }
+    }
+
+    /// Puts off starting cells out of turn, after a missed neighbour has spoken again. A cell that has long
+    /// been unfilled may only have been out of hearing: there has to be time for distances to come from
+    /// there.
+    pub fn wait_for_news(&mut self, v: View<'_>) {
+        hit(Mark::CubeWaitsForNews);
+        let earliest = v.now + v.params().hold - v.params().relax;
+        for since in self.unfilled_since.iter_mut().flatten() {
+            *since = (*since).max(earliest);
+        }
+        self.stale = true;
+    }
+
+    /// Whether this finalized module wants the cell outside a face filled.
+    pub fn wants(&self, v: View<'_>, face: Face) -> bool {
+        self.target(v, face).is_some()
+    }
+
+    /// Faces outside which this finalized module wants the cell filled.
+    pub fn wanted(&self, v: View<'_>) -> u8 {
+        if v.own.role != Role::Final || v.own.masks.cells == 0 {
+            return 0;
+        }
+        Face::ALL.into_iter().filter(|f| self.wants(v, *f)).fold(0, |mask, f| mask | f.bit())
+    }
+
+    /// The distance at which the cell outside a face attracts, if this finalized module wants it filled:
+    /// zero by rules G1 and G2, and far if it has only been unfilled for long. Filled before its turn it may
+    /// wall in another, so that is for when no other is heard of.
+    fn target(&self, v: View<'_>, face: Face) -> Option<u16> {
+        let masks = &v.own.masks;
+        if v.own.role != Role::Final
+            || masks.cells & face.bit() == 0
+            || v.peer(face).is_some_and(|b| b.role == Role::Final)
+        {
+            return None;
+        }
+        let is_next = masks.next & face.bit() != 0
+            && (v.own.grows_as() == Growth::Scaffold
+                || v.has(Sabotage::AnyLowerOnSolids)
+                || lower_are_filled(v, face));
+        if is_next {
+            return Some(0);
+        }
+        let since = self.unfilled_since[face.index()]?;
+        let far = v.params().range.min(Entry::MAX_MOVES) / 2 * Entry::MOVE;
+        // A module already in that cell blocks no other cell any more.
+        let is_taken = || v.peer(face).is_some_and(|b| b.role == Role::Reserve || b.immobile);
+        let is_last_hope = || self.faces.iter().all(|f| f.value().distance >= far);
+        let is_due =
+            v.now.since(since) > v.params().relax && v.sides.missed() == 0 && (is_taken() || is_last_hope());
+        is_due.then(|| {
+            hit(Mark::CubeRelaxed);
+            far
+        })
+    }
+
+    /// Works the field of all faces out anew from what the neighbours said last, if anything it follows from
+    /// may have changed. Returns whether any value changed.
+    pub fn tend(&mut self, v: View<'_>) -> bool {
+        let due =
+            self.expires(v.params().hold) <= v.now || (v.own.role == Role::Final && self.targets_are_old(v));
+        if !self.stale && !due {
+            return false;
+        }
+        self.stale = false;
+        if v.own.role == Role::Final {
+            self.note_unfilled(v);
+        }
+        let mut changed_any = false;
+        for _ in 0..ROUNDS {
+            let mut changed = false;
+            for face in Face::ALL {
+                changed |= self.tend_face(v, face);
+            }
+            changed_any |= changed;
+            if !changed {
+                break;
+            }
+        }
+        changed_any
+    }
+
+    fn tend_face(&mut self, v: View<'_>, face: Face) -> bool {
+        let i = face.index();
+        // A walker is traffic, not terrain: no route leads over it.
+        if !v.sides.is_open(face) || v.own.role == Role::Walker {
+            return self.faces[i].set(Entry::NONE);
+        }
+        let source = v.own.id.0 << 3 | face as u32;
+        if !v.sides.is_touching(face)
+            && let Some(distance) = self.target(v, face)
+        {
+            return self.faces[i].set(Entry { distance, source, version: version(v) });
+        }
+        let (mut offers, n) = self.offers(v, face);
+        // What comes back of this face's own announcement is no news of a target.
+        let is_own = |e: Entry| e.source == source || may_be_own(v, e);
+        for offer in offers.iter_mut().filter(|o| is_own(o.entry)) {
+            offer.entry = Entry::NONE;
+        }
+        let limits = Limits {
+            hold: v.params().hold,
+            range: v.params().range.min(Entry::MAX_MOVES) * Entry::MOVE,
+            accept_stale: v.has(Sabotage::AcceptStaleValues),
+        };
+        self.faces[i].choose(v.now, limits, &offers[..n])
+    }
+
+    /// Whether a face that is a target does not say so, in the present version.
+    fn targets_are_old(&self, v: View<'_>) -> bool {
+        let version = version(v);
+        Face::ALL.into_iter().filter(|f| !v.sides.is_touching(*f)).any(|f| {
+            let value = self.value(f);
+            self.target(v, f).is_some_and(|distance| (value.distance, value.version) != (distance, version))
+        })
+    }
+
+    /// Notes since when goal cells around a finalized module have been unfilled.
+    fn note_unfilled(&mut self, v: View<'_>) {
+        for face in Face::ALL {
+            let unfilled = v.own.masks.cells & face.bit() != 0
+                && v.peer(face).is_none_or(|b| b.role != Role::Final)
+                && !v.sides.is_certified_dead(face);
+            let since = &mut self.unfilled_since[face.index()];
+            *since = if unfilled { since.or(Some(v.now)) } else { None };
+        }
+    }
+
+    /// The distances that the cell outside `face` can be given: along neighbouring modules, and
+    /// around the edges of this one.
+    fn offers(&self, v: View<'_>, face: Face) -> ([Offer; 4], usize) {
+        let mut offers = [Offer { entry: Entry::NONE, cost: 0, via: 0 }; 4];
+        let mut n = 0;
+        let mut add = |offer| {
+            offers[n] = offer;
+            n += 1;
+        };
+        for heading in face.perpendicular() {
+            if let Some(beacon) = v.terrain(heading) {
+                // What was known of another goal's targets was forgotten with that goal, so that their
+                // distances could lead in circles.
+                if beacon.epoch != v.own.epoch {
+                    continue;
+                }
+                let slot = face.slot_in(heading).unwrap_or(0);
+                // A module one further out touches the very same cell; otherwise it is one slide.
+                let (cost, via) = match beacon.terrain & face.bit() {
+                    0 => (Entry::MOVE, heading as u8),
+                    _ => (1, SAME_CELL + heading as u8),
+                };
+                add(Offer { entry: beacon.field[slot], cost, via });
+            } else if v.sides.is_open(heading) && !self.corner_blocked(v.now, face, heading) {
+                let entry = self.value(heading);
+                add(Offer { entry, cost: Entry::MOVE, via: OWN + heading as u8 });
+            }
+        }
+        (offers, n)
+    }
+
+    fn corner_blocked(&self, now: Time, a: Face, b: Face) -> bool {
+        let one_way =
+            |f: Face, d: Face| self.corners[f.index()] & d.bit() != 0 && now < self.corners_until[f.index()];
+        one_way(a, b) || one_way(b, a)
+    }
+
+    /// What a walker on `face` would find in each of its four headings.
+    pub fn advertised(&self, v: View<'_>, face: Face) -> [Entry; 4] {
+        if v.own.role == Role::Walker {
+            return [Entry::NONE; 4];
+        }
+        face.perpendicular().map(|heading| {
+            if v.sides.is_open(heading) {
+                return self.value(heading);
+            }
+            match v.terrain(heading) {
+                Some(b) if b.terrain & face.bit() == 0 && b.epoch == v.own.epoch => {
+                    b.field[face.slot_in(heading).unwrap_or(0)]
+                }
+                _ => Entry::NONE,
+            }
+        })
+    }
+
+    /// When the first value ceases to be usable unless it is renewed.
+    pub fn expires(&self, hold: Span) -> Time {
+        self.faces.iter().map(|f| f.expires(hold)).min().unwrap_or(Time::NEVER)
+    }
+}
+
+/// Applies rule G2: every lower neighbour of the cell outside a face is finalized, as far as the common
+/// neighbours that can see it say.
+fn lower_are_filled(v: View<'_>, face: Face) -> bool {
+    let lower = v.own.masks.lower[face.index()];
+    Face::ALL.into_iter().filter(|toward| lower & toward.bit() != 0).all(|toward| {
+        if toward == face.opposite() || toward == face || v.own.masks.cells & toward.bit() == 0 {
+            // The cell itself, opposite fronts, or no module in between: nothing to go by.
+            return true;
+        }
+        // The lower cell lies beside ours, seen by the module that both touch.
+        v.terrain(toward).is_some_and(|b| b.finals & face.bit() != 0)
+    })
+}
+
+/// The version of a module's own targets: it counts the refresh periods of this module, whose phase is its
+/// own so that not all sources flood at once. Versions go on after a restart.
+fn version(v: View<'_>) -> u16 {
+    version_of(v, v.own.id.0, v.now)
+}
+fn version_of(v: View<'_>, id: u32, at: Time) -> u16 {
+    (phased(v, id, at) / refresh(v)) as u16
+}
+fn phased(v: View<'_>, id: u32, at: Time) -> u64 {
+    at.0.saturating_add(u64::from(id).wrapping_mul(0x9E37_79B9_7F4A_7C15) % refresh(v))
+}
+fn refresh(v: View<'_>) -> u64 {
+    v.params().refresh.0.max(1)
+}
+/// When the module's own targets get their next version.
+pub(super) fn next_refresh(v: View<'_>) -> Time {
+    v.now + Span(refresh(v) - phased(v, v.own.id.0, v.now) % refresh(v))
+}
+
+/// Whether an earlier life of this module may have announced this version: it may come back by way of
+/// others, and lead in a circle.
+fn may_be_own(v: View<'_>, entry: Entry) -> bool {
+    v.own.restarted
+        && entry.is_known()
+        && !v.has(Sabotage::AcceptStaleValues)
+        && !newer(entry.version, version_of(v, entry.source >> 3, v.own.settled))
+}
+
+/// Sources remembered per face.
+const MAX_RECORDS: usize = 16;
+
+/// What is remembered of one source.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Record {
+    source: u32,
+    version: u16,
+    /// The least distance advertised here for this version.
+    feasible: u16,
+    /// When this version was first heard.
+    first: Time,
+    /// When it was last chosen.
+    used: Time,
+}
+
+/// A distance offered by a neighbour, or by another face of the same module.
+#[derive(Clone, Copy, Debug)]
+struct Offer {
+    /// What is offered.
+    pub entry: Entry,
+    /// How much farther it is from here; at least 1.
+    pub cost: u16,
+    /// Names who offers it, among those who can.
+    pub via: u8,
+}
+
+/// Limits within which distances are used.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    pub hold: Span,
+    /// The largest distance.
+    pub range: u16,
+    pub accept_stale: bool,
+}
+
+/// The value of one face and the memory behind it.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct FaceField {
+    value: Entry,
+    via: u8,
+    records: Vec<Record>,
+}
+
+/// Whether version `a` is newer than `b`, modulo 2¹⁶.
+fn newer(a: u16, b: u16) -> bool {
+    (1..0x8000).contains(&a.wrapping_sub(b))
+}
+
+impl FaceField {
+    fn new() -> FaceField {
+        FaceField { value: Entry::NONE, via: u8::MAX, records: Vec::new() }
+    }
+
+    fn value(&self) -> Entry {
+        self.value
+    }
+
+    /// Sets a value that needs no choice: this face is a target itself, or not open at all.
+    fn set(&mut self, value: Entry) -> bool {
+        let changed = self.value != value;
+        (self.value, self.via) = (value, u8::MAX);
+        changed
+    }
+
+    /// Chooses the nearest feasible offer. Says whether the value changed.
+    fn choose(&mut self, now: Time, limits: Limits, offers: &[Offer]) -> bool {
+        let mut best: Option<(u16, Offer)> = None;
+        for offer in offers {
+            let distance = offer.entry.distance.saturating_add(offer.cost);
+            if !offer.entry.is_known() || distance > limits.range || !self.feasible(now, limits, offer) {
+                continue;
+            }
+            let better = best.is_none_or(|(least, b)| {
+                distance < least || (distance == least && newer(offer.entry.version, b.entry.version))
+            });
+            if better {
+                best = Some((distance, *offer));
+            }
+        }
+        let Some((distance, offer)) = best.filter(|(d, o)| self.remember(now, limits, *d, o)) else {
+            return self.set(Entry::NONE);
+        };
+        let value = Entry { distance, ..offer.entry };
+        let changed = self.value != value;
+        (self.value, self.via) = (value, offer.via);
+        changed
+    }
+
+    fn feasible(&self, now: Time, limits: Limits, offer: &Offer) -> bool {
+        let Some(record) = self.records.iter().find(|r| r.source == offer.entry.source) else {
+            return true;
+        };
+        let version = offer.entry.version;
+        if newer(version, record.version) || limits.accept_stale {
+            return true;
+        }
+        let (current, fresh) = (version == record.version, now.since(record.first) <= limits.hold);
+        let closer = offer.entry.distance < record.feasible;
+        match (current, fresh, closer) {
+            (false, ..) => hit(Mark::CubeStaleVersion),
+            (_, false, _) => hit(Mark::CubeVersionExpired),
+            (.., false) => hit(Mark::CubeNotCloser),
+            _ => {}
+        }
+        current && fresh && closer
+    }
+
+    /// Notes the choice; false if there is no room to remember its source.
+    fn remember(&mut self, now: Time, limits: Limits, distance: u16, offer: &Offer) -> bool {
+        let (source, version) = (offer.entry.source, offer.entry.version);
+        if let Some(record) = self.records.iter_mut().find(|r| r.source == source) {
+            if record.version == version {
+                record.feasible = record.feasible.min(distance);
+            } else {
+                (record.version, record.feasible, record.first) = (version, distance, now);
+            }
+            record.used = now;
+            return true;
+        }
+        if self.records.len() == MAX_RECORDS {
+            let oldest = (0..MAX_RECORDS).min_by_key(|i| self.records[*i].used);
+            match oldest {
+                Some(i) if now.since(self.records[i].used) > limits.hold * 2 => {
+                    hit(Mark::CubeSourceForgotten);
+                    self.records.swap_remove(i);
+                }
+                _ => {
+                    hit(Mark::CubeSourcesFull);
+                    return false;
+                }
+            }
+        }
+        self.records.push(Record { source, version, feasible: distance, first: now, used: now });
+        true
+    }
+
+    /// When the version of the current value was first heard of.
+    fn heard(&self) -> Time {
+        self.records.iter().find(|r| r.source == self.value.source).map_or(Time::NEVER, |r| r.first)
+    }
+
+    /// When the current value ceases to be usable unless it is renewed.
+    fn expires(&self, hold: Span) -> Time {
+        if !self.value.is_known() || self.via == u8::MAX {
+            return Time::NEVER;
+        }
+        self.records
+            .iter()
+            .find(|r| r.source == self.value.source)
+            .map_or(Time::NEVER, |r| r.first + hold + Span(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: Limits = Limits { hold: Span(100), range: 50, accept_stale: false };
+
+    fn offer(distance: u16, source: u32, version: u16, via: u8) -> Offer {
+        Offer { entry: Entry { distance, source, version }, cost: 1, via }
+    }
+
+    #[test]
+    fn follows_only_what_is_closer_than_anything_it_said() {
+        let mut face = FaceField::new();
+        assert!(face.choose(Time(0), LIMITS, &[offer(4, 1, 1, 0)]));
+        assert_eq!(face.value().distance, 5);
+        // The neighbour's neighbour that follows us offers 6 when our own source has gone: refused.
+        face.choose(Time(1), LIMITS, &[offer(6, 1, 1, 1)]);
+        assert!(!face.value().is_known());
+        // The next version of the source is believed again.
+        face.choose(Time(2), LIMITS, &[offer(6, 1, 2, 1)]);
+        assert_eq!(face.value().distance, 7);
+        // An older version is not.
+        face.choose(Time(3), LIMITS, &[offer(1, 1, 1, 0)]);
+        assert!(!face.value().is_known());
+    }
+
+    #[test]
+    fn a_version_ends_when_its_time_is_up() {
+        let mut face = FaceField::new();
+        face.choose(Time(0), LIMITS, &[offer(4, 1, 1, 0)]);
+        assert_eq!(face.expires(LIMITS.hold), Time(101));
+        face.choose(Time(100), LIMITS, &[offer(4, 1, 1, 0)]);
+        assert!(face.value().is_known());
+        face.choose(Time(101), LIMITS, &[offer(4, 1, 1, 0)]);
+        assert!(!face.value().is_known());
+    }
+
+    #[test]
+    fn versions_wrap_around() {
+        assert!(newer(0, u16::MAX) && !newer(u16::MAX, 0) && !newer(5, 5));
+    }
+
+    #[test]
+    fn memory_is_bounded_and_the_oldest_goes_first() {
+        let mut face = FaceField::new();
+        for source in 0..MAX_RECORDS as u32 {
+            face.choose(Time(u64::from(source)), LIMITS, &[offer(1, source, 1, 0)]);
+        }
+        face.choose(Time(20), LIMITS, &[offer(1, 99, 1, 0)]);
+        assert!(!face.value().is_known(), "no room yet");
+        face.choose(Time(201), LIMITS, &[offer(1, 99, 1, 0)]);
+        assert!(face.value().is_known() && face.records.len() == MAX_RECORDS);
+        assert!(face.records.iter().all(|r| r.source != 0));
+    }
+
+    #[test]
+    fn nothing_beyond_the_range() {
+        let mut face = FaceField::new();
+        assert!(!face.choose(Time(0), LIMITS, &[offer(50, 1, 1, 0)]));
+        assert!(face.choose(Time(0), LIMITS, &[offer(49, 1, 1, 0)]));
+    }
+}

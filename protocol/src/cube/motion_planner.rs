@@ -1,0 +1,467 @@
+//! Where to go: which motion leads towards a target, when a module leaves for it, and what a walker does
+//! that hears of none.
+
+use super::Cube;
+use super::attraction::Attraction;
+use super::beacon::Beacons;
+use super::body::{Percept, Refusal};
+use super::message::{Beacon, Role};
+use super::negotiation::Attempt;
+use super::params::{BACK_OFF, BACK_OFF_SPREAD, Connectivity, MOST_DOUBLED, Params};
+use super::sides::Sides;
+use super::view::View;
+use crate::digest::Portable;
+use crate::ids::ModuleId;
+use crate::lattice::{Cell, Face, Motion, MotionKind};
+use crate::marks::{Mark, hit};
+use crate::ratio::Ratio;
+use crate::stream::Stream;
+use crate::time::Time;
+use std::hash::Hash;
+
+/// Decisions for which a module waits for its outer neighbours to leave first.
+const OUTERMOST_FIRST: u16 = 6;
+/// The same with connecting cycles.
+const OUTERMOST_FIRST_IN_CYCLES: u16 = 200;
+/// Decisions after which a walker accepts one move of detour.
+const DETOUR: u16 = 12;
+/// Decisions after which a walker sometimes accepts two moves of detour.
+const WIDE_DETOUR: u16 = 40;
+
+/// Moves that a walker without a target tries at once. After that it waits twice as long every
+/// time, or a swarm with nothing left to do would not come to rest; where it has stopped it may be in the way.
+const ROAMING: u8 = 100;
+/// Doublings of that wait, at most.
+const LONGEST_ROAMING: u8 = 30;
+/// Targets remembered by a module in reserve.
+const MAX_TARGETS: usize = 24;
+
+/// The random walk of a walker that hears of no target. Distances go from module to module along the
+/// surface, and where a dead one stands in the corner between two they end, though a walker gets past.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Roaming {
+    since: Time,
+    tries: u8,
+    /// Where it was when it last tried.
+    from: Cell,
+}
+
+/// A target that a module in reserve has heard of. A module leaves for a target only when it has been
+/// there for half as long as a nearer module would have needed to fill it; so each target recruits an ever
+/// wider circle, and few more modules wander than there is work for.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Target {
+    source: u32,
+    first: Time,
+    last: Time,
+}
+
+/// A motion that leads towards a target.
+struct Course {
+    moves: u16,
+    source: u32,
+    /// Not over a finalized module, which would be the steadier support.
+    over_loose: bool,
+    motion: Motion,
+    /// The walker that stands in the way.
+    behind: Option<ModuleId>,
+}
+
+/// The parts of a planner's state, in the order in which they are hashed.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum DigestPart {
+    Waiting,
+    Failures,
+    Targets,
+}
+
+/// What a module sees of the motions around it.
+#[derive(Default)]
+struct Courses {
+    /// Motions towards a target, over every live support.
+    known: Vec<Course>,
+    /// Motions of which it is not known where they lead.
+    blind: Vec<Motion>,
+    /// For each support, headings whose corner is blocked.
+    corners: [u8; 6],
+}
+
+/// When and where a module wants to move.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct MotionPlanner {
+    /// When to decide next.
+    pub decide_at: Time,
+    pub back_off_until: Time,
+    /// Since when this module has been wanting to move.
+    pub waiting_since: Option<Time>,
+    /// The module that is in the way, as far as is known.
+    pub waits_for: Option<ModuleId>,
+    /// Decisions put off since the last move.
+    deferrals: u16,
+    /// Attempts that failed in a row.
+    denied: u8,
+    /// Actions of the body that failed in a row.
+    failed: u8,
+    corners_seen: [u8; 6],
+    /// Targets heard of while in reserve.
+    targets: Vec<Target>,
+    /// The random walk, while no target is known to a walker.
+    roaming: Option<Roaming>,
+}
+
+impl MotionPlanner {
+    pub fn new(now: Time) -> MotionPlanner {
+        MotionPlanner {
+            decide_at: now,
+            back_off_until: now,
+            waiting_since: None,
+            waits_for: None,
+            deferrals: 0,
+            denied: 0,
+            failed: 0,
+            corners_seen: [0; 6],
+            targets: Vec::new(),
+            roaming: None,
+        }
+    }
+
+    /// Feeds the state into a hash; see `digest`.
+    pub fn digest(&self, hasher: &mut Portable<'_>, part: DigestPart) {
+        let MotionPlanner {
+            decide_at: _,
+            back_off_until,
+            waiting_since,
+            waits_for,
+            deferrals,
+            denied,
+            failed,
+            corners_seen,
+            targets,
+            roaming,
+        } = self;
+        match part {
+            DigestPart::Waiting => (back_off_until, waiting_since, waits_for).hash(hasher),
+            DigestPart::Failures => (deferrals, denied, failed).hash(hasher),
+            DigestPart::Targets => (corners_seen, targets, roaming).hash(hasher),
+        }
+    }
+    /// Directions in which the corner over a support was found blocked.
+    pub fn corners_seen(&self, support: Face) -> u8 {
+        self.corners_seen[support.index()]
+    }
+    /// The module is finalized.
+    pub fn on_finalized(&mut self) {
+        self.stop_waiting();
+    }
+    /// The module starts over with another goal.
+    pub fn on_goal(&mut self) {
+        (self.deferrals, self.waiting_since, self.roaming) = (0, None, None);
+    }
+    /// The module stands at a new cell, whether it went there itself or was carried on.
+    pub fn on_arrival(&mut self) {
+        self.corners_seen = [0; 6];
+    }
+    /// A move of this module's own has ended well.
+    pub fn on_moved(&mut self, decide_at: Time) {
+        self.stop_waiting();
+        (self.deferrals, self.denied, self.failed) = (0, 0, 0);
+        self.decide_at = decide_at;
+    }
+    /// The body has failed to move. Returns whether the module counts as immobile now.
+    pub fn on_failed(&mut self, now: Time, p: &Params, rng: &mut Stream) -> bool {
+        self.failed = self.failed.saturating_add(1);
+        let immobile = self.failed >= p.immobile_after;
+        self.denied = self.denied.saturating_add(1);
+        self.back_off(now, p, rng);
+        if immobile {
+            hit(Mark::CubeImmobile);
+            self.back_off_until = now + p.relax;
+            self.decide_at = self.back_off_until;
+        }
+        immobile
+    }
+    /// An attempt was in vain.
+    pub fn count_denial(&mut self) {
+        self.denied = self.denied.saturating_add(1);
+        self.deferrals = self.deferrals.saturating_add(1);
+    }
+    fn stop_waiting(&mut self) {
+        (self.waiting_since, self.waits_for) = (None, None);
+    }
+
+    /// Waits before the next attempt, the longer the more attempts have failed in a row.
+    pub fn back_off(&mut self, now: Time, p: &Params, rng: &mut Stream) {
+        let spread = BACK_OFF_SPREAD << self.denied.min(MOST_DOUBLED);
+        let ticks = BACK_OFF + rng.below(spread);
+        self.back_off_until = now + p.tick() * ticks;
+        self.decide_at = self.back_off_until;
+    }
+    /// Something changed that may change a decision; but a back-off is waited out.
+    pub fn decide_soon(&mut self, now: Time) {
+        self.decide_at = self.decide_at.min(self.back_off_until.max(now));
+    }
+    fn decide_later(&mut self, now: Time, p: &Params) {
+        self.deferrals = self.deferrals.saturating_add(1);
+        self.decide_at = now + p.advertise;
+    }
+
+    /// Whether a module in reserve waits for an outer neighbour to leave first.
+    fn waits_for_outer(&self, v: View<'_>, label: u16) -> bool {
+        let outer = |b: &Beacon| b.role == Role::Reserve && b.rank.label > label;
+        let has_outer = Face::ALL.into_iter().any(|f| v.terrain(f).is_some_and(outer));
+        let deferrals = match v.params().connectivity {
+            // What leaves from the middle leaves a mesh of loops too long for any search.
+            Connectivity::Cycles => OUTERMOST_FIRST_IN_CYCLES,
+            Connectivity::Forest | Connectivity::Gradient => OUTERMOST_FIRST,
+        };
+        has_outer && self.deferrals < deferrals
+    }
+
+    /// Chooses a motion, or when to decide again.
+    fn choose(&mut self, v: View<'_>, courses: &Courses, rng: &mut Stream) -> Option<Motion> {
+        let Some(nearest) = courses.known.iter().map(|o| o.moves).min() else {
+            self.stop_waiting();
+            return self.roam(v, &courses.blind, rng);
+        };
+        self.roaming = None;
+        if v.own.role == Role::Reserve
+            && let Some(source) = courses.known.iter().find(|o| o.moves == nearest).map(|o| o.source)
+        {
+            let go = self.heard_since(v.now, source) + v.params().recruit_per_move * u64::from(nearest);
+            if v.now < go {
+                self.decide_at = go;
+                return None;
+            }
+        }
+        let slack = match self.deferrals {
+            0..=DETOUR => 0,
+            p if p > WIDE_DETOUR && rng.chance(QUARTER) => 2,
+            _ => 1,
+        };
+        let Some(best) = best_of(&courses.known, nearest + slack, rng) else {
+            hit(Mark::CubeBehindWalker);
+            self.waits_for = courses.known.iter().find_map(|o| o.behind);
+            self.waiting_since.get_or_insert(v.now);
+            self.decide_later(v.now, v.params());
+            return None;
+        };
+        if best.moves > nearest {
+            hit(Mark::CubeDetour);
+        }
+        Some(best.motion)
+    }
+
+    /// Goes anywhere but back, after having heard of no target for long.
+    fn roam(&mut self, v: View<'_>, ways: &[Motion], rng: &mut Stream) -> Option<Motion> {
+        if v.own.role != Role::Walker {
+            return None;
+        }
+        let (p, cell, now) = (v.params(), v.own.cell, v.now);
+        let roaming = self.roaming.get_or_insert(Roaming { since: now, tries: 0, from: cell });
+        let go = match roaming.tries {
+            0 => roaming.since + p.relax,
+            1..ROAMING => v.own.settled + p.first_words(),
+            tries => roaming.since + p.relax * (2 << (tries - ROAMING).min(LONGEST_ROAMING)),
+        };
+        if now < go {
+            self.decide_at = go;
+            return None;
+        }
+        let onward: Vec<Motion> =
+            ways.iter().copied().filter(|m| m.destination(cell) != roaming.from).collect();
+        let ways = if onward.is_empty() { ways } else { &onward };
+        let motion = *ways.get(rng.below(ways.len().max(1) as u64) as usize)?;
+        (roaming.tries, roaming.from) = (roaming.tries.saturating_add(1), cell);
+        hit(Mark::CubeRoamed);
+        Some(motion)
+    }
+
+    /// Notes that a target has been heard of.
+    pub fn hear_of(&mut self, now: Time, source: u32) {
+        if let Some(target) = self.targets.iter_mut().find(|t| t.source == source) {
+            target.last = now;
+            return;
+        }
+        if self.targets.len() == MAX_TARGETS {
+            let oldest = (0..MAX_TARGETS).min_by_key(|i| self.targets[*i].last);
+            oldest.map(|i| self.targets.swap_remove(i));
+        }
+        self.targets.push(Target { source, first: now, last: now });
+    }
+
+    fn heard_since(&mut self, now: Time, source: u32) -> Time {
+        self.hear_of(now, source);
+        self.targets.iter().find(|t| t.source == source).map_or(now, |t| t.first)
+    }
+}
+
+/// The best course that is free and no longer than `longest`; one of the equally good by chance.
+fn best_of<'a>(courses: &'a [Course], longest: u16, rng: &mut Stream) -> Option<&'a Course> {
+    let key = |o: &Course| (o.moves, o.over_loose);
+    let mut best: Option<&Course> = None;
+    let mut ties = 0;
+    for course in courses.iter().filter(|o| o.behind.is_none() && o.moves <= longest) {
+        match best.map(|b| key(course).cmp(&key(b))) {
+            None | Some(std::cmp::Ordering::Less) => (best, ties) = (Some(course), 1),
+            Some(std::cmp::Ordering::Equal) => {
+                ties += 1;
+                if rng.below(ties) == 0 {
+                    best = Some(course);
+                }
+            }
+            Some(std::cmp::Ordering::Greater) => {}
+        }
+    }
+    best
+}
+
+impl Courses {
+    /// Looks at the motions over every live support.
+    fn around(v: View<'_>) -> Courses {
+        let mut courses = Courses::default();
+        for support in Face::ALL {
+            let Some(b) = v.terrain(support) else { continue };
+            for (slot, heading) in support.perpendicular().into_iter().enumerate() {
+                courses.add(v, b, slot, support, heading);
+            }
+        }
+        courses
+    }
+
+    fn add(&mut self, v: View<'_>, b: &Beacon, slot: usize, support: Face, heading: Face) {
+        // The support cannot see what stands over its edge.
+        let is_edge = b.terrain & heading.bit() == 0;
+        let behind = match (v.sides.is_touching(heading), v.peer(heading)) {
+            (false, _) => None,
+            (true, Some(peer)) if v.sides.is_open(heading) => Some(peer.id),
+            // A module that has just come there will say what it is.
+            (true, None) if !v.sides.is_certified_dead(heading) => return,
+            (true, _) => {
+                self.corners[support.index()] |= if is_edge { heading.bit() } else { 0 };
+                return;
+            }
+        };
+        let kind = if is_edge { MotionKind::Convex } else { MotionKind::Slide };
+        let (entry, motion) = (b.field[slot], Motion { kind, support, heading });
+        if entry.is_known() {
+            let (moves, source, over_loose) = (entry.moves(), entry.source, b.role != Role::Final);
+            self.known.push(Course { moves, source, over_loose, motion, behind });
+        } else if behind.is_none() && v.own.role == Role::Walker {
+            self.blind.push(motion);
+        }
+    }
+}
+
+impl Cube {
+    /// Something changed that may change a decision.
+    pub(super) fn decide_soon(&mut self, now: Time) {
+        if self.own.role != Role::Final {
+            self.planner.decide_soon(now);
+        }
+    }
+
+    /// Decides whether to move, and begins to ask for what a move needs.
+    pub(super) fn decide(&mut self, now: Time) {
+        self.planner.decide_at = Time::NEVER;
+        if self.own.role == Role::Final || !self.is_idle() {
+            return;
+        }
+        if self.own.is_quarantined(now) {
+            self.planner.decide_at = self.own.quarantine_until;
+            return;
+        }
+        if now < self.planner.back_off_until {
+            self.planner.decide_at = self.planner.back_off_until;
+            return;
+        }
+        if self.own.immobile {
+            // Joints come free again; half as many failures are enough to give up for another while, but not
+            // one, which may be bad luck.
+            self.own.immobile = false;
+            self.planner.failed = self.own.params().immobile_after / 2;
+            self.touch();
+        }
+        let may_be_wanted = self.own.role == Role::Walker || self.own.masks.own;
+        if may_be_wanted && self.view(now).may_hear_more() {
+            // Each neighbour message decides again; this is not counted as a deferral.
+            self.planner.decide_at = now + self.own.params().advertise;
+            return;
+        }
+        if self.own.role == Role::Reserve {
+            if let Err(held) = self.may_leave(now) {
+                self.planner.waits_for = held.0;
+                return;
+            }
+            if self.planner.waits_for_outer(self.view(now), self.forest.rank().label) {
+                return self.planner.decide_later(now, self.own.params());
+            }
+        }
+        let v = View { now, own: &self.own, sides: &self.sides };
+        let courses = Courses::around(v);
+        if courses.corners != self.planner.corners_seen && self.own.role == Role::Walker {
+            hit(Mark::CubeCornerSeen);
+            self.planner.corners_seen = courses.corners;
+            self.beacons.touch();
+        }
+        if let Some(motion) = self.planner.choose(v, &courses, &mut self.rng) {
+            self.begin_attempt(now, motion);
+        }
+    }
+
+    pub(super) fn on_percept(&mut self, now: Time, percept: Percept) {
+        let attempt = self.moving.take();
+        if let Percept::Arrived(cell) = percept {
+            self.arrive(now, cell);
+        }
+        // A restarted module hears of a move that its earlier life began: it has been carried
+        // elsewhere, and goes on listening there.
+        let Some(attempt) = attempt else { return hit(Mark::CubeCarriedOn) };
+        match percept {
+            Percept::Arrived(_) => {
+                self.own.role = Role::Walker;
+                self.own.anchor = Some(attempt.motion.landing_support());
+                // A little time for the first beacons at a new place.
+                self.planner.on_moved(now + self.own.params().usual_delay);
+            }
+            Percept::Failed => {
+                hit(Mark::CubeMoveFailed);
+                self.give_back(&attempt);
+                self.own.immobile = self.planner.on_failed(now, self.own.params(), &mut self.rng);
+            }
+            Percept::Refused(why) => self.on_refused(now, &attempt, why),
+        }
+        self.touch();
+    }
+
+    fn on_refused(&mut self, now: Time, attempt: &Attempt, why: Refusal) {
+        match why {
+            Refusal::Blocked => hit(Mark::CubeRefusedBlocked),
+            Refusal::Late => hit(Mark::CubeRefusedLate),
+            Refusal::Stale => hit(Mark::CubeRefusedStale),
+            Refusal::Moving => {}
+        }
+        self.give_back(attempt);
+        self.planner.count_denial();
+        self.planner.back_off(now, self.own.params(), &mut self.rng);
+    }
+
+    /// Forgets the old neighbourhood at a new cell.
+    fn arrive(&mut self, now: Time, cell: Cell) {
+        let own = &mut self.own;
+        (own.cell, own.settled, own.restarted, own.role) = (cell, now, false, Role::Reserve);
+        (own.activator, own.anchor) = (None, None);
+        own.look_up();
+        self.sides = Sides::new();
+        self.attraction = Attraction::new();
+        self.beacons = Beacons::new();
+        self.forest.on_arrival();
+        self.planner.on_arrival();
+        self.locks.clear();
+        self.touch();
+    }
+}
+
+const QUARTER: Ratio = match Ratio::new(1, 4) {
+    Some(quarter) => quarter,
+    None => Ratio::ZERO,
+};

@@ -1,0 +1,428 @@
+//! The parent forest: the connection gradient (thesis 4.1.2) made safe for any message delay.
+//!
+//! Every module in reserve has one registered parent, closer to the finalized modules than itself; a
+//! module with a registered child does not leave. A child changes parents only after the new one
+//! has acknowledged it, and a parent forgets a child only when the child says so, in the same
+//! contact session. So whatever is late, lost or doubled, a parent is never a leaver.
+//!
+//! A module that has forgotten its parent keeps all its neighbours from leaving, since one of them may
+//! have been it, and takes another only on proof that the way to the finalized modules does not lead over
+//! itself: the way must be known anew since it forgot ([`Rank`]), and a module without a parent does not
+//! pass that on. A module that has lost its parent and would fall back asks for the same proof. Finalized
+//! modules give it when they are asked ([`Beacon::renew`]), so it costs nothing while nothing fails.
+//!
+//! Also here: the published rule without registration, for comparison.
+
+use super::message::{Beacon, Claim, Rank, Role};
+use super::params::Connectivity;
+use super::view::View;
+use crate::digest::Portable;
+use crate::ids::{ModuleId, Token};
+use crate::lattice::Face;
+use crate::marks::{Mark, hit};
+use crate::sabotage::Sabotage;
+use crate::time::{Span, Time};
+use std::hash::Hash;
+
+/// The label of a module without a parent.
+pub(super) const UNLABELLED: u16 = u16::MAX;
+/// The rank of a module that has never had a parent: any module qualifies as its parent.
+const UNRANKED: Rank = Rank { rooted: Time::ZERO, label: UNLABELLED };
+/// Claims to a parent need not be told apart from each other, only from claims to candidates.
+const PARENT_TOKEN: Token = Token(u32::MAX);
+
+/// Why a module may not leave, and which module is in the way, if it is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Held(pub Option<ModuleId>);
+
+/// Gives every attempt and every candidate parent a number of its own.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Tokens(pub u32);
+
+impl Tokens {
+    pub fn next(&mut self) -> Token {
+        self.0 = self.0.checked_add(1).filter(|t| Token(*t) != PARENT_TOKEN).unwrap_or(0);
+        Token(self.0)
+    }
+}
+
+/// What a change of the forest means for the other parts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Effect {
+    None,
+    /// Neighbours have to be told.
+    Tell,
+    /// Neighbours have to be told, and a decision may come out differently.
+    TellAndDecide,
+}
+
+/// A module's place in the forest.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct ParentForest {
+    /// The place; without a parent, what a parent's has to be better than.
+    rank: Rank,
+    /// Neighbours are asked for ways to the finalized modules that are known anew, no earlier than this;
+    /// zero if none is needed.
+    renew: Time,
+    parent: Option<Face>,
+    /// The neighbour asked to be the next parent.
+    want: Option<(Face, Token)>,
+    /// Neighbours that are registered as children, with their claims.
+    children: [Option<Token>; 6],
+}
+
+impl ParentForest {
+    /// A module that has never had a parent or, if it has restarted, one that has forgotten it at this
+    /// time: modules that an earlier life carried may still hang on it, and only a way that is known anew
+    /// since certainly does not lead over it.
+    pub fn new(restarted: Option<Time>) -> ParentForest {
+        let rank = restarted.map_or(UNRANKED, |rooted| Rank { rooted, label: 0 });
+        ParentForest { rank, renew: Time::ZERO, parent: None, want: None, children: [None; 6] }
+    }
+
+    /// Feeds all but the children into a hash; see `digest`.
+    pub fn digest(&self, hasher: &mut Portable<'_>) {
+        let ParentForest { rank, renew, parent, want, children: _ } = self;
+        (rank, renew, parent, want).hash(hasher);
+    }
+    pub fn rank(&self) -> Rank {
+        self.rank
+    }
+    pub fn parent(&self) -> Option<Face> {
+        self.parent
+    }
+    /// The neighbour's claim to be a child, if it is registered.
+    pub fn child(&self, face: Face) -> Option<Token> {
+        self.children[face.index()]
+    }
+    pub fn child_count(&self) -> usize {
+        self.children.iter().flatten().count()
+    }
+
+    /// A new session begins on a face, or none.
+    pub fn on_contact(&mut self, face: Face, is_gone: bool) {
+        self.children[face.index()] = None;
+        if is_gone && self.parent == Some(face) {
+            // Nothing touches this face any more. A restarted neighbour is a new session instead,
+            // and what hangs on it stays so.
+            hit(Mark::CubeParentLost);
+            self.parent = None;
+            self.rank.label = 0;
+        }
+        self.want = self.want.filter(|(f, _)| *f != face);
+    }
+    /// The module is finalized.
+    pub fn on_finalized(&mut self) {
+        self.rank.label = 0;
+        (self.renew, self.parent, self.want) = (Time::ZERO, None, None);
+    }
+    /// The module starts over with another goal.
+    pub fn on_goal(&mut self) {
+        self.rank = if self.rank.rooted > Time::ZERO { Rank { label: 0, ..self.rank } } else { UNRANKED };
+        (self.renew, self.parent, self.want) = (Time::ZERO, None, None);
+        self.children = [None; 6];
+    }
+    /// The module has arrived at another cell.
+    pub fn on_arrival(&mut self) {
+        (self.rank, self.parent, self.want, self.children) = (UNRANKED, None, None, [None; 6]);
+    }
+    /// A neighbour is certified to have died finalized: it hangs on nothing.
+    pub fn forget_child(&mut self, face: Face) {
+        self.children[face.index()] = None;
+    }
+
+    /// Registers or forgets the neighbour on a face as a child, as its beacon asks.
+    pub fn register_child(&mut self, v: View<'_>, is_idle: bool, face: Face, beacon: &Beacon) {
+        let can_adopt = v.own.role != Role::Walker && self.is_attached(v) && is_idle && !v.is_quarantined();
+        let child = match beacon.claim {
+            _ if beacon.role != Role::Reserve || beacon.epoch != v.own.epoch => None,
+            // What it said before that came late.
+            _ if v.died_finalized(face) => None,
+            Claim::None => None,
+            // Also how a restarted parent learns of its children again.
+            Claim::Parent(token) => Some(token),
+            Claim::Want(token) if can_adopt => Some(token),
+            Claim::Want(_) => self.child(face),
+        };
+        self.children[face.index()] = child;
+    }
+
+    /// Whether the module is finalized or connected to a finalized one, as far as the rule in use knows.
+    pub fn is_attached(&self, v: View<'_>) -> bool {
+        match v.params().connectivity {
+            _ if v.own.role == Role::Final => true,
+            Connectivity::Forest => self.parent.is_some(),
+            Connectivity::Gradient => self.rank.label != UNLABELLED,
+            Connectivity::Cycles => true,
+        }
+    }
+
+    /// The rank that the neighbours are told.
+    pub fn told_rank(&self, v: View<'_>) -> Rank {
+        let is_lost = v.params().connectivity == Connectivity::Forest && !self.is_attached(v);
+        if is_lost { Rank { label: UNLABELLED, ..self.rank } } else { self.rank }
+    }
+
+    /// What a neighbour is told that this module wants of it.
+    pub fn claim(&self, v: View<'_>, face: Face) -> Claim {
+        match (v.params().connectivity, v.own.role) {
+            (_, Role::Final | Role::Walker) | (Connectivity::Cycles, _) => Claim::None,
+            (Connectivity::Gradient, Role::Reserve) => self.gradient_claim(v, face),
+            (Connectivity::Forest, Role::Reserve) => match (self.want, self.parent) {
+                (Some((f, token)), _) if f == face => Claim::Want(token),
+                (_, Some(f)) if f == face => Claim::Parent(PARENT_TOKEN),
+                _ => Claim::None,
+            },
+        }
+    }
+
+    /// Adopts the wanted parent once it has acknowledged, follows the parent's rank, and looks for a
+    /// better parent.
+    pub fn tend(&mut self, v: View<'_>, is_idle: bool, tokens: &mut Tokens) -> Effect {
+        match v.own.role {
+            Role::Reserve => {}
+            Role::Walker => return Effect::None,
+            Role::Final => return if self.renew_root(v) { Effect::Tell } else { Effect::None },
+        }
+        let before = (self.parent, self.rank, self.want, self.renew);
+        match self.dead_root(v) {
+            Some(face) if is_idle => self.hang_on_dead(v, face),
+            _ => self.tend_parent(v, is_idle, tokens),
+        }
+        let is_same = before == (self.parent, self.rank, self.want, self.renew);
+        if is_same { Effect::None } else { Effect::TellAndDecide }
+    }
+
+    /// A dead finalized neighbour, if there is one, and the parent rather than another. It never leaves, and
+    /// hangs together with all that is finalized.
+    fn dead_root(&self, v: View<'_>) -> Option<Face> {
+        let is_root = |f: &Face| {
+            v.died_finalized(*f)
+                || (v.sides.is_certified_dead(*f) && v.peer(*f).is_some_and(|b| v.is_final(b)))
+        };
+        self.parent.into_iter().chain(Face::ALL).find(is_root)
+    }
+
+    /// Takes a dead finalized module as the parent: it needs no acknowledgement, and the module vouches
+    /// for it.
+    fn hang_on_dead(&mut self, v: View<'_>, face: Face) {
+        if self.parent != Some(face) {
+            hit(Mark::CubeHangsOnDead);
+            let vouched = v.peer(face).map_or(Time::ZERO, |b| b.rank.rooted);
+            self.rank = Rank { rooted: self.rank.rooted.max(vouched), label: 1 };
+            self.parent = Some(face);
+        }
+        (self.want, self.renew) = (None, Time::ZERO);
+        self.renew_root(v);
+    }
+
+    fn tend_parent(&mut self, v: View<'_>, is_idle: bool, tokens: &mut Tokens) {
+        if let Some((face, token)) = self.want {
+            self.adopt_if_acknowledged(v, face, token);
+        }
+        if let Some(b) = self.parent.and_then(|f| v.peer(f))
+            && b.epoch == v.own.epoch
+            && b.attached
+            && b.rank.below().is_above(self.rank)
+        {
+            self.rank = b.rank.below();
+        }
+        if self.want.is_none() && is_idle {
+            if all_heard(v) {
+                self.look_for_parent(v, tokens);
+            } else {
+                hit(Mark::CubeRebornWaits);
+            }
+        }
+    }
+
+    fn adopt_if_acknowledged(&mut self, v: View<'_>, face: Face, token: Token) {
+        let qualifies = |b: &&Beacon| b.epoch == v.own.epoch && b.attached && b.role != Role::Walker;
+        let Some(b) = v.live(face).filter(qualifies) else {
+            hit(Mark::CubeWantDropped);
+            self.want = None;
+            return;
+        };
+        let is_worth_it = self.is_worth_it(v, b, self.needs_parent(v));
+        if !(b.rank.is_above(self.rank) && is_worth_it) {
+            // It was relabelled meanwhile, or the old parent has spoken again. To go on asking would keep
+            // the candidate from leaving, which may be a child by now: both would wait for each other.
+            hit(Mark::CubeNotAdoptable);
+            self.want = None;
+        } else if b.ack == Some(token) || v.has(Sabotage::AdoptUnacknowledged) {
+            if self.parent.is_some() {
+                hit(Mark::CubeParentReplaced);
+            }
+            self.rank = b.rank.below();
+            self.parent = Some(face);
+            self.want = None;
+        }
+    }
+
+    /// Vouches for the module anew if it is asked to: it is finalized, or hangs on a dead finalized one.
+    fn renew_root(&mut self, v: View<'_>) -> bool {
+        let asked = self.asked(v, None);
+        let renews = asked > self.rank.rooted && asked <= v.now;
+        if renews {
+            hit(Mark::CubeRootRenewed);
+            self.rank.rooted = asked;
+        }
+        renews
+    }
+
+    /// The latest time at which the neighbours, all but one, need the way to be known anew.
+    fn asked(&self, v: View<'_>, except: Option<Face>) -> Time {
+        let others = Face::ALL.into_iter().filter(|f| Some(*f) != except);
+        let renew = others.filter_map(|f| v.peer(f)).filter(|b| b.epoch == v.own.epoch).map(|b| b.renew);
+        renew.max().unwrap_or(Time::ZERO)
+    }
+
+    /// What a neighbour is asked for, as [`Beacon::renew`]: what this module itself needs, or what it has
+    /// been asked for and does not have. The latter is for its parent; but if it was the parent that has
+    /// asked, another neighbour has to know.
+    pub fn renewal(&self, v: View<'_>, face: Face) -> Time {
+        if v.own.role != Role::Reserve || v.params().connectivity != Connectivity::Forest {
+            return Time::ZERO;
+        }
+        // Those that hang on it know last.
+        let is_last_resort = self.child(face).is_some();
+        let own = if is_last_resort && v.now.since(v.own.settled) <= v.params().suspect {
+            Time::ZERO
+        } else {
+            self.renew
+        };
+        let passed_on = match self.parent {
+            Some(parent) if parent == face => self.asked(v, Some(face)),
+            Some(parent) => v.peer(parent).map_or(Time::ZERO, |b| b.renew),
+            None => Time::ZERO,
+        };
+        own.max(if passed_on > self.rank.rooted { passed_on } else { Time::ZERO })
+    }
+
+    /// Whether any parent is better than none, or than the present one: that is silent, or asks itself.
+    fn needs_parent(&self, v: View<'_>) -> bool {
+        self.parent.is_none_or(|f| {
+            // A module with children stays anyhow, and leaves its parent only for their sake.
+            let is_missed = self.child_count() == 0 || self.asked(v, None) > self.rank.rooted;
+            (is_missed && v.live(f).is_none()) || v.peer(f).is_some_and(|b| b.renew > self.rank.rooted)
+        })
+    }
+
+    /// Whether a neighbour would be the better parent. A module that may be finalized stays for good, and
+    /// had better hang on one that stays as well.
+    fn is_worth_it(&self, v: View<'_>, b: &Beacon, needs_parent: bool) -> bool {
+        let stays = |f: Face| v.peer(f).is_none_or(|p| p.final_hops != Beacon::NO_FINAL);
+        let is_steadier =
+            v.may_be_final() && b.final_hops < v.final_hops() && !self.parent.is_some_and(stays);
+        b.rank.below().label < self.rank.label || needs_parent || is_steadier
+    }
+
+    fn look_for_parent(&mut self, v: View<'_>, tokens: &mut Tokens) {
+        let needs_parent = self.needs_parent(v);
+        let (mut best, mut is_refused) = (None, false);
+        for face in Face::ALL {
+            let Some(b) = v.terrain(face) else { continue };
+            let usable = b.attached
+                && b.epoch == v.own.epoch
+                && b.claim == Claim::None
+                && !b.quarantined
+                && self.parent != Some(face)
+                && self.is_worth_it(v, b, needs_parent);
+            if usable && b.rank.is_above(self.rank) {
+                let offer = (b.rank.label, face);
+                best = Some(best.map_or(offer, |other: (u16, Face)| other.min(offer)));
+            } else {
+                is_refused |= usable;
+            }
+        }
+        self.renew = if let Some((_, face)) = best {
+            if self.parent.is_some() && needs_parent {
+                hit(Mark::CubeParentSuspected);
+            }
+            self.want = Some((face, tokens.next()));
+            Time::ZERO
+        } else if needs_parent && self.rank.label != UNLABELLED {
+            hit(Mark::CubeRenewalAsked);
+            self.asked(v, None).max(self.rank.rooted + Span(1))
+        } else if is_refused {
+            self.rank.rooted
+        } else {
+            Time::ZERO
+        };
+    }
+
+    /// Applies the published rule: the label is one more than the least label heard from a neighbour.
+    pub fn tend_gradient(&mut self, v: View<'_>) -> Effect {
+        if v.own.role == Role::Final {
+            return Effect::None;
+        }
+        let least = Face::ALL
+            .into_iter()
+            .filter_map(|f| v.terrain(f))
+            .filter(|b| b.epoch == v.own.epoch && b.attached)
+            .map(|b| b.rank.label)
+            .min();
+        // Without a bound labels of a part that has lost its source would count up for ever.
+        let label =
+            least.map(|l| l.saturating_add(1)).filter(|l| *l < v.params().range).unwrap_or(UNLABELLED);
+        let label = if v.own.role == Role::Reserve { label } else { UNLABELLED };
+        if label == self.rank.label {
+            return Effect::None;
+        }
+        self.rank.label = label;
+        Effect::TellAndDecide
+    }
+
+    /// The claim of the published rule: a module depends on a neighbour if no other has a lower label.
+    fn gradient_claim(&self, v: View<'_>, face: Face) -> Claim {
+        let lower = |f: Face| v.terrain(f).is_some_and(|b| b.attached && b.rank.label < self.rank.label);
+        let others = Face::ALL.into_iter().any(|f| f != face && lower(f));
+        if lower(face) && !others { Claim::Parent(PARENT_TOKEN) } else { Claim::None }
+    }
+
+    /// Whether a module in reserve may leave the body, as far as the forest knows: it is attached and has
+    /// no children, and every neighbour is known to hold on to something else.
+    pub fn may_leave(&self, v: View<'_>) -> Result<(), Held> {
+        Face::ALL.into_iter().find_map(|face| self.held_by(v, face)).map_or(Ok(()), Err)
+    }
+
+    /// Whether the neighbour on a face may hang on this module, as far as it has said.
+    fn held_by(&self, v: View<'_>, face: Face) -> Option<Held> {
+        if !v.sides.is_touching(face) || v.died_finalized(face) {
+            return None;
+        }
+        let Some(b) = v.peer(face) else {
+            return (!v.has(Sabotage::IgnoreStrangers)).then_some(Held(None));
+        };
+        let silent = v.now.since(v.sides.heard_at(face)) > v.params().suspect;
+        let forgotten = silent && v.has(Sabotage::DropSilentChildren);
+        let free = match b.role {
+            _ if b.epoch != v.own.epoch => false,
+            _ if forgotten => true,
+            Role::Final => true,
+            Role::Walker => !b.anchored_here,
+            // A cycle can only be locked over modules that answer.
+            Role::Reserve if v.params().connectivity == Connectivity::Cycles => {
+                !silent && !v.sides.is_certified_dead(face)
+            }
+            Role::Reserve => b.attached && b.claim == Claim::None && self.child(face).is_none(),
+        };
+        (!free).then_some(Held(Some(b.id)))
+    }
+
+    /// Whether a neighbour that seems dead keeps this module from ever leaving.
+    pub fn is_pinned(&self, v: View<'_>) -> bool {
+        let is_gone = |f: Face| v.sides.is_certified_dead(f) || (v.peer(f).is_some() && v.live(f).is_none());
+        // A dead finalized neighbour would have to say whether this one was finalized.
+        let holds = |f: Face| v.may_be_final() || self.held_by(v, f).is_some();
+        v.own.role == Role::Reserve && Face::ALL.into_iter().any(|f| is_gone(f) && holds(f))
+    }
+}
+
+/// Whether every neighbour has been heard since a restart, however long it takes, as it must before a
+/// parent is chosen: one that is silent may be a child in a later goal than this module knows of. The dead
+/// are no more than the goal that their certificate names.
+fn all_heard(v: View<'_>) -> bool {
+    let is_last_goal = usize::from(v.own.epoch) + 1 == v.own.setup.goals.len();
+    !v.own.restarted || is_last_goal || !v.sides.any_unheard()
+}

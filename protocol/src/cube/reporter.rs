@@ -1,0 +1,61 @@
+//! What the world-controller is told of a module: at once what matters for the outcome, the rest now and
+//! then.
+
+use super::Cube;
+use super::control::Status;
+use super::message::Role;
+use crate::agent::Output;
+use crate::lattice::Face;
+use crate::time::Time;
+
+/// The last report.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Reporter {
+    reported: Option<Status>,
+    reported_at: Time,
+}
+
+impl Reporter {
+    pub fn new(now: Time) -> Reporter {
+        Reporter { reported: None, reported_at: now }
+    }
+}
+
+impl Cube {
+    /// Reports when something that the world-controller counts on has changed.
+    pub(super) fn tend_report(&mut self, now: Time) {
+        let own = &self.own;
+        let is_seed = own.role == Role::Final && own.masks.seed;
+        let subtree = if is_seed { self.subtree(now) } else { 0 };
+        let urgent = self.reporter.reported.is_none_or(|r| {
+            (r.epoch, r.role, r.immobile) != (own.epoch, own.role, own.immobile)
+                || (is_seed && r.subtree != subtree)
+        });
+        let rested = now.since(self.reporter.reported_at) >= own.params().heartbeat;
+        if !urgent && !rested {
+            return;
+        }
+        let v = self.view(now);
+        let status = Status {
+            epoch: own.epoch,
+            role: own.role,
+            attached: self.forest.is_attached(v),
+            immobile: own.immobile,
+            pinned: self.forest.is_pinned(v),
+            attracted: self.is_attracted(now),
+            wants: self.wanted,
+            subtree,
+            prevented: self.prevented,
+            waits_for: self.planner.waits_for,
+        };
+        if self.reporter.reported != Some(status) {
+            (self.reporter.reported, self.reporter.reported_at) = (Some(status), now);
+            self.out.push(Output::Report(status));
+        }
+    }
+
+    fn is_attracted(&self, now: Time) -> bool {
+        let v = self.view(now);
+        Face::ALL.into_iter().filter_map(|f| v.terrain(f)).any(|b| b.field.iter().any(|e| e.is_known()))
+    }
+}

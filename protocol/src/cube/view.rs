@@ -1,0 +1,183 @@
+//! What the parts of a cube read: the module itself, its neighbours, and the time of the step.
+
+use super::message::{Beacon, Role};
+use super::params::{Params, Setup};
+use super::sides::Sides;
+use crate::goal::{Goal, Growth};
+use crate::ids::ModuleId;
+use crate::lattice::{Cell, Face};
+use crate::sabotage::Sabotage;
+use crate::time::Time;
+use std::hash::{Hash, Hasher};
+use std::ops::Deref;
+use std::sync::Arc;
+
+/// The setup that all cubes of a swarm share. It never changes, so it is no part of an agent's state.
+#[derive(Clone, Debug)]
+pub(super) struct Shared(pub Arc<Setup>);
+
+impl Deref for Shared {
+    type Target = Setup;
+    fn deref(&self) -> &Setup {
+        &self.0
+    }
+}
+impl PartialEq for Shared {
+    fn eq(&self, other: &Shared) -> bool {
+        Arc::ptr_eq(&self.0, &other.0) || self.0 == other.0
+    }
+}
+impl Eq for Shared {}
+impl Hash for Shared {
+    fn hash<H: Hasher>(&self, _: &mut H) {}
+}
+
+/// What a goal says of one cell and its six neighbours, as masks of faces. Derived from the goal and the
+/// cell; the goal's grid is looked up once per cell instead of in every step.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
+pub(super) struct GoalMasks {
+    /// The cell itself belongs to the goal.
+    pub own: bool,
+    /// The cell is the seed of the goal.
+    pub seed: bool,
+    /// Neighbouring cells that belong to the goal.
+    pub cells: u8,
+    /// Neighbouring goal cells that may be started from here, by rule G1 ([`Goal::may_start`]).
+    pub next: u8,
+    /// For each neighbouring goal cell, the sides on which its lower neighbours are.
+    pub lower: [u8; 6],
+}
+
+impl GoalMasks {
+    pub fn of(goal: &Goal, cell: Cell) -> GoalMasks {
+        let mut masks =
+            GoalMasks { own: goal.contains(cell), seed: cell == goal.seed(), ..GoalMasks::default() };
+        for face in Face::ALL {
+            let outside = cell.step(face);
+            if goal.contains(outside) {
+                masks.cells |= face.bit();
+                masks.next |= if goal.may_start(cell, face) { face.bit() } else { 0 };
+                masks.lower[face.index()] =
+                    goal.lower_neighbours(outside).fold(0, |mask, toward| mask | toward.bit());
+            }
+        }
+        masks
+    }
+}
+
+/// What a module knows of itself.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Own {
+    pub setup: Shared,
+    pub id: ModuleId,
+    pub cell: Cell,
+    /// Since when the module has been at its cell with its memory.
+    pub settled: Time,
+    /// The goal that it works for.
+    pub epoch: u16,
+    pub role: Role,
+    /// It has lost its memory at this cell and cannot know what it was before.
+    pub restarted: bool,
+    pub quarantine_until: Time,
+    /// The neighbour that made this module finalized.
+    pub activator: Option<Face>,
+    /// The support a walker hangs on.
+    pub anchor: Option<Face>,
+    /// Too many actions of its body have failed in a row.
+    pub immobile: bool,
+    /// Derived from goal and cell.
+    pub masks: GoalMasks,
+}
+
+impl Own {
+    pub fn goal(&self) -> &Goal {
+        // Invariant: epochs are only taken up if there is a goal for them, and there is a first goal.
+        &self.setup.goals[usize::from(self.epoch)]
+    }
+    pub fn params(&self) -> &Params {
+        &self.setup.params
+    }
+    /// Whether a test has switched this defect on.
+    pub fn has(&self, defect: Sabotage) -> bool {
+        self.setup.params.sabotage == Some(defect)
+    }
+    pub fn is_quarantined(&self, now: Time) -> bool {
+        now < self.quarantine_until
+    }
+    pub fn grows_as(&self) -> Growth {
+        self.goal().growth()
+    }
+    /// Looks up what the goal says of the cell, after either has changed.
+    pub fn look_up(&mut self) {
+        self.masks = GoalMasks::of(self.goal(), self.cell);
+    }
+}
+
+/// What one step of a part reads.
+#[derive(Clone, Copy)]
+pub(super) struct View<'a> {
+    pub now: Time,
+    pub own: &'a Own,
+    pub sides: &'a Sides,
+}
+
+impl<'a> View<'a> {
+    pub fn params(self) -> &'a Params {
+        self.own.params()
+    }
+    pub fn has(self, defect: Sabotage) -> bool {
+        self.own.has(defect)
+    }
+    pub fn is_quarantined(self) -> bool {
+        self.own.is_quarantined(self.now)
+    }
+    /// The neighbour on a face, if it has been heard in this session.
+    pub fn peer(self, face: Face) -> Option<&'a Beacon> {
+        self.sides.peer(face)
+    }
+    /// The neighbour on a face, if it is believed alive.
+    pub fn live(self, face: Face) -> Option<&'a Beacon> {
+        self.sides.live(face)
+    }
+    /// The neighbour on a face, if it is a live module that can carry a walker.
+    pub fn terrain(self, face: Face) -> Option<&'a Beacon> {
+        self.sides.terrain(face)
+    }
+    /// Whether the neighbour on a face is certified to have died finalized in the present goal.
+    pub fn died_finalized(self, face: Face) -> bool {
+        self.sides.died_final(face) == Some(self.own.epoch)
+    }
+    /// Whether a beacon is of a finalized module of the present goal.
+    pub fn is_final(self, b: &Beacon) -> bool {
+        b.role == Role::Final && b.epoch == self.own.epoch
+    }
+    /// Whether a neighbour that has not spoken yet may want this very cell filled, or know a shorter way.
+    /// One that has been silent for longer than first beacons take has nothing to say, or cannot.
+    pub fn may_hear_more(self) -> bool {
+        self.now.since(self.own.settled) < self.params().first_words() && self.sides.any_unheard()
+    }
+    /// The number of hops to a finalized module over modules that have restarted ([`Beacon::final_hops`]).
+    /// A finalized module touches another one, and neither leaves: so one of its neighbours is finalized
+    /// still, or has forgotten it as well, or has not been heard, and so on up to the seed. Modules that
+    /// only think so because of each other count up, and see it.
+    pub fn final_hops(self) -> u8 {
+        let hops = |b: &Beacon| if b.epoch == self.own.epoch { b.final_hops } else { 0 };
+        if self.own.role == Role::Final {
+            return 0;
+        }
+        if !self.own.restarted || !self.own.masks.own {
+            return Beacon::NO_FINAL;
+        }
+        if self.own.masks.seed {
+            return 0;
+        }
+        let touched = Face::ALL.into_iter().filter(|f| self.sides.session(*f).is_some());
+        let nearest = touched.map(|f| self.peer(f).map_or(0, hops)).min();
+        nearest.map_or(Beacon::NO_FINAL, |n| n.saturating_add(1))
+    }
+    /// Whether this module may have been finalized in an earlier life, so that finalized ones may hang on
+    /// it.
+    pub fn may_be_final(self) -> bool {
+        self.own.role != Role::Final && self.final_hops() != Beacon::NO_FINAL
+    }
+}
