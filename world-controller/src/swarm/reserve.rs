@@ -57,12 +57,12 @@ impl Reserve {
         self.shrink(self.held.saturating_sub(OWN).max(LAST));
     }
 
-    /// Gives back what one agent that is about to start needs.
+    /// Gives back what one agent needs to start. The other half is for its contacts.
     pub fn release_one(&mut self) {
-        self.shrink(self.held.saturating_sub(SPACE.0).max(LAST));
+        self.shrink(self.held.saturating_sub(SPACE.0 / 2).max(LAST));
     }
 
-    /// Gives back what all agents need, for all have been started.
+    /// Gives back what all agents need for their contacts.
     pub fn release_most(&mut self) {
         self.shrink(LAST);
     }

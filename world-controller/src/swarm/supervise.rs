@@ -329,6 +329,10 @@ fn exited(launch: &Launch, life: Life, status: io::Result<ExitStatus>) -> Event 
         Err(e) => format!("could not be waited for: {e}"),
         Ok(status) => match (status.code(), status.signal()) {
             (Some(0), _) => "exited".to_owned(),
+            // What it said about it may have found no room: that is kept in shared memory, too.
+            (Some(code), _) if is_scarce() => {
+                format!("exited with code {code}, while shared memory ({HOME}) is full,")
+            }
             (Some(code), _) => format!("exited with code {code}"),
             (None, Some(signal)) => killed_by(signal),
             (None, None) => "ended".to_owned(),
@@ -338,10 +342,14 @@ fn exited(launch: &Launch, life: Life, status: io::Result<ExitStatus>) -> Event 
     Event::Exited { life, how, stderr_tail }
 }
 
+fn is_scarce() -> bool {
+    space::require(SCARCE).is_err()
+}
+
 /// What a signal says of the end of a process. Two of them mean that it was given too little.
 fn killed_by(signal: i32) -> String {
     match signal {
-        SIGBUS if space::require(SCARCE).is_err() => {
+        SIGBUS if is_scarce() => {
             format!("died of SIGBUS: shared memory ({HOME}) is full")
         }
         SIGBUS => format!("died of SIGBUS: shared memory ({HOME}) was full, or a file in it was cut"),
