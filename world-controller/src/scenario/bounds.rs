@@ -67,7 +67,7 @@ impl Passage {
     /// Tries that an exchange of so many messages needs at most besides the first, for so many at once.
     fn more_tries(self, messages: u32, copies: u64) -> u64 {
         let through =
-            (0..messages).fold(ONE, |all, _| (u128::from(all) * u128::from(self.arrives) >> 32) as u64);
+            (0..messages).fold(ONE, |all, _| ((u128::from(all) * u128::from(self.arrives)) >> 32) as u64);
         if through == ONE {
             return 0;
         }
@@ -145,7 +145,7 @@ fn log_inverse(n: u64) -> u64 {
     let mut mantissa = u128::from(n.max(1)) << (32 - whole);
     let mut fraction = 0;
     for _ in 0..LOG_BITS {
-        mantissa = mantissa * mantissa >> 32;
+        mantissa = (mantissa * mantissa) >> 32;
         fraction <<= 1;
         if mantissa >= u128::from(2 * ONE) {
             mantissa >>= 1;

@@ -328,7 +328,7 @@ pub fn run(
     pool::run(work, |news| {
         match news {
             News::Row(run, row) => {
-                waiting.insert(run, row);
+                waiting.insert(run, *row);
             }
             News::Defect(run) => return Err(SweepError::Defect(scenario.repeat(grid, run))),
             News::NoStart(run, error) => {

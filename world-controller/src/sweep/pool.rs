@@ -46,7 +46,7 @@ pub struct Work<'a> {
 /// What the threads have to say.
 pub enum News {
     /// This run has ended.
-    Row(u64, Row),
+    Row(u64, Box<Row>),
     /// This run made the program panic: a defect of the program.
     Defect(u64),
     /// This run finds no places to start from.
@@ -103,7 +103,7 @@ fn labour(work: Work<'_>, next: &AtomicU64, sender: &SyncSender<News>) {
             Ok(Row::of(&simulate(&plan, since, |_, _| !work.interrupt.is_set())))
         };
         let news = match catch_unwind(AssertUnwindSafe(simulate)) {
-            Ok(Ok(row)) => News::Row(run, row),
+            Ok(Ok(row)) => News::Row(run, Box::new(row)),
             Ok(Err(error)) => News::NoStart(run, error),
             Err(_) => News::Defect(run),
         };
