@@ -638,7 +638,10 @@ fn the_exit_code_tells_the_outcome() {
     let report = json(&ran.out);
     assert_eq!((ran.code, report.outcome.as_str()), (Some(3), "deadlock"), "{ran:?}");
     assert_eq!((report.deadlocks.len(), report.agents.crashed, report.faults.len()), (1, 22, 22));
-    assert!(report.deadlocks[0].infeasible && !report.deadlocks[0].unfilled.is_empty());
+    let stall = &report.deadlocks[0];
+    assert!(stall.infeasible && !stall.unfilled.is_empty());
+    assert_eq!((stall.possible.as_str(), stall.impossible_within.as_deref()), ("no", Some("anything")));
+    assert!(report.time.slowed.is_none(), "simulated time has no clock");
 }
 
 #[test]

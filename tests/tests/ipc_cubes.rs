@@ -13,11 +13,23 @@ use metamorph_sim_bridge::director::{Director, Stop};
 use metamorph_sim_bridge::faults::{Fault, Schedule};
 use metamorph_sim_bridge::outcome::Outcome;
 use metamorph_tests::command::module_agent;
+use metamorph_world_controller::balance::unbalanced;
 use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_swarm};
 use std::sync::Arc;
 
 /// A slab of `side` by `side` cubes builds a block in its middle.
 fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Option<Outcome>, SwarmOutcome) {
+    build_tolerating(Span::millis(100), side, block, speed, faults)
+}
+
+/// The same, on a clock that is slowed if agents are later than `tolerance`.
+fn build_tolerating(
+    tolerance: Span,
+    side: i16,
+    block: i16,
+    speed: u32,
+    faults: Vec<(Time, Fault)>,
+) -> (Option<Outcome>, SwarmOutcome) {
     let cells = |min, max| Shape::Box { min, max }.cells().expect("a shape");
     let start = cells(Cell::new(0, 0, 0), Cell::new(side - 1, side - 1, 0));
     let low = (side - block) / 2;
@@ -38,6 +50,7 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
     let options = SwarmOptions {
         speed: Speed::new(speed, 1).expect("a speed"),
         seed: 1,
+        tolerance,
         program_args: vec![Family::Cube.name().into()],
         ..SwarmOptions::new(module_agent().into())
     };
@@ -49,8 +62,11 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
     assert!(world.take_violations().is_empty(), "an invariant broke");
     assert_eq!(outcome.crashes, []);
     assert_eq!((outcome.foreign, outcome.missing_ledgers.len()), (0, 0));
-    for (class, counts) in outcome.tally.iter() {
-        assert!(counts.in_flight() >= 0, "{class} {counts:?}");
+    assert_eq!(unbalanced(&outcome, 6, true), None);
+    if outcome.killed == 0 {
+        for (class, counts) in outcome.tally.iter() {
+            assert_eq!(counts.in_flight(), outcome.left[class.index()] as i64, "{class} {counts:?}");
+        }
     }
     (director.outcome().map(|(_, came_to)| came_to), outcome)
 }
@@ -61,6 +77,16 @@ fn thirty_six_cubes_build_a_block_of_processes() {
     assert_eq!(came_to, Some(Outcome::Built));
     assert_eq!((swarm.launched, swarm.alive), (36, 36));
     assert!(swarm.tally.total().delivered > 0);
+}
+
+/// Messages always take some time, so agents that must not be late at all slow the clock to its least speed,
+/// where they still get on. What they build does not depend on it.
+#[test]
+fn a_clock_that_is_slowed_changes_nothing_but_the_time_it_takes() {
+    let (came_to, swarm) = build_tolerating(Span::nanos(1), 4, 2, 1_000, vec![]);
+    assert_eq!(came_to, Some(Outcome::Built));
+    assert!(swarm.slowed.lowest <= 0.1 && swarm.slowed.factor < 0.5, "{:?}", swarm.slowed);
+    assert!(!swarm.slowed.time.is_zero() && swarm.slowed.time <= swarm.wall * 2, "{:?}", swarm.slowed);
 }
 
 /// Over two hundred cubes; ten are killed, and five stopped for a while.
