@@ -82,6 +82,7 @@ marks! {
     MetaDeniedHeld => "metamodule: refused, it moves there",
     MetaDeniedYounger => "metamodule: refused, more important itself",
     MetaDeniedQuarantined => "metamodule: refused, just restarted",
+    MetaLetFirst => "metamodule: stood still for one that goes before it",
     MetaYielded => "metamodule: gave its own attempt up for somebody's request",
     MetaResent => "metamodule: a request was repeated",
     MetaCameWhileAsking => "metamodule: somebody came into hearing while it asked",

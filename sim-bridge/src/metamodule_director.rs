@@ -445,6 +445,8 @@ impl MetamoduleDirector {
         let all = (0..self.known.len() as u32).map(ModuleId);
         let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
         let stays: BTreeSet<Cell> = self.foreign(world).into_iter().chain(stuck).collect();
+        // By precedence a metamodule also waits for one that is refused nothing and has nowhere to go.
+        let ordered = self.setup.params.precedence.is_some();
         let reason = if free.len() < unfilled.len() {
             Reason::MaterialExhausted
         } else if self.is_seed_blocked(&stays) {
@@ -453,7 +455,7 @@ impl MetamoduleDirector {
             Reason::NoWay
         } else if self.setup.params.strategy == Strategy::Negotiated {
             Reason::Blocked
-        } else if free.iter().any(|w| w.on.is_some()) {
+        } else if free.iter().filter(|w| w.on.is_some()).count() >= if ordered { free.len() } else { 1 } {
             Reason::NoLock
         } else {
             Reason::NoBetterPlace

@@ -5,7 +5,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four, chair_of_six};
 use metamorph_protocol::metamodule::motions::Motions;
-use metamorph_protocol::metamodule::params::{Detector, Floor, Params, Setup, Strategy, Teller};
+use metamorph_protocol::metamodule::params::{Detector, Floor, Params, Precedence, Setup, Strategy, Teller};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::ratio::Ratio;
@@ -216,6 +216,20 @@ impl Assembly {
         self
     }
 
+    /// Which of two close together goes first, instead of what the strategy stands for.
+    pub fn precedence(mut self, precedence: Option<Precedence>) -> Assembly {
+        let mut setup = (*self.setup).clone();
+        setup.params.precedence = precedence;
+        self.setup = Arc::new(setup);
+        self
+    }
+    /// Whether settled metamodules push.
+    pub fn settled_repel(mut self, settled_repel: bool) -> Assembly {
+        let mut setup = (*self.setup).clone();
+        setup.params.settled_repel = settled_repel;
+        self.setup = Arc::new(setup);
+        self
+    }
     /// The metamodules find out among themselves that nobody can go on.
     pub fn detecting(mut self) -> Assembly {
         let mut setup = (*self.setup).clone();

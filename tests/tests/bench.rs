@@ -34,6 +34,9 @@ fn simulated_runs_come_to_what_they_must() {
         assert_eq!((row["outcome"].as_str(), row["violations"].as_u64()), (Some("built"), Some(0)));
         assert!(row["moves"].as_u64() >= row["least_moves"].as_u64(), "{row}");
     }
+    // The floor of the moves: the costs of the best assignments.
+    let least: Vec<u64> = rows.iter().filter_map(|row| row["least_moves"].as_u64()).collect();
+    assert_eq!(least, [60, 824, 3_096]);
     assert!(results["growth"]["makespan"]["exponent"].is_f64() && results["swarm"].is_null());
 }
 

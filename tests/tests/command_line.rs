@@ -69,6 +69,10 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
             &["scenario.toml:12:1:", "`strategy` in [protocol] is for the family `metamodule`"],
         ),
         (
+            with("[stop]", "[protocol]\nprecedence = \"off\"\n[stop]"),
+            &["scenario.toml:12:1:", "`precedence` in [protocol] is for the family `metamodule`"],
+        ),
+        (
             with("[swarm]", "[swarm]\nturn_time = \"1s\""),
             &["scenario.toml:6:1:", "`turn_time` in [swarm] is for the family `metamodule`"],
         ),
@@ -226,6 +230,34 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
             with("[stop]", "[protocol]\nstrategy = \"gredy\"\n[stop]"),
             &["unknown strategy `gredy`", "did you mean `greedy`?"],
         ),
+        // The force field.
+        (
+            with("[stop]", "[protocol]\nprecedence = \"of\"\n[stop]"),
+            &["scenario.toml:16:14:", "unknown precedence `of`", "did you mean `off`?"],
+        ),
+        (
+            with("[stop]", "[protocol]\nprecedence = { within = 4 }\n[stop]"),
+            &["precedence has no `by`", "by = \"seed-distance\""],
+        ),
+        (
+            with(
+                "[stop]",
+                "[protocol]\nprecedence = { within = 13, by = \"id\" }\nstrategy = \"step\"\n[stop]",
+            ),
+            &["within is 13", "from 1 to 12"],
+        ),
+        (
+            with("[stop]", "[protocol]\nprecedence = true\n[stop]"),
+            &["expected \"off\" or a table", "precedence = { within = 4"],
+        ),
+        (
+            with("[stop]", "[protocol]\nrepulsion = { decay = 1001 }\n[stop]"),
+            &["scenario.toml:16:23:", "decay is 1001", "from 0 to 1000"],
+        ),
+        (
+            with("[stop]", "[protocol]\nstrategy = \"negotiated\"\nsettled_repel = true\n[stop]"),
+            &["`negotiated` has no force field", "`settled_repel`", "choose `greedy`"],
+        ),
         (with("[stop]", "[protocol]\nteller = \"me\"\n[stop]"), &["unknown teller `me`", "neighbours"]),
         (with("kind", "turn_time = \"0s\"\nkind"), &["turn_time is 0s", "1ms to 3600s"]),
         // The floor and the start.
@@ -355,6 +387,14 @@ fn a_deadlock_is_found_by_the_swarm_itself() {
     let text = METAMODULES.to_owned() + "[protocol]\nstrategy = \"greedy\"\ndetector = true\n";
     let ran = on(&text, &["check", "{}"]);
     assert!(ran.out.contains("the swarm finds deadlocks by itself"), "{ran:?}");
+    assert!(
+        ran.out.contains("the one nearer to a seed goes first within 4 connectors; nobody pushes"),
+        "{ran:?}"
+    );
+    let step = ["check", "{}", "--set", "protocol.strategy=step", "--set", "protocol.repulsion.range=8"];
+    let ran = on(&text, &step);
+    let pushes = "no precedence; neighbours within 8 cells push by 600/1000, 0/1000 of it lost at the edge, settled ones too";
+    assert!(ran.out.contains(pushes), "{ran:?}");
     let deadlocked = (0..20).find_map(|seed: u32| {
         let ran = on(&text, &["run", "{}", "--link", "sim", "--seed", &seed.to_string(), "--json", "-"]);
         (ran.code == Some(3)).then_some((seed.to_string(), ran))

@@ -72,12 +72,13 @@ fn chairs_of_six_processes() {
     }
 }
 
-/// Processes find out among themselves that they are stuck; greedy ones are, more often than not.
+/// Processes find out among themselves that they are stuck; greedy ones with a chair are, in half of the runs.
+/// By their precedence some of them wait for others only, not for a lock.
 #[test]
 fn processes_find_their_deadlock() {
     let greedy = ["--set", "protocol.strategy=greedy", "--set", "protocol.detector=true"];
     let found = (1..=8).map(|seed| seed.to_string()).find_map(|seed| {
-        let report = as_processes("box.toml", &[&greedy[..], &["--seed", &seed]].concat());
+        let report = as_processes("chair.toml", &[&greedy[..], &["--seed", &seed]].concat());
         let standstill = report.unbuilt.filter(|_| report.outcome == "deadlock")?;
         standstill.detected.map(|found| (found, standstill.waiting))
     });

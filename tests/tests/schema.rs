@@ -96,7 +96,10 @@ order = "crosswise"
 at = "60s"
 shape = { box = [3, 3] }
 [protocol]
-strategy = "negotiated"
+strategy = "slope"
+precedence = { within = 4, by = "id" }
+settled_repel = false
+repulsion = { strength = 500, decay = 100, range = 3 }
 teller = "neighbours"
 relocate = true
 [[fault]]
@@ -170,6 +173,8 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (METAMODULES, "goal.0.levels.0.0.", "seed", vec![]),
         (METAMODULES, "goal.1.shape.", "library", vec![]),
         (METAMODULES, "protocol.", "metamoduleProtocol", vec![]),
+        (METAMODULES, "protocol.precedence.", "precedence", vec![]),
+        (METAMODULES, "protocol.repulsion.", "repulsion", vec![]),
         (METAMODULES, "fault.0.", "obstacle", fault("obstacle")),
     ]
 }
@@ -236,6 +241,7 @@ fn the_reader_and_the_schema_know_the_same_names() {
         (METAMODULES, "goal.0.levels.0.0.directions.0", Some("seed/properties/directions/items")),
         (METAMODULES, "protocol.strategy", Some("metamoduleProtocol/properties/strategy")),
         (METAMODULES, "protocol.teller", Some("metamoduleProtocol/properties/teller")),
+        (METAMODULES, "protocol.precedence.by", Some("precedence/properties/by")),
     ];
     for (text, key, place) in names {
         let flaws = flaws(text, &format!("{key}=zzz"));

@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
-use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Strategy};
 use metamorph_protocol::roombots::Kind;
 use metamorph_sim_bridge::faults::Fault;
 use metamorph_tests::cases::{Case, REPEAT, VARIATIONS, Variation, check_all, run_all};
@@ -46,6 +46,54 @@ fn the_strategies_of_the_thesis_build_boxes() {
         assert_eq!(ran.filled, 4);
         assert_eq!(ran.deeds.moves, ran.deeds.released, "every connection was followed by letting go");
     }
+}
+
+/// Of two that are close one stands still, whoever tells which seeds are open: greedy ones come past each
+/// other twice as often as without. The order of precedence matters, not only that there is one.
+#[test]
+fn precedence_lets_greedy_ones_pass() {
+    let built = |precedence: Option<Precedence>, decentralised: bool| {
+        let runs = Kind::METAMODULES.into_iter().flat_map(|kind| (0..6).map(move |seed| (kind, seed)));
+        let runs = runs.map(|(kind, seed)| {
+            let plain = Assembly::new(Goal::Box, kind, Strategy::Greedy, SeedOrder::Circular, seed);
+            let assembly = if decentralised { plain.decentralised() } else { plain };
+            assembly.precedence(precedence).run()
+        });
+        runs.filter(|ran| {
+            assert_eq!(ran.broken, 0, "{:?}", ran.violations);
+            ran.built()
+        })
+        .count()
+    };
+    let by = |by| Some(Precedence { within: 4, by });
+    let nearer = built(by(PrecedenceBy::SeedDistance), false);
+    let (id, none) = (built(by(PrecedenceBy::Id), false), built(None, false));
+    let decentralised = built(by(PrecedenceBy::SeedDistance), true);
+    println!(
+        "of 24 boxes: {nearer} nearer first, {decentralised} without a controller, {id} by id, {none} without"
+    );
+    assert!(nearer > 2 * id && nearer > none + 6 && decentralised > none + 6);
+}
+
+/// Settled ones push under the strategies with repulsion; `negotiated` reads neither key.
+#[test]
+fn keys_of_the_field_change_the_published_strategies_alone() {
+    let trace = |strategy, varied: bool| {
+        let plain = Assembly::new(Goal::Chair, Kind::Srs, strategy, SeedOrder::Circular, 3);
+        let off = plain.setup.params.precedence;
+        assert_eq!(off.is_some(), strategy == Strategy::Greedy);
+        let by = Some(Precedence { within: 9, by: PrecedenceBy::Id });
+        (if varied { plain.precedence(by).settled_repel(false) } else { plain }).run().trace
+    };
+    for strategy in Strategy::ALL {
+        let same = trace(strategy, true) == trace(strategy, false);
+        assert_eq!(same, strategy == Strategy::Negotiated, "{strategy:?}");
+    }
+    let pushed = |settled_repel| {
+        let slope = Assembly::new(Goal::Chair, Kind::Srs, Strategy::Slope, SeedOrder::Circular, 3);
+        slope.settled_repel(settled_repel).run().trace
+    };
+    assert_ne!(pushed(true), pushed(false));
 }
 
 /// Whoever tells which seeds are open.

@@ -123,12 +123,14 @@ Examples:
   metamorph reproduce 4.2 --seeds 100 --out results
   metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
 
-Runs the thesis's experiment with metamodules (4.1.3) with every kind (PAR, PER, SRS, SRZ), strategy
-(greedy, slope, step, and our negotiated) and order of seeds (circular, crosswise, at-once), and
-prints the published numbers beside ours. What the thesis does not say is listed with them.
+Runs the thesis's experiment with metamodules (4.1.3), re-implemented by the nearest reading of its text, with
+every kind (PAR, PER, SRS, SRZ), strategy (greedy, slope, step, and our negotiated) and order of seeds (circular,
+crosswise, at-once), and prints the published numbers beside ours: with exact tests, another reading, what each open
+assumption does (from fewer seeds), and whether experiments of the published size show what the thesis says.
 
 Files in DIR: report.html with tables and plots, and for each of box and chair the scenario and a
-directory as `metamorph sweep` writes it.
+directory as `metamorph sweep` writes it; the same for the other reading (box-locks, chair-locks) and for other
+orders of the chair's seeds (chair-recipe).
 
 Exit codes:
   0  every run has ended, however it ended

@@ -5,7 +5,7 @@ use crate::shown::Shown;
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::params::Teller;
+use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy, Teller};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
@@ -96,7 +96,12 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
     )?;
     let feet: Vec<String> = swarm.poses.iter().take(SHOWN).map(|p| format!("{:?}", p.foot())).collect();
     let dots = if count > SHOWN { ", …" } else { "" };
-    writeln!(out, "  start     {places}: {}{dots}", feet.join(", "))?;
+    let redrawn = match swarm.redrawn {
+        0 => String::new(),
+        1 => " (one draw before had a metamodule that was shut in)".to_owned(),
+        n => format!(" ({n} draws before had a metamodule that was shut in)"),
+    };
+    writeln!(out, "  start     {places}: {}{dots}{redrawn}", feet.join(", "))?;
     writeln!(
         out,
         "  moves     {} for a step of a joint, {} to connect; {} of connections fail; heard {} connectors away",
@@ -122,9 +127,34 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
     let detects = if params.detector.is_some() { "; the swarm finds deadlocks by itself" } else { "" };
     writeln!(
         out,
-        "  protocol  strategy {}; {teller} tells which seeds are open{relocates}{detects}",
+        "  protocol  strategy {}{}; {teller} tells which seeds are open{relocates}{detects}",
         params.strategy.name(),
+        field(params),
     )
+}
+
+/// What varies the force field of the published strategies.
+fn field(params: &Params) -> String {
+    if params.strategy == Strategy::Negotiated {
+        return String::new();
+    }
+    let first = match params.precedence {
+        None => "no precedence".to_owned(),
+        Some(Precedence { within, by: PrecedenceBy::SeedDistance }) => {
+            format!("the one nearer to a seed goes first within {within} connectors")
+        }
+        Some(Precedence { within, by: PrecedenceBy::Id }) => {
+            format!("the smaller number goes first within {within} connectors")
+        }
+    };
+    let Repulsion { strength, decay, range } = params.repulsion;
+    let settled = if params.settled_repel { "settled ones too" } else { "settled ones not" };
+    match strength {
+        0 => format!("; {first}; nobody pushes"),
+        _ => format!(
+            "; {first}; neighbours within {range} cells push by {strength}/1000, {decay}/1000 of it lost at the edge, {settled}"
+        ),
+    }
 }
 
 fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {

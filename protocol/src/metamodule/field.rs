@@ -46,7 +46,7 @@ fn length(x: i64, y: i64) -> i64 {
 }
 
 /// Two cells for every stride, and a quarter of the distance as the crow flies to tell equals apart.
-fn distance(strides: u16, from: Pose, to: Place) -> i64 {
+pub fn distance(strides: u16, from: Pose, to: Place) -> i64 {
     let (dx, dy) = (i64::from(to.0) - i64::from(from.state.x), i64::from(to.1) - i64::from(from.state.y));
     2 * ONE * i64::from(strides) + length(dx * ONE, dy * ONE) / 4
 }

@@ -33,6 +33,7 @@ pub mod params;
 mod peers;
 pub mod pose;
 mod postures;
+mod precedence;
 pub mod search;
 mod shut_in;
 pub mod start;
@@ -332,12 +333,23 @@ impl Metamodule {
         for (_, peer) in self.core.peers.iter() {
             let Some(state) = peer.state else { continue };
             feet.push(state.pose.foot());
-            if self.stays(&state) || self.core.dead.contains_key(&state.id) {
+            let dead = self.core.dead.contains_key(&state.id);
+            let fixes = self.stays(&state) || dead;
+            if fixes {
                 fixed.extend(motions.cells(state.pose));
             } else {
                 moving.extend(motions.cells(state.pose));
+            }
+            if !fixes || (self.setup.params.settled_repel && !dead) {
                 neighbours.push(middle(motions, state.pose));
             }
+        }
+        if let Some(first) = self.goes_before(&fixed) {
+            // That one tells when it has moved, settled or got stuck, which starts a new look here.
+            hit(Mark::MetaLetFirst);
+            self.core.waits_for = Some(first);
+            self.core.phase = Phase::Idle { look_at: next_expiry };
+            return;
         }
         moving.extend(self.core.peers.granted(motions));
         let taken = [&fixed[..], &moving].concat();

@@ -7,12 +7,12 @@ use crate::sabotage::Sabotage;
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
 
-/// How a metamodule decides what to do next. The first three are the thesis's (4.1.3) and differ only
-/// in how neighbours push, [`Repulsion`]; the fourth is ours.
+/// How a metamodule decides what to do next. The first three are the thesis's (4.1.3) and differ in how
+/// neighbours push, [`Repulsion`], and in who goes first, [`Precedence`]; the fourth is ours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
 #[serde(rename_all = "lowercase")]
 pub enum Strategy {
-    /// Neighbours do not push.
+    /// Neighbours do not push; of two that are close, the one nearer to a seed goes first.
     #[default]
     Greedy,
     /// They push less with distance.
@@ -45,6 +45,47 @@ impl Strategy {
             Strategy::Greedy | Strategy::Negotiated => Repulsion { strength: 0, decay: 0, range: 4 },
             Strategy::Slope => Repulsion { strength: 1000, decay: 1000, range: 4 },
             Strategy::Step => Repulsion { strength: 600, decay: 0, range: 4 },
+        }
+    }
+    /// The rule of precedence it stands for. The text defines only `greedy` by "locking modules which are
+    /// too close from each other before deciding which one should move first"; the distance and that the
+    /// nearer one goes first are protocol design.
+    pub const fn precedence(self) -> Option<Precedence> {
+        match self {
+            Strategy::Greedy => Some(Precedence { within: 4, by: PrecedenceBy::SeedDistance }),
+            Strategy::Slope | Strategy::Step | Strategy::Negotiated => None,
+        }
+    }
+}
+
+/// Which of two unsettled metamodules goes first. The other one stands still meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Precedence {
+    /// Distance of two feet in connectors (the larger of those along x and y) up to which the rule holds.
+    pub within: u16,
+    /// What decides.
+    pub by: PrecedenceBy,
+}
+
+/// What decides on precedence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PrecedenceBy {
+    /// The one nearer to an open seed goes first; of equal ones the one with the smaller id.
+    SeedDistance,
+    /// The one with the smaller id goes first.
+    Id,
+}
+
+impl PrecedenceBy {
+    /// All of them.
+    pub const ALL: [PrecedenceBy; 2] = [PrecedenceBy::SeedDistance, PrecedenceBy::Id];
+
+    /// The name used in scenarios.
+    pub const fn name(self) -> &'static str {
+        match self {
+            PrecedenceBy::SeedDistance => "seed-distance",
+            PrecedenceBy::Id => "id",
         }
     }
 }
@@ -111,6 +152,11 @@ pub struct Params {
     pub strategy: Strategy,
     /// How neighbours push.
     pub repulsion: Repulsion,
+    /// Which of two close together goes first; `None` leaves that to locks. Read by the published
+    /// strategies only.
+    pub precedence: Option<Precedence>,
+    /// Whether settled metamodules push like others. Read by the published strategies only.
+    pub settled_repel: bool,
     /// From whom open seeds are learnt.
     pub teller: Teller,
     /// Feet at most this far apart (the larger of the two distances along x and y) hear each other.
@@ -144,6 +190,8 @@ impl Params {
         Params {
             strategy,
             repulsion: strategy.repulsion(),
+            precedence: strategy.precedence(),
+            settled_repel: true,
             teller: Teller::Controller,
             hearing: HEARING,
             turn_time,

@@ -25,6 +25,15 @@ pub enum StartError {
     },
 }
 
+/// A start, and what it took to draw it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Start {
+    /// Where the metamodules stand, by id.
+    pub poses: Vec<Pose>,
+    /// How many starts were drawn before it in which a metamodule was shut in.
+    pub redrawn: u32,
+}
+
 /// So often a start is drawn again because somebody in it is shut in.
 const TRIES: usize = 100;
 
@@ -33,17 +42,32 @@ const TRIES: usize = 100;
 /// is shut in: everybody can get away from where it starts while the others stand where they stand.
 /// (PAR has landings in front of it only: in a corner, turned to the wall, it has none at all, and two at
 /// one wall can be each other's only way out for ever.)
-pub fn random_start(setup: &Setup, count: usize, seed: u64) -> Result<Vec<Pose>, StartError> {
+///
+/// # Errors
+/// If no such start was found.
+pub fn draw_start(setup: &Setup, count: usize, seed: u64) -> Result<Start, StartError> {
     let mut stream = Stream::named(seed, "start", 0);
-    let mut most = 0;
+    let (mut most, mut redrawn) = (0, 0);
     for _ in 0..TRIES {
         let poses = draw(setup, count, &mut stream);
-        if poses.len() == count && !is_anybody_shut_in(setup, &poses) {
-            return Ok(poses);
-        }
         most = most.max(poses.len());
+        if poses.len() < count {
+            continue;
+        }
+        if !is_anybody_shut_in(setup, &poses) {
+            return Ok(Start { poses, redrawn });
+        }
+        redrawn += 1;
     }
     Err(StartError::NoRoom { wanted: count, placed: most.min(count.saturating_sub(1)) })
+}
+
+/// The poses of [`draw_start`].
+///
+/// # Errors
+/// If no such start was found.
+pub fn random_start(setup: &Setup, count: usize, seed: u64) -> Result<Vec<Pose>, StartError> {
+    draw_start(setup, count, seed).map(|start| start.poses)
 }
 
 fn draw(setup: &Setup, count: usize, stream: &mut Stream) -> Vec<Pose> {
@@ -109,6 +133,10 @@ mod tests {
             }
         }
         assert_ne!(random_start(&setup, 6, 1), random_start(&setup, 6, 2));
+        // Starts with somebody shut in are thrown away, and counted.
+        let starts: Vec<Start> = (0..100).map(|seed| draw_start(&setup, 6, seed).unwrap()).collect();
+        assert!(starts.iter().all(|start| !is_anybody_shut_in(&setup, &start.poses)));
+        assert!((10..100).contains(&starts.iter().map(|start| start.redrawn).sum::<u32>()));
         // What processes are handed is what they get.
         let text = serde_json::to_string(&setup).unwrap();
         let again: Setup = serde_json::from_str(&text).unwrap();

@@ -1,12 +1,13 @@
 //! Slab to sphere (thesis 4.1.2) at growing sizes on the simulated link, with all invariants checked,
 //! and how time, moves and messages grow with the number of modules.
 //!
-//! Beside the moves stands a number that no protocol can go below: a move changes no coordinate by
-//! more than one cell, so whatever has to come closer to the seed crosses every cube around it.
+//! Beside the moves stands a floor that no protocol can go below (`matching`), computed exactly for each
+//! size. Exponents are fits over the sizes that were run, also that of the floor: they bound nothing.
 
 use super::machine::CpuWatch;
+use super::matching::least_moves;
 use super::{BenchError, Fit, fit};
-use crate::scenario::{LinkKind, Overrides, Swarm, read_text};
+use crate::scenario::{Cubes, LinkKind, Overrides, Swarm, read_text};
 use crate::simulated::simulate;
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
@@ -26,7 +27,7 @@ pub struct Growth {
     pub makespan: Option<Fit>,
     /// How the moves grow.
     pub moves: Option<Fit>,
-    /// How the least number of moves grows.
+    /// A fit of how the floor of the moves grows over these sizes. It is not a bound itself.
     pub least_moves: Option<Fit>,
     /// How the messages grow.
     pub messages: Option<Fit>,
@@ -43,9 +44,12 @@ pub struct Row {
     pub violations: u64,
     /// Scenario seconds until the last cell was filled; a move takes one.
     pub makespan_s: f64,
-    /// Moves completed, and a number that they cannot be below.
+    /// Moves completed, and a floor that they cannot be below: the cost of the best assignment of cubes
+    /// to goal cells.
     pub moves: u64,
     pub least_moves: u64,
+    /// Moves by floor.
+    pub times_least: f64,
     /// Messages sent, and the same by class.
     pub messages: u64,
     pub by_class: BTreeMap<String, u64>,
@@ -95,7 +99,7 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
         match &plan.swarm {
             Swarm::Cubes(cubes) => {
                 let goal = cubes.setup.goals.first().map_or(0, |g| g.len() as u64);
-                Ok((goal, least_moves(&cubes.cells, &cubes.setup.goals[0]), plan))
+                Ok((goal, plan))
             }
             Swarm::Metamodules(_) => Err(BenchError::Wrong("the scenario is not one of cubes".to_owned())),
         }
@@ -110,7 +114,16 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
             best = larger;
         }
     }
-    let (goal, least_moves, plan) = best;
+    let (goal, plan) = best;
+    let least_moves = match &plan.swarm {
+        Swarm::Cubes(Cubes { cells, setup }) => {
+            let goal: Vec<Cell> = setup.goals.first().map_or(Vec::new(), |g| g.cells().collect());
+            least_moves(cells, &goal)
+        }
+        Swarm::Metamodules(_) => None,
+    };
+    let least_moves =
+        least_moves.ok_or_else(|| BenchError::Wrong("the goal has too many cells".to_owned()))?;
     let watch = CpuWatch::start();
     let report = simulate(&plan, Stopwatch::start(), |now, so_far| {
         live.show(|| {
@@ -128,34 +141,11 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
         makespan_s: report.stages.first().and_then(|s| s.built_s).unwrap_or(report.time.virtual_s),
         moves: report.moves,
         least_moves,
+        times_least: report.moves as f64 / least_moves.max(1) as f64,
         messages: report.messages.all.sent,
         by_class,
         messages_per_move: report.messages.all.sent as f64 / report.moves.max(1) as f64,
         cpu_s: watch.elapsed().as_secs_f64(),
         trace_hash: report.trace_hash.clone().unwrap_or_default(),
     })
-}
-
-/// How often somebody at least has to cross a cube around the seed: for each cube, the goal cells
-/// within it that those who are within it already cannot fill.
-fn least_moves(start: &[Cell], goal: &metamorph_protocol::goal::Goal) -> u64 {
-    let seed = goal.seed();
-    let radius = |c: Cell| {
-        let far = [c.x.abs_diff(seed.x), c.y.abs_diff(seed.y), c.z.abs_diff(seed.z)];
-        usize::from(far.into_iter().max().unwrap_or(0))
-    };
-    let mut missing: BTreeMap<usize, i64> = BTreeMap::new();
-    for cell in goal.cells() {
-        *missing.entry(radius(cell)).or_default() += 1;
-    }
-    for cell in start {
-        *missing.entry(radius(*cell)).or_default() -= 1;
-    }
-    let outermost = missing.keys().last().copied().unwrap_or(0);
-    let (mut within, mut crossings) = (0, 0);
-    for r in 0..=outermost {
-        within += missing.get(&r).copied().unwrap_or(0);
-        crossings += within.max(0) as u64;
-    }
-    crossings
 }

@@ -11,6 +11,7 @@ mod churn;
 mod flood;
 mod growth;
 mod machine;
+mod matching;
 mod part;
 mod swarm;
 mod text;

@@ -69,7 +69,7 @@ pub fn flood(rows: &[flood::Row], paint: Paint) -> String {
 /// Slab to sphere.
 pub fn growth(g: &Growth, paint: Paint) -> String {
     let mut table = Table::new(&["modules"]);
-    table.head(&["goal", "outcome", "violations", "makespan s", "moves", "at least", "messages"]);
+    table.head(&["goal", "outcome", "violations", "makespan s", "moves", "at least", "times", "messages"]);
     table.head(&["a module", "a move", "cpu s"]);
     for r in &g.rows {
         table.row(
@@ -81,6 +81,7 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
                 number(r.makespan_s),
                 count(r.moves),
                 count(r.least_moves),
+                number(r.times_least),
                 count(r.messages),
                 number(r.messages as f64 / r.modules as f64),
                 number(r.messages_per_move),
@@ -103,12 +104,12 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
         None => String::new(),
     };
     format!(
-        "{}\nA slab becomes a ball; simulated, all invariants checked; a move takes 1 s.\n{}{}{}{}{}",
+        "{}\nA slab becomes a ball; simulated, all invariants checked; a move takes 1 s. `at least` is a floor for every\nprotocol: the best assignment of cubes to goal cells, each by its shortest way.\n{}  fits over these sizes, which bound nothing (in the end: between the two largest)\n{}{}{}{}",
         paint.strong("growth"),
         table.text(paint),
         grows("seconds", g.makespan, |r| r.makespan_s),
         grows("moves", g.moves, |r| r.moves as f64),
-        grows("moves that no protocol can do without", g.least_moves, |r| r.least_moves as f64),
+        grows("the floor's moves", g.least_moves, |r| r.least_moves as f64),
         grows("messages", g.messages, |r| r.messages as f64)
     )
 }

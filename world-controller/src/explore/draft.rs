@@ -9,7 +9,7 @@ use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder};
-use metamorph_protocol::metamodule::params::{Strategy, Teller};
+use metamorph_protocol::metamodule::params::{Precedence, Strategy, Teller};
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::grid::GridState;
 use metamorph_protocol::sabotage::Sabotage;
@@ -87,6 +87,10 @@ pub struct MetamoduleDraft {
     pub teller: Teller,
     /// Whether a goal that something is in the way of is moved.
     pub relocate: bool,
+    /// Which of two close together goes first. `negotiated` has neither this nor the next.
+    pub precedence: Option<Precedence>,
+    /// Whether settled ones push.
+    pub settled_repel: bool,
 }
 
 /// A goal of metamodules.
@@ -239,7 +243,8 @@ pub const fn name_of(connectivity: Connectivity) -> &'static str {
     }
 }
 
-const fn face_name(face: Face) -> &'static str {
+/// The name of a direction in a scenario.
+pub const fn face_name(face: Face) -> &'static str {
     match face {
         Face::Up => "up",
         Face::Down => "down",
@@ -347,7 +352,17 @@ impl MetamoduleDraft {
             Teller::Neighbours => "neighbours",
         };
         writeln!(f, "\n[protocol]\nstrategy = \"{}\"\nteller = \"{teller}\"", self.strategy.name())?;
-        writeln!(f, "relocate = {}", self.relocate)
+        writeln!(f, "relocate = {}", self.relocate)?;
+        if self.strategy == Strategy::Negotiated {
+            return Ok(());
+        }
+        match self.precedence {
+            None => writeln!(f, "precedence = \"off\"")?,
+            Some(p) => {
+                writeln!(f, "precedence = {{ within = {}, by = \"{}\" }}", p.within, p.by.name())?;
+            }
+        }
+        writeln!(f, "settled_repel = {}", self.settled_repel)
     }
 }
 

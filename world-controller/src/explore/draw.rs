@@ -14,7 +14,7 @@ use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder, box_of_four, chair_of_six};
-use metamorph_protocol::metamodule::params::{Strategy, Teller};
+use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Strategy, Teller};
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::stream::Stream;
 use std::collections::BTreeSet;
@@ -72,6 +72,8 @@ fn smallest(family: Family) -> Draft {
             strategy: Strategy::Negotiated,
             teller: Teller::Controller,
             relocate: false,
+            precedence: None,
+            settled_repel: true,
         }),
     };
     let link = LinkDraft { delay: (10, 100), ..LinkDraft::default() };
@@ -336,7 +338,7 @@ impl Dice {
         }
         let seeds = goals.iter().map(|(_, g)| g.levels.iter().map(Vec::len).sum::<usize>());
         let count = seeds.max().unwrap_or(0) + self.pick(&[0, 0, 1, 2, 4]);
-        MetamoduleDraft {
+        let mut draft = MetamoduleDraft {
             kind: self.pick(&Kind::METAMODULES),
             side,
             start: Err(count),
@@ -344,7 +346,20 @@ impl Dice {
             strategy: if self.once_in(3) { self.pick(&Strategy::PUBLISHED) } else { Strategy::Negotiated },
             teller: self.pick(&[Teller::Controller, Teller::Neighbours]),
             relocate: self.once_in(2),
+            precedence: None,
+            settled_repel: true,
+        };
+        if draft.strategy != Strategy::Negotiated {
+            // The reading of the thesis in half of them, anything else in the others.
+            draft.precedence = draft.strategy.precedence();
+            if self.once_in(2) {
+                let by = self.pick(&PrecedenceBy::ALL);
+                let within = self.within(1, 9) as u16;
+                draft.precedence = self.pick(&[None, Some(Precedence { within, by })]);
+                draft.settled_repel = self.once_in(2);
+            }
         }
+        draft
     }
 
     fn metamodule_goal(&mut self, side: i16) -> MetamoduleGoal {

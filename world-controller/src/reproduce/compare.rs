@@ -1,13 +1,17 @@
 //! The thesis's numbers beside ours, as one value that is printed, drawn and written as JSON. A field
 //! is never renamed, given another meaning or removed without a new [`SCHEMA`]; new ones may be added.
 
+use super::assumptions::Assumption;
+use super::claims::{self, Statement};
+use super::fit::{Fit, PublishedTest, published_tests};
 use super::published::{Cell, KINDS, STRATEGIES, Sum, TABLE_4_1, TABLE_4_2, Table, collisions, deadlocks};
+use super::resample::{self, Run};
 use super::{Experiment, Goal};
 use crate::sweep::statistics::Rate;
 use crate::sweep::summary::{Combination, Summary};
-use crate::sweep::table::percent;
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::roombots::Kind;
 use metamorph_sim_bridge::outcome::Outcome;
 use serde::{Deserialize, Serialize};
 
@@ -33,8 +37,36 @@ pub struct Reproduction {
     pub experiments: Vec<Comparison>,
     /// What the thesis does not say, and what was taken instead.
     pub unknown: Vec<String>,
+    /// Readings of the text beside the tables, the one that all other numbers are of first.
+    #[serde(default)]
+    pub fits: Vec<Fit>,
+    /// What the published counts tell apart by themselves.
+    #[serde(default)]
+    pub published_tests: Vec<PublishedTest>,
+    /// What each assumption does that a scenario can set.
+    #[serde(default)]
+    pub assumptions: Vec<Assumption>,
+    /// Starts drawn again because a metamodule was shut in.
+    #[serde(default)]
+    pub redrawn: Vec<Redrawn>,
+    /// What no reading explains.
+    #[serde(default)]
+    pub unexplained: Vec<String>,
     /// Our runs in full: one summary for each goal, whose values are kind, strategy and order.
     pub ours: Vec<Summary>,
+}
+
+/// Starts of a kind and goal that were drawn again because a metamodule was shut in.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Redrawn {
+    /// `box` or `chair`.
+    pub goal: String,
+    /// `PAR`, `PER`, `SRS` or `SRZ`.
+    pub kind: String,
+    /// Starts drawn.
+    pub drawn: u64,
+    /// Those of them that were thrown away.
+    pub shut_in: u64,
 }
 
 /// One experiment.
@@ -99,7 +131,14 @@ pub struct Claim {
     pub says: String,
     /// What is found here.
     pub found: String,
-    /// Whether that is the same; null if it cannot be told.
+    /// Whether the tables of the thesis show it; null if they do not say.
+    #[serde(default)]
+    pub by_tables: Option<bool>,
+    /// The share of experiments of the published size, drawn from our runs, that show it.
+    #[serde(default)]
+    pub chance: Option<f64>,
+    /// Whether it holds here: nearly all of these experiments show it, or nearly none; null if as few runs
+    /// as the thesis has cannot tell.
     pub holds: Option<bool>,
 }
 
@@ -172,35 +211,29 @@ impl Runs {
         found.expect("invariant: what an experiment needs was run")
     }
 
-    /// The runs of a goal with the strategies of the thesis, as far as they are wanted.
-    fn pooled(&self, goal: Goal, wanted: impl Fn(&str, &str, &str) -> bool) -> Ours {
+    /// The runs with the strategies of the thesis, as far as goal, kind, strategy and order are wanted.
+    pub fn pooled(&self, wanted: impl Fn(Goal, &str, &str, &str) -> bool) -> Ours {
         let published = |strategy: &str| STRATEGIES.iter().any(|s| s.name() == strategy);
-        let some = self.summary(goal).combinations.iter().filter(|c| match &c.values[..] {
-            [kind, strategy, order] => published(strategy) && wanted(kind, strategy, order),
+        let all = self.of.iter().flat_map(|(goal, s)| s.combinations.iter().map(move |c| (*goal, c)));
+        let some = all.filter(|(goal, c)| match &c.values[..] {
+            [kind, strategy, order] => published(strategy) && wanted(*goal, kind, strategy, order),
             _ => false,
         });
-        Ours::of(&some.collect::<Vec<_>>())
+        Ours::of(&some.map(|(_, c)| c).collect::<Vec<_>>())
     }
 
-    fn by_kind(&self, goal: Goal) -> Vec<(&'static str, Ours)> {
-        KINDS.iter().map(|k| (k.name(), self.pooled(goal, |kind, _, _| kind == k.name()))).collect()
-    }
-    fn by_strategy(&self, goal: Goal) -> Vec<(&'static str, Ours)> {
-        STRATEGIES
-            .iter()
-            .map(|s| (s.name(), self.pooled(goal, |_, strategy, _| strategy == s.name())))
-            .collect()
-    }
-    fn by_order(&self, goal: Goal) -> Vec<(&'static str, Ours)> {
-        SeedOrder::ALL
-            .iter()
-            .map(|o| (o.name(), self.pooled(goal, |_, _, order| order == o.name())))
-            .collect()
-    }
-
-    /// Everything that was asked for.
+    /// The numbers of the experiments that were asked for; what goes beyond a single one is left empty.
     pub fn reproduction(self, experiments: &[Experiment], seeds: u64) -> Reproduction {
         let sum = |of: fn(&Summary) -> u64| self.of.iter().map(|(_, s)| of(s)).sum();
+        let goals: Vec<Goal> = self.of.iter().map(|(goal, _)| *goal).collect();
+        let drawn = resample::draw(&self);
+        let published: Vec<Run> = goals.iter().flat_map(|g| resample::published(*g, g.table())).collect();
+        let comparison = |e: &Experiment| self.comparison(*e, &published, &drawn);
+        let fit = Fit::of(
+            "as the text reads",
+            "greedy stands still while another one within 4 connectors is nearer to an open seed; settled ones push",
+            &self,
+        );
         Reproduction {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -208,154 +241,82 @@ impl Runs {
             runs_planned: sum(|s| s.runs_planned),
             runs: sum(|s| s.runs),
             violations: sum(|s| s.violations),
-            experiments: experiments.iter().map(|e| self.comparison(*e)).collect(),
+            experiments: experiments.iter().map(comparison).collect(),
             unknown: UNKNOWN.map(str::to_owned).into(),
+            unexplained: self.unexplained(&fit),
+            fits: vec![fit],
+            published_tests: published_tests(&goals),
+            assumptions: Vec::new(),
+            redrawn: Vec::new(),
             ours: self.of.into_iter().map(|(_, summary)| summary).collect(),
         }
     }
 
-    fn comparison(&self, experiment: Experiment) -> Comparison {
+    fn comparison(&self, experiment: Experiment, published: &[Run], drawn: &[Vec<Run>]) -> Comparison {
         let table = match experiment {
             Experiment::Table41 => Some(&TABLE_4_1),
             Experiment::Table42 => Some(&TABLE_4_2),
             Experiment::Figure45 => None,
         };
         let of_goal = |goal: &Goal| cells(*goal, table, self.summary(*goal));
-        let (claims, unknown) = match experiment {
-            Experiment::Table41 => (Vec::new(), &UNKNOWN_4_1[..]),
-            Experiment::Table42 => (self.claims_of_tables(), &UNKNOWN_4_2[..]),
-            Experiment::Figure45 => (self.claims_of_the_figure(), &UNKNOWN_FIGURE[..]),
+        let (claims, unknown): (&[Statement], &[&str]) = match experiment {
+            Experiment::Table41 => (&claims::OF_TABLE_4_1, &UNKNOWN_4_1),
+            Experiment::Table42 => (&claims::OF_TABLE_4_2, &UNKNOWN_4_2),
+            Experiment::Figure45 => (&claims::OF_FIGURE_4_5, &UNKNOWN_FIGURE),
         };
         Comparison {
             name: experiment.name().to_owned(),
             title: experiment.title().to_owned(),
             cells: experiment.goals().iter().flat_map(of_goal).collect(),
             sums: table.map_or(Vec::new(), Table::sums),
-            claims,
+            claims: claims.iter().map(|statement| statement.judge(published, self, drawn)).collect(),
             unknown: unknown.iter().map(|text| (*text).to_owned()).collect(),
         }
     }
 
-    /// What the text beside Table 4.2 says.
-    fn claims_of_tables(&self) -> Vec<Claim> {
-        let failed = |ours: &Ours| ours.not_built.map(|r| r.rate);
-        let kinds = self.by_kind(Goal::Chair);
-        let orders = self.by_order(Goal::Chair);
-        let worst_of_two = largest(kinds.iter().filter(|(k, _)| ["SRS", "PER"].contains(k)), failed);
-        let best_of_two = smallest(kinds.iter().filter(|(k, _)| ["PAR", "SRZ"].contains(k)), failed);
-        let ranges: Vec<Rate> = orders.iter().filter_map(|(_, ours)| ours.not_built).collect();
-        let overlap = |a: &Rate| ranges.iter().all(|b| a.low <= b.high && b.low <= a.high);
-        vec![
-            Claim {
-                says: "SRS and PER are more successful on average than the other kinds".into(),
-                found: format!("not built: {}", list(&kinds, failed, percent)),
-                holds: worst_of_two.zip(best_of_two).map(|((_, a), (_, b))| a < b),
-            },
-            Claim {
-                says: "the three seeding orders do not differ significantly".into(),
-                found: format!(
-                    "not built, whether the intervals overlap: {}",
-                    list(&orders, failed, percent)
-                ),
-                holds: (ranges.len() == orders.len()).then(|| ranges.iter().all(overlap)),
-            },
-        ]
+    /// What the reading leaves unexplained, with the numbers.
+    fn unexplained(&self, fit: &Fit) -> Vec<String> {
+        let mut all = Vec::new();
+        let par = fit.kinds.iter().find(|k| k.kind == Kind::Par.name());
+        if let (Some(par), Some(kinds)) = (par, fit.all_kinds) {
+            all.push(format!(
+                "PAR: {} of {} built in the thesis, {:.0} % here; over the four kinds p = {:.3}.",
+                par.published_built,
+                par.published_runs,
+                par.ours * 100.0,
+                kinds.p
+            ));
+        }
+        for (goal, _) in &self.of {
+            let cells = KINDS.iter().flat_map(|k| STRATEGIES.map(|s| goal.table().cells(*k, s)));
+            let cells: Vec<Cell> = cells.flatten().collect();
+            let built = cells.len() as u32 - deadlocks(&cells);
+            let theirs = f64::from(collisions(&cells)) / f64::from(built.max(1));
+            let ours = self.pooled(|g, _, _, _| g == *goal);
+            if let Some(collisions) = ours.collisions {
+                all.push(format!(
+                    "Collisions of a run that built the {}: {theirs:.2} in the thesis, {collisions:.2} here.",
+                    goal.name()
+                ));
+            }
+            if let (Goal::Box, Some(moves)) = (goal, ours.moves) {
+                all.push(format!("Moves for the box: 20 on average in the thesis, {moves:.1} here."));
+            }
+        }
+        all
     }
-
-    /// What the caption of Figure 4.5 says.
-    fn claims_of_the_figure(&self) -> Vec<Claim> {
-        let moves = |ours: &Ours| ours.moves;
-        let (kinds, box_strategies) = (self.by_kind(Goal::Box), self.by_strategy(Goal::Box));
-        let chair_strategies = self.by_strategy(Goal::Chair);
-        let (the_box, chair) =
-            (self.pooled(Goal::Box, |_, _, _| true), self.pooled(Goal::Chair, |_, _, _| true));
-        let is = |found: Option<(&str, f64)>, name: &str| found.map(|(found, _)| found == name);
-        let step: Vec<(&str, Ours)> = KINDS
-            .iter()
-            .map(|k| {
-                (
-                    k.name(),
-                    self.pooled(Goal::Chair, |kind, s, _| kind == k.name() && s == Strategy::Step.name()),
-                )
-            })
-            .collect();
-        let built = |ours: &Ours| (ours.runs > 0).then(|| ours.built as f64 / ours.runs as f64);
-        vec![
-            Claim {
-                says: "the box takes 20 moves on average".into(),
-                found: the_box.moves.map_or("none was built".into(), |m| format!("{m:.1} moves")),
-                holds: None,
-            },
-            Claim {
-                says: "the box: PAR needs the most moves".into(),
-                found: list(&kinds, moves, tenths),
-                holds: is(largest(kinds.iter(), moves), "PAR"),
-            },
-            Claim {
-                says: "the box: SRZ needs the fewest moves".into(),
-                found: list(&kinds, moves, tenths),
-                holds: is(smallest(kinds.iter(), moves), "SRZ"),
-            },
-            Claim {
-                says: "the box: greedy tends to need the fewest moves".into(),
-                found: list(&box_strategies, moves, tenths),
-                holds: is(smallest(box_strategies.iter(), moves), "greedy"),
-            },
-            Claim {
-                says: "the chair is harder than the box".into(),
-                found: list(&[("box", the_box), ("chair", chair)], moves, tenths),
-                holds: the_box.moves.zip(chair.moves).map(|(a, b)| a < b),
-            },
-            Claim {
-                says: "the chair: step needs the most moves".into(),
-                found: list(&chair_strategies, moves, tenths),
-                holds: is(largest(chair_strategies.iter(), moves), "step"),
-            },
-            Claim {
-                says: "the chair: with step only PAR and SRS complete it".into(),
-                found: format!(
-                    "built: {}; by Table 4.2 itself, built with step: {}",
-                    list(&step, built, percent),
-                    KINDS
-                        .map(|k| format!("{k} {} of 4", 4 - deadlocks(&TABLE_4_2.cells(k, Strategy::Step))))
-                        .join(", ")
-                ),
-                holds: Some(step.iter().all(|(k, ours)| (ours.built > 0) == ["PAR", "SRS"].contains(k))),
-            },
-        ]
-    }
-}
-
-/// The largest of what is there.
-fn largest<'a>(
-    of: impl Iterator<Item = &'a (&'static str, Ours)>,
-    value: impl Fn(&Ours) -> Option<f64>,
-) -> Option<(&'static str, f64)> {
-    of.filter_map(|(name, ours)| Some((*name, value(ours)?))).max_by(|a, b| a.1.total_cmp(&b.1))
-}
-
-/// The smallest of what is there.
-fn smallest<'a>(
-    of: impl Iterator<Item = &'a (&'static str, Ours)>,
-    value: impl Fn(&Ours) -> Option<f64>,
-) -> Option<(&'static str, f64)> {
-    largest(of, |ours| value(ours).map(|v| -v)).map(|(name, v)| (name, -v))
-}
-
-/// `PAR 12.3, PER –`.
-fn list(of: &[(&str, Ours)], value: impl Fn(&Ours) -> Option<f64>, text: impl Fn(f64) -> String) -> String {
-    let one = |(name, ours): &(&str, Ours)| format!("{name} {}", value(ours).map_or("–".to_owned(), &text));
-    of.iter().map(one).collect::<Vec<_>>().join(", ")
-}
-
-fn tenths(value: f64) -> String {
-    format!("{value:.1}")
 }
 
 /// Of all experiments.
-const UNKNOWN: [&str; 6] = [
+const UNKNOWN: [&str; 8] = [
     "Start positions: \"randomly shifted\", which are not given. Here they are drawn anew for every seed: any \
-     connectors of a floor of 13 × 13 outside the goal, two cells apart, turned in any of four ways.",
+     connectors of a floor of 13 × 13 outside the goal, two cells apart, turned in any of four ways. A start in \
+     which a metamodule is shut in is drawn again; how often that happens is counted above.",
+    "Precedence: greedy locks \"modules which are too close from each other before deciding which one should move \
+     first\". How close, and which one goes first, is not said. Here: within 4 connectors the one nearer to an open \
+     seed, the nearest of the readings that were tried; slope and step have no such sentence and no precedence.",
+    "Repulsion: \"the neighboring modules are included in the computation as repulsive sources\", without exception. \
+     So settled ones push as well.",
     "Goal cells: figure 4.4 is a drawing without coordinates. Here the box is four L-shapes around a square, \
      and the back of the chair two upright metamodules behind it.",
     "The motion database is not published. Here it is computed from the kinematic model of the Roombots.",
@@ -393,7 +354,7 @@ mod tests {
     /// Runs with two seeds each that end as `end` says of kind, strategy and order: how many moves, if
     /// they are built.
     fn summary(end: impl Fn(&str, &str, &str, u64) -> Option<u64>) -> Summary {
-        let grid = grid(2).unwrap();
+        let grid = grid(2, &Strategy::ALL).unwrap();
         let mut tallies = Tallies::new(&grid);
         for run in 0..grid.runs() {
             let values = grid.values(grid.combination(run));
@@ -446,9 +407,15 @@ mod tests {
         let verdicts = |of_box: Summary, of_chair: Summary| -> Vec<Option<bool>> {
             let runs = Runs { of: vec![(Goal::Box, of_box), (Goal::Chair, of_chair)] };
             let all = runs.reproduction(&[Experiment::Table42, Experiment::Figure45], 2);
-            all.experiments.iter().flat_map(|e| &e.claims).map(|c| c.holds).collect()
+            let claims: Vec<&Claim> = all.experiments.iter().flat_map(|e| &e.claims).collect();
+            // What the published tables say is the same whatever ours are.
+            let by_tables: Vec<Option<bool>> = claims.iter().map(|c| c.by_tables).collect();
+            let of_chair = [Some(false), Some(true), Some(false), Some(true), Some(false), None];
+            assert_eq!(by_tables[..6], of_chair);
+            assert_eq!(by_tables[13], Some(false));
+            claims.iter().map(|c| c.holds).collect()
         };
-        // Everything as the thesis says. What negotiated does must not count.
+        // Mostly as the thesis says. What negotiated does must not count.
         let of_box = |kind: &str, strategy: &str, _: &str, _| match (kind, strategy) {
             (_, "negotiated") => Some(1),
             ("PAR", "greedy") => Some(30),
@@ -463,9 +430,9 @@ mod tests {
             _ => Some(40),
         };
         let agreed = verdicts(summary(of_box), summary(of_chair));
-        // The average of the box, third of all, is told and not judged.
-        let expected: Vec<Option<bool>> = (0..9).map(|i| (i != 2).then_some(true)).collect();
-        assert_eq!(agreed, expected);
+        let tables = [true, false, false, false, false, true];
+        let figure = [true, true, true, true, true, true, false, true];
+        assert_eq!(agreed, [&tables[..], &figure].concat().into_iter().map(Some).collect::<Vec<_>>());
         // Everything the other way round.
         let of_box = |kind: &str, strategy: &str, _: &str, _| match (kind, strategy) {
             ("PAR", "greedy") => Some(12),
@@ -482,6 +449,9 @@ mod tests {
             _ => Some(6),
         };
         let denied = verdicts(summary(of_box), summary(of_chair));
-        assert_eq!(denied.iter().filter(|v| **v == Some(false)).count(), 8, "{denied:?}");
+        assert!([0, 3, 5].iter().all(|i| denied[*i] == Some(false)), "{denied:?}");
+        assert!(denied[6..].iter().all(|holds| *holds == Some(false)), "{denied:?}");
+        // Slope and step build as often: as few runs as the thesis has cannot tell.
+        assert_eq!(denied[2], None, "{denied:?}");
     }
 }

@@ -1,6 +1,9 @@
 //! A reproduction as one self-contained HTML file, in the dress of a sweep's report.
 
+use super::assumptions::NOT_OFFERED;
+use super::claims::probability;
 use super::compare::{Claim, Compared, Comparison, Reproduction};
+use super::readings::{built, columns, command as assumption_command, described};
 use super::text::{dead, label, printed, verdict};
 use crate::report::count;
 use crate::sweep::page::{document, figure};
@@ -16,7 +19,7 @@ pub fn page(all: &Reproduction) -> String {
     let body = html! {
         h1 { (title) }
         p.lead {
-            "The experiment of thesis 4.1.3, with four kinds of metamodules, the three published strategies and "
+            "The experiment of thesis 4.1.3, re-implemented by the nearest reading of its text, with four kinds of metamodules, the three published strategies and "
             "our own, and three orders of seeds, each with " (count(all.seeds)) " random starts."
         }
         dl.facts {
@@ -32,6 +35,12 @@ pub fn page(all: &Reproduction) -> String {
         pre.command { (command(all)) }
         p.note { "Every run is simulated and the same on every machine." }
         @for experiment in &all.experiments { (section(experiment)) }
+        (readings(all))
+        (assumptions(all))
+        @if !all.unexplained.is_empty() {
+            h2 { "What the nearest reading leaves unexplained" }
+            (list(&all.unexplained))
+        }
         h2 { "What the thesis does not say, and what is taken here" }
         (list(&all.unknown))
     };
@@ -103,20 +112,18 @@ fn table(experiment: &Comparison) -> Markup {
         div.wide { table {
             caption {
                 "Published: collisions of each experiment, * for a deadlock; then deadlocks, and mean collisions of "
-                "those without. Here: runs that were not built, of all orders and, to the right, of each; whether their "
-                "share lies in the 95 % interval of DL; means of the runs that were built."
+                "those without. Here: runs that were not built, of all orders and, to the right, of each; means of the runs that were built."
             }
             thead {
                 tr {
                     th.key rowspan="2" scope="col" { "kind" }
                     th.key rowspan="2" scope="col" { "strategy" }
                     th.first colspan="3" scope="colgroup" { "published" }
-                    th.first colspan=(6 + orders.len()) scope="colgroup" { "here" }
+                    th.first colspan=(5 + orders.len()) scope="colgroup" { "here" }
                 }
                 tr {
                     th.first scope="col" { "experiments" } th scope="col" { "DL" } th scope="col" { "CL each" }
                     th.first scope="col" { "not built" } th scope="col" { "95 % interval" }
-                    th scope="col" { "agrees" }
                     th scope="col" { "collisions" } th scope="col" { "moves" } th scope="col" { "built" }
                     @for order in &orders { th scope="col" { (order) } }
                 }
@@ -132,9 +139,6 @@ fn table(experiment: &Comparison) -> Markup {
                     td { (tenths(cell.published_collisions)) }
                 }
                 td.first { (not_built) } td { (interval) }
-                td.bad[cell.agrees == Some(false)] {
-                    (cell.agrees.map_or("–", |agrees| if agrees { "yes" } else { "no" }))
-                }
                 td { (tenths(cell.ours.collisions)) } td { (tenths(cell.ours.moves)) } td { (count(cell.ours.built)) }
                 @for (_, ours) in &cell.by_order {
                     td { (ours.not_built.map_or("–".to_owned(), |r| percent(r.rate))) }
@@ -171,14 +175,70 @@ fn sums(experiment: &Comparison) -> Markup {
     }
 }
 
+/// Readings beside the tables.
+fn readings(all: &Reproduction) -> Markup {
+    let cells = all.fits.first().map_or(&[][..], |f| &f.cells);
+    html! {
+        h2 { "Built: the thesis, and readings of its text" }
+        div.wide { table {
+            thead { tr {
+                th.key { "goal" } th.key { "strategy" } th { "thesis" } th { "95 % interval" }
+                @for fit in &all.fits { th.first { (fit.reading) } th { "95 % interval" } th { "p" } }
+            } }
+            tbody { @for (i, cell) in cells.iter().enumerate() { tr {
+                @let (_, interval) = rate(cell.published);
+                th.key scope="row" { (cell.goal) }
+                th.key scope="row" { (cell.strategy) }
+                td { (cell.published_built) " of " (cell.published_runs) } td { (interval) }
+                @for cell in all.fits.iter().filter_map(|f| f.cells.get(i)) {
+                    @let (share, interval) = rate(cell.ours);
+                    td.first { (share) } td { (interval) }
+                    td { (cell.p.map_or("–".to_owned(), probability)) }
+                }
+            } } }
+        } }
+        (list(&all.fits.iter().map(described).collect::<Vec<_>>()))
+    }
+}
+
+/// What each assumption does.
+fn assumptions(all: &Reproduction) -> Markup {
+    let columns = columns(all);
+    html! {
+        @if !all.assumptions.is_empty() {
+            h2 { "Built: what each assumption does, varied alone from the text's reading" }
+            div.wide { table {
+                thead { tr {
+                    th.key { "assumption" } th.key { "with --vary" }
+                    @for (goal, strategy) in &columns { th { (goal) " " (strategy) } }
+                } }
+                tbody { @for assumption in &all.assumptions { tr {
+                    td.key.text { (assumption.what) }
+                    td.key.text { (assumption.vary.join(" or ")) }
+                    @for column in &columns { td { (built(assumption, column)) } }
+                } } }
+            } }
+            pre.command { (assumption_command(all.seeds)) " KEY=VALUE" }
+            p.note { "Not offered, because they would need code that the program does not have: " (NOT_OFFERED) "." }
+        }
+    }
+}
+
 fn claims(claims: &[Claim]) -> Markup {
     html! {
         @if !claims.is_empty() {
             div.wide { table {
-                thead { tr { th.key { "The thesis says" } th.key { "" } th.key { "Found here" } } }
+                thead { tr {
+                    th.key { "The thesis says" } th.key { "its tables" } th.key { "" } th { "experiments that show it" }
+                    th.key { "Found here" }
+                } }
                 tbody { @for claim in claims { tr {
                     td.key.text { (claim.says) }
+                    td.key.bad[claim.by_tables == Some(false)] {
+                        (claim.by_tables.map_or("–", |shown| if shown { "show it" } else { "do not" }))
+                    }
                     td.key.bad[claim.holds == Some(false)] { (verdict(claim)) }
+                    td { (claim.chance.map_or("–".to_owned(), percent)) }
                     td.key.text { (claim.found) }
                 } } }
             } }

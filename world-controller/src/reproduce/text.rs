@@ -2,6 +2,7 @@
 
 use super::compare::{Claim, Compared, Comparison, Ours, Reproduction};
 use super::published::Cell;
+use super::readings::write_readings;
 use crate::report::count;
 use crate::sweep::statistics::Rate;
 use crate::sweep::table::{Table, percent, rate};
@@ -22,6 +23,7 @@ pub fn text(all: &Reproduction, paint: Paint) -> String {
 }
 
 fn write_all(out: &mut String, all: &Reproduction, paint: Paint) -> std::fmt::Result {
+    writeln!(out, "The thesis's experiment, re-implemented: the nearest reading of its text\n")?;
     for experiment in &all.experiments {
         writeln!(out, "{}\n", paint.strong(&experiment.title))?;
         if experiment.sums.is_empty() {
@@ -34,6 +36,7 @@ fn write_all(out: &mut String, all: &Reproduction, paint: Paint) -> std::fmt::Re
         write_list(out, &experiment.unknown)?;
         writeln!(out)?;
     }
+    write_readings(out, all, paint)?;
     writeln!(out, "{}", paint.strong("What the thesis does not say, and what is taken here"))?;
     write_list(out, &all.unknown)?;
     if all.violations > 0 {
@@ -45,33 +48,18 @@ fn write_all(out: &mut String, all: &Reproduction, paint: Paint) -> std::fmt::Re
 /// Two columns of keys, then the thesis's numbers, then ours.
 fn write_table(out: &mut String, experiment: &Comparison, paint: Paint) -> std::fmt::Result {
     let mut table = Table::new(&["", "", "thesis"]);
-    table.head(&[
-        "DL",
-        "CL each",
-        "not built here",
-        "95 % interval",
-        "agrees",
-        "circular",
-        "crosswise",
-        "at-once",
-    ]);
+    table.head(&["DL", "CL each", "not built here", "95 % interval", "circular", "crosswise", "at-once"]);
     table.head(&["collisions", "moves", "built"]);
     let mut before = "";
     for cell in &experiment.cells {
         let kind = if cell.kind == before { String::new() } else { cell.kind.clone() };
         before = &cell.kind;
         let (not_built, interval) = rate(cell.ours.not_built);
-        let agrees = match cell.agrees {
-            Some(true) => "yes",
-            Some(false) => "no",
-            None => "",
-        };
         let mut numbers = vec![
             cell.published_deadlocks.map_or(String::new(), |_| dead(&cell.published)),
             cell.published_collisions.map_or(String::new(), |c| format!("{c:.1}")),
             not_built,
             interval,
-            agrees.to_owned(),
         ];
         numbers.extend(cell.by_order.iter().map(|(_, ours)| share(ours.not_built)));
         numbers.extend([cell.ours.collisions, cell.ours.moves].map(tenths));
@@ -84,9 +72,12 @@ fn write_table(out: &mut String, experiment: &Comparison, paint: Paint) -> std::
     write_list(
         out,
         &[
-            format!("thesis: collisions of {each} experiments, * for a deadlock; CL each: mean of those without"),
-            "agrees: whether our rate lies in the 95 % interval of the thesis's DL; so few experiments tell little"
-                .to_owned(),
+            format!(
+                "thesis: collisions of {each} experiments, * for a deadlock; CL each: mean of those without"
+            ),
+            format!(
+                "{each} runs of a cell tell next to nothing; tests of what they come to together are below"
+            ),
             "collisions and moves are means of the runs that were built".to_owned(),
         ],
     )
@@ -152,7 +143,18 @@ fn write_claims(out: &mut String, claims: &[Claim], paint: Paint) -> std::fmt::R
     for claim in claims {
         let verdict = verdict(claim);
         let verdict = if claim.holds == Some(false) { paint.bad(verdict) } else { verdict.to_owned() };
-        write_item(out, &format!("the thesis says: {}; {verdict}: {}", claim.says, claim.found))?;
+        let tables = match claim.by_tables {
+            Some(false) => paint.bad(" (its own tables do not show it)"),
+            Some(true) => " (its tables show it)".to_owned(),
+            None => String::new(),
+        };
+        let chance = claim.chance.map_or(String::new(), |c| {
+            format!("; {:.0} % of experiments of its size drawn from our runs show it", c * 100.0)
+        });
+        write_item(
+            out,
+            &format!("the thesis says: {}{tables}; {verdict}: {}{chance}", claim.says, claim.found),
+        )?;
     }
     Ok(())
 }
@@ -162,16 +164,17 @@ pub fn verdict(claim: &Claim) -> &'static str {
     match claim.holds {
         Some(true) => "so it is here",
         Some(false) => "not so here",
-        None => "not judged",
+        None => "as few runs cannot tell",
     }
 }
 
-fn write_list(out: &mut String, items: &[String]) -> std::fmt::Result {
+/// Writes texts as items of a list.
+pub fn write_list(out: &mut String, items: &[String]) -> std::fmt::Result {
     items.iter().try_for_each(|item| write_item(out, item))
 }
 
-/// A text broken into lines.
-fn write_item(out: &mut String, text: &str) -> std::fmt::Result {
+/// Writes a text as an item of a list, broken into lines.
+pub fn write_item(out: &mut String, text: &str) -> std::fmt::Result {
     let mut line = "  -".to_owned();
     for word in text.split(' ') {
         if line.chars().count() + 1 + word.chars().count() > WIDTH {

@@ -79,7 +79,9 @@ impl RawCubes {
     }
 
     fn read_protocol(&mut self, mut section: Section<'_, '_>, problems: &mut Problems) {
-        section.foreign(&["strategy", "teller", "relocate", "detector"], Family::Metamodule);
+        let foreign =
+            &["strategy", "precedence", "settled_repel", "repulsion", "teller", "relocate", "detector"];
+        section.foreign(foreign, Family::Metamodule);
         let connectivity = section.choice("connectivity", "connectivity", &CONNECTIVITY, problems);
         self.connectivity = connectivity.unwrap_or_default();
         let dead = section.node("dead").map(|node| node.span());

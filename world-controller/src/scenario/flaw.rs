@@ -282,6 +282,9 @@ pub enum Flaw {
     /// Whoever negotiates never only waits.
     #[error("`negotiated` has no detector: whoever waits tries again after a time, so nobody can know")]
     NoDetector,
+    /// A key of the force field with a strategy that has none.
+    #[error("`negotiated` has no force field, so `{0}` means nothing to it")]
+    NoField(&'static str),
     /// Goals in the wrong order.
     #[error("this goal replaces the one before at {at}, which itself comes at {before}")]
     GoalOrder {
@@ -389,6 +392,7 @@ impl Flaw {
             Flaw::TooFewMetamodules { seeds, .. } => format!("let there be at least {seeds} in [swarm]"),
             Flaw::FirstGoalAt => "leave `at` out, or move this goal behind the one it replaces".into(),
             Flaw::NoDetector => "leave `detector` out, or choose `greedy`, `slope` or `step`".into(),
+            Flaw::NoField(key) => format!("leave `{key}` out, or choose `greedy`, `slope` or `step`"),
             Flaw::GoalOrder { .. } => "list the goals in the order of their times".into(),
             Flaw::NoSuchModule { last, .. } => format!("name a module from 0 to {last}"),
             Flaw::OneVerb(_) => {

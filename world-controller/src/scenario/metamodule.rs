@@ -5,6 +5,7 @@
 //! the protocol's own library does.
 
 use super::bounds::{Bounds, Passage};
+use super::field::RawField;
 use super::flaw::{Flaw, MAX_FLOOR, MAX_HEARING, MAX_METAMODULES};
 use super::plan::{Draft, Patience};
 use super::problems::{At, Place, Problems};
@@ -22,7 +23,7 @@ use metamorph_protocol::metamodule::params::{
     Detector, Floor, LEAST_HEARING, Params, Setup, Strategy, Teller,
 };
 use metamorph_protocol::metamodule::pose::{End, Pose, to_world};
-use metamorph_protocol::metamodule::start::random_start;
+use metamorph_protocol::metamodule::start::{Start, draw_start};
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::grid::GridState;
 use metamorph_protocol::roombots::posture::Posture;
@@ -64,6 +65,7 @@ pub struct RawMetamodules {
     start: At<RawStart>,
     goals: Vec<RawGoal>,
     strategy: Strategy,
+    field: RawField,
     teller: Teller,
     relocate: bool,
     detector: Option<At<bool>>,
@@ -108,6 +110,7 @@ impl RawMetamodules {
             start: start.unwrap_or_else(|| At { value: RawStart::Random, place: swarm.place().clone() }),
             goals: Vec::new(),
             strategy: Strategy::default(),
+            field: RawField::default(),
             teller: Teller::default(),
             relocate: false,
             detector: None,
@@ -124,6 +127,7 @@ impl RawMetamodules {
             section.foreign(&["connectivity", "dead", "co_owners"], Family::Cube);
             let strategies = Strategy::ALL.map(|s| (s.name(), s));
             raw.strategy = section.choice("strategy", "strategy", &strategies, problems).unwrap_or_default();
+            raw.field = RawField::read(&mut section, problems);
             raw.teller = section.choice("teller", "teller", &TELLERS, problems).unwrap_or_default();
             raw.relocate = section.get("relocate", problems).is_some_and(|r| r.value);
             raw.detector = section.get("detector", problems).filter(|d: &At<bool>| d.value);
@@ -156,6 +160,7 @@ impl RawMetamodules {
             let (least, most) = (u64::from(LEAST_HEARING), MAX_HEARING);
             params.hearing = range(hearing, "hearing", least, most, problems)? as u16;
         }
+        self.field.apply(&mut params, problems);
         let metamodules = u16::try_from(count).unwrap_or(u16::MAX);
         if let Some(asked) = &self.detector {
             params.detector = Some(Detector { after: params.patience, metamodules });
@@ -258,12 +263,22 @@ impl RawMetamodules {
     }
 
     fn placed(&self, setup: Arc<Setup>, count: usize, seed: u64, problems: &mut Problems) -> Option<Swarm> {
-        let (drawn, poses) = match &self.start.value {
-            RawStart::Random => (true, problems.note(&self.start.place, random_start(&setup, count, seed))?),
-            RawStart::Listed(places) => (false, listed(&setup, places, problems)),
+        let (drawn, start) = match &self.start.value {
+            RawStart::Random => (true, problems.note(&self.start.place, draw_start(&setup, count, seed))?),
+            RawStart::Listed(places) => {
+                (false, Start { poses: listed(&setup, places, problems), redrawn: 0 })
+            }
         };
+        let Start { poses, redrawn } = start;
         let changes = (1..).zip(self.changes()).map(|(goal, at)| (Time::ZERO + at.value, goal)).collect();
-        Some(Swarm::Metamodules(Metamodules { drawn, poses, setup, changes, relocate: self.relocate }))
+        Some(Swarm::Metamodules(Metamodules {
+            drawn,
+            poses,
+            redrawn,
+            setup,
+            changes,
+            relocate: self.relocate,
+        }))
     }
 }
 

@@ -16,6 +16,7 @@
 mod bounds;
 mod cube;
 pub mod faults;
+mod field;
 pub mod flaw;
 mod metamodule;
 mod plan;
@@ -35,7 +36,7 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::metamodule::params::Setup as MetamoduleSetup;
 use metamorph_protocol::metamodule::pose::Pose;
-use metamorph_protocol::metamodule::start::{StartError, random_start};
+use metamorph_protocol::metamodule::start::{StartError, draw_start};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::sabotage::Sabotage;
 use metamorph_protocol::time::Time;
@@ -153,6 +154,8 @@ pub struct Metamodules {
     pub drawn: bool,
     /// Where the metamodules are at first; a metamodule's number is its place here.
     pub poses: Vec<Pose>,
+    /// How many drawn starts were thrown away because a metamodule was shut in.
+    pub redrawn: u32,
     /// What all agents share.
     pub setup: Arc<MetamoduleSetup>,
     /// From when on which goal is built instead, in the order of time.
@@ -241,8 +244,9 @@ impl Plan {
     /// The same plan with another seed. Cheap: what does not depend on the seed is shared.
     pub fn with_seed(&self, seed: u64) -> Result<Plan, StartError> {
         let mut plan = Plan { seed, schedule: faults::draw(&self.faults, seed), ..self.clone() };
-        if let Swarm::Metamodules(Metamodules { drawn: true, poses, setup, .. }) = &mut plan.swarm {
-            *poses = random_start(setup, poses.len(), seed)?;
+        if let Swarm::Metamodules(Metamodules { drawn: true, poses, redrawn, setup, .. }) = &mut plan.swarm {
+            let start = draw_start(setup, poses.len(), seed)?;
+            (*poses, *redrawn) = (start.poses, start.redrawn);
         }
         Ok(plan)
     }

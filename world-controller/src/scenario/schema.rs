@@ -5,10 +5,11 @@
 //! whose complaints people read. A test asks the reader for the keys and names that it knows at every
 //! place and compares them with these; so neither can change alone.
 
+use super::field::{MAX_RANGE, MAX_THOUSANDTHS};
 use super::flaw::{MAX_FLOOR, MAX_GOALS, MAX_HEARING, MAX_METAMODULES, VERSION};
 use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::params::{LEAST_HEARING, Strategy};
+use metamorph_protocol::metamodule::params::{LEAST_HEARING, PrecedenceBy, Strategy};
 use metamorph_protocol::roombots::Kind;
 use serde_json::{Map, Value, json};
 
@@ -357,9 +358,41 @@ fn metamodules() -> Definitions {
                 &[],
                 json!({
                     "strategy": names(&Strategy::ALL.map(Strategy::name)),
+                    "precedence": said(
+                        "Which of two close together goes first, with `greedy`, `slope` and `step`.",
+                        json!({ "anyOf": [{ "const": "off" }, of("precedence")] }),
+                    ),
+                    "settled_repel": said(
+                        "Whether settled metamodules push, with `slope` and `step`.",
+                        json!({ "type": "boolean" }),
+                    ),
+                    "repulsion": of("repulsion"),
                     "teller": names(&["controller", "neighbours"]),
                     "relocate": { "type": "boolean" },
                     "detector": { "type": "boolean" },
+                }),
+            ),
+        ),
+        (
+            "precedence",
+            table(
+                "Of two metamodules within this many connectors the one nearer to an open seed, or with the smaller id, goes first.",
+                &["within", "by"],
+                json!({
+                    "within": { "type": "integer", "minimum": 1, "maximum": MAX_HEARING },
+                    "by": names(&PrecedenceBy::ALL.map(PrecedenceBy::name)),
+                }),
+            ),
+        ),
+        (
+            "repulsion",
+            table(
+                "How neighbours push, in thousandths of the attraction and in cells; what is left out is as the strategy has it.",
+                &[],
+                json!({
+                    "strength": { "type": "integer", "minimum": 0, "maximum": MAX_THOUSANDTHS },
+                    "decay": { "type": "integer", "minimum": 0, "maximum": 1000 },
+                    "range": { "type": "integer", "minimum": 1, "maximum": MAX_RANGE },
                 }),
             ),
         ),

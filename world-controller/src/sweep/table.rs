@@ -115,6 +115,10 @@ impl Table {
     pub fn row(&mut self, keys: &[String], numbers: Vec<String>) {
         self.rows.push(keys.iter().map(|k| cut(k)).chain(numbers).collect());
     }
+    /// A row whose keys are not cut.
+    pub fn whole_row(&mut self, keys: &[String], numbers: Vec<String>) {
+        self.rows.push(keys.iter().cloned().chain(numbers).collect());
+    }
     /// The table, the first line painted.
     pub fn text(&self, paint: Paint) -> String {
         let length = |text: &String| text.chars().count();
