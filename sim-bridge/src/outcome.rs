@@ -91,6 +91,9 @@ pub enum Reason {
     NeedsDeadSupport,
     /// No way leads to a goal cell, even over dead modules.
     NoWay,
+    /// Metamodules: nothing more is built where the goal is, which may be moved, and it is not proved that it
+    /// could not be built elsewhere.
+    Misplaced,
 }
 
 impl Reason {
@@ -107,13 +110,19 @@ impl Reason {
             Reason::NoLock => "no-lock",
             Reason::NeedsDeadSupport => "needs-dead-support",
             Reason::NoWay => "no-way",
+            Reason::Misplaced => "misplaced",
         }
     }
     /// Whether no protocol could have gone on from here.
     pub const fn is_infeasible(self) -> bool {
         !matches!(
             self,
-            Reason::Blocked | Reason::Pinned | Reason::CutOff | Reason::NoBetterPlace | Reason::NoLock
+            Reason::Blocked
+                | Reason::Pinned
+                | Reason::CutOff
+                | Reason::NoBetterPlace
+                | Reason::NoLock
+                | Reason::Misplaced
         )
     }
     /// For people.
@@ -137,6 +146,9 @@ impl Reason {
             }
             Reason::NeedsDeadSupport => "infeasible: every way to a goal cell leads over dead modules",
             Reason::NoWay => "infeasible: no way leads to a goal cell",
+            Reason::Misplaced => {
+                "deadlock: nothing more is built where the goal is now, and it may be possible at another place"
+            }
         }
     }
 }
@@ -193,6 +205,17 @@ pub struct Waiter {
     pub why: Why,
 }
 
+/// What exhaustive searches have shown of metamodules at a standstill: all that are free have no moves, in any
+/// order, after which one more seed is filled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Proof {
+    /// The number of arrangements of bodies that can be reached.
+    pub arrangements: usize,
+    /// The number of places at which the goal cannot be built either, all that there are; none if the goal may
+    /// not be moved.
+    pub places: Option<usize>,
+}
+
 /// A standstill, with the evidence.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Stall {
@@ -210,4 +233,6 @@ pub struct Stall {
     pub waiting: Vec<Waiter>,
     /// When the swarm itself found out that nobody can go on, and who did; none if it did not.
     pub detected: Option<(Time, ModuleId)>,
+    /// What is proved of it; none if nothing is, or if it is one of cubes.
+    pub proof: Option<Proof>,
 }

@@ -25,6 +25,9 @@ pub mod settings;
 mod shapes;
 mod table;
 
+pub use plan::{NEVER, TIME_SCALE};
+pub use raw::SEED;
+
 use faults::Planned;
 use flaw::{Flaw, MAX_BYTES};
 use metamorph_module_agent::Family;
