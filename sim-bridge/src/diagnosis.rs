@@ -68,6 +68,7 @@ pub fn diagnose(
         wait_cycle: wait_cycle(known),
         waiting: Vec::new(),
         detected: None,
+        proof: None,
     };
     stall.reason = if spare.len() < stall.unfilled.len() {
         Reason::MaterialExhausted

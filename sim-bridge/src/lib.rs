@@ -16,6 +16,7 @@ pub mod metamodule_director;
 pub mod metamodule_world;
 pub mod outcome;
 pub mod queue;
+pub mod relocation;
 pub mod sim;
 pub mod state;
 pub mod still_world;

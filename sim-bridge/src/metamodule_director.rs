@@ -1,16 +1,19 @@
 //! The world-controller's brain for metamodules: opens seeds level by level in the order of the
 //! blueprint, injects faults, tells of deaths, watches progress and decides how the run ends.
 
+mod diagnosis;
+
 use crate::direct::{Command, Direct};
 use crate::director::{Progress, Stage, Stop};
 use crate::faults::{Fault, Schedule, Struck};
 use crate::injector::Injector;
 use crate::metamodule_world::MetamoduleWorld;
-use crate::outcome::{Outcome, Reason, Stall, Waiter, Why};
+use crate::outcome::{Outcome, Stall};
+use crate::relocation::{Elsewhere, Shift, Trials, clear_places};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedSet, Task};
-use metamorph_protocol::metamodule::joint::Standstill;
+use metamorph_protocol::metamodule::joint::{Sought, Standstill, WORK, search};
 use metamorph_protocol::metamodule::message::{Order, Status};
 use metamorph_protocol::metamodule::params::{Setup, Strategy, Teller};
 use metamorph_protocol::ratio::Ratio;
@@ -45,17 +48,19 @@ pub struct MetamodulePlan {
     pub heed: bool,
 }
 
-/// As many cells are left around a goal that is moved, if there is room for them.
-const ROOM: i16 = 3;
-/// So often a goal is moved, at most.
-const MOST_RELOCATIONS: u16 = 8;
-
 /// The controller's brain for metamodules.
 pub struct MetamoduleDirector {
     setup: Arc<Setup>,
     faults: Injector,
     changes: VecDeque<(Time, u8)>,
-    relocations: u16,
+    relocate: bool,
+    trials: Trials,
+    /// Whether the goal has been moved.
+    moved: bool,
+    /// What looking for another place came to, at the last standstill.
+    elsewhere: Option<Elsewhere>,
+    /// What was built where when everybody was last found to be barred.
+    out_of_reach: Option<(Task, SeedSet)>,
     stop: Stop,
     failure: Ratio,
     task: Task,
@@ -98,7 +103,11 @@ impl MetamoduleDirector {
             setup,
             faults: Injector::new(schedule),
             changes: changes.into(),
-            relocations: if relocate { 0 } else { MOST_RELOCATIONS },
+            relocate,
+            trials: Trials::default(),
+            moved: false,
+            elsewhere: None,
+            out_of_reach: None,
             stop,
             failure,
             task: Task::default(),
@@ -139,19 +148,7 @@ impl MetamoduleDirector {
     }
     /// The standstill as a question for a search.
     pub fn plight(&self, world: &MetamoduleWorld) -> Standstill {
-        let (mut free, mut fixed) = (Vec::new(), Vec::from_iter(world.obstacles().iter().copied()));
-        for (id, known) in (0..).map(ModuleId).zip(&self.known) {
-            let pose = world.pose(id);
-            if !known.alive || world.is_stuck(id) || known.status.is_some_and(|s| s.settled.is_some()) {
-                fixed.extend(world.cells(id));
-            } else {
-                // Whoever is held at both ends lets go of the older one first.
-                let around = self.setup.motions.turned_around(pose).filter(|_| pose.both);
-                free.push(around.unwrap_or(pose));
-            }
-        }
-        let setup = Arc::clone(&self.setup);
-        Standstill { setup, task: self.task, filled: self.filled, free, fixed }
+        self.standstill(world, |known| !known.status.is_some_and(|s| s.settled.is_some()))
     }
     /// How often somebody said so.
     pub fn alarms(&self) -> u32 {
@@ -267,10 +264,14 @@ impl MetamoduleDirector {
     /// Moves the goal if something that stays is in the way of a seed, to the nearest place that is
     /// clear of all that stays, with a cell's width around it if there is room for that.
     fn relocate(&mut self, now: Time, world: &MetamoduleWorld) {
+        self.trials.forget();
         self.count_filled(now, world);
         let foreign = self.foreign(world);
-        if self.is_seed_blocked(&foreign) {
-            self.move_goal(now, &foreign);
+        if self.relocate
+            && self.is_seed_blocked(&foreign)
+            && let Some(shift) = self.clear_place(&foreign)
+        {
+            self.move_to(now, shift);
         }
     }
 
@@ -284,58 +285,66 @@ impl MetamoduleDirector {
         free().next().is_some() && open.iter().any(|seed| free().all(|s| s.barred.has(seed)))
     }
 
-    fn move_goal(&mut self, now: Time, foreign: &BTreeSet<Cell>) -> bool {
-        if self.relocations == MOST_RELOCATIONS {
-            return false;
-        }
-        let Some(shift) = self.clear_place(foreign) else { return false };
-        self.relocations += 1;
-        self.begin(now, self.task.goal, shift);
-        true
+    /// Everybody who can move, and nothing built: what a goal could be built from at another place.
+    fn all_free(&self, world: &MetamoduleWorld) -> Standstill {
+        Standstill { filled: SeedSet::default(), ..self.standstill(world, |_| true) }
     }
 
-    /// The nearest place that is clear of all that stays, with as much room around it, to the edge of the
-    /// floor too, as can be had.
-    fn clear_place(&self, foreign: &BTreeSet<Cell>) -> Option<(i16, i16)> {
-        let feet = || self.setup.goal(self.task).seeds().iter().map(|s| s.foot);
-        let floor = self.setup.floor;
-        let rim = |shift: &(i16, i16)| {
-            let task = Task { shift: *shift, ..self.task };
-            let to_edge = |(x, y): (i16, i16)| {
-                [x - floor.min.0, floor.max.0 - x, y - floor.min.1, floor.max.1 - y].into_iter().min()
-            };
-            self.setup.seeds(task).filter_map(|(_, s)| to_edge(s.foot)).min().unwrap_or(0)
+    fn standstill(&self, world: &MetamoduleWorld, is_free: impl Fn(&Known) -> bool) -> Standstill {
+        let (mut free, mut fixed) = (Vec::new(), Vec::from_iter(world.obstacles().iter().copied()));
+        for (id, known) in (0..).map(ModuleId).zip(&self.known) {
+            let pose = world.pose(id);
+            if known.alive && !world.is_stuck(id) && is_free(known) {
+                // Whoever is held at both ends lets go of the older one first.
+                let around = self.setup.motions.turned_around(pose).filter(|_| pose.both);
+                free.push(around.unwrap_or(pose));
+            } else {
+                fixed.extend(world.cells(id));
+            }
+        }
+        let setup = Arc::clone(&self.setup);
+        Standstill { setup, task: self.task, filled: self.filled, free, fixed }
+    }
+
+    /// Moves the goal after a standstill: for `negotiated` to where a search builds it or may, for the others,
+    /// whose local minima no search foresees, once to a place that is clear. Says whether it has been moved.
+    fn move_away(&mut self, now: Time, world: &MetamoduleWorld) -> bool {
+        if !self.relocate {
+            return false;
+        }
+        let to = if self.setup.params.strategy == Strategy::Negotiated {
+            let next = self.trials.next(&self.all_free(world));
+            self.elsewhere = Some(next);
+            match next {
+                Elsewhere::Place(shift) => Some(shift),
+                Elsewhere::Barred(_) | Elsewhere::Unproved => None,
+            }
+        } else {
+            let foreign = self.foreign(world);
+            let may_move = !self.moved && !foreign.is_empty();
+            may_move.then(|| self.clear_place(&foreign)).flatten()
         };
-        let around = |least: Option<i16>, most: Option<i16>, min: i16, max: i16| {
-            min - least.unwrap_or(min)..=max - most.unwrap_or(max)
-        };
-        let xs = around(feet().map(|f| f.0).min(), feet().map(|f| f.0).max(), floor.min.0, floor.max.0);
-        let ys = around(feet().map(|f| f.1).min(), feet().map(|f| f.1).max(), floor.min.1, floor.max.1);
-        let now_at = self.task.shift;
-        let mut shifts: Vec<(i16, i16)> = xs.flat_map(|x| ys.clone().map(move |y| (x, y))).collect();
-        shifts.sort_by_key(|(x, y)| (x.abs_diff(now_at.0) + y.abs_diff(now_at.1), *x, *y));
-        let is_clear = |shift: &(i16, i16), margin: i16| {
-            let task = Task { shift: *shift, ..self.task };
-            *shift != now_at
-                && self.setup.seeds(task).flat_map(|(_, seed)| seed.cells()).all(|cell| {
-                    foreign
-                        .range(Cell::new(cell.x - margin, i16::MIN, i16::MIN)..)
-                        .take_while(|f| f.x <= cell.x + margin)
-                        .all(|f| f.y.abs_diff(cell.y) > margin as u16 || (margin == 0 && f.z != cell.z))
-                })
-        };
-        (0..=ROOM)
-            .rev()
-            .find_map(|room| shifts.iter().find(|s| is_clear(s, room.min(2)) && rim(s) >= room).copied())
+        to.map(|shift| self.move_to(now, shift)).is_some()
+    }
+
+    fn clear_place(&self, foreign: &BTreeSet<Cell>) -> Option<Shift> {
+        clear_places(&self.setup, self.task, foreign).into_iter().find(|shift| *shift != self.task.shift)
+    }
+
+    fn move_to(&mut self, now: Time, shift: Shift) {
+        self.moved = true;
+        self.begin(now, self.task.goal, shift);
     }
 
     /// Something else is built from now on.
     fn begin(&mut self, now: Time, goal: u8, shift: (i16, i16)) {
         if goal != self.task.goal {
             self.stages.push(opened(self.setup.goal(Task { goal, ..self.task }), now));
+            self.trials.forget();
         }
         self.task = Task { epoch: self.task.epoch.saturating_add(1), goal, shift };
         self.filled = SeedSet::default();
+        self.elsewhere = None;
         (self.last_fill, self.last_deed) = (now, now);
         let order = self.seeds();
         self.order_all(order);
@@ -410,9 +419,8 @@ impl MetamoduleDirector {
         }
         let cut = now < self.stop.planned_until;
         let planned = self.faults.is_pending() || !self.changes.is_empty() || cut;
-        // Whoever is shut in stays so wherever the goal is, so that is tried once.
-        if !planned && self.relocations == 0 && self.is_out_of_reach(world) {
-            self.move_goal(now, &self.foreign(world));
+        if !planned && self.is_stranded(world) && self.move_away(now, world) {
+            return;
         }
         let idle_since = self.last_deed.max(self.last_fill).max(self.stop.planned_until);
         if now >= self.stop.timeout {
@@ -421,93 +429,30 @@ impl MetamoduleDirector {
         } else if planned {
             // Something will still happen.
         } else if now.since(idle_since) > self.stop.stall || (self.heed && self.detected.is_some()) {
-            let foreign = self.foreign(world);
-            if self.relocations == 0 && !foreign.is_empty() && self.move_goal(now, &foreign) {
-                return;
-            }
-            self.stall = Some(self.explain(idle_since, world));
-            self.finish(now, Outcome::Deadlock);
+            self.stand_still(now, idle_since, Outcome::Deadlock, world);
         } else if now.since(self.last_fill.max(self.stop.planned_until)) > self.stop.livelock {
-            self.stall = Some(self.explain(self.last_fill, world));
-            self.finish(now, Outcome::Livelock);
+            self.stand_still(now, self.last_fill, Outcome::Livelock, world);
         }
     }
 
-    /// The blocked seeds, and who waits for whom by the last refusal.
-    fn explain(&self, since: Time, world: &MetamoduleWorld) -> Stall {
-        let unfilled = self.setup.goal(self.task).all().without(self.filled);
-        let is_free = |(id, k): &(ModuleId, &Known)| {
-            k.alive && !world.is_stuck(*id) && k.status.is_some_and(|s| s.settled.is_none())
-        };
-        let free: Vec<Waiter> =
-            (0..).map(ModuleId).zip(&self.known).filter(is_free).map(|(id, k)| self.waiter(id, k)).collect();
-        let waits: Vec<_> = free.iter().map(|w| (w.module, w.on)).collect();
-        let all = (0..self.known.len() as u32).map(ModuleId);
-        let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
-        let stays: BTreeSet<Cell> = self.foreign(world).into_iter().chain(stuck).collect();
-        // By precedence a metamodule also waits for one that is refused nothing and has nowhere to go.
-        let ordered = self.setup.params.precedence.is_some();
-        let reason = if free.len() < unfilled.len() {
-            Reason::MaterialExhausted
-        } else if self.is_seed_blocked(&stays) {
-            Reason::SeedBlocked
-        } else if self.is_out_of_reach(world) {
-            Reason::NoWay
-        } else if self.setup.params.strategy == Strategy::Negotiated {
-            Reason::Blocked
-        } else if free.iter().filter(|w| w.on.is_some()).count() >= if ordered { free.len() } else { 1 } {
-            Reason::NoLock
-        } else {
-            Reason::NoBetterPlace
-        };
-        Stall {
-            since,
-            reason,
-            text: reason.text(),
-            unfilled: unfilled
-                .iter()
-                .filter_map(|s| self.setup.seed(self.task, s))
-                .map(|s| s.foot)
-                .map(|(x, y)| Cell::new(x, y, 0))
-                .collect(),
-            wait_cycle: cycle(&waits),
-            waiting: free,
-            detected: self.detected,
+    /// Moves the goal after a standstill, or ends the run.
+    fn stand_still(&mut self, now: Time, since: Time, outcome: Outcome, world: &MetamoduleWorld) {
+        if !self.move_away(now, world) {
+            self.stall = Some(self.explain(since, world));
+            self.finish(now, outcome);
         }
     }
 
-    fn waiter(&self, module: ModuleId, known: &Known) -> Waiter {
-        let on = known.status.and_then(|s| s.waits_for);
-        let open = self.setup.goal(self.task).open(self.filled);
-        let barred = known.status.is_some_and(|s| !open.is_empty() && s.barred.holds(open));
-        let why = match on {
-            Some(other) if self.dead.contains(&other) => Why::WaitsForDead,
-            Some(_) => Why::Waits,
-            None if barred => Why::Barred,
-            None if self.setup.params.strategy == Strategy::Negotiated => Why::Unknown,
-            None => Why::NoBetterPlace,
-        };
-        Waiter { module, on, why }
-    }
-}
-
-/// Whoever waits for each other in a circle; each waits for one at most.
-fn cycle(waiting: &[(ModuleId, Option<ModuleId>)]) -> Vec<ModuleId> {
-    let on = |id: ModuleId| waiting.iter().find(|(w, _)| *w == id).and_then(|(_, on)| *on);
-    for (start, _) in waiting {
-        let mut path = vec![*start];
-        while let Some(next) = path.last().and_then(|id| on(*id)) {
-            if next == *start {
-                path.sort_unstable();
-                return path;
-            }
-            if path.contains(&next) {
-                break;
-            }
-            path.push(next);
+    /// Whether everybody is barred from an open seed, and all together have no way either. Asked once for what
+    /// is built, as the answer takes a search.
+    fn is_stranded(&mut self, world: &MetamoduleWorld) -> bool {
+        let built = (self.task, self.filled);
+        if !self.relocate || self.out_of_reach == Some(built) || !self.is_out_of_reach(world) {
+            return false;
         }
+        self.out_of_reach = Some(built);
+        matches!(search(&self.plight(world), WORK), Sought::NoWay(_))
     }
-    Vec::new()
 }
 
 impl Direct<MetamoduleWorld> for MetamoduleDirector {
@@ -537,6 +482,7 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         let before = std::mem::replace(&mut self.known[id.index()], Known { alive: true, status: None });
         self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
         self.untold.remove(&id);
+        self.trials.forget();
         if self.dead.remove(&id) {
             self.order_all(Order::Alive { id });
         }
@@ -581,21 +527,5 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
 
     fn struck(&self) -> &[Struck] {
         self.faults.struck()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn finds_who_waits_in_a_circle() {
-        let wait = |pairs: &[(u32, Option<u32>)]| {
-            let pairs: Vec<_> = pairs.iter().map(|(a, b)| (ModuleId(*a), b.map(ModuleId))).collect();
-            cycle(&pairs)
-        };
-        assert_eq!(wait(&[(0, Some(1)), (1, Some(2)), (2, Some(1))]), [ModuleId(1), ModuleId(2)]);
-        assert_eq!(wait(&[(0, Some(1)), (1, None)]), []);
-        assert_eq!(wait(&[(0, Some(7))]), []);
     }
 }

@@ -91,6 +91,9 @@ pub enum Reason {
     NeedsDeadSupport,
     /// No way leads to a goal cell, even over dead modules.
     NoWay,
+    /// Metamodules: nothing more is built where the goal is, which may be moved, and it is not proved that it
+    /// could not be built elsewhere.
+    Misplaced,
 }
 
 impl Reason {
@@ -107,6 +110,7 @@ impl Reason {
             Reason::NoLock => "no-lock",
             Reason::NeedsDeadSupport => "needs-dead-support",
             Reason::NoWay => "no-way",
+            Reason::Misplaced => "misplaced",
         }
     }
     /// Whether no module could have gone on as the others stand, so that it is no fault of a module that it
@@ -114,7 +118,12 @@ impl Reason {
     pub const fn is_infeasible(self) -> bool {
         !matches!(
             self,
-            Reason::Blocked | Reason::Pinned | Reason::CutOff | Reason::NoBetterPlace | Reason::NoLock
+            Reason::Blocked
+                | Reason::Pinned
+                | Reason::CutOff
+                | Reason::NoBetterPlace
+                | Reason::NoLock
+                | Reason::Misplaced
         )
     }
     /// For people.
@@ -145,6 +154,9 @@ impl Reason {
             }
             Reason::NoWay => {
                 "no way: no module could walk to a goal cell while the others stay where they are"
+            }
+            Reason::Misplaced => {
+                "misplaced: nothing more is built where the goal is now, and it may be possible at another place"
             }
         }
     }
@@ -202,6 +214,17 @@ pub struct Waiter {
     pub why: Why,
 }
 
+/// What exhaustive searches have shown of metamodules at a standstill: all that are free have no moves, in any
+/// order, after which one more seed is filled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Proof {
+    /// The number of arrangements of bodies that can be reached.
+    pub arrangements: usize,
+    /// The number of places at which the goal cannot be built either, all that there are; none if the goal may
+    /// not be moved.
+    pub places: Option<usize>,
+}
+
 /// A standstill, with the evidence.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Stall {
@@ -219,4 +242,6 @@ pub struct Stall {
     pub waiting: Vec<Waiter>,
     /// When the swarm itself found out that nobody can go on, and who did; none if it did not.
     pub detected: Option<(Time, ModuleId)>,
+    /// What is proved of it; none if nothing is, or if it is one of cubes.
+    pub proof: Option<Proof>,
 }

@@ -130,6 +130,13 @@ fn who_stands_still_is_led() {
     }
 }
 
+/// A goal is moved until it is built, not once only.
+#[test]
+fn a_wedged_goal_is_moved_again() {
+    let file = "tests/corpus/metamodule-wedged-on-the-first-seed.toml";
+    assert_eq!(simulated(&root().join(file)).verdict, Verdict::Built);
+}
+
 /// What failed once does not fail any more.
 #[test]
 fn past_failures_stay_past() {

@@ -11,7 +11,7 @@ use metamorph_world_controller::scenario::flaw::Flaw;
 use metamorph_world_controller::scenario::schema::schema;
 use metamorph_world_controller::scenario::settings::Setting;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, read_text};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::fs;
 
@@ -125,7 +125,7 @@ fn flaws(text: &str, setting: &str) -> Vec<Flaw> {
 }
 
 /// TOML as the same values in JSON, with a value put into it.
-fn json(text: &str, setting: Option<(&str, Value)>) -> Value {
+fn document(text: &str, setting: Option<(&str, Value)>) -> Value {
     let mut document: Value = toml::from_str(text).unwrap();
     if let Some((key, value)) = setting {
         let (table, last) = key.rsplit_once('.').unwrap_or(("", key));
@@ -183,7 +183,7 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
 fn every_shipped_scenario_is_valid() {
     let validator = validator();
     for path in scenarios() {
-        let document = json(&fs::read_to_string(&path).unwrap(), None);
+        let document = document(&fs::read_to_string(&path).unwrap(), None);
         let errors: Vec<String> = validator.iter_errors(&document).map(|e| e.to_string()).collect();
         assert!(errors.is_empty(), "{}: {errors:?}", path.display());
     }
@@ -194,8 +194,10 @@ fn the_reader_and_the_schema_know_the_same_keys() {
     let (schema, validator) = (schema(), validator());
     for text in [CUBES, METAMODULES] {
         assert!(flaws(text, "version=1").is_empty(), "{:?}", flaws(text, "version=1"));
-        let errors: Vec<String> =
-            validator.iter_errors(&json(text, None)).map(|e| format!("{} {e}", e.instance_path())).collect();
+        let errors: Vec<String> = validator
+            .iter_errors(&document(text, None))
+            .map(|e| format!("{} {e}", e.instance_path()))
+            .collect();
         assert!(errors.is_empty(), "{errors:?}");
     }
     let mut described = BTreeSet::new();
@@ -217,7 +219,7 @@ fn the_reader_and_the_schema_know_the_same_keys() {
         let properties: BTreeSet<&str> =
             place["properties"].as_object().unwrap().keys().map(String::as_str).collect();
         assert_eq!(known, properties, "keys of `{table}`: what the reader knows, and the schema");
-        assert!(!validator.is_valid(&json(text, Some((&key, Value::from(1))))), "the schema takes {key}");
+        assert!(!validator.is_valid(&document(text, Some((&key, Value::from(1))))), "the schema takes {key}");
     }
     let tables = schema["$defs"].as_object().unwrap().iter();
     let tables = tables.filter(|(_, d)| d.get("properties").is_some()).map(|(name, _)| name.as_str());
@@ -263,8 +265,156 @@ fn the_reader_and_the_schema_know_the_same_names() {
         };
         assert_eq!(known, in_schema, "names for {key}: what the reader knows, and the schema");
         if !key.ends_with(".0") {
-            assert!(!validator.is_valid(&json(text, Some((key, Value::from("zzz"))))), "{key}");
+            assert!(!validator.is_valid(&document(text, Some((key, Value::from("zzz"))))), "{key}");
         }
+    }
+}
+
+/// Each table that has defaults: where it is in a smallest scenario, and its definition in the schema.
+const SMALLEST: [(&str, &str, &str); 15] = [
+    (SMALLEST_OF_CUBES, "", ""),
+    (SMALLEST_OF_CUBES, "link", "link"),
+    (SMALLEST_OF_CUBES, "process", "process"),
+    (SMALLEST_OF_CUBES, "swarm", "cubeSwarm"),
+    (SMALLEST_OF_CUBES, "goal.0", "cubeGoal"),
+    (SMALLEST_OF_CUBES, "protocol", "cubeProtocol"),
+    (SMALLEST_OF_CUBES, "goal.0.shape.union.0.disc", "disc"),
+    (SMALLEST_OF_CUBES, "goal.0.shape.union.1.cylinder", "cylinder"),
+    (SMALLEST_OF_CUBES, "goal.0.shape.union.2.file", "file"),
+    (SMALLEST_OF_CUBES, "fault.0", "restart"),
+    (SMALLEST_OF_METAMODULES, "", ""),
+    (SMALLEST_OF_METAMODULES, "swarm", "metamoduleSwarm"),
+    (SMALLEST_OF_METAMODULES, "goal.0", "metamoduleGoal"),
+    (SMALLEST_OF_METAMODULES, "protocol", "metamoduleProtocol"),
+    (LISTED, "swarm.start.0", "place"),
+];
+
+/// Whatever can be left out is.
+const SMALLEST_OF_CUBES: &str = r#"
+version = 1
+[swarm]
+start = { box = { min = [-6, -6, 0], max = [6, 6, 0] } }
+[[goal]]
+shape = { union = [{ disc = { center = [0, 0, 0], radius = 4 } }, { cylinder = { base = [0, 0, 0], radius = 1, height = 1 } }, { file = { path = "deploy/shapes/arch.stl", pitch = 10 } }] }
+growth = "solid"
+[[fault]]
+restart = 0
+at = "1s"
+"#;
+
+const SMALLEST_OF_METAMODULES: &str = r#"
+version = 1
+[swarm]
+family = "metamodule"
+[[goal]]
+shape = { box = [3, 3] }
+"#;
+
+const LISTED: &str = r#"
+version = 1
+[swarm]
+family = "metamodule"
+start = [{ at = [0, 0] }, { at = [9, 0] }, { at = [0, 9] }, { at = [9, 9] }]
+[[goal]]
+shape = { box = [3, 3] }
+"#;
+
+/// What would run, without the text and the options that it comes from.
+fn plan(text: &str, setting: &str) -> String {
+    let mut plan =
+        read_text(&origin(), text, &overrides(setting)).unwrap_or_else(|p| panic!("{setting}: {p}"));
+    plan.overrides = Overrides::default();
+    format!("{plan:?}")
+}
+
+/// A key that can be left out has a default or says what happens then.
+#[test]
+fn the_schema_states_every_default() {
+    let schema = schema();
+    let (mut stated, mut compared) = (BTreeSet::new(), BTreeSet::new());
+    let tables = schema["$defs"].as_object().unwrap().iter().map(|(name, table)| (name.as_str(), table));
+    for (name, table) in tables.chain([("", &schema)]) {
+        let is_choice = table["maxProperties"] == 1;
+        let Some(properties) = table["properties"].as_object().filter(|_| !is_choice) else { continue };
+        let required: Vec<&str> =
+            table["required"].as_array().unwrap().iter().map(|key| key.as_str().unwrap()).collect();
+        for (key, property) in properties.iter().filter(|(key, _)| !required.contains(&key.as_str())) {
+            let described = property["description"].as_str().unwrap_or_default();
+            let default = property.get("default");
+            let says_it = default.is_some() || described.contains("left out");
+            assert!(says_it, "`{key}` in `{name}`: {property}");
+            stated.extend(default.map(|_| (name, key.as_str())));
+        }
+    }
+    // With what it states as the default a plan is the same as without the key.
+    for (text, place, definition) in SMALLEST {
+        let table = if definition.is_empty() { &schema } else { &schema["$defs"][definition] };
+        for (key, property) in table["properties"].as_object().unwrap() {
+            let Some(default) = property.get("default") else { continue };
+            compared.insert((definition, key.as_str()));
+            let path = if place.is_empty() { key.clone() } else { format!("{place}.{key}") };
+            // Empty tables are replaced by those of the text, and the file of the text has no parts.
+            let is_empty =
+                default.as_object().is_some_and(serde_json::Map::is_empty) || default == &json!([]);
+            if !is_empty && key != "part" {
+                let value = toml::Value::try_from(default).unwrap();
+                assert_eq!(
+                    plan(text, &format!("{path}={value}")),
+                    plan(text, "version=1"),
+                    "{path} = {value}"
+                );
+            }
+        }
+    }
+    assert_eq!(stated, compared, "defaults that are stated, and those that are compared");
+}
+
+/// An option that takes a value says what happens without it, unless it only adds something: a file, a fault.
+#[test]
+fn the_help_states_every_default() {
+    let adds = ["FILE", "FILE|-", "DIR", "KEY=VALUE", "KEY=V1,V2,..", "ID@T", "ID@T..T"];
+    let line = CommandLine::command();
+    let mut seen = 0;
+    for command in line.get_subcommands().filter(|c| !c.is_hide_set()) {
+        for option in command.get_opts().filter(|o| !o.is_required_set() && o.get_action().takes_values()) {
+            let names: Vec<&str> =
+                option.get_value_names().unwrap_or_default().iter().map(|n| n.as_str()).collect();
+            let help = option.get_help().map(ToString::to_string).unwrap_or_default();
+            let says_it = !option.get_default_values().is_empty() || help.contains("left out");
+            assert!(
+                says_it || adds.contains(&names[0]),
+                "{} --{}: {help}",
+                command.get_name(),
+                option.get_id()
+            );
+            seen += usize::from(says_it);
+        }
+    }
+    assert!(seen > 15, "only {seen} options state a default");
+    // What is stated is what is used.
+    let printed = run(&["run", "--help"]).out;
+    for part in ["the scenario's, or 1", "the scenario's, or 0%", "the scenario's, or 20"] {
+        assert!(
+            printed.replace("\n", " ").split_whitespace().collect::<Vec<_>>().join(" ").contains(part),
+            "{part}: {printed}"
+        );
+    }
+}
+
+/// If a default were another value, the comparison above would see it.
+#[test]
+fn another_value_is_another_plan() {
+    for (text, other) in [
+        (SMALLEST_OF_METAMODULES, "protocol.strategy=greedy"),
+        (SMALLEST_OF_METAMODULES, "goal.0.order=circular"),
+        (SMALLEST_OF_METAMODULES, "protocol.relocate=true"),
+        (SMALLEST_OF_METAMODULES, "swarm.floor={ min = [0, 0], max = [11, 12] }"),
+        (SMALLEST_OF_CUBES, "protocol.co_owners=false"),
+        (SMALLEST_OF_CUBES, "link.loss=1%"),
+        (SMALLEST_OF_CUBES, "seed=2"),
+        (LISTED, "swarm.start.0.class=1"),
+    ] {
+        assert_ne!(plan(text, other), plan(text, "version=1"), "{other}");
     }
 }
 

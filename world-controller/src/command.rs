@@ -8,7 +8,7 @@ use crate::replay;
 use crate::reproduce::{self, Experiment};
 use crate::robot::RobotArgs;
 use crate::scenario::settings::Setting;
-use crate::scenario::{LinkKind, Overrides};
+use crate::scenario::{LinkKind, NEVER, Overrides, SEED, TIME_SCALE};
 use crate::solid::shape::ShapeArgs;
 use crate::sweep::Request;
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
@@ -16,6 +16,7 @@ use metamorph_module_agent::Family;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, SpanError, Time};
 use std::ffi::OsString;
+use std::fmt::Display;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -372,8 +373,8 @@ pub struct ViewArgs {
     /// simulated and shown
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Of a scenario: the seed of all chance in the run, instead of the scenario's
-    #[arg(long, value_name = "N")]
+    /// Of a scenario: the seed of all chance in the run
+    #[arg(long, value_name = "N", help = left_out("Of a scenario: the seed of all chance in the run", SEED))]
     pub seed: Option<u64>,
     /// Of a scenario: put a value into it, as for `run` (repeatable)
     #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
@@ -407,10 +408,10 @@ pub struct ReplayArgs {
     /// The journal that `run --journal` wrote, or the directory of its parts
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Stop at this scenario time, and show how every module stands there
+    /// Stop at this scenario time, and show how every module stands there; if left out, at the end
     #[arg(long, value_name = "T", value_parser = scenario_time)]
     pub until: Option<Time>,
-    /// Show what this module goes through
+    /// Show what this module goes through; if left out, of none
     #[arg(long, value_name = "ID")]
     pub agent: Option<u32>,
     /// Print nothing but errors
@@ -540,7 +541,7 @@ pub struct BenchArgs {
     /// What to measure; everything, if left out
     #[arg(value_enum, value_name = "NAME")]
     pub names: Vec<bench::Name>,
-    /// Leave out swarms of more than N modules
+    /// Leave out swarms of more than N modules; if left out, none is
     #[arg(long, value_name = "N")]
     pub most: Option<u64>,
     /// Write the numbers to this file
@@ -557,19 +558,22 @@ impl From<BenchArgs> for bench::Request {
     }
 }
 
+/// How many scenarios are explored unless something else is asked for.
+const EXPLORED: u64 = 1_000;
+
 /// What `explore` takes.
 #[derive(Debug, Args)]
 pub struct ExploreArgs {
-    /// How many runs; 1,000, if neither this nor --seconds is named
-    #[arg(long, value_name = "N", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
+    /// How many runs
+    #[arg(long, value_name = "N", help = format!("How many runs; {EXPLORED}, if this and --seconds are left out"), conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
     pub runs: Option<u64>,
-    /// No run begins after so many seconds
+    /// No run begins after so many seconds; if left out, --runs says how many there are
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     pub seconds: Option<u64>,
     /// The seed of the first run; drawn, and printed, if left out
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub seed: Option<u64>,
-    /// One family of units only
+    /// One family of units only; if left out, both are drawn
     #[arg(long, value_enum, value_name = "FAMILY")]
     pub family: Option<FamilyArg>,
     /// Runs at the same time; as many as there are processors, if left out
@@ -601,7 +605,7 @@ impl From<ExploreArgs> for explore::Request {
         explore::Request {
             budget: match args.seconds {
                 Some(seconds) => explore::Budget::Time(Duration::from_secs(seconds)),
-                None => explore::Budget::Runs(args.runs.unwrap_or(1_000)),
+                None => explore::Budget::Runs(args.runs.unwrap_or(EXPLORED)),
             },
             seed: args.seed,
             family: args.family.map(|family| match family {
@@ -633,6 +637,11 @@ pub struct CheckArgs {
     pub plan: PlanArgs,
 }
 
+/// The help of an option that replaces a value of the scenario, which has a default of its own.
+fn left_out(what: &str, default: impl Display) -> String {
+    format!("{what}; if left out, the scenario's, or {default}")
+}
+
 /// What makes a plan.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
@@ -643,8 +652,8 @@ pub struct PlanArgs {
     /// time, the same every time
     #[arg(long, value_enum, default_value_t = LinkArg::Ipc)]
     pub link: LinkArg,
-    /// The seed of all chance in the run, instead of the scenario's
-    #[arg(long, value_name = "N")]
+    /// The seed of all chance in the run
+    #[arg(long, value_name = "N", help = left_out("The seed of all chance in the run", SEED))]
     pub seed: Option<u64>,
     /// Kill the process of module ID at time T; its body stays where it is (repeatable)
     #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
@@ -657,22 +666,23 @@ pub struct PlanArgs {
     #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
     pub restart: Vec<String>,
     /// Probability that a message is lost
-    #[arg(long, value_name = "P", allow_hyphen_values = true)]
+    #[arg(long, value_name = "P", help = left_out("Probability that a message is lost", NEVER), allow_hyphen_values = true)]
     pub loss: Option<String>,
-    /// Delay of messages, T or T..T; on `ipc` it comes on top of the real one
+    /// Delay of messages, T or T..T; on `ipc` it comes on top of the real one. If left out, the scenario's, or
+    /// on `sim` from a hundredth to a tenth of a move, on `ipc` none
     #[arg(long, value_name = "D", allow_hyphen_values = true)]
     pub delay: Option<String>,
     /// Probability that a message arrives twice
-    #[arg(long, value_name = "P", allow_hyphen_values = true)]
+    #[arg(long, value_name = "P", help = left_out("Probability that a message arrives twice", NEVER), allow_hyphen_values = true)]
     pub dup: Option<String>,
     /// Probability that a message is overtaken by later ones
-    #[arg(long, value_name = "P", allow_hyphen_values = true)]
+    #[arg(long, value_name = "P", help = left_out("Probability that a message is overtaken by later ones", NEVER), allow_hyphen_values = true)]
     pub reorder: Option<String>,
     /// Put a value into the scenario, for example link.loss=5% or goal.0.growth=solid (repeatable)
     #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
     pub set: Vec<String>,
     /// Scenario seconds per real second on `ipc`; `sim` is always as fast as it can be
-    #[arg(long, value_name = "X", allow_hyphen_values = true)]
+    #[arg(long, value_name = "X", help = left_out("Scenario seconds per real second on `ipc`; `sim` is always as fast as it can be", TIME_SCALE), allow_hyphen_values = true)]
     pub time_scale: Option<String>,
 }
 

@@ -123,7 +123,7 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
         Teller::Controller => "the controller",
         Teller::Neighbours => "neighbours",
     };
-    let relocates = if swarm.relocate { "; a goal that something stands in is moved" } else { "" };
+    let relocates = if swarm.relocate { "; a goal that cannot be built where it is is moved" } else { "" };
     let detects = if params.detector.is_some() { "; the swarm finds deadlocks by itself" } else { "" };
     writeln!(
         out,

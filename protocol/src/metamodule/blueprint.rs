@@ -34,9 +34,10 @@ impl Seed {
 #[serde(rename_all = "kebab-case")]
 pub enum SeedOrder {
     /// One after the other, as listed.
-    #[default]
     Circular,
-    /// One after the other, each time the one opposite in the list.
+    /// One after the other, each time the one opposite in the list. The default: of the three it takes the fewest
+    /// moves and messages under `negotiated`, which builds with each of them.
+    #[default]
     Crosswise,
     /// All seeds of a level at once.
     AtOnce,

@@ -134,10 +134,15 @@ impl<'a> Board<'a> {
         let open = setup.goal(standstill.task).open(standstill.filled);
         let seeds = open.iter().filter_map(|s| setup.seed(standstill.task, s));
         let seeds = seeds.map(|s| (s, setup.motions.distances(setup.floor, s, &fixed))).collect();
+        Board { seeds, ..Board::without_seeds(standstill, fixed) }
+    }
+
+    /// The same where no seed counts, only where bodies get to: distances to seeds are most of the work.
+    pub fn without_seeds(standstill: &'a Standstill, fixed: Vec<Cell>) -> Board<'a> {
         Board {
             standstill,
             fixed,
-            seeds,
+            seeds: Vec::new(),
             shapes: Vec::new(),
             shape_numbers: BTreeMap::new(),
             places: Vec::new(),

@@ -14,6 +14,7 @@ use super::blueprint::{SeedSet, Task};
 use super::board::{Board, Rests};
 use super::params::Setup;
 use super::pose::Pose;
+use super::search::Ground;
 use super::wander::wander;
 use crate::lattice::Cell;
 use std::collections::BTreeSet;
@@ -32,6 +33,35 @@ pub struct Standstill {
     pub free: Vec<Pose>,
     /// The cells of everything that stays.
     pub fixed: Vec<Cell>,
+}
+
+impl Standstill {
+    /// The same after the moves of a way: the body that makes the last one has filled a seed and stays. None if
+    /// that is no way of this standstill.
+    pub fn after(&self, way: &[Move]) -> Option<Standstill> {
+        let (setup, mut next) = (&self.setup, self.clone());
+        let ground = Ground { motions: &setup.motions, floor: setup.floor, taken: &[] };
+        for step in way {
+            let to = match step.lands {
+                true => ground.landed(step.from, step.posture)?,
+                false => Pose { posture: step.posture, ..step.from },
+            };
+            *next.free.get_mut(step.body)? = to;
+        }
+        let last = way.last()?.body;
+        let cells = setup.motions.cells(next.free[last]);
+        let open = setup.goal(self.task).open(self.filled);
+        let (seed, _) = setup.seeds(self.task).find(|(i, seed)| open.has(*i) && seed.cells() == cells)?;
+        next.fill(last, seed);
+        Some(next)
+    }
+
+    /// A free body is in a seed from now on, and stays there.
+    pub fn fill(&mut self, body: usize, seed: u8) {
+        self.free.remove(body);
+        self.filled = self.filled.with(seed);
+        self.fixed.extend(self.setup.seed(self.task, seed).iter().flat_map(|seed| seed.cells()));
+    }
 }
 
 /// One move of a way: while it is made, all others stay where they are.
@@ -130,6 +160,17 @@ pub fn search(standstill: &Standstill, work: usize) -> Sought {
     wander(standstill, &movers, work.saturating_mul(LUCK)).map_or(Sought::Undecided, Sought::Way)
 }
 
+/// The cells, from the attached end on, that a free body can come to rest in while all others stay where they
+/// are; or, alone, if they were gone.
+pub fn reach(standstill: &Standstill, body: usize, alone: bool) -> BTreeSet<[Cell; 4]> {
+    let (poses, body) = match alone {
+        true => (vec![standstill.free[body]], 0),
+        false => (standstill.free.clone(), body),
+    };
+    let roam = Board::without_seeds(standstill, standstill.fixed.clone()).roam(&poses, body);
+    roam.rests.iter().map(|rest| standstill.setup.motions.cells(roam.pose(*rest))).collect()
+}
+
 /// Those who can never get away, alone or together, whatever all others do.
 struct Held {
     bodies: BTreeSet<usize>,
@@ -201,7 +242,6 @@ mod tests {
     use crate::metamodule::motions::Motions;
     use crate::metamodule::params::{Floor, Params, Strategy};
     use crate::metamodule::pose::End;
-    use crate::metamodule::search::Ground;
     use crate::roombots::Kind;
     use crate::roombots::database::Database;
     use crate::roombots::grid::GridState;

@@ -13,14 +13,14 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "lowercase")]
 pub enum Strategy {
     /// Neighbours do not push; of two that are close, the one nearer to a seed goes first.
-    #[default]
     Greedy,
     /// They push less with distance.
     Slope,
     /// They push equally within the range.
     Step,
     /// Seeds are shared out, ways announced, and whoever stands in a more important way leaves it (see
-    /// `docs/negotiated.md`).
+    /// `docs/negotiated.md`). The default, because the others deadlock.
+    #[default]
     Negotiated,
 }
 

@@ -105,6 +105,8 @@ pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
         Some(Question::Metamodules(plight)) if plight.setup.params.strategy == Strategy::Negotiated => {
             match search(plight, WORK) {
                 Sought::Way(moves) => Err(Found::Way(moves.iter().filter(|m| m.lands).count())),
+                // Where the goal is now; it may have to be moved.
+                Sought::NoWay(_) if is(Reason::Misplaced) => Err(Found::Undecided),
                 Sought::NoWay(_) => Ok(Within::Grown),
                 Sought::Undecided => Err(Found::Undecided),
             }

@@ -1,7 +1,7 @@
 //! The report as a person reads it: outcome first, then numbers, then how to repeat it.
 
 use super::Words;
-use super::schema::{ClassCounts, Report, Standstill};
+use super::schema::{ClassCounts, ProofReport, Report, Standstill};
 use crate::gauge::Status;
 use crate::scenario::Plan;
 use crate::shown::Shown;
@@ -193,6 +193,9 @@ fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) 
         let at = seconds(found.at_s);
         writeln!(out, "    {} {} counted all others and found this out at {at}", words.module, found.by)?;
     }
+    if let Some(proof) = &s.proof {
+        writeln!(out, "    proved: {}", proved(proof))?;
+    }
     for w in s.waiting.iter().take(5) {
         match w.waits_for {
             Some(on) => {
@@ -202,6 +205,21 @@ fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) 
         }
     }
     Ok(())
+}
+
+/// What a proof says, in words.
+pub fn proved(proof: &ProofReport) -> String {
+    let here = format!(
+        "no moves fill another seed ({} arrangements were looked at, all there are)",
+        count(proof.arrangements)
+    );
+    match proof.places {
+        None => here,
+        Some(0) => format!("{here}, and no other place is clear of what stays"),
+        Some(n) => {
+            format!("{here}, and the goal cannot be built at any of the {} places that are clear", count(n))
+        }
+    }
 }
 
 fn more(out: &mut String, all: usize) -> std::fmt::Result {

@@ -22,7 +22,7 @@ use metamorph_sim_bridge::outcome::{Outcome, Stall};
 use prospect::{Possible, Prospect};
 use schema::{
     Agents, ClassCounts, Collisions, Detected, FaultReport, GoalReport, Invariants, Machine, Messages,
-    Report, SCHEMA, SlowedReport, Standstill, Times, ViolationReport, Waiting,
+    ProofReport, Report, SCHEMA, SlowedReport, Standstill, Times, ViolationReport, Waiting,
 };
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -245,6 +245,9 @@ fn standstill(stall: &Stall, prospect: &Prospect) -> Standstill {
             })
             .collect(),
         detected: stall.detected.map(|(at, by)| Detected { at_s: at.as_secs_f64(), by: by.0 }),
+        proof: stall
+            .proof
+            .map(|p| ProofReport { arrangements: p.arrangements as u64, places: p.places.map(|n| n as u64) }),
     }
 }
 

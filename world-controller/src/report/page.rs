@@ -3,7 +3,7 @@
 //! everything that comes from outside is escaped by `maud`.
 
 use super::Words;
-use super::human::{bytes, count, percent, seconds};
+use super::human::{bytes, count, percent, proved, seconds};
 use super::over_time::{Layer, Mark, areas};
 use super::schema::{Report, Standstill, Waiting};
 use crate::scenario::Plan;
@@ -75,6 +75,9 @@ fn standstill(s: &Standstill, words: &Words) -> Markup {
         }
         @if let Some(found) = &s.detected {
             p { "The swarm found this out by itself: " (words.module) " " (found.by) " counted all others, at " (seconds(found.at_s)) "." }
+        }
+        @if let Some(proof) = &s.proof {
+            p { "Proved by an exhaustive search: " (proved(proof)) "." }
         }
         @for Chain { modules, circle } in chains(&s.waiting).iter().take(CHAINS) {
             p.chain {

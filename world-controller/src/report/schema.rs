@@ -131,7 +131,8 @@ pub struct Standstill {
     /// Since when nothing went on.
     pub since_s: f64,
     /// `blocked`, `pinned`, `cut-off`, `material-exhausted`, `no-active-target`, `needs-dead-support`, `no-way`; of
-    /// metamodules `material-exhausted`, `seed-blocked`, `no-way`, `no-better-place`, `no-lock` or `blocked`.
+    /// metamodules `material-exhausted`, `seed-blocked`, `no-way`, `misplaced`, `no-better-place`, `no-lock` or
+    /// `blocked`.
     pub reason: String,
     /// Whether it is proved that no protocol could have gone on from here: `possible` is `no`.
     pub infeasible: bool,
@@ -162,6 +163,18 @@ pub struct Standstill {
     pub waiting: Vec<Waiting>,
     /// When the swarm itself found out that nobody can go on, if it did (`detector = true`).
     pub detected: Option<Detected>,
+    /// What is proved of metamodules under `negotiated`; null if nothing is, and for cubes.
+    pub proof: Option<ProofReport>,
+}
+
+/// A proof by exhaustive search that no moves of the free metamodules, in any order, fill one more seed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ProofReport {
+    /// The number of arrangements of bodies that can be reached, all of which were looked at.
+    pub arrangements: u64,
+    /// With `relocate = true`, the number of places that are clear of everything that stays, at each of which it
+    /// is proved that the goal cannot be built; null if the goal may not be moved.
+    pub places: Option<u64>,
 }
 
 /// What is known where nobody has looked.

@@ -39,17 +39,22 @@ pub struct RawCubes {
     co_owners: Option<bool>,
 }
 
+/// Whether all neighbours of a cell are asked for it, if the scenario does not say.
+pub const CO_OWNERS: bool = true;
 const START: &str = "start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
 const GOAL: &str = "shape = { sphere = { center = [0, 0, 2], radius = 3 } }";
-const GROWTH: [(&str, Growth); 2] = [("scaffold", Growth::Scaffold), ("solid", Growth::Solid)];
-const CONNECTIVITY: [(&str, Connectivity); 3] = [
+/// How a goal grows.
+pub const GROWTH: [(&str, Growth); 2] = [("scaffold", Growth::Scaffold), ("solid", Growth::Solid)];
+/// What keeps the body in one piece.
+pub const CONNECTIVITY: [(&str, Connectivity); 3] = [
     ("forest", Connectivity::Forest),
     ("cycles", Connectivity::Cycles),
     ("gradient", Connectivity::Gradient),
 ];
 /// Whether modules stay with a dead neighbour. Letting go of it could tear the body apart, so that
-/// there is one policy so far; the key is there so that scenarios can say what they rely on.
-const DEAD: [(&str, bool); 2] = [("hold", true), ("abandon", false)];
+/// there is one policy so far; the key is there so that scenarios can say what they rely on. The first is the
+/// default.
+pub const DEAD: [(&str, bool); 2] = [("hold", true), ("abandon", false)];
 
 impl RawCubes {
     /// Reads what belongs to cubes. `swarm` has been begun; it and the others are finished here.
@@ -116,7 +121,7 @@ impl RawCubes {
             |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
         let range = u16::try_from(sides * 4).unwrap_or(u16::MAX).min(60_000);
         let params = Params {
-            co_owners: self.co_owners.unwrap_or(true),
+            co_owners: self.co_owners.unwrap_or(CO_OWNERS),
             ..Params::scaled(move_time, usual_delay, range).keeping(self.connectivity)
         };
         Some(Draft {

@@ -74,10 +74,16 @@ pub struct RawMetamodules {
 const GOAL: &str = "shape = { box = [5, 5] }";
 const SEED: &str = "{ foot = [5, 5], directions = [\"up\", \"up\", \"east\"] }";
 const LEVELS: &str = "[[{ foot = [5, 5], directions = [\"up\", \"up\", \"east\"] }]]";
-const FLOOR: Floor = Floor { min: (0, 0), max: (12, 12) };
+/// The kind of metamodules whose scenario names none.
+pub const KIND: Kind = Kind::Srs;
+/// The floor of a scenario that has none: that of the published experiment.
+pub const FLOOR: Floor = Floor { min: (0, 0), max: (12, 12) };
+/// The quarter turns of a listed place that names none.
+pub const CLASS: u64 = 0;
 const FLOOR_EXAMPLE: &str = "{ min = [0, 0], max = [12, 12] }";
 const START: &str = "start = [{ at = [1, 2], class = 0 }]";
-const FACES: [(&str, Face); 6] = [
+/// Directions from cell to cell.
+pub const FACES: [(&str, Face); 6] = [
     ("up", Face::Up),
     ("down", Face::Down),
     ("north", Face::North),
@@ -85,7 +91,9 @@ const FACES: [(&str, Face); 6] = [
     ("east", Face::East),
     ("west", Face::West),
 ];
-const TELLERS: [(&str, Teller); 2] = [("controller", Teller::Controller), ("neighbours", Teller::Neighbours)];
+/// Who tells which seeds are open.
+pub const TELLERS: [(&str, Teller); 2] =
+    [("controller", Teller::Controller), ("neighbours", Teller::Neighbours)];
 /// The goals of the thesis, by name.
 type Library = (&'static str, fn(i16, i16) -> Vec<Vec<Seed>>);
 const LIBRARY: [Library; 2] = [("box", box_of_four), ("chair", chair_of_six)];
@@ -102,7 +110,7 @@ impl RawMetamodules {
         let start = swarm.get("start", problems);
         let mut raw = RawMetamodules {
             place: swarm.place().clone(),
-            kind: swarm.choice("kind", "kind", &kinds, problems).unwrap_or(Kind::Srs),
+            kind: swarm.choice("kind", "kind", &kinds, problems).unwrap_or(KIND),
             count: swarm.get("count", problems),
             turn_time: swarm.get("turn_time", problems),
             floor: swarm.get("floor", problems).map_or(FLOOR, |f| f.value),
@@ -451,7 +459,7 @@ impl Read for RawStart {
 fn read_place(node: &Node<'_>, problems: &mut Problems) -> Option<GridState> {
     let mut section = Section::of(node, "a place", "{ at = [1, 2], class = 0 }", problems)?;
     let at = section.need::<Connector>("at", "at = [1, 2]", problems);
-    let class = section.get::<u64>("class", problems).unwrap_or_else(|| At::new(0, Place::File));
+    let class = section.get::<u64>("class", problems).unwrap_or_else(|| At::new(CLASS, Place::File));
     let class = range(&class, "the class, which counts quarter turns,", 0, 3, problems);
     section.finish(problems);
     let Connector(x, y) = at?.value;

@@ -27,6 +27,9 @@ pub mod settings;
 mod shapes;
 mod table;
 
+pub use plan::{NEVER, TIME_SCALE};
+pub use raw::SEED;
+
 use crate::shown::portable;
 use faults::Planned;
 use flaw::{Flaw, MAX_BYTES};

@@ -15,7 +15,12 @@ use metamorph_sim_bridge::director::Stop;
 use std::sync::Arc;
 
 /// Scenario seconds per second on the process link, if the scenario does not say.
-const TIME_SCALE: f64 = 20.0;
+pub const TIME_SCALE: f64 = 20.0;
+/// How long a move of a cube or a step of a joint takes, if the scenario does not say.
+pub const BEAT: Span = Span::secs(1);
+
+/// The probability of what a scenario does not name.
+pub const NEVER: Ratio = Ratio::ZERO;
 
 /// What a family makes of its part of a scenario.
 pub struct Draft {
@@ -45,7 +50,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
         RawSwarm::Cubes(cubes) => (&cubes.move_time, "move_time"),
         RawSwarm::Metamodules(metamodules) => (&metamodules.turn_time, "turn_time"),
     };
-    let beat = bounded(beat, key, SHORTEST, LONGEST, problems).unwrap_or(Span::secs(1));
+    let beat = bounded(beat, key, SHORTEST, LONGEST, problems).unwrap_or(BEAT);
     let (mut link, usual_delay) = link(raw, overrides.link, beat, problems);
     let Delay(_, usual) = default_delay(LinkKind::Sim, beat);
     let passage = Passage::of(&link, usual_delay, usual);
@@ -84,7 +89,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
         swarm: draft.swarm?,
         stages: draft.goals.into_iter().map(|name| StagePlan { name }).collect(),
         link,
-        failure: raw.failed_connections.as_ref().map_or(Ratio::ZERO, |f| f.value),
+        failure: raw.failed_connections.as_ref().map_or(NEVER, |f| f.value),
         schedule: faults::draw(&faults, raw.seed),
         faults: faults.into(),
         stop,
@@ -126,7 +131,7 @@ fn link(raw: &Raw, kind: LinkKind, beat: Span, problems: &mut Problems) -> (Link
     let written = raw.link.delay.as_ref().map(|d| d.value);
     let Delay(delay_min, delay_max) = written.unwrap_or_else(|| default_delay(kind, beat));
     let Delay(_, usual) = written.unwrap_or_else(|| default_delay(LinkKind::Sim, beat));
-    let ratio = |r: &Option<At<Ratio>>| r.as_ref().map_or(Ratio::ZERO, |r| r.value);
+    let ratio = |r: &Option<At<Ratio>>| r.as_ref().map_or(NEVER, |r| r.value);
     let model = LinkModel {
         delay_min,
         delay_max,

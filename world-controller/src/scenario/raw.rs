@@ -57,6 +57,8 @@ pub struct Raw {
     pub livelock: Option<At<Span>>,
 }
 
+/// The seed of a scenario that names none.
+pub const SEED: u64 = 1;
 const FAMILIES: [(&str, Family); 2] =
     [(Family::Cube.name(), Family::Cube), (Family::Metamodule.name(), Family::Metamodule)];
 
@@ -103,7 +105,7 @@ impl Raw {
         let mut raw = Raw::empty(overrides);
         raw.name = top.get("name", problems).map(|n| n.value);
         raw.description = top.get("description", problems).map(|d| d.value);
-        let seed = top.get::<u64>("seed", problems).map_or(1, |s| s.value);
+        let seed = top.get::<u64>("seed", problems).map_or(SEED, |s| s.value);
         raw.seed = overrides.seed.unwrap_or(seed);
         let swarm = top.node("swarm");
         let others = Sections { goals: top.node("goal"), protocol: top.node("protocol") };
@@ -143,7 +145,7 @@ impl Raw {
         Raw {
             name: None,
             description: None,
-            seed: overrides.seed.unwrap_or(1),
+            seed: overrides.seed.unwrap_or(SEED),
             swarm: RawSwarm::Cubes(RawCubes::default()),
             failed_connections: None,
             link: RawLink::default(),

@@ -4,12 +4,22 @@
 //! seed in its goal, a module that a fault names) is checked by the reader alone, which is also the one
 //! whose complaints people read. A test asks the reader for the keys and names that it knows at every
 //! place and compares them with these; so neither can change alone.
+//!
+//! A key that can be left out has a `default`, which is the value that the reader uses then, or its description
+//! says what happens if it is left out.
 
+use super::cube::{CO_OWNERS, CONNECTIVITY, DEAD, GROWTH};
 use super::field::{MAX_RANGE, MAX_THOUSANDTHS};
 use super::flaw::{MAX_FLOOR, MAX_GOALS, MAX_HEARING, MAX_METAMODULES, VERSION};
+use super::metamodule::{CLASS, FACES, FLOOR, KIND, TELLERS};
+use super::plan::{BEAT, NEVER, TIME_SCALE};
+use super::raw::SEED;
+use super::shapes::{AXES, PARTS, THIN, UPS, VOIDS};
+use super::table::default_of;
 use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::params::{LEAST_HEARING, PrecedenceBy, Strategy};
+use metamorph_protocol::metamodule::blueprint::SeedOrder;
+use metamorph_protocol::metamodule::params::{HEARING, LEAST_HEARING, PrecedenceBy, Strategy};
 use metamorph_protocol::roombots::Kind;
 use serde_json::{Map, Value, json};
 
@@ -35,16 +45,16 @@ pub fn schema() -> Value {
         "required": ["version", "swarm", "goal"],
         "properties": {
             "version": said("The version of this format.", json!({ "const": VERSION })),
-            "name": said("What it is called.", text()),
-            "description": said("What it shows.", text()),
-            "seed": said("The seed of all chance in a run.", natural()),
+            "name": said("What it is called; if left out, its file is named instead.", text()),
+            "description": said("What it shows; may be left out.", text()),
+            "seed": said("The seed of all chance in a run.", or(SEED, natural())),
             "swarm": said("Who is there, and where.", json!({ "type": "object" })),
             "goal": said("What is to be built, one after the other.", json!({ "type": "array" })),
-            "protocol": said("How modules decide.", json!({ "type": "object" })),
-            "link": of("link"),
-            "process": of("process"),
-            "fault": said("What is broken when.", json!({ "type": "array" })),
-            "stop": of("stop"),
+            "protocol": said("How modules decide.", or(json!({}), json!({ "type": "object" }))),
+            "link": or(json!({}), of("link")),
+            "process": or(json!({}), of("process")),
+            "fault": said("What is broken when.", or(json!([]), json!({ "type": "array" }))),
+            "stop": or(json!({}), of("stop")),
         },
         "if": metamodules,
         "then": own("metamoduleSwarm", "metamoduleGoal", "metamoduleProtocol", "metamoduleFault"),
@@ -63,6 +73,11 @@ fn definitions() -> Value {
     Value::Object(all)
 }
 
+/// What bounds are that follow from the swarm.
+const BOUND: &str = "if left out, it follows from the size of the swarm, and `metamorph check` shows it.";
+/// What goals are called.
+const NUMBERED: &str = "If left out, `goal 1` and so on.";
+
 type Definitions = Vec<(&'static str, Value)>;
 
 /// What is written as one value.
@@ -79,7 +94,7 @@ fn values() -> Definitions {
         ("connector", said("The coordinates of a connector of the floor.", coordinates(2))),
         ("modules", said("The number of a module, from 0, or several.", modules)),
         ("radius", said("In cells.", json!({ "type": "number", "minimum": 0, "maximum": Cell::LIMIT }))),
-        ("axis", names(&["x", "y", "z"])),
+        ("axis", names(&AXES.map(|(name, _)| name))),
     ]
 }
 
@@ -92,12 +107,16 @@ fn shared() -> Definitions {
                 "What is done to messages.",
                 &[],
                 json!({
-                    "delay": of("delay"),
-                    "loss": of("probability"),
-                    "duplicate": of("probability"),
-                    "reorder": of("probability"),
-                    "corrupt": of("probability"),
-                    "until": of("time"),
+                    "delay": said(
+                        "If left out, from a hundredth to a tenth of a move or of a step of a joint on the simulated \
+                         link; of processes, only the real one.",
+                        of("delay"),
+                    ),
+                    "loss": seldom(),
+                    "duplicate": seldom(),
+                    "reorder": seldom(),
+                    "corrupt": seldom(),
+                    "until": said("When all that but the delay ends; if left out, it does not.", of("time")),
                 }),
             ),
         ),
@@ -106,7 +125,10 @@ fn shared() -> Definitions {
             table(
                 "What only runs of processes have.",
                 &[],
-                json!({ "time_scale": said("Scenario seconds per real second.", json!({ "type": "number", "exclusiveMinimum": 0 })) }),
+                json!({ "time_scale": said(
+                    "Scenario seconds per real second.",
+                    or(TIME_SCALE, json!({ "type": "number", "exclusiveMinimum": 0 })),
+                ) }),
             ),
         ),
         (
@@ -114,7 +136,14 @@ fn shared() -> Definitions {
             table(
                 "When a run ends.",
                 &[],
-                json!({ "timeout": of("time"), "stall": of("time"), "livelock": of("time") }),
+                json!({
+                    "timeout": said(&format!("The latest end; {BOUND}"), of("time")),
+                    "stall": said(&format!("Standing still for longer is a deadlock; {BOUND}"), of("time")),
+                    "livelock": said(
+                        &format!("Moving for longer without filling anything is a livelock; {BOUND}"),
+                        of("time"),
+                    ),
+                }),
             ),
         ),
         ("kill", fault("A process is killed; its body stays.", "kill", &["at"], json!({}))),
@@ -125,10 +154,10 @@ fn shared() -> Definitions {
                 "A process is started again without its memory.",
                 "restart",
                 &["at"],
-                json!({ "memory": { "const": false } }),
+                json!({ "memory": or(false, json!({ "const": false })) }),
             ),
         ),
-        ("stick", fault("A joint sticks.", "stick", &["at"], json!({ "until": of("time") }))),
+        ("stick", fault("A joint sticks.", "stick", &["at"], json!({ "until": for_good() }))),
         (
             "crash",
             fault("Modules drawn at random are killed.", "crash", &[], json!({ "crash": of("crashes") })),
@@ -139,8 +168,8 @@ fn shared() -> Definitions {
                 "How many, and when.",
                 &["between"],
                 json!({
-                    "count": natural(),
-                    "fraction": of("probability"),
+                    "count": said("If left out, `fraction` says it.", natural()),
+                    "fraction": said("Of all modules; if left out, `count` says it.", of("probability")),
                     "between": of("window"),
                 }),
             ),
@@ -160,7 +189,7 @@ fn shared() -> Definitions {
                 "Something foreign comes into a cell.",
                 "obstacle",
                 &["at"],
-                json!({ "obstacle": of("cell"), "until": of("time") }),
+                json!({ "obstacle": of("cell"), "until": for_good() }),
             ),
         ),
     ]
@@ -205,7 +234,7 @@ fn shapes() -> Definitions {
             table(
                 "One cell thick, at right angles to its axis.",
                 &["center", "radius"],
-                json!({ "center": of("cell"), "radius": of("radius"), "axis": of("axis") }),
+                json!({ "center": of("cell"), "radius": of("radius"), "axis": or(default_of(&AXES), of("axis")) }),
             ),
         ),
         (
@@ -213,7 +242,12 @@ fn shapes() -> Definitions {
             table(
                 "A stack of discs.",
                 &["base", "radius", "height"],
-                json!({ "base": of("cell"), "radius": of("radius"), "height": natural(), "axis": of("axis") }),
+                json!({
+                    "base": of("cell"),
+                    "radius": of("radius"),
+                    "height": natural(),
+                    "axis": or(default_of(&AXES), of("axis")),
+                }),
             ),
         ),
         (
@@ -223,12 +257,18 @@ fn shapes() -> Definitions {
                 &["path"],
                 json!({
                     "path": said("Relative to the scenario.", text()),
-                    "pitch": said("The edge of a cell in the units of the file.", json!({ "type": "number" })),
-                    "up": said("The axis of the file that points up.", names(&["z", "y"])),
-                    "at": of("cell"),
-                    "part": names(&["blocks", "targets"]),
-                    "thin": said("What becomes of parts thinner than a cell.", names(&["refuse", "drop"])),
-                    "voids": names(&["keep", "fill"]),
+                    "pitch": said(
+                        "The edge of a cell in the units of the file. A solid needs it; of a configuration it is left out.",
+                        json!({ "type": "number" }),
+                    ),
+                    "up": said("The axis of a solid that points up.", one_of(&UPS)),
+                    "at": said(
+                        "Of a solid, the cell of the middle of its lowest layer; of a configuration, its origin.",
+                        or(json!(<[i16; 3]>::from(Cell::default())), of("cell")),
+                    ),
+                    "part": said("Of a configuration.", one_of(&PARTS)),
+                    "thin": said("What becomes of parts thinner than a cell.", one_of(&THIN)),
+                    "voids": said("What becomes of inner voids.", one_of(&VOIDS)),
                 }),
             ),
         ),
@@ -244,10 +284,10 @@ fn cubes() -> Definitions {
                 "Cubes that slide over each other.",
                 &["start"],
                 json!({
-                    "family": { "const": Family::Cube.name() },
+                    "family": or(Family::default().name(), json!({ "const": Family::Cube.name() })),
                     "start": of("shape"),
-                    "move_time": of("time"),
-                    "failed_connections": of("probability"),
+                    "move_time": or(BEAT.to_string(), of("time")),
+                    "failed_connections": seldom(),
                 }),
             ),
         ),
@@ -257,10 +297,14 @@ fn cubes() -> Definitions {
                 "A shape to be grown from a seed.",
                 &["shape"],
                 json!({
-                    "name": text(),
+                    "name": said(NUMBERED, text()),
                     "shape": of("shape"),
-                    "seed": of("cell"),
-                    "growth": names(&["scaffold", "solid"]),
+                    "seed": said(
+                        "Where growth begins. If left out, the cell of the goal nearest to its middle in which there is \
+                         a module by then.",
+                        of("cell"),
+                    ),
+                    "growth": one_of(&GROWTH),
                 }),
             ),
         ),
@@ -270,9 +314,9 @@ fn cubes() -> Definitions {
                 "How cubes decide.",
                 &[],
                 json!({
-                    "connectivity": names(&["forest", "cycles", "gradient"]),
-                    "dead": { "const": "hold" },
-                    "co_owners": { "type": "boolean" },
+                    "connectivity": one_of(&CONNECTIVITY),
+                    "dead": or(DEAD[0].0, json!({ "const": DEAD[0].0 })),
+                    "co_owners": or(CO_OWNERS, json!({ "type": "boolean" })),
                 }),
             ),
         ),
@@ -284,16 +328,19 @@ fn cubes() -> Definitions {
 fn metamodules() -> Definitions {
     let start = json!({ "anyOf": [{ "const": "random" }, { "type": "array", "items": of("place") }] });
     let seeds = json!({ "type": "array", "minItems": 1, "items": of("seed") });
-    let direction = names(&["up", "down", "north", "south", "east", "west"]);
+    let direction = names(&FACES.map(|(name, _)| name));
     let mut goal = table(
         "Seeds to be filled, level by level.",
         &[],
         json!({
-            "name": text(),
-            "at": said("When it replaces the one before.", of("time")),
-            "shape": of("library"),
-            "levels": { "type": "array", "items": seeds },
-            "order": names(&["circular", "crosswise", "at-once"]),
+            "name": said(NUMBERED, text()),
+            "at": said("When it replaces the one before; left out of the first goal only.", of("time")),
+            "shape": said("If left out, there are `levels`.", of("library")),
+            "levels": said("If left out, there is a `shape`.", json!({ "type": "array", "items": seeds })),
+            "order": said(
+                "Of the seeds in a level.",
+                or(SeedOrder::default().name(), names(&SeedOrder::ALL.map(SeedOrder::name))),
+            ),
         }),
     );
     goal["oneOf"] = json!([{ "required": ["shape"] }, { "required": ["levels"] }]);
@@ -305,13 +352,19 @@ fn metamodules() -> Definitions {
                 &["family"],
                 json!({
                     "family": { "const": Family::Metamodule.name() },
-                    "kind": names(&Kind::METAMODULES.map(Kind::name)),
-                    "count": { "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES },
-                    "floor": of("floor"),
-                    "hearing": { "type": "integer", "minimum": LEAST_HEARING, "maximum": MAX_HEARING },
-                    "start": said("Drawn from the seed of the run, or a list.", start),
-                    "turn_time": of("time"),
-                    "failed_connections": of("probability"),
+                    "kind": or(KIND.name(), names(&Kind::METAMODULES.map(Kind::name))),
+                    "count": said(
+                        "If left out, as many as are listed in `start`, or one for each seed of the largest goal.",
+                        json!({ "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES }),
+                    ),
+                    "floor": or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor")),
+                    "hearing": said(
+                        "How many connectors away metamodules hear each other.",
+                        or(HEARING, json!({ "type": "integer", "minimum": LEAST_HEARING, "maximum": MAX_HEARING })),
+                    ),
+                    "start": said("Drawn from the seed of the run, or a list.", or("random", start)),
+                    "turn_time": or(BEAT.to_string(), of("time")),
+                    "failed_connections": seldom(),
                 }),
             ),
         ),
@@ -328,7 +381,10 @@ fn metamodules() -> Definitions {
             table(
                 "Where a metamodule starts, and by how many quarters it is turned.",
                 &["at"],
-                json!({ "at": of("connector"), "class": { "type": "integer", "minimum": 0, "maximum": 3 } }),
+                json!({
+                    "at": of("connector"),
+                    "class": or(CLASS, json!({ "type": "integer", "minimum": 0, "maximum": 3 })),
+                }),
             ),
         ),
         ("metamoduleGoal", goal),
@@ -357,19 +413,25 @@ fn metamodules() -> Definitions {
                 "How metamodules decide.",
                 &[],
                 json!({
-                    "strategy": names(&Strategy::ALL.map(Strategy::name)),
+                    "strategy": or(Strategy::default().name(), names(&Strategy::ALL.map(Strategy::name))),
                     "precedence": said(
-                        "Which of two close together goes first, with `greedy`, `slope` and `step`.",
+                        "Which of two close together goes first, with `greedy`, `slope` and `step`. Left out, `greedy` has it within 4 by seed-distance, the others none.",
                         json!({ "anyOf": [{ "const": "off" }, of("precedence")] }),
                     ),
                     "settled_repel": said(
                         "Whether settled metamodules push, with `slope` and `step`.",
-                        json!({ "type": "boolean" }),
+                        or(true, json!({ "type": "boolean" })),
                     ),
                     "repulsion": of("repulsion"),
-                    "teller": names(&["controller", "neighbours"]),
-                    "relocate": { "type": "boolean" },
-                    "detector": { "type": "boolean" },
+                    "teller": one_of(&TELLERS),
+                    "relocate": said(
+                        "Whether a goal that cannot be built where it is is moved.",
+                        or(bool::default(), json!({ "type": "boolean" })),
+                    ),
+                    "detector": said(
+                        "Whether the swarm finds out by itself that it stands still.",
+                        or(bool::default(), json!({ "type": "boolean" })),
+                    ),
                 }),
             ),
         ),
@@ -407,6 +469,28 @@ fn of(definition: &str) -> Value {
 fn said(description: &str, mut schema: Value) -> Value {
     schema["description"] = json!(description);
     schema
+}
+
+/// With the value that a key has which is left out.
+fn or(default: impl Into<Value>, mut schema: Value) -> Value {
+    schema["default"] = default.into();
+    schema
+}
+
+/// One of the names of a table, whose default is that of its type.
+fn one_of<T: Default + PartialEq>(names: &[(&'static str, T)]) -> Value {
+    let all: Vec<&str> = names.iter().map(|(name, _)| *name).collect();
+    or(default_of(names), json!({ "enum": all }))
+}
+
+/// A probability that is nothing unless it is named.
+fn seldom() -> Value {
+    or(NEVER.to_string(), of("probability"))
+}
+
+/// When a fault ends, which it need not.
+fn for_good() -> Value {
+    said("When it is whole again; if left out, never.", of("time"))
 }
 
 fn text() -> Value {

@@ -16,13 +16,16 @@ const EXAMPLE: &str = "{ box = { min = [0, 0, 0], max = [3, 3, 0] } }";
 const KINDS: [&str; 9] =
     ["box", "sphere", "disc", "cylinder", "cells", "file", "union", "difference", "intersection"];
 const FILE: &str = "{ file = { path = \"table.stl\", pitch = 10 } }";
-const UPS: [(&str, Up); 2] = [("z", Up::Z), ("y", Up::Y)];
-const PARTS: [(&str, Part); 2] = [("blocks", Part::Blocks), ("targets", Part::Targets)];
+/// Which axis of a mesh points up.
+pub const UPS: [(&str, Up); 2] = [("z", Up::Z), ("y", Up::Y)];
+/// Which part of a configuration of VisibleSim is meant.
+pub const PARTS: [(&str, Part); 2] = [("blocks", Part::Blocks), ("targets", Part::Targets)];
 /// Whether what is thinner than a cell may get lost.
-const THIN: [(&str, bool); 2] = [("refuse", false), ("drop", true)];
+pub const THIN: [(&str, bool); 2] = [("refuse", false), ("drop", true)];
 /// Whether inner voids are filled.
-const VOIDS: [(&str, bool); 2] = [("keep", false), ("fill", true)];
-const AXES: [(&str, Axis); 3] = [("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)];
+pub const VOIDS: [(&str, bool); 2] = [("keep", false), ("fill", true)];
+/// The axis of what is round.
+pub const AXES: [(&str, Axis); 3] = [("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)];
 
 impl Read for Shape {
     fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Shape> {

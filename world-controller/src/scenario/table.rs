@@ -130,6 +130,12 @@ impl<'d, 'i> Section<'d, 'i> {
     }
 }
 
+/// The name that means the same as leaving a key out.
+pub fn default_of<T: Default + PartialEq>(names: &[(&'static str, T)]) -> &'static str {
+    let default = names.iter().find(|(_, value)| *value == T::default());
+    default.expect("invariant: a table of names has the default, as a test of the schema asks of each").0
+}
+
 /// The elements of a value that must be an array.
 pub fn elements<'d, 'i>(
     node: &'d Node<'i>,

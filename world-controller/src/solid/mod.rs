@@ -116,7 +116,7 @@ pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
                 let line = before.iter().filter(|b| **b == b'\n').count() + 1;
                 SolidError::Syntax { file: file.clone(), line, why: "this is not UTF-8 text".into() }
             })?;
-            let cells = visiblesim::cells(&file, &text, how.part.unwrap_or(Part::Targets))?;
+            let cells = visiblesim::cells(&file, &text, how.part.unwrap_or_default())?;
             let at: [i16; 3] = how.at.into();
             let moved = cells.into_iter().map(|cell| {
                 let cell: [i16; 3] = cell.into();

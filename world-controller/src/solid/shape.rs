@@ -32,16 +32,16 @@ pub struct ShapeArgs {
     /// The edge of a cell in the units of the file; left out, the longest side is 16 cells
     #[arg(long, value_name = "P", conflicts_with = "cells")]
     pub pitch: Option<f64>,
-    /// How many cells long the longest side is, instead of a pitch
+    /// How many cells long the longest side is, instead of a pitch; if left out, --pitch says it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub cells: Option<u16>,
-    /// Which axis of the file points up
+    /// Which axis of the file points up; if left out, z
     #[arg(long, value_enum)]
     pub up: Option<UpArg>,
-    /// Where the middle of the lowest layer goes; of a configuration, its origin
+    /// Where the middle of the lowest layer goes; of a configuration, its origin. If left out, 0,0,0
     #[arg(long, value_name = "X,Y,Z", value_parser = cell, allow_hyphen_values = true)]
     pub at: Option<Cell>,
-    /// Of a configuration, which part is shown
+    /// Of a configuration, which part is shown; if left out, the targets
     #[arg(long, value_enum)]
     pub part: Option<PartArg>,
     /// Do without parts that are thinner than a cell

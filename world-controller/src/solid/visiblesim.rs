@@ -12,11 +12,12 @@ use roxmltree::{Document, Error, Node, ParsingOptions};
 use std::collections::BTreeSet;
 
 /// A part of a configuration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Part {
     /// The modules at the start.
     Blocks,
     /// The cells to be filled.
+    #[default]
     Targets,
 }
 
