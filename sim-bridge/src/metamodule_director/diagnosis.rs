@@ -27,6 +27,8 @@ impl MetamoduleDirector {
         let negotiated = self.setup.params.strategy == Strategy::Negotiated;
         let sought = if negotiated { search(&self.plight(world), WORK) } else { Sought::Undecided };
         let proof = self.proof(&sought);
+        // By precedence a metamodule also waits for one that is refused nothing and has nowhere to go.
+        let ordered = self.setup.params.precedence.is_some();
         let here = if free.len() < unfilled.len() {
             Reason::MaterialExhausted
         } else if self.is_seed_blocked(&stays) {
@@ -44,8 +46,6 @@ impl MetamoduleDirector {
         };
         let may_be_elsewhere =
             negotiated && self.relocate && !matches!(self.elsewhere, Some(Elsewhere::Barred(_)));
-        // By precedence a metamodule also waits for one that is refused nothing and has nowhere to go.
-        let ordered = self.setup.params.precedence.is_some();
         let reason = match here {
             Reason::SeedBlocked | Reason::NoWay if may_be_elsewhere => Reason::Misplaced,
             here => here,

@@ -184,7 +184,7 @@ fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) 
     writeln!(out, "  {} since {}: {}", paint.strong("unbuilt"), seconds(s.since_s), s.text)?;
     let what = if s.unfilled.len() == 1 { words.cell } else { words.cells };
     writeln!(out, "    {} {what}: {}{dots}", s.unfilled.len(), cells.join(", "))?;
-    writeln!(out, "    {}", s.proof)?;
+    writeln!(out, "    {}", s.prospect)?;
     if !s.wait_cycle.is_empty() {
         let ids: Vec<String> = s.wait_cycle.iter().take(10).map(u32::to_string).collect();
         writeln!(out, "    wait for each other: {}", ids.join(", "))?;

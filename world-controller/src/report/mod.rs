@@ -231,7 +231,7 @@ fn standstill(stall: &Stall, prospect: &Prospect) -> Standstill {
         possible: prospect.possible.name().to_owned(),
         impossible_within: prospect.within.map(|within| within.name().to_owned()),
         way: if let Possible::Yes(moves) = prospect.possible { Some(moves as u64) } else { None },
-        proof: prospect.text(),
+        prospect: prospect.text(),
         text: stall.text.to_owned(),
         unfilled: stall.unfilled.iter().map(|c| (*c).into()).collect(),
         wait_cycle: stall.wait_cycle.iter().map(|id| id.0).collect(),

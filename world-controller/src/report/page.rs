@@ -69,7 +69,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
 fn standstill(s: &Standstill, words: &Words) -> Markup {
     let list = |ids: &[u32]| ids.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
     html! {
-        p { "Since " (seconds(s.since_s)) " nothing has changed; " (count(s.unfilled.len() as u64)) " " (words.cells) " are not filled; " (s.proof) "." }
+        p { "Since " (seconds(s.since_s)) " nothing has changed; " (count(s.unfilled.len() as u64)) " " (words.cells) " are not filled; " (s.prospect) "." }
         @if !s.wait_cycle.is_empty() {
             p.warning { "These wait for each other in a circle: " (list(&s.wait_cycle)) "." }
         }

@@ -55,6 +55,12 @@ impl Prospect {
             _ if stall.reason == Reason::MaterialExhausted => {
                 Prospect { possible: Possible::No, within: Some(Within::Anything) }
             }
+            // At another place more may be possible.
+            _ if stall.reason == Reason::Misplaced => Prospect::UNDECIDED,
+            // The director has searched already.
+            _ if stall.proof.is_some() => {
+                Prospect { possible: Possible::No, within: Some(Within::Grown) }
+            }
             Some(Question::Cubes(plight)) => {
                 let bound = (EFFORT / plight.modules.len().max(1)).min(ARRANGEMENTS.0);
                 if bound < ARRANGEMENTS.1 {
@@ -132,6 +138,7 @@ mod tests {
             wait_cycle: Vec::new(),
             waiting: Vec::new(),
             detected: None,
+            proof: None,
         }
     }
 

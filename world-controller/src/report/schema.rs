@@ -151,7 +151,7 @@ pub struct Standstill {
     pub way: Option<u64>,
     /// The last three in words.
     #[serde(default)]
-    pub proof: String,
+    pub prospect: String,
     /// The reason in words.
     pub text: String,
     /// Goal cells that are not filled; of seeds, the cells of their feet.
@@ -164,6 +164,7 @@ pub struct Standstill {
     /// When the swarm itself found out that nobody can go on, if it did (`detector = true`).
     pub detected: Option<Detected>,
     /// What is proved of metamodules under `negotiated`; null if nothing is, and for cubes.
+    #[serde(default)]
     pub proof: Option<ProofReport>,
 }
 

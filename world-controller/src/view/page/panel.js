@@ -48,7 +48,7 @@ export class Panel {
     why.append(make("p", { class: "reason" }, reason));
     const stall = report.unbuilt;
     if (!stall) return;
-    if (stall.proof) why.append(make("p", {}, stall.proof));
+    if (stall.prospect) why.append(make("p", {}, stall.prospect));
     if (stall.wait_cycle.length) {
       const names = stall.wait_cycle.flatMap((id, i) => [i ? ", " : "", this.link(id)]);
       why.append(make("p", { class: "circle" }, "wait for each other in a circle: ", ...names));
