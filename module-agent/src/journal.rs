@@ -19,7 +19,7 @@ use thiserror::Error;
 
 const MAGIC: [u8; 8] = *b"MMJOURNL";
 /// The version of the layout and of all records.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 /// No frame is longer; the longest is a head with a scenario in it.
 const LONGEST: usize = 32 << 20;
 /// Bytes gathered before they are written.

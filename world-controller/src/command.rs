@@ -540,7 +540,7 @@ pub struct ExploreArgs {
     /// How many runs; 1,000, if neither this nor --seconds is named
     #[arg(long, value_name = "N", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
     pub runs: Option<u64>,
-    /// No run begins after so many seconds
+    /// Stop after so many seconds; what fails is made small within them
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     pub seconds: Option<u64>,
     /// The seed of the first run; drawn, and printed, if left out

@@ -358,7 +358,11 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
         && let Some(journal) = journal
     {
         match recorded(journal) {
-            Ok(whole) => scene.replace(whole),
+            Ok(mut whole) => {
+                // Before a page can see it: a page asks no more once a run is over.
+                whole.finish(report.clone());
+                return scene.replace(whole);
+            }
             Err(error) => tracing::warn!("the page goes without messages: {error}"),
         }
     }

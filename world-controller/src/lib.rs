@@ -38,3 +38,4 @@ pub mod swarm;
 pub mod sweep;
 pub mod terminal;
 pub mod view;
+pub mod wording;

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use crate::gauge::{Gauge, Status};
 use crate::stopwatch::Stopwatch;
+use crate::wording::fitting;
 
 /// Colours, or none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -147,10 +148,11 @@ impl Live {
         if self.on && (!self.drawn || self.last.elapsed() >= Live::EVERY) {
             self.last = Stopwatch::start();
             self.drawn = true;
+            // The last column stays empty, so that no terminal begins a new line.
+            let width = columns() - 1;
             let line = match line().into() {
-                Drawing::Text(text) => text,
-                // The last column stays empty, so that no terminal begins a new line.
-                Drawing::Run(status) => self.gauge.line(self.since.elapsed(), &status, columns() - 1),
+                Drawing::Text(text) => fitting(text.split("  "), width),
+                Drawing::Run(status) => self.gauge.line(self.since.elapsed(), &status, width),
             };
             let _ = write!(std::io::stderr().lock(), "\r\x1b[2K{line}");
         }

@@ -3,6 +3,7 @@
 use super::join::Join;
 use super::{Event, JournalError, Record, Who, head_of, parts_of};
 use crate::scenario::Plan;
+use crate::wording::many;
 use metamorph_module_agent::journal::{Head, Writer, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::journal::Sink;
@@ -85,7 +86,7 @@ impl Keeping {
         let (lost, why) = writer.lost();
         if lost + unrecorded > 0 {
             let why = why.unwrap_or("agents could not write their parts");
-            notes.push(format!("{} records are missing from the journal: {why}", lost + unrecorded));
+            notes.push(format!("missing from the journal: {}: {why}", many(lost + unrecorded, "record")));
         }
         if let Some(parts) = &self.parts
             && let Err(e) = self.join(parts)

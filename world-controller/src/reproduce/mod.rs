@@ -15,6 +15,7 @@ use crate::sweep::grid::{Axis, Grid, Seeds};
 use crate::sweep::store::Store;
 use crate::sweep::{Progress, Scenario, SweepError, create_directory, run, write, write_results};
 use crate::terminal::{Channel, print_out};
+use crate::wording::{count, many};
 use clap::ValueEnum;
 use compare::{Reproduction, Runs};
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
@@ -195,7 +196,7 @@ fn ending(request: &Request, all: &Reproduction) -> String {
     let missing = all.runs_planned - all.runs;
     let interrupted = match missing {
         0 => String::new(),
-        n => format!("  interrupted: {n} of {} runs are missing here\n", all.runs_planned),
+        n => format!("  interrupted: {} of {} missing here\n", count(n), many(all.runs_planned, "run")),
     };
     let place = match &request.out {
         Some(dir) => format!("  every run and a report are in {}", dir.display()),

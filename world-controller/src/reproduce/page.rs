@@ -2,11 +2,11 @@
 
 use super::compare::{Claim, Compared, Comparison, Reproduction};
 use super::text::{dead, label, printed, verdict};
-use crate::report::count;
 use crate::sweep::page::{document, figure};
 use crate::sweep::plots::{Row, bars, intervals};
 use crate::sweep::statistics::Rate;
 use crate::sweep::table::{percent, rate};
+use crate::wording::count;
 use maud::{Markup, html};
 
 /// The page.

@@ -13,6 +13,7 @@ mod meter;
 mod outcome;
 mod resume;
 mod run_dir;
+mod signals;
 mod supervise;
 
 pub use agents::Letter;

@@ -32,7 +32,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                     self.supervisor.ask(Task::Signal(life, Signal::KILL));
                 }
                 _ => {
-                    if process.paused {
+                    if process.is_stopped() {
                         self.supervisor.ask(Task::Signal(life, Signal::CONT));
                     }
                     process.hurry();
@@ -72,7 +72,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     }
 
     fn ended(&mut self, event: Event) {
-        let Event::Exited { life: (id, incarnation), how, stderr_tail } = event else { return };
+        let Event::Exited { life: (id, incarnation), how, stderr_tail, .. } = event else { return };
         let at = self.outcome.end;
         let Some(process) = self.processes.get_mut(id.index()) else { return };
         process.bury();
