@@ -163,6 +163,13 @@ pub enum Event {
     /// Driver: the records of somebody end here although it went on, because its file was torn or its
     /// disk full. What follows from them cannot be checked.
     Torn,
+    /// Director, input: something outside the run did this to a process.
+    External {
+        /// Which module.
+        id: ModuleId,
+        /// What.
+        what: Outside,
+    },
     /// Driver, at the end: what one life of an agent has counted.
     Counted {
         /// Which module.
@@ -179,6 +186,33 @@ pub enum Event {
         /// Messages of the whole run.
         tally: Tally,
     },
+}
+
+/// What something outside a run, such as a person with `kill`, does to a process of it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Outside {
+    /// Ends it.
+    Killed {
+        /// The name of the signal, such as `SIGKILL`.
+        signal: String,
+    },
+    /// Stops it.
+    Stopped {
+        /// The name of the signal, such as `SIGSTOP`.
+        signal: String,
+    },
+    /// Lets a process go on that was stopped from outside.
+    Continued,
+}
+
+impl fmt::Display for Outside {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Outside::Killed { signal } => write!(f, "killed by {signal} from outside"),
+            Outside::Stopped { signal } => write!(f, "stopped by {signal} from outside"),
+            Outside::Continued => f.write_str("continued by SIGCONT from outside"),
+        }
+    }
 }
 
 /// One input of an agent, and what followed.

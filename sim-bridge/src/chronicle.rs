@@ -10,7 +10,7 @@ use crate::sim::{Agents, Audited};
 use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
-use metamorph_protocol::journal::{Blob, Event, Record, Sensation, Sink, Touch, Wanted, Who};
+use metamorph_protocol::journal::{Blob, Event, Outside, Record, Sensation, Sink, Touch, Wanted, Who};
 use metamorph_protocol::time::Time;
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -224,6 +224,15 @@ impl<D> RecordedDirector<D> {
         self.now = now;
         put(&self.log, now, event);
     }
+    /// Records the faults that have struck since the last call.
+    fn put_struck<W: World>(&mut self, now: Time)
+    where
+        D: Direct<W>,
+    {
+        let new: Vec<Event> = self.inner.struck().iter().skip(self.struck).map(struck).collect();
+        self.struck += new.len();
+        new.into_iter().for_each(|event| self.put(now, event));
+    }
 }
 
 impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
@@ -235,6 +244,11 @@ impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
         self.put(now, Event::Died { id });
         self.inner.died(now, id);
     }
+    fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &RecordedWorld<W>) {
+        self.put(now, Event::External { id, what: what.clone() });
+        self.inner.external(now, id, what, &world.inner);
+        self.put_struck::<W>(now);
+    }
     fn started(&mut self, now: Time, id: ModuleId) {
         self.put(now, Event::Started { id });
         self.inner.started(now, id);
@@ -242,9 +256,7 @@ impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
     fn wake(&mut self, now: Time, world: &mut RecordedWorld<W>) {
         self.put(now, Event::Wake);
         self.inner.wake(now, &mut world.inner);
-        let new: Vec<Event> = self.inner.struck().iter().skip(self.struck).map(struck).collect();
-        self.struck += new.len();
-        new.into_iter().for_each(|event| self.put(now, event));
+        self.put_struck::<W>(now);
     }
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
         // What is refused has no effect, so it is no part of the run.

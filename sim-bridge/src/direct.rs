@@ -7,6 +7,7 @@ use crate::faults::Struck;
 use crate::world::World;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::journal::Outside;
 use metamorph_protocol::time::Time;
 
 /// What the controller wants done.
@@ -32,6 +33,9 @@ pub trait Direct<W: World> {
     fn report(&mut self, now: Time, id: ModuleId, report: <W::Agent as Agent>::Report);
     /// A process is gone, for whatever reason.
     fn died(&mut self, now: Time, id: ModuleId);
+    /// Something outside the run did this to a process. A death is told by [`Direct::died`] as well, after
+    /// this.
+    fn external(&mut self, _now: Time, _id: ModuleId, _what: &Outside, _world: &W) {}
     /// A process is up and its agent has started.
     fn started(&mut self, now: Time, id: ModuleId);
     /// The time of [`Direct::wake_at`] has come, or bodies have moved. `world` has been advanced.

@@ -13,6 +13,7 @@ use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::Setup;
 use metamorph_protocol::goal::Goal;
 use metamorph_protocol::ids::{ModuleId, Session};
+use metamorph_protocol::journal::Outside;
 use metamorph_protocol::lattice::Face;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, Time};
@@ -194,13 +195,8 @@ impl Director {
         &self.setup.goals[usize::from(self.stage)]
     }
 
-    fn strike(&mut self, now: Time, fault: Fault, world: &mut CubeWorld) {
-        self.last_fault = now;
-        let Some(id) = fault.module() else {
-            // The scenario reader refuses obstacles among cubes.
-            let effect = "cubes have no obstacles but each other".to_owned();
-            return self.faults.strike(now, fault, false, effect, &mut self.commands);
-        };
+    /// Says in which state a fault finds a module.
+    fn found(&self, id: ModuleId, world: &CubeWorld) -> String {
         let known = self.known[id.index()];
         let role = match known.status.map(|s| s.role) {
             _ if !known.alive => "dead",
@@ -209,8 +205,18 @@ impl Director {
             _ => "in reserve",
         };
         let moving = if world.is_moving(id) { ", moving" } else { "" };
-        let effect = format!("it was {role} at {}{moving}", world.cell(id));
-        self.faults.strike(now, fault, known.alive, effect, &mut self.commands);
+        format!("it was {role} at {}{moving}", world.cell(id))
+    }
+
+    fn strike(&mut self, now: Time, fault: Fault, world: &mut CubeWorld) {
+        self.last_fault = now;
+        let Some(id) = fault.module() else {
+            // The scenario reader refuses obstacles among cubes.
+            let effect = "cubes have no obstacles but each other".to_owned();
+            return self.faults.strike(now, fault, false, effect, &mut self.commands);
+        };
+        let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
+        self.faults.strike(now, fault, alive, effect, &mut self.commands);
         match fault {
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => world.set_stuck(id, false),
@@ -341,6 +347,11 @@ impl Direct<CubeWorld> for Director {
         self.next_check = Time::ZERO;
     }
 
+    fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &CubeWorld) {
+        self.last_fault = now;
+        let found = self.found(id, world);
+        self.faults.external(now, id, what, &found);
+    }
     fn started(&mut self, _now: Time, id: ModuleId) {
         let before = self.known[id.index()].status.map_or(0, |s| s.prevented);
         self.prevented_before += u64::from(before);

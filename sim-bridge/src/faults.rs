@@ -27,6 +27,8 @@ pub enum Fault {
     Block(Cell),
     /// It is taken away.
     Unblock(Cell),
+    /// Something outside the run killed, stopped or continued the process; no schedule contains it.
+    External(ModuleId),
 }
 
 impl Fault {
@@ -38,7 +40,8 @@ impl Fault {
             | Fault::Resume(id)
             | Fault::Restart(id)
             | Fault::Stick(id)
-            | Fault::Unstick(id) => id,
+            | Fault::Unstick(id)
+            | Fault::External(id) => id,
             Fault::Block(_) | Fault::Unblock(_) => return None,
         })
     }
@@ -59,6 +62,7 @@ impl fmt::Display for Fault {
             Fault::Unstick(id) => write!(f, "unstick {id}"),
             Fault::Block(cell) => write!(f, "block {cell}"),
             Fault::Unblock(cell) => write!(f, "unblock {cell}"),
+            Fault::External(id) => write!(f, "external {id}"),
         }
     }
 }

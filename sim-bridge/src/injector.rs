@@ -4,6 +4,7 @@
 use crate::direct::Command;
 use crate::faults::{Fault, Schedule, Struck};
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::journal::Outside;
 use metamorph_protocol::time::Time;
 use std::collections::{BTreeSet, VecDeque};
 
@@ -64,8 +65,18 @@ impl Injector {
                 self.restarted += 1;
                 commands.push_back(Command::Restart(id));
             }
-            Fault::Stick(_) | Fault::Unstick(_) | Fault::Block(_) | Fault::Unblock(_) => {}
+            // The first two hit bodies, the next two cells; the last has happened already.
+            Fault::Stick(_)
+            | Fault::Unstick(_)
+            | Fault::Block(_)
+            | Fault::Unblock(_)
+            | Fault::External(_) => {}
         }
+    }
+    /// Something outside the run has done this to a process, and found it in the state that `found` says.
+    pub fn external(&mut self, now: Time, id: ModuleId, what: &Outside, found: &str) {
+        let effect = format!("{what}; {found}");
+        self.struck.push(Struck { at: now, fault: Fault::External(id), effect });
     }
     /// A process is gone.
     pub fn died(&mut self, id: ModuleId) {

@@ -11,6 +11,7 @@ use crate::metamodule_world::MetamoduleWorld;
 use crate::outcome::{Outcome, Stall};
 use crate::relocation::{Elsewhere, Shift, Trials, clear_places};
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::journal::Outside;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedSet, Task};
 use metamorph_protocol::metamodule::joint::{Sought, Standstill, WORK, search};
@@ -203,10 +204,8 @@ impl MetamoduleDirector {
         }
     }
 
-    fn strike(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
-        // What is broken or mended may get a standstill going again.
-        self.last_deed = now;
-        let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
+    /// Says in which state a fault finds a metamodule.
+    fn found(&self, id: ModuleId, world: &MetamoduleWorld) -> String {
         let known = self.known[id.index()];
         let doing = match known.status {
             _ if !known.alive => "dead",
@@ -214,8 +213,15 @@ impl MetamoduleDirector {
             _ => "free",
         };
         let acting = if world.is_acting(id) { ", acting" } else { "" };
-        let effect = format!("it was {doing} at {}{acting}", world.pose(id).state);
-        self.faults.strike(now, fault, known.alive, effect, &mut self.commands);
+        format!("it was {doing} at {}{acting}", world.pose(id).state)
+    }
+
+    fn strike(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
+        // What is broken or mended may get a standstill going again.
+        self.last_deed = now;
+        let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
+        let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
+        self.faults.strike(now, fault, alive, effect, &mut self.commands);
         match fault {
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => world.set_stuck(id, false),
@@ -478,6 +484,11 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         self.next_check = Time::ZERO;
     }
 
+    fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &MetamoduleWorld) {
+        self.last_deed = now;
+        let found = self.found(id, world);
+        self.faults.external(now, id, what, &found);
+    }
     fn started(&mut self, _now: Time, id: ModuleId) {
         let before = std::mem::replace(&mut self.known[id.index()], Known { alive: true, status: None });
         self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));

@@ -97,6 +97,20 @@ pub enum Reason {
 }
 
 impl Reason {
+    /// All of them.
+    pub const ALL: [Reason; 10] = [
+        Reason::Blocked,
+        Reason::Pinned,
+        Reason::CutOff,
+        Reason::MaterialExhausted,
+        Reason::NoActiveTarget,
+        Reason::SeedBlocked,
+        Reason::NoBetterPlace,
+        Reason::NoLock,
+        Reason::NeedsDeadSupport,
+        Reason::NoWay,
+    ];
+
     /// The name used in reports.
     pub const fn name(self) -> &'static str {
         match self {

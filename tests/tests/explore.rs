@@ -12,7 +12,6 @@ use metamorph_world_controller::explore::draft::{Draft, SwarmDraft};
 use metamorph_world_controller::explore::draw::draw;
 use metamorph_world_controller::explore::verdict::{Failure, Kind, Verdict};
 use metamorph_world_controller::explore::{Ran, make_small, run};
-use metamorph_world_controller::interrupt::Interrupt;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, read_file};
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
@@ -21,8 +20,7 @@ use std::path::Path;
 /// How a scenario fails with a defect, if it does, and does not without it: where nothing unsafe is done
 /// but not all is built, the sound protocol builds all.
 fn fails_by(defect: Sabotage, draft: &Draft) -> Option<Kind> {
-    let interrupt = Interrupt::default();
-    let judged = |sabotage| run(&draft.plan("drawn.toml", sabotage).ok()?, &interrupt).map(|r| r.verdict);
+    let judged = |sabotage| run(&draft.plan("drawn.toml", sabotage).ok()?, &|| false).map(|r| r.verdict);
     let Verdict::Failed(Failure { kind, .. }) = judged(Some(defect))? else { return None };
     let by_defect = match judged(None)? {
         Verdict::Built => true,
@@ -43,7 +41,9 @@ fn is_found(defect: Sabotage, family: Family, within: u64, from: u64) {
     let Some((runs, draft, kind)) = found else { panic!("{defect:?} was not found in {within} runs") };
     // Runs of metamodules take longer, and need fewer to be small enough.
     let most = if family == Family::Cube { within } else { within.min(60) };
-    let small = make_small(&draft, &kind, Some(defect), most, &Interrupt::default()).unwrap();
+    let mut small = None;
+    make_small(&draft, &kind, Some(defect), most, &|| false, |smaller| small = Some(smaller));
+    let small = small.unwrap();
     let (agents, faults) = (small.draft.modules(), small.draft.faults.len());
     println!(
         "{defect:?}: {kind} after {runs} runs; made small in {} runs: {agents} agents, {faults} faults",
@@ -98,13 +98,12 @@ known_defects! {
 /// The published connection gradient, which exploration leaves out, tears bodies.
 #[test]
 fn the_published_gradient_is_found_too() {
-    let interrupt = Interrupt::default();
     let torn = (1..=500).find(|seed| {
         let (mut draft, _) = draw(*seed, Some(Family::Cube));
         if let SwarmDraft::Cubes(cubes) = &mut draft.swarm {
             cubes.connectivity = Connectivity::Gradient;
         }
-        let verdict = run(&draft.plan("drawn.toml", None).unwrap(), &interrupt).unwrap().verdict;
+        let verdict = run(&draft.plan("drawn.toml", None).unwrap(), &|| false).unwrap().verdict;
         matches!(verdict, Verdict::Failed(f) if f.kind == Kind::Unsafe("body-connected".into()))
     });
     println!("the published gradient: torn after {torn:?} runs");
@@ -115,7 +114,7 @@ fn the_published_gradient_is_found_too() {
 fn simulated(path: &Path) -> Ran {
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
     let plan = read_file(path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
-    run(&plan, &Interrupt::default()).unwrap()
+    run(&plan, &|| false).unwrap()
 }
 
 /// Those who stand in each other's way, and would each stay there, are led out of it; by luck if it takes all of
@@ -173,7 +172,7 @@ fn broken_in_new_scenarios(family: Family) -> Vec<String> {
     let from = RandomState::new().hash_one(0) >> 28;
     println!("new scenarios from seed {from}");
     let broken = |seed: u64| {
-        let verdict = run(&draw(seed, Some(family)).1, &Interrupt::default()).unwrap().verdict;
+        let verdict = run(&draw(seed, Some(family)).1, &|| false).unwrap().verdict;
         let is_broken = matches!(&verdict, Verdict::Failed(f) if f.kind.is_unsafe());
         let repeat = format!("metamorph explore --runs 1 --seed {seed} --family {}", family.name());
         is_broken.then(|| format!("{repeat}: {verdict:?}"))
@@ -201,6 +200,28 @@ fn results_do_not_depend_on_the_number_of_threads() {
     assert_eq!((summary["runs"].as_u64(), summary["seed"].as_u64()), (Some(40), Some(7)));
     assert_eq!(summary["outcomes"].as_object().unwrap().values().filter_map(|n| n.as_u64()).sum::<u64>(), 40);
     assert!(summary["marks"].as_object().unwrap().len() > 10);
+}
+
+/// A budget of time covers everything, also what a search or making failures small would take longer.
+#[test]
+fn a_budget_of_time_ends_it_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let (json, out) = (dir.path().join("x.json"), dir.path().join("out"));
+    let (json, out) = (json.display().to_string(), out.display().to_string());
+    // Of metamodules, single runs and searches take seconds.
+    let args = ["explore", "--seconds", "2", "--seed", "5000", "--family", "metamodule"];
+    let ran = metamorph(&[&args[..], &["--jobs", "2", "--out", &out, "--json", &json]].concat());
+    assert!(matches!(ran.code, Some(0 | 3 | 6)), "{ran:?}");
+    let summary: serde_json::Value = serde_json::from_str(&fs::read_to_string(&json).unwrap()).unwrap();
+    let number = |key: &str| summary[key].as_u64().unwrap();
+    let sum = |list: &serde_json::Value| match list {
+        serde_json::Value::Array(rules) => rules.iter().filter_map(|r| r["runs"].as_u64()).sum::<u64>(),
+        other => other.as_object().unwrap().values().filter_map(|r| r["runs"].as_u64()).sum(),
+    };
+    let undecided = sum(&summary["undecided"]);
+    assert_eq!(number("buildable") + number("impossible") + undecided, number("runs"), "{summary}");
+    assert!(number("built") + sum(&summary["rules"]) <= number("buildable"), "{summary}");
+    assert!(ran.out.contains("that could be"), "{ran:?}");
 }
 
 /// One run shows its scenario first, and that scenario is one that can be run.

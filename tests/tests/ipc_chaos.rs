@@ -44,7 +44,7 @@ fn an_asked_end_leaves_nothing() {
 }
 
 #[test]
-fn an_agent_killed_from_outside_is_a_crash_and_the_rest_goes_on() {
+fn an_agent_killed_from_outside_is_told_apart_and_the_rest_goes_on() {
     let controller = start(5, 5);
     let victim = controller.agent(2, 0);
     signal_to(victim.pid, Signal::KILL);
@@ -57,7 +57,7 @@ fn an_agent_killed_from_outside_is_a_crash_and_the_rest_goes_on() {
         now.tally.total().delivered > before.tally.total().delivered + 10
     });
     let came_to = controller.finish();
-    assert_eq!((came_to["alive"], came_to["crashes"]), (4, 1));
+    assert_eq!((came_to["alive"], came_to["crashes"], came_to["external"]), (4, 0, 1));
     assert_eq!(came_to["missing_ledgers"], 0, "what the victim had counted is still there");
 }
 

@@ -15,6 +15,7 @@ use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{Ran, command, metamorph, module_agent, root, run, scenario};
 use metamorph_world_controller::replay::{Replayed, Request, replay, text};
 use metamorph_world_controller::swarm::RunDir;
+use metamorph_world_controller::wording::many;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::os::unix::fs::MetadataExt;
@@ -69,7 +70,7 @@ fn a_full_disk_ends_the_journal_and_not_the_run() {
     let Some(ran) = with_small_disk(&disk, "400k", &script) else { return };
     let report = report(&ran);
     assert_eq!((ran.code, report["outcome"].as_str()), (Some(0), Some("built")), "{ran:?}");
-    assert!(notes(&report).contains("records are missing from the journal"), "{report}");
+    assert!(notes(&report).contains("missing from the journal: "), "{report}");
     assert!(notes(&report).contains("the parts of the journal stay"), "{report}");
     // What messages came to is counted elsewhere, and complete.
     let all = &report["messages"]["all"];
@@ -289,7 +290,7 @@ fn a_stranger_who_fills_an_inbox_changes_nothing() {
     drop((outbox, at));
     println!("{written} frames of garbage: {}", notes(&report));
     assert!(written > 10);
-    let said = format!("{written} frames that no member of the run wrote were refused");
+    let said = format!("refused {} that no member of the run wrote", many(written as u64, "frame"));
     assert!(notes(&report).contains(&said), "{report}");
     let replayed = again(&journal);
     assert_eq!(replayed.difference, None);

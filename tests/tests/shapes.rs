@@ -191,7 +191,7 @@ fn what_cannot_be_built_is_said_with_the_reason() {
     let inwards = ["3 7 5 1", "6 8 4 2", "5 6 2 1", "4 8 7 3", "2 4 3 1", "7 8 6 5"];
     let hollow = cube(0, 5, out, 0) + &cube(2, 3, inwards, 8);
     let ran = shape("hollow.obj", &hollow, &["--pitch", "1"]);
-    assert!(ran.code == Some(0) && ran.out.contains("note: it has 1 inner voids with 1 cells"), "{ran:?}");
+    assert!(ran.code == Some(0) && ran.out.contains("note: it has 1 inner void with 1 cell"), "{ran:?}");
     let ran = shape("hollow.obj", &hollow, &["--pitch", "1", "--fill-voids"]);
     assert!(
         ran.code == Some(0) && ran.out.contains("cells     125,") && !ran.out.contains("void"),

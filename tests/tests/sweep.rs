@@ -3,6 +3,7 @@
 
 use metamorph_tests::command::{Ran, command, run};
 use metamorph_world_controller::sweep::summary::{SCHEMA, Summary};
+use metamorph_world_controller::wording::many;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -138,7 +139,7 @@ fn a_sweep_goes_on_where_it_was_cut_off() {
             assert_eq!(place.read(&out, file), place.read("whole", file), "{i} {file}");
         }
         let done = left.matches('\n').count().saturating_sub(1);
-        assert!(ran.out.contains(&format!("  {} runs in ", 12 - done)), "{i}: {}", ran.out);
+        assert!(ran.out.contains(&format!("  {} in ", many(12 - done as u64, "run"))), "{i}: {}", ran.out);
     }
 }
 

@@ -471,15 +471,74 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     let mut browser = Browser::start(program);
     browser.open(&view.address);
     browser.until("window.page.story.modules.some((m) => m.doings.length > 0)");
+    // What modules tell each other is not seen yet, and nothing is claimed of it.
+    let offered =
+        "[...document.getElementById('meaning').options].filter((o) => o.disabled).map((o) => o.value)";
+    assert_eq!(browser.evaluate(offered), json!(["gradient", "locks"]));
+    // The whole journal takes the place of what was seen, in the same page at the same moment.
+    browser.evaluate(
+        "window.same = 0; window.back = 0; window.last = 0; \
+        const look = () => { const { t } = window.page; if (t < window.last) window.back++; \
+        window.last = t; requestAnimationFrame(look); }; look()",
+    );
     browser.until("document.getElementById('outcome').textContent === 'built'");
     browser.until("window.page.story.scene.messages && window.page.story.over");
+    browser.until("!window.page.dirty && window.page.t === window.page.story.now");
+    assert_eq!(browser.evaluate("[window.same, window.back]"), json!([0, 0]));
+    assert_eq!(browser.evaluate(offered), json!([]));
     browser.press("End");
     browser.until("document.querySelector('[data-part=numbers] dd').textContent === '32 / 32'");
+    // Bodies are drawn where they are: a move that was refused has not taken place.
+    let filled = "(() => { const { story } = window.page; \
+        const cells = new Set(story.scene.goals[0].cells.map((c) => c.slice(0, 3).join())); \
+        return story.modules.filter((_, id) => cells.has(story.bodyAt(id, story.now).to.join())).length; })()";
+    assert_eq!(browser.evaluate(filled), json!(32));
     choose(&mut browser, 41);
     assert_eq!(browser.evaluate("document.getElementById('module').dataset.life"), json!("dead"));
     browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
     check_clean(&mut browser, &view);
     assert_eq!(view.end(), Some(0));
+}
+
+/// While a run goes on modules wait for each other and get on again: that is no standstill, and drawn as one
+/// only where a run has ended in a deadlock. Colours say what is known, and nothing before it has come.
+#[test]
+fn only_what_is_known_is_shown() {
+    let directory = tempfile::tempdir().unwrap();
+    let view = View::start(&["view", &record(directory.path(), "swarm.toml", &[])]);
+    let Some(mut browser) = open(&view) else { return };
+    // Two that wait for each other in the middle of a run that is built.
+    browser.evaluate(
+        "{ const { modules } = window.page.story; const t = 5e6; \
+        for (const [a, b] of [[3, 4], [4, 3]]) { \
+        modules[a].standings = [{ t, role: 0, flags: 8, place: 0, waits: b }]; } }",
+    );
+    let seen = "(() => { const { page } = window; const options = { meaning: 'state', messages: false, waits: false, \
+        goal: true, chosen: null, classes: [] }; const seen = page.picture.build(10e6, options); \
+        return [seen.circle.size, page.picture.marks.length, seen.arrows]; })()";
+    assert_eq!(browser.evaluate(seen), json!([0, 0, false]));
+    // Before a module has told anything, nothing is said of its state.
+    scrub(&mut browser, 2e6);
+    let legend = text(&mut browser, "[data-part=legend]");
+    assert!(legend.contains("not heard of yet"), "{legend}");
+    choose(&mut browser, 3);
+    let facts = text(&mut browser, "[data-part=module]");
+    assert!(facts.contains("not heard of yet") && !facts.contains("waits for"), "{facts}");
+    // While messages are loaded, colours by them say so.
+    let loading = "(() => { const { page } = window; const { story, picture } = page; \
+        const talkAt = story.talkAt; story.talkAt = () => null; \
+        const options = { meaning: 'gradient', messages: false, waits: false, goal: true, chosen: 3, classes: [] }; \
+        const seen = picture.build(10e6, options); page.panel.module(3, 10e6, seen); story.talkAt = talkAt; \
+        const facts = document.querySelector('[data-part=module]').textContent; \
+        return picture.legend('gradient', seen).map((e) => e.text).concat(facts); })()";
+    let said = browser.evaluate(loading);
+    assert_eq!(said[0], "loading", "{said}");
+    let facts = said[1].as_str().unwrap();
+    assert!(
+        facts.contains("loading") && !facts.contains("unknown") && !facts.contains("locked bynobody"),
+        "{facts}"
+    );
+    check_clean(&mut browser, &view);
 }
 
 /// How quickly a thousand modules are drawn, without a graphics card. Prints and judges nothing:

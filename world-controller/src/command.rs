@@ -567,7 +567,7 @@ pub struct ExploreArgs {
     /// How many runs
     #[arg(long, value_name = "N", help = format!("How many runs; {EXPLORED}, if this and --seconds are left out"), conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
     pub runs: Option<u64>,
-    /// No run begins after so many seconds; if left out, --runs says how many there are
+    /// Stop after so many seconds; what fails is made small within them
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     pub seconds: Option<u64>,
     /// The seed of the first run; drawn, and printed, if left out

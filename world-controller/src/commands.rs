@@ -408,7 +408,11 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
         && let Some(journal) = journal
     {
         match recorded(journal) {
-            Ok((whole, None)) => scene.replace(whole),
+            Ok((mut whole, None)) => {
+                // Before a page can see it: a page asks no more once a run is over.
+                whole.finish(report.clone());
+                return scene.replace(whole);
+            }
             Ok((_, Some(damage))) => tracing::warn!("the page goes without messages: {damage}"),
             Err(error) => tracing::warn!("the page goes without messages: {error}"),
         }

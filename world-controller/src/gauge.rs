@@ -2,7 +2,7 @@
 //! second, and how long it may still take. A plain function of what was seen at which time. Absent:
 //! clocks, and the terminal (see `terminal`).
 
-use crate::report::{count, seconds};
+use crate::wording::{count, fitting, many, seconds};
 use std::collections::VecDeque;
 use std::fmt;
 use std::time::Duration;
@@ -36,7 +36,11 @@ impl fmt::Display for Status {
         let Status { filled, goal, parts, alive, moves, now_s, .. } = self;
         write!(
             f,
-            "{filled} of {goal} {parts}  {alive} alive  {moves} moves  {} in the scenario",
+            "{} of {} {parts}  {} alive  {}  {} in the scenario",
+            count(*filled),
+            count(*goal),
+            count(*alive),
+            many(*moves, "move"),
             seconds(*now_s)
         )
     }
@@ -49,7 +53,7 @@ const LEARNING: Duration = Duration::from_secs(1);
 /// A clock as fast as this share of its speed is not called slow.
 const UNSLOWED: f64 = 0.95;
 /// Characters of the bar.
-const BAR: u64 = 20;
+const BAR: u64 = 10;
 
 /// What was seen lately.
 #[derive(Clone, Debug, Default)]
@@ -60,7 +64,8 @@ pub struct Gauge {
 }
 
 impl Gauge {
-    /// The line for what is seen now, no longer than `width`. `at` is real time since some start.
+    /// The line for what is seen now, no longer than `width`: what matters most first, and nothing cut in
+    /// the middle. `at` is real time since some start.
     pub fn line(&mut self, at: Duration, status: &Status, width: usize) -> String {
         if self.stage != status.stage {
             // Another goal has other cells.
@@ -84,9 +89,6 @@ impl Gauge {
         }
         parts.push(format!("{} of {} {}", count(status.filled), count(status.goal), status.parts));
         parts.push(format!("{} alive", count(status.alive)));
-        if status.messages.is_some() {
-            parts.push(format!("{} messages/s", count(rate(status.messages.unwrap_or(0), messages) as u64)));
-        }
         if status.speed < UNSLOWED {
             parts.push(format!("slowed to {:.0}%", (status.speed * 100.0).max(1.0)));
         }
@@ -94,9 +96,12 @@ impl Gauge {
         if span >= LEARNING.as_secs_f64() && filling > 0.0 && status.filled < status.goal {
             parts.push(format!("{} left", seconds((status.goal - status.filled) as f64 / filling)));
         }
-        parts.push(format!("{} moves", count(status.moves)));
-        parts.push(format!("{} in the scenario", seconds(status.now_s)));
-        parts.join("  ").chars().take(width).collect()
+        parts.push(format!("at {}", seconds(status.now_s)));
+        parts.push(many(status.moves, "move"));
+        if let Some(now) = status.messages {
+            parts.push(format!("{} messages/s", count(rate(now, messages) as u64)));
+        }
+        fitting(parts.iter().map(String::as_str), width)
     }
 }
 
@@ -130,7 +135,7 @@ mod tests {
     fn rates_and_the_time_left_come_from_what_was_seen_lately() {
         let (mut gauge, at) = (Gauge::default(), Duration::from_secs);
         let first = gauge.line(at(0), &status(0, Some(0)), 200);
-        assert!(first.starts_with("[····················]   0%  0 of 400 cells  1,000 alive"), "{first}");
+        assert!(first.starts_with("[··········]   0%  0 of 400 cells  1,000 alive"), "{first}");
         assert!(!first.contains("left"), "{first}");
         for second in 1..30 {
             gauge.line(at(second), &status(100, Some(second * 1_000)), 200);
@@ -139,8 +144,8 @@ mod tests {
         let still = gauge.line(at(30), &status(100, Some(30_000)), 200);
         assert!(still.contains("1,000 messages/s") && !still.contains("left"), "{still}");
         let line = gauge.line(at(31), &status(200, Some(41_000)), 200);
-        assert!(line.starts_with("[##########··········]  50%  200 of 400 cells"), "{line}");
-        assert!(line.contains("2,000 messages/s  20.0 s left  77 moves  12.5 s in the scenario"), "{line}");
+        assert!(line.starts_with("[#####·····]  50%  200 of 400 cells"), "{line}");
+        assert!(line.contains("20.0 s left  at 12.5 s  77 moves  2,000 messages/s"), "{line}");
         assert!(gauge.seen.len() <= 12);
     }
 
@@ -149,11 +154,30 @@ mod tests {
         let mut gauge = Gauge::default();
         let line = gauge.line(Duration::ZERO, &Status { stage: (2, 3), goal: 0, ..status(0, None) }, 60);
         assert!(line.contains("0%  goal 2 of 3") && !line.contains("messages"), "{line}");
-        assert_eq!(line.chars().count(), 60);
+        assert!(line.chars().count() <= 60 && line.ends_with("alive"), "{line}");
         let full = gauge.line(Duration::from_secs(9), &status(400, None), 300);
-        assert!(
-            full.starts_with("[####################] 100%  400 of 400") && !full.contains("left"),
-            "{full}"
-        );
+        assert!(full.starts_with("[##########] 100%  400 of 400") && !full.contains("left"), "{full}");
+    }
+
+    /// As wide as it can be: the most modules, the most goals, the longest times.
+    #[test]
+    fn the_widest_line_fits_a_terminal_of_80_columns() {
+        let widest = |filled, messages| Status {
+            now_s: 999_999.9,
+            stage: (15, 16),
+            filled,
+            goal: 1_000_000,
+            parts: "cells",
+            alive: 1_000_000,
+            moves: 999_999_999,
+            messages: Some(messages),
+            speed: 0.014,
+        };
+        let mut gauge = Gauge::default();
+        gauge.line(Duration::ZERO, &widest(999_998, 0), 79);
+        let line = gauge.line(Duration::from_secs(9), &widest(999_999, 999_999_999_999), 79);
+        assert!(line.chars().count() <= 79, "{line}");
+        assert!(line.contains("goal 15 of 16  999,999 of 1,000,000 cells  1,000,000 alive"), "{line}");
+        assert!(!line.contains("message"), "what does not fit is left out whole: {line}");
     }
 }

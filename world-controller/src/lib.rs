@@ -42,3 +42,4 @@ pub mod swarm;
 pub mod sweep;
 pub mod terminal;
 pub mod view;
+pub mod wording;

@@ -2,6 +2,7 @@
 
 use crate::scenario::{Cubes, LinkKind, Metamodules, Plan, Swarm};
 use crate::shown::Shown;
+use crate::wording::{count, many};
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
@@ -53,9 +54,9 @@ fn write_cubes(out: &mut String, plan: &Plan, Cubes { cells, setup }: &Cubes) ->
     let (min, max) = corners(cells);
     writeln!(
         out,
-        "  swarm     {} modules, numbered 0 to {}, from {min} to {max}",
-        cells.len(),
-        cells.len() - 1
+        "  swarm     {}, numbered 0 to {}, from {min} to {max}",
+        many(cells.len() as u64, "module"),
+        count(cells.len() as u64 - 1)
     )?;
     let params = &setup.params;
     writeln!(out, "  moves     {} each, {} fail", params.move_time, plan.failure)?;
@@ -67,9 +68,9 @@ fn write_cubes(out: &mut String, plan: &Plan, Cubes { cells, setup }: &Cubes) ->
         let share = goal.len() * 100 / cells.len();
         writeln!(
             out,
-            "  goal      {}: {} cells ({share}% of the modules), {growth}, grows from {}",
+            "  goal      {}: {} ({share}% of the modules), {growth}, grows from {}",
             stage.name.shown(),
-            goal.len(),
+            many(goal.len() as u64, "cell"),
             goal.seed()
         )?;
     }
@@ -83,19 +84,20 @@ fn write_cubes(out: &mut String, plan: &Plan, Cubes { cells, setup }: &Cubes) ->
 }
 
 fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt::Result {
-    let (setup, count) = (&swarm.setup, swarm.poses.len());
+    let (setup, all) = (&swarm.setup, swarm.poses.len());
     let (floor, params) = (setup.floor, &setup.params);
     let places = if swarm.drawn { "drawn" } else { "listed" };
     writeln!(
         out,
-        "  swarm     {count} {} metamodules, numbered 0 to {}, on a floor from {:?} to {:?}",
+        "  swarm     {} of kind {}, numbered 0 to {}, on a floor from {:?} to {:?}",
+        many(all as u64, "metamodule"),
         setup.kind(),
-        count - 1,
+        all - 1,
         floor.min,
         floor.max
     )?;
     let feet: Vec<String> = swarm.poses.iter().take(SHOWN).map(|p| format!("{:?}", p.foot())).collect();
-    let dots = if count > SHOWN { ", …" } else { "" };
+    let dots = if all > SHOWN { ", …" } else { "" };
     let redrawn = match swarm.redrawn {
         0 => String::new(),
         1 => " (one draw before had a metamodule that was shut in)".to_owned(),
@@ -113,9 +115,9 @@ fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std:
         let from = if at == Time::ZERO { String::new() } else { format!(", from {at} on") };
         writeln!(
             out,
-            "  goal      {}: {} seeds, level by level {}{from}",
+            "  goal      {}: {}, level by level {}{from}",
             stage.name.shown(),
-            goal.seeds().len(),
+            many(goal.seeds().len() as u64, "seed"),
             levels.join(" + ")
         )?;
     }
@@ -162,8 +164,8 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
     match plan.overrides.link {
         LinkKind::Ipc => write!(
             out,
-            "  link      ipc, {} processes, {} scenario seconds per second",
-            plan.swarm.len(),
+            "  link      ipc, {}, {} scenario seconds per second",
+            many(plan.swarm.len() as u64, "process"),
             plan.time_scale
         )?,
         LinkKind::Sim => write!(out, "  link      sim, seed {}", plan.seed)?,
@@ -187,7 +189,8 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
     }
     writeln!(out)?;
     for cut in &link.partitions {
-        writeln!(out, "            {} modules cut off from {} to {}", cut.side.len(), cut.from, cut.until)?;
+        let side = many(cut.side.len() as u64, "module");
+        writeln!(out, "            {side} cut off from {} to {}", cut.from, cut.until)?;
     }
     Ok(())
 }
@@ -201,7 +204,7 @@ fn write_faults(out: &mut String, plan: &Plan) -> std::fmt::Result {
     match plan.schedule.len().saturating_sub(SHOWN) {
         0 if plan.schedule.is_empty() => writeln!(out, "  faults    none"),
         0 => Ok(()),
-        more => writeln!(out, "            … and {more} more"),
+        more => writeln!(out, "            … and {} more", count(more as u64)),
     }
 }
 

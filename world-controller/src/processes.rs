@@ -17,12 +17,14 @@ use crate::swarm::{
 };
 use crate::terminal::Live;
 use crate::view::scribe::both;
+use crate::wording::{many, seconds};
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::args::ArgsError;
 use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::journal::{Head, Parts, Reader, RunId, controller_part};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::journal::Outside;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::chronicle::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::direct::{Command, Direct};
@@ -217,7 +219,8 @@ fn resume<R: Runnable>(
     let adopted = adopt(&parts)?;
     let recovered = recover(swarm, plan, part.by_ref())?;
     let Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted } = recovered;
-    let mut said = vec![format!("the controller was killed; another went on from {until}")];
+    let mut said =
+        vec![format!("the controller was killed; another went on from {}", seconds(until.as_secs_f64()))];
     said.extend(part.torn().map(|torn| {
         format!("the controller's part of the journal was cut off after {} bytes", torn.whole)
     }));
@@ -303,7 +306,8 @@ fn notes(outcome: &SwarmOutcome) -> Vec<String> {
     let crash = |c: &Crash| {
         let tail = c.stderr_tail.trim();
         let said = if tail.is_empty() { String::new() } else { format!("; it said: {tail}") };
-        format!("module {} {} at {} although nobody had asked it to{said}", c.id, c.how, c.at)
+        let at = seconds(c.at.as_secs_f64());
+        format!("module {} {} at {at} although nobody had asked it to{said}", c.id, c.how)
     };
     let mut notes: Vec<String> =
         outcome.shortage.iter().map(|why| format!("the run was ended: {why}")).collect();
@@ -312,7 +316,8 @@ fn notes(outcome: &SwarmOutcome) -> Vec<String> {
         outcome.missing_ledgers.iter().map(|why| format!("messages are missing from the counts: {why}")),
     );
     if outcome.foreign > 0 {
-        notes.push(format!("{} frames that no member of the run wrote were refused", outcome.foreign));
+        let frames = many(outcome.foreign, "frame");
+        notes.push(format!("refused {frames} that no member of the run wrote"));
     }
     notes
 }
@@ -336,6 +341,9 @@ impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
     }
     fn died(&mut self, now: Time, id: ModuleId) {
         self.brain.died(now, id);
+    }
+    fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &R::World) {
+        self.brain.external(now, id, what, world);
     }
     fn started(&mut self, now: Time, id: ModuleId) {
         self.brain.started(now, id);
@@ -368,14 +376,14 @@ pub fn clean_up() -> Result<String, ProcessError> {
     let mut said = match done.runs.len() {
         0 => "nothing was left behind".to_owned(),
         n => format!(
-            "removed what {n} killed {} left behind: {} processes, {} files of shared memory",
-            if n == 1 { "run" } else { "runs" },
-            done.agents_killed,
-            done.files
+            "removed what {} left behind: {}, {} of shared memory",
+            many(n as u64, "killed run"),
+            many(done.agents_killed as u64, "process"),
+            many(done.files as u64, "file")
         ),
     };
     if done.alive > 0 {
-        said.push_str(&format!("; {} live runs were left alone", done.alive));
+        said.push_str(&format!("; left {} alone", many(done.alive as u64, "live run")));
     }
     Ok(said)
 }

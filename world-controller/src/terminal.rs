@@ -13,6 +13,8 @@ use std::io::{self, IsTerminal, Write};
 use std::sync::OnceLock;
 use std::time::Duration;
 
+use crate::wording::fitting;
+
 /// Stand for the beginnings and the end of colours until text is printed: characters that mean nothing
 /// in any text, so that no colour can come from outside.
 const MARKS: [(char, &str); 4] =
@@ -200,10 +202,11 @@ impl Live {
         if self.on && (!self.drawn || self.last.elapsed() >= Live::EVERY) {
             self.last = Stopwatch::start();
             self.drawn = true;
+            // The last column stays empty, so that no terminal begins a new line.
+            let width = columns() - 1;
             let line = match line().into() {
-                Drawing::Text(text) => text,
-                // The last column stays empty, so that no terminal begins a new line.
-                Drawing::Run(status) => self.gauge.line(self.since.elapsed(), &status, columns() - 1),
+                Drawing::Text(text) => fitting(text.split("  "), width),
+                Drawing::Run(status) => self.gauge.line(self.since.elapsed(), &status, width),
             };
             let _ = write!(std::io::stderr().lock(), "\r\x1b[2K{line}");
         }

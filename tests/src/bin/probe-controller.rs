@@ -41,6 +41,7 @@ fn main() -> ExitCode {
             println!("setup_ms={}", o.setup.as_millis());
             println!("alive={}", o.alive);
             println!("crashes={}", o.crashes.len());
+            println!("external={}", o.external);
             println!("foreign={}", o.foreign);
             println!("interrupted={}", u8::from(o.interrupted));
             println!("missing_ledgers={}", o.missing_ledgers.len());

@@ -11,6 +11,7 @@ use super::{BenchError, median};
 use crate::stopwatch::Stopwatch;
 use crate::swarm::RunDir;
 use crate::terminal::Live;
+use crate::wording::many;
 use serde::Serialize;
 use std::os::fd::OwnedFd;
 use std::path::Path;
@@ -40,7 +41,7 @@ pub struct Row {
 pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Result<Vec<Row>, BenchError> {
     let mut rows = Vec::new();
     for tokens in TOKENS {
-        live.show(|| format!("busy: {MEMBERS} processes, {tokens} tokens"));
+        live.show(|| format!("busy: {MEMBERS} processes, {}", many(u64::from(tokens), "token")));
         let (mut ours, mut socket) = (Vec::new(), Vec::new());
         // Taken in turns, so that what else the machine does meets both.
         for _ in 0..TIMES {

@@ -10,6 +10,7 @@ use crate::runnable::Runnable;
 use crate::scenario::{Overrides, Swarm, read_text};
 use crate::swarm::{SwarmOptions, run_swarm};
 use crate::terminal::Live;
+use crate::wording::many;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
@@ -70,7 +71,7 @@ pub fn measure(side: u16, live: &mut Live) -> Result<Churn, BenchError> {
     let Swarm::Cubes(cubes) = &plan.swarm else {
         return Err(BenchError::Wrong("the scenario is not one of cubes".to_owned()));
     };
-    live.show(|| format!("swarm: deaths among {}", cubes.cells.len()));
+    live.show(|| format!("churn: deaths among {}", many(cubes.cells.len() as u64, "process")));
     let mut world = cubes.world(&plan);
     let mut reaper = Reaper::new(world.len() as u32);
     let options = SwarmOptions {

@@ -8,6 +8,7 @@ use super::machine::{CpuWatch, peak_memory};
 use super::{BenchError, part};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
+use crate::wording::many;
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
@@ -80,7 +81,7 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Vec<Row>, BenchError> {
     let sides = SIDES.into_iter().filter(|side| u64::from(*side).pow(3) <= most);
     sides
         .map(|side| {
-            live.show(|| format!("flood: {side} modules along a side"));
+            live.show(|| format!("flood: {} along a side", many(side as u64, "module")));
             let text = part::output(&["flood", &side.to_string()])?;
             live.clear();
             serde_json::from_str(&text).map_err(|e| BenchError::Part(format!("said what it should not: {e}")))

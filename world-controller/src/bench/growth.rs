@@ -11,6 +11,7 @@ use crate::scenario::{Cubes, LinkKind, Overrides, Swarm, read_text};
 use crate::simulated::simulate;
 use crate::stopwatch::Stopwatch;
 use crate::terminal::Live;
+use crate::wording::many;
 use metamorph_protocol::lattice::Cell;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -127,7 +128,8 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
     let watch = CpuWatch::start();
     let report = simulate(&plan, Stopwatch::start(), |now, so_far| {
         live.show(|| {
-            format!("growth of {modules} modules: {}", crate::report::progress(&plan, now, &so_far()))
+            let so_far = crate::report::progress(&plan, now, &so_far());
+            format!("growth of {}: {so_far}", many(modules as u64, "module"))
         });
         true
     });

@@ -8,6 +8,7 @@ use crate::processes::ProcessError;
 use crate::stopwatch::Stopwatch;
 use crate::swarm::{SwarmError, SwarmOptions, descriptor_limit, run_swarm};
 use crate::terminal::Live;
+use crate::wording::many;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Never;
@@ -80,7 +81,7 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Swarms, BenchError> {
             ));
             break;
         }
-        live.show(|| format!("swarm: {modules} processes"));
+        live.show(|| format!("swarm: {}", many(modules as u64, "process")));
         let row = row(sides);
         live.clear();
         match row {

@@ -9,17 +9,17 @@ use super::growth::Growth;
 use super::machine::Machine;
 use super::swarm::Swarms;
 use super::wire;
-use crate::report::count;
 use crate::sweep::table::{Table, number};
 use crate::terminal::Paint;
+use crate::wording::{bytes, count, many};
 
 /// Where it was measured.
 pub fn machine(m: &Machine) -> String {
     format!(
-        "{}, {} processors, {} GB, Linux {}, load {:.1}\n",
+        "{}, {}, {}, Linux {}, load {:.1}\n",
         m.processor,
-        m.processors,
-        m.memory_bytes >> 30,
+        many(m.processors as u64, "processor"),
+        bytes(m.memory_bytes),
         m.kernel,
         m.load
     )
@@ -49,7 +49,7 @@ pub fn flood(rows: &[flood::Row], paint: Paint) -> String {
                 number(r.messages_per_s),
                 number(r.events_per_s),
                 number(r.bytes_per_module),
-                count(r.peak_bytes >> 20),
+                count(r.peak_bytes / 1_000_000),
                 number(r.queue_ns),
                 number(r.heap_ns),
                 times(r.ns_per_message / r.queue_ns),
@@ -125,8 +125,9 @@ pub fn chairs(rows: &[chairs::Row], paint: Paint) -> String {
     }
     let threads = rows.first().map_or(0, |r| r.threads);
     format!(
-        "{}\nSix metamodules build the chair; simulated, all invariants checked, {threads} runs at the same time.\n{}",
+        "{}\nSix metamodules build the chair; simulated, all invariants checked, {} at the same time.\n{}",
         paint.strong("chairs"),
+        many(threads as u64, "run"),
         table.text(paint)
     )
 }
@@ -167,8 +168,9 @@ pub fn busy(rows: &[busy::Row], paint: Paint) -> String {
     }
     let members = rows.first().map_or(0, |r| r.members);
     format!(
-        "{}\nTokens passed on around a ring of {members} processes that wait to be woken.\n{}",
+        "{}\nTokens passed on around a ring of {} that wait to be woken.\n{}",
         paint.strong("busy"),
+        many(members as u64, "process"),
         table.text(paint)
     )
 }
@@ -185,8 +187,8 @@ pub fn swarm(s: &Swarms, paint: Paint) -> String {
                 format!("{:.2}", r.setup_s),
                 format!("{:.2}", r.exchange_s),
                 count(r.messages),
-                number(r.pss_per_agent / 1024.0),
-                count(r.pss_bytes >> 20),
+                number(r.pss_per_agent / 1e3),
+                count(r.pss_bytes / 1_000_000),
                 format!("{:.2}", r.idle_agents_percent),
                 format!("{:.2}", r.idle_controller_percent),
                 count(r.descriptors),
@@ -196,11 +198,11 @@ pub fn swarm(s: &Swarms, paint: Paint) -> String {
     }
     let ended = s.ended_by.as_ref().map_or(String::new(), |why| format!("  {why}\n"));
     format!(
-        "{}\nOne process for each module of a block; a flood goes through it, then it idles. Percent of one processor.\n{}{ended}  {} descriptors a process are enough for {} modules; `ulimit -Hn` moves that\n",
+        "{}\nOne process for each module of a block; a flood goes through it, then it idles. Percent of one processor.\n{}{ended}  {} a process are enough for {}; `ulimit -Hn` moves that\n",
         paint.strong("swarm"),
         table.text(paint),
-        count(s.descriptors),
-        count(s.modules_by_descriptors)
+        many(s.descriptors, "descriptor"),
+        many(s.modules_by_descriptors, "module")
     )
 }
 
@@ -221,10 +223,10 @@ pub fn churn(c: &Churn, paint: Paint) -> String {
         table.row(&[r.wanted_per_s.to_string()], cells);
     }
     format!(
-        "{}\n{} processes with the cube protocol, {} kB (PSS) each; modules are killed and started again.\n{}",
+        "{}\n{} with the cube protocol, {} (PSS) each; modules are killed and started again.\n{}",
         paint.strong("churn"),
-        count(c.modules),
-        number(c.pss_per_agent / 1024.0),
+        many(c.modules, "process"),
+        bytes(c.pss_per_agent as u64),
         table.text(paint)
     )
 }

@@ -9,6 +9,7 @@
 
 pub mod draft;
 pub mod draw;
+pub mod limits;
 pub mod pool;
 pub mod shrink;
 pub mod summary;
@@ -16,14 +17,15 @@ pub mod verdict;
 
 use crate::interrupt::Interrupt;
 use crate::output::{Json, OutputError, Outputs};
-use crate::report::{count, seconds};
 use crate::scenario::{Plan, Swarm};
 use crate::shown::{Shown, portable};
 use crate::simulated::simulate_and_account;
 use crate::stopwatch::Stopwatch;
 use crate::terminal::{Channel, Live};
+use crate::wording::{many, rate, seconds};
 use draft::{Draft, SwarmDraft};
 use draw::draw;
+use limits::Limits;
 use metamorph_module_agent::Family;
 use metamorph_protocol::marks::{self, Marks};
 use metamorph_protocol::sabotage::Sabotage;
@@ -32,8 +34,10 @@ use std::fs;
 use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::num::NonZeroUsize;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::PathBuf;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
 use std::time::Duration;
 use summary::{Found, Summary, Tallies};
 use thiserror::Error;
@@ -74,7 +78,7 @@ pub struct Request {
 pub enum Budget {
     /// So many runs.
     Runs(u64),
-    /// No run begins after this time.
+    /// This much time, in which failures are made small as well. A run under way at its end is dropped.
     Time(Duration),
 }
 
@@ -116,13 +120,12 @@ pub struct Ran {
     pub messages: u64,
 }
 
-/// Runs a plan and judges it. None if it was interrupted.
-pub fn run(plan: &Plan, interrupt: &Interrupt) -> Option<Ran> {
+/// Runs a plan and judges it. `None` if `stop` was true before that was done.
+pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
     // What drawing or an earlier run has set is none of this run's.
     marks::take();
     let since = Stopwatch::start();
-    let simulated =
-        catch_unwind(AssertUnwindSafe(|| simulate_and_account(plan, since, |_, _| !interrupt.is_set())));
+    let simulated = catch_unwind(AssertUnwindSafe(|| simulate_and_account(plan, since, |_, _| !stop())));
     let marks = marks::take();
     let protocol = match &plan.swarm {
         Swarm::Cubes(cubes) => format!("cube, {}", draft::name_of(cubes.setup.params.connectivity)),
@@ -156,25 +159,62 @@ pub struct Small {
     pub runs: u64,
 }
 
-/// Makes a failing scenario small in at most so many runs. None if it does not fail, or after an
-/// interruption.
+/// Makes a failing scenario small in at most so many runs, and hands over each scenario that is smaller than
+/// those before and fails the same way; first the one that was given. Nothing is handed over if that does not
+/// fail. Ends early when `stop` is true.
 pub fn make_small(
     draft: &Draft,
     kind: &Kind,
     sabotage: Option<Sabotage>,
     budget: u64,
-    interrupt: &Interrupt,
-) -> Option<Small> {
+    stop: &dyn Fn() -> bool,
+    mut take: impl FnMut(Small),
+) {
     let fails = |draft: &Draft| {
         let plan = draft.plan("shrunk.toml", sabotage).ok()?;
-        match run(&plan, interrupt)?.verdict {
+        match run(&plan, stop)?.verdict {
             Verdict::Failed(failure) if failure.kind == *kind => Some(failure),
             _ => None,
         }
     };
-    fails(draft)?;
-    let (small, runs) = shrink::shrink(draft, budget, |draft| !interrupt.is_set() && fails(draft).is_some());
-    Some(Small { failure: fails(&small)?, draft: small, runs })
+    let Some(failure) = fails(draft) else { return };
+    take(Small { draft: draft.clone(), failure, runs: 0 });
+    let mut runs = 0;
+    shrink::shrink(draft, budget, |draft| {
+        runs += 1;
+        let failure = if stop() { None } else { fails(draft) };
+        let fails = failure.is_some();
+        if let Some(failure) = failure {
+            take(Small { draft: draft.clone(), failure, runs });
+        }
+        fails
+    });
+}
+
+/// The smallest scenario that is found within the limits. The search for it is on a thread of its own, which
+/// is not waited for when the limits have ended.
+fn smallest(draft: &Draft, kind: &Kind, limits: &Limits) -> Option<Small> {
+    let (sender, receiver) = channel();
+    let (draft, kind, within) = (draft.clone(), kind.clone(), limits.clone());
+    let worker = thread::spawn(move || {
+        let take = |small| {
+            // If nobody listens, the limits have ended, which `make_small` sees itself.
+            let _ = sender.send(small);
+        };
+        make_small(&draft, &kind, None, shrinking(&draft), &|| within.end(), take);
+    });
+    let mut smallest = None;
+    while !limits.end() {
+        match receiver.recv_timeout(pool::LOOK) {
+            Ok(small) => smallest = Some(small),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                worker.join().unwrap_or_else(|panic| resume_unwind(panic));
+                break;
+            }
+        }
+    }
+    smallest
 }
 
 /// Does what was asked for, and gives the exit code.
@@ -191,32 +231,33 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
         "exploring from seed {seed}{}\n",
         if one_run { format!("\n\n{}", draw(seed, request.family).0) } else { String::new() }
     ));
-    let (since, mut tallies, mut live) = (Stopwatch::start(), Tallies::default(), Live::new(!request.quiet));
-    pool::run(seed, request, &interrupt, |number, ran| {
+    let limits = Limits::new(request.budget, interrupt.clone());
+    let (mut tallies, mut live) = (Tallies::default(), Live::new(!request.quiet));
+    pool::run(seed, request, &limits, |number, ran| {
         // Now, because making it small can take long, and nothing is known of it if that is interrupted.
         if let Some(failure) = tallies.add(number, &ran) {
+            limits.note_failure();
             live.clear();
             let repeat = repeat(seed.wrapping_add(number), request.family);
             channel.say(&format!("{} ({}): {}\n  {repeat}\n", failure.kind, ran.protocol, failure.what));
         }
         live.show(|| {
-            let took = since.elapsed().as_secs_f64();
-            let rate = count((tallies.runs as f64 / took.max(1e-9)) as u64);
-            format!("{} runs, {rate} a second, {} failed", count(tallies.runs), count(tallies.failed()))
+            let (runs, rate) =
+                (many(tallies.runs, "run"), rate(tallies.runs, limits.elapsed().as_secs_f64()));
+            format!("{runs}  {}  {rate}", many(tallies.failed(), "failure"))
         });
     });
     live.clear();
-    let took = since.elapsed().as_secs_f64();
+    let drawing = limits.elapsed().as_secs_f64();
     let interrupted = interrupt.is_set();
-    let found = found(request, seed, &tallies, &mut outputs, &interrupt)?;
+    let found = found(request, seed, &tallies, &mut outputs, &limits)?;
     let summary = Summary::new(seed, request.family, tallies, found);
     channel.say(&summary::text(&summary, channel.paint()));
     channel.say(&format!(
-        "  {} on {} thread{}, {} runs a second\n",
-        seconds(took),
-        request.jobs,
-        if request.jobs.get() == 1 { "" } else { "s" },
-        count((summary.runs as f64 / took.max(1e-9)) as u64)
+        "  {} on {}; {} were drawn\n",
+        seconds(limits.elapsed().as_secs_f64()),
+        many(request.jobs.get() as u64, "thread"),
+        rate(summary.runs, drawing)
     ));
     json.write(&summary)?;
     Ok(match () {
@@ -233,7 +274,7 @@ fn found(
     seed: u64,
     tallies: &Tallies,
     outputs: &mut Outputs,
-    interrupt: &Interrupt,
+    limits: &Limits,
 ) -> Result<Vec<Found>, ExploreError> {
     let mut all = Vec::new();
     for ((kind, protocol), failures) in tallies.failures() {
@@ -255,8 +296,7 @@ fn found(
             shrinking: 0,
         };
         if all.len() < MOST_FOUND
-            && !interrupt.is_set()
-            && let Some(small) = make_small(&draft, kind, None, shrinking(&draft), interrupt)
+            && let Some(small) = smallest(&draft, kind, limits)
         {
             let path = request.out.join(format!("explored-{}.toml", found.seed));
             let repeat = &found.repeat;

@@ -1,55 +1,71 @@
 //! Carries runs out on several threads and hands them over in the order of their numbers.
+//!
+//! The threads are not waited for when an exploration ends early: the search that judges a run can take many
+//! seconds and belongs to the protocol, which knows no clock. What they find afterwards is dropped.
 
 use super::draw::draw;
+use super::limits::Limits;
 use super::{Budget, Ran, Request, run as run_one};
-use crate::interrupt::Interrupt;
-use crate::stopwatch::Stopwatch;
 use std::collections::BTreeMap;
+use std::panic::resume_unwind;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
+use std::time::Duration;
 
 /// Results under way.
 const QUEUE: usize = 1_000;
+/// How often the limits are looked at while nothing comes in.
+pub const LOOK: Duration = Duration::from_millis(50);
 
 /// Runs number 0, 1, 2, … with the seeds from `seed` on, until the budget is used up.
-pub fn run(seed: u64, request: &Request, interrupt: &Interrupt, mut take: impl FnMut(u64, Ran)) {
-    let (next, since) = (AtomicU64::new(0), Stopwatch::start());
-    let goes_on = |number: u64| match request.budget {
-        Budget::Runs(runs) => number < runs,
-        Budget::Time(time) => since.elapsed() < time,
-    };
+pub fn run(seed: u64, request: &Request, limits: &Limits, mut take: impl FnMut(u64, Ran)) {
+    let next = Arc::new(AtomicU64::new(0));
     let (sender, receiver) = sync_channel::<(u64, Ran)>(QUEUE);
-    let labour = |sender: SyncSender<(u64, Ran)>| {
-        while !interrupt.is_set() {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            if !goes_on(number) {
+    let workers: Vec<_> = (0..request.jobs.get())
+        .map(|_| {
+            let (sender, next) = (sender.clone(), Arc::clone(&next));
+            let (request, limits) = (request.clone(), limits.clone());
+            thread::spawn(move || work(seed, &request, &limits, &next, &sender))
+        })
+        .collect();
+    drop(sender);
+    let (mut due, mut early) = (0, BTreeMap::new());
+    while !limits.end_drawing() {
+        match receiver.recv_timeout(LOOK) {
+            Ok((number, ran)) => drop(early.insert(number, ran)),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                // Every worker has ended, or is about to.
+                for worker in workers {
+                    worker.join().unwrap_or_else(|panic| resume_unwind(panic));
+                }
                 break;
             }
-            let (draft, plan) = draw(seed.wrapping_add(number), request.family);
-            tracing::info!("seed {}: {}", draft.seed, draft.summary());
-            let Some(ran) = run_one(&plan, interrupt) else { break };
-            // If nobody listens any more, nobody wants to know more.
-            if sender.send((number, ran)).is_err() {
-                break;
-            }
         }
-    };
-    thread::scope(|scope| {
-        for _ in 0..request.jobs.get() {
-            let (sender, labour) = (sender.clone(), &labour);
-            scope.spawn(move || labour(sender));
+        while let Some(ran) = early.remove(&due) {
+            take(due, ran);
+            due += 1;
         }
-        drop(sender);
-        let (mut due, mut early) = (0, BTreeMap::new());
-        for (number, ran) in receiver {
-            early.insert(number, ran);
-            while let Some(ran) = early.remove(&due) {
-                take(due, ran);
-                due += 1;
-            }
+    }
+    // What had been judged in time, behind runs that were not.
+    early.extend(receiver.try_iter());
+    early.into_iter().for_each(|(number, ran)| take(number, ran));
+}
+
+fn work(seed: u64, request: &Request, limits: &Limits, next: &AtomicU64, sender: &SyncSender<(u64, Ran)>) {
+    while !limits.end_drawing() {
+        let number = next.fetch_add(1, Ordering::Relaxed);
+        if matches!(request.budget, Budget::Runs(runs) if number >= runs) {
+            break;
         }
-        // Behind a run that was interrupted.
-        early.into_iter().for_each(|(number, ran)| take(number, ran));
-    });
+        let (draft, plan) = draw(seed.wrapping_add(number), request.family);
+        tracing::info!("seed {}: {}", draft.seed, draft.summary());
+        // A run that the limits have ended is dropped; and if nobody listens, nobody wants to know more.
+        let Some(ran) = run_one(&plan, &|| limits.end_drawing()) else { break };
+        if sender.send((number, ran)).is_err() {
+            break;
+        }
+    }
 }

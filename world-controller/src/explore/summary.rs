@@ -2,19 +2,20 @@
 
 use super::Ran;
 use super::verdict::{Failure, Kind, Verdict};
-use crate::report::count;
 use crate::scenario::quote;
 use crate::terminal::Paint;
+use crate::wording::{count, many};
 use metamorph_module_agent::Family;
 use metamorph_protocol::marks::Mark;
 use metamorph_sim_bridge::feasible::Within;
+use metamorph_sim_bridge::outcome::{Outcome, Reason};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 
 /// The version of the layout of [`Summary`].
-pub const SCHEMA: u32 = 3;
+pub const SCHEMA: u32 = 4;
 /// Of runs that are alike, so many seeds are named.
 const NAMED: usize = 20;
 
@@ -29,9 +30,22 @@ pub struct Failures {
     pub what: String,
 }
 
-/// Runs that were excused for one reason.
+/// A rule that a protocol keeps, and what that costs.
+#[derive(Clone, Debug, Serialize)]
+pub struct Rule {
+    /// Its name.
+    pub rule: Within,
+    /// In words.
+    pub text: &'static str,
+    /// Runs that were not built because of it.
+    pub runs: u64,
+}
+
+/// Runs that stood still for one reason, and of which nothing is proved.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Excused {
+pub struct Undecided {
+    /// The reason in words.
+    pub text: String,
     /// How many runs.
     pub runs: u64,
     /// The seeds of the first ones.
@@ -48,7 +62,7 @@ pub struct Tallies {
     messages: u64,
     outcomes: BTreeMap<&'static str, u64>,
     infeasible: BTreeMap<Within, u64>,
-    excused: BTreeMap<String, Excused>,
+    undecided: BTreeMap<String, Undecided>,
     failures: BTreeMap<(Kind, String), Failures>,
     marks: BTreeMap<Mark, u64>,
 }
@@ -67,21 +81,28 @@ impl Tallies {
         match &ran.verdict {
             Verdict::Built => {}
             Verdict::Infeasible(within) => *self.infeasible.entry(*within).or_default() += 1,
-            Verdict::Excused(why) => {
-                let excused = self.excused.entry(why.clone()).or_default();
-                excused.runs += 1;
-                note(&mut excused.seeds, number);
-            }
+            Verdict::Excused(reason) => self.note_undecided(reason, number),
             Verdict::Failed(failure) => {
                 let first = Failures { count: 0, first: Vec::new(), what: failure.what.clone() };
                 let key = (failure.kind.clone(), ran.protocol.clone());
                 let failures = self.failures.entry(key).or_insert(first);
                 failures.count += 1;
                 note(&mut failures.first, number);
-                return (failures.count == 1).then_some(failure);
+                let is_first = failures.count == 1;
+                if let Kind::Undecided(reason) = &failure.kind {
+                    self.note_undecided(reason, number);
+                }
+                return is_first.then_some(failure);
             }
         }
         None
+    }
+    fn note_undecided(&mut self, reason: &str, number: u64) {
+        let known = Reason::ALL.iter().find(|r| r.name() == reason);
+        let undecided = self.undecided.entry(reason.to_owned()).or_default();
+        undecided.text = known.map_or(reason, |r| r.text()).to_owned();
+        undecided.runs += 1;
+        note(&mut undecided.seeds, number);
     }
     /// Runs that failed.
     pub fn failed(&self) -> u64 {
@@ -114,13 +135,21 @@ pub struct Summary {
     pub messages: u64,
     /// How runs ended.
     pub outcomes: BTreeMap<&'static str, u64>,
-    /// Runs in which nothing more could be built, proved by an exhaustive search, by what was searched:
-    /// the widest rules within which nothing could be done.
-    pub infeasible: BTreeMap<Within, u64>,
-    /// Runs that could not build any more, by reason; no failures, but not proved by a search either.
-    pub excused: BTreeMap<String, Excused>,
-    /// Runs that failed.
+    /// Runs that some robot could have built as far as is known: all but those that are impossible or
+    /// undecided.
+    pub buildable: u64,
+    /// Of these, runs that were built.
+    pub built: u64,
+    /// Runs that failed: an invariant broke, there was a way within the rules, or nothing excuses what is
+    /// undecided.
     pub failed: u64,
+    /// Of those that could be built, runs that were not because the protocol keeps a rule; a search proved
+    /// that nothing could be done within it.
+    pub rules: Vec<Rule>,
+    /// Runs that no robot could have built, whatever it had done, as a search proved.
+    pub impossible: u64,
+    /// Runs of which no search decided whether they could have been built, by the reason of the standstill.
+    pub undecided: BTreeMap<String, Undecided>,
     /// The first failure of each kind.
     pub found: Vec<Found>,
     /// In how many runs each rare path ran.
@@ -163,10 +192,14 @@ pub struct Found {
 impl Summary {
     /// From counts and what was found.
     pub fn new(seed: u64, family: Option<Family>, mut tallies: Tallies, found: Vec<Found>) -> Summary {
-        for excused in tallies.excused.values_mut() {
-            excused.seeds = seeds(seed, &excused.seeds);
+        for undecided in tallies.undecided.values_mut() {
+            undecided.seeds = seeds(seed, &undecided.seeds);
         }
         let failed = tallies.failed();
+        let impossible = tallies.infeasible.remove(&Within::Anything).unwrap_or(0);
+        let undecided: u64 = tallies.undecided.values().map(|u| u.runs).sum();
+        let rules = tallies.infeasible.iter();
+        let rules = rules.map(|(rule, runs)| Rule { rule: *rule, text: kept(*rule), runs: *runs }).collect();
         let prefix = match family {
             None => "",
             Some(Family::Cube) => "metamodule:",
@@ -184,14 +217,27 @@ impl Summary {
             events: tallies.events,
             moves: tallies.moves,
             messages: tallies.messages,
-            outcomes: tallies.outcomes,
-            infeasible: tallies.infeasible,
-            excused: tallies.excused,
+            buildable: tallies.runs - impossible - undecided,
+            built: tallies.outcomes.get(Outcome::Built.name()).copied().unwrap_or(0),
             failed,
+            rules,
+            impossible,
+            undecided: tallies.undecided,
+            outcomes: tallies.outcomes,
             found,
             never: never.map(|m| m.name()).collect(),
             marks: tallies.marks.into_iter().map(|(m, n)| (m.name(), n)).collect(),
         }
+    }
+}
+
+/// The rule that a protocol keeps if nothing could be done within it, for people.
+const fn kept(rule: Within) -> &'static str {
+    match rule {
+        Within::Held => "a module lets go of nothing that may hang on it, since that could fall off",
+        Within::Called => "only modules that can hear of the goal, over live ones, set out for it",
+        Within::Grown => "what is built is not taken down again",
+        Within::Anything => "nothing is ruled out",
     }
 }
 
@@ -203,29 +249,44 @@ pub fn text(summary: &Summary, paint: Paint) -> String {
     out
 }
 
+/// What could be built, what was, and why the rest was not.
+fn write_shares(out: &mut String, summary: &Summary) -> std::fmt::Result {
+    writeln!(out, "  built {} of {} that could be", count(summary.built), count(summary.buildable))?;
+    let line = |out: &mut String, n: u64, text: &str| writeln!(out, "    {:>9}  {text}", count(n));
+    if !summary.rules.is_empty() {
+        let excused = count(summary.rules.iter().map(|rule| rule.runs).sum());
+        writeln!(out, "  {excused} not built where a rule of the protocol leaves no way, proved by search:")?;
+        for rule in &summary.rules {
+            line(out, rule.runs, rule.text)?;
+        }
+    }
+    if summary.impossible > 0 {
+        writeln!(out, "  {} that no robot could build, proved by search", count(summary.impossible))?;
+    }
+    if !summary.undecided.is_empty() {
+        let undecided = count(summary.undecided.values().map(|u| u.runs).sum());
+        writeln!(out, "  {undecided} undecided: no search shows whether there was a way:")?;
+        for undecided in summary.undecided.values() {
+            line(out, undecided.runs, &undecided.text)?;
+        }
+        let seeds = summary.undecided.values().flat_map(|u| &u.seeds).take(NAMED);
+        writeln!(out, "    seeds {}", spaced(seeds))?;
+    }
+    Ok(())
+}
+
 fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Result {
     let failed = format!("{} failed", count(summary.failed));
     let failed = if summary.failed == 0 { paint.good(&failed) } else { paint.bad(&failed) };
-    writeln!(out, "{} runs from seed {}: {failed}", count(summary.runs), summary.seed)?;
-    let list = |of: Vec<(&str, &u64)>| {
-        of.into_iter().map(|(name, n)| format!("{} {name}", count(*n))).collect::<Vec<_>>().join(", ")
-    };
-    writeln!(out, "  {}", list(summary.outcomes.iter().map(|(k, n)| (*k, n)).collect()))?;
-    if !summary.infeasible.is_empty() {
-        let proved = list(summary.infeasible.iter().map(|(within, n)| (within.text(), n)).collect());
-        writeln!(out, "  nothing more could be built, proved by search: {proved}")?;
-    }
-    if !summary.excused.is_empty() {
-        let excused = list(summary.excused.iter().map(|(k, e)| (k.as_str(), &e.runs)).collect());
-        writeln!(out, "  could not be built any more, not proved: {excused}")?;
-        let seeds = summary.excused.values().flat_map(|e| &e.seeds).take(NAMED);
-        writeln!(out, "    seeds {}", spaced(seeds))?;
-    }
-    let (events, moves, messages) = (count(summary.events), count(summary.moves), count(summary.messages));
-    writeln!(out, "  {events} events, {moves} moves, {messages} messages")?;
+    writeln!(out, "{} from seed {}: {failed}", many(summary.runs, "run"), summary.seed)?;
+    let outcomes = summary.outcomes.iter().map(|(name, n)| format!("{} {name}", count(*n)));
+    writeln!(out, "  {}", outcomes.collect::<Vec<_>>().join(", "))?;
+    write_shares(out, summary)?;
+    let (moves, messages) = (many(summary.moves, "move"), many(summary.messages, "message"));
+    writeln!(out, "  {}, {moves}, {messages}", many(summary.events, "event"))?;
     for found in &summary.found {
         let Found { kind, protocol, seeds, runs, what, repeat, agents, faults, .. } = found;
-        writeln!(out, "\n{} ({protocol}) in {} run{}", paint.bad(&kind.to_string()), count(*runs), s(*runs))?;
+        writeln!(out, "\n{} ({protocol}) in {}", paint.bad(&kind.to_string()), many(*runs, "run"))?;
         writeln!(out, "  {what}\n  first in  {repeat}")?;
         if *runs > 1 {
             writeln!(out, "  seeds {}{}", spaced(seeds), if *runs > NAMED as u64 { " ..." } else { "" })?;
@@ -233,9 +294,10 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
         if let Some(file) = &found.here {
             writeln!(
                 out,
-                "  made small: {agents} modules, {faults} fault{} ({} runs)",
-                s(*faults as u64),
-                count(found.shrinking)
+                "  made small: {}, {} ({})",
+                many(*agents as u64, "module"),
+                many(*faults as u64, "fault"),
+                many(found.shrinking, "run")
             )?;
             writeln!(out, "  metamorph run {} --link sim", quote(file.to_string_lossy().into_owned()))?;
         }
@@ -268,6 +330,55 @@ fn spaced<'a>(seeds: impl IntoIterator<Item = &'a u64>) -> String {
     seeds.into_iter().map(u64::to_string).collect::<Vec<_>>().join(" ")
 }
 
-fn s(n: u64) -> &'static str {
-    if n == 1 { "" } else { "s" }
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::marks::Marks;
+
+    fn ran(outcome: Outcome, verdict: Verdict) -> Ran {
+        let (protocol, marks) = ("cube, forest".to_owned(), Marks::default());
+        Ran { protocol, verdict, outcome: Some(outcome), marks, events: 1, moves: 600, messages: 0 }
+    }
+
+    /// Every run is in one place of the summary, and what was not built says why.
+    #[test]
+    fn every_run_is_accounted_for() {
+        let mut tallies = Tallies::default();
+        let stuck = |kind: Kind| Verdict::Failed(Failure { kind, what: "seen".into() });
+        let verdicts = [
+            (Outcome::Built, Verdict::Built),
+            (Outcome::Built, Verdict::Built),
+            (Outcome::Deadlock, Verdict::Infeasible(Within::Held)),
+            (Outcome::Deadlock, Verdict::Infeasible(Within::Called)),
+            (Outcome::Deadlock, Verdict::Infeasible(Within::Called)),
+            (Outcome::Deadlock, Verdict::Infeasible(Within::Anything)),
+            (Outcome::Deadlock, Verdict::Excused("no-lock".into())),
+            (Outcome::Deadlock, stuck(Kind::Undecided("blocked".into()))),
+            (Outcome::Deadlock, stuck(Kind::Stuck("blocked".into()))),
+        ];
+        let runs = verdicts.len() as u64;
+        for (number, (outcome, verdict)) in (0..).zip(verdicts) {
+            tallies.add(number, &ran(outcome, verdict));
+        }
+        let summary = Summary::new(10, None, tallies, Vec::new());
+        assert_eq!((summary.runs, summary.buildable, summary.built, summary.failed), (runs, 6, 2, 2));
+        assert_eq!((summary.impossible, summary.undecided.len()), (1, 2));
+        let excused: u64 = summary.rules.iter().map(|r| r.runs).sum();
+        let undecided: u64 = summary.undecided.values().map(|u| u.runs).sum();
+        // One of the two failures is undecided.
+        assert_eq!(summary.built + excused + summary.impossible + undecided + summary.failed - 1, runs);
+        let text = text(&summary, Paint::PLAIN);
+        for part in [
+            "9 runs from seed 10: 2 failed",
+            "built 2 of 6 that could be",
+            "3 not built where a rule",
+            "2  only modules that can hear of the goal",
+            "1 that no robot could build",
+            "2 undecided:",
+            "seeds 17 16",
+            "9 events, 5,400 moves, 0 messages",
+        ] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+    }
 }

@@ -12,9 +12,9 @@ mod foxglove;
 use crate::interrupt::Interrupt;
 use crate::journal::{Event, HeadError, Journal, JournalError, Record, Wanted, Who, plan_of};
 use crate::output::{OutputError, Outputs};
-use crate::report::count;
 use crate::scenario::Swarm;
 use crate::shown::Shown;
+use crate::wording::{many, seconds};
 use clap::Args;
 use foxglove::{Colour, Cube, Entity, Level, Log, Pair, SceneUpdate, schema_of};
 use mcap::records::MessageHeader;
@@ -179,12 +179,12 @@ pub fn export(args: &ExportArgs, interrupt: &Interrupt) -> Result<String, Export
     recording.end(&troubles).map_err(write)?;
     output.finish(draft)?;
     let mut said = format!(
-        "{}: {} modules in {} updates until {}, from {} records\n",
+        "{}: {} in {} until {}, from {}\n",
         args.mcap.shown(),
-        count(recording.bodies.len() as u64),
-        count(recording.updates),
-        recording.now,
-        count(records),
+        many(recording.bodies.len() as u64, "module"),
+        many(recording.updates, "update"),
+        seconds(recording.now.as_secs_f64()),
+        many(records, "record"),
     );
     for trouble in troubles {
         said.push_str(&format!("note: {trouble}\n"));

@@ -5,6 +5,7 @@ use super::{Event, JournalError, Record, RunHead, Who, head_of, parts_of};
 use crate::output::{OutputError, Outputs};
 use crate::scenario::Plan;
 use crate::shown::{Shown, portable};
+use crate::wording::many;
 use metamorph_module_agent::journal::{End, Head, Parts, RunId, Writer, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::journal::Sink;
@@ -90,7 +91,7 @@ impl Keeping {
         let (lost, why) = writer.lost();
         if lost + unrecorded > 0 {
             let why = why.unwrap_or("agents could not write their parts");
-            notes.push(format!("{} records are missing from the journal: {why}", lost + unrecorded));
+            notes.push(format!("missing from the journal: {}: {why}", many(lost + unrecorded, "record")));
         }
         if let Some(parts) = &self.parts
             && let Err(e) = self.join(&parts.dir)

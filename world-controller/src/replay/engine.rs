@@ -23,7 +23,8 @@ use siphasher::sip::SipHasher13;
 use std::collections::{BTreeMap, VecDeque};
 use std::hash::Hasher;
 
-type AgentOf<R> = <<R as Runnable>::World as World>::Agent;
+/// The agents of a family.
+pub type AgentOf<R> = <<R as Runnable>::World as World>::Agent;
 
 /// One life of an agent.
 struct Life<A: Agent> {
@@ -296,6 +297,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 }
                 self.director.died(at, *id);
             }
+            Event::External { id, what } => self.director.external(at, *id, what, &self.world),
             Event::Wake => self.director.wake(at, &mut self.world),
             Event::Input { kind, bytes } => self.director.input(at, kind, bytes)?,
             Event::Sensed { id, sensed } => {

@@ -5,25 +5,25 @@
 
 mod engine;
 mod recover;
+mod words;
 
 pub use engine::{Done, Engine, input};
 pub use recover::{RecoverError, Recovered, recover};
 
-use crate::journal::{
-    Damage, Event, HeadError, Journal, JournalError, Record, Step, Summary, Taken, Told, Who, plan_of,
-};
-use crate::report::{count, digits};
+use crate::journal::{Damage, HeadError, Journal, JournalError, Record, Who, plan_of};
+use crate::report::digits;
 use crate::runnable::Runnable;
 use crate::scenario::{Plan, Swarm};
 use crate::shown::Shown;
-use metamorph_protocol::agent::{Agent, InputOf};
-use metamorph_protocol::ids::{Incarnation, ModuleId};
+use crate::wording::{count, many, seconds};
+use engine::AgentOf;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::world::World;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use thiserror::Error;
+use words::Worded;
 
 /// What to replay.
 #[derive(Clone, Debug)]
@@ -98,7 +98,10 @@ pub fn replay(request: &Request) -> Result<(Plan, Replayed), ReplayError> {
     Ok((plan, replayed))
 }
 
-fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed {
+fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed
+where
+    AgentOf<R>: Worded,
+{
     let mut engine = Engine::new(swarm, plan);
     let mut shown = String::new();
     let (mut difference, mut damage) = (None, None);
@@ -116,7 +119,7 @@ fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Req
         if let Who::Agent(id, life) = record.who
             && request.agent == Some(id)
         {
-            show::<<R::World as World>::Agent>(&mut shown, &record, life);
+            words::tell::<AgentOf<R>>(&mut shown, &record, life);
         }
         if let Err(what) = engine.carry_out(&record) {
             let (number, Record { at, who, .. }) = (engine.done().records, record);
@@ -126,8 +129,9 @@ fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Req
     }
     if request.until.is_some() && request.agent.is_none() {
         for (id, alive, place, summary) in engine.modules() {
-            let about = if alive { summary.map(state).unwrap_or_default() } else { "dead".to_owned() };
-            let _ = writeln!(shown, "module {id} at {place:?}: {about}");
+            let about = if alive { summary.map(words::state).unwrap_or_default() } else { "dead".to_owned() };
+            let place = <AgentOf<R> as Worded>::place(&place);
+            let _ = writeln!(shown, "module {id} at {place}: {about}");
         }
     }
     Replayed {
@@ -142,60 +146,6 @@ fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Req
     }
 }
 
-fn show<A: Agent>(out: &mut String, record: &Record, life: Incarnation) {
-    let at = record.at;
-    let text = match &record.event {
-        Event::Born { place } => {
-            format!("begins life {life} at {:?}", place.read::<A::Place>())
-        }
-        Event::State(summary) => format!("is now {}", state(summary)),
-        Event::Step(step) => took::<A>(step),
-        _ => return,
-    };
-    let _ = writeln!(out, "{at} {text}");
-}
-
-fn took<A: Agent>(step: &Step) -> String {
-    let from = match &step.input {
-        Taken::Message { name, .. } => format!(" (message {} of module {})", name.number, name.from),
-        _ => String::new(),
-    };
-    let taken = match input(&step.input) {
-        Ok(input) => {
-            let input: InputOf<A> = input;
-            format!("{input:?}")
-        }
-        Err(why) => why,
-    };
-    let mut text = format!("takes {taken}{from}");
-    for (i, sent) in step.sent.iter().enumerate() {
-        let to = sent.to.map_or("nobody".to_owned(), |id| format!("module {id}"));
-        let number = step.first as usize + i;
-        let _ = write!(text, "; sends {} message {number} by port {} to {to}", sent.class, sent.port);
-    }
-    for told in &step.told {
-        let _ = match told {
-            Told::Act { action, .. } => write!(text, "; asks its body for {:?}", action.read::<A::Action>()),
-            Told::Report(report) => write!(text, "; reports {:?}", report.read::<A::Report>()),
-        };
-    }
-    text
-}
-
-fn state(s: &Summary) -> String {
-    let mut text = format!("{}, {}", s.role, s.activity);
-    let mut add = |name, value: Option<String>| {
-        if let Some(value) = value {
-            let _ = write!(text, ", {name} {value}");
-        }
-    };
-    add("level", s.level.map(|v| v.to_string()));
-    add("gradient", s.gradient.map(|v| v.to_string()));
-    add("locked for", s.lock.map(|v| v.to_string()));
-    add("waits for", s.waits_for.map(|v| v.to_string()));
-    text
-}
-
 /// What a replay came to, for people.
 pub fn text(plan: &Plan, replayed: &Replayed) -> String {
     let Replayed { done, difference, damage, troubles, tally, ended, hashes: (agents, world), shown } = replayed;
@@ -203,21 +153,21 @@ pub fn text(plan: &Plan, replayed: &Replayed) -> String {
     let total = tally.total();
     let _ = writeln!(
         text,
-        "{}, {} modules, link {}, seed {}: {} records up to {}",
+        "{}, {}, link {}, seed {}: {} up to {}",
         plan.title().shown(),
-        plan.swarm.len(),
+        many(plan.swarm.len() as u64, "module"),
         plan.overrides.link.name(),
         plan.seed,
-        count(done.records),
-        done.until
+        many(done.records, "record"),
+        seconds(done.until.as_secs_f64())
     );
     let _ = writeln!(
         text,
-        "carried out: {} inputs in {} lives of agents, {} records of the controller; {} messages sent, {} delivered",
-        count(done.steps),
-        count(done.lives),
-        count(done.controller),
-        count(total.sent),
+        "carried out: {} of agents, started {}, {} of the controller; {} sent, {} delivered",
+        many(done.steps, "input"),
+        many(done.lives, "time"),
+        many(done.controller, "record"),
+        many(total.sent, "message"),
         count(total.delivered)
     );
     let agents = agents.map_or("not all followed".to_owned(), digits);
@@ -226,7 +176,11 @@ pub fn text(plan: &Plan, replayed: &Replayed) -> String {
         let _ = writeln!(text, "note: {trouble}");
     }
     if done.unchecked > 0 {
-        let _ = writeln!(text, "note: {} causes are missing and were not checked", count(done.unchecked));
+        let _ = writeln!(
+            text,
+            "note: not checked, as their causes are missing: {}",
+            many(done.unchecked, "record")
+        );
     }
     let verdict = match (difference, ended) {
         (None, _) if damage.is_some() => "the same states up to where the journal is damaged".to_owned(),

@@ -3,7 +3,7 @@
 //!
 //! What agents wrote down is not needed for that, so only one file is read.
 
-use super::engine::Engine;
+use super::engine::{AgentOf, Engine};
 use crate::journal::{Damage, Event, Record, Sensation, Wanted};
 use crate::runnable::Runnable;
 use crate::scenario::Plan;
@@ -13,11 +13,8 @@ use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Wire;
-use metamorph_sim_bridge::world::World;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use thiserror::Error;
-
-type AgentOf<R> = <<R as Runnable>::World as World>::Agent;
 
 /// How things stood.
 pub struct Recovered<R: Runnable> {

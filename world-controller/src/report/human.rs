@@ -1,11 +1,12 @@
 //! The report as a person reads it: outcome first, then numbers, then how to repeat it.
 
 use super::Words;
-use super::schema::{ClassCounts, ProofReport, Report, Standstill};
+use super::schema::{ClassCounts, EXTERNAL, ProofReport, Report, Standstill};
 use crate::gauge::Status;
 use crate::scenario::Plan;
 use crate::shown::Shown;
 use crate::terminal::Paint;
+use crate::wording::{bytes, count, many, percent, seconds};
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Progress;
 use std::fmt::Write;
@@ -32,11 +33,12 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     let g = &r.goal;
     let words = Words::of(r.family.parse().unwrap_or_default());
     let share = percent(g.filled, g.cells);
-    writeln!(out, "  goal        {} of {} {} filled ({share})", g.filled, g.cells, words.cells)?;
+    writeln!(out, "  goal        {} of {} filled ({share})", count(g.filled), many(g.cells, words.part))?;
     if r.stages.len() > 1 {
         for s in &r.stages {
             let built = s.built_s.map_or("not built".to_owned(), |t| format!("built at {}", seconds(t)));
-            writeln!(out, "              {}: {} of {}, {built}", s.name.shown(), s.filled, s.cells)?;
+            let of = format!("{} of {}", count(s.filled), count(s.cells));
+            writeln!(out, "              {}: {of}, {built}", s.name.shown())?;
         }
     }
     let a = &r.agents;
@@ -44,7 +46,10 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     writeln!(
         out,
         "  {kind:<11} {} launched, {} alive, {} crashed, {} restarted",
-        a.launched, a.alive, a.crashed, a.restarted
+        count(a.launched),
+        count(a.alive),
+        count(a.crashed),
+        count(a.restarted)
     )?;
     write_moves(out, r)?;
     let (c, t) = (&r.collisions, &r.time);
@@ -56,14 +61,13 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
         words.negotiation,
         count(c.refused),
         words.body,
-        c.suffered
+        count(c.suffered)
     )?;
     writeln!(
         out,
-        "  time        {} in the scenario ({:.0} {}), {} real, {} to set up",
+        "  time        {} in the scenario ({}), {} real, {} to set up",
         seconds(t.virtual_s),
-        t.move_times,
-        words.beats,
+        many(t.move_times.round() as u64, words.beat),
         seconds(t.wall_s),
         seconds(t.setup_s)
     )?;
@@ -80,7 +84,7 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     } else {
         paint.bad(&format!("{} broken", count(r.invariants.broken)))
     };
-    writeln!(out, "  invariants  {} checks, {broken}", count(r.invariants.checked))?;
+    writeln!(out, "  invariants  {}, {broken}", many(r.invariants.checked, "check"))?;
     for v in r.invariants.violated.iter().take(SHOWN) {
         writeln!(out, "              {} at {}: {}", v.invariant, seconds(v.at_s), v.what)?;
     }
@@ -90,17 +94,19 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
         write_unbuilt(out, unbuilt, &words, paint)?;
     }
     if !r.faults.is_empty() || r.faults_planned > 0 {
+        let external = r.faults.iter().filter(|f| f.fault == EXTERNAL).count() as u64;
         writeln!(out)?;
         writeln!(
             out,
-            "  {} ({} of {} planned struck)",
+            "  {} ({} of {} planned struck{})",
             paint.strong("faults"),
-            r.faults.len(),
-            r.faults_planned
+            count(r.faults.len() as u64 - external),
+            count(r.faults_planned),
+            if external > 0 { format!(", {} from outside", count(external)) } else { String::new() }
         )?;
         for f in r.faults.iter().take(SHOWN) {
             let whom = f.module.map(|m| m.to_string()).unwrap_or_default();
-            writeln!(out, "    {:>9}  {:<8}{:>6}  {}", seconds(f.at_s), f.fault, whom, f.effect)?;
+            writeln!(out, "    {:>9}  {:<9}{:>6}  {}", seconds(f.at_s), f.fault, whom, f.effect)?;
         }
         more(out, r.faults.len())?;
     }
@@ -122,15 +128,24 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
 
 fn write_moves(out: &mut String, r: &Report) -> std::fmt::Result {
     let per_module = r.moves as f64 / r.agents.launched.max(1) as f64;
-    let (moves, failed) = (count(r.moves), count(r.move_details.failed));
+    let (moves, d) = (count(r.moves), &r.move_details);
     let Some(m) = &r.metamodules else {
-        return writeln!(out, "  moves       {moves} completed ({per_module:.1} a module), {failed} failed");
+        let (begun, failed) = (count(d.started), count(d.failed));
+        return writeln!(
+            out,
+            "  moves       {moves} completed ({per_module:.1} a module) of {begun} begun, {failed} failed"
+        );
     };
+    writeln!(out, "  moves       {moves} completed ({per_module:.1} a metamodule of kind {})", m.kind)?;
     writeln!(
         out,
-        "  moves       {moves} connections ({per_module:.1} a metamodule of kind {}), {} steps of joints, {failed} failed",
-        m.kind,
-        count(m.turns)
+        "  actions     {} completed of {} begun, {} failed: {}, {}, {}",
+        count(d.completed),
+        count(d.started),
+        count(d.failed),
+        many(m.turns, "joint step"),
+        many(m.connections, "connection"),
+        many(m.releases, "release")
     )?;
     let levels: Vec<String> = m.levels.iter().map(|l| format!("{} of {}", l.filled, l.seeds)).collect();
     let moved = match m.shift {
@@ -171,7 +186,8 @@ fn write_messages(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Resul
     let per_module = r.messages.total as f64 / r.agents.launched.max(1) as f64;
     writeln!(
         out,
-        "  {per_module:.0} a module, {} in flight at the end; apart from these {} to and from bodies",
+        "  {} a module, {} in flight at the end; apart from these {} to and from bodies",
+        count(per_module.round() as u64),
         count(r.messages.all.in_flight.unsigned_abs()),
         count(r.body_messages)
     )
@@ -182,8 +198,8 @@ fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) 
     let dots = if s.unfilled.len() > 5 { ", …" } else { "" };
     writeln!(out)?;
     writeln!(out, "  {} since {}: {}", paint.strong("unbuilt"), seconds(s.since_s), s.text)?;
-    let what = if s.unfilled.len() == 1 { words.cell } else { words.cells };
-    writeln!(out, "    {} {what}: {}{dots}", s.unfilled.len(), cells.join(", "))?;
+    let unfilled = many(s.unfilled.len() as u64, words.cell);
+    writeln!(out, "    {unfilled}: {}{dots}", cells.join(", "))?;
     writeln!(out, "    {}", s.prospect)?;
     if !s.wait_cycle.is_empty() {
         let ids: Vec<String> = s.wait_cycle.iter().take(10).map(u32::to_string).collect();
@@ -225,7 +241,7 @@ pub fn proved(proof: &ProofReport) -> String {
 fn more(out: &mut String, all: usize) -> std::fmt::Result {
     match all.saturating_sub(SHOWN) {
         0 => Ok(()),
-        n => writeln!(out, "    … and {n} more; --json has them all"),
+        n => writeln!(out, "    … and {} more; --json has them all", count(n as u64)),
     }
 }
 
@@ -241,56 +257,5 @@ pub fn progress(plan: &Plan, now: Time, p: &Progress) -> Status {
         moves: p.moves,
         messages: p.messages,
         speed: 1.0,
-    }
-}
-
-pub fn percent(part: u64, whole: u64) -> String {
-    format!("{}%", part * 100 / whole.max(1))
-}
-
-/// Thousands apart, so that long numbers can be read.
-pub fn count(n: u64) -> String {
-    let digits = n.to_string();
-    let mut out = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(',');
-        }
-        out.push(digit);
-    }
-    out
-}
-
-pub fn bytes(n: u64) -> String {
-    match n {
-        0..10_000 => format!("{n} B"),
-        10_000..10_000_000 => format!("{} kB", count(n / 1_000)),
-        _ => format!("{} MB", count(n / 1_000_000)),
-    }
-}
-
-/// A length of time as short as it can be said.
-pub fn seconds(s: f64) -> String {
-    if s < 0.000_5 {
-        "0 s".to_owned()
-    } else if s < 1.0 {
-        format!("{:.0} ms", s * 1_000.0)
-    } else {
-        format!("{s:.1} s")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_are_readable() {
-        assert_eq!(count(0), "0");
-        assert_eq!(count(999), "999");
-        assert_eq!(count(1_234_567), "1,234,567");
-        assert_eq!(bytes(123_456_789), "123 MB");
-        assert_eq!(seconds(0.012), "12 ms");
-        assert_eq!(percent(1, 3), "33%");
     }
 }

@@ -7,11 +7,12 @@ pub mod page;
 mod prospect;
 pub mod schema;
 
-pub use human::{count, human, progress, seconds};
+pub use human::{human, progress};
 
 use crate::runnable::Account;
-use crate::scenario::Plan;
+use crate::scenario::{LinkChange, Plan};
 use crate::swarm::Slowed;
+use crate::wording::{count, many};
 use metamorph_module_agent::Family;
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::tally::{Counts, Tally};
@@ -78,6 +79,8 @@ struct Words {
     modules: &'static str,
     /// A part of a goal.
     cell: &'static str,
+    /// The same, for short.
+    part: &'static str,
     /// Its parts.
     cells: &'static str,
     /// What keeps modules out of each other's way.
@@ -86,8 +89,10 @@ struct Words {
     body: &'static str,
     /// How one that does nothing is called, if it is needed.
     idle: &'static str,
-    /// What time is counted in.
-    beats: &'static str,
+    /// What time is counted in, in the singular.
+    beat: &'static str,
+    /// What one thing that a body does is called.
+    action: &'static str,
 }
 
 impl Words {
@@ -97,21 +102,25 @@ impl Words {
                 module: "module",
                 modules: "modules",
                 cell: "goal cell",
+                part: "cell",
                 cells: "cells",
                 negotiation: "negotiation",
                 body: "the body",
                 idle: "has a way",
-                beats: "move times",
+                beat: "move time",
+                action: "move",
             },
             Family::Metamodule => Words {
                 module: "metamodule",
                 modules: "metamodules",
                 cell: "seed",
+                part: "seed",
                 cells: "seeds",
                 negotiation: "locks",
                 body: "the interlock",
                 idle: "is free",
-                beats: "steps of a joint",
+                beat: "step time",
+                action: "action",
             },
         }
     }
@@ -172,8 +181,8 @@ pub fn report(facts: &Facts<'_>) -> Report {
             broken: facts.broken,
             violated: facts.violations.iter().map(violation).collect(),
         },
-        faults: account.struck.iter().map(|s| fault(s.at, s.fault, &s.effect)).collect(),
-        faults_planned: plan.schedule.len() as u64,
+        faults: faults(plan, account, facts.now),
+        faults_planned: plan.schedule.len() as u64 + plan.link_changes().len() as u64,
         notes: facts.notes.clone(),
         trace_hash: facts.trace_hash.map(digits),
         state_hash: facts.state_hash.map(digits),
@@ -201,19 +210,18 @@ fn cores() -> u64 {
 }
 
 fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> String {
-    let Words { modules, cells, cell, .. } = Words::of(facts.plan.swarm.family());
+    let Words { modules, cell, part, .. } = Words::of(facts.plan.swarm.family());
     let why = facts.account.stall.as_ref().map(|s| s.text);
     let unknown = "no reason found";
+    let so_far = format!("{} of {}", count(filled as u64), many(goal as u64, part));
     match outcome {
         Outcome::Built => format!("every {cell} is filled"),
         Outcome::Unsafe => match facts.violations.first() {
             Some(first) => format!("an invariant broke: {first}"),
             None => "an invariant broke".to_owned(),
         },
-        Outcome::Aborted => format!("stopped from outside with {filled} of {goal} {cells} filled"),
-        Outcome::Timeout => {
-            format!("the time was up with {filled} of {goal} {cells} filled; {}", why.unwrap_or(unknown))
-        }
+        Outcome::Aborted => format!("stopped from outside with {so_far} filled"),
+        Outcome::Timeout => format!("the time was up with {so_far} filled; {}", why.unwrap_or(unknown)),
         Outcome::Livelock => format!(
             "{modules} moved, but no {cell} was filled for {}; {}",
             facts.plan.stop.livelock,
@@ -282,6 +290,21 @@ fn violation(v: &Violation) -> ViolationReport {
         at_s: v.at.as_secs_f64(),
         what: v.what.clone(),
     }
+}
+
+/// What hit modules and cells, and what cut links, in the order of time.
+fn faults(plan: &Plan, account: &Account, now: Time) -> Vec<FaultReport> {
+    let changes = plan.link_changes().into_iter().filter(|c| c.at <= now);
+    let of_links = changes.map(|LinkChange { at, name, effect }| FaultReport {
+        at_s: at.as_secs_f64(),
+        fault: name.to_owned(),
+        module: None,
+        effect,
+    });
+    let mut faults: Vec<FaultReport> =
+        account.struck.iter().map(|s| fault(s.at, s.fault, &s.effect)).chain(of_links).collect();
+    faults.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    faults
 }
 
 fn fault(at: Time, fault: Fault, effect: &str) -> FaultReport {

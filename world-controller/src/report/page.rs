@@ -3,12 +3,13 @@
 //! everything that comes from outside is escaped by `maud`.
 
 use super::Words;
-use super::human::{bytes, count, percent, proved, seconds};
+use super::human::proved;
 use super::over_time::{Layer, Mark, areas};
 use super::schema::{Report, Standstill, Waiting};
 use crate::scenario::Plan;
 use crate::sweep::page::{document, figure};
 use crate::view::flow::Bin;
+use crate::wording::{bytes, count, many, percent, seconds};
 use maud::{Markup, html};
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::time::Span;
@@ -29,7 +30,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
         @if let Some(text) = &plan.description { p.lead { (text.trim()) } }
         dl.facts {
             div { dt { "outcome" } dd.bad[!good] { (report.outcome) } }
-            div { dt { (words.cells) " filled" } dd { (report.goal.filled) " of " (report.goal.cells) } }
+            div { dt { (words.cells) " filled" } dd { (count(report.goal.filled)) " of " (count(report.goal.cells)) } }
             div { dt { (words.modules) " alive" } dd { (count(report.agents.alive)) " of " (count(report.agents.launched)) } }
             div { dt { "moves" } dd { (count(report.moves)) } }
             div { dt { "messages" } dd { (count(report.messages.total)) } }
@@ -69,7 +70,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
 fn standstill(s: &Standstill, words: &Words) -> Markup {
     let list = |ids: &[u32]| ids.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
     html! {
-        p { "Since " (seconds(s.since_s)) " nothing has changed; " (count(s.unfilled.len() as u64)) " " (words.cells) " are not filled; " (s.prospect) "." }
+        p { "Since " (seconds(s.since_s)) " nothing has changed; " (many(s.unfilled.len() as u64, words.cell)) " not filled; " (s.prospect) "." }
         @if !s.wait_cycle.is_empty() {
             p.warning { "These wait for each other in a circle: " (list(&s.wait_cycle)) "." }
         }
@@ -138,7 +139,7 @@ fn over_time(report: &Report, words: &Words, width: f64, bins: &[Bin]) -> Markup
         .map(|f| Mark {
             at: f.at_s,
             text: f.module.map_or(f.fault.clone(), |id| format!("{} {id}", f.fault)),
-            mends: matches!(f.fault.as_str(), "resume" | "unstick" | "unblock" | "restart"),
+            mends: matches!(f.fault.as_str(), "resume" | "unstick" | "unblock" | "restart" | "heal"),
         })
         .collect();
     let layer =
@@ -153,7 +154,7 @@ fn over_time(report: &Report, words: &Words, width: f64, bins: &[Bin]) -> Markup
         ))
         (figure(
             areas(&[layer("moves", "moves", &|b| b.moves as f64 / width)], width, end, &marks, "moves over time"),
-            html! { "Moves, or steps of joints and connections, that ended in each second." },
+            html! { (capitalized(words.action)) "s that ended in each second." },
         ))
         @if bins.iter().any(|b| b.totals.iter().any(|n| *n > 0)) {
             (figure(
@@ -164,6 +165,11 @@ fn over_time(report: &Report, words: &Words, width: f64, bins: &[Bin]) -> Markup
             p.note { "Messages between processes are counted, but not seen one by one." }
         }
     }
+}
+
+fn capitalized(word: &str) -> String {
+    let mut letters = word.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
 /// The class in the style sheet.
@@ -201,18 +207,20 @@ fn messages(report: &Report) -> Markup {
 
 fn numbers(report: &Report, words: &Words) -> Markup {
     let (c, d) = (&report.collisions, &report.move_details);
+    let actions = |what: &str| format!("{}s {what}", words.action);
     let rows = [
-        ("moves begun", d.started),
-        ("moves that failed", d.failed),
-        ("moves refused because a cell was taken", d.refused_taken),
-        ("moves refused because they came late", d.refused_late),
-        ("moves refused because contacts had changed", d.refused_stale),
-        ("collisions attempted", c.attempted),
-        ("collisions prevented", c.prevented),
-        ("collisions suffered", c.suffered),
-        ("processes that died", report.agents.crashed),
-        ("processes started again", report.agents.restarted),
-        ("invariants checked", report.invariants.checked),
+        (actions("begun"), d.started),
+        (actions("completed"), d.completed),
+        (actions("that failed"), d.failed),
+        (actions("refused because a cell was taken"), d.refused_taken),
+        (actions("refused because they came late"), d.refused_late),
+        (actions("refused because contacts had changed"), d.refused_stale),
+        ("collisions attempted".into(), c.attempted),
+        ("collisions prevented".into(), c.prevented),
+        ("collisions suffered".into(), c.suffered),
+        ("processes that died".into(), report.agents.crashed),
+        ("processes started again".into(), report.agents.restarted),
+        ("invariants checked".into(), report.invariants.checked),
     ];
     html! {
         h2 { "Numbers" }
@@ -224,13 +232,17 @@ fn numbers(report: &Report, words: &Words) -> Markup {
                 caption { "Goals" }
                 thead { tr { th.key scope="col" { "goal" } th scope="col" { (words.cells) } th scope="col" { "filled" } th scope="col" { "begun" } th scope="col" { "built" } } }
                 tbody { @for s in &report.stages { tr {
-                    th.key scope="row" { (s.name) } td { (s.cells) } td { (s.filled) " (" (percent(s.filled, s.cells)) ")" }
+                    th.key scope="row" { (s.name) } td { (count(s.cells)) } td { (count(s.filled)) " (" (percent(s.filled, s.cells)) ")" }
                     td { (seconds(s.opened_s)) } td { @match s.built_s { Some(t) => (seconds(t)), None => "–" } }
                 } } }
             } }
         }
         @if let Some(m) = &report.metamodules {
-            p { "Kind " (m.kind) ", strategy " (m.strategy) "; " (count(m.turns)) " steps of joints, " (count(m.connections)) " connections." }
+            p {
+                "Kind " (m.kind) ", strategy " (m.strategy) ". A move is all that a metamodule does from one connection to "
+                "the next; its actions are " (many(m.turns, "joint step")) ", " (many(m.connections, "connection")) " and "
+                (many(m.releases, "release")) "."
+            }
         }
         @if !report.invariants.violated.is_empty() {
             h2 { "Invariants that broke" }

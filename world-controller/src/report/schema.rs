@@ -9,6 +9,9 @@ use std::collections::BTreeMap;
 /// The version of this layout.
 pub const SCHEMA: u32 = 1;
 
+/// What [`FaultReport`] calls something that was done to a process from outside the run.
+pub const EXTERNAL: &str = "external";
+
 /// What a run did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Report {
@@ -60,7 +63,7 @@ pub struct Report {
     pub time: Times,
     /// What must always hold.
     pub invariants: Invariants,
-    /// Faults that struck, in order.
+    /// Faults that struck, in order, those from outside the run included.
     pub faults: Vec<FaultReport>,
     /// Faults that the plan contained, those that came too late included.
     pub faults_planned: u64,
@@ -366,11 +369,12 @@ pub struct ViolationReport {
 pub struct FaultReport {
     /// When it struck.
     pub at_s: f64,
-    /// `kill`, `pause`, `resume`, `restart`, `stick`, `unstick`, `block` or `unblock`.
+    /// `kill`, `pause`, `resume`, `restart`, `stick`, `unstick`, `block`, `unblock`; `partition` and its
+    /// end, `heal`; or `external`: a process killed, stopped or continued by something outside the run.
     pub fault: String,
-    /// Whom it hit; none if it hit a cell.
+    /// Whom it hit; null if it hit a cell or links.
     pub module: Option<u32>,
-    /// The state it found the module in.
+    /// The state it found the module in; of `external` also what was done, of `partition` who is cut off.
     pub effect: String,
 }
 

@@ -28,6 +28,7 @@ use crate::sweep::store::Store;
 use crate::sweep::summary::Summary;
 use crate::sweep::{Progress, Results, Scenario, SweepError, create_directory, run};
 use crate::terminal::Channel;
+use crate::wording::{count, many};
 use clap::ValueEnum;
 use compare::{Redrawn, Reproduction, Runs};
 use fit::Fit;
@@ -285,7 +286,7 @@ fn ending(request: &Request, all: &Reproduction) -> String {
     let missing = all.runs_planned - all.runs;
     let interrupted = match missing {
         0 => String::new(),
-        n => format!("  interrupted: {n} of {} runs are missing here\n", all.runs_planned),
+        n => format!("  interrupted: {} of {} missing here\n", count(n), many(all.runs_planned, "run")),
     };
     let place = match &request.out {
         Some(dir) => format!("  every run and a report are in {}", dir.shown()),

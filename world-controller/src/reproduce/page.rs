@@ -5,11 +5,11 @@ use super::claims::probability;
 use super::compare::{Claim, Compared, Comparison, Reproduction};
 use super::readings::{built, columns, command as assumption_command, described};
 use super::text::{dead, label, printed, verdict};
-use crate::report::count;
 use crate::sweep::page::{document, figure};
 use crate::sweep::plots::{Row, bars, intervals};
 use crate::sweep::statistics::Rate;
 use crate::sweep::table::{percent, rate};
+use crate::wording::count;
 use maud::{Markup, html};
 
 /// The page.

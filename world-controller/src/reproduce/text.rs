@@ -3,10 +3,10 @@
 use super::compare::{Claim, Compared, Comparison, Ours, Reproduction};
 use super::published::Cell;
 use super::readings::write_readings;
-use crate::report::count;
 use crate::sweep::statistics::Rate;
 use crate::sweep::table::{Table, percent, rate};
 use crate::terminal::Paint;
+use crate::wording::{count, many};
 use std::fmt::Write;
 
 /// The longest bar.
@@ -40,7 +40,7 @@ fn write_all(out: &mut String, all: &Reproduction, paint: Paint) -> std::fmt::Re
     writeln!(out, "{}", paint.strong("What the thesis does not say, and what is taken here"))?;
     write_list(out, &all.unknown)?;
     if all.violations > 0 {
-        writeln!(out, "{}", paint.bad(&format!("\n{} violations of invariants", count(all.violations))))?;
+        writeln!(out, "{}", paint.bad(&format!("\n{} of invariants", many(all.violations, "violation"))))?;
     }
     Ok(())
 }

@@ -45,6 +45,7 @@ use metamorph_protocol::sabotage::Sabotage;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::Stop;
 use metamorph_sim_bridge::faults::Schedule;
+pub use plan::LinkChange;
 use problems::Problems;
 use serde::{Deserialize, Serialize};
 use settings::Setting;

@@ -8,7 +8,8 @@ use super::problems::{At, Problems};
 use super::raw::{Raw, RawSwarm, default_delay};
 use super::table::Delay;
 use super::{LinkKind, Overrides, Plan, StagePlan, Swarm};
-use metamorph_protocol::link::LinkModel;
+use crate::wording::{count, listed};
+use metamorph_protocol::link::{LinkModel, Partition};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::Stop;
@@ -21,6 +22,8 @@ pub const BEAT: Span = Span::secs(1);
 
 /// The probability of what a scenario does not name.
 pub const NEVER: Ratio = Ratio::ZERO;
+/// Modules of a partition that are named in reports.
+const LISTED: usize = 8;
 
 /// What a family makes of its part of a scenario.
 pub struct Draft {
@@ -153,4 +156,41 @@ fn time_scale(raw: &Raw, problems: &mut Problems) -> f64 {
         problems.add(place.clone(), Flaw::Range { what: "time_scale", got: value.to_string(), low, high });
     }
     *value
+}
+
+/// A change of the links that a scenario plans, in the words of reports.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LinkChange {
+    /// When.
+    pub at: Time,
+    /// What it is called.
+    pub name: &'static str,
+    /// Whom it concerns.
+    pub effect: String,
+}
+
+impl Plan {
+    /// Beginnings and ends of partitions, in the order of time. Partitions are a property of the link and
+    /// so not in the schedule of faults; reports show both alike.
+    pub fn link_changes(&self) -> Vec<LinkChange> {
+        let modules = self.swarm.len();
+        let of_cut = |cut: &Partition| {
+            let side: Vec<u32> = cut.side.iter().map(|id| id.0).collect();
+            let who = if side.len() == 1 { "module" } else { "modules" };
+            let who = format!("{who} {}", listed(&side, LISTED));
+            let others = match modules - side.len() {
+                1 => "the other one".to_owned(),
+                others => format!("the other {}", count(others as u64)),
+            };
+            let from = format!("{who} cut off from {others}");
+            let until = format!("{who} no longer cut off");
+            [
+                LinkChange { at: cut.from, name: "partition", effect: from },
+                LinkChange { at: cut.until, name: "heal", effect: until },
+            ]
+        };
+        let mut changes: Vec<LinkChange> = self.link.partitions.iter().flat_map(of_cut).collect();
+        changes.sort_by_key(|change| change.at);
+        changes
+    }
 }

@@ -6,10 +6,10 @@ use super::preview::{self, Written};
 use super::survey::{corners, survey};
 use super::{Format, Import, Imported, Part, Up, import, pitch_for};
 use crate::output::{OutputError, Outputs};
-use crate::report::count;
 use crate::scenario::problems::Problems;
 use crate::scenario::{LinkKind, Overrides, read_text};
 use crate::shown::{Shown as _, portable};
+use crate::wording::{count, many};
 use clap::{Args, ValueEnum};
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::Cell;
@@ -197,7 +197,7 @@ fn describe(text: &mut String, file: &Path, Imported { cells, mesh, .. }: &Impor
     let _ = writeln!(text, "{}", file.shown());
     if let Some(mesh) = mesh {
         let [x, y, z] = mesh.size.map(|s| s as f32);
-        let _ = writeln!(text, "  mesh      {} triangles, {x} x {y} x {z}", count(mesh.triangles as u64));
+        let _ = writeln!(text, "  mesh      {}, {x} x {y} x {z}", many(mesh.triangles as u64, "triangle"));
         let _ = writeln!(text, "  pitch     {}", mesh.pitch);
     }
     let (min, max) = corners(cells).unwrap_or_default();

@@ -2,6 +2,7 @@
 //!
 //! Absent: what a mesh lost on its way to cells (`voxel` knows that).
 
+use crate::wording::{count, many};
 use metamorph_protocol::goal::{Goal, GoalError, Growth};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::shape::components;
@@ -41,17 +42,19 @@ impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Finding::Disconnected { parts } => {
-                let shown = parts.iter().take(4).map(|(cell, n)| format!("{n} cells with {cell}"));
+                let shown =
+                    parts.iter().take(4).map(|(cell, n)| format!("{} with {cell}", many(*n as u64, "cell")));
                 let dots = if parts.len() > 4 { ", …" } else { "" };
                 write!(
                     f,
                     "it is in {} parts that do not touch with a face ({}{dots}), and what does not touch cannot be reached\n  fix: join the parts, or choose a smaller pitch",
-                    parts.len(),
+                    count(parts.len() as u64),
                     shown.collect::<Vec<_>>().join(", ")
                 )
             }
             Finding::Voids { count, cells, example, growth } => {
-                write!(f, "it has {count} inner voids with {cells} cells, such as {example}")?;
+                let (voids, cells) = (many(*count as u64, "inner void"), many(*cells as u64, "cell"));
+                write!(f, "it has {voids} with {cells}, such as {example}")?;
                 match growth {
                     Growth::Scaffold => write!(f, "; the tunnels of the scaffold lead into them"),
                     Growth::Solid => write!(

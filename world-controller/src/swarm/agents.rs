@@ -61,10 +61,12 @@ pub struct Process<A: Agent> {
     pub verdict: Option<&'static str>,
     /// Whether it is to be started again as soon as it is dead.
     pub restart: bool,
-    /// Whether it is stopped by a signal.
+    /// Whether it is stopped by a signal of this controller.
     pub paused: bool,
     /// When it was last told to go on after it had been stopped.
     pub resumed_at: Time,
+    /// Whether it was stopped from outside.
+    pub halted: bool,
     /// The next sequence number that it will use.
     pub expected: u32,
     /// Actions and reports of this life that earlier controllers have taken.
@@ -93,6 +95,7 @@ impl<A: Agent> Process<A> {
             restart: false,
             paused: false,
             resumed_at: Time::ZERO,
+            halted: false,
             expected: 0,
             heard: 0,
             listed: false,
@@ -134,7 +137,8 @@ impl<A: Agent> Process<A> {
     pub fn idle_since(&self) -> Option<u64> {
         let link = self.link.as_ref()?;
         // Whoever is stopped would not answer.
-        let idle = self.stage == Stage::Running && self.queue.is_empty() && !self.paused && !link.is_asked();
+        let idle =
+            self.stage == Stage::Running && self.queue.is_empty() && !self.is_stopped() && !link.is_asked();
         idle.then_some(link.used)
     }
 
@@ -180,12 +184,17 @@ impl<A: Agent> Process<A> {
             && matches!(self.stage, Stage::Up | Stage::Running | Stage::Silent)
     }
 
+    /// Whether it is stopped, by anybody.
+    pub fn is_stopped(&self) -> bool {
+        self.paused || self.halted
+    }
+
     /// The life is over; what waited is void.
     pub fn bury(&mut self) {
         self.stage = Stage::Absent;
         self.link = None;
         self.queue.clear();
-        self.paused = false;
+        (self.paused, self.halted) = (false, false);
     }
 
     /// Adds a message. False if too many wait, which only a process that does not run brings about.

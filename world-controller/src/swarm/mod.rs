@@ -15,6 +15,7 @@ mod pace;
 mod reserve;
 mod resume;
 mod run_dir;
+mod signals;
 mod supervise;
 mod watch;
 

@@ -16,7 +16,7 @@ use thiserror::Error;
 use super::pace::Slowed;
 use super::run_dir::RunDirError;
 
-/// A process that ended although nobody had asked it to.
+/// A process that ended by an error of its own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Crash {
     /// Which module.
@@ -64,6 +64,8 @@ pub struct SwarmOutcome {
     pub restarted: u32,
     /// Processes killed on the director's command.
     pub killed: u32,
+    /// What was done to processes from outside: kills, stops, and ends of these stops.
+    pub external: u32,
     /// Processes that ended by themselves.
     pub crashes: Vec<Crash>,
     /// Lives whose counts could not be read back, with the reason.

@@ -7,13 +7,16 @@
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::reserve::SCARCE;
 use crate::swarm::run_dir::log_directory;
+use crate::swarm::signals;
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::process::Identity;
 use metamorph_module_agent::rendezvous::{self, ChannelError, Notifier, Rendezvous};
 use metamorph_module_agent::run_name::HOME;
 use metamorph_module_agent::space;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
-use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal};
+use rustix::process::{
+    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, pidfd_send_signal, waitid,
+};
 use signal_hook::consts::{SIGBUS, SIGXFSZ};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -22,11 +25,14 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc as queue;
 use std::thread::JoinHandle;
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 use tokio::process::{Child, Command};
+use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
@@ -92,11 +98,22 @@ pub enum Task {
     Signal(Life, Signal),
 }
 
-/// What the supervisor tells the conductor. At most two for each life, and two more.
+/// What the supervisor tells the conductor. At most two for each life, two for each stop from outside, and
+/// two more.
 #[derive(Debug)]
 pub enum Event {
     SpawnFailed(Life, io::Error),
-    Exited { life: Life, how: String, stderr_tail: String },
+    /// `signal` is what it was ended by, if it was a signal.
+    Exited {
+        life: Life,
+        how: String,
+        signal: Option<i32>,
+        stderr_tail: String,
+    },
+    /// A signal that this controller did not send has stopped it.
+    Stopped(Life, i32),
+    /// It goes on after that, not by this controller.
+    Continued(Life),
     Shutdown(Urgency),
 }
 
@@ -198,8 +215,62 @@ impl Bell {
     }
 }
 
+/// A process that is attended to.
+struct Attended {
+    signals: mpsc::Sender<Signal>,
+    /// Its number, if it is a child of this process; only of those the kernel tells when they stop.
+    child: Option<Pid>,
+    halt: Arc<Halt>,
+}
+
+/// By whom a process is stopped.
+#[derive(Debug, Default)]
+struct Halt {
+    /// The latest of SIGSTOP and SIGCONT that this controller sent was SIGSTOP.
+    by_us: AtomicBool,
+    /// It was seen stopped by another signal, and this controller has sent no SIGCONT since.
+    from_outside: AtomicBool,
+}
+
+impl Halt {
+    /// Notes a signal that has just been sent.
+    fn sent(&self, signal: Signal) {
+        if signal == Signal::STOP || signal == Signal::CONT {
+            self.by_us.store(signal == Signal::STOP, Ordering::Relaxed);
+        }
+        if signal == Signal::CONT {
+            self.from_outside.store(false, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Reports children that were stopped or continued from outside. Asks for all of them only if the kernel
+/// says that there is one, so that ends of processes cost one call each.
+fn look_for_stops(processes: &BTreeMap<Life, Attended>, bell: &Bell) {
+    let what = WaitIdOptions::STOPPED | WaitIdOptions::CONTINUED | WaitIdOptions::NOHANG;
+    // An error says that there are no children.
+    if !matches!(waitid(WaitId::All, what | WaitIdOptions::NOWAIT), Ok(Some(_))) {
+        return;
+    }
+    for (life, Attended { child, halt, .. }) in processes {
+        let Some(pid) = *child else { continue };
+        let Ok(Some(status)) = waitid(WaitId::Pid(pid), what) else { continue };
+        // The kernel reports a stop only while it lasts, so a stop that this controller has ended is not
+        // taken for one from outside.
+        if status.stopped() && !halt.by_us.load(Ordering::Relaxed) {
+            halt.from_outside.store(true, Ordering::Relaxed);
+            bell.tell(Event::Stopped(*life, status.stopping_signal().unwrap_or_default()));
+        } else if status.continued() && halt.from_outside.swap(false, Ordering::Relaxed) {
+            bell.tell(Event::Continued(*life));
+        }
+    }
+}
+
 async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver<Task>, bell: Bell) {
-    let mut processes: BTreeMap<Life, mpsc::Sender<Signal>> = BTreeMap::new();
+    let mut processes: BTreeMap<Life, Attended> = BTreeMap::new();
+    let mut changes = signal(SignalKind::child()).inspect_err(|e| {
+        tracing::warn!("agents that are stopped from outside will not be noticed: {e}");
+    });
     let mut ends = JoinSet::new();
     let mut told = Urgency::None;
     loop {
@@ -208,20 +279,22 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
                 Some(Task::Spawn(life)) => match spawn(&launch, life) {
                     Ok(child) => {
                         let (signals, inbox) = mpsc::channel(SIGNALS);
-                        processes.insert(life, signals);
-                        ends.spawn(attend(life, child, inbox));
+                        let halt = Arc::<Halt>::default();
+                        let pid = child.id().and_then(|pid| Pid::from_raw(pid as i32));
+                        processes.insert(life, Attended { signals, child: pid, halt: halt.clone() });
+                        ends.spawn(attend(life, child, inbox, halt));
                     }
                     Err(e) => bell.tell(Event::SpawnFailed(life, e)),
                 },
                 Some(Task::Adopt(life, identity)) => {
                     let (signals, inbox) = mpsc::channel(SIGNALS);
-                    processes.insert(life, signals);
+                    processes.insert(life, Attended { signals, child: None, halt: Arc::default() });
                     ends.spawn(attend_adopted(life, identity, inbox));
                 }
                 Some(Task::Signal(life, signal)) => {
                     // A process that has ended has no use for signals.
                     if let Some(process) = processes.get(&life) {
-                        let _ = process.send(signal).await;
+                        let _ = process.signals.send(signal).await;
                     }
                 }
                 None => break,
@@ -232,6 +305,7 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
                 processes.remove(&life);
                 bell.tell(exited(&launch, life, status));
             }
+            () = next_change(changes.as_mut().ok()) => look_for_stops(&processes, &bell),
             urgency = shutdown.beyond(told), if told < Urgency::Hurried => {
                 told = urgency;
                 bell.tell(Event::Shutdown(urgency));
@@ -239,9 +313,17 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
         }
     }
     for process in processes.values() {
-        let _ = process.send(Signal::KILL).await;
+        let _ = process.signals.send(Signal::KILL).await;
     }
     while ends.join_next().await.is_some() {}
+}
+
+/// Completes when a child of this process has ended, stopped or gone on.
+async fn next_change(changes: Option<&mut tokio::signal::unix::Signal>) {
+    match changes {
+        Some(changes) => drop(changes.recv().await),
+        None => std::future::pending().await,
+    }
 }
 
 fn log_path(launch: &Launch, (id, incarnation): Life) -> PathBuf {
@@ -274,16 +356,17 @@ async fn attend(
     life: Life,
     mut child: Child,
     mut signals: mpsc::Receiver<Signal>,
+    halt: Arc<Halt>,
 ) -> (Life, io::Result<ExitStatus>) {
     loop {
         tokio::select! {
             status = child.wait() => return (life, status),
             Some(signal) = signals.recv() => {
                 let pid = child.id().and_then(|pid| Pid::from_raw(pid as i32));
-                if let Some(pid) = pid
-                    && let Err(e) = kill_process(pid, signal)
-                {
-                    tracing::warn!("cannot signal module {}: {e}", life.0);
+                match pid.map(|pid| kill_process(pid, signal)) {
+                    Some(Err(e)) => tracing::warn!("cannot signal module {}: {e}", life.0),
+                    Some(Ok(())) => halt.sent(signal),
+                    None => {}
                 }
             }
         }
@@ -325,9 +408,10 @@ async fn attend_adopted(
 }
 
 fn exited(launch: &Launch, life: Life, status: io::Result<ExitStatus>) -> Event {
+    let signal = status.as_ref().ok().and_then(ExitStatusExt::signal);
     let how = match status {
         Err(e) => format!("could not be waited for: {e}"),
-        Ok(status) => match (status.code(), status.signal()) {
+        Ok(status) => match (status.code(), signal) {
             (Some(0), _) => "exited".to_owned(),
             // What it said about it may have found no room: that is kept in shared memory, too.
             (Some(code), _) if is_scarce() => {
@@ -339,7 +423,7 @@ fn exited(launch: &Launch, life: Life, status: io::Result<ExitStatus>) -> Event 
         },
     };
     let stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, life)) };
-    Event::Exited { life, how, stderr_tail }
+    Event::Exited { life, how, signal, stderr_tail }
 }
 
 fn is_scarce() -> bool {
@@ -354,7 +438,7 @@ fn killed_by(signal: i32) -> String {
         }
         SIGBUS => format!("died of SIGBUS: shared memory ({HOME}) was full, or a file in it was cut"),
         SIGXFSZ => "died of SIGXFSZ: a file grew beyond the limit of file sizes (ulimit -f)".to_owned(),
-        _ => format!("was killed by signal {signal}"),
+        _ => format!("was killed by {}", signals::name(signal)),
     }
 }
 

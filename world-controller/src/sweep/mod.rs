@@ -21,13 +21,13 @@ pub mod table;
 
 use crate::interrupt::Interrupt;
 use crate::output::{Output, OutputError, Outputs};
-use crate::report::{count, seconds};
 use crate::scenario::flaw::Flaw;
 use crate::scenario::problems::Problems;
 use crate::scenario::{LinkKind, Overrides, Plan, load, quote, read_text};
 use crate::shown::{Shown, json, portable};
 use crate::stopwatch::Stopwatch;
 use crate::terminal::{Channel, Live};
+use crate::wording::{count, many, rate, seconds};
 use grid::{Axis, Grid, GridError, Seeds};
 use metamorph_protocol::metamodule::start::StartError;
 use metamorph_sim_bridge::outcome::Outcome;
@@ -239,12 +239,12 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     let new = summary.runs - before;
     let took = since.elapsed().as_secs_f64();
     channel.say(&format!(
-        "{}\n  {} runs in {} on {jobs} thread{}, {} a second\n{}",
+        "{}\n  {} in {} on {}, {}\n{}",
         table::table(&summary, channel.paint()),
-        count(new),
+        many(new, "run"),
         seconds(took),
-        if jobs.get() == 1 { "" } else { "s" },
-        count((new as f64 / took.max(1e-9)) as u64),
+        many(jobs.get() as u64, "thread"),
+        rate(new, took),
         ending(request, &scenario.command(scenario.origin.clone(), &grid), &summary),
     ));
     Ok(match () {
@@ -260,12 +260,12 @@ fn ending(request: &Request, command: &str, summary: &Summary) -> String {
     match (&request.out, missing) {
         (None, 0) => "  nothing is kept; --out DIR keeps every run".to_owned(),
         (None, n) => {
-            format!("  interrupted: {} runs were not done, and nothing is kept without --out DIR", count(n))
+            format!("  interrupted: {} not done, and nothing is kept without --out DIR", many(n, "run"))
         }
         (Some(dir), 0) => format!("  every run and a report are in {}", dir.shown()),
         (Some(dir), n) => format!(
-            "  interrupted: {} runs are still to be done, everything else is kept\n  go on with  {command} --out {} --resume",
-            count(n),
+            "  interrupted: {} still to be done, everything else is kept\n  go on with  {command} --out {} --resume",
+            many(n, "run"),
             quote(dir.display().to_string())
         ),
     }
@@ -350,7 +350,15 @@ pub fn run(
             store.flush()?;
             flushed = Stopwatch::start();
         }
-        live.show(|| bar(begun, next + waiting.len() as u64, grid.runs(), tallies.totals().1, since));
+        live.show(|| {
+            bar(
+                begun,
+                next + waiting.len() as u64,
+                grid.runs(),
+                tallies.totals().1,
+                since.elapsed().as_secs_f64(),
+            )
+        });
         Ok(())
     })?;
     drop(live);
@@ -368,20 +376,39 @@ pub fn run(
 }
 
 /// One line that says how far a sweep has come.
-fn bar(begun: u64, now: u64, all: u64, violations: u64, since: Stopwatch) -> String {
-    const WIDTH: u64 = 24;
+fn bar(begun: u64, now: u64, all: u64, violations: u64, took: f64) -> String {
+    const WIDTH: u64 = 10;
     let filled = (now * WIDTH / all.max(1)) as usize;
-    let rate = (now - begun) as f64 / since.elapsed().as_secs_f64().max(1e-9);
-    let left =
-        if rate > 0.0 { format!("{} left", seconds((all - now) as f64 / rate)) } else { String::new() };
-    let broken = if violations > 0 { format!("  {} violations", count(violations)) } else { String::new() };
-    format!(
-        "[{:-<width$}]  {} of {} runs  {}%  {} a second  {left}{broken}",
+    let mut line = format!(
+        "[{:·<width$}] {:>3}%  {} of {}",
         "#".repeat(filled),
-        count(now),
-        count(all),
         now * 100 / all.max(1),
-        count(rate as u64),
+        count(now),
+        many(all, "run"),
         width = WIDTH as usize
-    )
+    );
+    if violations > 0 {
+        line += &format!("  {}", many(violations, "violation"));
+    }
+    if now > begun {
+        line += &format!("  {} left", seconds((all - now) as f64 * took / (now - begun) as f64));
+    }
+    line + "  " + &rate(now - begun, took)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::grid::MAX_RUNS;
+
+    #[test]
+    fn the_line_says_how_far_a_sweep_has_come() {
+        assert_eq!(
+            bar(0, 500, 1_000, 0, 10.0),
+            "[#####·····]  50%  500 of 1,000 runs  10.0 s left  50 a second"
+        );
+        assert_eq!(bar(7, 7, 1_000, 1, 0.0), "[··········]   0%  7 of 1,000 runs  1 violation  0 a second");
+        let most = bar(0, MAX_RUNS - 1, MAX_RUNS, MAX_RUNS, 1e9);
+        assert!(most.split("  ").take(4).collect::<Vec<_>>().join("  ").chars().count() < 80, "{most}");
+    }
 }

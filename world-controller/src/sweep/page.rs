@@ -6,7 +6,7 @@ use super::plots::{Row, boxes, intervals};
 use super::statistics::{Rate, Spread};
 use super::summary::{Combination, Summary};
 use super::table::{number, rate};
-use crate::report::count;
+use crate::wording::count;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use metamorph_sim_bridge::outcome::Outcome;
 use std::collections::BTreeSet;

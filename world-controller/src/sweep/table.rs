@@ -3,8 +3,8 @@
 
 use super::statistics::{Rate, Spread};
 use super::summary::{Combination, Summary};
-use crate::report::count;
 use crate::terminal::Paint;
+use crate::wording::{count, many};
 use metamorph_sim_bridge::outcome::Outcome;
 
 /// Combinations shown; `summary.json` has them all.
@@ -43,10 +43,10 @@ pub fn table(summary: &Summary, paint: Paint) -> String {
         numbers.row(&c.values, spreads(c).into_iter().flat_map(of_built).collect());
     }
     let mut out = format!(
-        "{}  {} of {} runs, seeds {}\n\n",
+        "{}  {} of {}, seeds {}\n\n",
         summary.scenario,
         count(summary.runs),
-        count(summary.runs_planned),
+        many(summary.runs_planned, "run"),
         summary.seeds
     );
     out += &ends.text(paint);
@@ -54,10 +54,10 @@ pub fn table(summary: &Summary, paint: Paint) -> String {
     out += &numbers.text(paint);
     match summary.combinations.len() - shown.len() {
         0 => {}
-        more => out += &format!("  … and {} more combinations\n", count(more as u64)),
+        more => out += &format!("  … and {}\n", many(more as u64, "more combination")),
     }
     if summary.violations > 0 {
-        out += &paint.bad(&format!("\n{} violations of invariants\n", count(summary.violations)));
+        out += &paint.bad(&format!("\n{} of invariants\n", many(summary.violations, "violation")));
     }
     out
 }

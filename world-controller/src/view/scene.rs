@@ -7,7 +7,7 @@
 use super::flow::{Bin, Flow};
 use super::visible::{Doing, Fate, Stance, Standing, Visible};
 use crate::report::schema::Report;
-use crate::scenario::{Cubes, Metamodules, Plan, Swarm};
+use crate::scenario::{Cubes, LinkChange, Metamodules, Plan, Swarm};
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::ids::ModuleId;
@@ -19,7 +19,7 @@ use metamorph_protocol::roombots::{HALF_EDGE, OUTER_RADIUS};
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::collections::{BTreeSet, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 
 /// Increased whenever the layout changes.
 pub const VERSION: u32 = 1;
@@ -146,6 +146,9 @@ pub enum Event {
     Does(ModuleId, Doing),
     /// It has not worked; the body is where it was before.
     Failed(ModuleId),
+    /// The body has refused it, so nothing has begun; told after [`Event::Does`] where refusals take time to
+    /// be heard of, as those of processes do.
+    Refused(ModuleId),
     /// A module tells of itself.
     Tells(ModuleId, Standing),
     /// The process of a module is gone.
@@ -168,6 +171,7 @@ fn told(at: u64, event: &Event) -> Value {
     match event {
         Event::Does(id, Doing { takes, what }) => json!(["m", at, id, takes.0 / 1_000, what]),
         Event::Failed(id) => json!(["f", at, id]),
+        Event::Refused(id) => json!(["r", at, id]),
         Event::Tells(id, s) => json!(["s", at, id, s.role, s.flags, s.place, s.waits_for]),
         Event::Died(id) => json!(["l", at, id, "dead"]),
         Event::Started(id) => json!(["l", at, id, "restarted"]),
@@ -190,9 +194,11 @@ pub struct Scene {
     asked: Vec<(Time, ModuleId, Doing)>,
     obstacles: BTreeSet<Cell>,
     goal: Option<(u16, (i16, i16))>,
-    /// Where bodies stand, which of them are on the way somewhere, and whose process is gone.
+    /// Where bodies stand, what they were seen to begin and not to end, and whose process is gone.
     stances: Vec<Stance>,
-    moving: BTreeSet<ModuleId>,
+    moving: BTreeMap<ModuleId, u32>,
+    /// Bodies that were asked for something that cannot be drawn, because they cannot do it.
+    unseen: BTreeSet<ModuleId>,
     dead: BTreeSet<ModuleId>,
     flow: Flow,
     now: Time,
@@ -203,6 +209,8 @@ pub struct Scene {
     troubles: Vec<String>,
     /// How many times this run has been told anew.
     telling: u32,
+    /// Beginnings and ends of partitions that are still to come.
+    changes: VecDeque<LinkChange>,
 }
 
 impl Scene {
@@ -221,7 +229,8 @@ impl Scene {
             asked: Vec::new(),
             obstacles: BTreeSet::new(),
             goal: None,
-            moving: BTreeSet::new(),
+            moving: BTreeMap::new(),
+            unseen: BTreeSet::new(),
             dead: BTreeSet::new(),
             now: Time::ZERO,
             outcome: None,
@@ -229,6 +238,7 @@ impl Scene {
             report: None,
             troubles: Vec::new(),
             telling: 0,
+            changes: plan.link_changes().into(),
         }
     }
 
@@ -248,6 +258,11 @@ impl Scene {
     }
     /// The run has come so far. Time does not go back: returns how far it has come.
     pub fn reach(&mut self, now: Time) -> Time {
+        while self.changes.front().is_some_and(|change| change.at <= now)
+            && let Some(LinkChange { at, name, effect }) = self.changes.pop_front()
+        {
+            self.push(at, Event::Struck(None, name.to_owned(), effect));
+        }
         if now > self.now {
             self.begin_asked();
             let width = self.flow.width();
@@ -261,7 +276,7 @@ impl Scene {
     /// What was not refused at once has begun.
     fn begin_asked(&mut self) {
         for (at, id, doing) in std::mem::take(&mut self.asked) {
-            self.moving.insert(id);
+            *self.moving.entry(id).or_default() += 1;
             self.push(at, Event::Does(id, doing));
         }
     }
@@ -277,7 +292,7 @@ impl Scene {
             let fills = |i: usize| {
                 let id = ModuleId(i as u32);
                 // A dead body that is still on its way fills nothing.
-                let stands = self.dead.contains(&id) && !self.moving.contains(&id);
+                let stands = self.dead.contains(&id) && !self.moving.contains_key(&id);
                 let is_final = |s: Standing| s.role == FILLS && s.place == i32::from(number);
                 stands || (!self.dead.contains(&id) && self.standings[i].is_some_and(is_final))
             };
@@ -297,29 +312,46 @@ impl Scene {
         self.dead.insert(id);
         self.note(now, Event::Died(id));
     }
-    /// A body is asked to do something.
-    pub fn asked(&mut self, now: Time, id: ModuleId, doing: Doing) {
+    /// A body is asked to do something; `None` if it cannot do that from where it is.
+    pub fn asked(&mut self, now: Time, id: ModuleId, doing: Option<Doing>) {
         self.reach(now);
-        self.asked.push((now, id, doing));
+        match doing {
+            Some(doing) => self.asked.push((now, id, doing)),
+            None => {
+                self.unseen.insert(id);
+            }
+        }
     }
     /// How it went.
     pub fn went(&mut self, now: Time, id: ModuleId, fate: Fate) {
         self.reach(now);
         match fate {
             Fate::Done => {
-                self.moving.remove(&id);
+                self.rests(id);
                 self.flow.moved(now);
             }
             Fate::Failed => {
-                self.moving.remove(&id);
+                self.rests(id);
                 self.push(now, Event::Failed(id));
             }
             Fate::Refused => {
+                // A body refuses before it begins, so what it has been asked last is what it refuses.
                 if let Some(i) = self.asked.iter().rposition(|(_, whose, _)| *whose == id) {
                     self.asked.remove(i);
+                } else if !self.unseen.remove(&id) && self.rests(id) {
+                    self.push(now, Event::Refused(id));
                 }
             }
         }
+    }
+    /// A body does one thing less. Says whether it was seen doing anything.
+    fn rests(&mut self, id: ModuleId) -> bool {
+        let Some(doing) = self.moving.get_mut(&id) else { return false };
+        *doing -= 1;
+        if *doing == 0 {
+            self.moving.remove(&id);
+        }
+        true
     }
     /// A module tells of itself. What shows nothing new is left out.
     pub fn tells(&mut self, now: Time, id: ModuleId, standing: Standing) {
@@ -446,5 +478,45 @@ impl Scene {
         // Everything within the microsecond that the page means.
         let at = Time(at.saturating_mul(1_000).saturating_add(999));
         json!({ "messages": self.flow.last_of(id, at, LAST_MESSAGES) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::{LinkKind, Overrides, read_text};
+
+    fn kinds(scene: &Scene) -> Vec<String> {
+        let told = scene.since(0, 0, 0);
+        let events = told["events"].as_array().expect("a list");
+        events.iter().map(|e| format!("{} {}", e[0].as_str().unwrap_or("?"), e[2])).collect()
+    }
+
+    /// A refusal undoes what it refuses, also where time passes before it is heard of.
+    #[test]
+    fn what_is_refused_has_not_happened() {
+        let text = "version = 1\n[swarm]\nstart = { cells = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]] }\n\
+            [[goal]]\nshape = { cells = [[0, 0, 0], [0, 0, 1]] }\n\
+            [[fault]]\npartition = { modules = [1], from = \"2s\", until = \"4s\" }\n";
+        let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+        let plan = read_text("t.toml", text, &overrides).unwrap_or_else(|p| panic!("{p}"));
+        let mut scene = Scene::new(&plan, false);
+        let at = |millis: u64| Time(millis * 1_000_000);
+        let doing = || Some(Doing { takes: Span::secs(1), what: vec![0, 5, 0] });
+        // At once, then later, then later while something else is done; and one that cannot be drawn.
+        scene.asked(at(100), ModuleId(1), doing());
+        scene.went(at(100), ModuleId(1), Fate::Refused);
+        scene.asked(at(200), ModuleId(2), doing());
+        scene.went(at(201), ModuleId(2), Fate::Refused);
+        scene.asked(at(300), ModuleId(3), doing());
+        scene.asked(at(301), ModuleId(3), doing());
+        scene.went(at(302), ModuleId(3), Fate::Refused);
+        scene.asked(at(303), ModuleId(3), None);
+        scene.went(at(304), ModuleId(3), Fate::Refused);
+        scene.went(at(1_300), ModuleId(3), Fate::Done);
+        assert!(scene.moving.is_empty());
+        // A partition is told when its time has come.
+        scene.reach(at(3_000));
+        assert_eq!(kinds(&scene), ["m 2", "r 2", "m 3", "m 3", "r 3", "x null"]);
     }
 }

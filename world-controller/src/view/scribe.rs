@@ -10,7 +10,7 @@ use crate::journal::{HeadError, JournalError};
 use crate::scenario::{Plan, Swarm};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::journal::{self, Blob, Record, Sensation, Sink, Taken, Wanted, Who};
+use metamorph_protocol::journal::{self, Blob, Outside, Record, Sensation, Sink, Taken, Wanted, Who};
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::WireError;
@@ -136,9 +136,8 @@ impl<A: Visible> Scribe<A> {
             E::Act { id, action, .. } => {
                 let action: A::Action = action.read()?;
                 let place = self.places.get(id.index());
-                if let Some(doing) = place.and_then(|place| A::doing(&self.setup, place, &action)) {
-                    scene.asked(at, *id, doing);
-                }
+                let doing = place.and_then(|place| A::doing(&self.setup, place, &action));
+                scene.asked(at, *id, doing);
             }
             E::Sensed { id, sensed: Sensation::Percept(percept) } => {
                 scene.went(at, *id, A::fate(&percept.read()?));
@@ -148,6 +147,8 @@ impl<A: Visible> Scribe<A> {
             E::Died { id } => scene.died(at, *id),
             E::Command(Wanted::Pause(id)) => scene.note(at, Event::Paused(*id)),
             E::Command(Wanted::Resume(id)) => scene.note(at, Event::Resumed(*id)),
+            E::External { id, what: Outside::Stopped { .. } } => scene.note(at, Event::Paused(*id)),
+            E::External { id, what: Outside::Continued } => scene.note(at, Event::Resumed(*id)),
             E::Command(Wanted::Order(_, order)) => {
                 if let Some((goal, shift)) = A::goal(&order.read()?) {
                     scene.goal(at, goal, shift);

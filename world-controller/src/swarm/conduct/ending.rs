@@ -35,7 +35,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                     self.supervisor.ask(Task::Signal(life, Signal::KILL));
                 }
                 _ => {
-                    if process.paused {
+                    if process.is_stopped() {
                         self.supervisor.ask(Task::Signal(life, Signal::CONT));
                     }
                     process.hurry();
@@ -117,11 +117,12 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
 
     fn ended(&mut self, event: Event) {
         let (id, incarnation, how, stderr_tail) = match event {
-            Event::Exited { life: (id, life), how, stderr_tail } => (id, life, how, stderr_tail),
+            Event::Exited { life: (id, life), how, stderr_tail, .. } => (id, life, how, stderr_tail),
             Event::Shutdown(urgency) => return self.interrupt(urgency),
             Event::SpawnFailed((id, life), e) => {
                 (id, life, format!("could not be started: {e}"), String::new())
             }
+            Event::Stopped(..) | Event::Continued(_) => return,
         };
         let at = self.outcome.end;
         let Some(process) = self.processes.get_mut(id.index()) else { return };

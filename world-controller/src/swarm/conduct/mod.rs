@@ -12,6 +12,7 @@ use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
 use crate::swarm::pace::Pace;
 use crate::swarm::reserve::Reserve;
 use crate::swarm::run_dir::RunDir;
+use crate::swarm::signals;
 use crate::swarm::supervise::{Event, Life, Supervisor, Task, Urgency};
 use metamorph_module_agent::clock::monotonic;
 use metamorph_module_agent::inbox::Inbox;
@@ -21,6 +22,7 @@ use metamorph_module_agent::rendezvous::{ChannelError, Rendezvous};
 use metamorph_module_agent::runtime::{Contact, Runtime};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
+use metamorph_protocol::journal::Outside;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
 use metamorph_sim_bridge::direct::{Command, Direct};
@@ -168,15 +170,26 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                 Event::SpawnFailed(life, e) => {
                     self.buried(life, format!("could not be started: {e}"), String::new(), true);
                 }
-                Event::Exited { life, how, stderr_tail } => {
+                Event::Stopped(life, signal) => {
+                    self.external(life, &Outside::Stopped { signal: signals::name(signal) });
+                }
+                Event::Continued(life) => self.external(life, &Outside::Continued),
+                Event::Exited { life, how, signal, stderr_tail } => {
                     // What it had sent before its end is heard before its end is.
                     for _ in 0..self.processes.len().max(64) {
                         if self.drain()? < DRAIN {
                             break;
                         }
                     }
-                    let i = life.0.index();
-                    let crashed = self.processes.get(i).is_some_and(|p| !p.condemned);
+                    let unasked = |p: &&Process<_>| !p.condemned;
+                    let process = self.processes.get(life.0.index()).filter(unasked);
+                    let running = |p: &&Process<_>| p.verdict.is_none() && p.stage == Stage::Running;
+                    let outside = process.filter(running).and(signal);
+                    let outside = outside.filter(|signal| signals::is_from_outside(*signal));
+                    let crashed = process.is_some() && outside.is_none();
+                    if let Some(signal) = outside {
+                        self.external(life, &Outside::Killed { signal: signals::name(signal) });
+                    }
                     self.buried(life, how, stderr_tail, crashed);
                 }
             }
@@ -185,6 +198,21 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             return Err(SwarmError::Supervisor(std::io::Error::other("its thread ended")));
         }
         Ok(())
+    }
+
+    /// Something outside this run has done this to a process.
+    fn external(&mut self, (id, incarnation): Life, what: &Outside) {
+        let now = self.now();
+        let current = |p: &&mut Process<_>| p.incarnation == incarnation && p.stage == Stage::Running;
+        let Some(process) = self.processes.get_mut(id.index()).filter(current) else { return };
+        tracing::warn!("module {id} {what}");
+        process.halted = matches!(what, Outside::Stopped { .. });
+        process.resumed_at = now;
+        process.hurry();
+        self.outcome.external += 1;
+        self.world.advance(now);
+        self.director.external(now, id, what, self.world);
+        self.obey(now);
     }
 
     fn interrupt(&mut self, urgency: Urgency) {
@@ -472,7 +500,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                     self.supervisor.ask(Task::Signal(life, Signal::STOP));
                 }
                 Command::Resume(_) if alive => {
-                    process.paused = false;
+                    (process.paused, process.halted) = (false, false);
                     process.resumed_at = now;
                     process.hurry();
                     self.supervisor.ask(Task::Signal(life, Signal::CONT));

@@ -36,7 +36,9 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             while let Some(event) = self.supervisor.event() {
                 match event {
                     Event::SpawnFailed(life, e) => return Err(self.spawn_error(life, e.to_string())),
-                    Event::Exited { life, how, stderr_tail } => {
+                    // Without a place in the run there is nothing to tell of it yet.
+                    Event::Stopped(..) | Event::Continued(_) => {}
+                    Event::Exited { life, how, stderr_tail, .. } => {
                         return Err(SwarmError::DiedEarly { id: life.0, how, stderr_tail });
                     }
                     Event::Shutdown(urgency) => self.interrupt(urgency),

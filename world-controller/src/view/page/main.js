@@ -3,7 +3,7 @@
 import { Camera } from "./camera.js";
 import { Drawing } from "./drawing.js";
 import { Panel, make } from "./panel.js";
-import { MEANINGS, Picture } from "./picture.js";
+import { MEANINGS, Picture, TOLD, UNSEEN } from "./picture.js";
 import { Story } from "./story.js";
 import { Timeline } from "./timeline.js";
 
@@ -63,6 +63,7 @@ class Page {
     this.camera.onChange = () => (this.moving = this.dirty = true);
     story.onTalk = this.redraw;
     story.onLost = (error) => this.lost(error);
+    story.onAnew = () => this.anew();
     new ResizeObserver(() => {
       this.timeline.refresh();
       this.redraw();
@@ -95,10 +96,27 @@ class Page {
       return make("label", {}, box, swatch, name);
     });
     by("classes").append(...classes);
-    if (!scene.messages) {
-      by("messages").disabled = true;
-      by("messages").parentElement.title = "messages between processes are not seen from outside";
+    this.offer();
+  }
+
+  /** Offers only what can be shown: what modules tell each other is not seen while processes run. */
+  offer() {
+    const { messages } = this.story.scene;
+    const why = messages ? "" : UNSEEN;
+    by("messages").disabled = !messages;
+    by("messages").parentElement.title = why;
+    for (const option of by("meaning").options) {
+      option.disabled = !messages && TOLD.includes(option.value);
+      option.title = option.disabled ? why : "";
     }
+  }
+
+  /** The run is told anew. The moment and the view stay as they are. */
+  anew() {
+    this.offer();
+    this.panel.forget();
+    this.timeline.refresh();
+    this.redraw();
   }
 
   listen() {
@@ -193,6 +211,7 @@ class Page {
   }
 
   setMeaning(meaning) {
+    if (!this.story.scene.messages && TOLD.includes(meaning)) return;
     this.meaning = meaning;
     by("meaning").value = meaning;
     this.redraw();

@@ -15,6 +15,7 @@ export const make = (tag, attributes = {}, ...inside) => {
 /** Modules shown of those that wait at the end. */
 const SHOWN = 6;
 
+const number = (n) => n.toLocaleString("en");
 const seconds = (t) => `${(t / 1e6).toFixed(2)} s`;
 const cell = (c) => `[${c.join(", ")}]`;
 
@@ -26,6 +27,13 @@ export class Panel {
     this.onSeek = () => {};
     this.asked = null;
     this.legendText = "";
+    this.faultCount = -1;
+    this.outcomeText = "";
+  }
+
+  /** What was said is said anew. */
+  forget() {
+    this.asked = null;
     this.faultCount = -1;
     this.outcomeText = "";
   }
@@ -71,11 +79,11 @@ export class Panel {
     const { filled, goal } = this.story.progressAt(t);
     const unit = this.picture.cubes ? "cells" : "seeds";
     const facts = [
-      [`${unit} filled`, `${filled} / ${goal}`],
-      ["alive", `${counts.alive} / ${this.story.modules.length}`],
-      ["moving", `${counts.moving}`],
-      ["dead", `${counts.dead}`],
-      ["paused", `${counts.paused}`],
+      [`${unit} filled`, `${number(filled)} / ${number(goal)}`],
+      ["alive", `${number(counts.alive)} / ${number(this.story.modules.length)}`],
+      ["moving", number(counts.moving)],
+      ["dead", number(counts.dead)],
+      ["paused", number(counts.paused)],
     ];
     const list = this.part("numbers");
     facts.forEach(([name, value], i) => {
@@ -113,7 +121,7 @@ export class Panel {
         {},
         make("button", { class: "link", type: "button", onclick: () => this.onSeek(f.t) }, seconds(f.t)),
         " ",
-        make("span", { title: f.effect }, f.what),
+        make("span", { title: f.effect }, f.who === null || /^external /.test(f.what) ? `${f.what}: ${f.effect}` : f.what),
       );
     this.part("faults").replaceChildren(...faults.slice(0, 500).map(row));
     this.part("faults-section").hidden = faults.length === 0;
@@ -128,13 +136,19 @@ export class Panel {
     const known = picture.of(id, t, talk);
     const body = story.bodyAt(id, t);
     const { standing, life } = known;
-    const role = picture.cubes
+    const role = standing.role === null
+      ? "not heard of yet"
+      : picture.cubes
       ? ["in reserve", "wandering", "finalized"][standing.role]
       : standing.role === 2
         ? `settled in seed ${standing.place}`
         : "free";
     const place = picture.cubes ? cell(body.part >= 1 || !body.what ? body.to : body.from) : this.connector(body);
     const does = body.doing ? this.deed(body) : "rests";
+    const unit = picture.cubes ? "moves" : "strides";
+    // What modules tell each other is on its way here, or not seen at all.
+    const untold = story.scene.messages ? "loading" : "not seen from outside";
+    const target = known.gradient === null ? untold : known.gradient === 65535 ? "knows none" : `${known.gradient} ${known.gradient === 1 ? unit.slice(0, -1) : unit}`;
     const flags = [
       [4, "held by a dead one"],
       [2, "cannot move any more"],
@@ -147,10 +161,10 @@ export class Panel {
       [dead ? "was" : "part", role],
       ["at", place],
       ["does", dead ? null : does],
-      [picture.cubes ? "target in" : "seed in", dead ? null : known.gradient === 65535 ? "unknown" : `${known.gradient} ${picture.cubes ? "moves" : "strides"}`],
-      ["waits for", dead ? null : standing.waits === null ? "nobody" : this.link(standing.waits)],
+      [picture.cubes ? "target in" : "seed in", dead ? null : target],
+      ["waits for", dead || standing.role === null ? null : standing.waits === null ? "nobody" : this.link(standing.waits)],
       ["in a circle", circle.has(id) ? "yes" : null],
-      ["locked by", dead ? null : owner === null ? "nobody" : this.link(owner)],
+      ["locked by", dead ? null : !talk ? untold : owner === null ? "nobody" : this.link(owner)],
       ["knows", flags.length && !dead ? flags.map(([, text]) => text).join(", ") : null],
     ].filter(([, value]) => value !== null);
     section.dataset.id = id;

@@ -12,6 +12,10 @@ export const MEANINGS = {
   locks: "locks",
 };
 
+/** Colours that follow from what modules tell each other. */
+export const TOLD = ["gradient", "locks"];
+export const UNSEEN = "what modules tell each other is not seen while processes run";
+
 const FAR = 65535;
 
 /** A scale of colours from near to far that is read in grey and by the colour-blind (viridis). */
@@ -206,15 +210,16 @@ export class Picture {
     const { story } = this;
     const life = story.lifeAt(id, t);
     const standing = story.standingAt(id, t);
-    const gradient = talk?.gradient?.[id] ?? FAR;
+    const gradient = talk ? (talk.gradient[id] ?? FAR) : null;
     return { life, standing, stuck: story.stuckAt(id, t) || (standing.flags & 2) !== 0, gradient };
   }
 
   roleName({ life, standing }, moving) {
     if (life === "dead") return "dead";
     if (life === "paused") return "paused";
-    if (this.cubes) return ["reserve", "walker", "final"][standing.role];
-    return standing.role === 2 ? "final" : moving ? "walker" : "reserve";
+    if (this.cubes) return ["reserve", "walker", "final"][standing.role] ?? "none";
+    if (standing.role === 2) return "final";
+    return moving ? "walker" : standing.role === null ? "none" : "reserve";
   }
 
   build(t, options) {
@@ -234,7 +239,7 @@ export class Picture {
     const now = this.goals[Math.min(goal, this.goals.length - 1)];
     const taken = new Set();
     const waits = new Map();
-    const counts = { alive: 0, dead: 0, paused: 0, moving: 0 };
+    const counts = { alive: 0, dead: 0, paused: 0, moving: 0, unheard: 0, stuck: 0 };
     this.filled.clear();
     this.drawing.shaded = false;
 
@@ -246,11 +251,14 @@ export class Picture {
       else counts.alive++;
       if (known.life === "paused") counts.paused++;
       if (body.doing) counts.moving++;
+      if (role === "none") counts.unheard++;
+      if (known.stuck) counts.stuck++;
       if (known.life === "alive" && known.standing.waits !== null) waits.set(id, known.standing.waits);
       let paint = colour[role];
       if (options.meaning === "level") paint = this.levelColour(id, known, body, now);
       else if (options.meaning === "gradient") {
-        paint = known.gradient === FAR ? colour.none : scale(1 - known.gradient / farthest);
+        const far = known.gradient === FAR || known.gradient === null;
+        paint = far ? colour.none : scale(1 - known.gradient / farthest);
       } else if (options.meaning === "locks") {
         const owner = owners.get(id);
         paint = owner !== undefined ? ownColour(owner) : locking.has(id) ? ownColour(id) : colour.none;
@@ -277,11 +285,12 @@ export class Picture {
       }
     }
     if (options.messages && talk) this.drawTalk(talk, options);
-    // A run that was not built shows at its end who waits for whom.
-    const stalled = t >= story.now && story.over && story.outcome !== "built";
+    // Modules that wait for each other while a run goes on mostly get on a moment later. Only where the run
+    // has ended in a deadlock, at its end, they stand still.
+    const stalled = t >= story.now && story.over && story.outcome === "deadlock";
     const stall = stalled ? story.report?.unbuilt : null;
     for (const { module, waits_for } of stall?.waiting ?? []) if (waits_for !== null) waits.set(module, waits_for);
-    const circle = story.circle(waits);
+    const circle = stalled ? story.circle(waits) : new Set();
     stall?.wait_cycle.forEach((id) => circle.add(id));
     this.drawWaits(waits, circle, options, stalled);
     if (options.meaning === "locks") {
@@ -372,7 +381,7 @@ export class Picture {
     }
   }
 
-  /** Those that wait in a circle are always drawn, and all at the end of a run that stands still. */
+  /** At the end of a run that stands still all are drawn, those that wait in a circle in another colour. */
   drawWaits(waits, circle, options, stalled) {
     for (const [from, to] of waits) {
       const within = circle.has(from) && circle.has(to);
@@ -454,21 +463,24 @@ export class Picture {
   }
 
   /** What the colours mean, for the legend: text, colour, and the pattern that goes with it. */
-  legend(meaning, { farthest, circle, arrows }) {
+  legend(meaning, { farthest, circle, arrows, counts, talk }) {
     const { colour, cubes } = this;
     const swatch = (text, rgb, pattern) => ({ text, colour: css(rgb), pattern });
-    const entries = this.meanings(meaning, farthest, swatch, colour, cubes);
+    const told = talk || !TOLD.includes(meaning);
+    const entries = told
+      ? this.meanings(meaning, farthest, swatch, colour, cubes, counts)
+      : [swatch(this.story.scene.messages ? "loading" : UNSEEN, colour.none)];
     if (circle.size) entries.push(swatch("wait for each other in a circle", colour.bad));
     if (arrows) entries.push(swatch("waits for", colour.wait));
     return entries;
   }
 
-  meanings(meaning, farthest, swatch, colour, cubes) {
-    const lives = [
-      swatch("dead", colour.dead, "dead"),
-      swatch("paused", colour.paused, "paused"),
-      swatch("stuck", colour.none, "stuck"),
-    ];
+  meanings(meaning, farthest, swatch, colour, cubes, counts) {
+    const lives = [];
+    if (counts.unheard) lives.push(swatch("not heard of yet", colour.none));
+    if (counts.dead) lives.push(swatch("dead", colour.dead, "dead"));
+    if (counts.paused) lives.push(swatch("paused", colour.paused, "paused"));
+    if (counts.stuck) lives.push(swatch("stuck", colour.none, "stuck"));
     const ramp = (from, to, near, far) => ({
       ramp: [0, 0.25, 0.5, 0.75, 1].map((x) => css(scale(from + (to - from) * x))),
       near,

@@ -25,6 +25,9 @@ function after(family, stance, what) {
   return stance.map((x, i) => x + h[i] + (kind === 1 ? s[i] : 0));
 }
 
+/** Of a module that has not told anything. */
+const UNHEARD = { role: null, flags: 0, place: -1, waits: null };
+
 export class Story {
   constructor() {
     this.next = 0;
@@ -46,6 +49,7 @@ export class Story {
     this.asked = new Set();
     this.onTalk = () => {};
     this.onLost = () => {};
+    this.onAnew = () => {};
   }
 
   async ask(what) {
@@ -68,12 +72,23 @@ export class Story {
     while (await this.follow());
   }
 
+  /** The run is told anew, with more in it. What was known stays in sight until all of that is here. */
+  async beginAgain() {
+    const fresh = new Story();
+    await fresh.begin();
+    const { onTalk, onLost, onAnew } = this;
+    Object.assign(this, fresh, { onTalk, onLost, onAnew });
+    this.onAnew();
+  }
+
   /** Takes what has happened since; says whether there is more at once. */
   async follow() {
     const last = Math.max(this.totals.length - 1, 0);
     const more = await this.ask(`events?from=${this.next}&bin=${last}&width=${this.width}`);
-    // The run is told anew, with more in it.
-    if (this.telling !== undefined && this.telling !== more.telling) location.reload();
+    if (this.telling !== undefined && this.telling !== more.telling) {
+      await this.beginAgain();
+      return false;
+    }
     this.telling = more.telling;
     for (const event of more.events) this.take(event);
     if (more.width !== this.width || more.first === 0) {
@@ -116,6 +131,12 @@ export class Story {
           last.failed = true;
           module.stance = last.from;
         }
+        break;
+      }
+      case "r": {
+        // Refused: it has not happened.
+        const last = module.doings.pop();
+        if (last) module.stance = last.from;
         break;
       }
       case "s": {
@@ -177,10 +198,15 @@ export class Story {
     return { from: doing.from, to: doing.to, part, doing: part < 1 ? doing : null, what: doing.what };
   }
 
+  /** What a module has told of itself; its role is null before it has told anything. */
   standingAt(id, t) {
     const list = this.modules[id].standings;
     const i = before(list, t);
-    return i < 0 ? { role: 0, flags: 0, place: -1, waits: null } : list[i];
+    // A process that was started again has forgotten what it told before.
+    const lives = this.modules[id].lives;
+    let k = before(lives, t);
+    while (k >= 0 && lives[k].life !== "restarted") k--;
+    return i < 0 || (k >= 0 && lives[k].t > list[i].t) ? UNHEARD : list[i];
   }
 
   /** "alive", "dead" or "paused". */
@@ -230,11 +256,11 @@ export class Story {
     const first = chunk * AT_ONCE;
     if (this.asked.has(chunk) || first >= this.totals.length) return;
     this.asked.add(chunk);
-    const width = this.width;
+    const { width, telling } = this;
     const last = this.totals.length;
     try {
       const { width: theirs, bins } = await this.ask(`talk?first=${first}&count=${AT_ONCE}`);
-      if (theirs !== width || width !== this.width) return;
+      if (theirs !== width || width !== this.width || telling !== this.telling) return;
       this.talk.set(chunk, bins);
       // What is still going on is asked for again.
       if (!this.over && first + AT_ONCE >= last) setTimeout(() => this.asked.delete(chunk), 500);

@@ -1,6 +1,8 @@
 // What happened over time, under the picture: how far the goal has come, moves, messages by class,
 // faults. One row each; a line where the picture is; press or drag to go there.
 
+import { UNSEEN } from "./picture.js";
+
 const ROWS = [
   { key: "filled", title: "goal", share: 0.8 },
   { key: "moves", title: "moves/s", share: 0.8 },
@@ -43,6 +45,11 @@ export class Timeline {
     return Math.max(0, Math.min(1, share)) * this.span;
   }
 
+  /** Of metamodules, what is counted are single actions: steps of joints, connections, releases. */
+  title({ key, title }) {
+    return key === "moves" && this.story.family !== "cube" ? "actions/s" : title;
+  }
+
   hover(e) {
     const t = this.timeAt(e.offsetX);
     const { story } = this;
@@ -53,8 +60,8 @@ export class Timeline {
     const rate = (n) => (n / seconds).toLocaleString("en", { maximumFractionDigits: 1 });
     const lines = [
       `${(t / 1e6).toFixed(2)} s`,
-      `${bin[2]} of ${bin[3]} filled`,
-      `${rate(bin[1])} moves/s`,
+      `${bin[2].toLocaleString("en")} of ${bin[3].toLocaleString("en")} filled`,
+      `${rate(bin[1])} ${this.title(ROWS[1])}`,
       ...story.scene.classes
         .map((name, i) => [name, bin[0][i]])
         .filter(([, n]) => n > 0)
@@ -126,10 +133,14 @@ export class Timeline {
       paint.textAlign = "right";
       paint.textBaseline = "bottom";
       paint.fillStyle = colour("--ink");
-      paint.fillText(row.title, LEFT - 8, base + 2);
+      paint.fillText(this.title(row), LEFT - 8, base + 2);
       paint.fillStyle = colour("--soft");
       paint.textBaseline = "top";
       if (parts.most > 0) paint.fillText(short(most), LEFT - 8, top - 3);
+      else if (row.key === "messages" && !story.scene.messages) {
+        paint.textAlign = "left";
+        paint.fillText(`not known: ${UNSEEN}`, LEFT + 6, top + tall / 2 - 6);
+      }
       if (cut) {
         paint.textAlign = "left";
         const peak = parts.tops.indexOf(parts.most);
@@ -202,7 +213,7 @@ export class Timeline {
   faults(paint, height, colour) {
     for (const { t, what } of this.story.faults) {
       const x = this.x(t);
-      const mends = /^(resume|unstick|unblock|restart) /.test(what);
+      const mends = /^(resume |unstick |unblock |restart |heal$)/.test(what);
       paint.fillStyle = colour(mends ? "--mend" : "--bad");
       paint.globalAlpha = 0.5;
       paint.fillRect(x - 0.5, TOP, 1, height - TOP - BOTTOM);
