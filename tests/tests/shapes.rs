@@ -72,7 +72,7 @@ fn what_shape_writes_is_a_scenario_that_runs() {
         let report = built(&["run", written, "--link", "sim"]);
         assert_eq!((report.goal.cells, report.goal.filled, report.invariants.broken), (cells, cells, 0));
         let again = run(&[&["shape", path.to_str().unwrap(), "--write", written], args].concat());
-        assert_eq!(again.code, Some(1), "a file was written over: {again:?}");
+        assert_eq!(again.code, Some(2), "a file was written over: {again:?}");
     }
 }
 

@@ -223,11 +223,11 @@ impl Target {
         let Target::File(path) = self else {
             return match before {
                 Before::Any => Ok(()),
-                Before::Nothing => Err(io::ErrorKind::AlreadyExists.into()),
+                Before::Nothing => Err(Errno::EXIST.into()),
             };
         };
         match (fs::symlink_metadata(path), before) {
-            (Ok(_), Before::Nothing) => return Err(io::ErrorKind::AlreadyExists.into()),
+            (Ok(_), Before::Nothing) => return Err(Errno::EXIST.into()),
             // Renaming would replace also what may not be written.
             (Ok(_), Before::Any) => drop(OpenOptions::new().append(true).open(path)?),
             (Err(_), _) => {}

@@ -65,7 +65,7 @@ pub enum SweepError {
         /// What is wrong.
         problems: Problems,
         /// The values.
-        values: String,
+        values: Box<str>,
     },
     /// The directory.
     #[error(transparent)]
@@ -128,7 +128,9 @@ impl Scenario {
         for combination in 0..grid.combinations() {
             self.plan(grid, combination).map_err(|problems| match grid.values(combination).len() {
                 0 => SweepError::Scenario(problems),
-                _ => SweepError::Combination { problems, values: options(grid, combination, "--vary") },
+                _ => {
+                    SweepError::Combination { problems, values: options(grid, combination, "--vary").into() }
+                }
             })?;
         }
         Ok(())
