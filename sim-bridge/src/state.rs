@@ -11,7 +11,7 @@ use std::hash::Hasher;
 const STATE_VERSION: u64 = 1;
 
 /// Events between two looks at all agents and the world: so many for each module, and at least so many. A
-/// look costs about as much as an event of every module, so looks cost less than a hundredth of a run.
+/// look costs about as much as three events of every module, so looks cost about a hundredth of a run.
 const PER_MODULE: u64 = 256;
 const AT_LEAST: u64 = 4_096;
 

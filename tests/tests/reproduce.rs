@@ -72,7 +72,8 @@ fn published_and_own_numbers_stand_side_by_side() {
         "goal.0.order=crosswise",
     ]);
     let report: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
-    assert!(line.ends_with(report["trace_hash"].as_str().unwrap()), "{line} {}", report["trace_hash"]);
+    let [trace, state] = ["trace_hash", "state_hash"].map(|hash| report[hash].as_str().unwrap());
+    assert!(line.ends_with(&format!("{trace},{state}")), "{line} {trace} {state}");
 }
 
 #[test]

@@ -111,10 +111,11 @@ fn a_run_of_a_sweep_can_be_repeated_alone() {
         [&["run", path.as_str(), "--link", "sim", "--quiet", "--json", "-", "--seed", "6"], &settings[..]]
             .concat();
     let report: serde_json::Value = serde_json::from_str(&run(&args).out).unwrap();
-    let (hash, moves) = (report["trace_hash"].as_str().unwrap(), report["moves"].as_u64().unwrap());
+    let [trace, state] = ["trace_hash", "state_hash"].map(|hash| report[hash].as_str().unwrap());
+    let (hashes, moves) = (format!("{trace},{state}"), report["moves"].as_u64().unwrap());
     let runs = place.read("out", "runs.csv");
     let line = runs.lines().find(|line| line.starts_with("10,")).unwrap();
-    assert!(line.ends_with(hash) && line.contains(&format!(",{moves},")), "{line} {hash} {moves}");
+    assert!(line.ends_with(&hashes) && line.contains(&format!(",{moves},")), "{line} {hashes} {moves}");
     assert!(report["repeat"].as_str().unwrap().contains("--set protocol.connectivity=cycles"), "{report}");
 }
 
