@@ -250,7 +250,7 @@ fn attach(
     let shards = (count as u32).div_ceil(SHARD);
     let senders = count.min(SHARD as usize) + UNBURIED;
     let inbox = Inbox::create_for_controller(at, seat.generation, shards, senders)?;
-    space::allocate(dir.name()).map_err(|e| reserve::refused_own(e))?;
+    space::allocate(dir.name()).map_err(reserve::refused_own)?;
     let launch = Launch {
         program: options.program.clone(),
         args: options.program_args.clone(),
