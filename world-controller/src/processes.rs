@@ -12,8 +12,8 @@ use crate::scenario::{Plan, Swarm};
 use crate::shown::Shown;
 use crate::stopwatch::Stopwatch;
 use crate::swarm::{
-    CleanError, Crash, FULL, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, WATCH, adopt,
-    clean, resume_swarm, run_swarm,
+    CleanError, Crash, FULL, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, WATCH,
+    adopt, clean, resume_swarm, run_swarm,
 };
 use crate::terminal::Live;
 use crate::view::scribe::both;
@@ -221,9 +221,11 @@ fn resume<R: Runnable>(
     let Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted } = recovered;
     let mut said =
         vec![format!("the controller was killed; another went on from {}", seconds(until.as_secs_f64()))];
-    said.extend(part.torn().map(|torn| {
-        format!("the controller's part of the journal was cut off after {} bytes", torn.whole)
-    }));
+    said.extend(
+        part.torn().map(|torn| {
+            format!("the controller's part of the journal was cut off after {} bytes", torn.whole)
+        }),
+    );
     if let Some(scribe) = &scribe {
         // Whoever looks on is told what happened before.
         for record in Reader::open(&controller_part(&parts))? {

@@ -148,7 +148,8 @@ where
 
 /// What a replay came to, for people.
 pub fn text(plan: &Plan, replayed: &Replayed) -> String {
-    let Replayed { done, difference, damage, troubles, tally, ended, hashes: (agents, world), shown } = replayed;
+    let Replayed { done, difference, damage, troubles, tally, ended, hashes: (agents, world), shown } =
+        replayed;
     let mut text = shown.clone();
     let total = tally.total();
     let _ = writeln!(

@@ -58,9 +58,7 @@ impl Prospect {
             // At another place more may be possible.
             _ if stall.reason == Reason::Misplaced => Prospect::UNDECIDED,
             // The director has searched already.
-            _ if stall.proof.is_some() => {
-                Prospect { possible: Possible::No, within: Some(Within::Grown) }
-            }
+            _ if stall.proof.is_some() => Prospect { possible: Possible::No, within: Some(Within::Grown) },
             Some(Question::Cubes(plight)) => {
                 let bound = (EFFORT / plight.modules.len().max(1)).min(ARRANGEMENTS.0);
                 if bound < ARRANGEMENTS.1 {
