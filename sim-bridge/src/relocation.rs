@@ -16,9 +16,11 @@ use std::rc::Rc;
 
 /// The free width around a goal that is moved, in cells, where the floor has room for it.
 const ROOM: i16 = 3;
-/// The work of one search at one place; [`search`] says what a unit is. Most of what can be built is seen with
-/// a hundredth of it.
-const WORK_AT_A_PLACE: usize = WORK / 20;
+/// The work of the search that proves that no seed of a place can be the first; [`search`] says what a unit is.
+const WORK_FOR_THE_FIRST: usize = WORK / 20;
+/// The work of the search for a way to each of the others, where several have to move for it. What takes more
+/// leaves the prospect of a place open.
+const WORK_FOR_A_SEED: usize = WORK / 200;
 /// The largest number of places whose prospects stay open that one survey looks at: each of them may take the
 /// whole work of its searches.
 const MOST_OPEN: usize = 12;
@@ -78,7 +80,8 @@ pub fn prospect(bodies: &Standstill, reaches: &[Rc<Reach>]) -> Prospect {
             able.remove(body);
             continue;
         }
-        let next = match search(&built, WORK_AT_A_PLACE) {
+        let work = if built.filled.is_empty() { WORK_FOR_THE_FIRST } else { WORK_FOR_A_SEED };
+        let next = match search(&built, work) {
             Sought::Way(way) => way.last().and_then(|last| Some((last.body, built.after(&way)?))),
             Sought::NoWay(_) if built.filled.is_empty() => return Prospect::Barred,
             Sought::NoWay(_) | Sought::Undecided => None,

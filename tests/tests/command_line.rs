@@ -210,6 +210,10 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
     let cases: &[(String, &[&str])] = &[
         // Keys of the other family.
         (
+            with(goal, "shape = { sphere = { center = [0, 0, 0], radius = 2 } }"),
+            &["`sphere` in the shape of a goal is for the family `cube`"],
+        ),
+        (
             with("kind", "move_time = \"1s\"\nkind"),
             &["scenario.toml:7:1:", "`move_time` in [swarm] is for the family `cube`", "family = \"cube\""],
         ),
@@ -360,7 +364,7 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
 fn metamodules_are_checked_run_and_reported() {
     let ran = on(METAMODULES, &["check", "{}", "--link", "sim"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
-    for part in ["4 SRS metamodules", "goal 1: 4 seeds", "strategy ", "from (0, 0) to (12, 12)"] {
+    for part in ["4 metamodules of kind SRS", "goal 1: 4 seeds", "strategy ", "from (0, 0) to (12, 12)"] {
         assert!(ran.out.contains(part), "`{part}` is missing in {}", ran.out);
     }
     let ran = on(METAMODULES, &["run", "{}", "--link", "sim", "--json", "-", "--loss", "1%"]);
@@ -552,10 +556,10 @@ fn help_is_enough_to_use_every_command() {
         ),
         (&["check", "--help"], &["SCENARIO", "Examples", "Exit codes"]),
         (&["clean", "--help"], &["killed", "Exit codes"]),
-        (&["--help"], &["8  a replay differs", "9  a journal is damaged"]),
+        (&["--help"], &["\n  8  a replay differs", "\n  9  a journal is damaged"]),
         (&["replay", "--help"], &["Exit codes", "8  something did not", "9  the journal is damaged"]),
         (&["view", "--help"], &["Exit codes", "9  the journal is damaged"]),
-        (&["resume", "--help"], &["Exit codes", "9  the journal is damaged"]),
+        (&["resume", "--help"], &["Exit codes", "\n  9  the journal is damaged"]),
         (&["export", "--help"], &["Exit codes", "9  the journal is damaged"]),
         (&["explore", "--help"], &["--runs", "--seconds", "--seed", "--family", "Examples", "Exit codes"]),
     ] {
@@ -565,7 +569,7 @@ fn help_is_enough_to_use_every_command() {
             assert!(ran.out.contains(part), "`{part}` is missing in {args:?}: {}", ran.out);
         }
         assert!(!ran.out.contains("\x1b["), "colours although this is no terminal");
-        assert!(!ran.out.contains("agent "), "the hidden command shows");
+        assert!(!ran.out.contains("\n  agent "), "the hidden command shows");
     }
 }
 

@@ -183,8 +183,8 @@ fn what_is_no_journal_or_an_old_one_is_refused_and_nothing_is_written() {
     let old = [&whole[..8], &[0, 0], &whole[10..]].concat();
     for (content, part) in [
         (&b"this is no journal"[..], "is not a journal"),
-        (&whole[..5], "is not a journal"),
-        (&whole[..40], "head of the journal"),
+        (&whole[..5], "ends within its head"),
+        (&whole[..40], "ends within its head"),
         (&old, "is a journal of version 0"),
     ] {
         fs::write(&journal, content).unwrap();

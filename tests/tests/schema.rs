@@ -278,9 +278,9 @@ const SMALLEST: [(&str, &str, &str); 15] = [
     (SMALLEST_OF_CUBES, "swarm", "cubeSwarm"),
     (SMALLEST_OF_CUBES, "goal.0", "cubeGoal"),
     (SMALLEST_OF_CUBES, "protocol", "cubeProtocol"),
-    (SMALLEST_OF_CUBES, "goal.0.shape.union.0.disc", "disc"),
-    (SMALLEST_OF_CUBES, "goal.0.shape.union.1.cylinder", "cylinder"),
-    (SMALLEST_OF_CUBES, "goal.0.shape.union.2.file", "file"),
+    (SHAPES, "goal.0.shape.union.0.disc", "disc"),
+    (SHAPES, "goal.0.shape.union.1.cylinder", "cylinder"),
+    (SHAPES, "goal.0.shape.union.2.file", "file"),
     (SMALLEST_OF_CUBES, "fault.0", "restart"),
     (SMALLEST_OF_METAMODULES, "", ""),
     (SMALLEST_OF_METAMODULES, "swarm", "metamoduleSwarm"),
@@ -295,11 +295,19 @@ version = 1
 [swarm]
 start = { box = { min = [-6, -6, 0], max = [6, 6, 0] } }
 [[goal]]
-shape = { union = [{ disc = { center = [0, 0, 0], radius = 4 } }, { cylinder = { base = [0, 0, 0], radius = 1, height = 1 } }, { file = { path = "deploy/shapes/arch.stl", pitch = 10 } }] }
-growth = "solid"
+shape = { box = { min = [0, 0, 0], max = [4, 4, 2] } }
 [[fault]]
 restart = 0
 at = "1s"
+"#;
+
+const SHAPES: &str = r#"
+version = 1
+[swarm]
+start = { box = { min = [-6, -6, 0], max = [6, 6, 0] } }
+[[goal]]
+shape = { union = [{ disc = { center = [0, 0, 0], radius = 4 } }, { cylinder = { base = [0, 0, 0], radius = 1, height = 1 } }, { file = { path = "deploy/shapes/arch.stl", pitch = 10 } }] }
+growth = "solid"
 "#;
 
 const SMALLEST_OF_METAMODULES: &str = r#"

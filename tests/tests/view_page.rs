@@ -397,7 +397,7 @@ fn a_killed_module_is_shown_as_dead_and_a_stopped_one_as_paused() {
 }
 
 #[test]
-fn messages_locks_gradients_and_circles_of_a_thousand_modules_are_shown() {
+fn messages_locks_and_gradients_of_a_thousand_modules_are_shown() {
     let view = View::of("slab-to-sphere.toml", &[]);
     let Some(mut browser) = open(&view) else { return };
     scrub(&mut browser, 60e6);
@@ -413,14 +413,10 @@ fn messages_locks_gradients_and_circles_of_a_thousand_modules_are_shown() {
                        [...window.page.picture.parts.list.slice(i * 16 + 8, i * 16 + 11)].join())).size";
         browser.until(&format!("{colours} >= 3"));
     }
-    // Those that wait for each other in a circle are drawn, and agree with what they say themselves.
+    // Modules that wait for each other while others move are no standstill, and no circle is drawn.
     let circle = "[...Array(149).keys()].some((s) => { window.page.seek(s * 1e6, true); window.page.show(); \
                   return document.body.dataset.circle !== ''; })";
-    assert_eq!(browser.evaluate(circle), Value::Bool(true));
-    let waits = "(() => { const ids = document.body.dataset.circle.split(' ').map(Number); const { story, t } = window.page; \
-                 return ids.length > 1 && ids.every((id) => ids.includes(story.standingAt(id, t).waits)) && \
-                 window.page.picture.marks.length > 0; })()";
-    assert_eq!(browser.evaluate(waits), Value::Bool(true));
+    assert_eq!(browser.evaluate(circle), Value::Bool(false));
     // Dark, if that is what the user's system wants.
     let dark = json!({ "features": [{ "name": "prefers-color-scheme", "value": "dark" }] });
     browser.call("Emulation.setEmulatedMedia", dark);

@@ -33,11 +33,11 @@ Exit codes:
   7  aborted: stopped by Ctrl-C, SIGTERM or SIGHUP, or because shared memory ran short; the report,
      if the run had begun, is partial";
 
-const JOURNAL_EXIT_CODES: &str = "\
+/// Go on in the list of exit codes.
+const JOURNAL_EXIT_CODES: &str = "
   8  a replay differs: something did not come as recorded
   9  a journal is damaged: bytes were changed, or parts are missing or of another run";
-
-const DAMAGED_EXIT_CODE: &str = "\
+const DAMAGED_EXIT_CODE: &str = "
   9  the journal is damaged; where, and what is wrong, is said";
 
 const TOP_EXAMPLES: &str = "\
@@ -272,7 +272,7 @@ Exit codes:
 /// Runs swarms of modules that change their shape by themselves: every module is a process of its
 /// own, or all of them together are simulated in virtual time.
 #[derive(Debug, Parser)]
-#[command(name = "metamorph", version, after_help = TOP_EXAMPLES, after_long_help = format!("{TOP_EXAMPLES}\n\n{EXIT_CODES}\n{JOURNAL_EXIT_CODES}"))]
+#[command(name = "metamorph", version, after_help = TOP_EXAMPLES, after_long_help = format!("{TOP_EXAMPLES}\n\n{EXIT_CODES}{JOURNAL_EXIT_CODES}"))]
 pub struct CommandLine {
     /// What to do.
     #[command(subcommand)]
@@ -295,7 +295,7 @@ pub enum Command {
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
     /// Go on with a run whose controller was killed
-    #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}\n{DAMAGED_EXIT_CODE}"))]
+    #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}{DAMAGED_EXIT_CODE}"))]
     Resume(ResumeArgs),
     /// Carry the journal of a run out again, and say where it differs
     #[command(after_help = REPLAY_EXAMPLES)]

@@ -136,7 +136,7 @@ mod tests {
         // Starts with somebody shut in are thrown away, and counted.
         let starts: Vec<Start> = (0..100).map(|seed| draw_start(&setup, 6, seed).unwrap()).collect();
         assert!(starts.iter().all(|start| !is_anybody_shut_in(&setup, &start.poses)));
-        assert!((10..100).contains(&starts.iter().map(|start| start.redrawn).sum::<u32>()));
+        assert!(starts.iter().map(|start| start.redrawn).sum::<u32>() >= 10);
         // What processes are handed is what they get.
         let text = serde_json::to_string(&setup).unwrap();
         let again: Setup = serde_json::from_str(&text).unwrap();

@@ -60,7 +60,7 @@ impl RawCubes {
     /// Reads what belongs to cubes. `swarm` has been begun; it and the others are finished here.
     pub fn read(mut swarm: Section<'_, '_>, others: &Sections<'_, '_>, problems: &mut Problems) -> RawCubes {
         let mut raw = RawCubes::default();
-        swarm.foreign(&["kind", "count", "turn_time", "floor"], Family::Metamodule);
+        swarm.foreign(&["kind", "count", "turn_time", "floor", "hearing"], Family::Metamodule);
         raw.start = swarm.need("start", START, problems);
         raw.move_time = swarm.get("move_time", problems);
         swarm.finish(problems);

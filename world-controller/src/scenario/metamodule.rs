@@ -96,6 +96,9 @@ pub const TELLERS: [(&str, Teller); 2] =
     [("controller", Teller::Controller), ("neighbours", Teller::Neighbours)];
 /// The goals of the thesis, by name.
 type Library = (&'static str, fn(i16, i16) -> Vec<Vec<Seed>>);
+/// Shapes that a goal of cubes may have; `box` is a shape of both families.
+const SHAPES_OF_CUBES: [&str; 8] =
+    ["sphere", "disc", "cylinder", "cells", "file", "union", "difference", "intersection"];
 const LIBRARY: [Library; 2] = [("box", box_of_four), ("chair", chair_of_six)];
 
 impl RawMetamodules {
@@ -353,7 +356,12 @@ fn read_shape(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Vec<At<See
     let mut section = Section::of(node, "the shape of a goal", "{ box = [5, 5] }", problems)?;
     let named = LIBRARY.iter().filter_map(|(name, make)| Some((section.node(name)?, make)));
     let named: Vec<_> = named.collect();
+    let of_cubes = section.present(&SHAPES_OF_CUBES);
+    section.foreign(&SHAPES_OF_CUBES, Family::Cube);
     section.finish(problems);
+    if named.is_empty() && !of_cubes.is_empty() {
+        return None;
+    }
     let [(corner, make)] = named[..] else {
         let (expected, found) = ("one shape, `box` or `chair`", "none or both");
         problems.add(node.span(), Flaw::Kind { expected, found, example: "{ box = [5, 5] }" });

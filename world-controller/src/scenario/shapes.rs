@@ -5,6 +5,7 @@ use super::flaw::{Flaw, MAX_DEPTH, MAX_LAID_OUT};
 use super::problems::{At, Problems};
 use super::table::{Node, Read, Section, elements};
 use crate::solid::{Import, Part, Up, import};
+use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::shape::{Axis, Radius, Shape, ShapeError};
 use serde::Deserialize;
@@ -40,6 +41,7 @@ fn shape(node: &Node<'_>, depth: usize, problems: &mut Problems) -> Option<Shape
     }
     let mut section = Section::of(node, "a shape", EXAMPLE, problems)?;
     let present = section.present(&KINDS);
+    section.foreign(&["chair"], Family::Metamodule);
     let nodes: Vec<_> = KINDS.iter().filter_map(|kind| Some((*kind, section.node(kind)?))).collect();
     section.finish(problems);
     let [(kind, inner)] = nodes[..] else {
