@@ -5,6 +5,7 @@
 //! ended never count for a later contact.
 
 use crate::outbox::Outbox;
+use crate::rendezvous::INBOX_DEPTH;
 use crate::runtime::Contact;
 use metamorph_protocol::agent::Class;
 use metamorph_protocol::ids::{Port, Session};
@@ -26,6 +27,8 @@ pub struct Port2Peer {
     pub contact: Contact,
     /// The way there, opened on first use.
     pub outbox: Option<Outbox>,
+    /// Messages handed over this way, by class.
+    pub handed: [u64; Class::ALL.len()],
 }
 
 /// Where a frame from a peer belongs.
@@ -47,6 +50,7 @@ pub struct Contacts {
     ports: Vec<Option<Port2Peer>>,
     ended: VecDeque<Session>,
     early: VecDeque<(u64, Header, Frame)>,
+    loose: [u64; Class::ALL.len()],
 }
 
 impl Contacts {
@@ -56,7 +60,14 @@ impl Contacts {
             ports: std::iter::repeat_with(|| None).take(ports).collect(),
             ended: VecDeque::new(),
             early: VecDeque::new(),
+            loose: [0; Class::ALL.len()],
         }
+    }
+
+    /// Messages by class that may have been lost with a way that was closed when its contact ended: a receiver
+    /// that has not looked since it was opened does not find it any more.
+    pub fn loose(&self) -> [u64; Class::ALL.len()] {
+        self.loose
     }
 
     /// Whether there is such a port.
@@ -85,9 +96,12 @@ impl Contacts {
                 self.ended.pop_front();
             }
             self.ended.push_back(old.contact.session);
+            for (loose, handed) in self.loose.iter_mut().zip(old.handed) {
+                *loose += handed.min(INBOX_DEPTH as u64);
+            }
         }
         let Some(contact) = contact else { return Vec::new() };
-        self.ports[port.index()] = Some(Port2Peer { contact, outbox: None });
+        self.ports[port.index()] = Some(Port2Peer { contact, outbox: None, handed: [0; Class::ALL.len()] });
         let (now, later): (VecDeque<_>, VecDeque<_>) = std::mem::take(&mut self.early)
             .into_iter()
             .partition(|(_, header, _)| header.session == contact.session.0);

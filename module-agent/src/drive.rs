@@ -545,6 +545,7 @@ impl<A: Agent> Driver<'_, A> {
         contact: Option<Contact>,
     ) -> Result<(), AgentError> {
         let early = self.contacts.change(port, contact);
+        self.account.loose = self.contacts.loose();
         self.impair.reset(port);
         self.revision = revision;
         self.hand(Input::Contact { port, session: contact.map(|c| c.session) })?;

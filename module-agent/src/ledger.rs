@@ -17,9 +17,9 @@ use thiserror::Error;
 const MAGIC: [u8; 8] = *b"MMLEDGER";
 const VERSION: u32 = 3;
 const HEADER: usize = 32;
-/// Numbers of a slot: its generation, the counts of all classes and what was left of each, foreign
+/// Numbers of a slot: its generation, the counts of all classes, what was left of each and what may be lost, foreign
 /// frames, wake-ups, records that are missing from the journal, whether the ledger is closed.
-const NUMBERS: usize = 1 + Class::ALL.len() * 9 + 4;
+const NUMBERS: usize = 1 + Class::ALL.len() * 10 + 4;
 const SLOT: usize = NUMBERS * 8 + 4;
 
 /// What one life of an agent has counted.
@@ -30,6 +30,8 @@ pub struct Account {
     /// Messages by class that were under way when the run ended: held back by the link model of this
     /// agent, or in its inbox.
     pub left: [u64; Class::ALL.len()],
+    /// Messages by class that may be lost with ways that were closed ([`crate::contacts::Contacts::loose`]).
+    pub loose: [u64; Class::ALL.len()],
     /// Whether this life ended in order, with all of its messages counted.
     pub closed: bool,
     /// Frames that no member of the run wrote: malformed, of unknown kinds, or under a false name.
@@ -176,8 +178,9 @@ fn slot(generation: u64, account: &Account) -> [u8; SLOT] {
         numbers[1 + i * 8..][..8]
             .copy_from_slice(&[sent, delivered, lost, duplicated, overflowed, expired, refused, bytes]);
     }
-    let Account { tally: _, left, closed, foreign, wakes, unrecorded } = *account;
+    let Account { tally: _, left, loose, closed, foreign, wakes, unrecorded } = *account;
     numbers[1 + Class::ALL.len() * 8..][..left.len()].copy_from_slice(&left);
+    numbers[1 + Class::ALL.len() * 9..][..loose.len()].copy_from_slice(&loose);
     numbers[NUMBERS - 4..].copy_from_slice(&[foreign, wakes, unrecorded, closed.into()]);
     let mut bytes = [0; SLOT];
     for (chunk, n) in bytes.chunks_exact_mut(8).zip(numbers) {
@@ -208,8 +211,8 @@ fn read_slot(bytes: &[u8]) -> Option<(u64, Account)> {
             bytes: numbers.next()?,
         };
     }
-    for left in &mut account.left {
-        *left = numbers.next()?;
+    for count in account.left.iter_mut().chain(&mut account.loose) {
+        *count = numbers.next()?;
     }
     account.foreign = numbers.next()?;
     account.wakes = numbers.next()?;
@@ -227,6 +230,7 @@ mod tests {
     fn account(n: u64) -> Account {
         let mut account = Account {
             left: std::array::from_fn(|i| n + i as u64),
+            loose: std::array::from_fn(|i| n * 2 + i as u64),
             closed: n % 2 == 0,
             foreign: n,
             wakes: n + 1,

@@ -567,7 +567,7 @@ pub struct ExploreArgs {
     /// How many runs
     #[arg(long, value_name = "N", help = format!("How many runs; {EXPLORED}, if this and --seconds are left out"), conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
     pub runs: Option<u64>,
-    /// Stop after so many seconds; what fails is made small within them
+    /// Stop after so many seconds, in which what fails is made small too; if left out, --runs decides
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     pub seconds: Option<u64>,
     /// The seed of the first run; drawn, and printed, if left out

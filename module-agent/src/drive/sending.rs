@@ -93,7 +93,10 @@ impl<A: Agent> Driver<'_, A> {
             let packet = if parcel.damaged { packet.damaged(parcel.class) } else { packet };
             match outbox.send_packet(packet) {
                 // The shift is below 32: an agent has at most 32 ports.
-                Handed::Over => touched |= 1 << parcel.port.0,
+                Handed::Over => {
+                    way.handed[parcel.class.index()] += 1;
+                    touched |= 1 << parcel.port.0;
+                }
                 Handed::Full => {
                     counts.overflowed += 1;
                     touched |= 1 << parcel.port.0;

@@ -10,7 +10,7 @@ use metamorph_sim_bridge::feasible::{Found, Within, search, widest_proof};
 use metamorph_sim_bridge::outcome::{Reason, Stall};
 
 /// Arrangements of cubes that are looked at, times the number of modules; one of many modules takes longer.
-const EFFORT: usize = 400_000;
+const EFFORT: usize = 2_000_000;
 /// The most arrangements, and the least that are worth a search.
 const ARRANGEMENTS: (usize, usize) = (20_000, 200);
 

@@ -273,8 +273,8 @@ pub struct LevelReport {
 }
 
 /// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired +
-/// refused + in_flight`. Both ends of a link count; a run of whose processes none was killed and whose
-/// counts do not add up has broken the invariant `messages-balance`.
+/// refused + in_flight`. Both ends of a link count; a run in which no process was killed or stopped and
+/// whose counts do not add up has broken the invariant `messages-balance`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Messages {
     /// Handed to the link.
@@ -306,8 +306,8 @@ pub struct ClassCounts {
     pub refused: u64,
     /// Not arrived when the run ended.
     pub in_flight: i64,
-    /// Those of them that no process has counted, because they were under way to or from a process that was
-    /// killed; 0 on `sim`.
+    /// Those of them that no process has counted: under way to or from one that was killed, or to one that was
+    /// stopped until the contact had ended; 0 on `sim`.
     #[serde(default)]
     pub uncounted: i64,
     /// Bytes of the messages sent, headers included.

@@ -415,14 +415,14 @@ fn metamodules() -> Definitions {
                 json!({
                     "strategy": or(Strategy::default().name(), names(&Strategy::ALL.map(Strategy::name))),
                     "precedence": said(
-                        "Which of two close together goes first, with `greedy`, `slope` and `step`. Left out, `greedy` has it within 4 by seed-distance, the others none.",
+                        "Which of two close together goes first, with `greedy`, `slope` and `step`. If it is left out, `greedy` has it within 4 by seed-distance, and the others have none.",
                         json!({ "anyOf": [{ "const": "off" }, of("precedence")] }),
                     ),
                     "settled_repel": said(
-                        "Whether settled metamodules push, with `slope` and `step`.",
-                        or(true, json!({ "type": "boolean" })),
+                        "Whether settled metamodules push, with `slope` and `step`. If it is left out, they do.",
+                        json!({ "type": "boolean" }),
                     ),
-                    "repulsion": of("repulsion"),
+                    "repulsion": said("How neighbours push. If it is left out, as the strategy has it.", of("repulsion")),
                     "teller": one_of(&TELLERS),
                     "relocate": said(
                         "Whether a goal that cannot be built where it is is moved.",
@@ -452,9 +452,18 @@ fn metamodules() -> Definitions {
                 "How neighbours push, in thousandths of the attraction and in cells; what is left out is as the strategy has it.",
                 &[],
                 json!({
-                    "strength": { "type": "integer", "minimum": 0, "maximum": MAX_THOUSANDTHS },
-                    "decay": { "type": "integer", "minimum": 0, "maximum": 1000 },
-                    "range": { "type": "integer", "minimum": 1, "maximum": MAX_RANGE },
+                    "strength": said(
+                        "How much, in thousandths of the attraction. If it is left out, as the strategy has it.",
+                        json!({ "type": "integer", "minimum": 0, "maximum": MAX_THOUSANDTHS }),
+                    ),
+                    "decay": said(
+                        "How fast it falls with distance. If it is left out, as the strategy has it.",
+                        json!({ "type": "integer", "minimum": 0, "maximum": 1000 }),
+                    ),
+                    "range": said(
+                        "How far it reaches, in cells. If it is left out, as the strategy has it.",
+                        json!({ "type": "integer", "minimum": 1, "maximum": MAX_RANGE }),
+                    ),
                 }),
             ),
         ),

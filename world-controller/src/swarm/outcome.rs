@@ -38,6 +38,8 @@ pub struct SwarmOutcome {
     pub tally: Tally,
     /// Messages by class that were under way at the end, as agents counted them.
     pub left: [u64; Class::ALL.len()],
+    /// Messages by class that may be lost with ways that were closed while the receiver was stopped.
+    pub loose: [u64; Class::ALL.len()],
     /// Lives that did not end in order, so that what was under way to and from them is not counted.
     pub unclosed: u64,
     /// By how much the clock was slowed.
@@ -86,8 +88,9 @@ impl SwarmOutcome {
         match account {
             Ok(Some(account)) => {
                 self.tally += account.tally;
-                for (sum, left) in self.left.iter_mut().zip(account.left) {
-                    *sum += left;
+                for class in 0..Class::ALL.len() {
+                    self.left[class] += account.left[class];
+                    self.loose[class] += account.loose[class];
                 }
                 self.unclosed += u64::from(!account.closed);
                 self.foreign += account.foreign;
