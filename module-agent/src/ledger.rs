@@ -231,7 +231,7 @@ mod tests {
         let mut account = Account {
             left: std::array::from_fn(|i| n + i as u64),
             loose: std::array::from_fn(|i| n * 2 + i as u64),
-            closed: n % 2 == 0,
+            closed: n.is_multiple_of(2),
             foreign: n,
             wakes: n + 1,
             unrecorded: n + 2,

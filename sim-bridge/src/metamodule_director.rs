@@ -149,7 +149,7 @@ impl MetamoduleDirector {
     }
     /// The standstill as a question for a search.
     pub fn plight(&self, world: &MetamoduleWorld) -> Standstill {
-        self.standstill(world, |known| !known.status.is_some_and(|s| s.settled.is_some()))
+        self.standstill(world, |known| known.status.is_none_or(|s| s.settled.is_none()))
     }
     /// How often somebody said so.
     pub fn alarms(&self) -> u32 {

@@ -381,7 +381,7 @@ pub fn clean_up() -> Result<String, ProcessError> {
             "removed what {} left behind: {}, {} of shared memory",
             many(n as u64, "killed run"),
             many(done.agents_killed as u64, "process"),
-            many(done.files as u64, "file")
+            many(done.files, "file")
         ),
     };
     if done.alive > 0 {

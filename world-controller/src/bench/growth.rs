@@ -129,7 +129,7 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
     let report = simulate(&plan, Stopwatch::start(), |now, so_far| {
         live.show(|| {
             let so_far = crate::report::progress(&plan, now, &so_far());
-            format!("growth of {}: {so_far}", many(modules as u64, "module"))
+            format!("growth of {}: {so_far}", many(modules, "module"))
         });
         true
     });

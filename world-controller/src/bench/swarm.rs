@@ -81,7 +81,7 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Swarms, BenchError> {
             ));
             break;
         }
-        live.show(|| format!("swarm: {}", many(modules as u64, "process")));
+        live.show(|| format!("swarm: {}", many(modules, "process")));
         let row = row(sides);
         live.clear();
         match row {

@@ -127,7 +127,7 @@ pub fn chairs(rows: &[chairs::Row], paint: Paint) -> String {
     format!(
         "{}\nSix metamodules build the chair; simulated, all invariants checked, {} at the same time.\n{}",
         paint.strong("chairs"),
-        many(threads as u64, "run"),
+        many(threads, "run"),
         table.text(paint)
     )
 }

@@ -63,6 +63,7 @@ const FAMILIES: [(&str, Family); 2] =
     [(Family::Cube.name(), Family::Cube), (Family::Metamodule.name(), Family::Metamodule)];
 
 /// What belongs to one family, as written.
+#[allow(clippy::large_enum_variant, reason = "there is one while a scenario is read")]
 #[derive(Clone, Debug)]
 pub enum RawSwarm {
     /// Of cubes.
