@@ -71,7 +71,7 @@ fn a_full_disk_ends_the_journal_and_not_the_run() {
     let report = report(&ran);
     assert_eq!((ran.code, report["outcome"].as_str()), (Some(0), Some("built")), "{ran:?}");
     assert!(notes(&report).contains("missing from the journal: "), "{report}");
-    assert!(notes(&report).contains("the parts of the journal stay"), "{report}");
+    assert!(notes(&report).contains("could not be joined, and stay in"), "{report}");
     // What messages came to is counted elsewhere, and complete.
     let all = &report["messages"]["all"];
     let of = |what: &str| all[what].as_i64().expect("a count");
