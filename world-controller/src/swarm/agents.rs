@@ -184,6 +184,15 @@ impl<A: Agent> Process<A> {
             && matches!(self.stage, Stage::Up | Stage::Running | Stage::Silent)
     }
 
+    /// It has taken all that it was told and sends nothing more. The way to it is closed, since others may wait
+    /// for theirs.
+    pub fn fall_silent(&mut self) {
+        self.stage = Stage::Silent;
+        if self.queue.is_empty() {
+            self.link = None;
+        }
+    }
+
     /// Whether it is stopped, by anybody.
     pub fn is_stopped(&self) -> bool {
         self.paused || self.halted

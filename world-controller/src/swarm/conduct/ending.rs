@@ -109,7 +109,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                 && header.incarnation == process.incarnation
                 && matches!(process.stage, Stage::Up | Stage::Running)
             {
-                process.stage = Stage::Silent;
+                process.fall_silent();
             }
         }
         Ok(())
