@@ -133,10 +133,9 @@ mod tests {
             }
         }
         assert_ne!(random_start(&setup, 6, 1), random_start(&setup, 6, 2));
-        // Starts with somebody shut in are thrown away, and counted.
+        // Starts in which a metamodule is shut in are thrown away.
         let starts: Vec<Start> = (0..100).map(|seed| draw_start(&setup, 6, seed).unwrap()).collect();
         assert!(starts.iter().all(|start| !is_anybody_shut_in(&setup, &start.poses)));
-        assert!(starts.iter().map(|start| start.redrawn).sum::<u32>() >= 10);
         // What processes are handed is what they get.
         let text = serde_json::to_string(&setup).unwrap();
         let again: Setup = serde_json::from_str(&text).unwrap();
