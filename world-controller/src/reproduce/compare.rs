@@ -280,11 +280,11 @@ impl Runs {
         let par = fit.kinds.iter().find(|k| k.kind == Kind::Par.name());
         if let (Some(par), Some(kinds)) = (par, fit.all_kinds) {
             all.push(format!(
-                "PAR: {} of {} built in the thesis, {:.0} % here; over the four kinds p = {:.3}.",
+                "PAR: {} of {} built in the thesis, {:.0} % here; over the four kinds p = {}.",
                 par.published_built,
                 par.published_runs,
                 par.ours * 100.0,
-                kinds.p
+                claims::probability(kinds.p)
             ));
         }
         for (goal, _) in &self.of {

@@ -197,6 +197,7 @@ fn measure(
     (all.assumptions, all.redrawn) = (assumptions, redrawn);
     if let Some(table) = all.experiments.iter_mut().find(|e| e.name == Experiment::Table42.name()) {
         table.claims.extend(of_seeding);
+        table.claims.push(claims::other_types());
     }
     (all.runs, all.runs_planned, all.violations) = (sweeper.runs, sweeper.planned, sweeper.violations);
     Ok(all)

@@ -2,6 +2,7 @@
 //! number of deadlocks" (thesis 4.1.3), with the chair: its seeds one by one in the order of the recipe, in
 //! a random order within each level, and in a random order that ignores levels.
 
+use super::claims::probability;
 use super::compare::Claim;
 use super::published::STRATEGIES;
 use super::{Goal, Sweeper, assumptions};
@@ -92,11 +93,11 @@ pub fn claims(seeds_of_experiment: u64, sweeper: &mut Sweeper<'_>) -> Result<Vec
                 hand.1,
                 percent(share(random)),
                 random.1,
-                p.map_or(String::new(), |p| format!(", p = {p:.2}"))
+                p.map_or(String::new(), |p| format!(", p = {}", probability(p)))
             ),
             by_tables: None,
             chance: None,
-            holds: p.map(|p| p < SIGNIFICANT && share(hand) > share(random)),
+            holds: p.filter(|p| *p < SIGNIFICANT).map(|_| share(hand) > share(random)),
         }
     };
     Ok(vec![

@@ -161,10 +161,11 @@ fn write_claims(out: &mut String, claims: &[Claim], paint: Paint) -> std::fmt::R
 
 /// Whether a claim holds, in words.
 pub fn verdict(claim: &Claim) -> &'static str {
-    match claim.holds {
-        Some(true) => "so it is here",
-        Some(false) => "not so here",
-        None => "as few runs cannot tell",
+    match (claim.holds, claim.chance) {
+        (Some(true), _) => "so it is here",
+        (Some(false), _) => "not so here",
+        (None, Some(_)) => "as few runs cannot tell",
+        (None, None) => "cannot be told",
     }
 }
 
