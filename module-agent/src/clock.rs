@@ -4,7 +4,10 @@
 //! scenario, so that a busy machine slows the run instead of making its agents late. Absent: the date,
 //! which no run may depend on, and deciding the speed.
 
-use crate::clock_page::{self, Page};
+pub mod lateness;
+pub mod page;
+
+use crate::clock::page::Page;
 use metamorph_protocol::time::Time;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
@@ -100,7 +103,7 @@ pub struct Clock {
 impl Clock {
     /// The clock of the run in `root`, whose time passes with `full` speed at most.
     pub fn open(root: &Path, full: Speed) -> io::Result<Clock> {
-        let file = File::open(clock_page::path(root))?;
+        let file = File::open(page::path(root))?;
         let page = Page::read(&file)?;
         Ok(Clock { file, page, full })
     }

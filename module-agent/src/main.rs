@@ -1,12 +1,12 @@
 //! One agent as a process: what `metamorph agent` does, for a machine that only hosts agents.
 //! `module-agent FAMILY ARGS`. Absent: anything but reading the command line and the exit code.
 
-use metamorph_module_agent::AgentArgs;
+use metamorph_module_agent::registry;
 use std::fmt::Display;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let (family, args) = match AgentArgs::parse_with_family(std::env::args_os().skip(1)) {
+    let (family, args) = match registry::parse(std::env::args_os().skip(1)) {
         Ok(parsed) => parsed,
         Err(error) => return fail(&error, 2),
     };

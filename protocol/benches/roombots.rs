@@ -6,12 +6,12 @@
 
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a benchmark reads the clock and prints")]
 
+use metamorph_protocol::rng::Stream;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::chain::{Chain, joint_distance, random_angles};
 use metamorph_protocol::roombots::database::Database;
 use metamorph_protocol::roombots::inverse::levenberg_marquardt::{Options, solve_from_random_starts};
 use metamorph_protocol::roombots::inverse::solve;
-use metamorph_protocol::stream::Stream;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 

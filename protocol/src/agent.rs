@@ -5,70 +5,33 @@
 //! is empty, and asks [`Agent::wake_at`] when to come back. Nothing else may change an agent.
 //! Deliberately absent: everything that differs between drivers.
 
+use crate::counters::Class;
 use crate::ids::{Incarnation, ModuleId, Port, Session};
-use crate::journal::Summary;
 use crate::time::Time;
 use crate::wire::Wire;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::fmt;
 use std::hash::Hasher;
 use std::sync::Arc;
 
-/// What a protocol message is for; messages are counted by class.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[repr(u8)]
-pub enum Class {
-    /// Attraction: distances and concentrations.
-    Gradient = 0,
-    /// Growth: roles, goal cells wanted and filled, progress counts.
-    Seed = 1,
-    /// Keeping the structure in one piece.
-    Connectivity = 2,
-    /// Asking for and granting space.
-    Negotiation = 3,
-    /// Between agents and the world-controller.
-    World = 4,
-    /// Being alive: repeats that carry nothing new, first contact.
-    Liveness = 5,
-}
-
-impl Class {
-    /// All classes in the order of their numbers.
-    pub const ALL: [Class; 6] = [
-        Class::Gradient,
-        Class::Seed,
-        Class::Connectivity,
-        Class::Negotiation,
-        Class::World,
-        Class::Liveness,
-    ];
-
-    /// The class of this number, if there is one.
-    pub const fn from_index(index: u8) -> Option<Class> {
-        if (index as usize) < Class::ALL.len() { Some(Class::ALL[index as usize]) } else { None }
-    }
-    /// The name used in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Class::Gradient => "gradient",
-            Class::Seed => "seed",
-            Class::Connectivity => "connectivity",
-            Class::Negotiation => "negotiation",
-            Class::World => "world",
-            Class::Liveness => "liveness",
-        }
-    }
-    /// The class's place in arrays of one entry per class.
-    pub const fn index(self) -> usize {
-        self as usize
-    }
-}
-
-impl fmt::Display for Class {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
+/// What an agent is about, in terms that all families share; for whoever looks on. No protocol depends
+/// on it.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Summary {
+    /// Its part, such as `reserve`, `walker`, `final`, or `free`, `settled`.
+    pub role: String,
+    /// What it does at the moment, such as `moving`.
+    pub activity: String,
+    /// Which goal it works for.
+    pub goal: u16,
+    /// Its depth in the structure that it hangs on; for metamodules, the seed it fills or goes to.
+    pub level: Option<u16>,
+    /// How far it is to what attracts it, in moves times the unit of its family.
+    pub gradient: Option<u32>,
+    /// Whom it has promised to keep space or stand still for.
+    pub lock: Option<ModuleId>,
+    /// Whom it waits for.
+    pub waits_for: Option<ModuleId>,
 }
 
 /// What an agent knows when its process starts.

@@ -8,21 +8,20 @@
 //! state of an agent.
 
 pub mod agent;
+pub mod counters;
+pub mod coverage;
 pub mod cube;
+pub mod defects;
 pub mod digest;
 pub mod goal;
 pub mod ids;
-pub mod journal;
 pub mod lattice;
 pub mod link;
-pub mod marks;
 pub mod metamodule;
 pub mod ratio;
+pub mod record;
+pub mod rng;
 pub mod roombots;
-#[doc(hidden)]
-pub mod sabotage;
 pub mod shape;
-pub mod stream;
-pub mod tally;
 pub mod time;
 pub mod wire;

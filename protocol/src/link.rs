@@ -6,7 +6,7 @@
 
 use crate::ids::ModuleId;
 use crate::ratio::Ratio;
-use crate::stream::Stream;
+use crate::rng::Stream;
 use crate::time::{Span, Time};
 use serde::{Deserialize, Serialize};
 

@@ -21,7 +21,7 @@
 //! | 28 | 4 | zero |
 //! | 32 | 96 | payload, zero beyond its length |
 
-use crate::agent::Class;
+use crate::counters::Class;
 use crate::ids::{Incarnation, ModuleId, Port};
 use crate::lattice::{Cell, Face};
 use crate::time::Time;

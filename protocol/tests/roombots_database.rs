@@ -1,6 +1,7 @@
 //! The motion database: every count of its generator, its bytes, and that its sweeps are complete.
 
 use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_protocol::rng::Stream;
 use metamorph_protocol::roombots::body::bodies;
 use metamorph_protocol::roombots::collision::{SHRINK, self_collision};
 use metamorph_protocol::roombots::database::{CellSet, Database, DatabaseError, Direction, Step, Table};
@@ -8,7 +9,6 @@ use metamorph_protocol::roombots::posture::{Posture, is_middle};
 use metamorph_protocol::roombots::shape::{Shape, hand};
 use metamorph_protocol::roombots::sweep::{CORE_DEPTH, FloorContact, GRAZE_DEPTH, Sweeper, entry_depth};
 use metamorph_protocol::roombots::{CELL_METRES, HALF_EDGE, Kind};
-use metamorph_protocol::stream::Stream;
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;

@@ -1,11 +1,11 @@
 //! Inverse kinematics: all solutions of random and of lattice targets, and what is out of reach.
 
+use metamorph_protocol::rng::Stream;
 use metamorph_protocol::roombots::chain::{Chain, Pose, forward, joint_distance, random_angles};
 use metamorph_protocol::roombots::inverse::levenberg_marquardt::{self, Options};
 use metamorph_protocol::roombots::inverse::{InverseError, solve};
 use metamorph_protocol::roombots::posture::Posture;
 use metamorph_protocol::roombots::{Kind, KinematicsError};
-use metamorph_protocol::stream::Stream;
 use nalgebra::{Matrix3, Vector3};
 
 /// Targets that postures with random angles make. Returns how often the generating posture was

@@ -1,24 +1,11 @@
-//! The simulated world and the simulated network.
-pub mod chronicle;
-pub mod cube_audit;
-pub mod cube_world;
-pub mod diagnosis;
-pub mod direct;
+//! Simulated worlds, the simulated network, and the directors of the world-controller.
+//!
+//! `kernel` drives agents in virtual time. `world` and `director` say what the worlds and directors of
+//! all families have in common; `cube` and `metamodule` hold those of one family each.
+
+pub mod cube;
 pub mod director;
-pub mod faults;
-pub mod feasible;
-pub mod flood;
-pub mod grid;
-pub mod injector;
-pub mod invariants;
-pub mod metamodule_audit;
-pub mod metamodule_director;
-pub mod metamodule_world;
-pub mod outcome;
-pub mod queue;
-pub mod relocation;
-pub mod sim;
-pub mod state;
-pub mod still_world;
-pub mod trace;
+pub mod kernel;
+pub mod metamodule;
+pub mod testing;
 pub mod world;

@@ -3,6 +3,8 @@
 //! A world is ground truth. Agents never read it; drivers carry actions to it and percepts back.
 //! One implementation per family of units; the runtime does not know which one it runs.
 
+pub mod invariants;
+
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::time::Time;

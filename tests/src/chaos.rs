@@ -2,7 +2,7 @@
 //! it leaves in shared memory.
 
 use metamorph_module_agent::pid_directory;
-use metamorph_module_agent::process::Identity;
+use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;

@@ -1,14 +1,14 @@
 //! Simulated runs with a journal that the independent [`checker`](crate::checker) goes through.
 
 use crate::checker::{Breach, Checked, Geometry, check};
-use metamorph_world_controller::database::database;
-use metamorph_world_controller::interrupt::Interrupt;
-use metamorph_world_controller::journal::Keeping;
+use metamorph_world_controller::console::interrupt::Interrupt;
+use metamorph_world_controller::console::stopwatch::Stopwatch;
+use metamorph_world_controller::console::terminal::Live;
+use metamorph_world_controller::record::journal::Keeping;
 use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::run::simulated::run_simulated;
+use metamorph_world_controller::scenario::motion_database::database;
 use metamorph_world_controller::scenario::{Plan, Swarm};
-use metamorph_world_controller::simulated::run_simulated;
-use metamorph_world_controller::stopwatch::Stopwatch;
-use metamorph_world_controller::terminal::Live;
 use std::path::Path;
 use std::sync::OnceLock;
 

@@ -1,23 +1,23 @@
 //! Cubes growing a sphere out of a slab on the simulated link: the experiment that most tests of the
 //! protocol run, in many variations.
 
+use metamorph_protocol::counters::Tally;
 use metamorph_protocol::cube::params::{Params, Setup};
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::rng::Stream;
 use metamorph_protocol::shape::{Radius, Shape};
-use metamorph_protocol::stream::Stream;
-use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::cube_audit::audit_every;
-use metamorph_sim_bridge::cube_world::{CubeWorld, Motions};
-use metamorph_sim_bridge::director::{Director, Stage, Stop};
-use metamorph_sim_bridge::faults::{Fault, Schedule};
-use metamorph_sim_bridge::invariants::{Invariant, Violation};
-use metamorph_sim_bridge::outcome::{Outcome, Stall};
-use metamorph_sim_bridge::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::cube::audit::audit_every;
+use metamorph_sim_bridge::cube::director::{Director, Stage, Stop};
+use metamorph_sim_bridge::cube::world::{CubeWorld, Motions};
+use metamorph_sim_bridge::director::faults::{Fault, Schedule};
+use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
+use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 

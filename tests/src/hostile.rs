@@ -6,7 +6,7 @@
 //! no control character is printed, and no run of it stays in /dev/shm.
 
 use crate::command::metamorph;
-use metamorph_module_agent::process::Identity;
+use metamorph_module_agent::run_dir::identity::Identity;
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::Signal;
 use std::collections::{BTreeMap, BTreeSet};

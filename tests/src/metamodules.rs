@@ -1,6 +1,7 @@
 //! The thesis's experiment (4.1.3) on the simulated link: a box of four and a chair of six, from
 //! random starts, with each kind of metamodule and each strategy.
 
+use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four, chair_of_six};
@@ -11,15 +12,14 @@ use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::database::Database;
-use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::Stop;
-use metamorph_sim_bridge::faults::{Fault, Schedule, Struck};
-use metamorph_sim_bridge::invariants::Violation;
-use metamorph_sim_bridge::metamodule_director::{MetamoduleDirector, MetamodulePlan};
-use metamorph_sim_bridge::metamodule_world::{Deeds, MetamoduleWorld};
-use metamorph_sim_bridge::outcome::{Outcome, Stall};
-use metamorph_sim_bridge::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::cube::director::Stop;
+use metamorph_sim_bridge::director::faults::{Fault, Schedule, Struck};
+use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
+use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::metamodule::director::{MetamoduleDirector, MetamodulePlan};
+use metamorph_sim_bridge::metamodule::world::{Deeds, MetamoduleWorld};
+use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::{Arc, OnceLock};
 
 const TURN: Span = Span::secs(1);

@@ -1,7 +1,8 @@
 //! A family of units for testing drivers: bodies with ports that a test joins and separates, and
 //! agents that send what they are ordered to and report all that happens to them.
 
-use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};

@@ -4,7 +4,7 @@
 use crate::probe::{ProbeOrder, ProbeReport, ProbeWorld};
 use metamorph_protocol::ids::{ModuleId, Port, Session};
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::direct::{Command, Direct};
+use metamorph_sim_bridge::director::port::{Command, Direct};
 use std::collections::VecDeque;
 
 /// What was seen.

@@ -2,13 +2,13 @@
 
 use crate::probe::{Felt, Probe, ProbeOrder, ProbePlace, ProbeReport, ProbeSetup, ProbeWorld, Touch};
 use crate::script::Script;
+use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::direct::{Command, Direct};
-use metamorph_sim_bridge::invariants::Violation;
-use metamorph_sim_bridge::sim::{Agents, Audited, Sim, SimConfig};
+use metamorph_sim_bridge::director::port::{Command, Direct};
+use metamorph_sim_bridge::kernel::sim::{Agents, Audited, Sim, SimConfig};
+use metamorph_sim_bridge::world::invariants::Violation;
 use metamorph_sim_bridge::world::{Sensed, World};
 use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_swarm};
 use std::path::PathBuf;

@@ -1,4 +1,5 @@
-//! The house stands as ARCHITECTURE.md says: the arrows between crates, and a subject for every file.
+//! The layout of the sources is the one that ARCHITECTURE.md describes: which crate may use which, which
+//! module of a crate may use which, and a subject for every file.
 
 use cargo_metadata::{DependencyKind, MetadataCommand};
 use metamorph_tests::command::root;
@@ -96,15 +97,94 @@ fn every_file_says_what_it_is_for() {
     }
 }
 
+/// The top-level modules of each crate, from the bottom up: a module may use those before it only.
+const LAYERS: [(&str, &[&str]); 4] = [
+    (
+        "protocol",
+        &[
+            "ids",
+            "time",
+            "ratio",
+            "rng",
+            "digest",
+            "coverage",
+            "defects",
+            "lattice",
+            "shape",
+            "goal",
+            "counters",
+            "link",
+            "wire",
+            "agent",
+            "record",
+            "roombots",
+            "cube",
+            "metamodule",
+        ],
+    ),
+    ("sim-bridge", &["world", "director", "kernel", "cube", "metamodule", "testing"]),
+    (
+        "module-agent",
+        &[
+            "regular_file",
+            "clock",
+            "journal_file",
+            "run_dir",
+            "transport",
+            "link_emulator",
+            "process",
+            "registry",
+        ],
+    ),
+    (
+        "world-controller",
+        &["console", "scenario", "swarm", "report", "record", "view", "family", "run", "experiments", "cli"],
+    ),
+];
+
+/// The modules that a source names by `crate::`, without its tests and comments.
+fn used_modules(text: &str) -> BTreeSet<String> {
+    let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+    let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
+    let paths = lines.flat_map(|line| line.split("crate::").skip(1));
+    let name = |path: &str| path.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    paths.map(name).collect()
+}
+
+#[test]
+fn modules_use_only_those_below_them() {
+    for (name, layers) in LAYERS {
+        let source = root().join(name).join("src");
+        let mut files = Vec::new();
+        rust_files(&source, &mut files);
+        let module = |file: &Path| {
+            let first = file.strip_prefix(&source).ok()?.components().next()?;
+            Some(first.as_os_str().to_str()?.trim_end_matches(".rs").to_owned())
+        };
+        let found: BTreeSet<String> = files.iter().filter_map(|file| module(file)).collect();
+        let named = layers.iter().copied().chain(["lib", "main"]).map(str::to_owned);
+        let unnamed: Vec<_> = found.difference(&named.collect()).cloned().collect();
+        assert!(unnamed.is_empty(), "{name}: say in LAYERS where {unnamed:?} belong");
+        for file in &files {
+            let Some(height) = module(file).and_then(|m| layers.iter().position(|l| *l == m)) else {
+                continue;
+            };
+            let used = used_modules(&fs::read_to_string(file).expect("sources are text"));
+            let above = layers[height + 1..].iter().filter(|l| used.contains(**l)).collect::<Vec<_>>();
+            assert!(above.is_empty(), "{} must not use {above:?}", file.display());
+        }
+    }
+}
+
 /// What is written down is read back by its own format: journals do not go through the command line.
 #[test]
 fn journals_know_nothing_of_the_command_line() {
     let mut files = Vec::new();
-    rust_files(&root().join("world-controller/src/journal"), &mut files);
+    rust_files(&root().join("world-controller/src/record/journal"), &mut files);
     assert!(files.len() > 2, "the sources were not found");
     for file in files {
         let text = fs::read_to_string(&file).expect("sources are text");
-        for absent in ["clap", "crate::command"] {
+        for absent in ["clap", "crate::cli"] {
             assert!(!text.contains(absent), "{} uses {absent}", file.display());
         }
     }

@@ -4,16 +4,16 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
 use metamorph_module_agent::Family;
-use metamorph_module_agent::journal::{Head, Reader, RunHead, Writer};
+use metamorph_module_agent::journal_file::{Head, Reader, RunHead, Writer};
+use metamorph_protocol::defects::Sabotage;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
-use metamorph_protocol::journal::{Blob, Event, Record, Sink, Who};
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::sabotage::Sabotage;
+use metamorph_protocol::record::{Blob, Event, Record, Sink, Who};
 use metamorph_protocol::time::Time;
 use metamorph_tests::checked_run::{geometry, record, run_and_check};
 use metamorph_tests::checker::{Checked, Geometry, Rule, check};
 use metamorph_tests::command::{run_processes, scenario};
-use metamorph_world_controller::explore::draw::draw;
+use metamorph_world_controller::experiments::explore::draw::draw;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, Plan, Swarm, read_file};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;

@@ -7,8 +7,8 @@ use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::faults::Fault;
-use metamorph_sim_bridge::outcome::Outcome;
+use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_tests::metamodules::{Assembled, Assembly, Goal};
 
 type Vary = fn(Assembly) -> Assembly;

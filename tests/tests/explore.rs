@@ -4,14 +4,14 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
 use metamorph_module_agent::Family;
+use metamorph_protocol::coverage::Mark;
 use metamorph_protocol::cube::params::Connectivity;
-use metamorph_protocol::marks::Mark;
-use metamorph_protocol::sabotage::Sabotage;
+use metamorph_protocol::defects::Sabotage;
 use metamorph_tests::command::{root, run as metamorph};
-use metamorph_world_controller::explore::draft::{Draft, SwarmDraft};
-use metamorph_world_controller::explore::draw::draw;
-use metamorph_world_controller::explore::verdict::{Failure, Kind, Verdict};
-use metamorph_world_controller::explore::{Ran, make_small, run};
+use metamorph_world_controller::experiments::explore::draft::{Draft, SwarmDraft};
+use metamorph_world_controller::experiments::explore::draw::draw;
+use metamorph_world_controller::experiments::explore::verdict::{Failure, Kind, Verdict};
+use metamorph_world_controller::experiments::explore::{Ran, make_small, run};
 use metamorph_world_controller::scenario::{LinkKind, Overrides, read_file};
 use std::fs;
 use std::hash::{BuildHasher, RandomState};

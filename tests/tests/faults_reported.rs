@@ -1,11 +1,11 @@
 //! What reports say of faults: what is done to processes from outside a run, and what cuts links, as the
 //! faults that a scenario plans; in JSON, in the text, on the page and in the journal.
 
-use metamorph_module_agent::ledger::Ledger;
+use metamorph_module_agent::run_dir::counter_file::Ledger;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{Ran, command, module_agent, run, scenario};
-use metamorph_world_controller::replay::{Request, replay};
+use metamorph_world_controller::run::replay::{Request, replay};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;

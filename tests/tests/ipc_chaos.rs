@@ -1,19 +1,19 @@
 //! Swarms of real processes that are broken from outside: whatever happens, what is still alive
 //! goes on, nothing is silent, and nothing is left behind.
 
-use metamorph_module_agent::inbox::Inbox;
-use metamorph_module_agent::ledger::Ledger;
-use metamorph_module_agent::outbox::{Handed, Outbox};
-use metamorph_module_agent::packet::Packet;
-use metamorph_module_agent::rendezvous::Rendezvous;
-use metamorph_protocol::agent::Class;
+use metamorph_module_agent::run_dir::counter_file::Ledger;
+use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
+use metamorph_module_agent::transport::iceoryx::outbox::{Handed, Outbox};
+use metamorph_module_agent::transport::iceoryx::rendezvous::Rendezvous;
+use metamorph_module_agent::transport::iceoryx::shared_frame::Packet;
+use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::stream::Stream;
+use metamorph_protocol::rng::Stream;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
-use metamorph_sim_bridge::direct::Command;
+use metamorph_sim_bridge::director::port::Command;
 use metamorph_tests::chaos::{Controller, left_of, signal_to, wait_until};
 use metamorph_tests::probe::{ProbeMessage, ProbeOrder, ProbeSetup, ProbeWorld};
 use metamorph_tests::script::Script;

@@ -8,12 +8,12 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::shape::Shape;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::cube_world::CubeWorld;
-use metamorph_sim_bridge::director::{Director, Stop};
-use metamorph_sim_bridge::faults::{Fault, Schedule};
-use metamorph_sim_bridge::outcome::Outcome;
+use metamorph_sim_bridge::cube::director::{Director, Stop};
+use metamorph_sim_bridge::cube::world::CubeWorld;
+use metamorph_sim_bridge::director::faults::{Fault, Schedule};
+use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_tests::command::module_agent;
-use metamorph_world_controller::balance::unbalanced;
+use metamorph_world_controller::report::balance::unbalanced;
 use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_swarm};
 use std::sync::Arc;
 

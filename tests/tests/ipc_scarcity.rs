@@ -5,17 +5,17 @@
 //! allows none, these tests say so and check nothing.
 #![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
 
-use metamorph_module_agent::outbox::{Handed, Outbox};
-use metamorph_module_agent::packet::Packet;
-use metamorph_module_agent::process::Identity;
-use metamorph_module_agent::rendezvous::Rendezvous;
+use metamorph_module_agent::run_dir::identity::Identity;
+use metamorph_module_agent::transport::iceoryx::outbox::{Handed, Outbox};
+use metamorph_module_agent::transport::iceoryx::rendezvous::Rendezvous;
+use metamorph_module_agent::transport::iceoryx::shared_frame::Packet;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
-use metamorph_protocol::stream::Stream;
+use metamorph_protocol::rng::Stream;
 use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{Ran, command, metamorph, module_agent, root, run, scenario};
-use metamorph_world_controller::replay::{Replayed, Request, replay, text};
+use metamorph_world_controller::console::format::many;
+use metamorph_world_controller::run::replay::{Replayed, Request, replay, text};
 use metamorph_world_controller::swarm::RunDir;
-use metamorph_world_controller::wording::many;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::os::unix::fs::MetadataExt;

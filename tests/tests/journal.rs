@@ -2,14 +2,14 @@
 //! link and however the run was broken; what cannot is found and named.
 #![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
 
-use metamorph_module_agent::journal::{Head, Reader, Writer};
+use metamorph_module_agent::journal_file::{Head, Reader, Writer};
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::journal::Sink;
-use metamorph_protocol::stream::Stream;
+use metamorph_protocol::record::Sink;
+use metamorph_protocol::rng::Stream;
 use metamorph_tests::command::{Ran, run, run_processes, scenario};
-use metamorph_world_controller::journal::{Event, Journal, Record, Taken, Who, parts_of};
-use metamorph_world_controller::replay::{Replayed, Request, replay, text};
-use metamorph_world_controller::report::digits;
+use metamorph_world_controller::console::format::digits;
+use metamorph_world_controller::record::journal::{Event, Journal, Record, Taken, Who, parts_of};
+use metamorph_world_controller::run::replay::{Replayed, Request, replay, text};
 use std::path::Path;
 
 /// Runs a scenario that ships with the program, with a journal.

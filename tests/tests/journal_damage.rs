@@ -2,12 +2,12 @@
 //! journals. What a killed writer leaves behind is none.
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
-use metamorph_module_agent::journal::{Head, Reader, RunId, Writer, agent_part, controller_part};
+use metamorph_module_agent::journal_file::{Head, Reader, RunId, Writer, agent_part, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
-use metamorph_protocol::journal::{Event, Record, Sink, Who};
+use metamorph_protocol::record::{Event, Record, Sink, Who};
 use metamorph_tests::chaos::signal_to;
 use metamorph_tests::command::{Ran, command, run, scenario};
-use metamorph_world_controller::journal::parts_of;
+use metamorph_world_controller::record::journal::parts_of;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::fs;

@@ -1,20 +1,21 @@
 //! Protocols that are known to be wrong, and the invariants that say so: a harness that cannot see a
 //! broken protocol break proves nothing about a sound one.
 
-use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::counters::Class;
 use metamorph_protocol::cube::params::Connectivity;
+use metamorph_protocol::defects::Sabotage;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::sabotage::Sabotage;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Never;
-use metamorph_sim_bridge::direct::{Command, Direct};
-use metamorph_sim_bridge::flood::Hops;
-use metamorph_sim_bridge::invariants::Invariant;
-use metamorph_sim_bridge::sim::{Sim, SimConfig};
-use metamorph_sim_bridge::still_world::StillWorld;
+use metamorph_sim_bridge::director::port::{Command, Direct};
+use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::kernel::still_world::StillWorld;
+use metamorph_sim_bridge::testing::flood::Hops;
+use metamorph_sim_bridge::world::invariants::Invariant;
 use metamorph_tests::growth::{Experiment, Ran, ball};
 use std::hash::Hasher;
 use std::sync::Arc;

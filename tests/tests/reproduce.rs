@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
 use metamorph_tests::command::run;
-use metamorph_world_controller::reproduce::compare::{Reproduction, SCHEMA};
+use metamorph_world_controller::experiments::reproduce::compare::{Reproduction, SCHEMA};
 use std::fs;
 
 #[test]

@@ -2,14 +2,14 @@
 //! building, and the journal of both is one that replays.
 #![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
 
-use metamorph_protocol::stream::Stream;
+use metamorph_protocol::rng::Stream;
 use metamorph_tests::chaos::{signal_to, wait_until};
 use metamorph_tests::checked_run::geometry;
 use metamorph_tests::checker::check;
 use metamorph_tests::command::{Ran, command, run, run_processes, scenario};
-use metamorph_world_controller::journal::{Event, Journal, parts_of};
-use metamorph_world_controller::replay::{Request, replay, text};
+use metamorph_world_controller::record::journal::{Event, Journal, parts_of};
 use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::run::replay::{Request, replay, text};
 use metamorph_world_controller::swarm::clean;
 use rustix::process::Signal;
 use std::path::Path;
@@ -57,7 +57,7 @@ impl Drop for Victim {
 }
 
 fn count(part: &Path) -> usize {
-    metamorph_module_agent::journal::Reader::open(part).map_or(0, Iterator::count)
+    metamorph_module_agent::journal_file::Reader::open(part).map_or(0, Iterator::count)
 }
 
 /// Goes on with a run, until nobody kills the controller any more.

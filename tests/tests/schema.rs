@@ -6,7 +6,7 @@
 use clap::CommandFactory;
 use jsonschema::Validator;
 use metamorph_tests::command::{run, scenario, scenarios};
-use metamorph_world_controller::command::CommandLine;
+use metamorph_world_controller::cli::args::CommandLine;
 use metamorph_world_controller::scenario::flaw::Flaw;
 use metamorph_world_controller::scenario::schema::schema;
 use metamorph_world_controller::scenario::settings::Setting;

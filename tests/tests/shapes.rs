@@ -5,7 +5,7 @@
 use metamorph_protocol::lattice::Cell;
 use metamorph_tests::command::{Ran, root, run};
 use metamorph_world_controller::report::schema::Report;
-use metamorph_world_controller::solid::{Import, Part, import};
+use metamorph_world_controller::scenario::mesh_import::{Import, Part, import};
 use proptest::prelude::*;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -85,7 +85,8 @@ fn an_obj_whose_y_points_up_is_set_upright() {
     let text = "mtllib none.mtl\nusemtl none\nv 0 0 0\nv 1 0 0\nv 1 3 0\nv 0 3 0\nv 0 0 2\nv 1 0 2\nv 1 3 2\nv 0 3 2\n\
                 f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf -5 -8 -4 -1\n";
     fs::write(&path, text).unwrap();
-    let upright = import(&path, &how(Some(metamorph_world_controller::solid::Up::Y))).unwrap();
+    let upright =
+        import(&path, &how(Some(metamorph_world_controller::scenario::mesh_import::Up::Y))).unwrap();
     assert_eq!(upright.cells.iter().map(|c| c.z).max(), Some(2));
     let lying = import(&path, &how(None)).unwrap();
     assert_eq!((lying.cells.len(), lying.cells.iter().map(|c| c.z).max()), (6, Some(1)));

@@ -3,10 +3,10 @@
 //!
 //! The only delays are those after which a signal is sent, which is what is tested.
 
-use metamorph_module_agent::process::Identity;
+use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_tests::chaos::wait_until;
 use metamorph_tests::command::{Ran, command, metamorph, module_agent, run, scenario};
-use metamorph_world_controller::journal::Journal;
+use metamorph_world_controller::record::journal::Journal;
 use metamorph_world_controller::swarm::RunDir;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs;

@@ -1,6 +1,6 @@
 //! Determinism is a contract: same experiment and seed, same events and same final states.
 
-use metamorph_protocol::sabotage::Sabotage;
+use metamorph_protocol::defects::Sabotage;
 use metamorph_protocol::time::Time;
 use metamorph_tests::growth::Experiment;
 

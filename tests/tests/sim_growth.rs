@@ -5,10 +5,10 @@ use metamorph_protocol::cube::params::Params;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::stream::Stream;
+use metamorph_protocol::rng::Stream;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::faults::Fault;
-use metamorph_sim_bridge::outcome::Reason;
+use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::director::outcome::Reason;
 use metamorph_tests::growth::{Experiment, ball};
 use std::sync::atomic::{AtomicUsize, Ordering};
 

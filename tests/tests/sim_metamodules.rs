@@ -7,7 +7,7 @@
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Strategy};
 use metamorph_protocol::roombots::Kind;
-use metamorph_sim_bridge::faults::Fault;
+use metamorph_sim_bridge::director::faults::Fault;
 use metamorph_tests::cases::{Case, REPEAT, VARIATIONS, Variation, check_all, run_all};
 use metamorph_tests::metamodules::{Assembled, Assembly, Goal};
 
@@ -157,7 +157,7 @@ fn variations_vary() {
         let plain = of("plain", seed).run().0;
         assert_eq!((plain.struck.len(), plain.deeds.failed, plain.shift), (0, 0, (0, 0)));
         let hindered = of("passing-obstacles", seed).run().0;
-        let came = |s: &&metamorph_sim_bridge::faults::Struck| {
+        let came = |s: &&metamorph_sim_bridge::director::faults::Struck| {
             matches!(s.fault, Fault::Block(_)) && s.effect.ends_with("the cell was free")
         };
         assert!(hindered.struck.iter().filter(came).count() >= 3, "{:?}", hindered.struck);

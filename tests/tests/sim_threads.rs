@@ -1,18 +1,19 @@
 //! A run on several threads is the run on one: trace, counts, states, what the controller was told.
 
-use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::counters::Tally;
+use metamorph_protocol::coverage::{self, Marks};
 use metamorph_protocol::ids::{ModuleId, Port};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::{LinkModel, Partition};
-use metamorph_protocol::marks::{self, Marks};
-use metamorph_protocol::stream::Stream;
-use metamorph_protocol::tally::Tally;
+use metamorph_protocol::rng::Stream;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Never;
-use metamorph_sim_bridge::direct::{Command, Direct};
-use metamorph_sim_bridge::flood::{Flooded, Hops, Onlooker};
-use metamorph_sim_bridge::sim::{Listens, Sim, SimConfig};
-use metamorph_sim_bridge::still_world::StillWorld;
+use metamorph_sim_bridge::director::port::{Command, Direct};
+use metamorph_sim_bridge::kernel::sim::{Listens, Sim, SimConfig};
+use metamorph_sim_bridge::kernel::still_world::StillWorld;
+use metamorph_sim_bridge::testing::flood::{Flooded, Hops, Onlooker};
 use std::collections::VecDeque;
 use std::hash::Hasher;
 use std::sync::Arc;
@@ -147,7 +148,7 @@ where
         checked: sim.checked(),
         body_messages: sim.body_messages(),
         broken: sim.violations().1,
-        marks: marks::take(),
+        marks: coverage::take(),
         now: sim.now(),
         over,
     }
@@ -191,7 +192,7 @@ fn links() -> Vec<(&'static str, LinkModel)> {
 const SIDES: [u16; 3] = [17, 11, 13];
 
 fn gossip(link: &LinkModel, seed: u64, threads: usize, stops: &[u64]) -> (Vec<Seen>, Scribe) {
-    marks::take();
+    coverage::take();
     let mut sim = Sim::new(config(link.clone(), seed), StillWorld::new(SIDES), Scribe::default());
     let mut seen = Vec::new();
     for stop in stops.iter().map(|ms| Time::ZERO + Span::millis(*ms)) {
@@ -227,7 +228,7 @@ fn a_flood_is_the_same_on_any_number_of_threads() {
         let link =
             LinkModel { delay_min: Span::millis(100), delay_max: Span::millis(101), ..LinkModel::default() };
         let run = |threads| {
-            marks::take();
+            coverage::take();
             let config = SimConfig {
                 setup: Arc::new(()),
                 link: link.clone(),

@@ -2,10 +2,10 @@
 //! which the bounds of a fast link called runs deadlocked that build their goal if they are let.
 
 use metamorph_tests::command::scenario;
+use metamorph_world_controller::console::stopwatch::Stopwatch;
 use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::run::simulated::simulate;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, read_text};
-use metamorph_world_controller::simulated::simulate;
-use metamorph_world_controller::stopwatch::Stopwatch;
 use std::fs;
 
 const CUBES: &str = "

@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
 use metamorph_tests::command::{Ran, command, run};
-use metamorph_world_controller::sweep::summary::{SCHEMA, Summary};
-use metamorph_world_controller::wording::many;
+use metamorph_world_controller::console::format::many;
+use metamorph_world_controller::experiments::sweep::summary::{SCHEMA, Summary};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    metamorph_world_controller::commands::main(std::env::args_os())
+    metamorph_world_controller::cli::dispatch::main(std::env::args_os())
 }

@@ -3,7 +3,8 @@
 //! Every module tells its neighbours the lowest number it has heard of, and again and again, because
 //! messages get lost. Absent: noticing that the leader has died, which is left to the reader.
 
-use metamorph_protocol::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{ModuleId, Port};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::{Span, Time};

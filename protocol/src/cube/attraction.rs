@@ -7,11 +7,11 @@
 
 use super::message::{Entry, Role};
 use super::view::View;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
 use crate::digest::Portable;
 use crate::goal::Growth;
 use crate::lattice::Face;
-use crate::marks::{Mark, hit};
-use crate::sabotage::Sabotage;
 use crate::time::{Span, Time};
 use std::hash::Hash;
 

@@ -4,7 +4,7 @@
 
 use super::Cube;
 use super::message::{Beacon, Message, Role};
-use crate::agent::Class;
+use crate::counters::Class;
 use crate::lattice::Face;
 use crate::time::{Span, Time};
 

@@ -8,10 +8,10 @@
 use super::Cube;
 use super::message::{Ask, Beacon, Message, RequestId, Role};
 use super::route::Route;
-use crate::agent::Class;
+use crate::counters::Class;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
 use crate::lattice::Face;
-use crate::marks::{Mark, hit};
-use crate::sabotage::Sabotage;
 use crate::time::Time;
 
 /// How far searches go, one after the other.

@@ -1,9 +1,9 @@
 //! What cubes say to each other.
 
 use super::route::Route;
+use crate::coverage::Mark;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Face;
-use crate::marks::Mark;
 use crate::time::{Span, Time};
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 use std::fmt;
@@ -487,7 +487,7 @@ impl Wire for Message {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::Class;
+    use crate::counters::Class;
     use crate::cube::body::{Move, Percept, Refusal};
     use crate::cube::control::{Order, Status};
     use crate::cube::route::MAX_HOPS;

@@ -35,13 +35,14 @@ mod view;
 
 pub use attraction::Successor;
 
-use crate::agent::{Agent, Birth, Class, Input, InputOf, Output, OutputOf};
+use crate::agent::Summary;
+use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use crate::counters::Class;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
 use crate::ids::{Incarnation, Port, Session};
-use crate::journal::Summary;
 use crate::lattice::{Cell, Face};
-use crate::marks::{Mark, hit};
-use crate::sabotage::Sabotage;
-use crate::stream::Stream;
+use crate::rng::Stream;
 use crate::time::{Span, Time};
 use attraction::Attraction;
 use beacon::Beacons;

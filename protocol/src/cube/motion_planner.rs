@@ -10,12 +10,12 @@ use super::negotiation::Attempt;
 use super::params::{BACK_OFF, BACK_OFF_SPREAD, Connectivity, MOST_DOUBLED, Params};
 use super::sides::Sides;
 use super::view::View;
+use crate::coverage::{Mark, hit};
 use crate::digest::Portable;
 use crate::ids::ModuleId;
 use crate::lattice::{Cell, Face, Motion, MotionKind};
-use crate::marks::{Mark, hit};
 use crate::ratio::Ratio;
-use crate::stream::Stream;
+use crate::rng::Stream;
 use crate::time::Time;
 use std::hash::Hash;
 

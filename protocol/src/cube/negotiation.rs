@@ -9,11 +9,12 @@ use super::Cube;
 use super::lock_table::Lock;
 use super::message::{Ask, Denial, Message, RequestId, Role};
 use super::route::Route;
-use crate::agent::{Class, Output};
+use crate::agent::Output;
+use crate::counters::Class;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::{Cell, Face, Motion};
-use crate::marks::{Mark, hit};
-use crate::sabotage::Sabotage;
 use crate::time::{Span, Time};
 
 /// Requests of one attempt.

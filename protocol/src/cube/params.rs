@@ -1,8 +1,8 @@
 //! The numbers a cube protocol runs with.
 
+use crate::defects::Sabotage;
 use crate::goal::Goal;
 use crate::ratio::Ratio;
-use crate::sabotage::Sabotage;
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
 

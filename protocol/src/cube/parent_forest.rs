@@ -16,11 +16,11 @@
 use super::message::{Beacon, Claim, Rank, Role};
 use super::params::Connectivity;
 use super::view::View;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
 use crate::digest::Portable;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Face;
-use crate::marks::{Mark, hit};
-use crate::sabotage::Sabotage;
 use crate::time::{Span, Time};
 use std::hash::Hash;
 

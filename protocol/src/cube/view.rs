@@ -3,10 +3,10 @@
 use super::message::{Beacon, Role};
 use super::params::{Params, Setup};
 use super::sides::Sides;
+use crate::defects::Sabotage;
 use crate::goal::{Goal, Growth};
 use crate::ids::ModuleId;
 use crate::lattice::{Cell, Face};
-use crate::sabotage::Sabotage;
 use crate::time::Time;
 use std::hash::{Hash, Hasher};
 use std::ops::Deref;

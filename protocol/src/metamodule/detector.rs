@@ -20,7 +20,8 @@
 use super::message::{Counted, Message, Probe};
 use super::params::Strategy;
 use super::{Metamodule, Peer, Phase};
-use crate::agent::{Class, Output};
+use crate::agent::Output;
+use crate::counters::Class;
 use crate::ids::{Incarnation, ModuleId, Port};
 use crate::time::{Span, Time};
 use std::collections::BTreeMap;

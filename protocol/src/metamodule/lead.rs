@@ -11,19 +11,19 @@
 //! the first that is found is gone, also if it closes the way to another seed.
 
 use super::blueprint::SeedSet;
-use super::choice::{Aim, Plan};
-use super::joint::{Move, Sought, Standstill, WORK, search};
-use super::memo::mix;
 use super::message::{Bid, Call, Message};
 use super::negotiation::{Scene, fingerprint};
 use super::params::Setup;
 use super::pose::Pose;
 use super::{Metamodule, Phase};
-use crate::agent::Class;
+use crate::counters::Class;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
 use crate::digest::Portable;
 use crate::ids::{ModuleId, Port};
-use crate::marks::{Mark, hit};
-use crate::sabotage::Sabotage;
+use crate::metamodule::planning::cooperative::{Move, Sought, Standstill, WORK, search};
+use crate::metamodule::planning::lru_cache::mix;
+use crate::metamodule::strategy::greedy_policy::{Aim, Plan};
 use crate::time::Time;
 use std::collections::VecDeque;
 use std::hash::Hash;

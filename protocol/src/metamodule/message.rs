@@ -3,9 +3,9 @@
 use super::blueprint::{MAX_SEEDS, SeedSet, Task};
 use super::motions::Sweep;
 use super::pose::Pose;
+use crate::coverage::Mark;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Cell;
-use crate::marks::Mark;
 use crate::time::{Span, Time};
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
@@ -676,7 +676,7 @@ impl Wire for Status {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::Class;
+    use crate::counters::Class;
     use crate::ids::{Incarnation, Port};
     use crate::metamodule::pose::End;
     use crate::roombots::grid::GridState;

@@ -1,13 +1,13 @@
 //! The motion database as agents and bodies share it, and sets of swept cells as they travel.
 
 use super::blueprint::Seed;
-use super::distances::Distances;
-use super::graph::{Bits, Graph};
-use super::memo::{Memo, mix};
 use super::params::Floor;
 use super::pose::{Pose, to_world};
-use super::shut_in::Learnt;
 use crate::lattice::Cell;
+use crate::metamodule::planning::distances::Distances;
+use crate::metamodule::planning::enclosure::Learnt;
+use crate::metamodule::planning::graph::{Bits, Graph};
+use crate::metamodule::planning::lru_cache::{Memo, mix};
 use crate::roombots::Kind;
 use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::GridState;

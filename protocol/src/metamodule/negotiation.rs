@@ -10,19 +10,19 @@
 //! keep it safe, are not here: a wrong or late word about a way costs time, never safety.
 
 use super::blueprint::SeedSet;
-use super::choice::{Aim, Plan};
 use super::message::{Claim, LEGS, Leg, Message, Rank, Way};
 use super::motions::Sweep;
 use super::pose::Pose;
-use super::search::{Course, Ground};
-use super::shut_in::is_away;
 use super::{Metamodule, Phase};
-use crate::agent::Class;
+use crate::counters::Class;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
 use crate::digest::Portable;
 use crate::ids::ModuleId;
 use crate::lattice::Cell;
-use crate::marks::{Mark, hit};
-use crate::sabotage::Sabotage;
+use crate::metamodule::planning::enclosure::is_away;
+use crate::metamodule::planning::paths::{Course, Ground};
+use crate::metamodule::strategy::greedy_policy::{Aim, Plan};
 use crate::time::Time;
 use pathfinding::kuhn_munkres::kuhn_munkres_min;
 use pathfinding::matrix::Matrix;

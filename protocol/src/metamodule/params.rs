@@ -2,8 +2,8 @@
 
 use super::blueprint::{Blueprint, Seed, Task};
 use super::motions::Motions;
+use crate::defects::Sabotage;
 use crate::roombots::Kind;
-use crate::sabotage::Sabotage;
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
 

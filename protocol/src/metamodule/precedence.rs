@@ -8,12 +8,12 @@
 
 use super::Metamodule;
 use super::blueprint::Seed;
-use super::field::distance;
 use super::params::PrecedenceBy;
 use super::pose::Pose;
-use super::search::Ground;
 use crate::ids::ModuleId;
 use crate::lattice::Cell;
+use crate::metamodule::planning::paths::Ground;
+use crate::metamodule::strategy::force_field::distance;
 
 /// Where a metamodule stands in the order: distance to the nearest open seed, then id. Smaller goes first.
 type Turn = (i64, ModuleId);

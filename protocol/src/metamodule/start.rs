@@ -3,11 +3,11 @@
 use super::blueprint::Task;
 use super::params::Setup;
 use super::pose::{End, Pose};
-use super::search::Ground;
 use crate::lattice::Cell;
+use crate::metamodule::planning::paths::Ground;
+use crate::rng::Stream;
 use crate::roombots::grid::GridState;
 use crate::roombots::posture::Posture;
-use crate::stream::Stream;
 use thiserror::Error;
 
 /// Why metamodules cannot be placed.

@@ -12,7 +12,7 @@ use super::chain::{Chain, Pose, rotation_vector};
 use super::torque::{Load, torques};
 use super::{CELL_METRES, Kind, KinematicsError};
 use crate::ratio::Ratio;
-use crate::stream::Stream;
+use crate::rng::Stream;
 use nalgebra::{Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 

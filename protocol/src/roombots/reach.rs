@@ -14,7 +14,7 @@ use super::inverse::levenberg_marquardt;
 use super::inverse::{Solution, solve};
 use super::spheres;
 use super::{HALF_EDGE, Kind};
-use crate::stream::Stream;
+use crate::rng::Stream;
 use std::collections::BTreeSet;
 
 /// What counts as reaching a state.

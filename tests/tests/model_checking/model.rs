@@ -17,7 +17,7 @@
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::sim::{Agents, Audited, Swarm};
+use metamorph_sim_bridge::kernel::sim::{Agents, Audited, Swarm};
 use metamorph_sim_bridge::world::{Contact, Sensed};
 use stateright::{Model, Property};
 use std::fmt;

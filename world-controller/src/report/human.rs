@@ -2,13 +2,13 @@
 
 use super::Words;
 use super::schema::{ClassCounts, EXTERNAL, ProofReport, Report, Standstill};
-use crate::gauge::Status;
+use crate::console::escape::Shown;
+use crate::console::format::{bytes, count, many, seconds, whole_percent};
+use crate::console::progress::Status;
+use crate::console::terminal::Paint;
 use crate::scenario::Plan;
-use crate::shown::Shown;
-use crate::terminal::Paint;
-use crate::wording::{bytes, count, many, percent, seconds};
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::director::Progress;
+use metamorph_sim_bridge::cube::director::Progress;
 use std::fmt::Write;
 
 /// The mean speed of the clock, as a share of the scenario's, from which on nothing is said of it.
@@ -32,7 +32,7 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     writeln!(out)?;
     let g = &r.goal;
     let words = Words::of(r.family.parse().unwrap_or_default());
-    let share = percent(g.filled, g.cells);
+    let share = whole_percent(g.filled, g.cells);
     writeln!(out, "  goal        {} of {} filled ({share})", count(g.filled), many(g.cells, words.part))?;
     if r.stages.len() > 1 {
         for s in &r.stages {

@@ -1,25 +1,31 @@
 //! What a run did: from a driver's facts to one value that is printed for people and written as
 //! JSON. Independent of the driver. Absent: measuring (drivers do) and printing (`terminal` does).
 
+pub mod balance;
+pub mod document;
 mod human;
+pub mod message_timeline;
 mod over_time;
 pub mod page;
+pub mod plots;
 mod prospect;
+pub mod run_result;
 pub mod schema;
+pub mod statistics;
 
 pub use human::{human, progress};
 
-use crate::runnable::Account;
+use crate::console::format::{count, digits, many};
+use crate::report::run_result::RunResult;
 use crate::scenario::{LinkChange, Plan};
 use crate::swarm::Slowed;
-use crate::wording::{count, many};
 use metamorph_module_agent::Family;
-use metamorph_protocol::agent::Class;
-use metamorph_protocol::tally::{Counts, Tally};
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::counters::{Counts, Tally};
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::faults::Fault;
-use metamorph_sim_bridge::invariants::{Invariant, Violation};
-use metamorph_sim_bridge::outcome::{Outcome, Stall};
+use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
+use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
 use prospect::{Possible, Prospect};
 use schema::{
     Agents, ClassCounts, Collisions, Detected, FaultReport, GoalReport, Invariants, Machine, Messages,
@@ -33,7 +39,7 @@ pub struct Facts<'a> {
     /// What was to be run.
     pub plan: &'a Plan,
     /// What director and world know.
-    pub account: Account,
+    pub account: RunResult,
     /// How long a move, or a step of a joint, takes.
     pub beat: Span,
     /// Message counts.
@@ -198,11 +204,6 @@ pub fn report(facts: &Facts<'_>) -> Report {
     }
 }
 
-/// A hash as it is written in reports.
-pub fn digits(hash: u64) -> String {
-    format!("{hash:016x}")
-}
-
 /// Processors available. Looked up once: asking the system takes as long as a short run.
 fn cores() -> u64 {
     static CORES: OnceLock<u64> = OnceLock::new();
@@ -293,7 +294,7 @@ fn violation(v: &Violation) -> ViolationReport {
 }
 
 /// What hit modules and cells, and what cut links, in the order of time.
-fn faults(plan: &Plan, account: &Account, now: Time) -> Vec<FaultReport> {
+fn faults(plan: &Plan, account: &RunResult, now: Time) -> Vec<FaultReport> {
     let changes = plan.link_changes().into_iter().filter(|c| c.at <= now);
     let of_links = changes.map(|LinkChange { at, name, effect }| FaultReport {
         at_s: at.as_secs_f64(),

@@ -1,7 +1,7 @@
 //! Plots over time as SVG inside a page: areas that lie on each other, with a mark for each fault.
 //! Colours are the page's, by class; they share the scale and the style of a sweep's plots.
 
-use crate::sweep::plots::{Scale, WIDTH, place, tick};
+use crate::report::plots::{Scale, WIDTH, place, tick};
 use maud::{Markup, html};
 
 /// Where a row of values is from, and its class in the style sheet.

@@ -6,12 +6,12 @@ use super::Words;
 use super::human::proved;
 use super::over_time::{Layer, Mark, areas};
 use super::schema::{Report, Standstill, Waiting};
+use crate::console::format::{bytes, count, many, seconds, whole_percent};
+use crate::report::document::{document, figure};
+use crate::report::message_timeline::Bin;
 use crate::scenario::Plan;
-use crate::sweep::page::{document, figure};
-use crate::view::flow::Bin;
-use crate::wording::{bytes, count, many, percent, seconds};
 use maud::{Markup, html};
-use metamorph_protocol::agent::Class;
+use metamorph_protocol::counters::Class;
 use metamorph_protocol::time::Span;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -232,7 +232,7 @@ fn numbers(report: &Report, words: &Words) -> Markup {
                 caption { "Goals" }
                 thead { tr { th.key scope="col" { "goal" } th scope="col" { (words.cells) } th scope="col" { "filled" } th scope="col" { "begun" } th scope="col" { "built" } } }
                 tbody { @for s in &report.stages { tr {
-                    th.key scope="row" { (s.name) } td { (count(s.cells)) } td { (count(s.filled)) " (" (percent(s.filled, s.cells)) ")" }
+                    th.key scope="row" { (s.name) } td { (count(s.cells)) } td { (count(s.filled)) " (" (whole_percent(s.filled, s.cells)) ")" }
                     td { (seconds(s.opened_s)) } td { @match s.built_s { Some(t) => (seconds(t)), None => "–" } }
                 } } }
             } }

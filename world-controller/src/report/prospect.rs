@@ -3,11 +3,11 @@
 //! A diagnosis names what one module after the other runs into. Whether all of them together could have
 //! done something is decided by a search, which ends with a proof, with a way, or at its bound.
 
-use crate::runnable::Question;
-use metamorph_protocol::metamodule::joint::{self, Sought, WORK};
+use crate::report::run_result::Question;
 use metamorph_protocol::metamodule::params::Strategy;
-use metamorph_sim_bridge::feasible::{Found, Within, search, widest_proof};
-use metamorph_sim_bridge::outcome::{Reason, Stall};
+use metamorph_protocol::metamodule::planning::cooperative::{self, Sought, WORK};
+use metamorph_sim_bridge::cube::reachability::{Found, Within, search, widest_proof};
+use metamorph_sim_bridge::director::outcome::{Reason, Stall};
 
 /// Arrangements of cubes that are looked at, times the number of modules; one of many modules takes longer.
 const EFFORT: usize = 2_000_000;
@@ -81,7 +81,7 @@ impl Prospect {
                 }
             }
             Some(Question::Metamodules(plight)) if plight.setup.params.strategy == Strategy::Negotiated => {
-                match joint::search(plight, WORK) {
+                match cooperative::search(plight, WORK) {
                     Sought::Way(moves) => {
                         let moves = moves.iter().filter(|m| m.lands).count();
                         Prospect { possible: Possible::Yes(moves), within: None }
@@ -125,7 +125,7 @@ mod tests {
     use super::*;
     use metamorph_protocol::lattice::Cell;
     use metamorph_protocol::time::Time;
-    use metamorph_sim_bridge::feasible::{Plight, Standing};
+    use metamorph_sim_bridge::cube::reachability::{Plight, Standing};
 
     fn stall(reason: Reason) -> Stall {
         Stall {

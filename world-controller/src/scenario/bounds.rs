@@ -161,7 +161,7 @@ mod tests {
     use super::*;
     use crate::scenario::flaw::{LONGEST, SHORTEST};
     use metamorph_protocol::metamodule::params::Strategy;
-    use metamorph_protocol::stream::Stream;
+    use metamorph_protocol::rng::Stream;
     use metamorph_protocol::time::Time;
 
     const MOVE: Span = Span::secs(1);

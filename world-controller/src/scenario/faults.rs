@@ -9,9 +9,9 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::Partition;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::stream::Stream;
+use metamorph_protocol::rng::Stream;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::faults::{Fault, Schedule};
+use metamorph_sim_bridge::director::faults::{Fault, Schedule};
 
 /// A fault that hits named modules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

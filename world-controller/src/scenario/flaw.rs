@@ -4,7 +4,7 @@
 //! the reason, [`Flaw::fix`] the way out. Absent: where it was found (see `problems`).
 
 use super::settings::KeyError;
-use crate::solid::flaw::SolidError;
+use crate::scenario::mesh_import::flaw::SolidError;
 use metamorph_module_agent::Family;
 use metamorph_protocol::goal::GoalError;
 use metamorph_protocol::lattice::Cell;

@@ -12,7 +12,7 @@ use super::problems::{At, Place, Problems};
 use super::raw::{Sections, goal_sections};
 use super::table::{Connector, Node, Read, Section, elements, wrong};
 use super::{Metamodules, Swarm};
-use crate::database::motions;
+use crate::scenario::motion_database::motions;
 use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{

@@ -18,8 +18,11 @@ mod cube;
 pub mod faults;
 mod field;
 pub mod flaw;
+pub mod mesh_import;
 mod metamodule;
+pub mod motion_database;
 mod plan;
+pub mod plan_summary;
 pub mod problems;
 mod raw;
 pub mod schema;
@@ -30,21 +33,21 @@ mod table;
 pub use plan::{NEVER, TIME_SCALE};
 pub use raw::SEED;
 
-use crate::shown::portable;
+use crate::console::escape::portable;
 use faults::Planned;
 use flaw::{Flaw, MAX_BYTES};
-use metamorph_module_agent::{Family, regular};
+use metamorph_module_agent::{Family, regular_file};
 use metamorph_protocol::cube::params::Setup;
+use metamorph_protocol::defects::Sabotage;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::metamodule::params::Setup as MetamoduleSetup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::{StartError, draw_start};
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::sabotage::Sabotage;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::director::Stop;
-use metamorph_sim_bridge::faults::Schedule;
+use metamorph_sim_bridge::cube::director::Stop;
+use metamorph_sim_bridge::director::faults::Schedule;
 pub use plan::LinkChange;
 use problems::Problems;
 use serde::{Deserialize, Serialize};
@@ -296,7 +299,7 @@ pub fn load(path: &Path) -> Result<String, Problems> {
     let descriptor = ["/dev/stdin", "/dev/fd/", "/proc/self/fd/"].iter().any(|d| origin.starts_with(d));
     // What this process was given by its parent is read, whatever it is; for a name of anything else but
     // a file one could wait for ever.
-    let opened = if descriptor { File::open(path) } else { regular::open(path) };
+    let opened = if descriptor { File::open(path) } else { regular_file::open(path) };
     let file = opened.map_err(|error| match error.kind() {
         std::io::ErrorKind::InvalidInput => Problems::of_file(&origin, Flaw::NoFile(error.to_string())),
         _ => unreadable(error),

@@ -8,11 +8,11 @@ use super::problems::{At, Problems};
 use super::raw::{Raw, RawSwarm, default_delay};
 use super::table::Delay;
 use super::{LinkKind, Overrides, Plan, StagePlan, Swarm};
-use crate::wording::{count, listed};
+use crate::console::format::{count, listed};
 use metamorph_protocol::link::{LinkModel, Partition};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::Stop;
+use metamorph_sim_bridge::cube::director::Stop;
 use std::sync::Arc;
 
 /// Scenario seconds per second on the process link, if the scenario does not say.

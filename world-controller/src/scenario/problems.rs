@@ -2,7 +2,7 @@
 //! a caret, and the fix.
 
 use super::flaw::{Flaw, MAX_FILES};
-use crate::shown::{Shown, is_control, line};
+use crate::console::escape::{Shown, is_control, line};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;

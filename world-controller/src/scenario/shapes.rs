@@ -4,7 +4,7 @@
 use super::flaw::{Flaw, MAX_DEPTH, MAX_LAID_OUT};
 use super::problems::{At, Problems};
 use super::table::{Node, Read, Section, elements};
-use crate::solid::{Import, Part, Up, import};
+use crate::scenario::mesh_import::{Import, Part, Up, import};
 use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::shape::{Axis, Radius, Shape, ShapeError};

@@ -6,9 +6,10 @@
 //! process counts as unresponsive.
 
 use crate::swarm::links::Link;
-use metamorph_module_agent::outbox::Handed;
-use metamorph_module_agent::runtime::Runtime;
-use metamorph_protocol::agent::{Agent, Class};
+use metamorph_module_agent::process::control_message::Runtime;
+use metamorph_module_agent::transport::iceoryx::outbox::Handed;
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
@@ -292,7 +293,7 @@ fn seal<A: Agent>(letter: &Letter<A>, destination: ModuleId, sequence: u32) -> F
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_module_agent::runtime::Contact;
+    use metamorph_module_agent::process::control_message::Contact;
     use metamorph_protocol::agent::{Birth, InputOf, OutputOf};
     use metamorph_protocol::ids::{Revision, Session};
     use metamorph_protocol::lattice::Cell;

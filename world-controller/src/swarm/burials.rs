@@ -3,7 +3,7 @@
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::supervise::Life;
 use metamorph_module_agent::pid_file;
-use metamorph_module_agent::undertaker::Undertaker;
+use metamorph_module_agent::transport::iceoryx::reaper::Undertaker;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -7,8 +7,8 @@
 //! enough to do without.
 
 use crate::swarm::outcome::SwarmError;
-use metamorph_module_agent::outbox::Outbox;
-use metamorph_module_agent::rendezvous::{ChannelError, Rendezvous};
+use metamorph_module_agent::transport::iceoryx::outbox::Outbox;
+use metamorph_module_agent::transport::iceoryx::rendezvous::{ChannelError, Rendezvous};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::rc::Rc;

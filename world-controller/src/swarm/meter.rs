@@ -2,8 +2,8 @@
 //! counts to its ledger before anybody can see what they stand for, and here they are added up.
 
 use super::SwarmOptions;
-use crate::stopwatch::Stopwatch;
-use metamorph_module_agent::ledger;
+use crate::console::stopwatch::Stopwatch;
+use metamorph_module_agent::run_dir::counter_file;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -34,7 +34,7 @@ impl Meter {
         if self.read.is_none_or(|read| read.elapsed() >= self.rest) {
             let begun = Stopwatch::start();
             // What cannot be read now is said at the end, when it matters.
-            self.sent = ledger::sent(root).ok().or(self.sent);
+            self.sent = counter_file::sent(root).ok().or(self.sent);
             self.rest = (begun.elapsed() * REST).max(EVERY);
             self.read = Some(Stopwatch::start());
         }

@@ -1,12 +1,12 @@
 //! What a swarm of processes came to, and why one could not be run.
 
-use metamorph_module_agent::inbox::InboxError;
-use metamorph_module_agent::ledger::Account;
-use metamorph_module_agent::rendezvous::ChannelError;
-use metamorph_module_agent::swarm_file::SwarmFileError;
-use metamorph_protocol::agent::Class;
+use metamorph_module_agent::run_dir::counter_file::Account;
+use metamorph_module_agent::run_dir::swarm_file::SwarmFileError;
+use metamorph_module_agent::transport::iceoryx::inbox::InboxError;
+use metamorph_module_agent::transport::iceoryx::rendezvous::ChannelError;
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
-use metamorph_protocol::tally::Tally;
 use metamorph_protocol::time::Time;
 use std::io;
 use std::path::PathBuf;
@@ -124,7 +124,7 @@ pub enum SwarmError {
         why: io::Error,
     },
     /// Not enough shared memory.
-    #[error("this swarm needs about {needed} MB in {home}, but only {available} MB are free; give it more (mount -o remount,size=..., docker: --shm-size) or use fewer modules", home = metamorph_module_agent::run_name::HOME)]
+    #[error("this swarm needs about {needed} MB in {home}, but only {available} MB are free; give it more (mount -o remount,size=..., docker: --shm-size) or use fewer modules", home = metamorph_module_agent::run_dir::run_name::HOME)]
     Space {
         /// How many megabytes.
         needed: u64,
@@ -132,7 +132,7 @@ pub enum SwarmError {
         available: u64,
     },
     /// Files may not become large enough.
-    #[error("this swarm needs files of {needed} kB in {home}, and the limit of file sizes (ulimit -f) is lower; raise it or use fewer modules", home = metamorph_module_agent::run_name::HOME)]
+    #[error("this swarm needs files of {needed} kB in {home}, and the limit of file sizes (ulimit -f) is lower; raise it or use fewer modules", home = metamorph_module_agent::run_dir::run_name::HOME)]
     FileSize {
         /// How many kilobytes.
         needed: u64,
@@ -144,7 +144,7 @@ pub enum SwarmError {
     #[error("cannot start the process that cleans up if this one is killed: {0}")]
     Watcher(io::Error),
     /// No shared memory at all.
-    #[error("cannot use {home}: {0}; processes need it to talk to each other", home = metamorph_module_agent::run_name::HOME)]
+    #[error("cannot use {home}: {0}; processes need it to talk to each other", home = metamorph_module_agent::run_dir::run_name::HOME)]
     NoSharedMemory(io::Error),
     /// This process cannot say who it is.
     #[error("cannot find out who this process is, or say that it controls the run: {0}")]

@@ -10,9 +10,9 @@
 //! A process that is stopped or hangs takes nothing, and so is not late: it holds nobody up. A controller
 //! that is late itself promises nothing, and time stands still until it goes on.
 
+use metamorph_module_agent::clock::lateness::Late;
+use metamorph_module_agent::clock::page::{Page, path};
 use metamorph_module_agent::clock::{Speed, monotonic, wait};
-use metamorph_module_agent::clock_page::{Page, path};
-use metamorph_module_agent::lateness::Late;
 use metamorph_protocol::time::{Span, Time};
 use std::fs::File;
 use std::io;

@@ -3,7 +3,7 @@
 //! the run lasts, a little that the end of the run needs when something else fills the shared memory.
 
 use crate::swarm::outcome::SwarmError;
-use metamorph_module_agent::space;
+use metamorph_module_agent::transport::iceoryx::space;
 use rustix::fs::{FallocateFlags, fallocate};
 use rustix::io::Errno;
 use std::fs::File;

@@ -3,8 +3,8 @@
 
 use super::agents::Letter;
 use super::run_dir::{RunDir, RunDirError};
-use metamorph_module_agent::regular;
-use metamorph_module_agent::run_name::{RunName, RunNameError};
+use metamorph_module_agent::regular_file;
+use metamorph_module_agent::run_dir::run_name::{RunName, RunNameError};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::time::Time;
@@ -109,7 +109,7 @@ pub fn write_run(parts: &Path, root: &Path, epoch: u64) -> io::Result<()> {
 /// Which run it is, and when it began.
 fn read_run(parts: &Path) -> Result<(RunName, u64), NotResumable> {
     let path = path(parts);
-    let bytes = regular::read(&path, LONGEST).map_err(|e| NotResumable::NotBegun(path.clone(), e))?;
+    let bytes = regular_file::read(&path, LONGEST).map_err(|e| NotResumable::NotBegun(path.clone(), e))?;
     let text = String::from_utf8(bytes).map_err(|_| NotResumable::Damaged(path.clone()))?;
     let (name, epoch) = text.trim_end().split_once(' ').ok_or(NotResumable::Damaged(path.clone()))?;
     let epoch = epoch.parse().map_err(|_| NotResumable::Damaged(path))?;

@@ -8,11 +8,11 @@
 //! what a killed cleaner leaves is found by the next.
 
 use crate::swarm::watch::Watch;
-use metamorph_module_agent::ledger;
 use metamorph_module_agent::pid_directory;
-use metamorph_module_agent::process::Identity;
-use metamorph_module_agent::run_name::{HOME, MARK, RunName};
-use metamorph_module_agent::seat::is_marked;
+use metamorph_module_agent::run_dir::controller_lease::is_marked;
+use metamorph_module_agent::run_dir::counter_file;
+use metamorph_module_agent::run_dir::identity::Identity;
+use metamorph_module_agent::run_dir::run_name::{HOME, MARK, RunName};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
@@ -159,7 +159,7 @@ pub fn log_directory(root: &Path) -> PathBuf {
 fn prepare(part: &Path, me: Identity) -> io::Result<File> {
     let make = |path: &Path| DirBuilder::new().mode(0o700).create(path);
     make(part)?;
-    for directory in [pid_directory(part), ledger::directory(part), log_directory(part)] {
+    for directory in [pid_directory(part), counter_file::directory(part), log_directory(part)] {
         make(&directory)?;
     }
     // Not inherited by agents: it is closed on exec like all files of the standard library.

@@ -4,15 +4,16 @@
 //! If the conductor goes away, however it does, the supervisor kills what still runs. Agents are in
 //! process groups of their own, so that Ctrl-C reaches only the controller.
 
+use crate::console::shutdown::{Shutdown, Urgency};
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::reserve::SCARCE;
 use crate::swarm::run_dir::log_directory;
 use crate::swarm::signals;
 use metamorph_module_agent::AgentArgs;
-use metamorph_module_agent::process::Identity;
-use metamorph_module_agent::rendezvous::{self, ChannelError, Notifier, Rendezvous};
-use metamorph_module_agent::run_name::HOME;
-use metamorph_module_agent::space;
+use metamorph_module_agent::run_dir::identity::Identity;
+use metamorph_module_agent::run_dir::run_name::HOME;
+use metamorph_module_agent::transport::iceoryx::rendezvous::{self, ChannelError, Notifier, Rendezvous};
+use metamorph_module_agent::transport::iceoryx::space;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, pidfd_send_signal, waitid,
@@ -33,47 +34,8 @@ use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 use tokio::process::{Child, Command};
 use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::{mpsc, watch};
+use tokio::sync::mpsc;
 use tokio::task::JoinSet;
-
-/// How much a swarm is urged to end.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Urgency {
-    /// Not at all.
-    #[default]
-    None,
-    /// In order.
-    Asked,
-    /// At once: agents are killed.
-    Hurried,
-}
-
-/// Asks a swarm to end early and cleanly. Clones ask the same swarm.
-#[derive(Clone, Debug)]
-pub struct Shutdown(watch::Sender<Urgency>);
-
-impl Shutdown {
-    /// Nothing is asked yet.
-    pub fn new() -> Shutdown {
-        Shutdown(watch::Sender::new(Urgency::None))
-    }
-    /// Asks for the end, or, if it was asked for before, for a faster one.
-    pub fn request(&self) {
-        self.0.send_modify(|urgency| {
-            *urgency = if *urgency == Urgency::None { Urgency::Asked } else { Urgency::Hurried };
-        });
-    }
-    async fn beyond(&self, known: Urgency) -> Urgency {
-        // Invariant: the sender is `self`, so the channel cannot be closed.
-        self.0.subscribe().wait_for(|urgency| *urgency > known).await.map_or(known, |urgency| *urgency)
-    }
-}
-
-impl Default for Shutdown {
-    fn default() -> Shutdown {
-        Shutdown::new()
-    }
-}
 
 /// One life of one module.
 pub type Life = (ModuleId, Incarnation);

@@ -6,9 +6,9 @@
 //! pipe too, and ends the controller with an exit code of its own. Absent: runs whose agents wait to be taken
 //! over by `metamorph resume`; those are left alone.
 
+use crate::console::terminal::complain;
 use crate::swarm::run_dir::{clean, is_awaited, owner};
-use crate::terminal::complain;
-use metamorph_module_agent::run_name::HOME;
+use metamorph_module_agent::run_dir::run_name::HOME;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{PidfdFlags, pidfd_open};
 use signal_hook::consts::{SIGBUS, SIGHUP, SIGINT, SIGTERM};

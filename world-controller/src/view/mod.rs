@@ -7,7 +7,7 @@
 //!
 //! Deliberately absent: a way to change a run from the page; it only looks.
 
-pub mod flow;
+pub mod export;
 pub mod gate;
 pub mod scene;
 pub mod scribe;

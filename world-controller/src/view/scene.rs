@@ -4,11 +4,11 @@
 //! Times are microseconds of scenario time. The layout is private to the page, which is in the same
 //! program; [`VERSION`] is for pages that were left open in a browser.
 
-use super::flow::{Bin, Flow};
 use super::visible::{Doing, Fate, Stance, Standing, Visible};
+use crate::report::message_timeline::{Bin, Flow};
 use crate::report::schema::Report;
 use crate::scenario::{Cubes, LinkChange, Metamodules, Plan, Swarm};
-use metamorph_protocol::agent::Class;
+use metamorph_protocol::counters::Class;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;

@@ -6,15 +6,15 @@
 
 use super::scene::{Event, Scene};
 use super::visible::Visible;
-use crate::journal::{HeadError, JournalError};
+use crate::record::journal::{HeadError, JournalError};
 use crate::scenario::{Plan, Swarm};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::journal::{self, Blob, Outside, Record, Sensation, Sink, Taken, Wanted, Who};
 use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::record::{self, Blob, Outside, Record, Sensation, Sink, Taken, Wanted, Who};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::WireError;
-use metamorph_sim_bridge::chronicle::Log;
+use metamorph_sim_bridge::kernel::recording::Log;
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -72,27 +72,6 @@ pub fn log(plan: &Plan, scene: &Shared) -> Log {
     }
 }
 
-/// One log for two, if there are two.
-pub fn both(first: Option<Log>, second: Option<Log>) -> Option<Log> {
-    match (first, second) {
-        (Some(first), Some(second)) => Some(Rc::new(RefCell::new(Both(first, second)))),
-        (first, second) => first.or(second),
-    }
-}
-
-struct Both(Log, Log);
-
-impl Sink for Both {
-    fn put(&mut self, record: &Record) {
-        self.0.borrow_mut().put(record);
-        self.1.borrow_mut().put(record);
-    }
-    fn commit(&mut self) {
-        self.0.borrow_mut().commit();
-        self.1.borrow_mut().commit();
-    }
-}
-
 struct Scribe<A: Visible> {
     setup: Arc<A::Setup>,
     /// Where bodies stand.
@@ -115,8 +94,8 @@ impl<A: Visible> Scribe<A> {
         Ok(())
     }
 
-    fn write(&mut self, at: Time, who: Who, event: &journal::Event) -> Result<(), WireError> {
-        use journal::Event as E;
+    fn write(&mut self, at: Time, who: Who, event: &record::Event) -> Result<(), WireError> {
+        use record::Event as E;
         let mut scene = self.scene.lock();
         // Agents of a process run may be a moment ahead of what the controller has written down.
         let at = scene.reach(at);

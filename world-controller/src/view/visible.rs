@@ -1,7 +1,7 @@
 //! How each family looks: poses and deeds of bodies, what modules report of themselves, what their
 //! messages say. Adding a family means implementing [`Visible`].
 
-use super::flow::FAR;
+use crate::report::message_timeline::{FAR, Said};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept as CubePercept};
@@ -19,7 +19,6 @@ use metamorph_protocol::metamodule::params::Setup as MetamoduleSetup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::time::Span;
 use serde::Serialize;
-use std::fmt;
 
 /// Where a body is, as numbers that the page knows how to draw: of a cube its cell; of a metamodule
 /// the connector, its quarter turns, the end that holds, whether both do, and the steps of its joints
@@ -47,41 +46,6 @@ pub struct Standing {
     pub place: i32,
     /// Whom it waits for.
     pub waits_for: Option<ModuleId>,
-}
-
-/// What a message says, as far as it is shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Said {
-    /// In words.
-    what: &'static str,
-    /// Whom it is about.
-    whom: Option<ModuleId>,
-    /// How far the sender is from a target.
-    distance: Option<u16>,
-}
-
-impl Said {
-    /// Nothing but words.
-    pub const fn of(what: &'static str) -> Said {
-        Said { what, whom: None, distance: None }
-    }
-    const fn about(what: &'static str, whom: ModuleId) -> Said {
-        Said { whom: Some(whom), ..Said::of(what) }
-    }
-}
-
-impl fmt::Display for Said {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.what)?;
-        if let Some(whom) = self.whom {
-            write!(f, " {whom}")?;
-        }
-        match self.distance {
-            None => Ok(()),
-            Some(FAR) => f.write_str(", knows no target"),
-            Some(distance) => write!(f, ", target at {distance}"),
-        }
-    }
 }
 
 /// How an action went.

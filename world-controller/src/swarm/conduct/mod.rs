@@ -4,6 +4,12 @@
 //! One turn: what the supervisor saw, what agents sent, what is due in the world, the director,
 //! then everything that must be told; then it blocks until something rings or is due.
 
+mod ending;
+mod resuming;
+mod space;
+mod starting;
+
+use crate::console::shutdown::Urgency;
 use crate::swarm::SwarmOptions;
 use crate::swarm::agents::{Letter, Process, Stage};
 use crate::swarm::burials::Burials;
@@ -13,19 +19,19 @@ use crate::swarm::pace::Pace;
 use crate::swarm::reserve::Reserve;
 use crate::swarm::run_dir::RunDir;
 use crate::swarm::signals;
-use crate::swarm::supervise::{Event, Life, Supervisor, Task, Urgency};
+use crate::swarm::supervise::{Event, Life, Supervisor, Task};
+use metamorph_module_agent::clock::lateness::Late;
 use metamorph_module_agent::clock::monotonic;
-use metamorph_module_agent::inbox::Inbox;
-use metamorph_module_agent::lateness::Late;
-use metamorph_module_agent::packet::Packet;
-use metamorph_module_agent::rendezvous::{ChannelError, Rendezvous};
-use metamorph_module_agent::runtime::{Contact, Runtime};
+use metamorph_module_agent::process::control_message::{Contact, Runtime};
+use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
+use metamorph_module_agent::transport::iceoryx::rendezvous::{ChannelError, Rendezvous};
+use metamorph_module_agent::transport::iceoryx::shared_frame::Packet;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
-use metamorph_protocol::journal::Outside;
+use metamorph_protocol::record::Outside;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
-use metamorph_sim_bridge::direct::{Command, Direct};
+use metamorph_sim_bridge::director::port::{Command, Direct};
 use metamorph_sim_bridge::world::{Sensed, World};
 use rustix::process::Signal;
 use std::time::Duration;
@@ -36,11 +42,6 @@ const DRAIN: usize = 2_048;
 const ROUNDS: usize = 64;
 /// The longest wait.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
-
-mod ending;
-mod resuming;
-mod space;
-mod starting;
 
 pub struct Conductor<'a, W: World, D> {
     options: &'a SwarmOptions,

@@ -4,8 +4,8 @@
 use super::Conductor;
 use crate::swarm::reserve::SCARCE;
 use metamorph_module_agent::clock::monotonic;
-use metamorph_module_agent::space::{self, Full};
-use metamorph_sim_bridge::direct::Direct;
+use metamorph_module_agent::transport::iceoryx::space::{self, Full};
+use metamorph_sim_bridge::director::port::Direct;
 use metamorph_sim_bridge::world::World;
 
 /// Nanoseconds between two looks.

@@ -8,11 +8,11 @@ use crate::swarm::resume::write_run;
 use crate::swarm::run_dir::RunDirError;
 use crate::swarm::supervise::{Event, Life, Task};
 use metamorph_module_agent::clock::monotonic;
-use metamorph_module_agent::runtime::Runtime;
-use metamorph_module_agent::seat::mark_awaited;
+use metamorph_module_agent::process::control_message::Runtime;
+use metamorph_module_agent::run_dir::controller_lease::mark_awaited;
 use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::direct::Direct;
+use metamorph_sim_bridge::director::port::Direct;
 use metamorph_sim_bridge::world::World;
 use std::time::Duration;
 

@@ -1,0 +1,200 @@
+//! What a link does to messages, applied by the sender: loss, duplication, delay, reorder, damage
+//! and partitions, as [`LinkModel::carry`] draws them. Absent: the drawing itself.
+
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::counters::Tally;
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Session};
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::rng::Stream;
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::Frame;
+use std::collections::BTreeMap;
+
+/// Frames of one agent that may be on their way at a time; more are counted as overflowed.
+pub const HELD_LIMIT: usize = 4_096;
+
+/// One frame on its way to the peer on a port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Parcel {
+    /// The port it leaves by.
+    pub port: Port,
+    /// The peer.
+    pub peer: ModuleId,
+    /// The contact session it belongs to.
+    pub session: Session,
+    /// For counting.
+    pub class: Class,
+    /// The frame, damaged if the link damages it.
+    pub frame: Frame,
+    /// Whether it does.
+    pub damaged: bool,
+}
+
+/// The links of one agent, one for each port.
+#[derive(Debug)]
+pub struct Impair {
+    model: LinkModel,
+    transparent: bool,
+    from: ModuleId,
+    ports: Vec<(Stream, Time)>,
+    held: BTreeMap<(Time, u64), Parcel>,
+    count: u64,
+}
+
+impl Impair {
+    /// The links of one life of an agent with `ports` ports, in the run of `seed`.
+    pub fn new(model: LinkModel, seed: u64, from: ModuleId, life: Incarnation, ports: usize) -> Impair {
+        let stream = |port: usize| {
+            let index = u64::from(from.0) << 32 | u64::from(life.0) << 8 | port as u64;
+            Stream::named(seed, "process link", index)
+        };
+        Impair {
+            transparent: model.is_transparent(),
+            model,
+            from,
+            ports: (0..ports).map(|p| (stream(p), Time::ZERO)).collect(),
+            held: BTreeMap::new(),
+            count: 0,
+        }
+    }
+
+    /// Takes a frame that was sent at `now`: what passes at once goes to `out`, the rest is held
+    /// back until it is due.
+    pub fn carry(&mut self, now: Time, parcel: Parcel, tally: &mut Tally, out: &mut Vec<Parcel>) {
+        if self.transparent {
+            out.push(parcel);
+            return;
+        }
+        // Invariant: the wait loop sends only by ports that exist.
+        let (stream, last) = &mut self.ports[parcel.port.index()];
+        let fate = self.model.carry(now, self.from, parcel.peer, stream, last);
+        let counts = &mut tally[parcel.class];
+        if fate.arrivals[0].is_none() {
+            counts.lost += 1;
+        }
+        if fate.arrivals[1].is_some() {
+            counts.duplicated += 1;
+        }
+        for arrival in fate.arrivals.into_iter().flatten() {
+            let mut parcel = parcel;
+            if let Some(bit) = arrival.flipped_bit {
+                parcel.frame.flip(bit);
+                parcel.damaged = true;
+            }
+            if arrival.at <= now && self.held.is_empty() {
+                out.push(parcel);
+            } else if self.held.len() < HELD_LIMIT {
+                self.held.insert((arrival.at, self.count), parcel);
+                self.count += 1;
+            } else {
+                counts.overflowed += 1;
+            }
+        }
+    }
+
+    /// A new contact on a port: nothing there is still to be kept in order.
+    pub fn reset(&mut self, port: Port) {
+        if let Some((_, last)) = self.ports.get_mut(port.index()) {
+            *last = Time::ZERO;
+        }
+    }
+
+    /// Hands out what is due at `now`, in the order in which it is due.
+    pub fn release(&mut self, now: Time, out: &mut Vec<Parcel>) {
+        while let Some(first) = self.held.first_entry() {
+            if first.key().0 > now {
+                break;
+            }
+            out.push(first.remove());
+        }
+    }
+
+    /// Drops what is held back, and says of which classes it was.
+    pub fn drain(&mut self) -> impl Iterator<Item = Class> {
+        std::mem::take(&mut self.held).into_values().map(|parcel| parcel.class)
+    }
+
+    /// When the next frame is due.
+    pub fn next(&self) -> Time {
+        self.held.first_key_value().map_or(Time::NEVER, |((at, _), _)| *at)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::lattice::Cell;
+    use metamorph_protocol::time::Span;
+    use metamorph_protocol::wire::{Channel, Header, Wire};
+
+    fn parcel(n: i16) -> Parcel {
+        let message = Cell::new(n, 0, 0);
+        let (port, peer, session) = (Port(1), ModuleId(2), Session(3));
+        let header = Header {
+            channel: Channel::Peer,
+            kind: message.kind(),
+            class: Class::Seed,
+            port,
+            incarnation: Incarnation(0),
+            source: ModuleId(0),
+            destination: peer,
+            session: session.0,
+            sequence: n as u32,
+        };
+        Parcel {
+            port,
+            peer,
+            session,
+            class: Class::Seed,
+            frame: Frame::seal(header, &message),
+            damaged: false,
+        }
+    }
+    fn links(model: LinkModel) -> Impair {
+        Impair::new(model, 1, ModuleId(0), Incarnation(0), 6)
+    }
+
+    #[test]
+    fn a_clear_link_passes_everything_at_once() {
+        let (mut links, mut tally, mut out) = (links(LinkModel::default()), Tally::default(), vec![]);
+        links.carry(Time(5), parcel(1), &mut tally, &mut out);
+        assert_eq!(out, [parcel(1)]);
+        assert_eq!((links.next(), tally), (Time::NEVER, Tally::default()));
+    }
+
+    #[test]
+    fn delayed_frames_come_out_in_order_when_due() {
+        let model = LinkModel { delay_min: Span(10), delay_max: Span(20), ..LinkModel::default() };
+        let (mut links, mut tally, mut out) = (links(model), Tally::default(), vec![]);
+        for n in 0..50 {
+            links.carry(Time(n as u64), parcel(n), &mut tally, &mut out);
+        }
+        assert!(out.is_empty() && links.next() >= Time(10));
+        links.release(Time(100), &mut out);
+        assert_eq!(out, (0..50).map(parcel).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn counts_add_up_even_when_too_much_is_held() {
+        let half = "50%".parse().unwrap();
+        let model = LinkModel {
+            delay_max: Span::secs(1),
+            loss: half,
+            duplicate: half,
+            corrupt: half,
+            reorder: half,
+            ..LinkModel::default()
+        };
+        let (mut links, mut tally, mut out) = (links(model), Tally::default(), vec![]);
+        for _ in 0..10_000 {
+            links.carry(Time::ZERO, parcel(1), &mut tally, &mut out);
+        }
+        links.release(Time(500_000_000), &mut out);
+        out.extend(links.drain().map(|class| Parcel { class, damaged: false, ..parcel(1) }));
+        assert_eq!(links.next(), Time::NEVER);
+        let c = tally[Class::Seed];
+        assert!(c.overflowed > 0 && c.lost > 0 && c.duplicated > 0);
+        assert_eq!(10_000 + c.duplicated, out.len() as u64 + c.lost + c.overflowed);
+        assert!(out.iter().any(|p| p.damaged) && out.iter().all(|p| p.damaged == p.frame.open().is_err()));
+    }
+}

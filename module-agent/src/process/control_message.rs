@@ -1,0 +1,237 @@
+//! What the drivers at both ends say to each other: life cycle and contacts.
+//!
+//! | kind | message | from | payload |
+//! |---|---|---|---|
+//! | 0 | hello | agent | pid (4) |
+//! | 1 | begin | controller | kind of place (1), place |
+//! | 2 | contact | controller | port (1), revision (4), present (1), then session (4), peer (4), its incarnation (2), its port (1) |
+//! | 3 | stop | controller | |
+//! | 4 | return | controller | |
+//! | 5 | here | agent | told (4), expected (4) |
+//! | 6 | leave | controller | |
+//! | 7 | taken | agent | expected (4) |
+//! | 8 | late | agent | since (8), by (8) |
+//! | 9 | silent | agent | |
+//! | 10 | end | controller | |
+
+use crate::clock::lateness::Late;
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::time::{Span, Time};
+use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};
+
+/// The other end of a contact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Contact {
+    /// The session that both ends share.
+    pub session: Session,
+    /// The module on the other side.
+    pub peer: ModuleId,
+    /// The life of the peer that the session belongs to.
+    pub peer_incarnation: Incarnation,
+    /// The port by which the peer touches us.
+    pub peer_port: Port,
+}
+
+/// A message between drivers. `P` is where bodies stand.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Runtime<P> {
+    /// The agent's process is up and its inbox is open.
+    Hello {
+        /// Its process id.
+        pid: u32,
+    },
+    /// The run begins, or goes on for a restarted agent.
+    Begin {
+        /// Where the body stands; at most 95 bytes on the wire.
+        place: P,
+    },
+    /// The contact on a port changed.
+    Contact {
+        /// Which port.
+        port: Port,
+        /// The count of contact changes of the body, this one included.
+        revision: Revision,
+        /// What touches the port now.
+        contact: Option<Contact>,
+    },
+    /// The run is over: the agent takes and sends nothing more, says that it is silent, and counts what
+    /// still arrives.
+    Stop,
+    /// Another controller has the seat: look who. Believed nothing, and in no sequence.
+    Return,
+    /// The agent has found the controller that came back.
+    Here {
+        /// How many actions and reports it has told so far in this life. All of them are in its part of
+        /// the journal; those that nobody has taken it does not tell again.
+        told: u32,
+        /// The sequence number that it expects of the controller next.
+        expected: u32,
+    },
+    /// The controller is about to close its way to the agent, to open it again when it has something to
+    /// say, and asks what has been taken. Believed nothing, and in no sequence.
+    Leave,
+    /// The answer: all before this sequence number.
+    Taken {
+        /// The sequence number that the agent expects of the controller next.
+        expected: u32,
+    },
+    /// The agent has taken something much later than it was sent or due.
+    Late(Late),
+    /// The agent sends nothing more.
+    Silent,
+    /// All agents are silent: the process counts what is left in its inbox, and ends.
+    End,
+}
+
+impl<P: Wire> Wire for Runtime<P> {
+    fn kind(&self) -> u8 {
+        match self {
+            Runtime::Hello { .. } => 0,
+            Runtime::Begin { .. } => 1,
+            Runtime::Contact { .. } => 2,
+            Runtime::Stop => 3,
+            Runtime::Return => 4,
+            Runtime::Here { .. } => 5,
+            Runtime::Leave => 6,
+            Runtime::Taken { .. } => 7,
+            Runtime::Late(_) => 8,
+            Runtime::Silent => 9,
+            Runtime::End => 10,
+        }
+    }
+
+    fn encode(&self, out: &mut Encoder) {
+        match self {
+            Runtime::Hello { pid } => out.u32(*pid),
+            Runtime::Begin { place } => {
+                out.u8(place.kind());
+                place.encode(out);
+            }
+            Runtime::Contact { port, revision, contact } => {
+                out.u8(port.0);
+                out.u32(revision.0);
+                out.bool(contact.is_some());
+                if let Some(c) = contact {
+                    out.u32(c.session.0);
+                    out.u32(c.peer.0);
+                    out.u16(c.peer_incarnation.0);
+                    out.u8(c.peer_port.0);
+                }
+            }
+            Runtime::Stop | Runtime::Return | Runtime::Leave | Runtime::Silent | Runtime::End => {}
+            Runtime::Late(late) => {
+                out.u64(late.since.0);
+                out.u64(late.by.0);
+            }
+            Runtime::Taken { expected } => out.u32(*expected),
+            Runtime::Here { told, expected } => {
+                out.u32(*told);
+                out.u32(*expected);
+            }
+        }
+    }
+
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Runtime<P>, WireError> {
+        match kind {
+            0 => Ok(Runtime::Hello { pid: from.u32()? }),
+            1 => {
+                let kind = from.u8()?;
+                Ok(Runtime::Begin { place: P::decode(kind, from)? })
+            }
+            2 => {
+                let (port, revision) = (Port(from.u8()?), Revision(from.u32()?));
+                let contact = if from.bool("present")? {
+                    Some(Contact {
+                        session: Session(from.u32()?),
+                        peer: ModuleId(from.u32()?),
+                        peer_incarnation: Incarnation(from.u16()?),
+                        peer_port: Port(from.u8()?),
+                    })
+                } else {
+                    None
+                };
+                Ok(Runtime::Contact { port, revision, contact })
+            }
+            3 => Ok(Runtime::Stop),
+            4 => Ok(Runtime::Return),
+            5 => Ok(Runtime::Here { told: from.u32()?, expected: from.u32()? }),
+            6 => Ok(Runtime::Leave),
+            7 => Ok(Runtime::Taken { expected: from.u32()? }),
+            8 => Ok(Runtime::Late(Late { since: Time(from.u64()?), by: Span(from.u64()?) })),
+            9 => Ok(Runtime::Silent),
+            10 => Ok(Runtime::End),
+            _ => Err(WireError::Kind(kind)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::counters::Class;
+    use metamorph_protocol::lattice::Cell;
+    use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, HEADER, Header};
+    use proptest::prelude::*;
+
+    fn seal(message: &Runtime<Cell>) -> Frame {
+        let header = Header {
+            channel: Channel::Runtime,
+            kind: message.kind(),
+            class: Class::World,
+            port: Port(0),
+            incarnation: Incarnation(0),
+            source: CONTROLLER,
+            destination: ModuleId(1),
+            session: 0,
+            sequence: 0,
+        };
+        Frame::seal(header, message)
+    }
+
+    /// Both ends must agree on these bytes.
+    #[test]
+    fn golden_bytes() {
+        let contact = Contact {
+            session: Session(0x01020304),
+            peer: ModuleId(9),
+            peer_incarnation: Incarnation(2),
+            peer_port: Port(5),
+        };
+        let (port, revision) = (Port(3), Revision(7));
+        let late = Late { since: Time(0x0102), by: Span(3) };
+        let cases: [(Runtime<Cell>, u8, &[u8]); 12] = [
+            (Runtime::Hello { pid: 0x0A0B }, 0, &[0x0B, 0x0A, 0, 0]),
+            (Runtime::Begin { place: Cell::new(1, -1, 2) }, 1, &[0, 1, 0, 0xFF, 0xFF, 2, 0]),
+            (
+                Runtime::Contact { port, revision, contact: Some(contact) },
+                2,
+                &[3, 7, 0, 0, 0, 1, 4, 3, 2, 1, 9, 0, 0, 0, 2, 0, 5],
+            ),
+            (Runtime::Contact { port, revision, contact: None }, 2, &[3, 7, 0, 0, 0, 0]),
+            (Runtime::Stop, 3, &[]),
+            (Runtime::Return, 4, &[]),
+            (Runtime::Here { told: 0x0102, expected: 3 }, 5, &[2, 1, 0, 0, 3, 0, 0, 0]),
+            (Runtime::Leave, 6, &[]),
+            (Runtime::Taken { expected: 0x0203 }, 7, &[3, 2, 0, 0]),
+            (Runtime::Late(late), 8, &[2, 1, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0]),
+            (Runtime::Silent, 9, &[]),
+            (Runtime::End, 10, &[]),
+        ];
+        for (message, kind, payload) in cases {
+            let frame = seal(&message);
+            assert_eq!(&frame.to_bytes()[HEADER..HEADER + payload.len()], payload, "{message:?}");
+            assert_eq!(frame.wire_len(), HEADER + payload.len());
+            assert_eq!(frame.open().map(|h| h.kind), Ok(kind));
+            assert_eq!(frame.message(), Ok(message));
+        }
+    }
+
+    proptest! {
+        /// Whatever lies in shared memory is read or refused, never a panic.
+        #[test]
+        fn garbage_never_panics(bytes in proptest::collection::vec(any::<u8>(), Frame::SIZE)) {
+            let array: [u8; Frame::SIZE] = bytes.try_into().unwrap();
+            let _ = Frame::from_bytes(&array).message::<Runtime<Cell>>();
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! The families of units that an agent process can be, by the names that scenarios and command lines
+//! use. The one place of this crate that knows them.
+
+use crate::process::agent_process::{AgentError, run};
+use crate::process::args::{AgentArgs, ArgsError};
+use metamorph_protocol::cube::Cube;
+use metamorph_protocol::metamodule::Metamodule;
+use std::ffi::OsString;
+use std::str::FromStr;
+
+/// A family of units.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum Family {
+    /// Sliding cubes (thesis 4.1.2).
+    #[default]
+    Cube,
+    /// Two Roombots modules that walk over a floor of connectors (thesis 4.1.3).
+    Metamodule,
+}
+
+impl Family {
+    /// All of them.
+    pub const ALL: [Family; 2] = [Family::Cube, Family::Metamodule];
+
+    /// The name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Family::Cube => "cube",
+            Family::Metamodule => "metamodule",
+        }
+    }
+
+    /// Runs one agent of this family until its controller stops it or is gone.
+    pub fn run(self, args: &AgentArgs) -> Result<(), AgentError> {
+        match self {
+            Family::Cube => run::<Cube>(args),
+            Family::Metamodule => run::<Metamodule>(args),
+        }
+    }
+}
+
+impl FromStr for Family {
+    type Err = ArgsError;
+
+    fn from_str(text: &str) -> Result<Family, ArgsError> {
+        let named = |f: &Family| f.name() == text;
+        Family::ALL.into_iter().find(named).ok_or_else(|| ArgsError::Family(text.to_owned()))
+    }
+}
+
+/// Reads the command line of an agent process, whose first word names its family.
+pub fn parse(line: impl IntoIterator<Item = OsString>) -> Result<(Family, AgentArgs), ArgsError> {
+    let mut line = line.into_iter();
+    let family = line.next().ok_or(ArgsError::Missing("the family"))?;
+    Ok((family.to_string_lossy().parse()?, AgentArgs::parse(line)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::ids::{Incarnation, ModuleId};
+
+    #[test]
+    fn the_family_comes_first() {
+        let args =
+            AgentArgs { root: "/x".into(), id: ModuleId(0), incarnation: Incarnation(1), verbose: false };
+        for family in Family::ALL {
+            let line = [vec![family.name().into()], args.to_command_line()].concat();
+            assert_eq!(parse(line), Ok((family, args.clone())));
+        }
+        let line = [vec!["cubes".into()], args.to_command_line()].concat();
+        assert!(matches!(parse(line), Err(ArgsError::Family(_))));
+        assert_eq!(parse([]), Err(ArgsError::Missing("the family")));
+    }
+}

@@ -1,0 +1,163 @@
+//! What all agents of a run share, written once by the controller and read by each agent when it
+//! starts: `swarm.bin` in the run's directory. `MMSW`, a version (2 bytes), then bincode.
+
+use crate::clock::Speed;
+use crate::journal_file::Parts;
+use bincode::config::standard;
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::time::Span;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+const MAGIC: [u8; 4] = *b"MMSW";
+/// The version of the layout. Any change of [`SwarmFile`] raises it.
+const VERSION: u16 = 4;
+/// A swarm file is never larger; a length in a damaged file must not eat all memory.
+const LIMIT: usize = 256 << 20;
+
+/// What all agents of a run share. `S` is the family's setup.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SwarmFile<S> {
+    /// The number of modules.
+    pub count: u32,
+    /// The seed of the run.
+    pub seed: u64,
+    /// How fast scenario time passes at most.
+    pub speed: Speed,
+    /// By how much scenario time agents may be late before the controller slows the clock.
+    pub tolerance: Span,
+    /// What links do to messages.
+    pub link: LinkModel,
+    /// Where agents write their parts of the journal, if one is kept.
+    pub journal: Option<Parts>,
+    /// How long, in milliseconds, an agent goes on without a controller, for one to come back.
+    pub patience: u32,
+    /// The family's own part.
+    pub setup: S,
+}
+
+/// Why a swarm file cannot be written or read.
+#[derive(Debug, Error)]
+pub enum SwarmFileError {
+    /// The file cannot be written or read.
+    #[error("cannot access {0}: {1}")]
+    Io(PathBuf, io::Error),
+    /// Not a swarm file.
+    #[error("{0} is not a swarm file")]
+    Magic(PathBuf),
+    /// Another version.
+    #[error(
+        "{0} has version {1}; this program reads version {VERSION}: start agents with the controller's own program"
+    )]
+    Version(PathBuf, u16),
+    /// The content does not fit.
+    #[error("{0} is damaged or was written by another program: {1}")]
+    Content(PathBuf, String),
+    /// The setup is too large or cannot be written.
+    #[error("the setup of the swarm cannot be written: {0}")]
+    Encode(String),
+}
+
+/// The swarm file of the run in `root`.
+pub fn path(root: &Path) -> PathBuf {
+    root.join("swarm.bin")
+}
+
+impl<S: Serialize> SwarmFile<S> {
+    /// Writes the file; readers see all of it or none.
+    pub fn write(&self, root: &Path) -> Result<(), SwarmFileError> {
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(VERSION.to_le_bytes());
+        let body = bincode::serde::encode_to_vec(self, standard())
+            .map_err(|e| SwarmFileError::Encode(e.to_string()))?;
+        if body.len() > LIMIT {
+            return Err(SwarmFileError::Encode(format!("{} bytes are more than {LIMIT}", body.len())));
+        }
+        bytes.extend(body);
+        let (path, part) = (path(root), root.join("swarm.part"));
+        let io = |e| SwarmFileError::Io(path.clone(), e);
+        fs::write(&part, bytes).map_err(io)?;
+        fs::rename(&part, &path).map_err(io)
+    }
+}
+
+impl<S: DeserializeOwned> SwarmFile<S> {
+    /// Reads the file of the run in `root`.
+    pub fn read(root: &Path) -> Result<SwarmFile<S>, SwarmFileError> {
+        let path = path(root);
+        let bytes = fs::read(&path).map_err(|e| SwarmFileError::Io(path.clone(), e))?;
+        let Some(rest) = bytes.strip_prefix(&MAGIC) else {
+            return Err(SwarmFileError::Magic(path));
+        };
+        let Some((version, body)) = rest.split_first_chunk::<2>() else {
+            return Err(SwarmFileError::Magic(path));
+        };
+        let version = u16::from_le_bytes(*version);
+        if version != VERSION {
+            return Err(SwarmFileError::Version(path, version));
+        }
+        match bincode::serde::decode_from_slice(body, standard().with_limit::<LIMIT>()) {
+            Ok((file, used)) if used == body.len() => Ok(file),
+            Ok(_) => Err(SwarmFileError::Content(path, "there is more than a swarm file holds".into())),
+            Err(e) => Err(SwarmFileError::Content(path, e.to_string())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::journal_file::RunId;
+    use proptest::prelude::*;
+
+    fn sample() -> SwarmFile<Vec<u32>> {
+        SwarmFile {
+            count: 3,
+            seed: 9,
+            speed: Speed::new(10, 1).unwrap(),
+            tolerance: Span::millis(100),
+            link: LinkModel { delay_max: Span::millis(2), ..LinkModel::default() },
+            journal: Some(Parts { dir: "/tmp/journal.parts".into(), run: RunId([9; 16]) }),
+            patience: 30_000,
+            setup: vec![1, 2],
+        }
+    }
+
+    #[test]
+    fn reads_what_it_writes_and_refuses_the_rest() {
+        let dir = tempfile::tempdir().unwrap();
+        let root = dir.path();
+        assert!(matches!(SwarmFile::<Vec<u32>>::read(root), Err(SwarmFileError::Io(..))));
+        sample().write(root).unwrap();
+        assert_eq!(SwarmFile::read(root).unwrap(), sample());
+        let good = fs::read(path(root)).unwrap();
+        let read_with = |edit: &dyn Fn(&mut Vec<u8>)| {
+            let mut bytes = good.clone();
+            edit(&mut bytes);
+            fs::write(path(root), bytes).unwrap();
+            SwarmFile::<Vec<u32>>::read(root).unwrap_err()
+        };
+        assert!(matches!(read_with(&|b| b[0] = b'X'), SwarmFileError::Magic(_)));
+        assert!(matches!(read_with(&|b| b.truncate(5)), SwarmFileError::Magic(_)));
+        assert!(matches!(read_with(&|b| b[4] = 1), SwarmFileError::Version(_, 1)));
+        assert!(matches!(read_with(&|b| b.push(0)), SwarmFileError::Content(..)));
+        assert!(matches!(read_with(&|b| b.truncate(9)), SwarmFileError::Content(..)));
+    }
+
+    proptest! {
+        /// A damaged file is refused or read, never a panic and never a huge allocation.
+        #[test]
+        fn garbage_never_panics(body in proptest::collection::vec(any::<u8>(), 0..200)) {
+            let dir = tempfile::tempdir().unwrap();
+            let mut bytes = MAGIC.to_vec();
+            bytes.extend(VERSION.to_le_bytes());
+            bytes.extend(body);
+            fs::write(path(dir.path()), bytes).unwrap();
+            let _ = SwarmFile::<Vec<u32>>::read(dir.path());
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! What a dead process held in shared memory is given back: its places in the channels of those who
+//! live, so that others can take them, and its files.
+//!
+//! iceoryx2 can do this by itself, but lists all shared memory of the machine several times for each port
+//! of the dead process, and everybody who has a bell that it rang: half a second of work for each death in
+//! a swarm of 1,000. Here the same code of iceoryx2 is told that connections are in this process, where
+//! there are none, and their files are found by one listing for many deaths.
+//!
+//! Deliberately absent: places at the controller's bell. iceoryx2 looks at everybody who has a bell when one
+//! who rang it has died, so that bell has places enough instead ([`crate::transport::iceoryx::rendezvous`]).
+
+use crate::run_dir::run_name::{HOME, RunName, RunNameError};
+use crate::transport::iceoryx::rendezvous::{self, is_controller_bell};
+use crate::transport::iceoryx::service::Svc;
+use iceoryx2::identifiers::UniqueNodeId;
+use iceoryx2::prelude::{Config, ServiceName, ZeroCopySend, local};
+use iceoryx2::service::Service;
+use iceoryx2::service::internal::ServiceInternal;
+use iceoryx2::service::messaging_pattern::MessagingPattern;
+use iceoryx2::service::service_hash::ServiceHash;
+use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
+use std::collections::BTreeSet;
+use std::fmt::Debug;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// iceoryx2 between processes, but with nobody connected.
+#[derive(Clone, Debug)]
+struct Estate;
+
+impl ServiceInternal<Estate> for Estate {}
+
+impl Service for Estate {
+    type StaticStorage = <Svc as Service>::StaticStorage;
+    type ConfigSerializer = <Svc as Service>::ConfigSerializer;
+    type PersistentDynamicStorage<T: Debug + Send + Sync + ZeroCopySend + 'static> =
+        <Svc as Service>::PersistentDynamicStorage<T>;
+    type Bag = <Svc as Service>::Bag;
+    type DynamicStorage<T: Debug + Send + Sync + ZeroCopySend + 'static> =
+        <Svc as Service>::DynamicStorage<T>;
+    type ServiceNameHasher = <Svc as Service>::ServiceNameHasher;
+    type SharedMemory = <local::Service as Service>::SharedMemory;
+    type ResizableSharedMemory = <local::Service as Service>::ResizableSharedMemory;
+    type Connection = <local::Service as Service>::Connection;
+    type Event = <Svc as Service>::Event;
+    type Monitoring = <Svc as Service>::Monitoring;
+    type Reactor = <Svc as Service>::Reactor;
+    type ArcThreadSafetyPolicy<T: Send + Debug + Abandonable> = <Svc as Service>::ArcThreadSafetyPolicy<T>;
+    type BlackboardMgmt<T: Send + Sync + Debug + ZeroCopySend + 'static> =
+        <Svc as Service>::BlackboardMgmt<T>;
+    type BlackboardPayload = <Svc as Service>::BlackboardPayload;
+    type UniqueId = <Svc as Service>::UniqueId;
+}
+
+/// Buries the dead of one run.
+#[derive(Debug)]
+pub struct Undertaker {
+    root: PathBuf,
+    prefix: String,
+    config: Config,
+    /// Ports of the dead whose files are not removed yet.
+    ports: BTreeSet<String>,
+}
+
+impl Undertaker {
+    /// The one of the run in `root`.
+    pub fn of(root: &Path) -> Result<Undertaker, RunNameError> {
+        let run = RunName::of_root(root)?;
+        let config = rendezvous::config(&run);
+        Ok(Undertaker { root: root.to_owned(), prefix: run.prefix(), config, ports: BTreeSet::new() })
+    }
+
+    /// Gives the places of a dead member of the run back. It must be dead.
+    pub fn bury(&mut self, member: u128) -> io::Result<()> {
+        let node: UniqueNodeId = bincode::serde::decode_from_slice(
+            &member.to_le_bytes(),
+            bincode::config::standard().with_fixed_int_encoding(),
+        )
+        .map_err(io::Error::other)?
+        .0;
+        let nodes = self.root.join("nodes");
+        let own = nodes.join(member.to_string());
+        for entry in fs::read_dir(&own)? {
+            let name = entry?.file_name();
+            let Some(tag) = name.to_str().and_then(|n| n.strip_prefix(&self.prefix)) else { continue };
+            if let Some(port) = tag.strip_suffix(".port_tag") {
+                self.ports.insert(port.to_owned());
+            } else if let Some(hash) = tag.strip_suffix(".service_tag")
+                && let Some(channel) = self.channel(hash)
+                && let Err(e) = Estate::__internal_remove_node_from_service(&node, &channel, &self.config)
+            {
+                tracing::debug!("a place of a dead process could not be given back: {e:?}");
+            }
+        }
+        fs::remove_dir_all(&own)?;
+        for end in ["node_monitor", "node_monitor_context", "node_monitor_owner_lock"] {
+            gone(fs::remove_file(nodes.join(format!("{}{member}.{end}", self.prefix))))?;
+        }
+        Ok(())
+    }
+
+    /// The channel with this hash, unless it is the controller's bell.
+    fn channel(&self, hash: &str) -> Option<ServiceHash> {
+        let path = self.root.join("services").join(format!("{}{hash}.service", self.prefix));
+        let text = fs::read_to_string(path).ok()?;
+        let name = text.lines().find_map(|l| l.strip_prefix("service_name = \"")?.strip_suffix('"'))?;
+        if is_controller_bell(name) {
+            return None;
+        }
+        let pattern = if text.contains("[messaging_pattern.PublishSubscribe]") {
+            MessagingPattern::PublishSubscribe
+        } else {
+            MessagingPattern::Event
+        };
+        let name = ServiceName::new(name).ok()?;
+        Some(ServiceHash::new::<<Svc as Service>::ServiceNameHasher>(&name, pattern))
+    }
+
+    /// Ports whose files wait for [`Undertaker::clear`].
+    pub fn waiting(&self) -> usize {
+        self.ports.len()
+    }
+
+    /// Removes the files of all who were buried since the last time. Who has them open keeps them.
+    pub fn clear(&mut self) -> io::Result<()> {
+        for home in [Path::new(HOME), &self.root] {
+            for entry in fs::read_dir(home)? {
+                let name = entry?.file_name();
+                let Some(file) = name.to_str().and_then(|n| n.strip_prefix(&self.prefix)) else { continue };
+                if file.split(['_', '.']).any(|part| self.ports.contains(part)) {
+                    gone(fs::remove_file(home.join(&name)))?;
+                }
+            }
+        }
+        self.ports.clear();
+        Ok(())
+    }
+}
+
+/// Nothing to remove is as good as removed.
+fn gone(removed: io::Result<()>) -> io::Result<()> {
+    removed.or_else(|e| if e.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
+}

@@ -1,0 +1,314 @@
+//! Where the processes of a run find each other: the iceoryx2 configuration and the names and
+//! quality of service of all channels. Names carry the incarnation, so that a restarted agent does
+//! not have to wait until what its killed predecessor left behind has been cleared away.
+//!
+//! Absent: the global iceoryx2 configuration, and iceoryx2's own cleaning up after dead processes,
+//! whose cost grows with the square of a swarm. A run's files are removed by name when it ends.
+
+use crate::run_dir::run_name::{RunName, RunNameError};
+use crate::transport::iceoryx::service::Svc;
+use crate::transport::iceoryx::shared_frame::Packet;
+use crate::transport::iceoryx::space::{self, Full};
+use iceoryx2::port::backpressure_strategy::BackpressureStrategy;
+use iceoryx2::port::{listener, notifier, publisher, subscriber};
+use iceoryx2::prelude::{
+    Config, FileName, Node, NodeBuilder, Path as IoxPath, SemanticString, ServiceName, SignalHandlingMode,
+};
+use iceoryx2::service::builder::{event, publish_subscribe};
+use iceoryx2::service::port_factory;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use std::path::Path;
+use std::time::Duration;
+use thiserror::Error;
+
+/// The sending end of a channel of frames.
+pub type Publisher = publisher::Publisher<Svc, Packet, ()>;
+/// The receiving end of a channel of frames.
+pub type Subscriber = subscriber::Subscriber<Svc, Packet, ()>;
+/// What wakes a process.
+pub type Notifier = notifier::Notifier<Svc>;
+/// What a process waits on.
+pub type Listener = listener::Listener<Svc>;
+/// A channel of frames.
+pub type Frames = port_factory::publish_subscribe::PortFactory<Svc, Packet, ()>;
+/// A wake-up channel.
+pub type Wakes = port_factory::event::PortFactory<Svc>;
+
+/// Frames that an inbox holds of each sender.
+pub const INBOX_DEPTH: usize = 32;
+/// Senders that an inbox takes beside one for each port: the controller, and dead ones until they are
+/// buried. Each costs every agent 4.4 kB.
+pub const INBOX_SPARE: usize = 10;
+/// Agents that may die in a run: their places at the controller's bell are not given back.
+const CONTROLLER_RINGERS: usize = 20_000;
+/// Frames of each agent that wait for the controller.
+const REPORTS_DEPTH: usize = 16;
+/// Agents that share one channel to the controller; the cost of joining grows with their number.
+pub const SHARD: u32 = 1_000;
+/// Bytes of shared memory that a member needs to join and to create its channels.
+const JOINING: u64 = 64 << 10;
+/// Waiting for someone else to finish creating a service, on a loaded machine.
+const CREATION_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Why a channel cannot be created or opened.
+#[derive(Debug, Error)]
+pub enum ChannelError {
+    /// The directory is not one of a run.
+    #[error(transparent)]
+    Run(#[from] RunNameError),
+    /// Too little shared memory is free.
+    #[error(transparent)]
+    Full(#[from] Full),
+    /// The node of this process cannot be created.
+    #[error("cannot join the run in shared memory: {0:?}; is {home} writable and not full?", home = crate::run_dir::run_name::HOME)]
+    Node(iceoryx2::node::NodeCreationFailure),
+    /// A channel of frames cannot be created.
+    #[error("cannot create the channel `{name}`: {cause:?}")]
+    CreateFrames {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: publish_subscribe::PublishSubscribeCreateError,
+    },
+    /// A channel of frames cannot be opened.
+    #[error("cannot open the channel `{name}`: {cause:?}")]
+    OpenFrames {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: publish_subscribe::PublishSubscribeOpenError,
+    },
+    /// A wake-up channel cannot be created.
+    #[error("cannot create the wake-up channel `{name}`: {cause:?}")]
+    CreateWakes {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: event::EventCreateError,
+    },
+    /// A wake-up channel cannot be opened.
+    #[error("cannot open the wake-up channel `{name}`: {cause:?}")]
+    OpenWakes {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: event::EventOpenError,
+    },
+    /// An end of a channel cannot be created, for example because all its slots are taken.
+    #[error("cannot attach to the channel `{name}`: {cause}")]
+    Attach {
+        /// The channel.
+        name: String,
+        /// Why, in the words of iceoryx2.
+        cause: String,
+    },
+}
+
+impl ChannelError {
+    /// Whether the channel is simply not there (any more).
+    pub fn is_absent(&self) -> bool {
+        use event::EventOpenError as E;
+        use publish_subscribe::PublishSubscribeOpenError as P;
+        matches!(
+            self,
+            ChannelError::OpenFrames { cause: P::DoesNotExist | P::IsMarkedForDestruction, .. }
+                | ChannelError::OpenWakes { cause: E::DoesNotExist | E::IsMarkedForDestruction, .. }
+        )
+    }
+
+    pub(crate) fn attach(name: &str, cause: impl std::fmt::Debug) -> ChannelError {
+        ChannelError::Attach { name: name.to_owned(), cause: format!("{cause:?}") }
+    }
+}
+
+/// The configuration of iceoryx2 for a run.
+pub fn config(run: &RunName) -> Config {
+    let mut config = Config::default();
+    let root = run.root();
+    // Invariant: a run's name is twelve lower-case letters and digits, a valid path and file name.
+    #[allow(clippy::unwrap_used, reason = "see the invariant above")]
+    {
+        config.global.set_root_path(&IoxPath::new(root.as_os_str().as_encoded_bytes()).unwrap());
+        config.global.prefix = FileName::new(run.prefix().as_bytes()).unwrap();
+    }
+    config.global.creation_timeout = CREATION_TIMEOUT;
+    config.global.node.cleanup_dead_nodes_on_creation = false;
+    config.global.node.cleanup_dead_nodes_on_destruction = false;
+    config.global.service.cleanup_dead_nodes_on_open = false;
+    config.defaults.publish_subscribe.subscriber_expired_connection_buffer = 8;
+    config
+}
+
+/// One process's membership of a run. Not `Send`: it stays with its thread.
+#[derive(Debug)]
+pub struct Rendezvous {
+    node: Node<Svc>,
+}
+
+impl Rendezvous {
+    /// Joins the run whose directory is `root`.
+    pub fn join(root: &Path) -> Result<Rendezvous, ChannelError> {
+        let run = RunName::of_root(root)?;
+        space::require(JOINING)?;
+        let node = NodeBuilder::new()
+            .config(&config(&run))
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Svc>()
+            .map_err(ChannelError::Node)?;
+        Ok(Rendezvous { node })
+    }
+
+    /// The number of this membership, by which it is buried.
+    pub fn member(&self) -> u128 {
+        self.node.id().value()
+    }
+
+    /// Creates the channel of frames to one agent that has so many ports.
+    pub fn create_inbox(
+        &self,
+        id: ModuleId,
+        incarnation: Incarnation,
+        ports: usize,
+    ) -> Result<Frames, ChannelError> {
+        self.create_frames(&inbox(id, incarnation), ports + INBOX_SPARE, INBOX_DEPTH)
+    }
+    /// Opens the channel of frames to one agent.
+    pub fn open_inbox(&self, id: ModuleId, incarnation: Incarnation) -> Result<Frames, ChannelError> {
+        self.open_frames(&inbox(id, incarnation))
+    }
+    /// Creates the wake-up channel of one agent that has so many ports.
+    pub fn create_bell(
+        &self,
+        id: ModuleId,
+        incarnation: Incarnation,
+        ports: usize,
+    ) -> Result<Wakes, ChannelError> {
+        self.create_wakes(&bell(id, incarnation), ports + INBOX_SPARE)
+    }
+    /// Opens the wake-up channel of one agent.
+    pub fn open_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
+        self.open_wakes(&bell(id, incarnation))
+    }
+    /// Creates one channel from agents to this generation of controller, for `senders` agents at a time.
+    pub fn create_reports(
+        &self,
+        shard: u32,
+        generation: u32,
+        senders: usize,
+    ) -> Result<Frames, ChannelError> {
+        self.create_frames(&reports(shard, generation), senders, REPORTS_DEPTH)
+    }
+    /// Opens the channel by which this agent reaches a generation of controller.
+    pub fn open_reports(&self, id: ModuleId, generation: u32) -> Result<Frames, ChannelError> {
+        self.open_frames(&reports(id.0 / SHARD, generation))
+    }
+    /// Creates the wake-up channel of this generation of controller, for `senders` agents at a time.
+    pub fn create_controller_bell(&self, generation: u32, senders: usize) -> Result<Wakes, ChannelError> {
+        self.create_wakes(&controller_bell(generation), senders + CONTROLLER_RINGERS)
+    }
+    /// Opens the wake-up channel of a generation of controller.
+    pub fn open_controller_bell(&self, generation: u32) -> Result<Wakes, ChannelError> {
+        self.open_wakes(&controller_bell(generation))
+    }
+
+    fn create_frames(&self, name: &str, senders: usize, depth: usize) -> Result<Frames, ChannelError> {
+        self.node
+            .service_builder(&service_name(name))
+            .publish_subscribe::<Packet>()
+            .max_publishers(senders)
+            .max_subscribers(1)
+            .max_nodes(senders + 1)
+            .subscriber_max_buffer_size(depth)
+            .history_size(0)
+            .enable_safe_overflow(false)
+            .create()
+            .map_err(|cause| ChannelError::CreateFrames { name: name.to_owned(), cause })
+    }
+    fn open_frames(&self, name: &str) -> Result<Frames, ChannelError> {
+        self.node
+            .service_builder(&service_name(name))
+            .publish_subscribe::<Packet>()
+            .enable_safe_overflow(false)
+            .open()
+            .map_err(|cause| ChannelError::OpenFrames { name: name.to_owned(), cause })
+    }
+    fn create_wakes(&self, name: &str, senders: usize) -> Result<Wakes, ChannelError> {
+        self.node
+            .service_builder(&service_name(name))
+            .event()
+            .max_notifiers(senders)
+            .max_listeners(1)
+            .max_nodes(senders + 1)
+            .event_id_max_value(1)
+            .create()
+            .map_err(|cause| ChannelError::CreateWakes { name: name.to_owned(), cause })
+    }
+    fn open_wakes(&self, name: &str) -> Result<Wakes, ChannelError> {
+        self.node
+            .service_builder(&service_name(name))
+            .event()
+            .open()
+            .map_err(|cause| ChannelError::OpenWakes { name: name.to_owned(), cause })
+    }
+}
+
+/// The receiving end of a channel of frames.
+pub fn subscribe(frames: &Frames) -> Result<Subscriber, ChannelError> {
+    use iceoryx2::prelude::PortFactory as _;
+    frames.subscriber_builder().create().map_err(|e| ChannelError::attach(frames.name().as_str(), e))
+}
+
+/// The sending end of a channel of frames. Never blocks: what does not fit is refused.
+pub fn publish(frames: &Frames) -> Result<Publisher, ChannelError> {
+    use iceoryx2::prelude::PortFactory as _;
+    frames
+        .publisher_builder()
+        .max_loaned_samples(2)
+        .backpressure_strategy(BackpressureStrategy::DiscardData)
+        .create()
+        .map_err(|e| ChannelError::attach(frames.name().as_str(), e))
+}
+
+/// The waiting end of a wake-up channel.
+pub fn listen(wakes: &Wakes) -> Result<Listener, ChannelError> {
+    use iceoryx2::prelude::PortFactory as _;
+    wakes.listener_builder().create().map_err(|e| ChannelError::attach(wakes.name().as_str(), e))
+}
+
+/// The waking end of a wake-up channel.
+pub fn ring(wakes: &Wakes) -> Result<Notifier, ChannelError> {
+    use iceoryx2::prelude::PortFactory as _;
+    wakes.notifier_builder().create().map_err(|e| ChannelError::attach(wakes.name().as_str(), e))
+}
+
+const CONTROLLER_BELL: &str = "ev/controller/";
+
+fn controller_bell(generation: u32) -> String {
+    format!("{CONTROLLER_BELL}{generation}")
+}
+/// Whether a channel of this name is the bell of some generation of controller.
+pub(crate) fn is_controller_bell(name: &str) -> bool {
+    name.starts_with(CONTROLLER_BELL)
+}
+fn inbox(id: ModuleId, incarnation: Incarnation) -> String {
+    format!("in/{id}/{incarnation}")
+}
+fn bell(id: ModuleId, incarnation: Incarnation) -> String {
+    format!("ev/{id}/{incarnation}")
+}
+fn reports(shard: u32, generation: u32) -> String {
+    format!("reports/{shard}/{generation}")
+}
+
+fn service_name(name: &str) -> ServiceName {
+    // Invariant: the names above are short and printable.
+    #[allow(clippy::unwrap_used, reason = "see the invariant above")]
+    ServiceName::new(name).unwrap()
+}
+
+/// iceoryx2 writes to standard error by itself. What matters comes back as values, so it is quiet
+/// unless it was asked not to be.
+pub fn set_verbosity(verbose: bool) {
+    use iceoryx2::prelude::{LogLevel, set_log_level};
+    set_log_level(if verbose { LogLevel::Warn } else { LogLevel::Fatal });
+}

@@ -1,0 +1,95 @@
+//! Free shared memory. iceoryx2 only sets the size of a segment; the system gives it pages when they are first
+//! written, and a write for which it has none ends the process by SIGBUS. So free space is checked before a
+//! segment is created, and the few segments that are not written as a whole at once get all their pages
+//! before anything relies on them ([`allocate`]).
+//!
+//! Between the check and the first write another program can take the space. That window is microseconds
+//! long; a process that is hit in it dies of SIGBUS, and its supervisor says so.
+
+use crate::run_dir::run_name::{HOME, RunName};
+use rustix::fs::{FallocateFlags, fallocate, statvfs};
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Bytes in a block of [`MetadataExt::blocks`].
+const BLOCK: u64 = 512;
+
+/// Too little shared memory is free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error(
+    "shared memory is full: {} kB are free in {HOME}, and {} kB are needed; something else fills it, or it is too small (mount -o remount,size=..., docker: --shm-size)",
+    .free >> 10, .needed >> 10
+)]
+pub struct Full {
+    /// Bytes that are needed.
+    pub needed: u64,
+    /// Bytes that are free.
+    pub free: u64,
+}
+
+/// Bytes of shared memory that are free.
+pub fn free() -> io::Result<u64> {
+    let fs = statvfs(HOME)?;
+    Ok(fs.f_bavail.saturating_mul(fs.f_frsize))
+}
+
+/// Checks that so many bytes of shared memory are free. What cannot be looked at counts as enough: the
+/// attempt itself says what is wrong.
+pub fn require(needed: u64) -> Result<(), Full> {
+    match free() {
+        Ok(free) if free < needed => Err(Full { needed, free }),
+        _ => Ok(()),
+    }
+}
+
+/// Gives every segment of the run that this process maps all of its pages.
+pub fn allocate(run: &RunName) -> io::Result<()> {
+    let prefix = format!("{HOME}/{}", run.prefix());
+    let maps = fs::read_to_string("/proc/self/maps")?;
+    let mapped = |line: &str| {
+        let start = line.find(&prefix)?;
+        // A segment that has been removed meanwhile is marked after its name.
+        (!line.ends_with(" (deleted)")).then(|| PathBuf::from(&line[start..]))
+    };
+    for path in maps.lines().filter_map(mapped).collect::<BTreeSet<_>>() {
+        match File::options().write(true).open(&path).and_then(|segment| fill(&segment)) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn fill(segment: &File) -> io::Result<()> {
+    let found = segment.metadata()?;
+    if found.blocks() * BLOCK < found.len() {
+        fallocate(segment, FallocateFlags::empty(), 0, found.len())?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn says_what_is_missing() {
+        assert_eq!(require(0), Ok(()));
+        let full = require(u64::MAX).unwrap_err();
+        assert_eq!(full.needed, u64::MAX);
+        assert!(full.to_string().contains("--shm-size"), "{full}");
+    }
+
+    #[test]
+    fn fills_what_has_a_size_and_no_pages() {
+        let segment = tempfile::tempfile_in(HOME).unwrap();
+        segment.set_len(100_000).unwrap();
+        assert_eq!(segment.metadata().unwrap().blocks(), 0);
+        fill(&segment).unwrap();
+        assert!(segment.metadata().unwrap().blocks() * BLOCK >= 100_000);
+    }
+}

@@ -1,0 +1,3 @@
+//! Channels between the processes of a run.
+
+pub mod iceoryx;

@@ -1,0 +1,94 @@
+//! How many strides it takes to a seed from every place on the floor, around what does not move.
+//!
+//! Every motion can be made backwards, so the count begins in the seed and spreads. All postures at one
+//! connector that can be got to from each other are one place: whoever has come to one of them has come
+//! to all.
+
+use crate::lattice::Cell;
+use crate::metamodule::blueprint::Seed;
+use crate::metamodule::motions::Motions;
+use crate::metamodule::params::Floor;
+use crate::metamodule::planning::paths::Ground;
+use crate::metamodule::pose::{End, Pose, to_frame};
+use crate::roombots::grid::GridState;
+use std::collections::VecDeque;
+
+/// Numbers grid states of a floor from 0 on.
+pub fn index(floor: Floor, state: GridState) -> usize {
+    let (x, y) = (state.x.abs_diff(floor.min.0), state.y.abs_diff(floor.min.1));
+    let wide = usize::from(floor.max.0.abs_diff(floor.min.0)) + 1;
+    (usize::from(y) * wide + usize::from(x)) * 4 + usize::from(state.class)
+}
+
+/// How many grid states a floor has.
+pub fn states(floor: Floor) -> usize {
+    let side = |a: i16, b: i16| usize::from(b.abs_diff(a)) + 1;
+    side(floor.min.0, floor.max.0) * side(floor.min.1, floor.max.1) * 4
+}
+
+/// The count for one seed.
+pub struct Distances {
+    floor: Floor,
+    /// By [`index`], the places there that one can come from: the postures that land and lead to each
+    /// other, as bits, and the strides.
+    places: Vec<Vec<(u128, u16)>>,
+}
+
+impl Distances {
+    /// Counts the strides to a seed around fixed cells.
+    pub fn new(motions: &Motions, floor: Floor, seed: Seed, fixed: &[Cell]) -> Distances {
+        let mut distances = Distances { floor, places: Vec::new() };
+        distances.places.resize_with(states(floor), Vec::new);
+        if !floor.has(seed.foot.0, seed.foot.1) || seed.cells().iter().any(|c| fixed.contains(c)) {
+            return distances;
+        }
+        let ground = Ground { motions, floor, taken: fixed };
+        let mut front = VecDeque::new();
+        for class in 0..4 {
+            let state = GridState::new(seed.foot.0, seed.foot.1, class);
+            let chain = motions.chain_of(seed.cells().map(|c| to_frame(state, c)));
+            for posture in chain.map_or(&[][..], |c| motions.filling(c)) {
+                let pose = Pose { state, end: End::Foot, both: false, posture: *posture };
+                front.push_back((pose, ground.lands(pose), 0));
+            }
+        }
+        while let Some((pose, postures, strides)) = front.pop_front() {
+            for posture in motions.graph().landings(distances.come(&ground, pose, postures, strides)) {
+                if let Some(to) = ground.landed(pose, posture) {
+                    front.push_back((to, motions.rest_bit(to.posture), strides.saturating_add(1)));
+                }
+            }
+        }
+        distances
+    }
+
+    /// Comes to a place in so many strides; if it is new, the landings that it leads to.
+    fn come(&mut self, ground: &Ground<'_>, pose: Pose, postures: u128, strides: u16) -> u128 {
+        if postures == 0 {
+            return 0;
+        }
+        let places = &mut self.places[index(self.floor, pose.state)];
+        if places.iter().any(|(lands, _)| lands & postures != 0) {
+            return 0;
+        }
+        let graph = ground.motions.graph();
+        let one = graph.landings(postures).next();
+        let lands = one.map_or(0, |posture| ground.lands(Pose { posture, ..pose }));
+        places.push((lands, strides));
+        lands
+    }
+
+    /// Whether there is a way from some connector that `is_it` accepts.
+    pub fn reach(&self, is_it: impl Fn((i16, i16)) -> bool) -> bool {
+        let (xs, ys) = (self.floor.min.0..=self.floor.max.0, self.floor.min.1..=self.floor.max.1);
+        let mut states = ys.flat_map(|y| xs.clone().flat_map(move |x| [(x, y); 4])).zip(&self.places);
+        states.any(|(at, places)| !places.is_empty() && is_it(at))
+    }
+
+    /// Strides from a place, given by its connector, class and some of its postures that land; none if
+    /// there is no way.
+    pub fn strides(&self, pose: Pose, postures: u128) -> Option<u16> {
+        let places = self.places.get(index(self.floor, pose.state))?;
+        places.iter().find(|(lands, _)| lands & postures != 0).map(|(_, strides)| *strides)
+    }
+}

@@ -1,0 +1,297 @@
+//! Whether somebody is shut in: cannot get away from where it stands while nothing else moves.
+//!
+//! The answer is exact, and takes a search over the floor. The same is asked again and again with a
+//! little changed around, so what was learnt from a search is kept: a way out is one wherever none of its
+//! cells is taken, and the cells that ended a search without one are a wall wherever all of them are
+//! taken. What is kept changes how long an answer takes and nothing else.
+
+use super::graph::ones;
+use crate::lattice::Cell;
+use crate::metamodule::params::Floor;
+use crate::metamodule::planning::paths::{Ground, Left};
+use crate::metamodule::pose::{Pose, to_frame, to_world};
+use crate::metamodule::strategy::force_field::Middle;
+use crate::metamodule::strategy::greedy_policy::middle;
+use crate::roombots::grid::GridState;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Whoever can get this far away, in connectors from its middle, is not shut in.
+const AWAY: i64 = 5;
+
+/// Whether whoever has come from around this middle to a connector is not shut in any more. Nothing
+/// changes for a body that changes from one end to the other.
+pub fn is_away(from: Middle, to: (i16, i16)) -> bool {
+    let (x, y) = (i64::from(to.0) * 4 - from.0, i64::from(to.1) * 4 - from.1);
+    x.abs().max(y.abs()) >= AWAY * 4
+}
+
+/// What is kept lies within this distance of the connector that holds the body, along x and y.
+const NEAR: i16 = 10;
+const SIDE: usize = 2 * NEAR as usize + 1;
+/// And below this height.
+const HEIGHT: usize = 9;
+
+/// A set of cells around a body, seen from the connector that holds it.
+struct Near([u64; (SIDE * SIDE * HEIGHT).div_ceil(64)]);
+
+impl Near {
+    /// The number of a cell; none if it is too far away.
+    fn number(cell: Cell) -> Option<u16> {
+        let along = |c: i16| usize::try_from(c + NEAR).ok().filter(|i| *i < SIDE);
+        let up = usize::try_from(cell.z).ok().filter(|i| *i < HEIGHT)?;
+        Some(((along(cell.x)? * SIDE + along(cell.y)?) * HEIGHT + up) as u16)
+    }
+    fn new(state: GridState, cells: &[Cell]) -> Near {
+        let mut near = Near([0; _]);
+        for i in cells.iter().filter_map(|c| Near::number(to_frame(state, *c))) {
+            near.0[usize::from(i) / 64] |= 1 << (i % 64);
+        }
+        near
+    }
+    fn has(&self, number: u16) -> bool {
+        self.0[usize::from(number) / 64] >> (number % 64) & 1 == 1
+    }
+}
+
+/// A rectangle of connectors, by its corners.
+type Rectangle = ((i16, i16), (i16, i16));
+
+fn with((min, max): Rectangle, (x, y): (i16, i16)) -> Rectangle {
+    ((min.0.min(x), min.1.min(y)), (max.0.max(x), max.1.max(y)))
+}
+
+/// A way out, from a landing on, seen from the connector that held the body before.
+struct WayOut {
+    /// Where it ends.
+    to: (i16, i16),
+    /// The rectangle around all connectors that it uses.
+    feet: Rectangle,
+    cells: Box<[u16]>,
+}
+
+/// What ended a search.
+struct Wall {
+    floor: Floor,
+    /// Where the search began.
+    state: GridState,
+    /// The landings there that are on the same side of the wall, as bits.
+    lands: u128,
+    /// The rectangle around all connectors that it got to.
+    feet: Rectangle,
+    cells: Box<[u16]>,
+}
+
+/// What was learnt from earlier searches.
+pub struct Learnt(Mutex<Kept>);
+
+struct Kept {
+    /// By the landing with which they begin.
+    ways: Vec<Vec<WayOut>>,
+    /// In heaps by place.
+    walls: Vec<Vec<Wall>>,
+}
+
+/// So many ways are kept for each landing.
+const WAYS: usize = 32;
+/// Walls are kept in so many heaps of so many each.
+const WALLS: (usize, usize) = (1 << 10, 32);
+
+impl Learnt {
+    /// Nothing yet.
+    pub fn new() -> Learnt {
+        let (mut ways, mut walls) = (Vec::new(), Vec::new());
+        ways.resize_with(u128::BITS as usize, Vec::new);
+        walls.resize_with(WALLS.0, Vec::new);
+        Learnt(Mutex::new(Kept { ways, walls }))
+    }
+    fn kept(&self) -> MutexGuard<'_, Kept> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Kept {
+    fn walls(&mut self, state: GridState) -> &mut Vec<Wall> {
+        let numbers = [state.x as u16, state.y as u16, u16::from(state.class)];
+        let hash =
+            numbers.into_iter().fold(0, |h, n| crate::metamodule::planning::lru_cache::mix(h, u64::from(n)));
+        &mut self.walls[hash as usize % WALLS.0]
+    }
+}
+
+/// Whether one of these answers the question. It comes first from then on, and what has not been of use
+/// for longest comes last.
+fn finds<T>(kept: &mut [T], answers: impl Fn(&T) -> bool) -> bool {
+    let at = kept.iter().position(answers);
+    at.inspect(|at| kept[..=*at].rotate_right(1)).is_some()
+}
+
+fn keep<T>(kept: &mut Vec<T>, new: T, most: usize) {
+    kept.truncate(most - 1);
+    kept.insert(0, new);
+}
+
+/// Where a search has come to, from which place and by which posture.
+struct Step {
+    pose: Pose,
+    by: Option<(u32, u16)>,
+}
+
+impl Ground<'_> {
+    /// Whether whoever stands like this cannot get away from there.
+    pub fn is_shut_in(&self, pose: Pose) -> bool {
+        let (graph, state) = (self.motions.graph(), pose.state);
+        let lands = self.lands(pose);
+        if lands == 0 {
+            return true;
+        }
+        let near = Near::new(state, self.taken);
+        let mut kept = self.motions.learnt().kept();
+        let from = middle(self.motions, Pose { state: GridState::new(0, 0, 0), ..pose });
+        let is_way = |way: &WayOut| is_away(from, way.to) && self.is_free(way, state, &near);
+        if ones(lands).any(|rest| finds(&mut kept.ways[rest], is_way)) {
+            return false;
+        }
+        let from = middle(self.motions, pose);
+        let holds = |wall: &Wall| {
+            let (min, max) = wall.feet;
+            let ends = [min, max, (min.0, max.1), (max.0, min.1)];
+            (wall.state, wall.floor) == (state, self.floor)
+                && wall.lands & lands != 0
+                && !ends.into_iter().any(|to| is_away(from, to))
+                && wall.cells.iter().all(|c| near.has(*c))
+        };
+        if finds(kept.walls(state), holds) {
+            return true;
+        }
+        match self.look_for_way_out(pose) {
+            Ok(strides) => {
+                let first = strides.first().and_then(|posture| graph.rest(*posture));
+                if let Some((rest, way)) = first.zip(self.way_out(pose, &strides)) {
+                    keep(&mut kept.ways[usize::from(rest)], way, WAYS);
+                }
+                false
+            }
+            Err((cells, feet)) => {
+                let number = |c: &Cell| Near::number(to_frame(state, *c));
+                if let Some(cells) = cells.iter().map(number).collect() {
+                    keep(kept.walls(state), Wall { floor: self.floor, state, lands, feet, cells }, WALLS.1);
+                }
+                true
+            }
+        }
+    }
+
+    fn is_free(&self, way: &WayOut, state: GridState, near: &Near) -> bool {
+        let corner = |(x, y)| to_world(state, Cell::new(x, y, 0));
+        let (a, b) = (corner(way.feet.0), corner(way.feet.1));
+        self.floor.has(a.x, a.y) && self.floor.has(b.x, b.y) && !way.cells.iter().any(|c| near.has(*c))
+    }
+
+    /// The strides of a way out, as few as possible; or taken cells that leave none, and the rectangle
+    /// around all connectors that can be got to.
+    fn look_for_way_out(&self, from: Pose) -> Result<Vec<u16>, (Vec<Cell>, Rectangle)> {
+        let graph = self.motions.graph();
+        let middle = middle(self.motions, from);
+        let (mut left, mut steps) = (Left::new(self.floor), vec![Step { pose: from, by: None }]);
+        let (mut at, mut places) = (0, Vec::new());
+        while let Some(Step { pose, .. }) = steps.get(at) {
+            let pose = *pose;
+            if !left.has(pose, self.motions.rest_bit(pose.posture)) && left.is_bounded() {
+                let lands = self.lands(pose);
+                left.add(pose, lands);
+                places.push(pose);
+                for posture in graph.landings(lands) {
+                    let Some(to) = self.landed(pose, posture) else { continue };
+                    let by = Some((at as u32, posture));
+                    if is_away(middle, to.foot()) {
+                        return Ok(strides(&steps, by));
+                    }
+                    if !left.has(to, self.motions.rest_bit(to.posture)) {
+                        steps.push(Step { pose: to, by });
+                    }
+                }
+            }
+            at += 1;
+        }
+        let mut wall = Vec::new();
+        for pose in &places {
+            let cells = graph.wall(pose.posture, self.taken_at(*pose));
+            wall.extend(graph.cells(cells).map(|c| to_world(pose.state, c)));
+        }
+        wall.sort_unstable();
+        wall.dedup();
+        Err((wall, places.iter().fold((from.foot(), from.foot()), |feet, p| with(feet, p.foot()))))
+    }
+
+    /// A way of these strides as it is kept; none if it leads too far.
+    fn way_out(&self, from: Pose, strides: &[u16]) -> Option<WayOut> {
+        let graph = self.motions.graph();
+        let (first, strides) = strides.split_first()?;
+        let foot = |pose: Pose| {
+            let cell = to_frame(from.state, Cell::new(pose.state.x, pose.state.y, 0));
+            (cell.x, cell.y)
+        };
+        let mut at = self.landed(from, *first)?;
+        let (mut cells, mut feet) = (Vec::new(), (foot(at), foot(at)));
+        for posture in strides {
+            let way = graph.way(at.posture, *posture, self.taken_at(at))?;
+            for cell in graph.cells(way.swept) {
+                cells.push(Near::number(to_frame(from.state, to_world(at.state, cell)))?);
+            }
+            at = self.landed(at, *posture)?;
+            feet = with(feet, foot(at));
+        }
+        cells.sort_unstable();
+        cells.dedup();
+        Some(WayOut { to: foot(at), feet, cells: cells.into() })
+    }
+}
+
+fn strides(steps: &[Step], last: Option<(u32, u16)>) -> Vec<u16> {
+    let before = |by: &(u32, u16)| steps[by.0 as usize].by;
+    let mut strides: Vec<u16> = std::iter::successors(last, before).map(|(_, posture)| posture).collect();
+    strides.reverse();
+    strides
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metamodule::motions::Motions;
+    use crate::metamodule::pose::End;
+    use crate::rng::Stream;
+    use crate::roombots::Kind;
+    use crate::roombots::database::Database;
+    use std::sync::Arc;
+
+    /// Every answer, whatever has been learnt before it, is that of a search of its own.
+    #[test]
+    fn what_was_learnt_changes_no_answer() {
+        let database = Arc::new(Database::build());
+        let floor = Floor { min: (0, 0), max: (8, 8) };
+        for kind in Kind::METAMODULES {
+            let motions = Motions::new(Arc::clone(&database), kind).unwrap();
+            let mut stream = Stream::named(1, "shut in", 0);
+            let mut below = |n: usize| stream.below(n as u64) as usize;
+            let postures = motions.table().postures().len();
+            let mut counts = [0; 2];
+            for round in 0..1_500 {
+                let mut body = || {
+                    let state = GridState::new(below(9) as i16, below(9) as i16, below(4) as u8);
+                    Pose { state, end: End::Foot, both: false, posture: below(postures) as u16 }
+                };
+                let pose = body();
+                let taken: Vec<Cell> = (0..round % 9).flat_map(|_| motions.cells(body())).collect();
+                let ground = Ground { motions: &motions, floor, taken: &taken };
+                let expected = ground.look_for_way_out(pose).is_err();
+                for _ in 0..2 {
+                    assert_eq!(ground.is_shut_in(pose), expected, "{kind} {pose:?} {taken:?}");
+                }
+                counts[usize::from(expected)] += 1;
+            }
+            assert!(counts.iter().all(|n| *n > 100), "{kind}: {counts:?}");
+            let kept = motions.learnt().kept();
+            assert!(kept.ways.iter().any(|w| !w.is_empty()) && kept.walls.iter().any(|w| !w.is_empty()));
+        }
+    }
+}

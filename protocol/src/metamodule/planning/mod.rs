@@ -1,0 +1,12 @@
+//! Searches over poses of metamodules: the graph of moves, distances and paths for one body, and
+//! joint searches for several.
+
+pub mod cooperative;
+pub mod distances;
+pub(crate) mod enclosure;
+pub mod graph;
+pub(crate) mod lru_cache;
+pub mod paths;
+pub(crate) mod posture_set;
+pub(crate) mod random_walk;
+pub(crate) mod state_space;

@@ -1,0 +1,446 @@
+//! Where bodies can get to together, one after the other: the states of the search of `joint`, and how one leads
+//! to another.
+//!
+//! It is exact on the motion database: a body that rests may rest in any posture that it can get to,
+//! not only where it has landed. Postures that fill the same cells and lead to each other are one; and since
+//! all bodies of a swarm are of one kind, only where bodies are counts and not whose they are. Motions at the
+//! same time are no more than motions one after the other: what a motion sweeps is nobody else's until it
+//! is over. While one moves the others do not, so where it is until it rests need not be told apart.
+
+use super::distances::Distances;
+use super::graph::Bits;
+use crate::lattice::Cell;
+use crate::metamodule::blueprint::Seed;
+use crate::metamodule::planning::cooperative::{Move, Sought, Standstill};
+use crate::metamodule::planning::paths::Ground;
+use crate::metamodule::pose::{End, Pose, to_frame};
+use crate::roombots::grid::GridState;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+use std::sync::Arc;
+
+/// Finding out what can be got to around some taken cells is so much work.
+const LOOK: usize = 50;
+
+/// What bodies that are looked at may rest in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rests {
+    /// Only in postures that land: enough to find most ways, and quick.
+    Landings,
+    /// In all of them: needed to prove that there is no way.
+    Everything,
+}
+
+/// A body at rest.
+struct Shape {
+    state: GridState,
+    /// The postures that it may be in. All fill the same cells.
+    postures: Vec<u16>,
+    cells: [Cell; 4],
+    strides: u16,
+}
+
+/// Where a body is that moves: attached here, in any posture that it can get to.
+#[derive(Default)]
+struct Place {
+    /// What it may rest in there, by the numbers of the shapes.
+    shapes: Vec<u32>,
+    /// Those of them that land, or fill a seed.
+    landings: Vec<u32>,
+    /// The postures that land, and where it is then.
+    lands: Vec<(u16, Pose)>,
+    /// The posture that fills a seed.
+    fills: Option<u16>,
+    strides: u16,
+}
+
+/// What leads from one node to the next.
+#[derive(Clone, Copy)]
+enum By {
+    /// This body is the first to move.
+    Begins(usize),
+    /// The one who moves lands by this posture, and is there then.
+    Lands(u16, Pose),
+    /// It rests in this shape, and whoever rests in that one moves, from this posture.
+    Wakes { rests: u32, woken: u32, posture: u16 },
+}
+
+/// Where one body gets while all others stay.
+pub struct Roam {
+    body: usize,
+    stays: Vec<Stay>,
+    /// In which posture it may rest, by the number of its stay.
+    pub rests: Vec<(usize, u16)>,
+    /// The posture that fills an open seed, by the number of its stay.
+    pub fills: Option<(usize, u16)>,
+}
+
+/// Where a body has landed.
+struct Stay {
+    /// The stay before, and the posture that lands from there; none where it begins.
+    before: Option<(usize, u16)>,
+    /// How it stands then.
+    pose: Pose,
+}
+
+impl Roam {
+    /// How it stands when it rests there.
+    pub fn pose(&self, (stay, posture): (usize, u16)) -> Pose {
+        Pose { posture, ..self.stays[stay].pose }
+    }
+
+    /// The moves that bring it there.
+    pub fn moves(&self, (mut stay, posture): (usize, u16)) -> Vec<Move> {
+        let turn = |stay: usize, posture| {
+            let from = self.stays[stay].pose;
+            Move { body: self.body, from, posture, lands: false }
+        };
+        let mut moves = vec![turn(stay, posture)];
+        while let Some((before, by)) = self.stays[stay].before {
+            moves.push(Move { lands: true, ..turn(before, by) });
+            stay = before;
+        }
+        moves.reverse();
+        moves
+    }
+}
+
+/// The place of the one who moves, and the shapes of the others, in order.
+type Node = (u32, Vec<u32>);
+
+/// What does not change while searches go on, and what has been looked at, by numbers.
+pub struct Board<'a> {
+    standstill: &'a Standstill,
+    /// The cells that are always taken.
+    fixed: Vec<Cell>,
+    /// The open seeds with the strides to them around what is fixed.
+    seeds: Vec<(Seed, Arc<Distances>)>,
+    shapes: Vec<Shape>,
+    shape_numbers: BTreeMap<(GridState, Vec<u16>), u32>,
+    places: Vec<Place>,
+    place_numbers: BTreeMap<(GridState, u32), u32>,
+    /// Shapes that lead to each other.
+    parts: Vec<Vec<Vec<u16>>>,
+    /// The part of a posture around what is taken.
+    part_numbers: BTreeMap<Bits, BTreeMap<u16, u32>>,
+    /// What the last search has done; a unit is less than a microsecond.
+    pub work: usize,
+}
+
+impl<'a> Board<'a> {
+    /// With these cells taken for ever.
+    pub fn new(standstill: &'a Standstill, fixed: Vec<Cell>) -> Board<'a> {
+        let setup = &standstill.setup;
+        let open = setup.goal(standstill.task).open(standstill.filled);
+        let seeds = open.iter().filter_map(|s| setup.seed(standstill.task, s));
+        let seeds = seeds.map(|s| (s, setup.motions.distances(setup.floor, s, &fixed))).collect();
+        Board { seeds, ..Board::without_seeds(standstill, fixed) }
+    }
+
+    /// The same where no seed counts, only where bodies get to: distances to seeds are most of the work.
+    pub fn without_seeds(standstill: &'a Standstill, fixed: Vec<Cell>) -> Board<'a> {
+        Board {
+            standstill,
+            fixed,
+            seeds: Vec::new(),
+            shapes: Vec::new(),
+            shape_numbers: BTreeMap::new(),
+            places: Vec::new(),
+            place_numbers: BTreeMap::new(),
+            parts: Vec::new(),
+            part_numbers: BTreeMap::new(),
+            work: 0,
+        }
+    }
+
+    /// With everybody fixed but these.
+    pub fn around_all_but(standstill: &'a Standstill, movers: &[usize]) -> Board<'a> {
+        let others = (0..).zip(&standstill.free).filter(|(i, _)| !movers.contains(i));
+        let others = others.flat_map(|(_, pose)| standstill.setup.motions.cells(*pose));
+        Board::new(standstill, standstill.fixed.iter().copied().chain(others).collect())
+    }
+
+    /// A body at rest, by its number.
+    fn shape(&mut self, state: GridState, postures: Vec<u16>) -> u32 {
+        let key = (state, postures);
+        if let Some(number) = self.shape_numbers.get(&key) {
+            return *number;
+        }
+        let number = self.shapes.len() as u32;
+        let cells = self.standstill.setup.motions.cells(attached(state, first(&key.1)));
+        let strides = self.strides(state, &key.1);
+        self.shapes.push(Shape { state, postures: key.1.clone(), cells, strides });
+        self.shape_numbers.insert(key, number);
+        number
+    }
+
+    /// Strides to the nearest open seed around what is fixed.
+    fn strides(&self, state: GridState, postures: &[u16]) -> u16 {
+        let setup = &self.standstill.setup;
+        let ground = Ground { motions: &setup.motions, floor: setup.floor, taken: &self.fixed };
+        let from = |posture: u16| {
+            let pose = attached(state, posture);
+            let lands = ground.lands(pose);
+            let to = |(seed, distances): &(Seed, Arc<Distances>)| {
+                let fills = pose.foot() == seed.foot && ground.filling(pose, *seed).is_some();
+                fills.then_some(0).or_else(|| distances.strides(pose, lands))
+            };
+            self.seeds.iter().filter_map(to).min()
+        };
+        postures.iter().filter_map(|posture| from(*posture)).min().unwrap_or(u16::MAX)
+    }
+
+    /// Whether a body fills an open seed.
+    fn fills(&self, state: GridState, posture: u16) -> bool {
+        let motions = &self.standstill.setup.motions;
+        let chain = |seed: &Seed| motions.chain_of(seed.cells().map(|c| to_frame(state, c)));
+        self.seeds.iter().any(|(seed, _)| {
+            (state.x, state.y) == seed.foot
+                && chain(seed).is_some_and(|c| motions.graph().chain(posture) == Some(c))
+        })
+    }
+
+    /// Where a body in a posture is when it moves while these others rest.
+    fn place(&mut self, state: GridState, posture: u16, others: &[u32]) -> u32 {
+        self.work += 1;
+        let setup = Arc::clone(&self.standstill.setup);
+        let (motions, graph) = (&setup.motions, setup.motions.graph());
+        let mut taken = graph.seen_from(state, &self.fixed);
+        for other in others {
+            taken |= graph.seen_from(state, &self.shapes[*other as usize].cells);
+        }
+        let parts = self.part_numbers.entry(taken).or_default();
+        let part = if let Some(part) = parts.get(&posture) {
+            *part
+        } else {
+            self.work += LOOK;
+            let part = self.parts.len() as u32;
+            let shapes = graph.shapes(&[posture], taken);
+            parts.extend(shapes.iter().flatten().map(|p| (*p, part)));
+            self.parts.push(shapes);
+            part
+        };
+        if let Some(number) = self.place_numbers.get(&(state, part)) {
+            return *number;
+        }
+        let (mut place, mut nearest) = (Place::default(), u16::MAX);
+        for postures in self.parts[part as usize].clone() {
+            let on_floor = |(_, to): &(u16, Pose)| setup.floor.has(to.state.x, to.state.y);
+            let landed = |p: &u16| Some((*p, motions.turned_around(attached(state, *p))?));
+            let lands: Vec<(u16, Pose)> = postures.iter().filter_map(landed).filter(on_floor).collect();
+            let fills = Some(first(&postures)).filter(|p| self.fills(state, *p));
+            let shape = self.shape(state, postures);
+            if fills.is_some() || !lands.is_empty() {
+                place.landings.push(shape);
+            }
+            nearest = nearest.min(self.shapes[shape as usize].strides);
+            place.shapes.push(shape);
+            place.lands.extend(lands);
+            place.fills = place.fills.or(fills);
+        }
+        place.strides = nearest;
+        let number = self.places.len() as u32;
+        self.places.push(place);
+        self.place_numbers.insert((state, part), number);
+        number
+    }
+
+    /// One of these moves.
+    fn begin(&mut self, bodies: &[usize]) -> Vec<(Node, By)> {
+        let poses = bodies.iter().map(|i| self.standstill.free[*i]);
+        let resting: Vec<u32> = poses.map(|pose| self.shape(pose.state, vec![pose.posture])).collect();
+        let mut nodes = Vec::new();
+        for (i, body) in bodies.iter().enumerate() {
+            let mut others = resting.clone();
+            let shape = others.remove(i);
+            let woken = self.wake(shape, others).into_iter();
+            nodes.extend(woken.map(|(node, _)| (node, By::Begins(*body))));
+        }
+        nodes
+    }
+
+    /// One that has been at rest moves, from each of these postures.
+    fn wake(&mut self, shape: u32, mut others: Vec<u32>) -> Vec<(Node, u16)> {
+        others.sort_unstable();
+        let Shape { state, postures, .. } = &self.shapes[shape as usize];
+        let (state, postures) = (*state, postures.clone());
+        let mut nodes: Vec<(Node, u16)> = Vec::new();
+        for posture in postures {
+            let place = self.place(state, posture, &others);
+            if nodes.last().is_none_or(|((last, _), _)| *last != place) {
+                nodes.push(((place, others.clone()), posture));
+            }
+        }
+        nodes
+    }
+
+    /// What can be next.
+    fn next(&mut self, (place, others): &Node, rests: Rests) -> Vec<(Node, By)> {
+        let mut next = Vec::new();
+        for (posture, to) in self.places[*place as usize].lands.clone() {
+            let node = (self.place(to.state, to.posture, others), others.clone());
+            next.push((node, By::Lands(posture, to)));
+        }
+        let place = &self.places[*place as usize];
+        let shapes = if rests == Rests::Landings { &place.landings } else { &place.shapes };
+        for rests in if others.is_empty() { Vec::new() } else { shapes.clone() } {
+            for i in 0..others.len() {
+                let mut resting = others.clone();
+                let woken = std::mem::replace(&mut resting[i], rests);
+                let nodes = self.wake(woken, resting).into_iter();
+                // Who can do nothing has been looked at already.
+                let free = nodes.filter(|((place, _), _)| self.places[*place as usize].is_free());
+                next.extend(free.map(|(node, posture)| (node, By::Wakes { rests, woken, posture })));
+            }
+        }
+        next
+    }
+
+    /// Everywhere that one of these gets while all others stay where they are.
+    pub fn roam(&mut self, poses: &[Pose], body: usize) -> Roam {
+        let from = poses[body];
+        let others = poses.iter().enumerate().filter(|(i, _)| *i != body);
+        let others: Vec<u32> = others.map(|(_, p)| self.shape(p.state, vec![p.posture])).collect();
+        let mut roam = Roam { body, stays: Vec::new(), rests: Vec::new(), fills: None };
+        let (mut seen, mut found) = (BTreeSet::new(), vec![Stay { before: None, pose: from }]);
+        let mut places = Vec::new();
+        for at in 0.. {
+            for stay in found {
+                let place = self.place(stay.pose.state, stay.pose.posture, &others);
+                if seen.insert(place) {
+                    roam.stays.push(stay);
+                    places.push(place);
+                }
+            }
+            let Some(place) = places.get(at).map(|number| &self.places[*number as usize]) else { break };
+            roam.rests.extend(place.shapes.iter().map(|s| (at, first(&self.shapes[*s as usize].postures))));
+            roam.fills = roam.fills.or(place.fills.map(|posture| (at, posture)));
+            found = place.lands.iter().map(|(by, to)| Stay { before: Some((at, *by)), pose: *to }).collect();
+        }
+        roam
+    }
+
+    /// If these together have at most so many arrangements with nobody else there: the cells that they never
+    /// leave, and whether one of them fills a seed.
+    pub fn explore(&mut self, group: &[usize], most: usize) -> Option<(BTreeSet<Cell>, bool)> {
+        let cells = |board: &Board<'_>, shape: u32| board.shapes[shape as usize].cells;
+        let mut front: Vec<Node> = self.begin(group).into_iter().map(|(node, _)| node).collect();
+        let mut seen: BTreeSet<Node> = front.iter().cloned().collect();
+        let stays = group.iter().flat_map(|i| self.standstill.setup.motions.cells(self.standstill.free[*i]));
+        let (mut stays, mut fills): (BTreeSet<Cell>, _) = (stays.collect(), false);
+        while let Some(node) = front.pop() {
+            let place = &self.places[node.0 as usize];
+            fills |= place.fills.is_some();
+            let others: Vec<Cell> = node.1.iter().flat_map(|s| cells(self, *s)).collect();
+            for shape in &place.shapes {
+                let mine = cells(self, *shape);
+                stays.retain(|c| others.contains(c) || mine.contains(c));
+            }
+            let next = self.next(&node, Rests::Everything).into_iter().map(|(node, _)| node);
+            front.extend(next.filter(|node| seen.insert(node.clone())));
+            if seen.len() > most {
+                return None;
+            }
+        }
+        Some((stays, fills))
+    }
+
+    /// Searches from all these starts, what looks nearest to a seed first.
+    pub fn search(&mut self, starts: &[Vec<usize>], rests: Rests, work: usize) -> Sought {
+        self.work = 0;
+        let (mut seen, mut front) = (BTreeSet::new(), BinaryHeap::new());
+        let mut trail: Vec<(Option<usize>, By, Node)> = Vec::new();
+        let mut found: Vec<(Node, By)> = starts.iter().flat_map(|start| self.begin(start)).collect();
+        let (mut before, mut moves) = (None, 0);
+        loop {
+            for (node, by) in found {
+                if !seen.insert(node.clone()) {
+                    continue;
+                }
+                let place = &self.places[node.0 as usize];
+                let (fills, strides) = (place.fills, place.strides);
+                let resting = node.1.iter().map(|s| self.shapes[*s as usize].strides);
+                let nearest = resting.chain([strides]).min();
+                let moves = moves + usize::from(matches!(by, By::Lands(..)));
+                front.push(Reverse((nearest, moves, trail.len())));
+                trail.push((before, by, node));
+                if let Some(posture) = fills {
+                    return Sought::Way(self.way(&trail, posture));
+                }
+            }
+            if self.work > work {
+                return Sought::Undecided;
+            }
+            let Some(Reverse((_, made, at))) = front.pop() else { break };
+            (before, moves) = (Some(at), made);
+            let node = trail[at].2.clone();
+            found = self.next(&node, rests);
+        }
+        match rests {
+            Rests::Everything => Sought::NoWay(seen.len()),
+            Rests::Landings => Sought::Undecided,
+        }
+    }
+
+    /// The moves that have led to the last node, with one more to the posture that fills a seed.
+    fn way(&self, trail: &[(Option<usize>, By, Node)], fills: u16) -> Vec<Move> {
+        let mut steps = Vec::new();
+        let mut at = trail.len().checked_sub(1);
+        while let Some((before, by, _)) = at.map(|at| &trail[at]) {
+            steps.push(*by);
+            at = *before;
+        }
+        steps.reverse();
+        let mut poses = self.standstill.free.clone();
+        // Who rests in which shape, and which of the moves has brought it there. By which of the postures of
+        // the shape is seen when it is woken.
+        let mut rests: BTreeMap<u32, (usize, usize)> = BTreeMap::new();
+        let (mut moves, mut mover) = (Vec::<Move>::new(), 0);
+        let turn = |body: usize, from: Pose, posture: u16| Move { body, from, posture, lands: false };
+        for by in steps {
+            match by {
+                By::Begins(body) => mover = body,
+                By::Lands(posture, to) => {
+                    moves.push(Move { lands: true, ..turn(mover, poses[mover], posture) });
+                    poses[mover] = to;
+                }
+                By::Wakes { rests: shape, woken, posture } => {
+                    let Shape { state, postures, .. } = &self.shapes[shape as usize];
+                    rests.insert(shape, (mover, moves.len()));
+                    moves.push(turn(mover, poses[mover], first(postures)));
+                    poses[mover] = attached(*state, first(postures));
+                    let moved = rests.remove(&woken);
+                    if let Some((body, at)) = moved {
+                        (moves[at].posture, mover) = (posture, body);
+                    } else {
+                        // Nobody has moved there, so whoever rests there has not moved at all.
+                        let Shape { state, postures, .. } = &self.shapes[woken as usize];
+                        let stands = |p: &Pose| p.state == *state && Some(&p.posture) == postures.first();
+                        mover = poses.iter().position(stands).unwrap_or(mover);
+                    }
+                    poses[mover].posture = posture;
+                }
+            }
+        }
+        moves.retain(|m| m.lands || m.posture != m.from.posture);
+        moves.push(turn(mover, poses[mover], fills));
+        moves
+    }
+}
+
+impl Place {
+    /// Whether whoever is here can do anything.
+    fn is_free(&self) -> bool {
+        self.shapes.len() > 1 || !self.lands.is_empty()
+    }
+}
+
+/// A body attached here by its foot, in a posture.
+fn attached(state: GridState, posture: u16) -> Pose {
+    Pose { state, end: End::Foot, both: false, posture }
+}
+
+/// One of the postures of a shape, which has one at least.
+fn first(postures: &[u16]) -> u16 {
+    postures.first().copied().unwrap_or_default()
+}

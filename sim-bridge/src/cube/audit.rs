@@ -1,0 +1,156 @@
+//! The invariants of cubes that only agents and world together show.
+
+use crate::cube::world::CubeWorld;
+use crate::kernel::sim::{Agents, Audited};
+use crate::world::World;
+use crate::world::invariants::{self, Invariant, Violation};
+use metamorph_protocol::cube::message::Role;
+use metamorph_protocol::cube::params::Connectivity;
+use metamorph_protocol::cube::{Cube, Successor};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Face;
+use metamorph_protocol::time::{Span, Time};
+
+impl CubeWorld {
+    fn neighbour(&self, id: ModuleId, face: Face) -> Option<ModuleId> {
+        self.body_at(self.cell(id).step(face))
+    }
+
+    fn parent_descends(
+        &self,
+        now: Time,
+        cube: &Cube,
+        id: ModuleId,
+        agents: &Agents<'_, Cube>,
+    ) -> Result<(), String> {
+        // A stopped process does not know yet that its body has arrived elsewhere.
+        if cube.role() != Role::Reserve || cube.cell() != self.cell(id) {
+            return Ok(());
+        }
+        let Some(face) = cube.parent() else { return Ok(()) };
+        let Some(parent) = self.neighbour(id, face).and_then(|p| agents.get(p)) else { return Ok(()) };
+        // A restarted parent, or one of another goal, has to learn of its children again; until then
+        // it does not leave. A finalized one never does.
+        let learning = parent.is_listening(now)
+            || parent.is_unlabelled()
+            || parent.epoch() != cube.epoch()
+            || !parent.has_heard(face.opposite());
+        if learning || parent.role() == Role::Final {
+            return Ok(());
+        }
+        invariants::parent_descends(cube.rank(), parent.rank(), parent.has_child(face.opposite()))
+    }
+
+    fn final_grows(&self, cube: &Cube, id: ModuleId, agents: &Agents<'_, Cube>) -> Result<(), String> {
+        if cube.role() != Role::Final {
+            return Ok(());
+        }
+        // A dead neighbour may have been finalized, and so may one that has gone on to a later goal; what
+        // it was is not known any more.
+        let may_be = |a: &Cube| a.role() == Role::Final || a.has_restarted() || a.epoch() > cube.epoch();
+        let finals = Face::ALL
+            .into_iter()
+            .filter_map(|f| self.neighbour(id, f))
+            .filter(|n| agents.get(*n).is_none_or(may_be))
+            .count();
+        invariants::final_grows(cube.is_root(), finals)
+    }
+
+    /// Follows the attraction field from a face, as long as the successor has the same source and
+    /// version.
+    fn field_loop_free(&self, id: ModuleId, face: Face, agents: &Agents<'_, Cube>) -> Result<(), String> {
+        // A stopped process does not know yet that its body has arrived elsewhere: its distances are of the
+        // place where it was.
+        let settled = |id: ModuleId| agents.get(id).filter(|a| a.cell() == self.cell(id));
+        let next = |(id, face): (ModuleId, Face)| {
+            let (entry, successor, heard) = settled(id)?.attraction(face);
+            if !entry.is_known() || entry.distance == 0 {
+                return None;
+            }
+            let successor = match successor? {
+                Successor::Own(other) => (id, other),
+                Successor::Beside { heading, same_cell } => {
+                    let beside = self.neighbour(id, heading)?;
+                    if same_cell {
+                        (self.neighbour(beside, face)?, heading.opposite())
+                    } else {
+                        (beside, face)
+                    }
+                }
+            };
+            let agent = settled(successor.0)?;
+            // Whoever came later is not the one that was followed, which is gone.
+            if agent.settled() > heard {
+                return None;
+            }
+            let (theirs, ..) = agent.attraction(successor.1);
+            (theirs.source == entry.source && theirs.version == entry.version && theirs.is_known())
+                .then_some(successor)
+        };
+        invariants::field_loop_free((id, face), 6 * self.len() + 1, next)
+    }
+}
+
+fn note(found: &mut Vec<Violation>, invariant: Invariant, at: Time, id: ModuleId, check: Result<(), String>) {
+    if let Err(what) = check {
+        found.push(Violation { invariant, at, what: format!("module {id}: {what}") });
+    }
+}
+
+impl Audited for CubeWorld {
+    fn audit_agent(&self, now: Time, id: ModuleId, agents: &Agents<'_, Cube>, found: &mut Vec<Violation>) {
+        let Some(cube) = agents.get(id) else { return };
+        if cube.connectivity() == Connectivity::Forest && !self.is_moving(id) {
+            let check = self.parent_descends(now, cube, id, agents);
+            note(found, Invariant::ParentDescends, now, id, check);
+            for face in Face::ALL {
+                let Some(child) = self.neighbour(id, face) else { continue };
+                let Some(agent) = agents.get(child).filter(|a| a.parent() == Some(face.opposite())) else {
+                    continue;
+                };
+                if !self.is_moving(child) {
+                    let check = self.parent_descends(now, agent, child, agents);
+                    note(found, Invariant::ParentDescends, now, child, check);
+                }
+            }
+        }
+        note(found, Invariant::ReservedOnce, now, id, invariants::reserved_once(&cube.reservations()));
+    }
+
+    fn audit_action(&self, now: Time, id: ModuleId, agents: &Agents<'_, Cube>, found: &mut Vec<Violation>) {
+        // Only moves that have begun are of interest.
+        let (Some(cube), Some(landing)) = (agents.get(id), self.landing(id)) else { return };
+        if cube.role() == Role::Reserve {
+            let check = invariants::mover_has_no_dependants(cube.children());
+            note(found, Invariant::MoverHasNoDependants, now, id, check);
+        }
+        if let Some(grantor) = agents.get(landing)
+            // Finalized modules stay anyway, restarted ones until they have listened long enough.
+            && grantor.role() != Role::Final
+            && !grantor.is_listening(now)
+        {
+            let check = invariants::move_within_lease(now, self.move_time(), grantor.locked_for(id));
+            note(found, Invariant::MoveWithinLease, now, id, check);
+        }
+    }
+
+    fn audit_all(&mut self, now: Time, agents: &Agents<'_, Cube>, found: &mut Vec<Violation>) {
+        self.check_connected(now);
+        for (id, cube) in agents.iter() {
+            note(found, Invariant::FinalGrows, now, id, self.final_grows(cube, id, agents));
+            for face in Face::ALL {
+                let check = self.field_loop_free(id, face, agents);
+                note(found, Invariant::FieldLoopFree, now, id, check);
+            }
+        }
+    }
+
+    fn take_violations(&mut self) -> Vec<Violation> {
+        CubeWorld::take_violations(self)
+    }
+}
+
+/// How often everything is audited, unless a run says otherwise.
+pub fn audit_every(move_time: Span) -> Span {
+    move_time * 20
+}

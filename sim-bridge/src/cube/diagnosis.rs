@@ -1,0 +1,389 @@
+//! Why a swarm of cubes stands still: judged on the ground truth, with the agents' own reports as
+//! evidence of what they wait for.
+
+use crate::cube::reachability::{Plight, Standing};
+use crate::cube::world::CubeWorld;
+use crate::director::outcome::{Reason, Stall, Waiter, Why};
+use metamorph_protocol::cube::control::Status;
+use metamorph_protocol::cube::message::Role;
+use metamorph_protocol::cube::params::Connectivity;
+use metamorph_protocol::goal::Goal;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
+use metamorph_protocol::time::Time;
+use petgraph::algo::tarjan_scc;
+use petgraph::graph::DiGraph;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What the controller knows of a module.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Known {
+    /// Whether its process lives.
+    pub alive: bool,
+    /// It has been started again, and knows nothing of what it was before.
+    pub restarted: bool,
+    /// Its last report.
+    pub status: Option<Status>,
+}
+
+impl Known {
+    pub(crate) fn is_final(&self, stage: u16) -> bool {
+        self.status.is_some_and(|s| s.role == Role::Final && s.epoch == stage)
+    }
+    fn is_walker(&self) -> bool {
+        self.status.is_some_and(|s| s.role == Role::Walker)
+    }
+}
+
+/// Names the reason for a standstill in the building of a goal, the `stage`th.
+pub fn diagnose(
+    world: &mut CubeWorld,
+    known: &[Known],
+    goal: &Goal,
+    connectivity: Connectivity,
+    stage: u16,
+    since: Time,
+) -> Stall {
+    let filled = |cell: Cell| {
+        world.body_at(cell).is_some_and(|id| known[id.index()].is_final(stage) || !known[id.index()].alive)
+    };
+    let unfilled: Vec<Cell> = goal.cells().filter(|c| !filled(*c)).collect();
+    // Once it has waited long enough, any live finalized neighbour starts an unfilled cell.
+    let starts = |id: ModuleId| known[id.index()].alive && known[id.index()].is_final(stage);
+    let targets: BTreeSet<Cell> = unfilled
+        .iter()
+        .copied()
+        .filter(|c| c.neighbours().into_iter().filter_map(|n| world.body_at(n)).any(starts))
+        .collect();
+    let spare: Vec<ModuleId> = (0..known.len())
+        .filter(|i| known[*i].alive && !known[*i].is_final(stage))
+        .map(|i| ModuleId(i as u32))
+        .filter(|id| !world.is_stuck(*id))
+        .collect();
+    let mut stall = Stall {
+        since,
+        reason: Reason::NoWay,
+        text: "",
+        unfilled,
+        wait_cycle: wait_cycle(known),
+        waiting: Vec::new(),
+        detected: None,
+        proof: None,
+    };
+    stall.reason = if spare.len() < stall.unfilled.len() {
+        Reason::MaterialExhausted
+    } else if targets.is_empty() {
+        Reason::NoActiveTarget
+    } else {
+        let live = walkers_with_a_way(world, known, &spare, &targets, true);
+        // A cycle over a dead module cannot be locked.
+        let may_leave = |id: &ModuleId| {
+            connectivity != Connectivity::Cycles
+                || known[id.index()].is_walker()
+                || is_spared(world, known, *id)
+        };
+        let is_free = |id: &ModuleId| !is_pinned(world, known, *id) && may_leave(id);
+        let free: Vec<ModuleId> = live.iter().copied().filter(is_free).collect();
+        stall.waiting = live.iter().map(|id| waiter(known, *id)).take(20).collect();
+        let called = called(world, known, &targets, &starts);
+        if free.iter().any(|id| called.contains(id)) {
+            Reason::Blocked
+        } else if !free.is_empty() {
+            Reason::CutOff
+        } else if !live.is_empty() {
+            Reason::Pinned
+        } else if !walkers_with_a_way(world, known, &spare, &targets, false).is_empty() {
+            Reason::NeedsDeadSupport
+        } else {
+            Reason::NoWay
+        }
+    };
+    stall.text = stall.reason.text();
+    stall
+}
+
+/// The standstill as a question for a search: what could still be done?
+pub fn plight(
+    world: &CubeWorld,
+    known: &[Known],
+    goal: &Goal,
+    connectivity: Connectivity,
+    stage: u16,
+) -> Plight {
+    let modules = (0..known.len() as u32).map(ModuleId).map(|id| {
+        let of = &known[id.index()];
+        Standing {
+            cell: world.cell(id),
+            alive: of.alive,
+            stuck: world.is_stuck(id),
+            walker: of.is_walker(),
+            finalized: of.is_final(stage),
+            // Whoever was started again in a goal cell may have been part of what is built: it stays.
+            pinned: of.alive
+                && (is_pinned(world, known, id)
+                    || (of.restarted && !of.is_walker() && goal.contains(world.cell(id)))),
+        }
+    });
+    let fills = |id: ModuleId| known[id.index()].is_final(stage) || !known[id.index()].alive;
+    Plight {
+        modules: modules.collect(),
+        filled: goal.cells().filter(|c| world.body_at(*c).is_some_and(fills)).count(),
+        goal: goal.cells().collect(),
+        spared_by_live: connectivity == Connectivity::Cycles,
+    }
+}
+
+/// Who can hear of a target: whoever is connected over modules that pass messages on to one that starts
+/// it. Walkers hear, but pass nothing on.
+fn called(
+    world: &CubeWorld,
+    known: &[Known],
+    targets: &BTreeSet<Cell>,
+    starts: &dyn Fn(ModuleId) -> bool,
+) -> BTreeSet<ModuleId> {
+    let beside = |cell: Cell| cell.neighbours().into_iter().filter_map(|n| world.body_at(n));
+    let mut called: BTreeSet<ModuleId> =
+        targets.iter().flat_map(|t| beside(*t)).filter(|id| starts(*id)).collect();
+    let mut front: Vec<ModuleId> = called.iter().copied().collect();
+    while let Some(at) = front.pop() {
+        if known[at.index()].is_walker() {
+            continue;
+        }
+        let hears = beside(world.cell(at)).filter(|id| known[id.index()].alive);
+        front.extend(hears.filter(|id| called.insert(*id)));
+    }
+    called
+}
+
+/// Whether the neighbours of a module are connected without it over modules that live.
+fn is_spared(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
+    let beside = |of: ModuleId| {
+        let bodies = world.cell(of).neighbours().into_iter().filter_map(|n| world.body_at(n));
+        bodies.filter(|n| *n != id && known[n.index()].alive)
+    };
+    let mut front: Vec<ModuleId> = beside(id).take(1).collect();
+    let mut reached: BTreeSet<ModuleId> = front.iter().copied().collect();
+    while let Some(at) = front.pop() {
+        front.extend(beside(at).filter(|n| reached.insert(*n)));
+    }
+    beside(id).all(|n| reached.contains(&n))
+}
+
+fn waiter(known: &[Known], module: ModuleId) -> Waiter {
+    let on = waits_for(known, module);
+    let is_dead = |id: ModuleId| known.get(id.index()).is_some_and(|k| !k.alive);
+    let why = match known.get(module.index()).and_then(|k| k.status) {
+        None => Why::Unknown,
+        Some(s) if s.immobile => Why::Immobile,
+        Some(s) if s.role == Role::Reserve && !s.attached => Why::Unattached,
+        Some(s) if s.pinned => Why::HoldsDead,
+        Some(_) if on.is_some_and(is_dead) => Why::WaitsForDead,
+        Some(_) if on.is_some() => Why::Waits,
+        Some(s) if !s.attracted => Why::HearsOfNoTarget,
+        Some(_) => Why::Unknown,
+    };
+    Waiter { module, on, why }
+}
+
+fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
+    known.get(id.index())?.status?.waits_for
+}
+
+/// Whether a module is pinned by one that cannot move any more: itself, along whom it waits for, or
+/// because its neighbours have no place in the parent forest either and one of them never will.
+fn is_pinned(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
+    let is_loose = |of: &Known| of.status.is_some_and(|s| s.role == Role::Reserve && !s.attached);
+    let (mut front, mut seen) = (vec![id], BTreeSet::from([id]));
+    while let Some(at) = front.pop() {
+        let Some(k) = known.get(at.index()) else { continue };
+        if !k.alive || world.is_stuck(at) || k.status.is_some_and(|s| s.pinned || s.immobile) {
+            return true;
+        }
+        let mut next: Vec<ModuleId> = waits_for(known, at).into_iter().collect();
+        if is_loose(k) {
+            let beside = world.cell(at).neighbours().into_iter().filter_map(|n| world.body_at(n));
+            next.extend(beside.filter(|n| known[n.index()].alive && is_loose(&known[n.index()])));
+        }
+        front.extend(next.into_iter().filter(|n| seen.insert(*n)));
+    }
+    false
+}
+
+/// Modules that wait for each other in a circle.
+fn wait_cycle(known: &[Known]) -> Vec<ModuleId> {
+    let mut graph = DiGraph::<ModuleId, ()>::new();
+    let nodes: Vec<_> = (0..known.len()).map(|i| graph.add_node(ModuleId(i as u32))).collect();
+    for (i, k) in known.iter().enumerate().filter(|(_, k)| k.alive) {
+        if let Some(other) = k.status.and_then(|s| s.waits_for).and_then(|o| nodes.get(o.index())) {
+            graph.add_edge(nodes[i], *other, ());
+        }
+    }
+    let mut cycle: Vec<ModuleId> = tarjan_scc(&graph)
+        .into_iter()
+        .find(|part| part.len() > 1)
+        .map(|part| part.into_iter().map(|n| graph[n]).collect())
+        .unwrap_or_default();
+    cycle.sort_unstable();
+    cycle
+}
+
+/// Spare modules that could walk over the surface to a target, if everybody else stood still and
+/// walkers made room.
+fn walkers_with_a_way(
+    world: &mut CubeWorld,
+    known: &[Known],
+    spare: &[ModuleId],
+    targets: &BTreeSet<Cell>,
+    only_live: bool,
+) -> Vec<ModuleId> {
+    let reach = {
+        let terrain = |cell: Cell| {
+            let carries = |id: ModuleId| {
+                let k = &known[id.index()];
+                !(k.alive && k.is_walker()) && (k.alive || !only_live)
+            };
+            world.body_at(cell).is_some_and(carries)
+        };
+        // A walker's cell counts as free: it could make room.
+        let free = |cell: Cell| {
+            world.body_at(cell).is_none_or(|id| {
+                let k = &known[id.index()];
+                k.alive && k.is_walker()
+            })
+        };
+        surface(targets, &terrain, &free)
+    };
+    spare
+        .iter()
+        .copied()
+        .filter(|id| {
+            let from = world.cell(*id);
+            let steps = |world: &CubeWorld| {
+                motions().any(|m| {
+                    let to = m.destination(from);
+                    let support = |c: Cell| {
+                        world.body_at(c).is_some_and(|s| s != *id && (known[s.index()].alive || !only_live))
+                    };
+                    reach.contains(&to)
+                        && support(from.step(m.support))
+                        && support(to.step(m.landing_support()))
+                        && m.corner(from).is_none_or(|c| world.body_at(c).is_none())
+                })
+            };
+            (reach.contains(&from) || steps(world)) && world.is_removable(*id)
+        })
+        .collect()
+}
+
+fn motions() -> impl Iterator<Item = Motion> {
+    Face::ALL.into_iter().flat_map(|support| {
+        support.perpendicular().into_iter().flat_map(move |heading| {
+            [MotionKind::Slide, MotionKind::Convex].map(|kind| Motion { kind, support, heading })
+        })
+    })
+}
+
+/// Every free cell from which a walker could come to a target. Motions can be undone, so this
+/// searches from the targets outwards.
+fn surface(
+    targets: &BTreeSet<Cell>,
+    terrain: &dyn Fn(Cell) -> bool,
+    free: &dyn Fn(Cell) -> bool,
+) -> BTreeSet<Cell> {
+    let mut seen: BTreeMap<Cell, ()> = targets.iter().filter(|c| free(**c)).map(|c| (*c, ())).collect();
+    let mut front: Vec<Cell> = seen.keys().copied().collect();
+    while let Some(at) = front.pop() {
+        for m in motions() {
+            let to = m.destination(at);
+            let possible = free(to)
+                && terrain(at.step(m.support))
+                && terrain(to.step(m.landing_support()))
+                && m.corner(at).is_none_or(free);
+            if possible && seen.insert(to, ()).is_none() {
+                front.push(to);
+            }
+        }
+    }
+    seen.into_keys().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::goal::Growth;
+    use metamorph_protocol::time::Span;
+
+    fn status(role: Role, wants: u8, waits_for: Option<u32>, pinned: bool) -> Status {
+        Status {
+            epoch: 0,
+            role,
+            attached: true,
+            immobile: false,
+            pinned,
+            attracted: true,
+            wants,
+            subtree: 1,
+            prevented: 0,
+            waits_for: waits_for.map(ModuleId),
+        }
+    }
+
+    /// A row of three on the ground, the seed in the west, a goal of two: east of... the second cell.
+    fn check(bodies: &[[i16; 3]], known: &[(bool, Status)], goal: &[[i16; 3]], expected: Reason) -> Stall {
+        let cells = |list: &[[i16; 3]]| {
+            let mut cells: Vec<Cell> = list.iter().copied().map(Cell::from).collect();
+            cells.sort_unstable();
+            cells
+        };
+        let bodies: Vec<Cell> = bodies.iter().copied().map(Cell::from).collect();
+        let seed = Cell::from(goal[0]);
+        let goal = Goal::compile(&cells(goal), seed, Growth::Solid).unwrap();
+        let known: Vec<Known> = known
+            .iter()
+            .map(|(alive, s)| Known { alive: *alive, restarted: false, status: Some(*s) })
+            .collect();
+        let mut world = CubeWorld::new(&bodies, Span::secs(1), 1);
+        let stall = diagnose(&mut world, &known, &goal, Connectivity::Forest, 0, Time::ZERO);
+        assert_eq!(stall.reason, expected, "{stall:?}");
+        stall
+    }
+
+    const UP: u8 = Face::Up.bit();
+
+    #[test]
+    fn names_each_reason() {
+        let root = status(Role::Final, UP, None, false);
+        let spare = status(Role::Reserve, 0, None, false);
+        let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
+        let tower = [[0, 0, 0], [0, 0, 1]];
+        check(&row, &[(true, root), (true, spare), (true, spare)], &tower, Reason::Blocked);
+        check(&row, &[(true, root), (false, spare), (false, spare)], &tower, Reason::MaterialExhausted);
+        check(&row, &[(false, root), (true, spare), (true, spare)], &tower, Reason::NoActiveTarget);
+        // The end of the row could only walk over the dead middle.
+        check(&row, &[(true, root), (false, spare), (true, spare)], &tower, Reason::NeedsDeadSupport);
+        let pinned = status(Role::Reserve, 0, Some(1), true);
+        check(&row, &[(true, root), (true, spare), (true, pinned)], &tower, Reason::Pinned);
+        // Over the gap beside the dead middle there is a way, but no message comes over it.
+        let bent = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]];
+        let states = [(true, root), (false, spare), (true, spare), (true, spare), (true, spare)];
+        check(&bent, &states, &[[0, 0, 0], [0, 0, 1], [0, 1, 0]], Reason::Blocked);
+        let states = [(true, root), (false, spare), (true, spare), (false, spare), (true, spare)];
+        check(&bent, &states, &[[0, 0, 0], [0, 0, 1]], Reason::NeedsDeadSupport);
+        // The only spare module is the one that holds the body together.
+        let bridge = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
+        let seed_end = status(Role::Final, UP, None, false);
+        check(&bridge, &[(true, seed_end), (true, spare), (true, root)], &tower, Reason::NoWay);
+    }
+
+    #[test]
+    fn shows_who_waits_for_whom() {
+        let root = status(Role::Final, UP, None, false);
+        let (a, b) = (status(Role::Reserve, 0, Some(2), false), status(Role::Reserve, 0, Some(1), false));
+        let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
+        let stall =
+            check(&row, &[(true, root), (true, a), (true, b)], &[[0, 0, 0], [0, 0, 1]], Reason::Blocked);
+        assert_eq!(stall.wait_cycle, [ModuleId(1), ModuleId(2)]);
+        // The one in the middle holds the row together, and so has no way.
+        assert_eq!(stall.waiting, [Waiter { module: ModuleId(2), on: Some(ModuleId(1)), why: Why::Waits }]);
+    }
+}

@@ -1,0 +1,392 @@
+//! The world-controller's brain for cubes: opens goals, injects faults, certifies deaths, watches
+//! progress and decides how the run ends. Sans-IO; both drivers carry out what it commands.
+
+use crate::cube::diagnosis::{Known, diagnose, plight};
+use crate::cube::reachability::Plight;
+use crate::cube::world::CubeWorld;
+use crate::director::fault_injector::Injector;
+use crate::director::faults::{Fault, Schedule, Struck};
+use crate::director::outcome::{Outcome, Stall};
+use crate::director::port::{Command, Direct};
+use metamorph_protocol::cube::control::{Order, Status};
+use metamorph_protocol::cube::message::Role;
+use metamorph_protocol::cube::params::Setup;
+use metamorph_protocol::goal::Goal;
+use metamorph_protocol::ids::{ModuleId, Session};
+use metamorph_protocol::lattice::Face;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::record::Outside;
+use metamorph_protocol::time::{Span, Time};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+
+/// When a run ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stop {
+    /// At this time, whatever happens.
+    pub timeout: Time,
+    /// Standing still for this long, with nothing planned, is a deadlock.
+    pub stall: Span,
+    /// Moving for this long without filling a goal cell is a livelock.
+    pub livelock: Span,
+    /// Until then something is planned that may get a standstill going again, besides faults of the
+    /// schedule: the end of the last partition, and of what harms messages.
+    pub planned_until: Time,
+}
+
+/// How far a run has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Which goal is being built, from 0.
+    pub stage: u16,
+    /// How many goals there are.
+    pub stages: u16,
+    /// Cells of this goal.
+    pub goal: usize,
+    /// Cells of it that are filled.
+    pub filled: usize,
+    /// Processes alive.
+    pub alive: usize,
+    /// Moves completed.
+    pub moves: u64,
+    /// Messages sent so far, if the driver can tell; the director cannot.
+    pub messages: Option<u64>,
+}
+
+/// How a stage ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stage {
+    /// Cells of the goal.
+    pub cells: usize,
+    /// Cells of it that were filled at the end.
+    pub filled: usize,
+    /// When it was opened.
+    pub opened: Time,
+    /// When the last cell was filled, by the ground truth.
+    pub built: Option<Time>,
+    /// When the seed knew, by the swarm's own count.
+    pub known: Option<Time>,
+}
+
+/// The controller's brain for cubes.
+pub struct Director {
+    setup: Arc<Setup>,
+    faults: Injector,
+    stop: Stop,
+    failure: Ratio,
+    stage: u16,
+    stages: Vec<Stage>,
+    known: Vec<Known>,
+    dead: BTreeMap<ModuleId, BTreeSet<Session>>,
+    commands: VecDeque<Command<Order>>,
+    filled: usize,
+    recount: bool,
+    moves: u64,
+    last_move: Time,
+    last_fault: Time,
+    /// Collisions prevented in lives that have ended.
+    prevented_before: u64,
+    last_fill: Time,
+    next_check: Time,
+    outcome: Option<(Time, Outcome)>,
+    stall: Option<Stall>,
+}
+
+impl Director {
+    /// A director for a swarm of `modules` cubes.
+    pub fn new(
+        setup: Arc<Setup>,
+        modules: usize,
+        schedule: Schedule,
+        stop: Stop,
+        failure: Ratio,
+    ) -> Director {
+        let opened = |goal: &Goal| Stage {
+            cells: goal.len(),
+            filled: 0,
+            opened: Time::ZERO,
+            built: None,
+            known: None,
+        };
+        let stages = setup.goals.first().map(opened).into_iter().collect();
+        Director {
+            setup,
+            faults: Injector::new(schedule),
+            stop,
+            failure,
+            stage: 0,
+            stages,
+            known: vec![Known::default(); modules],
+            dead: BTreeMap::new(),
+            commands: VecDeque::new(),
+            filled: 0,
+            recount: true,
+            moves: 0,
+            last_move: Time::ZERO,
+            last_fault: Time::ZERO,
+            prevented_before: 0,
+            last_fill: Time::ZERO,
+            next_check: Time::ZERO,
+            outcome: None,
+            stall: None,
+        }
+    }
+
+    /// How the run ended, and when; none while it goes on.
+    pub fn outcome(&self) -> Option<(Time, Outcome)> {
+        self.outcome
+    }
+    /// The standstill that ended the run, if one did.
+    pub fn stall(&self) -> Option<&Stall> {
+        self.stall.as_ref()
+    }
+    /// How everybody stands, as a question for a search.
+    pub fn plight(&self, world: &CubeWorld) -> Plight {
+        plight(world, &self.known, self.goal(), self.setup.params.connectivity, self.stage)
+    }
+    /// What each fault did.
+    pub fn struck(&self) -> &[Struck] {
+        self.faults.struck()
+    }
+    /// All stages so far.
+    pub fn stages(&self) -> &[Stage] {
+        &self.stages
+    }
+    /// How many processes died, and how many were started again.
+    pub fn crashed_and_restarted(&self) -> (u64, u64) {
+        self.faults.crashed_and_restarted()
+    }
+    /// Collisions that negotiation has prevented, as reported.
+    pub fn prevented(&self) -> u64 {
+        let now: u64 = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum();
+        self.prevented_before + now
+    }
+    /// Modules whose process is alive.
+    pub fn alive(&self) -> usize {
+        self.known.iter().filter(|k| k.alive).count()
+    }
+    /// How far the run has come.
+    pub fn progress(&self) -> Progress {
+        Progress {
+            stage: self.stage,
+            stages: self.setup.goals.len() as u16,
+            goal: self.goal().len(),
+            filled: self.filled,
+            alive: self.alive(),
+            moves: self.moves,
+            messages: None,
+        }
+    }
+    /// What is known of each module.
+    pub fn known(&self) -> &[Known] {
+        &self.known
+    }
+
+    /// Ends the run from outside.
+    pub fn finish(&mut self, now: Time, outcome: Outcome) {
+        if self.outcome.is_none() {
+            self.outcome = Some((now, outcome));
+            self.commands.push_back(Command::Finish);
+        }
+    }
+
+    fn goal(&self) -> &Goal {
+        // Invariant: stages only advance while there is a next goal.
+        &self.setup.goals[usize::from(self.stage)]
+    }
+
+    /// Says in which state a fault finds a module.
+    fn found(&self, id: ModuleId, world: &CubeWorld) -> String {
+        let known = self.known[id.index()];
+        let role = match known.status.map(|s| s.role) {
+            _ if !known.alive => "dead",
+            Some(Role::Final) => "finalized",
+            Some(Role::Walker) => "wandering",
+            _ => "in reserve",
+        };
+        let moving = if world.is_moving(id) { ", moving" } else { "" };
+        format!("it was {role} at {}{moving}", world.cell(id))
+    }
+
+    fn strike(&mut self, now: Time, fault: Fault, world: &mut CubeWorld) {
+        self.last_fault = now;
+        let Some(id) = fault.module() else {
+            // The scenario reader refuses obstacles among cubes.
+            let effect = "cubes have no obstacles but each other".to_owned();
+            return self.faults.strike(now, fault, false, effect, &mut self.commands);
+        };
+        let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
+        self.faults.strike(now, fault, alive, effect, &mut self.commands);
+        match fault {
+            Fault::Stick(_) => world.set_stuck(id, true),
+            Fault::Unstick(_) => world.set_stuck(id, false),
+            _ => {}
+        }
+    }
+
+    /// Tells everybody who touches a dead module that it is dead: its process is gone, so it cannot
+    /// come back in that contact session.
+    fn certify_deaths(&mut self, world: &CubeWorld) {
+        for (victim, told) in &mut self.dead {
+            let finalized = self.known[victim.index()].is_final(self.stage);
+            for contact in Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)) {
+                if told.insert(contact.session) {
+                    let (port, session) = (contact.peer_port, contact.session);
+                    let order = Order::Condemn { port, session, epoch: self.stage, finalized };
+                    self.commands.push_back(Command::Order(contact.peer, order));
+                }
+            }
+        }
+    }
+
+    fn count_filled(&mut self, now: Time, world: &CubeWorld) {
+        self.recount = false;
+        let goal = self.goal();
+        let is_filled = |id: ModuleId| {
+            let k = &self.known[id.index()];
+            // A dead body that is still on its way fills nothing.
+            (!k.alive && !world.is_moving(id))
+                || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == self.stage)
+        };
+        let filled = goal.cells().filter(|c| world.body_at(*c).is_some_and(is_filled)).count();
+        if filled > self.filled {
+            self.last_fill = now;
+        }
+        self.filled = filled;
+        if let Some(stage) = self.stages.last_mut() {
+            stage.filled = filled;
+        }
+    }
+
+    fn next_stage(&mut self, now: Time) {
+        if let Some(stage) = self.stages.last_mut() {
+            stage.built = Some(now);
+        }
+        if usize::from(self.stage) + 1 == self.setup.goals.len() {
+            return self.finish(now, Outcome::Built);
+        }
+        self.stage += 1;
+        self.stages.push(Stage {
+            cells: self.goal().len(),
+            filled: 0,
+            opened: now,
+            built: None,
+            known: None,
+        });
+        self.filled = 0;
+        self.recount = true;
+        (self.last_fill, self.last_move) = (now, now);
+        for id in (0..self.known.len() as u32).map(ModuleId) {
+            self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));
+        }
+    }
+
+    fn watch(&mut self, now: Time, world: &mut CubeWorld) {
+        let motions = world.motions();
+        // Moves that fail are no progress: a stuck module tries again and again.
+        if motions.completed != self.moves {
+            self.moves = motions.completed;
+            self.last_move = now;
+        }
+        if now >= self.next_check || (self.recount && self.may_be_built()) {
+            self.next_check = now + self.setup.params.move_time;
+            self.count_filled(now, world);
+            if self.filled == self.goal().len() {
+                return self.next_stage(now);
+            }
+        }
+        let planned = self.faults.is_pending() || now < self.stop.planned_until;
+        let changed = self.last_fault.max(self.stop.planned_until);
+        let idle_since = self.last_move.max(self.last_fill).max(changed);
+        let unfilled_since = self.last_fill.max(changed);
+        if now >= self.stop.timeout {
+            self.stall = Some(self.explain(world, idle_since));
+            self.finish(now, Outcome::Timeout);
+        } else if planned {
+            // Something will still happen.
+        } else if now.since(idle_since) > self.stop.stall {
+            self.stall = Some(self.explain(world, idle_since));
+            self.finish(now, Outcome::Deadlock);
+        } else if now.since(unfilled_since) > self.stop.livelock {
+            self.stall = Some(self.explain(world, unfilled_since));
+            self.finish(now, Outcome::Livelock);
+        }
+    }
+
+    fn may_be_built(&self) -> bool {
+        let done =
+            |k: &&Known| !k.alive || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == self.stage);
+        self.known.iter().filter(done).count() >= self.goal().len()
+    }
+
+    fn explain(&self, world: &mut CubeWorld, since: Time) -> Stall {
+        let connectivity = self.setup.params.connectivity;
+        diagnose(world, &self.known, self.goal(), connectivity, self.stage, since)
+    }
+}
+
+impl Direct<CubeWorld> for Director {
+    fn report(&mut self, now: Time, id: ModuleId, report: Status) {
+        let goal = self.goal().len();
+        if let Some(stage) = self.stages.last_mut()
+            && report.epoch == self.stage
+            && report.subtree as usize >= goal
+        {
+            stage.known.get_or_insert(now);
+        }
+        self.recount |= report.role == Role::Final;
+        self.known[id.index()].status = Some(report);
+    }
+
+    fn died(&mut self, _now: Time, id: ModuleId) {
+        self.faults.died(id);
+        self.known[id.index()].alive = false;
+        self.dead.insert(id, BTreeSet::new());
+        self.recount = true;
+        // Deaths are certified as soon as the world can be looked at.
+        self.next_check = Time::ZERO;
+    }
+
+    fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &CubeWorld) {
+        self.last_fault = now;
+        let found = self.found(id, world);
+        self.faults.external(now, id, what, &found);
+    }
+    fn started(&mut self, _now: Time, id: ModuleId) {
+        let before = self.known[id.index()].status.map_or(0, |s| s.prevented);
+        self.prevented_before += u64::from(before);
+        self.known[id.index()] = Known { alive: true, restarted: true, status: None };
+        self.dead.remove(&id);
+        if self.stage > 0 {
+            self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));
+        }
+    }
+
+    fn wake(&mut self, now: Time, world: &mut CubeWorld) {
+        if self.outcome.is_some() {
+            return;
+        }
+        world.set_failure(self.failure);
+        while let Some(fault) = self.faults.due(now) {
+            self.strike(now, fault, world);
+        }
+        self.certify_deaths(world);
+        self.watch(now, world);
+    }
+
+    fn wake_at(&self) -> Time {
+        if self.outcome.is_some() {
+            return Time::NEVER;
+        }
+        let fault = self.faults.next_at();
+        fault.min(self.next_check).min(self.stop.timeout)
+    }
+
+    fn poll(&mut self) -> Option<Command<Order>> {
+        self.commands.pop_front()
+    }
+
+    fn struck(&self) -> &[Struck] {
+        self.faults.struck()
+    }
+}

@@ -1,0 +1,525 @@
+//! Whether cubes that stand still could have gone on: an exhaustive search over the arrangements that the
+//! broken robot can reach, up to a bound. What is broken stays broken.
+//!
+//! Four sets of rules are tried, from what the protocol allows itself to what any robot could do. Each
+//! allows every motion that the one before allows. Within the first two it is asked whether one goal cell
+//! more could have been filled; within the others, whether the goal could have been built. Where a search
+//! ends without a way, nothing within its rules could have done it: that is a proof, because every motion
+//! that the rules allow is among those that are searched. Moves at the same time are no more than moves one
+//! after the other: each needs the body connected without all movers.
+//!
+//! Absent: when and by whom a module is told to go; only that word can reach it at all.
+
+use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
+use serde::Serialize;
+use std::cmp::Reverse;
+use std::collections::{BTreeSet, BinaryHeap};
+use std::fmt;
+
+/// A module as it stands when nothing goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Standing {
+    /// Where it is.
+    pub cell: Cell,
+    /// Its process lives.
+    pub alive: bool,
+    /// Its joints stick for good.
+    pub stuck: bool,
+    /// It is on its way: nobody moves over it, or hears of anything from it, while it is.
+    pub walker: bool,
+    /// It is part of what has been built.
+    pub finalized: bool,
+    /// It holds on to what is broken, or waits for somebody that does.
+    pub pinned: bool,
+}
+
+/// A standstill as a question: who stands where, and what is to be built.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Plight {
+    /// Every module.
+    pub modules: Vec<Standing>,
+    /// The goal cells.
+    pub goal: Vec<Cell>,
+    /// How many of them are filled.
+    pub filled: usize,
+    /// Who leaves asks live modules only whether the body holds without it (connecting cycles).
+    pub spared_by_live: bool,
+}
+
+/// Within which rules nothing could have been done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Within {
+    /// What the protocol holds on to stays: nobody can know that it is safe to let go.
+    Held,
+    /// Modules move over live ones that can hear of the goal, and what is built stays.
+    Called,
+    /// What is built stays.
+    Grown,
+    /// Whatever is done.
+    Anything,
+}
+
+impl Within {
+    /// All of them, the narrowest first.
+    pub const ALL: [Within; 4] = [Within::Held, Within::Called, Within::Grown, Within::Anything];
+
+    /// The name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Within::Held => "held",
+            Within::Called => "called",
+            Within::Grown => "grown",
+            Within::Anything => "anything",
+        }
+    }
+    /// For people: what was proved.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Within::Held => "as long as nobody lets go of what may hang on it",
+            Within::Called => "by live modules that can hear of it",
+            Within::Grown => "without taking down what is built",
+            Within::Anything => "whatever is done",
+        }
+    }
+}
+
+impl fmt::Display for Within {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.text())
+    }
+}
+
+/// What a search came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// There is a way, of so many moves.
+    Way(usize),
+    /// Every arrangement that can be reached was seen, so many, and none is the goal.
+    Impossible(usize),
+    /// The bound was reached first.
+    Undecided,
+}
+
+/// The widest rules within which it is proved that nothing could have been done; or what the search found
+/// within the narrowest. At most `bound` arrangements are looked at within what a swarm that grows could
+/// do, and much fewer within the others, which only say how much is proved.
+pub fn widest_proof(plight: &Plight, bound: usize) -> Result<Within, Found> {
+    let mut proved = None;
+    for within in Within::ALL {
+        let bound = if within <= Within::Called { bound } else { bound / 40 };
+        match search(plight, within, bound) {
+            // What is impossible whatever is done is often plain to see.
+            Found::Impossible(_) if plight.is_short_of_modules() => return Ok(Within::Anything),
+            Found::Impossible(_) => proved = Some(within),
+            other => return proved.ok_or(other),
+        }
+    }
+    proved.ok_or(Found::Undecided)
+}
+
+/// Searches within the rules, what looks nearest to the goal first.
+pub fn search(plight: &Plight, within: Within, bound: usize) -> Found {
+    let board = Board::new(plight, within);
+    let start = board.movers.clone();
+    if board.needs_live() && !board.is_enough(&start) && board.is_out_of_reach(&start) {
+        return Found::Impossible(1);
+    }
+    let mut seen = BTreeSet::from([start.clone()]);
+    let mut front = BinaryHeap::from([Reverse((board.distance(&start), 0, start))]);
+    while let Some(Reverse((_, moves, at))) = front.pop() {
+        if board.is_enough(&at) {
+            return Found::Way(moves);
+        }
+        for next in board.moves(&at) {
+            if seen.len() >= bound {
+                return Found::Undecided;
+            }
+            if seen.insert(next.clone()) {
+                front.push(Reverse((board.distance(&next), moves + 1, next)));
+            }
+        }
+    }
+    Found::Impossible(seen.len())
+}
+
+impl Plight {
+    fn moves(&self, module: &Standing, within: Within) -> bool {
+        let stays = match within {
+            Within::Anything => false,
+            Within::Grown | Within::Called => module.finalized,
+            Within::Held => module.finalized || module.pinned,
+        };
+        module.alive && !module.stuck && !stays
+    }
+    /// There are fewer modules that can move than goal cells without one that cannot.
+    fn is_short_of_modules(&self) -> bool {
+        let mut others = self.modules.iter().filter(|m| !self.moves(m, Within::Anything));
+        let held = others.clone().filter(|m| self.goal.contains(&m.cell)).count();
+        self.modules.len() - others.by_ref().count() + held < self.goal.len()
+    }
+}
+
+/// What does not change while a search goes on.
+struct Board {
+    within: Within,
+    spared_by_live: bool,
+    goal: Vec<Cell>,
+    /// So many goal cells must be filled.
+    enough: usize,
+    /// Where those start who can move.
+    movers: Vec<Cell>,
+    /// Who lives and does not move.
+    fixed_live: BTreeSet<Cell>,
+    dead: BTreeSet<Cell>,
+    /// Where nobody stands who carries others: who is on its way carries nobody before it is part of what is
+    /// built.
+    walkers: BTreeSet<Cell>,
+    /// Live modules of what is built.
+    roots: BTreeSet<Cell>,
+}
+
+impl Board {
+    fn new(plight: &Plight, within: Within) -> Board {
+        let cells = |which: &dyn Fn(&Standing) -> bool| {
+            plight.modules.iter().filter(|m| which(m)).map(|m| m.cell).collect::<BTreeSet<Cell>>()
+        };
+        Board {
+            within,
+            spared_by_live: plight.spared_by_live,
+            goal: plight.goal.clone(),
+            enough: match within {
+                Within::Held | Within::Called => plight.filled + 1,
+                Within::Grown | Within::Anything => plight.goal.len(),
+            },
+            movers: cells(&|m| plight.moves(m, within)).into_iter().collect(),
+            fixed_live: cells(&|m| m.alive && !plight.moves(m, within)),
+            dead: cells(&|m| !m.alive),
+            walkers: cells(&|m| m.walker),
+            roots: cells(&|m| m.alive && m.finalized),
+        }
+    }
+
+    /// Only live modules are walked over, and hear.
+    fn needs_live(&self) -> bool {
+        matches!(self.within, Within::Held | Within::Called)
+    }
+
+    fn is_live(&self, at: &[Cell], cell: Cell) -> bool {
+        at.binary_search(&cell).is_ok() || self.fixed_live.contains(&cell)
+    }
+    /// Whether others can move over whoever is in a cell, and hear from it: it has not set out, or is part
+    /// of what is built.
+    fn carries(&self, at: &[Cell], grown: &BTreeSet<Cell>, cell: Cell) -> bool {
+        let has_not_set_out = self.fixed_live.contains(&cell)
+            || (at.binary_search(&cell).is_ok() && self.movers.binary_search(&cell).is_ok());
+        (has_not_set_out && !self.walkers.contains(&cell)) || grown.contains(&cell)
+    }
+    fn is_taken(&self, at: &[Cell], cell: Cell) -> bool {
+        self.is_live(at, cell) || self.dead.contains(&cell)
+    }
+
+    /// What is built, grown over live modules in goal cells.
+    fn grown(&self, at: &[Cell]) -> BTreeSet<Cell> {
+        spread(self.roots.iter().copied(), &|c| self.goal.contains(c) && self.is_live(at, *c))
+    }
+
+    /// Whether enough goal cells are filled; where growth matters, grown from what is built.
+    fn is_enough(&self, at: &[Cell]) -> bool {
+        let grown = self.needs_live().then(|| self.grown(at));
+        let is_filled = |c: &&Cell| match &grown {
+            Some(grown) => self.dead.contains(c) || grown.contains(c),
+            None => self.is_taken(at, **c),
+        };
+        self.goal.iter().filter(is_filled).count() >= self.enough
+    }
+
+    /// Whether nobody comes to a goal cell that could be filled next, even if everybody else made way and
+    /// carried at the same time. Most swarms that are cut off from the goal are seen to be at once.
+    fn is_out_of_reach(&self, at: &[Cell]) -> bool {
+        let grown = self.grown(at);
+        // Of a goal cell that somebody leaves, too.
+        let heard = spread(grown.iter().copied(), &|c| self.carries(at, &grown, *c));
+        let is_wall = |c: &Cell| self.fixed_live.contains(c) || self.dead.contains(c);
+        let carries = |c: Cell| self.carries(at, &grown, c) || self.goal.contains(&c);
+        let mut reached: BTreeSet<Cell> = at.iter().copied().collect();
+        let mut front = at.to_vec();
+        while let Some(from) = front.pop() {
+            for motion in motions().filter(|m| heard.contains(&from.step(m.support))) {
+                let to = motion.destination(from);
+                let is_free = !is_wall(&to) && motion.corner(from).is_none_or(|c| !is_wall(&c));
+                if is_free && carries(to.step(motion.landing_support())) && reached.insert(to) {
+                    front.push(to);
+                }
+            }
+        }
+        let is_next = |c: &&Cell| {
+            !self.is_taken(at, **c)
+                && reached.contains(*c)
+                && c.neighbours().iter().any(|n| grown.contains(n))
+        };
+        !self.goal.iter().any(|c| is_next(&c))
+    }
+
+    /// Who can hear of an unfilled goal cell: whoever is connected over live modules with part of what is
+    /// built that touches one.
+    fn heard(&self, at: &[Cell], grown: &BTreeSet<Cell>) -> BTreeSet<Cell> {
+        let is_free = |c: &Cell| self.goal.contains(c) && !self.is_taken(at, *c);
+        let starts = |c: &Cell| c.neighbours().iter().any(is_free);
+        spread(grown.iter().copied().filter(starts), &|c| self.carries(at, grown, *c))
+    }
+
+    /// The faces at which is known how far an unfilled goal cell is, at most: that spreads along the surface,
+    /// from live module to live module, and ends where somebody dead stands in a corner.
+    fn surface(&self, at: &[Cell], grown: &BTreeSet<Cell>) -> BTreeSet<(Cell, Face)> {
+        let carries = |c: Cell| self.carries(at, grown, c);
+        let is_free = |c: Cell| self.goal.contains(&c) && !self.dead.contains(&c) && !grown.contains(&c);
+        let mut front: Vec<(Cell, Face)> = grown
+            .iter()
+            .flat_map(|c| Face::ALL.map(|f| (*c, f)))
+            .filter(|(c, f)| is_free(c.step(*f)))
+            .collect();
+        let mut reached: BTreeSet<(Cell, Face)> = front.iter().copied().collect();
+        while let Some((cell, face)) = front.pop() {
+            for heading in face.perpendicular() {
+                let beside = cell.step(heading);
+                let next = match (carries(beside), carries(beside.step(face))) {
+                    (false, _) => (cell, heading),
+                    (true, false) => (beside, face),
+                    (true, true) => (beside.step(face), heading.opposite()),
+                };
+                let outside = next.0.step(next.1);
+                if !carries(outside) && !self.dead.contains(&outside) && reached.insert(next) {
+                    front.push(next);
+                }
+            }
+        }
+        reached
+    }
+
+    /// Whether whoever has not set out from a cell hears of an unfilled goal cell from its neighbours.
+    fn is_attracted(
+        &self,
+        at: &[Cell],
+        grown: &BTreeSet<Cell>,
+        surface: &BTreeSet<(Cell, Face)>,
+        from: Cell,
+    ) -> bool {
+        Face::ALL.into_iter().filter(|f| self.carries(at, grown, from.step(*f))).any(|support| {
+            let by = from.step(support);
+            support.perpendicular().into_iter().any(|heading| {
+                surface.contains(&(by, heading)) || surface.contains(&(by.step(heading), support.opposite()))
+            })
+        })
+    }
+
+    /// Unfilled goal cells, and how far they are from somebody who could come.
+    fn distance(&self, at: &[Cell]) -> u32 {
+        let free = self.goal.iter().filter(|c| !self.is_taken(at, **c));
+        let spare = || at.iter().filter(|c| !self.goal.contains(c));
+        free.map(|goal| 4 + spare().map(|c| c.manhattan(*goal)).min().unwrap_or(100)).sum()
+    }
+
+    /// Every arrangement after one move.
+    fn moves(&self, at: &[Cell]) -> Vec<Vec<Cell>> {
+        let grown = if self.needs_live() { self.grown(at) } else { BTreeSet::new() };
+        let heard = self.needs_live().then(|| (self.heard(at, &grown), self.surface(at, &grown)));
+        let mut found = Vec::new();
+        for (i, from) in at.iter().copied().enumerate() {
+            // Whoever has set out and hears nothing may still come to where it hears. On that is counted only
+            // where all that lies between lives: behind the dead only luck finds the way.
+            let has_set_out = self.movers.binary_search(&from).is_err() || self.walkers.contains(&from);
+            let hears = |(heard, surface): &(BTreeSet<Cell>, BTreeSet<(Cell, Face)>)| {
+                (heard.contains(&from) || from.neighbours().iter().any(|n| heard.contains(n)))
+                    && (has_set_out || self.is_attracted(at, &grown, surface, from))
+            };
+            if heard.as_ref().is_some_and(|heard| !hears(heard)) {
+                continue;
+            }
+            let mut rest = at.to_vec();
+            rest.remove(i);
+            let destinations: BTreeSet<Cell> = motions()
+                .filter(|m| self.is_possible(&rest, &grown, from, *m))
+                .map(|m| m.destination(from))
+                .collect();
+            if destinations.is_empty() || !self.holds_without(&rest, &grown, from) {
+                continue;
+            }
+            for to in destinations {
+                let mut next = rest.clone();
+                let place = next.partition_point(|c| *c < to);
+                next.insert(place, to);
+                found.push(next);
+            }
+        }
+        found
+    }
+
+    fn is_possible(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell, motion: Motion) -> bool {
+        let carries = |cell: Cell| {
+            if self.needs_live() { self.carries(rest, grown, cell) } else { self.is_taken(rest, cell) }
+        };
+        let to = motion.destination(from);
+        carries(from.step(motion.support))
+            && carries(to.step(motion.landing_support()))
+            && !self.is_taken(rest, to)
+            && motion.corner(from).is_none_or(|c| !self.is_taken(rest, c))
+    }
+
+    /// Whether the neighbours of a cell hang together without whoever leaves it.
+    fn holds_without(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell) -> bool {
+        let together = |counts: &dyn Fn(&Cell) -> bool| {
+            let beside: Vec<Cell> = from.neighbours().into_iter().filter(|c| counts(c)).collect();
+            if beside.len() < 2 {
+                return true;
+            }
+            let reached = spread(beside.first().copied().into_iter(), counts);
+            beside.iter().all(|c| reached.contains(c))
+        };
+        let by_live = self.within == Within::Held && self.spared_by_live;
+        together(&|c| self.is_taken(rest, *c))
+            && (!by_live || together(&|c| *c != from && self.carries(rest, grown, *c)))
+    }
+}
+
+/// Everything that is connected with the first cells over cells that count.
+fn spread(from: impl Iterator<Item = Cell>, counts: &dyn Fn(&Cell) -> bool) -> BTreeSet<Cell> {
+    let mut reached: BTreeSet<Cell> = from.collect();
+    let mut front: Vec<Cell> = reached.iter().copied().collect();
+    while let Some(at) = front.pop() {
+        front.extend(at.neighbours().into_iter().filter(|c| counts(c) && reached.insert(*c)));
+    }
+    reached
+}
+
+fn motions() -> impl Iterator<Item = Motion> {
+    Face::ALL.into_iter().flat_map(|support| {
+        support.perpendicular().into_iter().flat_map(move |heading| {
+            [MotionKind::Slide, MotionKind::Convex].map(|kind| Motion { kind, support, heading })
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIVE: Standing = Standing {
+        cell: Cell::new(0, 0, 0),
+        alive: true,
+        stuck: false,
+        walker: false,
+        finalized: false,
+        pinned: false,
+    };
+
+    fn at(x: i16, y: i16, z: i16) -> Standing {
+        Standing { cell: Cell::new(x, y, z), ..LIVE }
+    }
+    fn root(x: i16, y: i16, z: i16) -> Standing {
+        Standing { finalized: true, ..at(x, y, z) }
+    }
+    fn dead(x: i16, y: i16, z: i16) -> Standing {
+        Standing { alive: false, ..at(x, y, z) }
+    }
+    fn plight(modules: &[Standing], goal: &[[i16; 3]]) -> Plight {
+        let goal: Vec<Cell> = goal.iter().copied().map(Cell::from).collect();
+        let filled = modules.iter().filter(|m| goal.contains(&m.cell) && (m.finalized || !m.alive)).count();
+        Plight { modules: modules.to_vec(), goal, filled, spared_by_live: false }
+    }
+
+    #[test]
+    fn finds_a_way_where_there_is_one() {
+        let row = plight(&[root(0, 0, 0), at(1, 0, 0), at(2, 0, 0)], &[[0, 0, 0], [0, 0, 1]]);
+        // The end of the row goes over the middle: two moves.
+        assert_eq!(search(&row, Within::Held, 1_000), Found::Way(2));
+        assert_eq!(widest_proof(&row, 1_000), Err(Found::Way(2)));
+        assert_eq!(search(&row, Within::Held, 2), Found::Undecided);
+    }
+
+    #[test]
+    fn a_mover_can_make_way_for_another() {
+        // The one above the root is on its way; the goal is where it stands and one beside.
+        let stack = [root(0, 0, 0), at(0, 0, 1), at(0, 0, 2)];
+        let tower = plight(&stack, &[[0, 0, 0], [1, 0, 0], [0, 0, 1]]);
+        assert!(matches!(search(&tower, Within::Held, 1_000), Found::Way(_)));
+    }
+
+    #[test]
+    fn says_within_which_rules_nothing_could_be_done() {
+        let tower = [[0, 0, 0], [0, 0, 1]];
+        // Nobody is left.
+        let few = plight(&[root(0, 0, 0), dead(1, 0, 0)], &tower);
+        assert_eq!(widest_proof(&few, 1_000), Ok(Within::Anything));
+        // The end could go over the dead middle, but nothing reaches it; nor does what is built beside it,
+        // where nothing is missing, tell of what is missing elsewhere.
+        let cut_off = plight(&[root(0, 0, 0), dead(1, 0, 0), at(2, 0, 0)], &tower);
+        assert_eq!(widest_proof(&cut_off, 1_000), Ok(Within::Called));
+        let row = [root(0, 0, 0), dead(1, 0, 0), root(2, 0, 0), at(3, 0, 0)];
+        let cut_off = plight(&row, &[[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 1]]);
+        assert_eq!(widest_proof(&cut_off, 1_000), Ok(Within::Called));
+        // Nor does it pass whoever is stuck on its way.
+        let stuck = Standing { stuck: true, walker: true, ..at(1, 0, 0) };
+        let cut_off = plight(&[root(0, 0, 0), stuck, at(2, 0, 0)], &tower);
+        assert_eq!(widest_proof(&cut_off, 1_000), Ok(Within::Called));
+        // The end holds somebody that is dead.
+        let holds = Standing { pinned: true, ..at(1, 0, 0) };
+        let side = [root(0, 0, 0), holds, dead(1, 1, 0), root(0, 1, 0)];
+        let pinned = plight(&side, &[[0, 0, 0], [0, 1, 0], [0, 0, 1]]);
+        assert_eq!(widest_proof(&pinned, 1_000), Ok(Within::Held));
+        // The bridge is what is built: whoever took it down could build the rest, but growth does not.
+        let bridge = [root(0, 0, 0), root(1, 0, 0), dead(2, 0, 0)];
+        let built = plight(&bridge, &[[1, 0, 0], [1, 0, 1]]);
+        assert_eq!(widest_proof(&built, 1_000), Ok(Within::Grown));
+    }
+
+    /// Distances go along the surface and end where a dead module stands in a corner, though a walker gets past.
+    #[test]
+    fn distances_end_at_the_dead() {
+        let arm = [at(0, -2, -2), at(0, -1, -2), at(0, -1, -1), at(0, -1, 0), at(0, 0, -2), at(0, 0, 0)];
+        let arm = arm.into_iter().chain([at(0, 1, -1), at(0, 1, 0)]).map(|m| Standing { pinned: true, ..m });
+        let dead = [dead(-1, -1, -2), dead(0, -2, -1), dead(1, -1, 0), dead(0, 0, -1), dead(1, -2, -1)];
+        let standstill = |walker| {
+            let end = Standing { walker, ..at(1, -1, -2) };
+            let modules: Vec<Standing> = arm.clone().chain(dead).chain([root(1, 1, -1), end]).collect();
+            search(&plight(&modules, &[[1, 1, -1], [1, 2, -1]]), Within::Held, 1_000)
+        };
+        assert_eq!(standstill(true), Found::Way(4));
+        assert_eq!(standstill(false), Found::Impossible(1));
+    }
+
+    /// What is impossible within wider rules is impossible within narrower ones: on every small example.
+    #[test]
+    fn wider_rules_allow_more() {
+        use metamorph_protocol::rng::Stream;
+        let mut impossible = 0;
+        for seed in 0..300 {
+            let mut random = Stream::named(seed, "plight", 0);
+            let mut cells = vec![Cell::new(0, 0, 0)];
+            while cells.len() < 5 {
+                let from = cells[random.below(cells.len() as u64) as usize];
+                let next = from.step(Face::ALL[random.below(6) as usize]);
+                if !cells.contains(&next) {
+                    cells.push(next);
+                }
+            }
+            let mut modules: Vec<Standing> = cells.iter().map(|c| Standing { cell: *c, ..LIVE }).collect();
+            modules[0].finalized = true;
+            for module in &mut modules[1..] {
+                module.alive = random.below(3) > 0;
+                module.pinned = random.below(4) == 0;
+                module.stuck = random.below(6) == 0;
+            }
+            let goal: Vec<[i16; 3]> = (0..=random.below(3)).map(|z| [0, 0, z as i16]).collect();
+            let plight = Plight { spared_by_live: random.below(2) == 0, ..plight(&modules, &goal) };
+            let found = Within::ALL.map(|w| search(&plight, w, 20_000));
+            for pair in found.chunks(2) {
+                if let [narrow, Found::Impossible(_)] = pair {
+                    assert!(matches!(narrow, Found::Impossible(_)), "{plight:?} {found:?}");
+                    impossible += 1;
+                }
+            }
+        }
+        assert!(impossible > 50, "{impossible}");
+    }
+}

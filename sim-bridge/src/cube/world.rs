@@ -1,0 +1,356 @@
+//! The world of cubes: who is where, what touches what, which moves are under way.
+//!
+//! The world is the interlock: a move starts only if all cells it needs are free, the agent had seen
+//! the present contacts, and it is not too late. What it does *not* check is whether moving is wise;
+//! that the structure stays connected is the protocol's promise, and an invariant here (`safety`).
+
+mod safety;
+
+use crate::cube::grid::{Grid, Occupant};
+use crate::world::invariants::{Invariant, Violation};
+use crate::world::{Contact, Sensed, World, due};
+use metamorph_protocol::cube::Cube;
+use metamorph_protocol::cube::body::{Move, Percept, Refusal};
+use metamorph_protocol::digest::Portable;
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::rng::Stream;
+use metamorph_protocol::time::{Span, Time};
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
+use std::hash::{Hash, Hasher};
+
+/// A move under way.
+#[derive(Clone, Copy, Debug, Hash)]
+struct UnderWay {
+    motion: Motion,
+    fails: bool,
+}
+
+#[derive(Clone, Debug, Hash)]
+struct Body {
+    cell: Cell,
+    incarnation: Incarnation,
+    revision: Revision,
+    contacts: [Option<Contact>; 6],
+    under_way: Option<UnderWay>,
+    stuck: bool,
+}
+
+/// What bodies did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Motions {
+    /// Moves begun.
+    pub started: u64,
+    /// Moves that ended at their destination.
+    pub completed: u64,
+    /// Moves that failed and were rolled back.
+    pub failed: u64,
+    /// Moves refused because a cell was taken or a support missing.
+    pub blocked: u64,
+    /// Moves refused because they came too late.
+    pub late: u64,
+    /// Moves refused because the contacts had changed.
+    pub stale: u64,
+}
+
+/// A simulated world of cubes.
+#[derive(Clone, Debug)]
+pub struct CubeWorld {
+    grid: Grid,
+    bodies: Vec<Body>,
+    due: BinaryHeap<Reverse<(Time, u64, ModuleId)>>,
+    order: u64,
+    sensed: VecDeque<(ModuleId, Sensed<Percept>)>,
+    sessions: u32,
+    move_time: Span,
+    failure: Ratio,
+    joints: Stream,
+    motions: Motions,
+    violations: Vec<Violation>,
+    /// Marks of the last search for connections, by module, and its number.
+    marks: Vec<(u64, u32)>,
+    search: u64,
+}
+
+impl CubeWorld {
+    /// A world with a module in each cell; their ids are the places in the list.
+    pub fn new(cells: &[Cell], move_time: Span, seed: u64) -> CubeWorld {
+        let mut world = CubeWorld {
+            grid: Grid::default(),
+            bodies: Vec::with_capacity(cells.len()),
+            due: BinaryHeap::new(),
+            order: 0,
+            sensed: VecDeque::new(),
+            sessions: 0,
+            move_time,
+            failure: Ratio::ZERO,
+            joints: Stream::named(seed, "joints", 0),
+            motions: Motions::default(),
+            violations: Vec::new(),
+            marks: vec![(0, 0); cells.len()],
+            search: 0,
+        };
+        for (i, cell) in cells.iter().enumerate() {
+            let id = ModuleId(i as u32);
+            if let Some(other) = world.grid.body(*cell) {
+                world.violate(Invariant::OneModulePerCell, Time::ZERO, format!("{other} and {id} at {cell}"));
+            }
+            world.grid.set(*cell, Some(Occupant::Body(id)));
+            world.bodies.push(Body {
+                cell: *cell,
+                incarnation: Incarnation(0),
+                revision: Revision(0),
+                contacts: [None; 6],
+                under_way: None,
+                stuck: false,
+            });
+        }
+        for i in 0..cells.len() {
+            world.touch_neighbours(ModuleId(i as u32), false);
+        }
+        world
+    }
+
+    /// From now on each move fails with this probability (a failed connection).
+    pub fn set_failure(&mut self, p: Ratio) {
+        self.failure = p;
+    }
+    /// Whether its joint sticks.
+    pub fn is_stuck(&self, id: ModuleId) -> bool {
+        self.bodies[id.index()].stuck
+    }
+    /// From now on this module's moves fail (a stuck joint), or work again.
+    pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
+        self.bodies[id.index()].stuck = stuck;
+    }
+    /// What bodies did so far.
+    pub fn motions(&self) -> Motions {
+        self.motions
+    }
+    /// Where a module's body is; during a move, where it came from.
+    pub fn cell(&self, id: ModuleId) -> Cell {
+        self.bodies[id.index()].cell
+    }
+    /// The module whose body is in a cell.
+    pub fn body_at(&self, cell: Cell) -> Option<ModuleId> {
+        self.grid.body(cell)
+    }
+    /// Whether a module is moving.
+    pub fn is_moving(&self, id: ModuleId) -> bool {
+        self.bodies[id.index()].under_way.is_some()
+    }
+    /// The module that a mover lands on.
+    pub fn landing(&self, id: ModuleId) -> Option<ModuleId> {
+        let body = &self.bodies[id.index()];
+        let motion = body.under_way?.motion;
+        self.grid.body(motion.destination(body.cell).step(motion.landing_support()))
+    }
+    /// Whether the body stays connected without a module, if everybody else stands still.
+    pub fn is_removable(&mut self, id: ModuleId) -> bool {
+        let body = &mut self.bodies[id.index()];
+        let cell = body.cell;
+        let motion = Motion { kind: MotionKind::Slide, support: Face::Down, heading: Face::East };
+        let before = body.under_way.replace(UnderWay { motion, fails: true });
+        let connected = self.neighbours_connected(cell);
+        self.bodies[id.index()].under_way = before;
+        connected
+    }
+    /// How long a move takes.
+    pub fn move_time(&self) -> Span {
+        self.move_time
+    }
+    /// What touches a face of a module.
+    pub fn contact(&self, id: ModuleId, face: Face) -> Option<Contact> {
+        self.bodies[id.index()].contacts[face.index()]
+    }
+    /// Invariants broken since the last call.
+    pub fn take_violations(&mut self) -> Vec<Violation> {
+        std::mem::take(&mut self.violations)
+    }
+
+    fn violate(&mut self, invariant: Invariant, at: Time, what: String) {
+        self.violations.push(Violation { invariant, at, what });
+    }
+
+    fn set_contact(&mut self, id: ModuleId, face: Face, contact: Option<Contact>, tell: bool) {
+        let body = &mut self.bodies[id.index()];
+        body.contacts[face.index()] = contact;
+        body.revision.0 += 1;
+        let revision = body.revision;
+        if tell {
+            self.sensed.push_back((id, Sensed::Contact { port: Port(face as u8), revision, contact }));
+        }
+    }
+
+    /// Opens a new session on every face of a module that touches another.
+    fn touch_neighbours(&mut self, id: ModuleId, tell: bool) {
+        let cell = self.bodies[id.index()].cell;
+        for face in Face::ALL {
+            let Some(peer) = self.grid.body(cell.step(face)) else { continue };
+            if !tell && peer > id {
+                continue; // At the beginning each pair meets once.
+            }
+            self.sessions += 1;
+            let session = Session(self.sessions);
+            let end = |of: &Body, peer, peer_port: Face| Contact {
+                session,
+                peer,
+                peer_incarnation: of.incarnation,
+                peer_port: Port(peer_port as u8),
+            };
+            let mine = end(&self.bodies[peer.index()], peer, face.opposite());
+            let theirs = end(&self.bodies[id.index()], id, face);
+            self.set_contact(id, face, Some(mine), tell);
+            self.set_contact(peer, face.opposite(), Some(theirs), tell);
+        }
+    }
+
+    fn refuse(&mut self, id: ModuleId, why: Refusal) {
+        match why {
+            Refusal::Blocked => self.motions.blocked += 1,
+            Refusal::Late => self.motions.late += 1,
+            Refusal::Stale => self.motions.stale += 1,
+            Refusal::Moving => {}
+        }
+        self.sensed.push_back((id, Sensed::Percept(Percept::Refused(why))));
+    }
+
+    fn is_possible(&self, from: Cell, motion: Motion) -> bool {
+        let supports_hold = self.grid.body(from.step(motion.support)).is_some()
+            && self.grid.body(motion.destination(from).step(motion.landing_support())).is_some();
+        let free = |cell: Cell| self.grid.get(cell).is_none();
+        supports_hold && free(motion.destination(from)) && motion.corner(from).is_none_or(free)
+    }
+
+    fn resting(&self, cell: Cell) -> Option<ModuleId> {
+        self.grid.body(cell).filter(|id| !self.is_moving(*id))
+    }
+
+    fn begin(&mut self, now: Time, id: ModuleId, motion: Motion) {
+        let from = self.bodies[id.index()].cell;
+        let fails = self.bodies[id.index()].stuck | self.joints.chance(self.failure);
+        self.bodies[id.index()].under_way = Some(UnderWay { motion, fails });
+        self.grid.set(motion.destination(from), Some(Occupant::Path(id)));
+        if let Some(corner) = motion.corner(from) {
+            self.grid.set(corner, Some(Occupant::Path(id)));
+        }
+        self.motions.started += 1;
+        self.order += 1;
+        self.due.push(Reverse((now + self.move_time, self.order, id)));
+        self.check_departure(now, id);
+    }
+
+    fn complete(&mut self, now: Time, id: ModuleId) {
+        let Some(UnderWay { motion, fails }) = self.bodies[id.index()].under_way.take() else { return };
+        let from = self.bodies[id.index()].cell;
+        let to = motion.destination(from);
+        self.check_path(now, id, from, motion);
+        if let Some(corner) = motion.corner(from) {
+            self.grid.set(corner, None);
+        }
+        if fails {
+            self.grid.set(to, None);
+            self.check_arrival(now, id, motion.support);
+            self.motions.failed += 1;
+            self.sensed.push_back((id, Sensed::Percept(Percept::Failed)));
+            return;
+        }
+        self.grid.set(from, None);
+        self.grid.set(to, Some(Occupant::Body(id)));
+        self.motions.completed += 1;
+        self.bodies[id.index()].cell = to;
+        self.sensed.push_back((id, Sensed::Percept(Percept::Arrived(to))));
+        for face in Face::ALL {
+            let Some(contact) = self.contact(id, face) else { continue };
+            self.set_contact(id, face, None, true);
+            if let Some(face) = Face::from_index(contact.peer_port.0) {
+                self.set_contact(contact.peer, face, None, true);
+            }
+        }
+        self.touch_neighbours(id, true);
+        self.check_arrival(now, id, motion.landing_support());
+    }
+}
+
+/// What a world can do from now on depends on this; counts and scratch space are left out.
+impl Hash for CubeWorld {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.bodies.hash(state);
+        due(&self.due).hash(state);
+        (self.sessions, &self.joints).hash(state);
+    }
+}
+
+impl World for CubeWorld {
+    type Agent = Cube;
+
+    fn len(&self) -> usize {
+        self.bodies.len()
+    }
+
+    fn place(&self, id: ModuleId) -> Cell {
+        self.cell(id)
+    }
+
+    fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
+        let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
+        if before == incarnation {
+            // First life: the sessions are as old as the contacts, only this module must hear of them.
+            let body = &self.bodies[id.index()];
+            let revision = body.revision;
+            for (i, contact) in body.contacts.iter().enumerate().filter(|(_, c)| c.is_some()) {
+                let sensed = Sensed::Contact { port: Port(i as u8), revision, contact: *contact };
+                self.sensed.push_back((id, sensed));
+            }
+        } else {
+            self.touch_neighbours(id, true);
+        }
+    }
+
+    fn act(&mut self, now: Time, id: ModuleId, sensed: Revision, action: &Move) {
+        let body = &self.bodies[id.index()];
+        if body.under_way.is_some() {
+            return self.refuse(id, Refusal::Moving);
+        }
+        if sensed != body.revision {
+            return self.refuse(id, Refusal::Stale);
+        }
+        if now > action.not_after {
+            return self.refuse(id, Refusal::Late);
+        }
+        if !self.is_possible(body.cell, action.motion) {
+            return self.refuse(id, Refusal::Blocked);
+        }
+        self.begin(now, id, action.motion);
+    }
+
+    fn next_event(&self) -> Time {
+        self.due.peek().map_or(Time::NEVER, |Reverse((at, _, _))| *at)
+    }
+
+    fn advance(&mut self, now: Time) {
+        while let Some(Reverse((at, _, id))) = self.due.peek().copied() {
+            if at > now {
+                break;
+            }
+            self.due.pop();
+            self.complete(at, id);
+        }
+    }
+
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        let mut hasher = Portable::new(hasher);
+        for body in &self.bodies {
+            let Body { cell, incarnation, revision, contacts, under_way, stuck } = body;
+            (cell, incarnation, revision, contacts, stuck).hash(&mut hasher);
+            under_way.map(|UnderWay { motion, fails }| (motion, fails)).hash(&mut hasher);
+        }
+        (due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
+    }
+
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {
+        self.sensed.pop_front()
+    }
+}

@@ -1,0 +1,6 @@
+//! What the directors of all families share: the port to the driver, faults, and how a run can end.
+
+pub mod fault_injector;
+pub mod faults;
+pub mod outcome;
+pub mod port;

@@ -1,0 +1,9 @@
+//! The discrete-event simulator that drives agents, links and a world, whatever the family: event queue,
+//! trace hash, state hash and recording.
+
+pub mod queue;
+pub mod recording;
+pub mod sim;
+pub mod state;
+pub mod still_world;
+pub mod trace;

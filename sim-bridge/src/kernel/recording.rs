@@ -1,0 +1,364 @@
+//! Records what reaches a world and a director, and what they say: wrappers of both that write a
+//! journal, for any driver. Runs without a journal do without the wrappers.
+//!
+//! Absent: what agents do (drivers record that, where inputs are handed in), and files.
+
+use crate::director::faults::{Fault, Struck};
+use crate::director::port::{Command, Direct};
+use crate::kernel::sim::{Agents, Audited};
+use crate::world::invariants::Violation;
+use crate::world::{Contact, Sensed, World};
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
+use metamorph_protocol::record::{Blob, Event, Outside, Record, Sensation, Sink, Touch, Wanted, Who};
+use metamorph_protocol::time::Time;
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::hash::Hasher;
+use std::rc::Rc;
+
+/// Where all records of a driver go.
+pub type Log = Rc<RefCell<dyn Sink>>;
+
+fn put(log: &Log, at: Time, event: Event) {
+    log.borrow_mut().put(&Record { at, who: Who::Controller, event });
+}
+
+/// What a body senses, as it is recorded.
+pub fn sensation<A: Agent>(sensed: &Sensed<A::Percept>) -> Sensation {
+    match sensed {
+        Sensed::Contact { port, revision, contact } => {
+            Sensation::Contact { port: *port, revision: *revision, contact: contact.map(touch) }
+        }
+        Sensed::Percept(percept) => Sensation::Percept(Blob::of(percept)),
+    }
+}
+
+fn touch(contact: Contact) -> Touch {
+    let Contact { session, peer, peer_incarnation, peer_port } = contact;
+    Touch { session, peer, peer_life: peer_incarnation, peer_port }
+}
+
+/// A command, as it is recorded.
+pub fn wanted<A: Agent>(command: &Command<A::Order>) -> Wanted {
+    match command {
+        Command::Kill(id) => Wanted::Kill(*id),
+        Command::Pause(id) => Wanted::Pause(*id),
+        Command::Resume(id) => Wanted::Resume(*id),
+        Command::Restart(id) => Wanted::Restart(*id),
+        Command::Order(id, order) => Wanted::Order(*id, Blob::of(order)),
+        Command::Finish => Wanted::Finish,
+    }
+}
+
+/// A fault that has struck, as it is recorded.
+pub fn struck(struck: &Struck) -> Event {
+    let cell = match struck.fault {
+        Fault::Block(cell) | Fault::Unblock(cell) => Some(cell),
+        _ => None,
+    };
+    Event::Struck {
+        fault: struck.fault.to_string(),
+        module: struck.fault.module(),
+        cell,
+        effect: struck.effect.clone(),
+    }
+}
+
+/// A world that writes down what happens to it.
+pub struct RecordedWorld<W: World> {
+    inner: W,
+    log: Log,
+    now: Time,
+    /// What bodies sensed, taken from the world to see which actions ended, and not polled yet.
+    sensed: VecDeque<Told<W>>,
+}
+
+type Told<W> = (ModuleId, Sensed<<<W as World>::Agent as Agent>::Percept>);
+
+impl<W: World> RecordedWorld<W> {
+    /// Records everything from here on.
+    pub fn new(inner: W, log: Log) -> RecordedWorld<W> {
+        let mut world = RecordedWorld { inner, log, now: Time::ZERO, sensed: VecDeque::new() };
+        world.collect();
+        world
+    }
+    /// The world itself.
+    pub fn inner(&self) -> &W {
+        &self.inner
+    }
+    /// The world itself, when the run is over.
+    pub fn into_inner(self) -> W {
+        self.inner
+    }
+
+    fn put(&self, event: Event) {
+        put(&self.log, self.now, event);
+    }
+    /// Takes everything sensed from the world, and returns whose actions ended, in order.
+    fn collect(&mut self) -> Vec<ModuleId> {
+        let first = self.sensed.len();
+        self.sensed.extend(std::iter::from_fn(|| self.inner.poll()));
+        let new = self.sensed.iter().skip(first);
+        new.filter(|(_, sensed)| matches!(sensed, Sensed::Percept(_))).map(|(id, _)| *id).collect()
+    }
+    fn put_violations<'v>(&self, found: impl IntoIterator<Item = &'v Violation>) {
+        for Violation { invariant, at, what } in found {
+            let event = Event::Violated { invariant: invariant.name().to_owned(), what: what.clone() };
+            put(&self.log, *at, event);
+        }
+    }
+}
+
+impl<W: World> World for RecordedWorld<W> {
+    type Agent = W::Agent;
+
+    fn len(&self) -> usize {
+        self.inner.len()
+    }
+    fn place(&self, id: ModuleId) -> <W::Agent as Agent>::Place {
+        self.inner.place(id)
+    }
+    fn start(&mut self, now: Time, id: ModuleId, life: Incarnation) {
+        self.now = now;
+        self.put(Event::Start { id, life, place: Blob::of(&self.inner.place(id)) });
+        self.inner.start(now, id, life);
+    }
+    fn act(&mut self, now: Time, id: ModuleId, revision: Revision, action: &<W::Agent as Agent>::Action) {
+        self.now = now;
+        self.collect();
+        self.inner.act(now, id, revision, action);
+        // What is refused is answered at once.
+        let begun = !self.collect().contains(&id);
+        self.put(Event::Act { id, revision, action: Blob::of(action), begun });
+    }
+    fn next_event(&self) -> Time {
+        self.inner.next_event()
+    }
+    fn advance(&mut self, now: Time) {
+        self.now = now;
+        self.collect();
+        // Without anything due, this changes nothing.
+        let due = self.inner.next_event() <= now;
+        self.inner.advance(now);
+        if due {
+            let ended = self.collect();
+            let place = |id| (id, Blob::of(&self.inner.place(id)));
+            let ended = ended.into_iter().map(place).collect();
+            self.put(Event::Advance { ended });
+        }
+    }
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        self.inner.digest(hasher);
+    }
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<<W::Agent as Agent>::Percept>)> {
+        self.collect();
+        let (id, sensed) = self.sensed.pop_front()?;
+        self.put(Event::Sensed { id, sensed: sensation::<W::Agent>(&sensed) });
+        Some((id, sensed))
+    }
+}
+
+impl<W: Audited> Audited for RecordedWorld<W> {
+    fn audit_agent(
+        &self,
+        now: Time,
+        id: ModuleId,
+        agents: &Agents<'_, W::Agent>,
+        found: &mut Vec<Violation>,
+    ) {
+        let before = found.len();
+        self.inner.audit_agent(now, id, agents, found);
+        self.put_violations(&found[before..]);
+    }
+    fn audit_action(
+        &self,
+        now: Time,
+        id: ModuleId,
+        agents: &Agents<'_, W::Agent>,
+        found: &mut Vec<Violation>,
+    ) {
+        let before = found.len();
+        self.inner.audit_action(now, id, agents, found);
+        self.put_violations(&found[before..]);
+    }
+    fn audit_all(&mut self, now: Time, agents: &Agents<'_, W::Agent>, found: &mut Vec<Violation>) {
+        let before = found.len();
+        self.inner.audit_all(now, agents, found);
+        self.put_violations(&found[before..]);
+    }
+    fn take_violations(&mut self) -> Vec<Violation> {
+        let found = self.inner.take_violations();
+        self.put_violations(&found);
+        found
+    }
+}
+
+/// A director that writes down what it hears and wants.
+pub struct RecordedDirector<D> {
+    inner: D,
+    log: Log,
+    now: Time,
+    struck: usize,
+}
+
+impl<D> RecordedDirector<D> {
+    /// Records everything from here on.
+    pub fn new(inner: D, log: Log) -> RecordedDirector<D> {
+        RecordedDirector::after(inner, log, 0)
+    }
+    /// The same for one of whose faults so many have been recorded.
+    pub fn after(inner: D, log: Log, struck: usize) -> RecordedDirector<D> {
+        RecordedDirector { inner, log, now: Time::ZERO, struck }
+    }
+    /// The director itself.
+    pub fn inner(&self) -> &D {
+        &self.inner
+    }
+    /// The director itself, when the run is over.
+    pub fn into_inner(self) -> D {
+        self.inner
+    }
+
+    fn put(&mut self, now: Time, event: Event) {
+        self.now = now;
+        put(&self.log, now, event);
+    }
+    /// Records the faults that have struck since the last call.
+    fn put_struck<W: World>(&mut self, now: Time)
+    where
+        D: Direct<W>,
+    {
+        let new: Vec<Event> = self.inner.struck().iter().skip(self.struck).map(struck).collect();
+        self.struck += new.len();
+        new.into_iter().for_each(|event| self.put(now, event));
+    }
+}
+
+impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
+    fn report(&mut self, now: Time, id: ModuleId, report: <W::Agent as Agent>::Report) {
+        self.put(now, Event::Report { id, report: Blob::of(&report) });
+        self.inner.report(now, id, report);
+    }
+    fn died(&mut self, now: Time, id: ModuleId) {
+        self.put(now, Event::Died { id });
+        self.inner.died(now, id);
+    }
+    fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &RecordedWorld<W>) {
+        self.put(now, Event::External { id, what: what.clone() });
+        self.inner.external(now, id, what, &world.inner);
+        self.put_struck::<W>(now);
+    }
+    fn started(&mut self, now: Time, id: ModuleId) {
+        self.put(now, Event::Started { id });
+        self.inner.started(now, id);
+    }
+    fn wake(&mut self, now: Time, world: &mut RecordedWorld<W>) {
+        self.put(now, Event::Wake);
+        self.inner.wake(now, &mut world.inner);
+        self.put_struck::<W>(now);
+    }
+    fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
+        // What is refused has no effect, so it is no part of the run.
+        self.inner.input(now, kind, bytes)?;
+        self.put(now, Event::Input { kind: kind.to_owned(), bytes: bytes.to_owned() });
+        Ok(())
+    }
+    fn wake_at(&self) -> Time {
+        self.inner.wake_at()
+    }
+    fn poll(&mut self) -> Option<Command<<W::Agent as Agent>::Order>> {
+        let command = self.inner.poll()?;
+        let (now, event) = (self.now, Event::Command(wanted::<W::Agent>(&command)));
+        self.put(now, event);
+        Some(command)
+    }
+    fn struck(&self) -> &[Struck] {
+        self.inner.struck()
+    }
+    fn commit(&mut self) {
+        self.log.borrow_mut().commit();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::world::CubeWorld;
+    use metamorph_protocol::cube::Cube;
+    use metamorph_protocol::cube::body::Move;
+    use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
+    use metamorph_protocol::time::Span;
+
+    #[derive(Default)]
+    struct Kept(Vec<Event>);
+
+    impl Sink for Kept {
+        fn put(&mut self, record: &Record) {
+            self.0.push(record.event.clone());
+        }
+        fn commit(&mut self) {}
+    }
+
+    /// Takes inputs of kind `known`.
+    struct Listening(Vec<Vec<u8>>);
+
+    impl Direct<CubeWorld> for Listening {
+        fn report(&mut self, _: Time, _: ModuleId, _: <Cube as Agent>::Report) {}
+        fn died(&mut self, _: Time, _: ModuleId) {}
+        fn started(&mut self, _: Time, _: ModuleId) {}
+        fn wake(&mut self, _: Time, _: &mut CubeWorld) {}
+        fn input(&mut self, _: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
+            if kind != "known" {
+                return Err(kind.to_owned());
+            }
+            self.0.push(bytes.to_owned());
+            Ok(())
+        }
+        fn wake_at(&self) -> Time {
+            Time::NEVER
+        }
+        fn poll(&mut self) -> Option<Command<<Cube as Agent>::Order>> {
+            None
+        }
+    }
+
+    #[test]
+    fn inputs_that_are_taken_are_recorded() {
+        let log = Rc::new(RefCell::new(Kept::default()));
+        let mut director = RecordedDirector::new(Listening(Vec::new()), log.clone());
+        assert_eq!(director.input(Time(1), "known", &[1, 2]), Ok(()));
+        assert_eq!(director.input(Time(2), "other", &[3]), Err("other".to_owned()));
+        assert_eq!(director.inner().0, [vec![1, 2]]);
+        assert_eq!(log.borrow().0, [Event::Input { kind: "known".into(), bytes: vec![1, 2] }]);
+    }
+
+    /// What begins and ends is told by the records of inputs, in the order of the world, whenever it is
+    /// polled.
+    #[test]
+    fn beginnings_and_ends_of_actions_are_recorded() {
+        let log = Rc::new(RefCell::new(Kept::default()));
+        let cells = [[0, 0, 0], [1, 0, 0], [0, 0, 1]].map(Cell::from);
+        let mut world = RecordedWorld::new(CubeWorld::new(&cells, Span::secs(1), 1), log.clone());
+        let motion = Motion { kind: MotionKind::Slide, support: Face::Down, heading: Face::East };
+        let action = Move { motion, not_after: Time::NEVER };
+        let mover = ModuleId(2);
+        let revision = Revision(1);
+        world.act(Time::ZERO, mover, revision, &action);
+        world.act(Time::ZERO, mover, revision, &action);
+        world.advance(Time(999_999_999));
+        world.advance(Time(1_000_000_000));
+        let there = Blob::of(&Cell::new(1, 0, 1));
+        let log = log.borrow();
+        let seen = log.0.iter().map(|event| match event {
+            Event::Act { id: ModuleId(2), begun, .. } => Ok(*begun),
+            Event::Advance { ended } => Err(ended.clone()),
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(seen.collect::<Vec<_>>(), [Ok(true), Ok(false), Err(vec![(mover, there)])]);
+        drop(log);
+        let polled: Vec<_> = std::iter::from_fn(|| world.poll()).collect();
+        let percepts = polled.iter().filter(|(_, sensed)| matches!(sensed, Sensed::Percept(_)));
+        assert_eq!(percepts.count(), 2, "the refusal and the arrival");
+    }
+}

@@ -1,0 +1,802 @@
+//! The simulated link: a discrete-event kernel that drives any number of agents in virtual time.
+//!
+//! One queue, ordered by time and then by the order of scheduling; one named random stream per
+//! sender. Same setup and seed, same events, on every machine and build.
+//!
+//! What every module has lies in flat arrays, and messages under way in one slab, so that a message
+//! costs no allocation and a module a few hundred bytes.
+
+mod lanes;
+
+use crate::director::port::{Command, Direct};
+use crate::kernel::queue::Queue;
+use crate::kernel::recording::Log;
+use crate::kernel::state::{self, Hashes, Held, States};
+use crate::kernel::trace::Trace;
+use crate::world::invariants::{self, Invariant, Violation};
+use crate::world::{Contact, Sensed, World};
+use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::counters::Tally;
+use metamorph_protocol::coverage::{Mark, hit};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::record::{self, Diary, MessageName};
+use metamorph_protocol::rng::Stream;
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::{Channel, Frame, Header, Wire, WireError};
+use slab::Slab;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+pub use lanes::Listens;
+
+/// Messages that a stopped process can have waiting, as in a real inbox.
+const INBOX: usize = 32;
+/// Events for which the kernel looks ahead at a time.
+const AT_HAND: usize = 16;
+/// Violations kept; a broken protocol makes many, and the first ones tell the story.
+const MAX_VIOLATIONS: usize = 100;
+
+/// A world whose agents can be audited: the invariants that only agents and world together show.
+pub trait Audited: World {
+    /// Checks what one agent's last input may have broken.
+    fn audit_agent(
+        &self,
+        now: Time,
+        id: ModuleId,
+        agents: &Agents<'_, Self::Agent>,
+        found: &mut Vec<Violation>,
+    );
+    /// Checks an action at the moment the world has accepted or refused it.
+    fn audit_action(
+        &self,
+        now: Time,
+        id: ModuleId,
+        agents: &Agents<'_, Self::Agent>,
+        found: &mut Vec<Violation>,
+    );
+    /// Checks everything, now and then.
+    fn audit_all(&mut self, now: Time, agents: &Agents<'_, Self::Agent>, found: &mut Vec<Violation>);
+    /// Takes what the world itself has found broken.
+    fn take_violations(&mut self) -> Vec<Violation>;
+}
+
+/// Whoever drives agents and lets audits look at them.
+pub trait Swarm<A> {
+    /// How many modules there are.
+    fn modules(&self) -> usize;
+    /// The agent of the module with this number, if its process lives.
+    fn living(&self, index: usize) -> Option<&A>;
+}
+
+/// Read access to the living agents, for audits.
+pub struct Agents<'a, A> {
+    swarm: &'a dyn Swarm<A>,
+}
+
+impl<'a, A> Agents<'a, A> {
+    /// The agents of a swarm.
+    pub fn of(swarm: &'a dyn Swarm<A>) -> Agents<'a, A> {
+        Agents { swarm }
+    }
+    /// The agent of a module, if its process lives.
+    pub fn get(&self, id: ModuleId) -> Option<&A> {
+        self.swarm.living(id.index())
+    }
+    /// All living agents.
+    pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {
+        (0..self.swarm.modules() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
+    }
+}
+
+impl<A> Swarm<A> for Vec<Module<A>> {
+    fn modules(&self) -> usize {
+        self.len()
+    }
+    fn living(&self, index: usize) -> Option<&A> {
+        self.get(index).filter(|m| m.is_alive()).and_then(|m| m.agent.as_ref())
+    }
+}
+
+/// What a simulated run starts from, besides its world and its director.
+pub struct SimConfig<A: Agent> {
+    /// What the agents share.
+    pub setup: Arc<A::Setup>,
+    /// The link.
+    pub link: LinkModel,
+    /// The seed of the run.
+    pub seed: u64,
+    /// How often everything is audited; every action and every input is audited anyway.
+    pub audit_every: metamorph_protocol::time::Span,
+    /// Messages are delivered whatever session they were sent in. For tests that show why not to.
+    #[doc(hidden)]
+    pub ignore_sessions: bool,
+}
+
+/// A module's process.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Process {
+    Dead,
+    Running,
+    Stopped,
+}
+
+/// What a module has besides its links.
+struct Module<A> {
+    stream: Stream,
+    /// The time of the wake-up that is in the queue.
+    wake: Time,
+    revision: Revision,
+    /// Messages sent in this life.
+    sent: u32,
+    incarnation: Incarnation,
+    process: Process,
+    /// The agent, or what it was when its process died; none before the start.
+    agent: Option<A>,
+}
+
+impl<A> Module<A> {
+    fn is_alive(&self) -> bool {
+        self.process != Process::Dead
+    }
+}
+
+impl<A: Agent> Module<A> {
+    /// The wake-up to schedule, if the agent wants another one than the one that is in the queue.
+    fn plan_wake(&mut self, now: Time) -> Option<Time> {
+        let at = self.agent.as_ref().map(Agent::wake_at)?;
+        if at == self.wake {
+            return None;
+        }
+        self.wake = if at == Time::NEVER { at } else { at.max(now) };
+        (at != Time::NEVER).then_some(self.wake)
+    }
+
+    /// Draws what becomes of a message, counts it, and puts on its way whatever arrives.
+    fn send(
+        &mut self,
+        on: &LinkModel,
+        now: Time,
+        Sent { from, port, class, message }: Sent<A::Message>,
+        link: &mut Link,
+        tally: &mut Tally,
+        mut put: impl FnMut(Time, Parcel<A::Message>),
+    ) {
+        let counts = &mut tally[class];
+        counts.sent += 1;
+        counts.bytes += message.wire_len() as u64;
+        let number = self.sent;
+        self.sent = number.wrapping_add(1);
+        let Some(contact) = link.contact else {
+            counts.expired += 1;
+            return;
+        };
+        let fate = on.carry(now, from, contact.peer, &mut self.stream, &mut link.last_arrival);
+        let mut copies = 0;
+        for arrival in fate.arrivals.into_iter().flatten() {
+            copies += 1;
+            let message = match arrival.flipped_bit {
+                None => Ok(message.clone()),
+                Some(bit) => damaged(from, contact, port, class, &message, bit),
+            };
+            let Ok(message) = message else {
+                hit(Mark::DriverDamaged);
+                counts.refused += 1;
+                continue;
+            };
+            let Contact { session, peer: to, peer_port: port, .. } = contact;
+            put(arrival.at, Parcel { to, session, port, class, number, message });
+        }
+        match copies {
+            0 => counts.lost += 1,
+            n => counts.duplicated += n - 1,
+        }
+    }
+}
+
+/// One port of a module.
+#[derive(Clone, Copy)]
+struct Link {
+    contact: Option<Contact>,
+    last_arrival: Time,
+}
+
+/// What waits for a stopped process, in order.
+struct Backlog<A: Agent> {
+    waiting: VecDeque<Waiting<A>>,
+    messages: usize,
+}
+
+impl<A: Agent> Default for Backlog<A> {
+    fn default() -> Self {
+        Backlog { waiting: VecDeque::new(), messages: 0 }
+    }
+}
+
+/// What reaches a stopped process.
+enum Waiting<A: Agent> {
+    Sensed(Sensed<A::Percept>),
+    Message(Parcel<A::Message>),
+    Order(A::Order),
+}
+
+#[derive(Clone, Copy)]
+enum Event {
+    /// A message arrives; its place in the slab.
+    Arrive(u32),
+    Wake(ModuleId),
+}
+
+/// A message on a port, before its fate is known.
+struct Sent<M> {
+    from: ModuleId,
+    port: Port,
+    class: Class,
+    message: M,
+}
+
+/// A message under way.
+struct Parcel<M> {
+    to: ModuleId,
+    session: Session,
+    port: Port,
+    class: Class,
+    /// Its number among all messages of its sender's life.
+    number: u32,
+    message: M,
+}
+
+/// A simulated run.
+pub struct Sim<W: Audited, D: Direct<W>> {
+    now: Time,
+    config: SimConfig<W::Agent>,
+    world: W,
+    director: D,
+    modules: Vec<Module<W::Agent>>,
+    /// [`Agent::PORTS`] for each module.
+    links: Vec<Link>,
+    backlogs: BTreeMap<ModuleId, Backlog<W::Agent>>,
+    queue: Queue<Event>,
+    parcels: Slab<Parcel<<W::Agent as Agent>::Message>>,
+    tally: Tally,
+    body_messages: u64,
+    trace: Trace,
+    states: States,
+    violations: Vec<Violation>,
+    broken: u64,
+    checked: u64,
+    next_audit: Time,
+    /// The instant of the latest input to an agent, and how many there have been at it.
+    instant: (Time, u64),
+    finished: bool,
+    log: Option<Log>,
+    /// One for each module if there is a log.
+    diaries: Vec<Option<Diary>>,
+}
+
+impl<W: Audited, D: Direct<W>> Sim<W, D> {
+    /// A run at time zero, with all agents started.
+    pub fn new(config: SimConfig<W::Agent>, world: W, director: D) -> Self {
+        Sim::with_journal(config, world, director, None)
+    }
+
+    /// The same, writing down what agents do. World and director are the recorded ones then.
+    pub fn with_journal(config: SimConfig<W::Agent>, world: W, director: D, log: Option<Log>) -> Self {
+        let modules: Vec<Module<W::Agent>> = (0..world.len())
+            .map(|i| Module {
+                stream: Stream::named(config.seed, "link", i as u64),
+                wake: Time::NEVER,
+                revision: Revision(0),
+                sent: 0,
+                incarnation: Incarnation(0),
+                process: Process::Dead,
+                agent: None,
+            })
+            .collect();
+        let diaries = modules.iter().map(|_| None).take(if log.is_some() { usize::MAX } else { 0 }).collect();
+        let states = States::new(modules.len());
+        let mut sim = Sim {
+            now: Time::ZERO,
+            next_audit: Time::ZERO + config.audit_every,
+            modules,
+            links: vec![Link { contact: None, last_arrival: Time::ZERO }; world.len() * W::Agent::PORTS],
+            backlogs: BTreeMap::new(),
+            queue: Queue::new(config.link.delay_max),
+            parcels: Slab::new(),
+            config,
+            world,
+            director,
+            tally: Tally::default(),
+            body_messages: 0,
+            trace: Trace::default(),
+            states,
+            violations: Vec::new(),
+            broken: 0,
+            checked: 0,
+            instant: (Time::ZERO, 0),
+            finished: false,
+            diaries,
+            log,
+        };
+        for i in 0..sim.modules.len() as u32 {
+            sim.start(ModuleId(i), Incarnation(0));
+        }
+        sim.audit_all();
+        sim.settle();
+        sim
+    }
+
+    /// The present.
+    pub fn now(&self) -> Time {
+        self.now
+    }
+    /// The world.
+    pub fn world(&self) -> &W {
+        &self.world
+    }
+    /// The controller's brain.
+    pub fn director(&self) -> &D {
+        &self.director
+    }
+    /// The living agents.
+    pub fn agents(&self) -> Agents<'_, W::Agent> {
+        Agents::of(&self.modules)
+    }
+    /// Message counts.
+    pub fn tally(&self) -> &Tally {
+        &self.tally
+    }
+    /// Actions, percepts and contact changes carried between agents and bodies, reports and orders.
+    pub fn body_messages(&self) -> u64 {
+        self.body_messages
+    }
+    /// The trace so far.
+    pub fn trace(&self) -> &Trace {
+        &self.trace
+    }
+    /// Invariants found broken: the first hundred, and how many in all.
+    pub fn violations(&self) -> (&[Violation], u64) {
+        (&self.violations, self.broken)
+    }
+    /// How often an invariant was checked.
+    pub fn checked(&self) -> u64 {
+        self.checked
+    }
+
+    /// Runs until the director finishes the run, nothing is left to happen, or `until` has come.
+    /// Says whether the run is over.
+    pub fn run_until(&mut self, until: Time) -> bool {
+        while !self.finished {
+            let event = self.queue.next_at();
+            let (world, director) = (self.world.next_event(), self.director.wake_at());
+            let next = event.min(world).min(director).max(self.now);
+            if next == Time::NEVER || next > until {
+                self.now = self.now.max(until.min(next));
+                return next == Time::NEVER;
+            }
+            self.now = next;
+            // At one instant bodies come first, then messages and timers, then the controller.
+            if world <= next {
+                self.world.advance(next);
+                self.settle();
+            } else if event <= next {
+                if self.queue.taken().is_multiple_of(AT_HAND) {
+                    self.look_ahead();
+                }
+                if let Some((at, event)) = self.queue.pop() {
+                    self.dispatch(at, event);
+                }
+            } else {
+                self.director.wake(self.now, &mut self.world);
+                self.settle();
+            }
+            if self.states.is_due(self.trace.events()) {
+                self.look_at_states();
+            }
+            if self.now >= self.next_audit {
+                self.audit_all();
+                self.next_audit = self.now + self.config.audit_every;
+            }
+        }
+        self.audit_all();
+        true
+    }
+
+    /// Reads what the next events will need. Changes nothing; but in a large swarm all of it is far away
+    /// in memory, and a processor waits for many places at once as long as for one.
+    fn look_ahead(&self) {
+        let coming = self.queue.coming();
+        if coming.len() < AT_HAND {
+            return;
+        }
+        let parcels = |from: usize| {
+            let events = coming.iter().skip(from).take(AT_HAND);
+            events.filter_map(|e| match e.what {
+                Event::Arrive(index) => self.parcels.get(index as usize),
+                Event::Wake(_) => None,
+            })
+        };
+        let mut read = 0;
+        for parcel in parcels(AT_HAND) {
+            read ^= parcel.to.0;
+        }
+        for parcel in parcels(0) {
+            let first = parcel.to.index() * W::Agent::PORTS;
+            // Every other one, for two lie within a line of the cache.
+            for link in self.links[first..first + W::Agent::PORTS].iter().step_by(2) {
+                read ^= link.last_arrival.0 as u32;
+            }
+            read ^= self.modules[parcel.to.index()].revision.0;
+        }
+        std::hint::black_box(read);
+    }
+
+    fn dispatch(&mut self, at: Time, event: Event) {
+        match event {
+            Event::Wake(id) => {
+                let module = &mut self.modules[id.index()];
+                // Only the latest wake-up asked for counts; earlier plans may have been given up.
+                if module.wake != at {
+                    return;
+                }
+                module.wake = Time::NEVER;
+                if module.process == Process::Running {
+                    self.feed(id, Input::Wake);
+                }
+            }
+            Event::Arrive(index) => {
+                let parcel = self.parcels.remove(index as usize);
+                self.arrive(parcel);
+            }
+        }
+        self.settle();
+    }
+
+    fn arrive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
+        match self.modules[parcel.to.index()].process {
+            Process::Dead => self.tally[parcel.class].expired += 1,
+            Process::Running => self.receive(parcel),
+            Process::Stopped => {
+                let backlog = self.backlogs.entry(parcel.to).or_default();
+                if backlog.messages == INBOX {
+                    hit(Mark::DriverInboxFull);
+                    self.tally[parcel.class].overflowed += 1;
+                } else {
+                    backlog.messages += 1;
+                    backlog.waiting.push_back(Waiting::Message(parcel));
+                }
+            }
+        }
+    }
+
+    fn receive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
+        let Parcel { to, session, port, class, number, message } = parcel;
+        let contact = self.link(to, port).contact;
+        let current = contact.map(|c| c.session);
+        if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
+            hit(Mark::DriverExpired);
+            self.tally[class].expired += 1;
+            return;
+        }
+        self.checked += 1;
+        if let Err(what) = invariants::session_current(session, current) {
+            self.note(Violation { invariant: Invariant::SessionCurrent, at: self.now, what });
+        }
+        self.tally[class].delivered += 1;
+        self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
+        let input = Input::Message { port, message };
+        if self.log.is_some() {
+            let name = |c: Contact| MessageName { from: c.peer, life: c.peer_incarnation, number };
+            return self.feed_recorded(to, input, contact.map(|c| (name(c), class)));
+        }
+        self.feed(to, input);
+    }
+
+    fn link(&mut self, id: ModuleId, port: Port) -> &mut Link {
+        &mut self.links[id.index() * W::Agent::PORTS + port.index()]
+    }
+
+    /// Hands one input to an agent and carries out what it does.
+    fn feed(&mut self, id: ModuleId, input: InputOf<W::Agent>) {
+        if self.log.is_some() {
+            return self.feed_recorded(id, input, None);
+        }
+        let now = self.now;
+        let Some(agent) = &mut self.modules[id.index()].agent else { return };
+        agent.handle(now, input);
+        while let Some(output) = self.modules[id.index()].agent.as_mut().and_then(Agent::poll) {
+            self.carry_out(id, output);
+        }
+        self.fed(id);
+    }
+
+    /// The same with a journal: the step is written down before its outputs are carried out.
+    fn feed_recorded(&mut self, id: ModuleId, input: InputOf<W::Agent>, heard: Option<(MessageName, Class)>) {
+        let now = self.now;
+        let Module { agent: Some(agent), revision, .. } = &mut self.modules[id.index()] else { return };
+        let Some(diary) = &mut self.diaries[id.index()] else { return };
+        let links = &self.links[id.index() * W::Agent::PORTS..];
+        let (taken, mut outputs) = (Diary::taken::<W::Agent>(&input, heard), Vec::new());
+        let digest = record::step(agent, now, input, &mut outputs);
+        if let Some(log) = &self.log {
+            let peer = |port: Port| links[port.index()].contact.map(|c| c.peer);
+            diary.step(now, taken, agent, &outputs, digest, *revision, peer, &mut *log.borrow_mut());
+        }
+        outputs.into_iter().for_each(|output| self.carry_out(id, output));
+        self.fed(id);
+    }
+
+    fn fed(&mut self, id: ModuleId) {
+        self.plan_wake(id);
+        self.count_input();
+        self.checked += 1;
+        let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
+        self.world.audit_agent(self.now, id, &agents, &mut found);
+        found.into_iter().for_each(|v| self.note(v));
+    }
+
+    /// A run in which time stands still would go on for ever, and nobody outside could stop it.
+    fn count_input(&mut self) {
+        let (at, inputs) = self.instant;
+        self.instant = (self.now, if at == self.now { inputs + 1 } else { 1 });
+        if self.finished {
+            return;
+        }
+        if let Err(what) = self.time_passes() {
+            self.note(Violation { invariant: Invariant::TimePasses, at: self.now, what });
+            self.finished = true;
+        }
+    }
+
+    fn time_passes(&self) -> Result<(), String> {
+        invariants::time_passes(self.instant.1, self.modules.len())
+    }
+
+    fn plan_wake(&mut self, id: ModuleId) {
+        if let Some(at) = self.modules[id.index()].plan_wake(self.now) {
+            self.queue.push(at, Event::Wake(id));
+        }
+    }
+
+    fn carry_out(&mut self, id: ModuleId, output: OutputOf<W::Agent>) {
+        match output {
+            Output::Send { port, class, message } => self.send(Sent { from: id, port, class, message }),
+            Output::Act(action) => {
+                self.body_messages += 1;
+                self.trace.event(self.now, 2, id.0, u64::from(action.kind()));
+                let revision = self.modules[id.index()].revision;
+                self.world.act(self.now, id, revision, &action);
+                self.checked += 1;
+                let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
+                self.world.audit_action(self.now, id, &agents, &mut found);
+                found.into_iter().for_each(|v| self.note(v));
+            }
+            Output::Report(report) => {
+                self.body_messages += 1;
+                self.director.report(self.now, id, report);
+            }
+        }
+    }
+
+    fn send(&mut self, sent: Sent<<W::Agent as Agent>::Message>) {
+        let from = sent.from;
+        let link = &mut self.links[from.index() * W::Agent::PORTS + sent.port.index()];
+        let (parcels, queue) = (&mut self.parcels, &mut self.queue);
+        let put = |at, parcel| {
+            // Invariant: 2^32 messages under way would not fit into memory.
+            let index = parcels.insert(parcel) as u32;
+            queue.push(at, Event::Arrive(index));
+        };
+        let module = &mut self.modules[from.index()];
+        module.send(&self.config.link, self.now, sent, link, &mut self.tally, put);
+    }
+
+    /// Carries what bodies sensed to their agents, and the controller's commands out, until nothing
+    /// more happens at this instant.
+    fn settle(&mut self) {
+        let mut bodies_moved = false;
+        while self.time_passes().is_ok() {
+            let found = self.world.take_violations();
+            found.into_iter().for_each(|v| self.note(v));
+            if let Some((id, sensed)) = self.world.poll() {
+                bodies_moved |= matches!(sensed, Sensed::Percept(_));
+                self.sense(id, sensed);
+            } else if let Some(command) = self.director.poll() {
+                self.obey(command);
+            } else if bodies_moved {
+                bodies_moved = false;
+                self.director.wake(self.now, &mut self.world);
+            } else {
+                return;
+            }
+        }
+    }
+
+    fn sense(&mut self, id: ModuleId, sensed: Sensed<<W::Agent as Agent>::Percept>) {
+        match self.modules[id.index()].process {
+            Process::Dead => return,
+            Process::Stopped => {
+                return self.backlogs.entry(id).or_default().waiting.push_back(Waiting::Sensed(sensed));
+            }
+            Process::Running => {}
+        }
+        self.body_messages += 1;
+        match sensed {
+            Sensed::Contact { port, revision, contact } => {
+                let session = contact.map(|c| c.session);
+                *self.link(id, port) = Link { contact, last_arrival: self.now };
+                self.modules[id.index()].revision = revision;
+                self.trace.event(self.now, 3, id.0, session.map_or(0, |s| u64::from(s.0)));
+                self.feed(id, Input::Contact { port, session });
+            }
+            Sensed::Percept(percept) => {
+                self.trace.event(self.now, 4, id.0, u64::from(percept.kind()));
+                self.feed(id, Input::Percept(percept));
+            }
+        }
+    }
+
+    fn obey(&mut self, command: Command<<W::Agent as Agent>::Order>) {
+        let now = self.now;
+        match command {
+            Command::Kill(id) => {
+                let module = &mut self.modules[id.index()];
+                if std::mem::replace(&mut module.process, Process::Dead) != Process::Dead {
+                    for unread in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
+                        if let Waiting::Message(parcel) = unread {
+                            hit(Mark::DriverDiedUnread);
+                            self.tally[parcel.class].expired += 1;
+                        }
+                    }
+                    self.trace.event(now, 5, id.0, 0);
+                    self.director.died(now, id);
+                }
+            }
+            Command::Pause(id) => {
+                let module = &mut self.modules[id.index()];
+                if module.is_alive() {
+                    module.process = Process::Stopped;
+                }
+                self.trace.event(now, 6, id.0, 0);
+            }
+            Command::Resume(id) => self.resume(id),
+            Command::Restart(id) => {
+                let module = &self.modules[id.index()];
+                // A module has 65,535 lives; after that it stays dead.
+                if let Some(next) = module.incarnation.0.checked_add(1).filter(|_| !module.is_alive()) {
+                    self.start(id, Incarnation(next));
+                }
+            }
+            Command::Order(id, order) => match self.modules[id.index()].process {
+                Process::Dead => {}
+                Process::Stopped => {
+                    self.backlogs.entry(id).or_default().waiting.push_back(Waiting::Order(order));
+                }
+                Process::Running => {
+                    self.body_messages += 1;
+                    self.trace.event(now, 7, id.0, u64::from(order.kind()));
+                    self.feed(id, Input::Order(order));
+                }
+            },
+            Command::Finish => self.finished = true,
+        }
+    }
+
+    fn resume(&mut self, id: ModuleId) {
+        let module = &mut self.modules[id.index()];
+        if module.process != Process::Stopped {
+            return;
+        }
+        module.process = Process::Running;
+        self.trace.event(self.now, 8, id.0, 0);
+        for waiting in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
+            hit(Mark::DriverSleptOver);
+            match waiting {
+                Waiting::Sensed(sensed) => self.sense(id, sensed),
+                Waiting::Order(order) => self.obey(Command::Order(id, order)),
+                Waiting::Message(parcel) => self.receive(parcel),
+            }
+        }
+        self.feed(id, Input::Wake);
+    }
+
+    fn start(&mut self, id: ModuleId, incarnation: Incarnation) {
+        let birth = Birth { id, incarnation, place: self.world.place(id), seed: self.config.seed };
+        let module = &mut self.modules[id.index()];
+        module.agent = Some(W::Agent::new(&self.config.setup, birth, self.now));
+        module.process = Process::Running;
+        module.incarnation = incarnation;
+        module.sent = 0;
+        let first = id.index() * W::Agent::PORTS;
+        self.links[first..first + W::Agent::PORTS].fill(Link { contact: None, last_arrival: self.now });
+        if let Some(log) = &self.log {
+            let (diary, born) = Diary::new::<W::Agent>(self.now, id, incarnation, &self.world.place(id));
+            self.diaries[id.index()] = Some(diary);
+            log.borrow_mut().put(&born);
+        }
+        self.trace.event(self.now, 9, id.0, u64::from(incarnation.0));
+        self.plan_wake(id);
+        self.world.start(self.now, id, incarnation);
+        self.director.started(self.now, id);
+    }
+
+    fn note(&mut self, violation: Violation) {
+        self.broken += 1;
+        if self.violations.len() < MAX_VIOLATIONS {
+            self.violations.push(violation);
+        }
+    }
+
+    fn audit_all(&mut self) {
+        self.checked += 1;
+        let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
+        self.world.audit_all(self.now, &agents, &mut found);
+        found.extend(self.world.take_violations());
+        if let Err(what) = invariants::messages_balance(&self.tally, &self.under_way()) {
+            found.push(Violation { invariant: Invariant::MessagesBalance, at: self.now, what });
+        }
+        found.into_iter().for_each(|v| self.note(v));
+    }
+
+    /// Messages of each class that are on their way, or unread at a module that is stopped.
+    fn under_way(&self) -> invariants::PerClass {
+        let mut of = invariants::PerClass::default();
+        self.parcels.iter().for_each(|(_, parcel)| of[parcel.class.index()] += 1);
+        for waiting in self.backlogs.values().flat_map(|b| &b.waiting) {
+            if let Waiting::Message(parcel) = waiting {
+                of[parcel.class.index()] += 1;
+            }
+        }
+        of
+    }
+
+    /// The hash of the state of all agents now.
+    pub fn agents_hash(&self) -> u64 {
+        state::agents_hash(self.modules.iter().map(|m| Held {
+            is_alive: m.is_alive(),
+            incarnation: m.incarnation,
+            agent: m.agent.as_ref(),
+        }))
+    }
+
+    /// The hashes of the states now, and of all that the run has gone through, as far as they were looked at.
+    /// Where slices of a run end has no effect on them; but in [`Sim::run_on`] nobody looks.
+    pub fn hashes(&self) -> Hashes {
+        let (agents, world) = (self.agents_hash(), state::world_hash(&self.world));
+        let mut states = self.states.clone();
+        states.fold(self.trace.events(), agents, world);
+        Hashes { states: states.value(), agents, world }
+    }
+
+    fn look_at_states(&mut self) {
+        let (agents, world) = (self.agents_hash(), state::world_hash(&self.world));
+        self.states.fold(self.trace.events(), agents, world);
+    }
+}
+
+/// A message after a bit of its frame has flipped: refused almost always.
+fn damaged<M: Wire>(
+    from: ModuleId,
+    contact: Contact,
+    port: Port,
+    class: Class,
+    message: &M,
+    bit: u64,
+) -> Result<M, WireError> {
+    let header = Header {
+        channel: Channel::Peer,
+        kind: message.kind(),
+        class,
+        port,
+        incarnation: Incarnation(0),
+        source: from,
+        destination: contact.peer,
+        session: contact.session.0,
+        sequence: 0,
+    };
+    let mut frame = Frame::seal(header, message);
+    frame.flip(bit);
+    frame.open()?;
+    frame.message()
+}

@@ -1,0 +1,69 @@
+//! The invariants of metamodules that only agents and world together show.
+
+use crate::kernel::sim::{Agents, Audited};
+use crate::metamodule::world::MetamoduleWorld;
+use crate::world::World;
+use crate::world::invariants::{self, Invariant, Violation};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::time::Time;
+
+/// What others hold: the cells of their locks, and those that their bodies are in. A body may go on with
+/// what the process was asked to do before it died, and holds what it sweeps until it has done it.
+fn locks(
+    world: &MetamoduleWorld,
+    now: Time,
+    id: ModuleId,
+    agents: &Agents<'_, Metamodule>,
+    found: &mut Vec<Violation>,
+) {
+    let mut mine: Vec<Cell> = agents.get(id).into_iter().flat_map(|a| a.held(now)).collect();
+    if mine.is_empty() {
+        return;
+    }
+    mine.sort_unstable();
+    for other in (0..world.len() as u32).map(ModuleId).filter(|o| *o != id) {
+        let held = agents.get(other).into_iter().flat_map(|a| a.held(now));
+        let theirs = held.chain(world.taken(other).iter().copied());
+        if let Err(what) = invariants::one_holder_per_lock(&mine, theirs) {
+            let what = format!("{id} and {other}: {what}");
+            found.push(Violation { invariant: Invariant::OneHolderPerLock, at: now, what });
+        }
+    }
+}
+
+impl Audited for MetamoduleWorld {
+    fn audit_agent(&self, _: Time, _: ModuleId, _: &Agents<'_, Metamodule>, _: &mut Vec<Violation>) {
+        // Locks change hands with actions, which are audited one by one.
+    }
+
+    fn audit_action(
+        &self,
+        now: Time,
+        id: ModuleId,
+        agents: &Agents<'_, Metamodule>,
+        found: &mut Vec<Violation>,
+    ) {
+        locks(self, now, id, agents, found);
+        // What was refused has not begun.
+        if let Some((agent, until)) = agents.get(id).zip(self.acting_until(id)) {
+            let takes = until.since(now);
+            if let Err(what) = invariants::move_within_lease(now, takes, agent.locked_until()) {
+                let what = format!("module {id}: {what}");
+                found.push(Violation { invariant: Invariant::MoveWithinLease, at: now, what });
+            }
+        }
+    }
+
+    fn audit_all(&mut self, now: Time, agents: &Agents<'_, Metamodule>, found: &mut Vec<Violation>) {
+        self.check_all(now);
+        for (id, _) in agents.iter() {
+            locks(self, now, id, agents, found);
+        }
+    }
+
+    fn take_violations(&mut self) -> Vec<Violation> {
+        MetamoduleWorld::take_violations(self)
+    }
+}

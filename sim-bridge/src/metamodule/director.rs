@@ -1,0 +1,542 @@
+//! The world-controller's brain for metamodules: opens seeds level by level in the order of the
+//! blueprint, injects faults, tells of deaths, watches progress and decides how the run ends.
+
+mod diagnosis;
+
+use crate::cube::director::{Progress, Stage, Stop};
+use crate::director::fault_injector::Injector;
+use crate::director::faults::{Fault, Schedule, Struck};
+use crate::director::outcome::{Outcome, Stall};
+use crate::director::port::{Command, Direct};
+use crate::metamodule::relocation::{Elsewhere, Shift, Trials, clear_places};
+use crate::metamodule::world::MetamoduleWorld;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedSet, Task};
+use metamorph_protocol::metamodule::message::{Order, Status};
+use metamorph_protocol::metamodule::params::{Setup, Strategy, Teller};
+use metamorph_protocol::metamodule::planning::cooperative::{Sought, Standstill, WORK, search};
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::record::Outside;
+use metamorph_protocol::time::Time;
+use std::collections::{BTreeSet, VecDeque};
+use std::sync::Arc;
+
+/// What is known of a metamodule.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Known {
+    alive: bool,
+    status: Option<Status>,
+}
+
+/// What a run is to go through.
+#[derive(Clone, Debug)]
+pub struct MetamodulePlan {
+    /// What is broken when.
+    pub schedule: Schedule,
+    /// When the run ends. `stall` counts from the last thing that a body completed, `livelock` from the
+    /// last seed filled.
+    pub stop: Stop,
+    /// Probability that a connection fails.
+    pub failure: Ratio,
+    /// From when on which goal is built instead, in the order of time.
+    pub changes: Vec<(Time, u8)>,
+    /// Whether the goal is moved to where it can be built when a dead body or an obstacle is in the way
+    /// of a seed.
+    pub relocate: bool,
+    /// Whether the run ends when the swarm itself has found out that nobody can go on, and nothing is
+    /// planned that may change that. It does so only if its parameters say so.
+    pub heed: bool,
+}
+
+/// The controller's brain for metamodules.
+pub struct MetamoduleDirector {
+    setup: Arc<Setup>,
+    faults: Injector,
+    changes: VecDeque<(Time, u8)>,
+    relocate: bool,
+    trials: Trials,
+    /// Whether the goal has been moved.
+    moved: bool,
+    /// What looking for another place came to, at the last standstill.
+    elsewhere: Option<Elsewhere>,
+    /// What was built where when everybody was last found to be barred.
+    out_of_reach: Option<(Task, SeedSet)>,
+    stop: Stop,
+    failure: Ratio,
+    task: Task,
+    /// A stage for every goal so far, the last one under way.
+    stages: Vec<Stage>,
+    known: Vec<Known>,
+    /// Cells with something foreign in them, as told.
+    obstacles: BTreeSet<Cell>,
+    /// The dead whose death is still to be told.
+    untold: BTreeSet<ModuleId>,
+    dead: BTreeSet<ModuleId>,
+    commands: VecDeque<Command<Order>>,
+    filled: SeedSet,
+    told: Option<(Task, SeedSet)>,
+    /// Locks refused in lives that have ended.
+    prevented_before: u64,
+    done: u64,
+    moves: u64,
+    last_deed: Time,
+    last_fill: Time,
+    next_check: Time,
+    outcome: Option<(Time, Outcome)>,
+    stall: Option<Stall>,
+    heed: bool,
+    detected: Option<(Time, ModuleId)>,
+    alarms: u32,
+}
+
+/// Nobody in the swarm counts seeds, so none is ever known to be built.
+fn opened(goal: &Blueprint, now: Time) -> Stage {
+    Stage { cells: goal.seeds().len(), filled: 0, opened: now, built: None, known: None }
+}
+
+impl MetamoduleDirector {
+    /// A director for a swarm of this many metamodules.
+    pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
+        let MetamodulePlan { schedule, stop, failure, changes, relocate, heed } = plan;
+        let stages = vec![opened(setup.goal(Task::default()), Time::ZERO)];
+        MetamoduleDirector {
+            setup,
+            faults: Injector::new(schedule),
+            changes: changes.into(),
+            relocate,
+            trials: Trials::default(),
+            moved: false,
+            elsewhere: None,
+            out_of_reach: None,
+            stop,
+            failure,
+            task: Task::default(),
+            stages,
+            known: vec![Known::default(); metamodules],
+            obstacles: BTreeSet::new(),
+            untold: BTreeSet::new(),
+            dead: BTreeSet::new(),
+            commands: VecDeque::new(),
+            filled: SeedSet::default(),
+            told: None,
+            prevented_before: 0,
+            done: 0,
+            moves: 0,
+            last_deed: Time::ZERO,
+            last_fill: Time::ZERO,
+            next_check: Time::ZERO,
+            outcome: None,
+            stall: None,
+            heed,
+            detected: None,
+            alarms: 0,
+        }
+    }
+
+    /// How the run ended, and when; none while it goes on.
+    pub fn outcome(&self) -> Option<(Time, Outcome)> {
+        self.outcome
+    }
+    /// The standstill that ended the run, if one did.
+    pub fn stall(&self) -> Option<&Stall> {
+        self.stall.as_ref()
+    }
+    /// When the swarm itself found out that nobody can go on, and who did; none while it has not, or if
+    /// somebody went on after all.
+    pub fn detected(&self) -> Option<(Time, ModuleId)> {
+        self.detected
+    }
+    /// The standstill as a question for a search.
+    pub fn plight(&self, world: &MetamoduleWorld) -> Standstill {
+        self.standstill(world, |known| known.status.is_none_or(|s| s.settled.is_none()))
+    }
+    /// How often somebody said so.
+    pub fn alarms(&self) -> u32 {
+        self.alarms
+    }
+    /// Faults that have struck.
+    pub fn struck(&self) -> &[Struck] {
+        self.faults.struck()
+    }
+    /// Processes that have died, and those that were started again.
+    pub fn crashed_and_restarted(&self) -> (u64, u64) {
+        self.faults.crashed_and_restarted()
+    }
+    /// When the last seed was filled.
+    pub fn last_fill(&self) -> Time {
+        self.last_fill
+    }
+    /// Locks refused because two would have met.
+    pub fn prevented(&self) -> u64 {
+        let now: u64 = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum();
+        self.prevented_before + now
+    }
+    /// What is being built, and where.
+    pub fn task(&self) -> Task {
+        self.task
+    }
+    /// All stages so far. A goal that has been moved is the same stage.
+    pub fn stages(&self) -> &[Stage] {
+        &self.stages
+    }
+    /// The seeds that are filled.
+    pub fn filled(&self) -> SeedSet {
+        self.filled
+    }
+    /// How far the run has come. Seeds stand for cells.
+    pub fn progress(&self) -> Progress {
+        Progress {
+            stage: u16::from(self.task.goal),
+            stages: self.setup.goals.len() as u16,
+            goal: self.setup.goal(self.task).seeds().len(),
+            filled: self.filled.len(),
+            alive: self.known.iter().filter(|k| k.alive).count(),
+            moves: self.moves,
+            messages: None,
+        }
+    }
+
+    fn finish(&mut self, now: Time, outcome: Outcome) {
+        if self.outcome.is_none() {
+            self.outcome = Some((now, outcome));
+            self.commands.push_back(Command::Finish);
+        }
+    }
+
+    /// Says in which state a fault finds a metamodule.
+    fn found(&self, id: ModuleId, world: &MetamoduleWorld) -> String {
+        let known = self.known[id.index()];
+        let doing = match known.status {
+            _ if !known.alive => "dead",
+            Some(s) if s.settled.is_some() => "settled",
+            _ => "free",
+        };
+        let acting = if world.is_acting(id) { ", acting" } else { "" };
+        format!("it was {doing} at {}{acting}", world.pose(id).state)
+    }
+
+    fn strike(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
+        // What is broken or mended may get a standstill going again.
+        self.last_deed = now;
+        let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
+        let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
+        self.faults.strike(now, fault, alive, effect, &mut self.commands);
+        match fault {
+            Fault::Stick(_) => world.set_stuck(id, true),
+            Fault::Unstick(_) => world.set_stuck(id, false),
+            _ => {}
+        }
+    }
+
+    fn strike_cell(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
+        let (cell, there, done) = match fault {
+            Fault::Block(cell) => (cell, true, world.block(cell)),
+            Fault::Unblock(cell) => (cell, false, world.unblock(cell)),
+            _ => return,
+        };
+        let effect = match (there, done) {
+            (true, true) => "the cell was free",
+            (true, false) => "a metamodule is in the cell, so nothing came into it",
+            (false, true) => "the obstacle is gone",
+            (false, false) => "there was no obstacle",
+        };
+        self.faults.strike(now, fault, false, format!("{cell}: {effect}"), &mut self.commands);
+        if done {
+            self.obstacles.clone_from(world.obstacles());
+            self.order_all(Order::Obstacle { cell, there });
+            self.relocate(now, world);
+        }
+    }
+
+    fn order_all(&mut self, order: Order) {
+        for id in (0..self.known.len() as u32).map(ModuleId) {
+            self.commands.push_back(Command::Order(id, order));
+        }
+    }
+
+    /// Cells that nobody who lives can clear.
+    fn foreign(&self, world: &MetamoduleWorld) -> BTreeSet<Cell> {
+        let dead = self.dead.iter().flat_map(|id| world.cells(*id));
+        dead.chain(world.obstacles()).copied().collect()
+    }
+
+    /// Whether something that stays is in a cell of a seed that is not filled.
+    fn is_seed_blocked(&self, foreign: &BTreeSet<Cell>) -> bool {
+        let mut unfilled = self.setup.seeds(self.task).filter(|(s, _)| !self.filled.has(*s));
+        unfilled.any(|(_, seed)| seed.cells().iter().any(|c| foreign.contains(c)))
+    }
+
+    /// Moves the goal if something that stays is in the way of a seed, to the nearest place that is
+    /// clear of all that stays, with a cell's width around it if there is room for that.
+    fn relocate(&mut self, now: Time, world: &MetamoduleWorld) {
+        self.trials.forget();
+        self.count_filled(now, world);
+        let foreign = self.foreign(world);
+        if self.relocate
+            && self.is_seed_blocked(&foreign)
+            && let Some(shift) = self.clear_place(&foreign)
+        {
+            self.move_to(now, shift);
+        }
+    }
+
+    /// Whether an open seed is barred to everybody who could fill it.
+    fn is_out_of_reach(&self, world: &MetamoduleWorld) -> bool {
+        let free = || {
+            let all = (0..).map(ModuleId).zip(&self.known).filter(|(id, k)| k.alive && !world.is_stuck(*id));
+            all.filter_map(|(_, k)| k.status).filter(|s| s.settled.is_none())
+        };
+        let open = self.setup.goal(self.task).open(self.filled);
+        free().next().is_some() && open.iter().any(|seed| free().all(|s| s.barred.has(seed)))
+    }
+
+    /// Everybody who can move, and nothing built: what a goal could be built from at another place.
+    fn all_free(&self, world: &MetamoduleWorld) -> Standstill {
+        Standstill { filled: SeedSet::default(), ..self.standstill(world, |_| true) }
+    }
+
+    fn standstill(&self, world: &MetamoduleWorld, is_free: impl Fn(&Known) -> bool) -> Standstill {
+        let (mut free, mut fixed) = (Vec::new(), Vec::from_iter(world.obstacles().iter().copied()));
+        for (id, known) in (0..).map(ModuleId).zip(&self.known) {
+            let pose = world.pose(id);
+            if known.alive && !world.is_stuck(id) && is_free(known) {
+                // Whoever is held at both ends lets go of the older one first.
+                let around = self.setup.motions.turned_around(pose).filter(|_| pose.both);
+                free.push(around.unwrap_or(pose));
+            } else {
+                fixed.extend(world.cells(id));
+            }
+        }
+        let setup = Arc::clone(&self.setup);
+        Standstill { setup, task: self.task, filled: self.filled, free, fixed }
+    }
+
+    /// Moves the goal after a standstill: for `negotiated` to where a search builds it or may, for the others,
+    /// whose local minima no search foresees, once to a place that is clear. Says whether it has been moved.
+    fn move_away(&mut self, now: Time, world: &MetamoduleWorld) -> bool {
+        if !self.relocate {
+            return false;
+        }
+        let to = if self.setup.params.strategy == Strategy::Negotiated {
+            let next = self.trials.next(&self.all_free(world));
+            self.elsewhere = Some(next);
+            match next {
+                Elsewhere::Place(shift) => Some(shift),
+                Elsewhere::Barred(_) | Elsewhere::Unproved => None,
+            }
+        } else {
+            let foreign = self.foreign(world);
+            let may_move = !self.moved && !foreign.is_empty();
+            may_move.then(|| self.clear_place(&foreign)).flatten()
+        };
+        to.map(|shift| self.move_to(now, shift)).is_some()
+    }
+
+    fn clear_place(&self, foreign: &BTreeSet<Cell>) -> Option<Shift> {
+        clear_places(&self.setup, self.task, foreign).into_iter().find(|shift| *shift != self.task.shift)
+    }
+
+    fn move_to(&mut self, now: Time, shift: Shift) {
+        self.moved = true;
+        self.begin(now, self.task.goal, shift);
+    }
+
+    /// Something else is built from now on.
+    fn begin(&mut self, now: Time, goal: u8, shift: (i16, i16)) {
+        if goal != self.task.goal {
+            self.stages.push(opened(self.setup.goal(Task { goal, ..self.task }), now));
+            self.trials.forget();
+        }
+        self.task = Task { epoch: self.task.epoch.saturating_add(1), goal, shift };
+        self.filled = SeedSet::default();
+        self.elsewhere = None;
+        (self.last_fill, self.last_deed) = (now, now);
+        let order = self.seeds();
+        self.order_all(order);
+        self.told = None;
+        self.next_check = now;
+    }
+
+    /// Tells everybody where the dead stay, once their bodies have come to rest.
+    fn tell_deaths(&mut self, now: Time, world: &MetamoduleWorld) {
+        let still: Vec<ModuleId> = self.untold.iter().copied().filter(|id| !world.is_acting(*id)).collect();
+        for dead in &still {
+            self.untold.remove(dead);
+            self.order_all(Order::Dead { id: *dead, pose: world.pose(*dead) });
+        }
+        if !still.is_empty() {
+            self.relocate(now, world);
+        }
+    }
+
+    fn count_filled(&mut self, now: Time, world: &MetamoduleWorld) {
+        let mut filled = SeedSet::default();
+        for (i, seed) in self.setup.seeds(self.task) {
+            let cells = seed.cells();
+            let fills = |(id, known): (usize, &Known)| {
+                let stays = !known.alive || known.status.is_some_and(|s| s.settled == Some(i));
+                stays && *world.cells(ModuleId(id as u32)) == cells
+            };
+            if self.known.iter().enumerate().any(fills) {
+                filled = filled.with(i);
+            }
+        }
+        if filled != self.filled {
+            self.filled = filled;
+            self.last_fill = now;
+        }
+        let all = self.setup.goal(self.task).seeds().len();
+        if let Some(stage) = self.stages.last_mut() {
+            stage.filled = filled.len();
+            if filled.len() < all {
+                stage.built = None;
+            } else {
+                stage.built.get_or_insert(now);
+            }
+        }
+    }
+
+    fn seeds(&self) -> Order {
+        let open = self.setup.goal(self.task).open(self.filled);
+        Order::Seeds { task: self.task, open, filled: self.filled }
+    }
+
+    fn watch(&mut self, now: Time, world: &MetamoduleWorld) {
+        let deeds = world.deeds();
+        self.moves = deeds.moves;
+        let done = deeds.turns + deeds.moves + deeds.released;
+        if done != self.done {
+            self.done = done;
+            self.last_deed = now;
+        }
+        self.next_check = now + self.setup.params.turn_time;
+        self.count_filled(now, world);
+        let told_by_us = self.setup.params.teller == Teller::Controller;
+        if self.told != Some((self.task, self.filled)) && (told_by_us || self.told.is_none()) {
+            self.told = Some((self.task, self.filled));
+            if told_by_us {
+                let order = self.seeds();
+                self.order_all(order);
+            }
+        }
+        if self.changes.is_empty() && self.filled.holds(self.setup.goal(self.task).all()) {
+            return self.finish(now, Outcome::Built);
+        }
+        let cut = now < self.stop.planned_until;
+        let planned = self.faults.is_pending() || !self.changes.is_empty() || cut;
+        if !planned && self.is_stranded(world) && self.move_away(now, world) {
+            return;
+        }
+        let idle_since = self.last_deed.max(self.last_fill).max(self.stop.planned_until);
+        if now >= self.stop.timeout {
+            self.stall = Some(self.explain(idle_since, world));
+            self.finish(now, Outcome::Timeout);
+        } else if planned {
+            // Something will still happen.
+        } else if now.since(idle_since) > self.stop.stall || (self.heed && self.detected.is_some()) {
+            self.stand_still(now, idle_since, Outcome::Deadlock, world);
+        } else if now.since(self.last_fill.max(self.stop.planned_until)) > self.stop.livelock {
+            self.stand_still(now, self.last_fill, Outcome::Livelock, world);
+        }
+    }
+
+    /// Moves the goal after a standstill, or ends the run.
+    fn stand_still(&mut self, now: Time, since: Time, outcome: Outcome, world: &MetamoduleWorld) {
+        if !self.move_away(now, world) {
+            self.stall = Some(self.explain(since, world));
+            self.finish(now, outcome);
+        }
+    }
+
+    /// Whether everybody is barred from an open seed, and all together have no way either. Asked once for what
+    /// is built, as the answer takes a search.
+    fn is_stranded(&mut self, world: &MetamoduleWorld) -> bool {
+        let built = (self.task, self.filled);
+        if !self.relocate || self.out_of_reach == Some(built) || !self.is_out_of_reach(world) {
+            return false;
+        }
+        self.out_of_reach = Some(built);
+        matches!(search(&self.plight(world), WORK), Sought::NoWay(_))
+    }
+}
+
+impl Direct<MetamoduleWorld> for MetamoduleDirector {
+    fn report(&mut self, now: Time, id: ModuleId, report: Status) {
+        let before = self.known[id.index()].status.replace(report);
+        self.alarms += u32::from(report.deadlocked && !before.is_some_and(|s| s.deadlocked));
+        match (report.deadlocked, self.detected) {
+            (true, None) => self.detected = Some((now, id)),
+            (false, Some((_, by))) if by == id => self.detected = None,
+            _ => {}
+        }
+        if before.and_then(|s| s.settled) != report.settled {
+            self.next_check = Time::ZERO;
+        }
+    }
+
+    fn died(&mut self, _now: Time, id: ModuleId) {
+        self.faults.died(id);
+        self.known[id.index()].alive = false;
+        self.detected = self.detected.filter(|(_, by)| *by != id);
+        self.dead.insert(id);
+        self.untold.insert(id);
+        self.next_check = Time::ZERO;
+    }
+
+    fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &MetamoduleWorld) {
+        self.last_deed = now;
+        let found = self.found(id, world);
+        self.faults.external(now, id, what, &found);
+    }
+    fn started(&mut self, _now: Time, id: ModuleId) {
+        let before = std::mem::replace(&mut self.known[id.index()], Known { alive: true, status: None });
+        self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
+        self.untold.remove(&id);
+        self.trials.forget();
+        if self.dead.remove(&id) {
+            self.order_all(Order::Alive { id });
+        }
+        if self.told.is_some() {
+            let order = self.seeds();
+            self.commands.push_back(Command::Order(id, order));
+        }
+        let there = |cell: &Cell| Command::Order(id, Order::Obstacle { cell: *cell, there: true });
+        self.commands.extend(self.obstacles.iter().map(there));
+        // Who has lost its memory has to be told again who is dead; the others do not mind.
+        self.untold.extend(self.dead.iter().copied());
+    }
+
+    fn wake(&mut self, now: Time, world: &mut MetamoduleWorld) {
+        if self.outcome.is_some() {
+            return;
+        }
+        // Real processes are not up at time zero.
+        world.set_failure(self.failure);
+        while let Some(fault) = self.faults.due(now) {
+            self.strike(now, fault, world);
+        }
+        while let Some((_, goal)) = self.changes.front().copied().filter(|(at, _)| *at <= now) {
+            self.changes.pop_front();
+            self.begin(now, goal, (0, 0));
+        }
+        self.tell_deaths(now, world);
+        self.watch(now, world);
+    }
+
+    fn wake_at(&self) -> Time {
+        if self.outcome.is_some() {
+            return Time::NEVER;
+        }
+        let change = self.changes.front().map_or(Time::NEVER, |(at, _)| *at);
+        self.faults.next_at().min(change).min(self.next_check).min(self.stop.timeout)
+    }
+
+    fn poll(&mut self) -> Option<Command<Order>> {
+        self.commands.pop_front()
+    }
+
+    fn struck(&self) -> &[Struck] {
+        self.faults.struck()
+    }
+}

@@ -1,0 +1,128 @@
+//! Why metamodules stand still: the reason, who waits for whom, and what a search proves.
+
+use super::{Known, MetamoduleDirector};
+use crate::director::outcome::{Proof, Reason, Stall, Waiter, Why};
+use crate::metamodule::relocation::Elsewhere;
+use crate::metamodule::world::MetamoduleWorld;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::metamodule::planning::cooperative::{Sought, WORK, search};
+use metamorph_protocol::time::Time;
+use std::collections::BTreeSet;
+
+impl MetamoduleDirector {
+    /// Says why nothing goes on: the unfilled seeds, who waits for whom by the last refusal, and what is proved.
+    pub(super) fn explain(&self, since: Time, world: &MetamoduleWorld) -> Stall {
+        let unfilled = self.setup.goal(self.task).all().without(self.filled);
+        let is_free = |(id, k): &(ModuleId, &Known)| {
+            k.alive && !world.is_stuck(*id) && k.status.is_some_and(|s| s.settled.is_none())
+        };
+        let free: Vec<Waiter> =
+            (0..).map(ModuleId).zip(&self.known).filter(is_free).map(|(id, k)| self.waiter(id, k)).collect();
+        let waits: Vec<_> = free.iter().map(|w| (w.module, w.on)).collect();
+        let all = (0..self.known.len() as u32).map(ModuleId);
+        let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
+        let stays: BTreeSet<Cell> = self.foreign(world).into_iter().chain(stuck).collect();
+        let negotiated = self.setup.params.strategy == Strategy::Negotiated;
+        let sought = if negotiated { search(&self.plight(world), WORK) } else { Sought::Undecided };
+        let proof = self.proof(&sought);
+        // By precedence a metamodule also waits for one that is refused nothing and has nowhere to go.
+        let ordered = self.setup.params.precedence.is_some();
+        let here = if free.len() < unfilled.len() {
+            Reason::MaterialExhausted
+        } else if self.is_seed_blocked(&stays) {
+            Reason::SeedBlocked
+        } else if matches!(sought, Sought::Way(_)) {
+            Reason::Blocked
+        } else if matches!(sought, Sought::NoWay(_)) || self.is_out_of_reach(world) {
+            Reason::NoWay
+        } else if negotiated {
+            Reason::Blocked
+        } else if free.iter().filter(|w| w.on.is_some()).count() >= if ordered { free.len() } else { 1 } {
+            Reason::NoLock
+        } else {
+            Reason::NoBetterPlace
+        };
+        let may_be_elsewhere =
+            negotiated && self.relocate && !matches!(self.elsewhere, Some(Elsewhere::Barred(_)));
+        let reason = match here {
+            Reason::SeedBlocked | Reason::NoWay if may_be_elsewhere => Reason::Misplaced,
+            here => here,
+        };
+        Stall {
+            since,
+            reason,
+            text: reason.text(),
+            unfilled: unfilled
+                .iter()
+                .filter_map(|s| self.setup.seed(self.task, s))
+                .map(|s| s.foot)
+                .map(|(x, y)| Cell::new(x, y, 0))
+                .collect(),
+            wait_cycle: cycle(&waits),
+            waiting: free,
+            detected: self.detected,
+            proof,
+        }
+    }
+
+    /// What a search at a standstill and at other places has proved.
+    fn proof(&self, sought: &Sought) -> Option<Proof> {
+        let Sought::NoWay(arrangements) = *sought else { return None };
+        match self.elsewhere {
+            Some(Elsewhere::Barred(places)) => Some(Proof { arrangements, places: Some(places) }),
+            None if !self.relocate => Some(Proof { arrangements, places: None }),
+            _ => None,
+        }
+    }
+
+    fn waiter(&self, module: ModuleId, known: &Known) -> Waiter {
+        let on = known.status.and_then(|s| s.waits_for);
+        let open = self.setup.goal(self.task).open(self.filled);
+        let barred = known.status.is_some_and(|s| !open.is_empty() && s.barred.holds(open));
+        let why = match on {
+            Some(other) if self.dead.contains(&other) => Why::WaitsForDead,
+            Some(_) => Why::Waits,
+            None if barred => Why::Barred,
+            None if self.setup.params.strategy == Strategy::Negotiated => Why::Unknown,
+            None => Why::NoBetterPlace,
+        };
+        Waiter { module, on, why }
+    }
+}
+
+/// Whoever waits for each other in a circle; each waits for one at most.
+fn cycle(waiting: &[(ModuleId, Option<ModuleId>)]) -> Vec<ModuleId> {
+    let on = |id: ModuleId| waiting.iter().find(|(w, _)| *w == id).and_then(|(_, on)| *on);
+    for (start, _) in waiting {
+        let mut path = vec![*start];
+        while let Some(next) = path.last().and_then(|id| on(*id)) {
+            if next == *start {
+                path.sort_unstable();
+                return path;
+            }
+            if path.contains(&next) {
+                break;
+            }
+            path.push(next);
+        }
+    }
+    Vec::new()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finds_who_waits_in_a_circle() {
+        let wait = |pairs: &[(u32, Option<u32>)]| {
+            let pairs: Vec<_> = pairs.iter().map(|(a, b)| (ModuleId(*a), b.map(ModuleId))).collect();
+            cycle(&pairs)
+        };
+        assert_eq!(wait(&[(0, Some(1)), (1, Some(2)), (2, Some(1))]), [ModuleId(1), ModuleId(2)]);
+        assert_eq!(wait(&[(0, Some(1)), (1, None)]), []);
+        assert_eq!(wait(&[(0, Some(7))]), []);
+    }
+}

@@ -1,0 +1,543 @@
+//! The world of metamodules: who stands where, what each end grips, which steps are under way.
+//!
+//! The world is the interlock: a joint turns only if all cells that the step sweeps, core and graze
+//! (`roombots::sweep`), are free of other bodies and of the steps of other bodies; an end grips only
+//! a connector of the floor; the last end does not let go. Ports are links to whoever stands within
+//! hearing. Deliberately absent: gravity, torque, bending; walls; gripping other metamodules.
+
+mod safety;
+
+use crate::cube::grid::{Grid, Occupant};
+use crate::world::invariants::{Invariant, Violation};
+use crate::world::{Contact, Sensed, World, due};
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::digest::Portable;
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::metamodule::message::{Action, Deed, Percept, Refusal};
+use metamorph_protocol::metamodule::motions::Sweep;
+use metamorph_protocol::metamodule::params::Setup;
+use metamorph_protocol::metamodule::pose::Pose;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::rng::Stream;
+use metamorph_protocol::time::Time;
+use std::cmp::Reverse;
+use std::collections::{BTreeSet, BinaryHeap, VecDeque};
+use std::hash::{Hash, Hasher};
+use std::sync::Arc;
+
+/// An action under way.
+#[derive(Clone, Debug, Hash)]
+struct UnderWay {
+    to: Pose,
+    /// Everything the body may be in while it acts.
+    claimed: Vec<Cell>,
+    deed: Deed,
+    fails: bool,
+}
+
+#[derive(Clone, Debug, Hash)]
+struct Body {
+    pose: Pose,
+    /// Whether the foot and the head grip.
+    grips: [bool; 2],
+    cells: [Cell; 4],
+    incarnation: Incarnation,
+    revision: Revision,
+    contacts: Vec<Option<Contact>>,
+    under_way: Option<UnderWay>,
+    stuck: bool,
+}
+
+impl Body {
+    fn taken(&self) -> &[Cell] {
+        self.under_way.as_ref().map_or(&self.cells, |u| &u.claimed)
+    }
+}
+
+/// What bodies did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Deeds {
+    /// Actions begun.
+    pub started: u64,
+    /// Steps of joints completed.
+    pub turns: u64,
+    /// Moves: all between two connections is one (thesis 5.1.4), so this counts connections made.
+    pub moves: u64,
+    /// Ends let go.
+    pub released: u64,
+    /// Actions that failed: stuck joints and failed connections.
+    pub failed: u64,
+    /// Actions refused because of another body.
+    pub blocked: u64,
+    /// Actions refused because they came too late.
+    pub late: u64,
+    /// Actions refused because the neighbourhood had changed.
+    pub stale: u64,
+    /// Actions refused because the body could not do that, or was busy.
+    pub impossible: u64,
+}
+
+/// A simulated world of metamodules.
+#[derive(Clone, Debug)]
+pub struct MetamoduleWorld {
+    setup: Arc<Setup>,
+    bodies: Vec<Body>,
+    /// Cells with something foreign in them.
+    obstacles: BTreeSet<Cell>,
+    /// Who is in a cell, or may be in it while it acts: the account that the safety checks keep by
+    /// themselves. The interlock does not look at it.
+    claims: Grid,
+    due: BinaryHeap<Reverse<(Time, u64, ModuleId)>>,
+    order: u64,
+    sensed: VecDeque<(ModuleId, Sensed<Percept>)>,
+    sessions: u32,
+    failure: Ratio,
+    joints: Stream,
+    deeds: Deeds,
+    violations: Vec<Violation>,
+}
+
+impl MetamoduleWorld {
+    /// A world with a metamodule in each pose; their ids are the places in the list.
+    pub fn new(setup: Arc<Setup>, poses: &[Pose], seed: u64) -> MetamoduleWorld {
+        let body = |pose: &Pose| Body {
+            pose: *pose,
+            grips: [pose.both; 2],
+            cells: setup.motions.cells(*pose),
+            incarnation: Incarnation(0),
+            revision: Revision(0),
+            contacts: vec![None; Metamodule::PORTS],
+            under_way: None,
+            stuck: false,
+        };
+        let mut world = MetamoduleWorld {
+            bodies: poses.iter().map(body).collect(),
+            setup,
+            obstacles: BTreeSet::new(),
+            claims: Grid::default(),
+            due: BinaryHeap::new(),
+            order: 0,
+            sensed: VecDeque::new(),
+            sessions: 0,
+            failure: Ratio::ZERO,
+            joints: Stream::named(seed, "joints", 0),
+            deeds: Deeds::default(),
+            violations: Vec::new(),
+        };
+        for id in (0..poses.len() as u32).map(ModuleId) {
+            let body = &mut world.bodies[id.index()];
+            body.grips[body.pose.end as usize] = true;
+            world.check(Time::ZERO, id);
+            world.claim(id);
+            world.hear(id, false);
+        }
+        world
+    }
+
+    /// From now on each connection fails with this probability.
+    pub fn set_failure(&mut self, p: Ratio) {
+        self.failure = p;
+    }
+    /// Whether its joints are stuck.
+    pub fn is_stuck(&self, id: ModuleId) -> bool {
+        self.bodies[id.index()].stuck
+    }
+    /// From now on this metamodule's joints do not turn (stuck), or turn again.
+    pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
+        self.bodies[id.index()].stuck = stuck;
+    }
+    /// Something foreign comes into a cell, unless a body is there or about to be; whether it did.
+    pub fn block(&mut self, cell: Cell) -> bool {
+        let free = !self.bodies.iter().any(|b| b.taken().contains(&cell));
+        if free {
+            self.obstacles.insert(cell);
+        }
+        free
+    }
+    /// It is taken away; whether it was there.
+    pub fn unblock(&mut self, cell: Cell) -> bool {
+        self.obstacles.remove(&cell)
+    }
+    /// Cells with something foreign in them.
+    pub fn obstacles(&self) -> &BTreeSet<Cell> {
+        &self.obstacles
+    }
+    /// What bodies did so far.
+    pub fn deeds(&self) -> Deeds {
+        self.deeds
+    }
+    /// Where a body is; during an action, where it was before.
+    pub fn pose(&self, id: ModuleId) -> Pose {
+        self.bodies[id.index()].pose
+    }
+    /// The four cells of a body, from the attached end on.
+    pub fn cells(&self, id: ModuleId) -> &[Cell] {
+        &self.bodies[id.index()].cells
+    }
+    /// Everything that a body is in, or may be in while it acts.
+    pub fn taken(&self, id: ModuleId) -> &[Cell] {
+        self.bodies[id.index()].taken()
+    }
+    /// When the action that a body is about ends, if it acts.
+    pub fn acting_until(&self, id: ModuleId) -> Option<Time> {
+        self.due.iter().find(|Reverse((_, _, of))| *of == id).map(|Reverse((at, _, _))| *at)
+    }
+    /// Whether a body is acting.
+    pub fn is_acting(&self, id: ModuleId) -> bool {
+        self.bodies[id.index()].under_way.is_some()
+    }
+    /// What everybody shares.
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+    /// Invariants broken since the last call.
+    pub fn take_violations(&mut self) -> Vec<Violation> {
+        std::mem::take(&mut self.violations)
+    }
+
+    fn violate(&mut self, invariant: Invariant, at: Time, what: String) {
+        self.violations.push(Violation { invariant, at, what });
+    }
+
+    fn set_contact(&mut self, id: ModuleId, port: Port, contact: Option<Contact>, tell: bool) {
+        let body = &mut self.bodies[id.index()];
+        body.contacts[port.index()] = contact;
+        body.revision.0 += 1;
+        let revision = body.revision;
+        if tell {
+            self.sensed.push_back((id, Sensed::Contact { port, revision, contact }));
+        }
+    }
+
+    fn link(&self, id: ModuleId, peer: ModuleId) -> Option<Contact> {
+        self.bodies[id.index()].contacts.iter().flatten().find(|c| c.peer == peer).copied()
+    }
+
+    fn disconnect(&mut self, id: ModuleId, contact: Contact, tell: bool) {
+        let mine = self.link(contact.peer, id);
+        self.set_contact(contact.peer, contact.peer_port, None, tell);
+        if let Some(mine) = mine {
+            self.set_contact(id, mine.peer_port, None, tell);
+        }
+    }
+
+    /// Opens links to all who have come into hearing, and closes those to whoever has left it.
+    fn hear(&mut self, id: ModuleId, tell: bool) {
+        let foot = self.bodies[id.index()].pose.foot();
+        for peer in (0..self.bodies.len() as u32).map(ModuleId).filter(|p| *p != id) {
+            let other = self.bodies[peer.index()].pose.foot();
+            let near = foot.0.abs_diff(other.0).max(foot.1.abs_diff(other.1)) <= self.setup.params.hearing;
+            match (near, self.link(id, peer)) {
+                (true, None) => self.connect(id, peer, tell),
+                (false, Some(contact)) => self.disconnect(id, contact, tell),
+                _ => {}
+            }
+        }
+    }
+
+    fn connect(&mut self, id: ModuleId, peer: ModuleId, tell: bool) {
+        let free = |of: &Body| of.contacts.iter().position(Option::is_none).map(|p| Port(p as u8));
+        // Whoever has no port left does not hear the other; the interlock is all that is between them.
+        let (Some(mine), Some(theirs)) = (free(&self.bodies[id.index()]), free(&self.bodies[peer.index()]))
+        else {
+            return;
+        };
+        self.sessions += 1;
+        let session = Session(self.sessions);
+        let end = |of: &Body, peer, peer_port| Contact {
+            session,
+            peer,
+            peer_incarnation: of.incarnation,
+            peer_port,
+        };
+        let to_me = end(&self.bodies[peer.index()], peer, theirs);
+        let to_them = end(&self.bodies[id.index()], id, mine);
+        self.set_contact(id, mine, Some(to_me), tell);
+        self.set_contact(peer, theirs, Some(to_them), tell);
+    }
+
+    fn refuse(&mut self, id: ModuleId, why: Refusal) {
+        match why {
+            Refusal::Blocked => self.deeds.blocked += 1,
+            Refusal::Late => self.deeds.late += 1,
+            Refusal::Stale => self.deeds.stale += 1,
+            Refusal::Busy | Refusal::Impossible => self.deeds.impossible += 1,
+        }
+        self.sensed.push_back((id, Sensed::Percept(Percept::Refused(why))));
+    }
+
+    /// What an action leads to and which cells it needs, if the body can do it at all.
+    fn judge(&self, id: ModuleId, deed: Deed) -> Option<(Pose, Vec<Cell>)> {
+        let (body, motions) = (&self.bodies[id.index()], &self.setup.motions);
+        let pose = body.pose;
+        match deed {
+            // A body held at both ends is a closed chain: its joints cannot turn by a step.
+            Deed::Turn(_) if pose.both => None,
+            Deed::Turn(number) => {
+                let (posture, swept) = motions.graph().step(pose.posture, number)?;
+                let swept = motions.swept(pose.state, Sweep(swept));
+                Some((Pose { posture, ..pose }, swept.chain(body.cells).collect()))
+            }
+            Deed::Attach => {
+                motions.landing(pose).filter(|s| self.setup.floor.has(s.x, s.y) && !pose.both)?;
+                Some((Pose { both: true, ..pose }, body.cells.to_vec()))
+            }
+            Deed::Detach => {
+                let around = motions.turned_around(pose).filter(|_| pose.both)?;
+                Some((Pose { both: false, ..around }, body.cells.to_vec()))
+            }
+        }
+    }
+
+    fn is_free(&self, id: ModuleId, cells: &[Cell]) -> bool {
+        let others = self.bodies.iter().enumerate().filter(|(i, _)| *i != id.index());
+        let mut taken = others.flat_map(|(_, b)| b.taken()).chain(&self.obstacles);
+        !taken.any(|c| cells.contains(c))
+    }
+
+    fn complete(&mut self, now: Time, id: ModuleId) {
+        let motions = &self.setup.motions;
+        let body = &mut self.bodies[id.index()];
+        let Some(UnderWay { to, claimed, deed, fails }) = body.under_way.take() else { return };
+        if fails {
+            self.check_end(now, id, &claimed);
+            self.deeds.failed += 1;
+            self.sensed.push_back((id, Sensed::Percept(Percept::Failed)));
+            return;
+        }
+        match deed {
+            Deed::Turn(_) => self.deeds.turns += 1,
+            Deed::Attach => {
+                self.deeds.moves += 1;
+                body.grips[body.pose.end.other() as usize] = true;
+            }
+            Deed::Detach => {
+                self.deeds.released += 1;
+                body.grips[body.pose.end as usize] = false;
+            }
+        }
+        body.pose = to;
+        body.cells = motions.cells(to);
+        self.sensed.push_back((id, Sensed::Percept(Percept::Done(to))));
+        self.check_end(now, id, &claimed);
+        if deed == Deed::Detach {
+            self.hear(id, true);
+        }
+    }
+}
+
+/// What a world can do from now on depends on this; counts are left out.
+impl Hash for MetamoduleWorld {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (&self.bodies, &self.obstacles).hash(state);
+        due(&self.due).hash(state);
+        (self.sessions, &self.joints).hash(state);
+    }
+}
+
+impl World for MetamoduleWorld {
+    type Agent = Metamodule;
+
+    fn len(&self) -> usize {
+        self.bodies.len()
+    }
+
+    fn place(&self, id: ModuleId) -> Pose {
+        self.pose(id)
+    }
+
+    fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
+        let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
+        let body = &self.bodies[id.index()];
+        let contacts = body.contacts.clone();
+        if before == incarnation {
+            // First life: the sessions are as old as the world, only this module must hear of them.
+            let revision = body.revision;
+            for (i, contact) in contacts.into_iter().enumerate().filter(|(_, c)| c.is_some()) {
+                self.sensed.push_back((id, Sensed::Contact { port: Port(i as u8), revision, contact }));
+            }
+        } else {
+            contacts.into_iter().flatten().for_each(|c| self.disconnect(id, c, true));
+            self.hear(id, true);
+        }
+    }
+
+    fn act(&mut self, now: Time, id: ModuleId, sensed: Revision, action: &Action) {
+        let body = &self.bodies[id.index()];
+        if body.under_way.is_some() {
+            return self.refuse(id, Refusal::Busy);
+        }
+        if sensed != body.revision {
+            return self.refuse(id, Refusal::Stale);
+        }
+        if now > action.not_after {
+            return self.refuse(id, Refusal::Late);
+        }
+        let Some((to, claimed)) = self.judge(id, action.deed) else {
+            return self.refuse(id, Refusal::Impossible);
+        };
+        if !self.is_free(id, &claimed) {
+            return self.refuse(id, Refusal::Blocked);
+        }
+        let (takes, fails) = match action.deed {
+            Deed::Turn(_) => (self.setup.params.turn_time, body.stuck),
+            Deed::Attach => (self.setup.params.connect_time, self.joints.chance(self.failure)),
+            Deed::Detach => (self.setup.params.connect_time, false),
+        };
+        self.deeds.started += 1;
+        self.order += 1;
+        self.due.push(Reverse((now + takes, self.order, id)));
+        self.bodies[id.index()].under_way = Some(UnderWay { to, claimed, deed: action.deed, fails });
+        self.check_begin(now, id);
+    }
+
+    fn next_event(&self) -> Time {
+        self.due.peek().map_or(Time::NEVER, |Reverse((at, _, _))| *at)
+    }
+
+    fn advance(&mut self, now: Time) {
+        while let Some(Reverse((at, _, id))) = self.due.peek().copied() {
+            if at > now {
+                break;
+            }
+            self.due.pop();
+            self.complete(at, id);
+        }
+    }
+
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        let mut hasher = Portable::new(hasher);
+        for body in &self.bodies {
+            let Body { pose, grips, cells: _, incarnation, revision, contacts, under_way, stuck } = body;
+            (pose, grips, incarnation, revision, contacts, stuck).hash(&mut hasher);
+            let under_way = under_way.as_ref();
+            under_way.map(|UnderWay { to, claimed: _, deed, fails }| (to, deed, fails)).hash(&mut hasher);
+        }
+        (&self.obstacles, due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
+    }
+
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {
+        self.sensed.pop_front()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four};
+    use metamorph_protocol::metamodule::motions::Motions;
+    use metamorph_protocol::metamodule::params::{Floor, Params, Strategy};
+    use metamorph_protocol::metamodule::pose::End;
+    use metamorph_protocol::roombots::Kind;
+    use metamorph_protocol::roombots::database::{CellSet, Database};
+    use metamorph_protocol::roombots::grid::GridState;
+    use metamorph_protocol::roombots::posture::Posture;
+    use metamorph_protocol::time::Span;
+
+    pub(super) fn setup() -> Arc<Setup> {
+        Arc::new(Setup {
+            params: Params::scaled(Strategy::Greedy, Span::secs(1), Span::millis(10)),
+            floor: Floor { min: (0, 0), max: (12, 12) },
+            goals: vec![Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap()],
+            motions: Motions::new(Arc::new(Database::build()), Kind::Srs).unwrap(),
+        })
+    }
+
+    pub(super) fn upright(setup: &Setup, x: i16, y: i16) -> Pose {
+        let posture = setup.motions.table().find(Posture::zero(Kind::Srs)).unwrap();
+        Pose { state: GridState::new(x, y, 0), end: End::Foot, both: false, posture }
+    }
+
+    pub(super) fn act(world: &mut MetamoduleWorld, deed: Deed) -> Percept {
+        let (now, id) = (world.due.peek().map_or(Time::ZERO, |Reverse((at, ..))| *at), ModuleId(0));
+        let revision = world.bodies[0].revision;
+        world.act(now, id, revision, &Action { deed, not_after: now });
+        world.advance(Time(u64::MAX - 1));
+        let percept = |s| if let (ModuleId(0), Sensed::Percept(p)) = s { Some(p) } else { None };
+        std::iter::from_fn(|| world.poll()).filter_map(percept).last().unwrap()
+    }
+
+    #[test]
+    fn the_last_end_does_not_let_go_and_air_cannot_be_gripped() {
+        let setup = setup();
+        let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[upright(&setup, 3, 3)], 1);
+        for deed in [Deed::Detach, Deed::Attach, Deed::Turn(u16::MAX)] {
+            assert_eq!(act(&mut world, deed), Percept::Refused(Refusal::Impossible));
+        }
+    }
+
+    /// Every landing there is, from upright, step by step; then the other end holds.
+    #[test]
+    fn makes_every_landing() {
+        let setup = setup();
+        let (motions, table) = (&setup.motions, setup.motions.table());
+        let from = upright(&setup, 6, 6);
+        let reach = table.reach(from.posture, &CellSet::default());
+        for landing in table.landings() {
+            let (to, _) = reach.postures().find(|(p, _)| landing.postures.contains(p)).unwrap();
+            let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
+            for (step, _) in table.way_within(&reach, from.posture, to).unwrap().steps {
+                assert!(matches!(act(&mut world, Deed::Turn(step)), Percept::Done(_)));
+            }
+            assert!(matches!(act(&mut world, Deed::Attach), Percept::Done(p) if p.both));
+            assert_eq!(act(&mut world, Deed::Turn(0)), Percept::Refused(Refusal::Impossible));
+            let Percept::Done(pose) = act(&mut world, Deed::Detach) else { panic!() };
+            assert_eq!((pose.state, pose.end, pose.both), (from.state.then(landing.state), End::Head, false));
+            let mut cells = motions.cells(Pose { posture: to, ..from });
+            cells.reverse();
+            assert_eq!(world.cells(ModuleId(0)), cells, "the body is where it was, seen from its other end");
+            assert_eq!((world.deeds().moves, world.take_violations().len()), (1, 0));
+        }
+    }
+
+    #[test]
+    fn a_step_into_another_body_is_refused() {
+        let setup = setup();
+        let from = upright(&setup, 6, 6);
+        let mut refused = 0;
+        for number in 0..setup.motions.table().steps().len() as u16 {
+            let Some((_, swept)) = setup.motions.graph().step(from.posture, number) else { continue };
+            let swept: Vec<Cell> = setup.motions.swept(from.state, Sweep(swept)).collect();
+            for (dx, dy) in [(1, 0), (0, 1), (-1, 0), (0, -1), (3, 3)] {
+                let other = upright(&setup, 6 + dx, 6 + dy);
+                let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from, other], 1);
+                let meets = world.cells(ModuleId(1)).iter().any(|c| swept.contains(c));
+                let blocked = act(&mut world, Deed::Turn(number)) == Percept::Refused(Refusal::Blocked);
+                assert_eq!(blocked, meets, "step {number}, other at {dx}, {dy}");
+                refused += u32::from(blocked);
+            }
+        }
+        assert!(refused > 0);
+    }
+
+    #[test]
+    fn what_is_foreign_stays_out_of_bodies_and_bodies_out_of_it() {
+        let setup = setup();
+        let from = upright(&setup, 6, 6);
+        let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
+        assert!(!world.block(Cell::new(6, 6, 3)), "a body is there");
+        let steps = 0..setup.motions.table().steps().len() as u16;
+        let swept = |n| setup.motions.graph().step(from.posture, n).map(|(_, s)| (n, s));
+        let (number, swept) = steps.filter_map(swept).next().unwrap();
+        let cell = setup.motions.swept(from.state, Sweep(swept)).find(|c| (c.x, c.y) != (6, 6)).unwrap();
+        assert!(world.block(cell));
+        assert_eq!(act(&mut world, Deed::Turn(number)), Percept::Refused(Refusal::Blocked));
+        assert!(world.unblock(cell) && !world.unblock(cell));
+        assert!(matches!(act(&mut world, Deed::Turn(number)), Percept::Done(_)));
+        world.obstacles.insert(world.cells(ModuleId(0))[2]);
+        world.check_all(Time::ZERO);
+        assert_eq!(world.take_violations()[0].invariant, Invariant::OneModulePerCell);
+    }
+
+    #[test]
+    fn hears_only_whoever_is_near() {
+        let setup = setup();
+        let far = setup.params.hearing as i16;
+        let poses = [upright(&setup, 0, 0), upright(&setup, far, 0), upright(&setup, far + 1, 0)];
+        let world = MetamoduleWorld::new(Arc::clone(&setup), &poses, 1);
+        let linked = |a, b| world.link(ModuleId(a), ModuleId(b)).is_some();
+        assert!(linked(0, 1) && linked(1, 0) && linked(1, 2) && !linked(0, 2));
+    }
+}

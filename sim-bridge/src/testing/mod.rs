@@ -1,0 +1,3 @@
+//! Agents and worlds that exist for tests and benchmarks.
+
+pub mod flood;

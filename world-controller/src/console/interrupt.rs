@@ -1,0 +1,122 @@
+//! SIGINT (Ctrl-C), SIGTERM and SIGHUP. Before a command has begun anything, the first one ends the program. From
+//! then on the first asks the command to end in order, with a partial report, and the second to hurry; the
+//! program ends by returning from `main` in both cases, so that everything temporary is removed.
+//!
+//! A SIGHUP that is ignored when the program starts (`nohup`) stays ignored.
+
+use crate::console::shutdown::Shutdown;
+use crate::console::terminal::complain;
+use metamorph_module_agent::run_dir::identity::survive_file_limits;
+use metamorph_sim_bridge::director::outcome::Outcome;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use signal_hook::low_level::signal_name;
+use std::fs;
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+/// Whether a signal has asked the program to end.
+#[derive(Clone, Debug, Default)]
+pub struct Interrupt(Arc<Bell>);
+
+#[derive(Debug, Default)]
+struct Bell {
+    /// A copy of `Desk::signals > 0` that costs nothing to look at.
+    rung: AtomicBool,
+    desk: Mutex<Desk>,
+    ring: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Desk {
+    /// Whether there is something to end in order.
+    begun: bool,
+    signals: u32,
+    /// Swarms to pass the request on to.
+    swarms: Vec<Shutdown>,
+}
+
+/// The one of this process.
+static LISTENING: Mutex<Option<Interrupt>> = Mutex::new(None);
+
+impl Interrupt {
+    /// Listens for signals from now on, on a thread of its own. All calls give the same.
+    pub fn listen() -> io::Result<Interrupt> {
+        let mut listening = LISTENING.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(interrupt) = &*listening {
+            return Ok(interrupt.clone());
+        }
+        survive_file_limits()?;
+        let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|s| *s != SIGHUP || !is_ignored(*s));
+        let mut signals = Signals::new(wanted)?;
+        let interrupt = Interrupt::default();
+        let taker = interrupt.clone();
+        let thread = std::thread::Builder::new().name("signals".into());
+        thread.spawn(move || signals.forever().for_each(|signal| taker.take(signal)))?;
+        *listening = Some(interrupt.clone());
+        Ok(interrupt)
+    }
+
+    /// From now on there is something to end in order. Does not come back if a signal came before.
+    pub fn begin(&self) {
+        self.desk().begun = true;
+    }
+
+    /// Passes the request on to a swarm, even if it came before.
+    pub fn pass_on(&self, swarm: &Shutdown) {
+        let mut desk = self.desk();
+        (0..desk.signals).for_each(|_| swarm.request());
+        desk.swarms.push(swarm.clone());
+    }
+
+    /// Whether the command shall end.
+    pub fn is_set(&self) -> bool {
+        self.0.rung.load(Ordering::Relaxed)
+    }
+
+    /// Comes back when the command shall end.
+    pub fn wait(&self) {
+        let rung = self.0.ring.wait_while(self.desk(), |desk| desk.signals == 0);
+        drop(rung.unwrap_or_else(PoisonError::into_inner));
+    }
+
+    fn take(&self, signal: i32) {
+        let name = signal_name(signal).unwrap_or("a signal");
+        let mut desk = self.desk();
+        desk.signals = desk.signals.saturating_add(1);
+        self.0.rung.store(true, Ordering::Relaxed);
+        if !desk.begun {
+            // The lock is kept, so that nothing begins meanwhile.
+            say(&format!("metamorph: ended by {name}; there is nothing to undo"));
+            #[allow(clippy::disallowed_methods, reason = "nothing temporary is owned before `begin`")]
+            std::process::exit(Outcome::Aborted.exit_code().into());
+        }
+        match desk.signals {
+            1 => say(&format!("metamorph: {name}: ending, and removing what is temporary")),
+            2 => say(&format!("metamorph: {name} again: ending at once")),
+            _ => {}
+        }
+        desk.swarms.iter().for_each(Shutdown::request);
+        self.0.ring.notify_all();
+    }
+
+    fn desk(&self) -> MutexGuard<'_, Desk> {
+        self.0.desk.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Says something below a line that is being written over.
+fn say(text: &str) {
+    use std::io::IsTerminal as _;
+    let fresh = if std::io::stderr().is_terminal() { "\r\x1b[2K" } else { "" };
+    complain(&format!("{fresh}{text}"));
+}
+
+/// Whether this process was started with a signal ignored.
+fn is_ignored(signal: i32) -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
+        .is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}

@@ -1,0 +1,43 @@
+//! The request to end a swarm early, from the signal handler to the supervisor.
+
+use tokio::sync::watch;
+
+/// How much a swarm is urged to end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Urgency {
+    /// Not at all.
+    #[default]
+    None,
+    /// In order.
+    Asked,
+    /// At once: agents are killed.
+    Hurried,
+}
+
+/// Asks a swarm to end early and cleanly. Clones ask the same swarm.
+#[derive(Clone, Debug)]
+pub struct Shutdown(watch::Sender<Urgency>);
+
+impl Shutdown {
+    /// Nothing is asked yet.
+    pub fn new() -> Shutdown {
+        Shutdown(watch::Sender::new(Urgency::None))
+    }
+    /// Asks for the end, or, if it was asked for before, for a faster one.
+    pub fn request(&self) {
+        self.0.send_modify(|urgency| {
+            *urgency = if *urgency == Urgency::None { Urgency::Asked } else { Urgency::Hurried };
+        });
+    }
+    /// Waits until the urgency is above `known`, and returns it.
+    pub async fn beyond(&self, known: Urgency) -> Urgency {
+        // Invariant: the sender is `self`, so the channel cannot be closed.
+        self.0.subscribe().wait_for(|urgency| *urgency > known).await.map_or(known, |urgency| *urgency)
+    }
+}
+
+impl Default for Shutdown {
+    fn default() -> Shutdown {
+        Shutdown::new()
+    }
+}

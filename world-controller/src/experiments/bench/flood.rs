@@ -1,0 +1,245 @@
+//! The simulated link under the smallest agent: hop counts flood a dense block from a corner.
+//!
+//! Every size has a process of its own, so that its memory is its own. Beside it, in the same
+//! process, the floor: the same flood over the bare queue, and over the heap of the standard library,
+//! without agents, links, counters or a trace. And the same flood on all processors, with the same trace.
+
+use super::machine::{CpuWatch, peak_memory};
+use super::{BenchError, part};
+use crate::console::format::many;
+use crate::console::stopwatch::Stopwatch;
+use crate::console::terminal::Live;
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::rng::Stream;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::kernel::queue::Queue;
+use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::kernel::still_world::StillWorld;
+use metamorph_sim_bridge::testing::flood::{Flooded, Onlooker};
+use metamorph_sim_bridge::world::World;
+use serde::{Deserialize, Serialize};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::hint::black_box;
+use std::sync::Arc;
+
+/// Modules along a side.
+const SIDES: [u16; 4] = [10, 22, 47, 100];
+/// Delays differ by less than one part in the number of hops, so that hop counts are exact.
+const DELAY: (Span, Span) = (Span::millis(100), Span(100_300_000));
+/// Small blocks are flooded again until so many messages have been delivered.
+const ENOUGH: u64 = 1_000_000;
+/// Pairs of floods, on one thread and on all processors.
+const PAIRS: usize = 5;
+
+/// What one size came to.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    /// Modules along a side, and in all.
+    pub side: u16,
+    pub modules: u64,
+    /// Messages delivered in one flood: exactly `2E − (N − 1)`.
+    pub messages: u64,
+    /// Floods measured.
+    pub floods: u64,
+    /// Nanoseconds of processor time for a message, all told: trace hash, counters, agent.
+    pub ns_per_message: f64,
+    /// The same by the wall clock, which other programs lengthen.
+    pub wall_ns_per_message: f64,
+    /// Messages in a second of processor time.
+    pub messages_per_s: f64,
+    /// Events of the trace in a second of processor time.
+    pub events_per_s: f64,
+    /// Processor time to set up, in seconds.
+    pub setup_s: f64,
+    /// Memory at its peak, less that of the empty process, and the same for each module.
+    pub peak_bytes: u64,
+    pub bytes_per_module: f64,
+    /// The same flood on all processors; none if there is but one.
+    pub threads: Option<Threads>,
+    /// The floors, in nanoseconds of processor time for a message.
+    pub queue_ns: f64,
+    pub heap_ns: f64,
+    /// The witness that floods of one size are the same everywhere.
+    pub trace_hash: String,
+}
+
+/// One flood on several threads, with the same trace hash as on one.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Threads {
+    pub threads: usize,
+    /// Nanoseconds by the wall clock for a message, the median of all floods.
+    pub wall_ns_per_message: f64,
+    /// How many times as fast as one thread, by the wall clock: the median of pairs, one after the other.
+    pub speedup: f64,
+}
+
+/// All sizes up to `most` modules.
+pub fn measure(most: u64, live: &mut Live) -> Result<Vec<Row>, BenchError> {
+    let sides = SIDES.into_iter().filter(|side| u64::from(*side).pow(3) <= most);
+    sides
+        .map(|side| {
+            live.show(|| format!("flood: {} along a side", many(side as u64, "module")));
+            let text = part::output(&["flood", &side.to_string()])?;
+            live.clear();
+            serde_json::from_str(&text).map_err(|e| BenchError::Part(format!("said what it should not: {e}")))
+        })
+        .collect()
+}
+
+/// One flood, finished.
+struct Flood {
+    setup_s: f64,
+    cpu_s: f64,
+    wall_s: f64,
+    messages: u64,
+    /// Events of the trace.
+    events: u64,
+    trace: u64,
+}
+
+/// A flood on so many threads.
+fn flood(side: u16, threads: usize) -> Result<Flood, BenchError> {
+    let modules = u64::from(side).pow(3);
+    let watch = CpuWatch::start();
+    let world = StillWorld::<Flooded>::new([side; 3]);
+    let expected = 2 * world.contacts() - (modules - 1);
+    let link = LinkModel { delay_min: DELAY.0, delay_max: DELAY.1, ..LinkModel::default() };
+    let config =
+        SimConfig { setup: Arc::new(()), link, seed: 1, audit_every: Span::secs(1), ignore_sessions: false };
+    let mut sim = Sim::new(config, world, Onlooker::default());
+    let setup_s = watch.elapsed().as_secs_f64();
+    let before = sim.trace().events();
+    let (watch, clock) = (CpuWatch::start(), Stopwatch::start());
+    sim.run_on(threads, Time(u64::MAX - 1));
+    let (cpu_s, wall_s) = (watch.elapsed().as_secs_f64(), clock.elapsed().as_secs_f64());
+    let messages = sim.tally()[Class::Gradient].delivered;
+    if messages != expected || sim.violations().1 != 0 || !distances_are_exact(&sim) {
+        return Err(BenchError::Wrong(format!(
+            "the flood of {side}³ modules came to {messages} messages instead of {expected}, or to wrong distances"
+        )));
+    }
+    let events = sim.trace().events() - before;
+    Ok(Flood { setup_s, cpu_s, wall_s, messages, events, trace: sim.trace().value() })
+}
+
+/// One size, in this process.
+pub fn row(side: u16) -> Result<Row, BenchError> {
+    let empty = peak_memory();
+    let modules = u64::from(side).pow(3);
+    let mut all: Vec<Flood> = Vec::new();
+    let delivered = |all: &[Flood]| all.iter().map(|f| f.messages).sum::<u64>();
+    while delivered(&all) < ENOUGH || all.len() < 2 {
+        all.push(flood(side, 1)?);
+    }
+    let peak_bytes = peak_memory().saturating_sub(empty);
+    let (first, floods) = (&all[0], all.len() as u64);
+    let (messages, trace) = (first.messages, first.trace);
+    let sum = |f: fn(&Flood) -> f64| all.iter().map(f).sum::<f64>();
+    let (cpu, delivered) = (sum(|f| f.cpu_s), delivered(&all) as f64);
+    Ok(Row {
+        side,
+        modules,
+        messages,
+        floods,
+        ns_per_message: cpu * 1e9 / delivered,
+        wall_ns_per_message: sum(|f| f.wall_s) * 1e9 / delivered,
+        messages_per_s: delivered / cpu,
+        events_per_s: sum(|f| f.events as f64) / cpu,
+        setup_s: sum(|f| f.setup_s) / floods as f64,
+        peak_bytes,
+        bytes_per_module: peak_bytes as f64 / modules as f64,
+        threads: threads(side, trace)?,
+        queue_ns: floor(side, messages, Queue::new(DELAY.1), Queue::push, Queue::pop),
+        heap_ns: floor(side, messages, Heap::default(), Heap::push, Heap::pop),
+        trace_hash: format!("{trace:016x}"),
+    })
+}
+
+/// The same flood on one thread and on all processors in turn, so that both have the same machine.
+fn threads(side: u16, trace: u64) -> Result<Option<Threads>, BenchError> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    if threads < 2 {
+        return Ok(None);
+    }
+    let (mut walls, mut ratios) = (Vec::new(), Vec::new());
+    for _ in 0..PAIRS {
+        let (one, all) = (flood(side, 1)?, flood(side, threads)?);
+        if (one.trace, all.trace) != (trace, trace) {
+            return Err(BenchError::Wrong(format!(
+                "the flood of {side}³ modules differs on {threads} threads"
+            )));
+        }
+        walls.push(all.wall_s * 1e9 / all.messages as f64);
+        ratios.push(one.wall_s / all.wall_s);
+    }
+    let median = |mut of: Vec<f64>| {
+        of.sort_by(f64::total_cmp);
+        of[of.len() / 2]
+    };
+    Ok(Some(Threads { threads, wall_ns_per_message: median(walls), speedup: median(ratios) }))
+}
+
+fn distances_are_exact<D>(sim: &Sim<StillWorld<Flooded>, D>) -> bool
+where
+    D: metamorph_sim_bridge::director::port::Direct<StillWorld<Flooded>>,
+{
+    let corner = Cell::new(0, 0, 0);
+    sim.agents().iter().all(|(id, agent)| agent.hops() == Some(sim.world().place(id).manhattan(corner)))
+}
+
+/// The heap of the standard library, ordered as the queue is.
+#[derive(Default)]
+struct Heap {
+    heap: BinaryHeap<Reverse<(Time, u64, u32)>>,
+    number: u64,
+}
+
+impl Heap {
+    fn push(&mut self, at: Time, what: u32) {
+        self.number += 1;
+        self.heap.push(Reverse((at, self.number, what)));
+    }
+    fn pop(&mut self) -> Option<(Time, u32)> {
+        self.heap.pop().map(|Reverse((at, _, what))| (at, what))
+    }
+}
+
+/// Nanoseconds of processor time for a message of a flood over a bare queue.
+fn floor<Q>(
+    side: u16,
+    messages: u64,
+    mut queue: Q,
+    push: fn(&mut Q, Time, u32),
+    pop: fn(&mut Q) -> Option<(Time, u32)>,
+) -> f64 {
+    let n = u32::from(side);
+    let mut known = vec![false; n.pow(3) as usize];
+    let mut stream = Stream::named(1, "floor", 0);
+    let spread = (DELAY.1 - DELAY.0).0 + 1;
+    let watch = CpuWatch::start();
+    let mut seen = 0u64;
+    push(&mut queue, Time::ZERO, 0);
+    while let Some((at, id)) = pop(&mut queue) {
+        seen += 1;
+        if std::mem::replace(&mut known[id as usize], true) {
+            continue;
+        }
+        for step in [n * n, n, 1] {
+            let along = id / step % n;
+            let mut send = |to: u32| push(&mut queue, at + DELAY.0 + Span(stream.below(spread)), to);
+            if along + 1 < n {
+                send(id + step);
+            }
+            if along > 0 {
+                send(id - step);
+            }
+        }
+    }
+    black_box(seen);
+    // Without agents nobody knows where a word came from: it goes back there, too.
+    debug_assert!(seen > messages);
+    watch.elapsed().as_secs_f64() * 1e9 / seen as f64
+}

@@ -1,0 +1,635 @@
+//! The process link between two processes, message by message, beside iceoryx2 as it is, a Unix
+//! socket, a pipe and TCP over the loopback: the same messages of 64 bytes, the same two processes.
+//!
+//! Polling: both ends spin, on two processors if there are. Waiting: both ends block until they are
+//! woken, on one processor, as agents of a large swarm do. Ours is the whole path of an agent: sealing
+//! with a check sum, sending, receiving, checking, decoding.
+
+use super::part::{Peer, command};
+use super::{BenchError, median};
+use crate::console::stopwatch::Stopwatch;
+use crate::console::terminal::Live;
+use crate::swarm::RunDir;
+use iceoryx2::prelude::{Node, NodeBuilder, ServiceName, SignalHandlingMode, ipc};
+use metamorph_module_agent::run_dir::run_name::RunName;
+use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
+use metamorph_module_agent::transport::iceoryx::outbox::{Handed, Outbox};
+use metamorph_module_agent::transport::iceoryx::rendezvous::{self, Rendezvous};
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::{Channel, Decoder, Encoder, Frame, Header, Wire, WireError};
+use rustix::net::{AddressFamily, SocketFlags, SocketType, socketpair};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use serde::Serialize;
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::Path;
+use std::process::Stdio;
+use std::time::Duration;
+
+/// Bytes of a message.
+const SIZE: usize = 64;
+/// Round trips timed together, for the clock costs something, too.
+const BATCH: u32 = 16;
+/// Messages sent before the receiver is woken.
+const BURST: u32 = 16;
+/// How long round trips are measured, and throughput.
+const LONG: Duration = Duration::from_secs(1);
+/// Looks after which whoever spins lets others run; the other end may be one of them. Long enough that
+/// on a busy machine both ends run at the same time now and then.
+const LOOKS: u64 = 50_000;
+/// Looks after which the other process counts as gone: minutes of spinning.
+const PATIENCE: u64 = 1 << 36;
+/// The longest wait for the other process to start.
+const START: Duration = Duration::from_secs(20);
+
+/// What a message asks of the other end.
+pub mod ask {
+    /// Send one back.
+    pub const ECHO: u32 = 1;
+    /// Nothing.
+    pub const SWALLOW: u32 = 2;
+    /// End.
+    pub const STOP: u32 = 3;
+}
+
+/// What carries messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mechanism {
+    /// The process link.
+    Ours,
+    /// iceoryx2 with nothing around it.
+    Iceoryx,
+    /// A Unix socket of sequential packets.
+    UnixSocket,
+    /// A pair of pipes.
+    Pipe,
+    /// TCP over the loopback, without delay.
+    Tcp,
+}
+
+impl Mechanism {
+    const ALL: [Mechanism; 5] =
+        [Mechanism::Ours, Mechanism::Iceoryx, Mechanism::UnixSocket, Mechanism::Pipe, Mechanism::Tcp];
+
+    pub const fn name(self) -> &'static str {
+        match self {
+            Mechanism::Ours => "metamorph",
+            Mechanism::Iceoryx => "iceoryx2",
+            Mechanism::UnixSocket => "unix-seqpacket",
+            Mechanism::Pipe => "pipe",
+            Mechanism::Tcp => "tcp-loopback",
+        }
+    }
+    /// The mechanism of this name.
+    pub fn named(name: &str) -> Option<Mechanism> {
+        Mechanism::ALL.into_iter().find(|m| m.name() == name)
+    }
+}
+
+/// How the two ends get to know of a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// By looking again and again.
+    Polling,
+    /// By being woken.
+    Waiting,
+}
+
+impl Mode {
+    const fn name(self) -> &'static str {
+        match self {
+            Mode::Polling => "polling",
+            Mode::Waiting => "waiting",
+        }
+    }
+    /// The mode of this name.
+    pub fn named(name: &str) -> Option<Mode> {
+        [Mode::Polling, Mode::Waiting].into_iter().find(|m| m.name() == name)
+    }
+}
+
+/// What one mechanism came to in one mode.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Cost {
+    /// The median of a round trip in nanoseconds.
+    pub round_trip_ns: f64,
+    /// The same when nobody came between: the fastest of many short series.
+    pub undisturbed_ns: f64,
+    /// Messages in a second, one way.
+    pub messages_per_s: f64,
+}
+
+/// What one mechanism came to.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Its name.
+    pub mechanism: &'static str,
+    /// Both ends look again and again.
+    pub polling: Cost,
+    /// Both ends are woken.
+    pub waiting: Cost,
+}
+
+/// All mechanisms, as long as `on` lets it.
+pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Result<Vec<Row>, BenchError> {
+    rendezvous::set_verbosity(false);
+    let before = sched_getaffinity(None).ok();
+    let roam = || {
+        if let Some(before) = &before {
+            // It was this before, so it can be this again.
+            let _ = sched_setaffinity(None, before);
+        }
+    };
+    let mut rows = Vec::new();
+    for mechanism in Mechanism::ALL {
+        let mut cost = |mode: Mode| {
+            live.show(|| format!("wire: {}, {}", mechanism.name(), mode.name()));
+            // The other process starts where this one may run.
+            roam();
+            on()?;
+            between_processes(mechanism, mode)
+        };
+        rows.push(Row {
+            mechanism: mechanism.name(),
+            polling: cost(Mode::Polling)?,
+            waiting: cost(Mode::Waiting)?,
+        });
+    }
+    live.clear();
+    roam();
+    Ok(rows)
+}
+
+/// One end of a way between two processes.
+pub trait End {
+    /// Hands over one message; false if there is no room now.
+    fn put(&mut self, ask: u32) -> Result<bool, BenchError>;
+    /// Wakes the other end.
+    fn ring(&mut self);
+    /// Takes one message, if there is one.
+    fn take(&mut self) -> Result<Option<u32>, BenchError>;
+    /// Blocks until there may be one.
+    fn wait(&mut self) -> Result<(), BenchError>;
+}
+
+fn send(end: &mut dyn End, mode: Mode, message: u32) -> Result<(), BenchError> {
+    let mut tries = 0;
+    while !end.put(message)? {
+        match mode {
+            Mode::Waiting => {
+                end.ring();
+                std::thread::yield_now();
+            }
+            Mode::Polling => look_again(tries),
+        }
+        if tries > PATIENCE {
+            return Err(BenchError::Part("takes nothing any more".to_owned()));
+        }
+        tries += 1;
+    }
+    Ok(())
+}
+
+fn look_again(looks: u64) {
+    if looks.is_multiple_of(LOOKS) { std::thread::yield_now() } else { std::hint::spin_loop() }
+}
+
+fn receive(end: &mut dyn End, mode: Mode) -> Result<u32, BenchError> {
+    for looks in 1..PATIENCE {
+        if let Some(message) = end.take()? {
+            return Ok(message);
+        }
+        match mode {
+            Mode::Waiting => end.wait()?,
+            Mode::Polling => look_again(looks),
+        }
+    }
+    Err(BenchError::Part("says nothing any more".to_owned()))
+}
+
+/// The other process: sends back what it is asked to.
+pub fn echo(mechanism: Mechanism, mode: Mode, root: &str) -> Result<(), BenchError> {
+    stay_on(mode, 1);
+    rendezvous::set_verbosity(false);
+    let mut end: Box<dyn End> = match mechanism {
+        Mechanism::Ours => Box::new(Ours::open(Path::new(root), 1, mode)?),
+        Mechanism::Iceoryx => Box::new(Raw::open(Path::new(root), 1)?),
+        Mechanism::UnixSocket | Mechanism::Pipe | Mechanism::Tcp => Box::new(standard_streams(mode)?),
+    };
+    loop {
+        match receive(end.as_mut(), mode)? {
+            ask::ECHO => {
+                send(end.as_mut(), mode, ask::ECHO)?;
+                if mode == Mode::Waiting {
+                    end.ring();
+                }
+            }
+            ask::STOP => return Ok(()),
+            _ => {}
+        }
+    }
+}
+
+/// Standard input and output as an end.
+pub fn standard_streams(mode: Mode) -> Result<Files, BenchError> {
+    let file = |fd: std::io::Result<OwnedFd>| fd.map(File::from).map_err(system("take over a descriptor"));
+    let (from, to) = (std::io::stdin(), std::io::stdout());
+    let (from, to) = (from.as_fd().try_clone_to_owned(), to.as_fd().try_clone_to_owned());
+    Files::new(file(from)?, file(to)?, mode)
+}
+
+fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Cost, BenchError> {
+    let dir = RunDir::create()?;
+    let root = dir.root().to_str().ok_or_else(|| BenchError::Part("has no root".to_owned()))?.to_owned();
+    let mut peer = command(&["echo", mechanism.name(), mode.name(), &root])?;
+    let start = |peer: &mut std::process::Command| {
+        peer.spawn().map(Peer).map_err(system("start another process of this program"))
+    };
+    let pair = |a: OwnedFd, b: OwnedFd| Files::new(File::from(a), File::from(b), mode);
+    let (_peer, mut end): (Peer, Box<dyn End>) = match mechanism {
+        Mechanism::Ours => {
+            let mut half = OursHalf::create(dir.root(), 0)?;
+            let peer = start(peer.stdout(Stdio::null()))?;
+            half.wait_for_hello(mode)?;
+            (peer, Box::new(half.join(1, mode)?))
+        }
+        Mechanism::Iceoryx => {
+            let half = RawHalf::create(dir.root(), 0)?;
+            let peer = start(peer.stdout(Stdio::null()))?;
+            (peer, Box::new(half.join(1)?))
+        }
+        Mechanism::Pipe => {
+            let (theirs, ours_to) = std::io::pipe().map_err(system("make a pipe"))?;
+            let (ours_from, theirs_to) = std::io::pipe().map_err(system("make a pipe"))?;
+            let peer = start(peer.stdin(theirs).stdout(theirs_to))?;
+            (peer, Box::new(pair(ours_from.into(), ours_to.into())?))
+        }
+        Mechanism::UnixSocket | Mechanism::Tcp => {
+            let (ours, theirs) = if mechanism == Mechanism::Tcp { tcp_pair() } else { seqpacket_pair() }
+                .map_err(system("make a socket"))?;
+            let copy = |fd: &OwnedFd| fd.try_clone().map_err(system("copy a descriptor"));
+            let peer = start(peer.stdin(copy(&theirs)?).stdout(theirs))?;
+            (peer, Box::new(pair(copy(&ours)?, ours)?))
+        }
+    };
+    stay_on(mode, 0);
+    let cost = exchange(end.as_mut(), mode)?;
+    send(end.as_mut(), mode, ask::STOP)?;
+    end.ring();
+    Ok(cost)
+}
+
+fn exchange(end: &mut dyn End, mode: Mode) -> Result<Cost, BenchError> {
+    let mut round_trip = |n: u32| -> Result<Duration, BenchError> {
+        let watch = Stopwatch::start();
+        for _ in 0..n {
+            send(end, mode, ask::ECHO)?;
+            if mode == Mode::Waiting {
+                end.ring();
+            }
+            receive(end, mode)?;
+        }
+        Ok(watch.elapsed())
+    };
+    round_trip(BATCH * 8)?;
+    let (whole, mut batches) = (Stopwatch::start(), Vec::new());
+    while whole.elapsed() < LONG {
+        batches.push(round_trip(BATCH)?.as_secs_f64() * 1e9 / f64::from(BATCH));
+    }
+    let round_trip_ns = median(&mut batches);
+    // Sorted by now.
+    let undisturbed_ns = batches.first().copied().unwrap_or(round_trip_ns);
+    let watch = Stopwatch::start();
+    let mut sent = 1u32;
+    while watch.elapsed() < LONG {
+        for _ in 0..BURST {
+            send(end, mode, ask::SWALLOW)?;
+        }
+        sent += BURST;
+        if mode == Mode::Waiting {
+            end.ring();
+        }
+    }
+    send(end, mode, ask::ECHO)?;
+    if mode == Mode::Waiting {
+        end.ring();
+    }
+    receive(end, mode)?;
+    Ok(Cost {
+        round_trip_ns,
+        undisturbed_ns,
+        messages_per_s: f64::from(sent) / watch.elapsed().as_secs_f64(),
+    })
+}
+
+/// Two processors for those who spin, one for those who wait.
+fn stay_on(mode: Mode, end: usize) {
+    let Ok(allowed) = sched_getaffinity(None) else { return };
+    let all: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|cpu| allowed.is_set(*cpu)).collect();
+    let wanted = if mode == Mode::Polling { end } else { 0 };
+    if let Some(cpu) = all.get(wanted.min(all.len().saturating_sub(1))) {
+        let mut one = CpuSet::new();
+        one.set(*cpu);
+        // Without it, the system chooses.
+        let _ = sched_setaffinity(None, &one);
+    }
+}
+
+pub fn system<E: Into<std::io::Error>>(what: &'static str) -> impl Fn(E) -> BenchError {
+    move |e| BenchError::System(what, e.into())
+}
+
+pub fn seqpacket_pair() -> std::io::Result<(OwnedFd, OwnedFd)> {
+    Ok(socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)?)
+}
+
+fn tcp_pair() -> std::io::Result<(OwnedFd, OwnedFd)> {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
+    let ours = TcpStream::connect(listener.local_addr()?)?;
+    let (theirs, _) = listener.accept()?;
+    ours.set_nodelay(true)?;
+    theirs.set_nodelay(true)?;
+    Ok((ours.into(), theirs.into()))
+}
+
+/// Whatever is read and written.
+pub struct Files {
+    from: File,
+    to: File,
+    taken: [u8; SIZE],
+    have: usize,
+}
+
+impl Files {
+    pub fn new(from: File, to: File, mode: Mode) -> Result<Files, BenchError> {
+        for file in [&from, &to] {
+            let flags = rustix::fs::fcntl_getfl(file).map_err(system("ask for the flags of a descriptor"))?;
+            let mut wanted = flags;
+            wanted.set(rustix::fs::OFlags::NONBLOCK, mode == Mode::Polling);
+            rustix::fs::fcntl_setfl(file, wanted).map_err(system("set the flags of a descriptor"))?;
+        }
+        Ok(Files { from, to, taken: [0; SIZE], have: 0 })
+    }
+}
+
+impl End for Files {
+    fn put(&mut self, ask: u32) -> Result<bool, BenchError> {
+        let mut message = [0; SIZE];
+        message[..4].copy_from_slice(&ask.to_le_bytes());
+        let mut sent = 0;
+        while sent < SIZE {
+            match self.to.write(&message[sent..]) {
+                Ok(n) => sent += n,
+                Err(e) if e.kind() == ErrorKind::WouldBlock && sent == 0 => return Ok(false),
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+                Err(e) => return Err(BenchError::System("write to the other process", e)),
+            }
+        }
+        Ok(true)
+    }
+    fn ring(&mut self) {}
+    fn take(&mut self) -> Result<Option<u32>, BenchError> {
+        match self.from.read(&mut self.taken[self.have..]) {
+            Ok(0) => Err(BenchError::Part("has gone".to_owned())),
+            Ok(n) => {
+                self.have += n;
+                if self.have < SIZE {
+                    return Ok(None);
+                }
+                self.have = 0;
+                let [a, b, c, d, ..] = self.taken;
+                Ok(Some(u32::from_le_bytes([a, b, c, d])))
+            }
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(None),
+            Err(e) => Err(BenchError::System("read from the other process", e)),
+        }
+    }
+    fn wait(&mut self) -> Result<(), BenchError> {
+        // Reading blocks.
+        Ok(())
+    }
+}
+
+/// A message that makes a frame of 64 bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Note {
+    ask: u32,
+    rest: [u32; (SIZE - metamorph_protocol::wire::HEADER) / 4 - 1],
+}
+
+impl Wire for Note {
+    fn kind(&self) -> u8 {
+        0
+    }
+    fn encode(&self, out: &mut Encoder) {
+        out.u32(self.ask);
+        self.rest.into_iter().for_each(|n| out.u32(n));
+    }
+    fn decode(_: u8, from: &mut Decoder<'_>) -> Result<Note, WireError> {
+        let mut note = Note { ask: from.u32()?, rest: [0; _] };
+        for n in &mut note.rest {
+            *n = from.u32()?;
+        }
+        Ok(note)
+    }
+}
+
+/// The receiving half of our link.
+pub struct OursHalf {
+    inbox: Inbox,
+    at: Rendezvous,
+    me: u32,
+}
+
+impl OursHalf {
+    pub fn create(root: &Path, me: u32) -> Result<OursHalf, BenchError> {
+        let at = Rendezvous::join(root)?;
+        Ok(OursHalf { inbox: Inbox::create(&at, ModuleId(me), Incarnation(0), 1)?, at, me })
+    }
+    /// The other end speaks first, once it can be spoken to.
+    fn wait_for_hello(&mut self, mode: Mode) -> Result<(), BenchError> {
+        let since = Stopwatch::start();
+        while self.inbox.receive()?.is_none() {
+            if mode == Mode::Waiting {
+                self.inbox.wait(Duration::from_millis(10))?;
+            }
+            if since.elapsed() > START {
+                return Err(BenchError::Part("does not start".to_owned()));
+            }
+        }
+        Ok(())
+    }
+    /// The same, for waiting ends of which the other may not be there yet.
+    pub fn join_patiently(self, peer: u32) -> Result<Ours, BenchError> {
+        let since = Stopwatch::start();
+        loop {
+            match Outbox::to_agent(&self.at, ModuleId(peer), Incarnation(0)) {
+                Ok(outbox) => return Ok(self.with(outbox, peer, Mode::Waiting)),
+                Err(e) if e.is_absent() && since.elapsed() < START => {
+                    self.inbox.wait(Duration::from_millis(10))?;
+                }
+                Err(e) => return Err(e.into()),
+            }
+        }
+    }
+    fn join(self, peer: u32, mode: Mode) -> Result<Ours, BenchError> {
+        let outbox = Outbox::to_agent(&self.at, ModuleId(peer), Incarnation(0))?;
+        Ok(self.with(outbox, peer, mode))
+    }
+    fn with(self, outbox: Outbox, peer: u32, mode: Mode) -> Ours {
+        Ours { inbox: self.inbox, outbox, me: self.me, peer, sequence: 0, mode, _at: self.at }
+    }
+}
+
+/// The process link, as an agent uses it.
+pub struct Ours {
+    inbox: Inbox,
+    outbox: Outbox,
+    me: u32,
+    peer: u32,
+    sequence: u32,
+    mode: Mode,
+    // Last, so that all ports are gone before the process leaves the run.
+    _at: Rendezvous,
+}
+
+impl Ours {
+    fn open(root: &Path, me: u32, mode: Mode) -> Result<Ours, BenchError> {
+        let mut end = OursHalf::create(root, me)?.join(0, mode)?;
+        end.put(ask::SWALLOW)?;
+        end.ring();
+        Ok(end)
+    }
+}
+
+impl End for Ours {
+    fn put(&mut self, ask: u32) -> Result<bool, BenchError> {
+        let note = Note { ask, rest: [0; _] };
+        let header = Header {
+            channel: Channel::Peer,
+            kind: 0,
+            class: Class::Gradient,
+            port: Port(0),
+            incarnation: Incarnation(0),
+            source: ModuleId(self.me),
+            destination: ModuleId(self.peer),
+            session: 1,
+            sequence: self.sequence,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        Ok(self.outbox.send(&Frame::seal(header, &note), Time::ZERO) == Handed::Over)
+    }
+    fn ring(&mut self) {
+        self.outbox.flush();
+    }
+    fn take(&mut self) -> Result<Option<u32>, BenchError> {
+        let Some(packet) = self.inbox.receive()? else { return Ok(None) };
+        let frame = packet.frame();
+        let fits = frame.open().is_ok_and(|h| h.destination == ModuleId(self.me) && h.session == 1);
+        match frame.message::<Note>() {
+            Ok(note) if fits => Ok(Some(note.ask)),
+            _ => Err(BenchError::Part("sent a damaged frame".to_owned())),
+        }
+    }
+    fn wait(&mut self) -> Result<(), BenchError> {
+        debug_assert_eq!(self.mode, Mode::Waiting);
+        Ok(self.inbox.wait(Duration::from_secs(1))?)
+    }
+}
+
+type Svc = ipc::Service;
+type Bytes = [u8; SIZE];
+type Frames = iceoryx2::service::port_factory::publish_subscribe::PortFactory<Svc, Bytes, ()>;
+type Bell = iceoryx2::service::port_factory::event::PortFactory<Svc>;
+
+/// iceoryx2 with nothing around it, in the same configuration.
+struct RawHalf {
+    subscriber: iceoryx2::port::subscriber::Subscriber<Svc, Bytes, ()>,
+    listener: iceoryx2::port::listener::Listener<Svc>,
+    node: Node<Svc>,
+}
+
+struct Raw {
+    subscriber: iceoryx2::port::subscriber::Subscriber<Svc, Bytes, ()>,
+    listener: iceoryx2::port::listener::Listener<Svc>,
+    publisher: iceoryx2::port::publisher::Publisher<Svc, Bytes, ()>,
+    notifier: iceoryx2::port::notifier::Notifier<Svc>,
+    _node: Node<Svc>,
+}
+
+fn iceoryx<E: std::fmt::Debug>(what: &'static str) -> impl Fn(E) -> BenchError {
+    move |e| BenchError::System(what, std::io::Error::other(format!("{e:?}")))
+}
+
+impl RawHalf {
+    /// The channel and the bell of one end, in the configuration of the process link.
+    fn channels(node: &Node<Svc>, end: u32) -> Result<(Frames, Bell), BenchError> {
+        let name = |text: String| ServiceName::new(&text).map_err(iceoryx("name a channel"));
+        let frames = node
+            .service_builder(&name(format!("raw/{end}"))?)
+            .publish_subscribe::<Bytes>()
+            .max_subscribers(1)
+            .subscriber_max_buffer_size(rendezvous::INBOX_DEPTH)
+            .history_size(0)
+            .enable_safe_overflow(false)
+            .open_or_create()
+            .map_err(iceoryx("make a channel"))?;
+        let bell = node.service_builder(&name(format!("rawbell/{end}"))?).event().open_or_create();
+        Ok((frames, bell.map_err(iceoryx("make a bell"))?))
+    }
+    fn create(root: &Path, me: u32) -> Result<RawHalf, BenchError> {
+        let run = RunName::of_root(root).map_err(iceoryx("name the run"))?;
+        let node = NodeBuilder::new()
+            .config(&rendezvous::config(&run))
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Svc>()
+            .map_err(iceoryx("join the run"))?;
+        let (frames, bell) = RawHalf::channels(&node, me)?;
+        Ok(RawHalf {
+            subscriber: frames.subscriber_builder().create().map_err(iceoryx("attach to a channel"))?,
+            listener: bell.listener_builder().create().map_err(iceoryx("attach to a bell"))?,
+            node,
+        })
+    }
+    fn join(self, peer: u32) -> Result<Raw, BenchError> {
+        use iceoryx2::port::backpressure_strategy::BackpressureStrategy;
+        let (frames, bell) = RawHalf::channels(&self.node, peer)?;
+        let publisher = frames
+            .publisher_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(iceoryx("attach to a channel"))?;
+        let notifier = bell.notifier_builder().create().map_err(iceoryx("attach to a bell"))?;
+        let RawHalf { subscriber, listener, node } = self;
+        Ok(Raw { subscriber, listener, publisher, notifier, _node: node })
+    }
+}
+
+impl Raw {
+    fn open(root: &Path, me: u32) -> Result<Raw, BenchError> {
+        RawHalf::create(root, me)?.join(0)
+    }
+}
+
+impl End for Raw {
+    fn put(&mut self, ask: u32) -> Result<bool, BenchError> {
+        let mut message = [0; SIZE];
+        message[..4].copy_from_slice(&ask.to_le_bytes());
+        Ok(self.publisher.send_copy(message).is_ok_and(|receivers| receivers > 0))
+    }
+    fn ring(&mut self) {
+        // Whoever is not woken looks again after a second.
+        let _ = self.notifier.notify();
+    }
+    fn take(&mut self) -> Result<Option<u32>, BenchError> {
+        let sample = self.subscriber.receive().map_err(iceoryx("receive"))?;
+        Ok(sample.map(|s| u32::from_le_bytes([s[0], s[1], s[2], s[3]])))
+    }
+    fn wait(&mut self) -> Result<(), BenchError> {
+        self.listener.timed_wait(|_| {}, Duration::from_secs(1)).map(drop).map_err(iceoryx("wait"))
+    }
+}

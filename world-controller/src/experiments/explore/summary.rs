@@ -1,0 +1,384 @@
+//! What an exploration came to: counts, failures by kind, rare paths that never ran.
+
+use super::Ran;
+use super::verdict::{Failure, Kind, Verdict};
+use crate::console::format::{count, many};
+use crate::console::terminal::Paint;
+use crate::scenario::quote;
+use metamorph_module_agent::Family;
+use metamorph_protocol::coverage::Mark;
+use metamorph_sim_bridge::cube::reachability::Within;
+use metamorph_sim_bridge::director::outcome::{Outcome, Reason};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// The version of the layout of [`Summary`].
+pub const SCHEMA: u32 = 4;
+/// Of runs that are alike, so many seeds are named.
+const NAMED: usize = 20;
+
+/// Failures of one kind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failures {
+    /// How many runs.
+    pub count: u64,
+    /// The numbers of the first ones.
+    pub first: Vec<u64>,
+    /// What was seen in the first.
+    pub what: String,
+}
+
+/// A rule that a protocol keeps, and what that costs.
+#[derive(Clone, Debug, Serialize)]
+pub struct Rule {
+    /// Its name.
+    pub rule: Within,
+    /// In words.
+    pub text: &'static str,
+    /// Runs that were not built because of it.
+    pub runs: u64,
+}
+
+/// Runs that stood still for one reason, and of which nothing is proved.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Undecided {
+    /// The reason in words.
+    pub text: String,
+    /// How many runs.
+    pub runs: u64,
+    /// The seeds of the first ones.
+    pub seeds: Vec<u64>,
+}
+
+/// Counts over runs.
+#[derive(Clone, Debug, Default)]
+pub struct Tallies {
+    /// How many runs.
+    pub runs: u64,
+    events: u64,
+    moves: u64,
+    messages: u64,
+    outcomes: BTreeMap<&'static str, u64>,
+    infeasible: BTreeMap<Within, u64>,
+    undecided: BTreeMap<String, Undecided>,
+    failures: BTreeMap<(Kind, String), Failures>,
+    marks: BTreeMap<Mark, u64>,
+}
+
+impl Tallies {
+    /// Counts a run. Gives its failure if it is the first of its kind.
+    pub fn add<'a>(&mut self, number: u64, ran: &'a Ran) -> Option<&'a Failure> {
+        self.runs += 1;
+        self.events += ran.events;
+        self.moves += ran.moves;
+        self.messages += ran.messages;
+        *self.outcomes.entry(ran.outcome.map_or("panic", |o| o.name())).or_default() += 1;
+        for mark in Mark::ALL.iter().filter(|m| ran.marks.has(**m)) {
+            *self.marks.entry(*mark).or_default() += 1;
+        }
+        match &ran.verdict {
+            Verdict::Built => {}
+            Verdict::Infeasible(within) => *self.infeasible.entry(*within).or_default() += 1,
+            Verdict::Excused(reason) => self.note_undecided(reason, number),
+            Verdict::Failed(failure) => {
+                let first = Failures { count: 0, first: Vec::new(), what: failure.what.clone() };
+                let key = (failure.kind.clone(), ran.protocol.clone());
+                let failures = self.failures.entry(key).or_insert(first);
+                failures.count += 1;
+                note(&mut failures.first, number);
+                let is_first = failures.count == 1;
+                if let Kind::Undecided(reason) = &failure.kind {
+                    self.note_undecided(reason, number);
+                }
+                return is_first.then_some(failure);
+            }
+        }
+        None
+    }
+    fn note_undecided(&mut self, reason: &str, number: u64) {
+        let known = Reason::ALL.iter().find(|r| r.name() == reason);
+        let undecided = self.undecided.entry(reason.to_owned()).or_default();
+        undecided.text = known.map_or(reason, |r| r.text()).to_owned();
+        undecided.runs += 1;
+        note(&mut undecided.seeds, number);
+    }
+    /// Runs that failed.
+    pub fn failed(&self) -> u64 {
+        self.failures.values().map(|f| f.count).sum()
+    }
+    /// Failures by kind and protocol.
+    pub fn failures(&self) -> &BTreeMap<(Kind, String), Failures> {
+        &self.failures
+    }
+}
+
+/// What an exploration came to, as it is written to JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// The version of this layout.
+    pub schema: u32,
+    /// The version of the program.
+    pub version: String,
+    /// The seed of the first run; the next has the next.
+    pub seed: u64,
+    /// The family explored; null for both.
+    pub family: Option<&'static str>,
+    /// Runs.
+    pub runs: u64,
+    /// Messages handed to agents, and what bodies and agents told each other.
+    pub events: u64,
+    /// Moves completed.
+    pub moves: u64,
+    /// Messages sent.
+    pub messages: u64,
+    /// How runs ended.
+    pub outcomes: BTreeMap<&'static str, u64>,
+    /// Runs that some robot could have built as far as is known: all but those that are impossible or
+    /// undecided.
+    pub buildable: u64,
+    /// Of these, runs that were built.
+    pub built: u64,
+    /// Runs that failed: an invariant broke, there was a way within the rules, or nothing excuses what is
+    /// undecided.
+    pub failed: u64,
+    /// Of those that could be built, runs that were not because the protocol keeps a rule; a search proved
+    /// that nothing could be done within it.
+    pub rules: Vec<Rule>,
+    /// Runs that no robot could have built, whatever it had done, as a search proved.
+    pub impossible: u64,
+    /// Runs of which no search decided whether they could have been built, by the reason of the standstill.
+    pub undecided: BTreeMap<String, Undecided>,
+    /// The first failure of each kind.
+    pub found: Vec<Found>,
+    /// In how many runs each rare path ran.
+    pub marks: BTreeMap<&'static str, u64>,
+    /// Rare paths that never ran.
+    pub never: Vec<&'static str>,
+}
+
+/// A kind of failure.
+#[derive(Clone, Debug, Serialize)]
+pub struct Found {
+    /// In what way.
+    #[serde(flatten)]
+    pub kind: Kind,
+    /// The family that failed, and the protocol in it.
+    pub protocol: String,
+    /// The seed of the first run that failed so.
+    pub seed: u64,
+    /// The seeds of the first ones, that one among them.
+    pub seeds: Vec<u64>,
+    /// In how many runs.
+    pub runs: u64,
+    /// What was seen.
+    pub what: String,
+    /// The command that repeats the first.
+    pub repeat: String,
+    /// The small scenario that fails the same way; null if none was made.
+    pub scenario: Option<String>,
+    /// Its file, seen from here.
+    #[serde(skip)]
+    pub here: Option<PathBuf>,
+    /// Modules in it.
+    pub agents: usize,
+    /// Faults in it.
+    pub faults: usize,
+    /// Runs that making it small took.
+    pub shrinking: u64,
+}
+
+impl Summary {
+    /// From counts and what was found.
+    pub fn new(seed: u64, family: Option<Family>, mut tallies: Tallies, found: Vec<Found>) -> Summary {
+        for undecided in tallies.undecided.values_mut() {
+            undecided.seeds = seeds(seed, &undecided.seeds);
+        }
+        let failed = tallies.failed();
+        let impossible = tallies.infeasible.remove(&Within::Anything).unwrap_or(0);
+        let undecided: u64 = tallies.undecided.values().map(|u| u.runs).sum();
+        let rules = tallies.infeasible.iter();
+        let rules = rules.map(|(rule, runs)| Rule { rule: *rule, text: kept(*rule), runs: *runs }).collect();
+        let prefix = match family {
+            None => "",
+            Some(Family::Cube) => "metamodule:",
+            Some(Family::Metamodule) => "cube:",
+        };
+        // Paths of a family that was not explored could not run.
+        let explored = |m: &Mark| prefix.is_empty() || !m.name().starts_with(prefix);
+        let never = Mark::ALL.iter().filter(|m| explored(m) && !tallies.marks.contains_key(m));
+        Summary {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            seed,
+            family: family.map(Family::name),
+            runs: tallies.runs,
+            events: tallies.events,
+            moves: tallies.moves,
+            messages: tallies.messages,
+            buildable: tallies.runs - impossible - undecided,
+            built: tallies.outcomes.get(Outcome::Built.name()).copied().unwrap_or(0),
+            failed,
+            rules,
+            impossible,
+            undecided: tallies.undecided,
+            outcomes: tallies.outcomes,
+            found,
+            never: never.map(|m| m.name()).collect(),
+            marks: tallies.marks.into_iter().map(|(m, n)| (m.name(), n)).collect(),
+        }
+    }
+}
+
+/// The rule that a protocol keeps if nothing could be done within it, for people.
+const fn kept(rule: Within) -> &'static str {
+    match rule {
+        Within::Held => "a module lets go of nothing that may hang on it, since that could fall off",
+        Within::Called => "only modules that can hear of the goal, over live ones, set out for it",
+        Within::Grown => "what is built is not taken down again",
+        Within::Anything => "nothing is ruled out",
+    }
+}
+
+/// For people.
+pub fn text(summary: &Summary, paint: Paint) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_text(&mut out, summary, paint);
+    out
+}
+
+/// What could be built, what was, and why the rest was not.
+fn write_shares(out: &mut String, summary: &Summary) -> std::fmt::Result {
+    writeln!(out, "  built {} of {} that could be", count(summary.built), count(summary.buildable))?;
+    let line = |out: &mut String, n: u64, text: &str| writeln!(out, "    {:>9}  {text}", count(n));
+    if !summary.rules.is_empty() {
+        let excused = count(summary.rules.iter().map(|rule| rule.runs).sum());
+        writeln!(out, "  {excused} not built where a rule of the protocol leaves no way, proved by search:")?;
+        for rule in &summary.rules {
+            line(out, rule.runs, rule.text)?;
+        }
+    }
+    if summary.impossible > 0 {
+        writeln!(out, "  {} that no robot could build, proved by search", count(summary.impossible))?;
+    }
+    if !summary.undecided.is_empty() {
+        let undecided = count(summary.undecided.values().map(|u| u.runs).sum());
+        writeln!(out, "  {undecided} undecided: no search shows whether there was a way:")?;
+        for undecided in summary.undecided.values() {
+            line(out, undecided.runs, &undecided.text)?;
+        }
+        let seeds = summary.undecided.values().flat_map(|u| &u.seeds).take(NAMED);
+        writeln!(out, "    seeds {}", spaced(seeds))?;
+    }
+    Ok(())
+}
+
+fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Result {
+    let failed = format!("{} failed", count(summary.failed));
+    let failed = if summary.failed == 0 { paint.good(&failed) } else { paint.bad(&failed) };
+    writeln!(out, "{} from seed {}: {failed}", many(summary.runs, "run"), summary.seed)?;
+    let outcomes = summary.outcomes.iter().map(|(name, n)| format!("{} {name}", count(*n)));
+    writeln!(out, "  {}", outcomes.collect::<Vec<_>>().join(", "))?;
+    write_shares(out, summary)?;
+    let (moves, messages) = (many(summary.moves, "move"), many(summary.messages, "message"));
+    writeln!(out, "  {}, {moves}, {messages}", many(summary.events, "event"))?;
+    for found in &summary.found {
+        let Found { kind, protocol, seeds, runs, what, repeat, agents, faults, .. } = found;
+        writeln!(out, "\n{} ({protocol}) in {}", paint.bad(&kind.to_string()), many(*runs, "run"))?;
+        writeln!(out, "  {what}\n  first in  {repeat}")?;
+        if *runs > 1 {
+            writeln!(out, "  seeds {}{}", spaced(seeds), if *runs > NAMED as u64 { " ..." } else { "" })?;
+        }
+        if let Some(file) = &found.here {
+            writeln!(
+                out,
+                "  made small: {}, {} ({})",
+                many(*agents as u64, "module"),
+                many(*faults as u64, "fault"),
+                many(found.shrinking, "run")
+            )?;
+            writeln!(out, "  metamorph run {} --link sim", quote(file.to_string_lossy().into_owned()))?;
+        }
+    }
+    writeln!(
+        out,
+        "\nrare paths: {} of {} ran",
+        summary.marks.len(),
+        summary.marks.len() + summary.never.len()
+    )?;
+    for never in &summary.never {
+        writeln!(out, "  {} {never}", paint.strong("never ran:"))?;
+    }
+    Ok(())
+}
+
+/// Notes one of the first.
+fn note(numbers: &mut Vec<u64>, number: u64) {
+    if numbers.len() < NAMED {
+        numbers.push(number);
+    }
+}
+
+/// The seeds of runs by their numbers.
+pub fn seeds(from: u64, numbers: &[u64]) -> Vec<u64> {
+    numbers.iter().map(|n| from.wrapping_add(*n)).collect()
+}
+
+fn spaced<'a>(seeds: impl IntoIterator<Item = &'a u64>) -> String {
+    seeds.into_iter().map(u64::to_string).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::coverage::Marks;
+
+    fn ran(outcome: Outcome, verdict: Verdict) -> Ran {
+        let (protocol, marks) = ("cube, forest".to_owned(), Marks::default());
+        Ran { protocol, verdict, outcome: Some(outcome), marks, events: 1, moves: 600, messages: 0 }
+    }
+
+    /// Every run is in one place of the summary, and what was not built says why.
+    #[test]
+    fn every_run_is_accounted_for() {
+        let mut tallies = Tallies::default();
+        let stuck = |kind: Kind| Verdict::Failed(Failure { kind, what: "seen".into() });
+        let verdicts = [
+            (Outcome::Built, Verdict::Built),
+            (Outcome::Built, Verdict::Built),
+            (Outcome::Deadlock, Verdict::Infeasible(Within::Held)),
+            (Outcome::Deadlock, Verdict::Infeasible(Within::Called)),
+            (Outcome::Deadlock, Verdict::Infeasible(Within::Called)),
+            (Outcome::Deadlock, Verdict::Infeasible(Within::Anything)),
+            (Outcome::Deadlock, Verdict::Excused("no-lock".into())),
+            (Outcome::Deadlock, stuck(Kind::Undecided("blocked".into()))),
+            (Outcome::Deadlock, stuck(Kind::Stuck("blocked".into()))),
+        ];
+        let runs = verdicts.len() as u64;
+        for (number, (outcome, verdict)) in (0..).zip(verdicts) {
+            tallies.add(number, &ran(outcome, verdict));
+        }
+        let summary = Summary::new(10, None, tallies, Vec::new());
+        assert_eq!((summary.runs, summary.buildable, summary.built, summary.failed), (runs, 6, 2, 2));
+        assert_eq!((summary.impossible, summary.undecided.len()), (1, 2));
+        let excused: u64 = summary.rules.iter().map(|r| r.runs).sum();
+        let undecided: u64 = summary.undecided.values().map(|u| u.runs).sum();
+        // One of the two failures is undecided.
+        assert_eq!(summary.built + excused + summary.impossible + undecided + summary.failed - 1, runs);
+        let text = text(&summary, Paint::PLAIN);
+        for part in [
+            "9 runs from seed 10: 2 failed",
+            "built 2 of 6 that could be",
+            "3 not built where a rule",
+            "2  only modules that can hear of the goal",
+            "1 that no robot could build",
+            "2 undecided:",
+            "seeds 17 16",
+            "9 events, 5,400 moves, 0 messages",
+        ] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+    }
+}

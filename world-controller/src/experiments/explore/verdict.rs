@@ -1,0 +1,134 @@
+//! What a run came to, judged: safe always; and live, unless what is left cannot build the goal.
+
+use crate::report::run_result::Question;
+use crate::report::schema::Report;
+use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::metamodule::planning::cooperative::{Sought, WORK, search};
+use metamorph_sim_bridge::cube::reachability::{Found, Within, widest_proof};
+use metamorph_sim_bridge::director::outcome::{Outcome, Reason};
+use serde::Serialize;
+use std::fmt;
+
+/// What a run came to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// The goal was built.
+    Built,
+    /// It was not, and an exhaustive search proved that nothing more could have been built.
+    Infeasible(Within),
+    /// It was not, and by the reason that is named that is no fault of the protocol; no search proved it.
+    Excused(String),
+    /// Something is wrong.
+    Failed(Failure),
+}
+
+/// In what way a run failed. Two runs of one kind fail the same way.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "failure", content = "name")]
+pub enum Kind {
+    /// The program panicked.
+    Panic,
+    /// This invariant broke first.
+    Unsafe(String),
+    /// There was a way left, and nobody went it: the reason of the standstill.
+    Stuck(String),
+    /// Nobody went on, and no search has decided whether there was a way: the reason of the standstill.
+    Undecided(String),
+}
+
+impl Kind {
+    /// Whether something happened that must never happen, instead of something not happening.
+    pub fn is_unsafe(&self) -> bool {
+        matches!(self, Kind::Panic | Kind::Unsafe(_))
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Kind::Panic => f.write_str("panic"),
+            Kind::Unsafe(invariant) => write!(f, "unsafe: {invariant}"),
+            Kind::Stuck(reason) => write!(f, "stuck: {reason}"),
+            Kind::Undecided(reason) => write!(f, "stuck, undecided: {reason}"),
+        }
+    }
+}
+
+/// A failed run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// In what way.
+    pub kind: Kind,
+    /// What was seen.
+    pub what: String,
+}
+
+/// Reasons that are the price of what a protocol is: the thesis's strategies have local minima, which
+/// its experiment measures.
+const PUBLISHED: [Reason; 2] = [Reason::NoBetterPlace, Reason::NoLock];
+
+/// Reasons for which no module could have gone on alone.
+const UNMOVED: [Reason; 4] =
+    [Reason::MaterialExhausted, Reason::SeedBlocked, Reason::NeedsDeadSupport, Reason::NoWay];
+
+/// So many arrangements of a broken robot are looked at before it stays undecided what could be built.
+const ARRANGEMENTS: usize = 20_000;
+
+/// Judges a run by its report; of cubes, also by what a search finds that could still be built.
+pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
+    if let Some(first) = report.invariants.violated.first() {
+        let kind = Kind::Unsafe(first.invariant.clone());
+        return Verdict::Failed(Failure { kind, what: format!("at {} s: {}", first.at_s, first.what) });
+    }
+    if report.outcome == Outcome::Built.name() {
+        return Verdict::Built;
+    }
+    let Some(stall) = &report.unbuilt else {
+        let kind = Kind::Stuck(report.outcome.clone());
+        return Verdict::Failed(Failure { kind, what: report.reason.clone() });
+    };
+    let is = |reason: Reason| stall.reason == reason.name();
+    let dead = report.agents.alive < report.agents.launched;
+    let broken = dead || report.faults.iter().any(|f| f.fault == "stick");
+    let excused = match () {
+        // Whoever must start a cell may only be missing because it has died.
+        () if is(Reason::NoActiveTarget) || is(Reason::CutOff) => dead,
+        // Holding on to what is broken is what keeps it from falling off.
+        () if is(Reason::Pinned) => broken,
+        () => UNMOVED.into_iter().chain(PUBLISHED).any(is),
+    };
+    let is_cubes = matches!(plight, Some(Question::Cubes(_)));
+    // Cubes that nothing has broken have brought themselves to where nothing can be done any more.
+    let whole = is_cubes && !broken && !report.faults.iter().any(|f| f.fault == "restart");
+    let searched = match plight {
+        Some(Question::Cubes(plight)) => widest_proof(plight, ARRANGEMENTS),
+        Some(Question::Metamodules(plight)) if plight.setup.params.strategy == Strategy::Negotiated => {
+            match search(plight, WORK) {
+                Sought::Way(moves) => Err(Found::Way(moves.iter().filter(|m| m.lands).count())),
+                // Where the goal is now; it may have to be moved.
+                Sought::NoWay(_) if is(Reason::Misplaced) => Err(Found::Undecided),
+                Sought::NoWay(_) => Ok(Within::Grown),
+                Sought::Undecided => Err(Found::Undecided),
+            }
+        }
+        _ => Err(Found::Undecided),
+    };
+    let reason = stall.reason.clone();
+    let (kind, way) = match searched {
+        Err(Found::Way(moves)) => (Kind::Stuck(reason), format!(", with a way of {moves} moves")),
+        _ if whole => (Kind::Stuck(reason), ", with nothing broken".into()),
+        Ok(within) => return Verdict::Infeasible(within),
+        _ if excused => return Verdict::Excused(reason),
+        _ => (Kind::Undecided(reason), String::new()),
+    };
+    let what = format!(
+        "{} at {} s, since {} s{way}: {}; {} unfilled, waiting: {}",
+        report.outcome,
+        report.time.virtual_s,
+        stall.since_s,
+        stall.text,
+        stall.unfilled.len(),
+        stall.waiting.iter().map(|w| w.module.to_string()).collect::<Vec<_>>().join(" ")
+    );
+    Verdict::Failed(Failure { kind, what })
+}

@@ -1,0 +1,6 @@
+//! Commands that do many runs: sweeps, exploration, published experiments, benchmarks.
+
+pub(crate) mod bench;
+pub mod explore;
+pub mod reproduce;
+pub mod sweep;

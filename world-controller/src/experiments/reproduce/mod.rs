@@ -1,0 +1,297 @@
+//! `metamorph reproduce`: the thesis's experiment with metamodules (4.1.3), many times over, beside
+//! the numbers that it printed.
+//!
+//! It is re-implemented, not reproduced: the text leaves much open, and what is taken is the reading that
+//! comes nearest. `published` holds the numbers of the thesis, `compare` sets ours beside them, `fit` tests
+//! whether they agree, `claims` judges what the thesis says in words by experiments of its own size
+//! (`resample`), `recipe` what it says of seeding, `assumptions` varies what the text leaves open, `text` and
+//! `page` show it all. Everything is a sweep. Deliberately absent: any setting; `metamorph sweep` has them.
+
+mod assumptions;
+mod claims;
+pub mod compare;
+mod fit;
+mod page;
+pub mod published;
+mod readings;
+mod recipe;
+mod resample;
+mod text;
+
+use crate::console::escape::Shown;
+use crate::console::format::{count, many};
+use crate::console::interrupt::Interrupt;
+use crate::console::output::{Json, Outputs};
+use crate::console::terminal::Channel;
+use crate::experiments::sweep::grid::{Grid, Seeds};
+use crate::experiments::sweep::store::Store;
+use crate::experiments::sweep::summary::Summary;
+use crate::experiments::sweep::{Progress, Results, Scenario, SweepError, create_directory, run};
+use crate::scenario::settings::Setting;
+use crate::scenario::{LinkKind, Overrides, Plan, Swarm, read_text};
+use clap::ValueEnum;
+use compare::{Redrawn, Reproduction, Runs};
+use fit::Fit;
+use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_sim_bridge::director::outcome::Outcome;
+use published::{KINDS, STRATEGIES, TABLE_4_1, TABLE_4_2, Table};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// The page, beside the directories of the sweeps.
+const PAGE: &str = "report.html";
+
+/// What can be reproduced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+pub enum Experiment {
+    /// Table 4.1: collisions and deadlocks of four metamodules that build the box
+    #[value(name = "4.1")]
+    Table41,
+    /// Table 4.2: collisions and deadlocks of six metamodules that build the chair
+    #[value(name = "4.2")]
+    Table42,
+    /// Figure 4.5: moves that box and chair need
+    #[value(name = "fig4.5")]
+    Figure45,
+}
+
+impl Experiment {
+    /// The name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Experiment::Table41 => "4.1",
+            Experiment::Table42 => "4.2",
+            Experiment::Figure45 => "fig4.5",
+        }
+    }
+    const fn title(self) -> &'static str {
+        match self {
+            Experiment::Table41 => "Table 4.1: four metamodules build the box",
+            Experiment::Table42 => "Table 4.2: six metamodules build the chair",
+            Experiment::Figure45 => "Figure 4.5: moves that box and chair need",
+        }
+    }
+    const fn goals(self) -> &'static [Goal] {
+        match self {
+            Experiment::Table41 => &[Goal::Box],
+            Experiment::Table42 => &[Goal::Chair],
+            Experiment::Figure45 => &[Goal::Box, Goal::Chair],
+        }
+    }
+}
+
+/// What is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Goal {
+    /// Four metamodules.
+    Box,
+    /// Six.
+    Chair,
+}
+
+impl Goal {
+    /// Both.
+    pub const ALL: [Goal; 2] = [Goal::Box, Goal::Chair];
+
+    /// The table of the thesis about it.
+    pub const fn table(self) -> &'static Table {
+        match self {
+            Goal::Box => &TABLE_4_1,
+            Goal::Chair => &TABLE_4_2,
+        }
+    }
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Goal::Box => "box",
+            Goal::Chair => "chair",
+        }
+    }
+    const fn text(self) -> &'static str {
+        match self {
+            Goal::Box => include_str!("box.toml"),
+            Goal::Chair => include_str!("chair.toml"),
+        }
+    }
+}
+
+/// What was asked for.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// Which experiments.
+    pub experiments: Vec<Experiment>,
+    /// Seeds for every kind, strategy and order.
+    pub seeds: u64,
+    /// How many threads.
+    pub jobs: NonZeroUsize,
+    /// Where every run goes.
+    pub out: Option<PathBuf>,
+    /// Where the numbers go; `-` is standard output.
+    pub json: Option<PathBuf>,
+    /// Whether to say nothing but errors.
+    pub quiet: bool,
+}
+
+/// Does what was asked for, and gives the exit code.
+pub fn reproduce(request: &Request) -> Result<u8, SweepError> {
+    let mut experiments = request.experiments.clone();
+    experiments.sort_unstable();
+    experiments.dedup();
+    let mut outputs = Outputs::new();
+    let page = match &request.out {
+        Some(dir) => {
+            create_directory(dir)?;
+            Some(outputs.writes("--out", &dir.join(PAGE))?)
+        }
+        None => None,
+    };
+    let json = Json::of(request.json.as_deref(), &mut outputs)?;
+    let all = measure(&experiments, request, &mut outputs)?;
+    if let Some(page) = &page {
+        page.write(page::page(&all))?;
+    }
+    json.write(&all)?;
+    let channel = Channel::beside(json.is_out(), request.quiet);
+    channel.say(&text::text(&all, channel.paint()));
+    channel.say(&ending(request, &all));
+    Ok(match () {
+        () if all.runs < all.runs_planned => Outcome::Aborted.exit_code(),
+        () if all.violations > 0 => Outcome::Unsafe.exit_code(),
+        () => 0,
+    })
+}
+
+/// Runs everything that was asked for.
+fn measure(
+    experiments: &[Experiment],
+    request: &Request,
+    outputs: &mut Outputs,
+) -> Result<Reproduction, SweepError> {
+    let grid = grid(request.seeds, &Strategy::ALL)?;
+    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
+    interrupt.begin();
+    let mut sweeper = Sweeper { request, outputs, interrupt: &interrupt, runs: 0, planned: 0, violations: 0 };
+    let (mut runs, mut locks) = (Runs { of: Vec::new() }, Runs { of: Vec::new() });
+    let goals: Vec<Goal> =
+        Goal::ALL.into_iter().filter(|g| experiments.iter().any(|e| e.goals().contains(g))).collect();
+    for goal in &goals {
+        runs.of.push((*goal, sweeper.run(*goal, goal.text(), Some(""), &grid)?));
+    }
+    for goal in &goals {
+        let text = goal.text().replace("[protocol]\n", LOCKS_ONLY);
+        let of_published = self::grid(request.seeds, &STRATEGIES)?;
+        locks.of.push((*goal, sweeper.run(*goal, &text, Some("-locks"), &of_published)?));
+    }
+    let assumptions = assumptions::vary(&runs, request.seeds, &mut sweeper)?;
+    let of_seeding = match experiments.contains(&Experiment::Table42) {
+        true => recipe::claims(request.seeds, &mut sweeper)?,
+        false => Vec::new(),
+    };
+    let redrawn = redrawn(&goals, request.seeds)?;
+    let mut all = runs.reproduction(experiments, request.seeds);
+    all.fits.push(Fit::of(
+        "locks on swept cells alone",
+        "no precedence; settled ones do not push (how greedy, slope and step were run before)",
+        &locks,
+    ));
+    (all.assumptions, all.redrawn) = (assumptions, redrawn);
+    if let Some(table) = all.experiments.iter_mut().find(|e| e.name == Experiment::Table42.name()) {
+        table.claims.extend(of_seeding);
+        table.claims.push(claims::other_types());
+    }
+    (all.runs, all.runs_planned, all.violations) = (sweeper.runs, sweeper.planned, sweeper.violations);
+    Ok(all)
+}
+
+/// The reading without precedence, as the beginning of `[protocol]`.
+const LOCKS_ONLY: &str = "[protocol]\nprecedence = \"off\"\nsettled_repel = false\n";
+
+/// All kinds with these strategies and all orders.
+fn grid(seeds: u64, strategies: &[Strategy]) -> Result<Grid, SweepError> {
+    Ok(Grid::new(Seeds { from: 0, until: seeds }, assumptions::axes(strategies))?)
+}
+
+/// Carries out sweeps, and counts what all of them came to.
+struct Sweeper<'a> {
+    request: &'a Request,
+    outputs: &'a mut Outputs,
+    interrupt: &'a Interrupt,
+    runs: u64,
+    planned: u64,
+    violations: u64,
+}
+
+impl Sweeper<'_> {
+    /// Runs a scenario over a grid. With `kept` and a directory every run goes there, under the name of the
+    /// goal with `kept` behind it.
+    fn run(
+        &mut self,
+        goal: Goal,
+        text: &str,
+        kept: Option<&str>,
+        grid: &Grid,
+    ) -> Result<Summary, SweepError> {
+        let Request { out, jobs, quiet, .. } = self.request;
+        let name = format!("{}{}", goal.name(), kept.unwrap_or_default());
+        let out = out.as_ref().filter(|_| kept.is_some());
+        // With a directory the scenario is a file in it, so that the commands in the results work.
+        let file = out.map(|dir| dir.join(&name).with_extension("toml"));
+        let origin = file.as_ref().map_or_else(|| format!("{name}.toml"), |f| f.display().to_string());
+        let scenario = Scenario { origin, text: text.to_owned() };
+        let (mut store, mut results) = (None, None);
+        let dir = out.map(|dir| dir.join(&name));
+        if let (Some(file), Some(dir)) = (&file, &dir) {
+            self.outputs.writes("--out", file)?.write(text)?;
+            store = Some(Store::create(dir, &scenario.manifest(grid))?);
+            results = Some(Results::of(dir, self.outputs)?);
+        }
+        let tallies = run(&scenario, grid, Progress::new(grid, store), *jobs, self.interrupt, !quiet)?;
+        let summary = tallies.summary(&scenario.name(), grid);
+        if let Some(results) = &results {
+            results.write(&scenario, grid, &summary)?;
+        }
+        self.runs += summary.runs;
+        self.planned += summary.runs_planned;
+        self.violations += summary.violations;
+        Ok(summary)
+    }
+}
+
+/// Most starts looked at for those that were drawn again.
+const MOST_STARTS: u64 = 200;
+
+/// Counts the starts of the experiment that were drawn again because a metamodule was shut in.
+fn redrawn(goals: &[Goal], seeds: u64) -> Result<Vec<Redrawn>, SweepError> {
+    let mut all = Vec::new();
+    for goal in goals {
+        for kind in KINDS {
+            let settings = vec![Setting { option: "--set", text: format!("swarm.kind={}", kind.name()) }];
+            let overrides = Overrides { link: LinkKind::Sim, settings, ..Overrides::default() };
+            let plan = read_text(goal.name(), goal.text(), &overrides).map_err(SweepError::Scenario)?;
+            let (mut drawn, mut shut_in) = (0, 0);
+            for seed in 0..seeds.min(MOST_STARTS) {
+                // A seed without a start has ended the sweep before.
+                if let Ok(Plan { swarm: Swarm::Metamodules(m), .. }) = plan.with_seed(seed) {
+                    drawn += 1 + u64::from(m.redrawn);
+                    shut_in += u64::from(m.redrawn);
+                }
+            }
+            let (goal, kind) = (goal.name().to_owned(), kind.name().to_owned());
+            all.push(Redrawn { goal, kind, drawn, shut_in });
+        }
+    }
+    Ok(all)
+}
+
+fn ending(request: &Request, all: &Reproduction) -> String {
+    let missing = all.runs_planned - all.runs;
+    let interrupted = match missing {
+        0 => String::new(),
+        n => format!("  interrupted: {} of {} missing here\n", count(n), many(all.runs_planned, "run")),
+    };
+    let place = match &request.out {
+        Some(dir) => format!("  every run and a report are in {}", dir.shown()),
+        None => "  nothing is kept; --out DIR keeps every run and a report".to_owned(),
+    };
+    interrupted + &place
+}

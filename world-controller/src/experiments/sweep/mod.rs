@@ -1,0 +1,414 @@
+//! `metamorph sweep`: one scenario with many seeds and varied values, on the simulated link.
+//!
+//! `grid` says which runs there are, `pool` carries them out, `row` is one of them, `store` keeps them
+//! in a directory, `summary` and `statistics` say what they have in common, `table` and `page` show it
+//! (`plots` draws).
+//!
+//! *Invariant.* What is written depends on the scenario, the seeds and the variations alone: not on
+//! the number of threads, the machine, or how often the sweep was interrupted. Deliberately absent:
+//! the process link, where runs can neither be repeated nor crowd one machine without disturbing each
+//! other.
+
+pub mod grid;
+pub mod page;
+pub mod pool;
+pub mod row;
+pub mod store;
+pub mod summary;
+pub mod table;
+
+use crate::console::escape::{Shown, json, portable};
+use crate::console::format::{count, many, rate, seconds};
+use crate::console::interrupt::Interrupt;
+use crate::console::output::{Output, OutputError, Outputs};
+use crate::console::stopwatch::Stopwatch;
+use crate::console::terminal::{Channel, Live};
+use crate::scenario::flaw::Flaw;
+use crate::scenario::problems::Problems;
+use crate::scenario::{LinkKind, Overrides, Plan, load, quote, read_text};
+use grid::{Axis, Grid, GridError, Seeds};
+use metamorph_protocol::metamodule::start::StartError;
+use metamorph_sim_bridge::director::outcome::Outcome;
+use page::Context;
+use pool::{News, Work};
+use std::collections::BTreeSet;
+use std::io;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+pub use store::create_directory;
+use store::{Done, Manifest, Store, StoreError};
+use summary::{Summary, Tallies};
+use thiserror::Error;
+
+/// What the numbers are in.
+const SUMMARY: &str = "summary.json";
+/// What one looks at.
+const PAGE: &str = "report.html";
+/// So much of a sweep is lost, at most, if the program is killed.
+const FLUSH: Duration = Duration::from_millis(100);
+
+/// Why a sweep did not come to an end.
+#[derive(Debug, Error)]
+pub enum SweepError {
+    /// The seeds or variations.
+    #[error(transparent)]
+    Grid(#[from] GridError),
+    /// The scenario.
+    #[error(transparent)]
+    Scenario(Problems),
+    /// The scenario with the values of a combination.
+    #[error("{problems}\n\nin the combination {values}")]
+    Combination {
+        /// What is wrong.
+        problems: Problems,
+        /// The values.
+        values: Box<str>,
+    },
+    /// The directory.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The numbers, or a file beside the runs, cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// Signals cannot be caught.
+    #[error("cannot listen for Ctrl-C: {0}")]
+    Signals(io::Error),
+    /// A seed with which the start cannot be drawn.
+    #[error("{error}\n  in the run: {repeat}\n  fix: {fix}")]
+    NoStart {
+        /// The command for this run alone.
+        repeat: String,
+        /// Why.
+        error: StartError,
+        /// The way out.
+        fix: String,
+    },
+    /// A panic in a run.
+    #[error("a run made the program panic, which is a defect of the program. It alone: {0}")]
+    Defect(String),
+}
+
+impl SweepError {
+    /// Whether what was typed is wrong, and not the program or the machine.
+    pub fn is_input(&self) -> bool {
+        match self {
+            SweepError::Grid(_)
+            | SweepError::Scenario(_)
+            | SweepError::Combination { .. }
+            | SweepError::NoStart { .. } => true,
+            SweepError::Store(error) => !matches!(error, StoreError::Write { .. }),
+            SweepError::Output(error) => error.is_input(),
+            SweepError::Signals(_) | SweepError::Defect(_) => false,
+        }
+    }
+}
+
+/// The text of a scenario, to be read with different values in it.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// How messages call it.
+    pub origin: String,
+    /// The text.
+    pub text: String,
+}
+
+impl Scenario {
+    /// What a combination runs, for any seed.
+    pub fn plan(&self, grid: &Grid, combination: u64) -> Result<Plan, Problems> {
+        let settings = grid.settings(combination);
+        let overrides = Overrides { link: LinkKind::Sim, settings, ..Overrides::default() };
+        read_text(&self.origin, &self.text, &overrides)
+    }
+
+    /// Reads it once with every combination.
+    fn check(&self, grid: &Grid) -> Result<(), SweepError> {
+        for combination in 0..grid.combinations() {
+            self.plan(grid, combination).map_err(|problems| match grid.values(combination).len() {
+                0 => SweepError::Scenario(problems),
+                _ => {
+                    SweepError::Combination { problems, values: options(grid, combination, "--vary").into() }
+                }
+            })?;
+        }
+        Ok(())
+    }
+
+    /// What a sweep of it is known by.
+    pub fn manifest(&self, grid: &Grid) -> Manifest {
+        Manifest::new(&self.name(), &self.text, grid)
+    }
+
+    /// How what is passed on calls it.
+    pub fn name(&self) -> String {
+        portable(Path::new(&self.origin))
+    }
+
+    /// The page that shows what came of it.
+    fn page(&self, grid: &Grid, summary: &Summary) -> String {
+        // Invariant: every combination was read before the first run.
+        let plan = self.plan(grid, 0).ok();
+        let context = Context {
+            title: &plan.as_ref().map_or_else(|| self.name(), Plan::title),
+            description: plan.as_ref().and_then(|p| p.description.as_deref()),
+            scenario: &self.text,
+            command: &self.command(self.name(), grid),
+        };
+        page::page(summary, &context)
+    }
+
+    /// The command that gives the same results from the file of this name.
+    fn command(&self, file: String, grid: &Grid) -> String {
+        let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), quote(file)];
+        words.extend(["--seeds".to_owned(), grid.seeds.to_string()]);
+        words.extend(grid.vary.iter().flat_map(|v| ["--vary".to_owned(), quote(v.to_string())]));
+        words.join(" ")
+    }
+
+    /// The command that repeats one run alone.
+    fn repeat(&self, grid: &Grid, run: u64) -> String {
+        let settings = options(grid, grid.combination(run), "--set");
+        let space = if settings.is_empty() { "" } else { " " };
+        let (file, seed) = (quote(self.origin.clone()), grid.seed(run));
+        format!("metamorph run {file} --link sim --seed {seed}{space}{settings}")
+    }
+}
+
+/// A combination as it would be typed.
+fn options(grid: &Grid, combination: u64, option: &str) -> String {
+    let settings = grid.settings(combination);
+    settings.into_iter().map(|s| format!("{option} {}", quote(s.text))).collect::<Vec<_>>().join(" ")
+}
+
+/// What `metamorph sweep` was asked for, as typed.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The scenario.
+    pub scenario: PathBuf,
+    /// `A..B`.
+    pub seeds: String,
+    /// `KEY=VALUE,VALUE`.
+    pub vary: Vec<String>,
+    /// How many threads.
+    pub jobs: NonZeroUsize,
+    /// Where the results go.
+    pub out: Option<PathBuf>,
+    /// Whether to go on with what is there.
+    pub resume: bool,
+    /// Whether to say nothing but errors.
+    pub quiet: bool,
+}
+
+/// Does what was asked for, and gives the exit code.
+pub fn sweep(request: &Request) -> Result<u8, SweepError> {
+    let text = load(&request.scenario).map_err(SweepError::Scenario)?;
+    let scenario = Scenario { origin: request.scenario.display().to_string(), text };
+    let vary = request.vary.iter().map(|text| Axis::parse(text)).collect::<Result<Vec<_>, _>>()?;
+    let grid = Grid::new(Seeds::parse(&request.seeds)?, vary)?;
+    scenario.check(&grid)?;
+    let mut outputs = Outputs::new();
+    outputs.reads("the scenario", &request.scenario);
+    for file in scenario.plan(&grid, 0).map(|plan| plan.files).unwrap_or_default() {
+        outputs.reads("a file that the scenario names,", &file);
+    }
+    let mut tallies = Tallies::new(&grid);
+    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
+    interrupt.begin();
+    let (store, done) = match &request.out {
+        None => (None, Done::default()),
+        Some(dir) => {
+            let manifest = scenario.manifest(&grid);
+            let (store, done) = if request.resume {
+                Store::resume(dir, &manifest, |run, row| tallies.add(grid.combination(run), row))?
+            } else {
+                (Store::create(dir, &manifest)?, Done::default())
+            };
+            (Some(store), done)
+        }
+    };
+    let results = request.out.as_deref().map(|dir| Results::of(dir, &mut outputs)).transpose()?;
+    let since = Stopwatch::start();
+    let before = done.before + done.ahead.len() as u64;
+    let jobs = request.jobs;
+    let tallies = run(&scenario, &grid, Progress { store, done, tallies }, jobs, &interrupt, !request.quiet)?;
+    let summary = tallies.summary(&scenario.name(), &grid);
+    if let Some(results) = &results {
+        results.write(&scenario, &grid, &summary)?;
+    }
+    let channel = if request.quiet { Channel::Quiet } else { Channel::Out };
+    let new = summary.runs - before;
+    let took = since.elapsed().as_secs_f64();
+    channel.say(&format!(
+        "{}\n  {} in {} on {}, {}\n{}",
+        table::table(&summary, channel.paint()),
+        many(new, "run"),
+        seconds(took),
+        many(jobs.get() as u64, "thread"),
+        rate(new, took),
+        ending(request, &scenario.command(scenario.origin.clone(), &grid), &summary),
+    ));
+    Ok(match () {
+        () if summary.runs < summary.runs_planned => Outcome::Aborted.exit_code(),
+        () if summary.violations > 0 => Outcome::Unsafe.exit_code(),
+        () => 0,
+    })
+}
+
+/// Where the results are, and how to go on if they are not all there.
+fn ending(request: &Request, command: &str, summary: &Summary) -> String {
+    let missing = summary.runs_planned - summary.runs;
+    match (&request.out, missing) {
+        (None, 0) => "  nothing is kept; --out DIR keeps every run".to_owned(),
+        (None, n) => {
+            format!("  interrupted: {} not done, and nothing is kept without --out DIR", many(n, "run"))
+        }
+        (Some(dir), 0) => format!("  every run and a report are in {}", dir.shown()),
+        (Some(dir), n) => format!(
+            "  interrupted: {} still to be done, everything else is kept\n  go on with  {command} --out {} --resume",
+            many(n, "run"),
+            quote(dir.display().to_string())
+        ),
+    }
+}
+
+/// The files beside the runs.
+#[derive(Debug)]
+pub struct Results {
+    summary: Output,
+    page: Output,
+}
+
+impl Results {
+    /// In this directory. Found out now, and not after all the runs, is whether they can be written.
+    pub fn of(dir: &Path, outputs: &mut Outputs) -> Result<Results, OutputError> {
+        let summary = outputs.writes("--out", &dir.join(SUMMARY))?;
+        Ok(Results { summary, page: outputs.writes("--out", &dir.join(PAGE))? })
+    }
+
+    /// Writes the numbers and the page.
+    pub fn write(&self, scenario: &Scenario, grid: &Grid, summary: &Summary) -> Result<(), OutputError> {
+        self.summary.write(json(summary) + "\n")?;
+        self.page.write(scenario.page(grid, summary))
+    }
+}
+
+/// How far a sweep has come.
+pub struct Progress {
+    /// Where runs are kept, if they are.
+    pub store: Option<Store>,
+    /// What was done before.
+    pub done: Done,
+    /// The runs counted so far: those at the beginning of `done`.
+    pub tallies: Tallies,
+}
+
+impl Progress {
+    /// Nothing done so far.
+    pub fn new(grid: &Grid, store: Option<Store>) -> Progress {
+        Progress { store, done: Done::default(), tallies: Tallies::new(grid) }
+    }
+}
+
+/// Does all runs that are not done yet, or until interrupted. Everything that was done is kept and
+/// counted.
+pub fn run(
+    scenario: &Scenario,
+    grid: &Grid,
+    progress: Progress,
+    jobs: NonZeroUsize,
+    interrupt: &Interrupt,
+    show: bool,
+) -> Result<Tallies, SweepError> {
+    let Progress { mut store, done, mut tallies } = progress;
+    let already: BTreeSet<u64> = done.ahead.keys().copied().collect();
+    let work = Work { scenario, grid, first: done.before, done: &already, jobs, interrupt };
+    let (mut next, mut waiting) = (done.before, done.ahead);
+    let (since, mut live, mut flushed) = (Stopwatch::start(), Live::new(show), Stopwatch::start());
+    let begun = next + waiting.len() as u64;
+    pool::run(work, |news| {
+        match news {
+            News::Row(run, row) => {
+                waiting.insert(run, *row);
+            }
+            News::Defect(run) => return Err(SweepError::Defect(scenario.repeat(grid, run))),
+            News::NoStart(run, error) => {
+                let fix = Flaw::NoRoom(error).fix();
+                return Err(SweepError::NoStart { repeat: scenario.repeat(grid, run), error, fix });
+            }
+            News::Nothing => {}
+        }
+        while let Some(row) = waiting.remove(&next) {
+            tallies.add(grid.combination(next), &row);
+            if let Some(store) = &mut store {
+                store.write(next, &row)?;
+            }
+            next += 1;
+        }
+        if flushed.elapsed() > FLUSH
+            && let Some(store) = &mut store
+        {
+            store.flush()?;
+            flushed = Stopwatch::start();
+        }
+        live.show(|| {
+            bar(
+                begun,
+                next + waiting.len() as u64,
+                grid.runs(),
+                tallies.totals().1,
+                since.elapsed().as_secs_f64(),
+            )
+        });
+        Ok(())
+    })?;
+    drop(live);
+    // After an interruption, what other threads had done beyond the first run that is missing.
+    for (run, row) in waiting {
+        tallies.add(grid.combination(run), &row);
+        if let Some(store) = &mut store {
+            store.write(run, &row)?;
+        }
+    }
+    if let Some(store) = &mut store {
+        store.flush()?;
+    }
+    Ok(tallies)
+}
+
+/// One line that says how far a sweep has come.
+fn bar(begun: u64, now: u64, all: u64, violations: u64, took: f64) -> String {
+    const WIDTH: u64 = 10;
+    let filled = (now * WIDTH / all.max(1)) as usize;
+    let mut line = format!(
+        "[{:·<width$}] {:>3}%  {} of {}",
+        "#".repeat(filled),
+        now * 100 / all.max(1),
+        count(now),
+        many(all, "run"),
+        width = WIDTH as usize
+    );
+    if violations > 0 {
+        line += &format!("  {}", many(violations, "violation"));
+    }
+    if now > begun {
+        line += &format!("  {} left", seconds((all - now) as f64 * took / (now - begun) as f64));
+    }
+    line + "  " + &rate(now - begun, took)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiments::sweep::grid::MAX_RUNS;
+
+    #[test]
+    fn the_line_says_how_far_a_sweep_has_come() {
+        assert_eq!(
+            bar(0, 500, 1_000, 0, 10.0),
+            "[#####·····]  50%  500 of 1,000 runs  10.0 s left  50 a second"
+        );
+        assert_eq!(bar(7, 7, 1_000, 1, 0.0), "[··········]   0%  7 of 1,000 runs  1 violation  0 a second");
+        let most = bar(0, MAX_RUNS - 1, MAX_RUNS, MAX_RUNS, 1e9);
+        assert!(most.split("  ").take(4).collect::<Vec<_>>().join("  ").chars().count() < 80, "{most}");
+    }
+}

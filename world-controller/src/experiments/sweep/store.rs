@@ -1,0 +1,446 @@
+//! The directory of a sweep: what was asked for (`manifest.json`) and every run (`runs.csv`).
+//!
+//! Lines of `runs.csv` stand in the order of the runs. Only behind the first missing one, after an
+//! interruption, others may follow with gaps; they are taken up into memory when the sweep goes on,
+//! and written again in their place. A last line without its end is what a killed program left.
+//! Absent: the summary and the report, which are made from the runs at any time.
+
+use super::grid::Grid;
+use super::row::{self, Row, RowError};
+use crate::console::escape::{Shown, json};
+use crate::console::output::{OutputError, Outputs};
+use crate::scenario::flaw::MAX_BYTES;
+use metamorph_module_agent::regular_file;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, BufRead, BufReader, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// The name of the format.
+const FORMAT: &str = "metamorph-sweep";
+/// The version of the directory's layout, `runs.csv` included.
+pub const VERSION: u32 = 1;
+/// What the manifest is called.
+const MANIFEST: &str = "manifest.json";
+/// What the runs are in.
+pub const RUNS: &str = "runs.csv";
+
+/// The most bytes of a manifest: a scenario in it, in which every byte is escaped.
+const LONGEST: u64 = 6 * MAX_BYTES + (1 << 20);
+
+/// Why a directory cannot be used.
+#[derive(Debug, Error)]
+pub enum StoreError {
+    /// Something is there already.
+    #[error("--out {}: the directory is not empty\n  fix: name a new or empty directory{}", .dir.shown(),
+        if *.resumable { ", or add --resume to go on with the sweep in it" } else { "" })]
+    NotEmpty {
+        /// Which.
+        dir: PathBuf,
+        /// Whether there is a sweep in it.
+        resumable: bool,
+    },
+    /// There is no sweep to go on with.
+    #[error("--out {}: there is no sweep to go on with, because {} is missing\n  fix: leave --resume out to start one", .0.shown(), MANIFEST)]
+    Nothing(PathBuf),
+    /// The manifest is damaged or something else.
+    #[error("{}: this is not the manifest of a sweep: {reason}\n  fix: name another directory with --out and start anew without --resume", .path.shown())]
+    Manifest {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// Another layout.
+    #[error("{}: the sweep has format version {found}; this program (metamorph {program}) reads version {VERSION}\n  fix: go on with the program that began it, or start anew in another directory",
+        .path.shown(), program = env!("CARGO_PKG_VERSION"))]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u32,
+    },
+    /// Another sweep.
+    #[error("--out {}: the sweep there has {what}: {theirs}, and not {ours}\n  fix: resume with exactly what it was begun with, or start anew in another directory", .dir.shown())]
+    Different {
+        /// The directory.
+        dir: PathBuf,
+        /// In what they differ.
+        what: &'static str,
+        /// What is in the directory.
+        theirs: String,
+        /// What was asked for.
+        ours: String,
+    },
+    /// Somebody writes there.
+    #[error("--out {}: another sweep is writing there\n  fix: wait until it has ended, or name another directory", .0.shown())]
+    Busy(PathBuf),
+    /// The runs are damaged.
+    #[error("{}:{line}: {reason}\n  fix: remove this line and all after it, and resume; their runs are repeated", .path.shown())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Which line, from 1.
+        line: u64,
+        /// Why.
+        reason: String,
+    },
+    /// A run could not be written.
+    #[error("cannot write {}: {error}; what was written before is kept, and --resume goes on from there", .path.shown())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+    /// The manifest cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A file cannot be used.
+    #[error("--out: cannot write {}: {error}\n  fix: name a directory on a disk with room that is yours", .path.shown())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+}
+
+/// What a sweep was asked for. Two sweeps with the same manifest have the same runs.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Manifest {
+    format: String,
+    version: u32,
+    /// The version of the program: another one may run another way.
+    program: String,
+    /// The file of the scenario, as named by the user.
+    scenario: String,
+    /// The text of the scenario.
+    text: String,
+    /// All runs.
+    #[serde(flatten)]
+    grid: Grid,
+}
+
+/// What is in every manifest, whatever its version.
+#[derive(Deserialize)]
+struct Stamp {
+    format: String,
+    version: u32,
+}
+
+impl Manifest {
+    /// The manifest of a sweep of this program.
+    pub fn new(scenario: &str, text: &str, grid: &Grid) -> Manifest {
+        Manifest {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            scenario: scenario.to_owned(),
+            text: text.to_owned(),
+            grid: grid.clone(),
+        }
+    }
+
+    fn read(dir: &Path) -> Result<Manifest, StoreError> {
+        let path = dir.join(MANIFEST);
+        let bytes = match regular_file::read(&path, LONGEST) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                return Err(StoreError::Nothing(dir.into()));
+            }
+            Err(error) => return Err(StoreError::File { path, error }),
+            Ok(bytes) => bytes,
+        };
+        let wrong = |reason: String| StoreError::Manifest { path: path.clone(), reason };
+        let stamp: Stamp = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
+        if stamp.format != FORMAT {
+            return Err(wrong(format!("its format is `{}`", stamp.format)));
+        }
+        if stamp.version != VERSION {
+            return Err(StoreError::Version { path, found: stamp.version });
+        }
+        serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))
+    }
+
+    /// Where the file of the scenario lies makes no difference.
+    fn must_be(&self, ours: &Manifest, dir: &Path) -> Result<(), StoreError> {
+        let differ = |what, theirs: String, ours: String| {
+            Err(StoreError::Different { dir: dir.into(), what, theirs, ours })
+        };
+        let vary = |m: &Manifest| match m.grid.vary.len() {
+            0 => "none".to_owned(),
+            _ => m.grid.vary.iter().map(|axis| format!("--vary {axis}")).collect::<Vec<_>>().join(" "),
+        };
+        if self.text != ours.text {
+            let name = |m: &Manifest| format!("the text of {} as it was given then", m.scenario);
+            return differ("another scenario", name(self), format!("that of {} now", ours.scenario));
+        }
+        if self.grid.vary != ours.grid.vary {
+            return differ("other variations", vary(self), vary(ours));
+        }
+        if self.grid.seeds != ours.grid.seeds {
+            return differ("other seeds", self.grid.seeds.to_string(), ours.grid.seeds.to_string());
+        }
+        if self.program != ours.program {
+            return differ("another version of metamorph", self.program.clone(), ours.program.clone());
+        }
+        Ok(())
+    }
+}
+
+/// The file that runs are written to.
+#[derive(Debug)]
+pub struct Store {
+    grid: Grid,
+    path: PathBuf,
+    out: csv::Writer<File>,
+}
+
+/// What was done before.
+#[derive(Debug, Default)]
+pub struct Done {
+    /// So many runs from the first on.
+    pub before: u64,
+    /// And these, which are not in the file any more and shall be written in their place.
+    pub ahead: BTreeMap<u64, Row>,
+}
+
+impl Store {
+    /// Begins a sweep in a directory that is new or empty.
+    pub fn create(dir: &Path, manifest: &Manifest) -> Result<Store, StoreError> {
+        create_directory(dir)?;
+        Outputs::new().writes("--out", &dir.join(MANIFEST))?.write(json(manifest) + "\n")?;
+        Store::open(dir, &manifest.grid, |_, _| {}).map(|(store, _)| store)
+    }
+
+    /// Goes on with a sweep. `seen` is told of every run that is in the file and stays there.
+    pub fn resume(
+        dir: &Path,
+        manifest: &Manifest,
+        seen: impl FnMut(u64, &Row),
+    ) -> Result<(Store, Done), StoreError> {
+        Manifest::read(dir)?.must_be(manifest, dir)?;
+        Store::open(dir, &manifest.grid, seen)
+    }
+
+    fn open(dir: &Path, grid: &Grid, seen: impl FnMut(u64, &Row)) -> Result<(Store, Done), StoreError> {
+        let path = dir.join(RUNS);
+        let failed = |error| StoreError::File { path: path.clone(), error };
+        let options = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
+        let mut file = options.map_err(failed)?;
+        // Reading from a pipe would wait for ever.
+        if !file.metadata().map_err(failed)?.is_file() {
+            return Err(failed(io::Error::other("it is no regular file")));
+        }
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(StoreError::Busy(dir.into())),
+            Err(TryLockError::Error(error)) => return Err(failed(error)),
+        }
+        let (done, end) = scan(&file, &path, grid, seen)?;
+        file.set_len(end).map_err(failed)?;
+        file.seek(SeekFrom::Start(end)).map_err(failed)?;
+        let out = csv::WriterBuilder::new().has_headers(false).buffer_capacity(1 << 16).from_writer(file);
+        let mut store = Store { grid: grid.clone(), path, out };
+        if end == 0 {
+            let written = row::write_header(&mut store.out, grid);
+            store.check(written)?;
+        }
+        Ok((store, done))
+    }
+
+    /// Adds a run; it may stay in memory until [`Store::flush`].
+    pub fn write(&mut self, run: u64, row: &Row) -> Result<(), StoreError> {
+        let written = row::write(&mut self.out, &self.grid, run, row);
+        self.check(written)
+    }
+
+    /// Hands everything to the system.
+    pub fn flush(&mut self) -> Result<(), StoreError> {
+        self.out.flush().map_err(|error| StoreError::Write { path: self.path.clone(), error })
+    }
+
+    fn check(&self, written: csv::Result<()>) -> Result<(), StoreError> {
+        let error = |e: csv::Error| StoreError::Write { path: self.path.clone(), error: e.into() };
+        written.map_err(error)
+    }
+}
+
+/// Makes a directory for results, or takes an empty one.
+pub fn create_directory(dir: &Path) -> Result<(), StoreError> {
+    let failed = |error| StoreError::File { path: dir.into(), error };
+    fs::create_dir_all(dir).map_err(failed)?;
+    match fs::read_dir(dir).map_err(failed)?.next() {
+        None => Ok(()),
+        Some(_) => Err(StoreError::NotEmpty { dir: dir.into(), resumable: dir.join(MANIFEST).exists() }),
+    }
+}
+
+/// Reads the runs that are in the file, and says where the first gap or torn line begins.
+fn scan(
+    file: &File,
+    path: &Path,
+    grid: &Grid,
+    mut seen: impl FnMut(u64, &Row),
+) -> Result<(Done, u64), StoreError> {
+    let mut expected_header = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
+    // Invariant: writing to memory does not fail.
+    let _ = row::write_header(&mut expected_header, grid);
+    let expected_header = expected_header.into_inner().unwrap_or_default();
+
+    let mut reader = BufReader::with_capacity(1 << 16, file);
+    let (mut done, mut end, mut line, mut number) = (Done::default(), 0, Vec::new(), 0);
+    loop {
+        line.clear();
+        let read = reader.read_until(b'\n', &mut line);
+        let length = read.map_err(|error| StoreError::File { path: path.into(), error })?;
+        // Without its end the line is torn, or the file is at its end.
+        if line.last() != Some(&b'\n') {
+            return Ok((done, end));
+        }
+        number += 1;
+        let wrong = |reason: String| StoreError::Line { path: path.into(), line: number, reason };
+        if number == 1 {
+            if line != expected_header {
+                return Err(wrong("these are not the columns of this sweep".into()));
+            }
+            end = length as u64;
+            continue;
+        }
+        let (run, row) = row::read(&line, grid).map_err(|e: RowError| wrong(e.to_string()))?;
+        let last = done.ahead.last_key_value().map(|(run, _)| *run);
+        match last {
+            None if run == done.before => {
+                seen(run, &row);
+                done.before += 1;
+                end += length as u64;
+            }
+            None if run < done.before => return Err(wrong(format!("run {run} is there twice"))),
+            Some(last) if run <= last => return Err(wrong(format!("run {run} is not in its place"))),
+            _ => {
+                done.ahead.insert(run, row);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::grid::{Axis, Seeds};
+    use super::super::row::tests::row;
+    use super::*;
+
+    fn grid() -> Grid {
+        let vary = vec![Axis::parse("link.loss=0%,5%").unwrap()];
+        Grid::new(Seeds { from: 10, until: 13 }, vary).unwrap()
+    }
+    fn manifest() -> Manifest {
+        Manifest::new("a.toml", "version = 1\n", &grid())
+    }
+    fn write(store: &mut Store, runs: &[u64]) {
+        for run in runs {
+            store.write(*run, &row(grid().seed(*run))).unwrap();
+        }
+        store.flush().unwrap();
+    }
+    /// What a resumed sweep finds: the runs kept, and those ahead.
+    fn found(dir: &Path) -> (Vec<u64>, Vec<u64>) {
+        let mut kept = Vec::new();
+        let (_, done) = Store::resume(dir, &manifest(), |run, _| kept.push(run)).unwrap();
+        assert_eq!(kept.len() as u64, done.before);
+        (kept, done.ahead.into_keys().collect())
+    }
+
+    #[test]
+    fn what_is_ahead_of_a_gap_is_taken_up_and_written_in_its_place() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut store = Store::create(dir.path(), &manifest()).unwrap();
+        write(&mut store, &[0, 1, 2, 3, 4, 5]);
+        let whole = fs::read(dir.path().join(RUNS)).unwrap();
+        drop(store);
+        assert_eq!(found(dir.path()), (vec![0, 1, 2, 3, 4, 5], vec![]));
+
+        let other = tempfile::tempdir().unwrap();
+        let mut store = Store::create(other.path(), &manifest()).unwrap();
+        write(&mut store, &[0, 1, 3, 5]);
+        drop(store);
+        let (mut store, done) = Store::resume(other.path(), &manifest(), |_, _| {}).unwrap();
+        assert_eq!((done.before, done.ahead.keys().copied().collect()), (2, vec![3, 5]));
+        write(&mut store, &[2, 3, 4, 5]);
+        drop(store);
+        assert_eq!(fs::read(other.path().join(RUNS)).unwrap(), whole);
+    }
+
+    #[test]
+    fn a_torn_line_is_cut_wherever_it_is_torn() {
+        let dir = tempfile::tempdir().unwrap();
+        write(&mut Store::create(dir.path(), &manifest()).unwrap(), &[0, 1]);
+        let path = dir.path().join(RUNS);
+        let whole = fs::read(&path).unwrap();
+        let ends: Vec<usize> = (0..whole.len()).filter(|i| whole[*i] == b'\n').collect();
+        for length in 0..whole.len() {
+            fs::write(&path, &whole[..length]).unwrap();
+            let lines = ends.iter().filter(|end| **end < length).count();
+            let (kept, ahead) = found(dir.path());
+            assert_eq!((kept.len(), ahead.len()), (lines.saturating_sub(1), 0), "{length}");
+            // What is left ends with a whole line, the first one at least.
+            let left = fs::read(&path).unwrap();
+            assert_eq!(left, whole[..=ends[lines.saturating_sub(1)]], "{length}");
+        }
+    }
+
+    #[test]
+    fn damaged_lines_are_named() {
+        let dir = tempfile::tempdir().unwrap();
+        write(&mut Store::create(dir.path(), &manifest()).unwrap(), &[0, 1]);
+        let path = dir.path().join(RUNS);
+        let text = fs::read_to_string(&path).unwrap();
+        let lines: Vec<&str> = text.split_inclusive('\n').collect();
+        for (damaged, place) in [
+            (vec![lines[0], lines[1], lines[1]], ":3: run 0 is there twice"),
+            (vec![lines[0], lines[2], lines[1]], ":3: run 0 is not in its place"),
+            (vec![lines[0], "\n", lines[1]], ":2: it has"),
+            (vec!["run\n", lines[1]], ":1: these are not the columns"),
+        ] {
+            fs::write(&path, damaged.concat()).unwrap();
+            let error = Store::resume(dir.path(), &manifest(), |_, _| {}).unwrap_err().to_string();
+            assert!(error.contains(place) && error.contains("\n  fix: "), "{error}");
+        }
+    }
+
+    #[test]
+    fn only_the_same_sweep_goes_on() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::create(dir.path(), &manifest()).unwrap();
+        let resume = |manifest: &Manifest| Store::resume(dir.path(), manifest, |_, _| {}).map(|_| ());
+        let refused = |manifest: &Manifest, part: &str| {
+            let error = resume(manifest).unwrap_err().to_string();
+            assert!(error.contains(part) && error.contains("\n  fix: "), "{error}");
+        };
+        refused(&manifest(), "another sweep is writing there");
+        drop(store);
+        resume(&Manifest::new("elsewhere/a.toml", "version = 1\n", &grid())).unwrap();
+        refused(&Manifest::new("a.toml", "version = 1 \n", &grid()), "another scenario");
+        let more = Grid { seeds: Seeds { from: 10, until: 14 }, ..grid() };
+        refused(&Manifest::new("a.toml", "version = 1\n", &more), "other seeds: 10..13, and not 10..14");
+        let none = Grid { vary: vec![], ..grid() };
+        refused(&Manifest::new("a.toml", "version = 1\n", &none), "--vary link.loss=0%,5%, and not none");
+        refused(&Manifest { program: "9.9.9".into(), ..manifest() }, "another version of metamorph");
+        let path = dir.path().join(MANIFEST);
+        let text = fs::read_to_string(&path).unwrap();
+        for (old, new, part) in [
+            ("\"version\": 1", "\"version\": 2", "format version 2"),
+            ("metamorph-sweep", "else", "its format is `else`"),
+            ("{", "", "not the manifest of a sweep"),
+        ] {
+            fs::write(&path, text.replacen(old, new, 1)).unwrap();
+            refused(&manifest(), part);
+        }
+        fs::remove_file(&path).unwrap();
+        refused(&manifest(), "no sweep to go on with");
+        let error = Store::create(dir.path(), &manifest()).unwrap_err().to_string();
+        assert!(error.contains("not empty") && !error.contains("--resume"), "{error}");
+    }
+}

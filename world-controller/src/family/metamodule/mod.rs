@@ -1,0 +1,3 @@
+//! Roombots metamodules: the motion database and the `robot` command.
+
+pub mod robot;

@@ -1,0 +1,137 @@
+//! `metamorph robot`: the kinematic model of the Roombots, to ask and to look at.
+//!
+//! Answers go to one writer, as text or with `--json` as one JSON value. Absent: anything that runs
+//! a swarm.
+
+mod motions;
+mod poses;
+mod report;
+mod svg;
+
+use crate::console::output::OutputError;
+use clap::{Args, Subcommand};
+use metamorph_protocol::roombots::inverse::InverseError;
+use metamorph_protocol::roombots::{Kind, KinematicsError};
+use serde_json::Value;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Ask the exact kinematic model of the Roombots
+#[derive(Args, Clone, Debug)]
+pub struct RobotArgs {
+    #[command(subcommand)]
+    command: RobotCommand,
+    /// Print one JSON value instead of text
+    #[arg(long, global = true)]
+    json: bool,
+    /// Build the motion database instead of reading the one kept from before
+    #[arg(long, global = true)]
+    no_cache: bool,
+}
+
+#[derive(Subcommand, Clone, Debug)]
+enum RobotCommand {
+    /// Print a table of the thesis beside what the model gives: 2.2 or 6.1
+    Table {
+        /// Number of the table
+        number: String,
+    },
+    /// List the shapes that each kind takes
+    Shapes {
+        /// single, PAR, SRS, PER or SRZ; all metamodules if left out
+        kind: Option<Kind>,
+    },
+    /// List the landings and steps of a kind, or a way to a shape
+    Moves(motions::MovesArgs),
+    /// Where the head is: forward kinematics
+    Fk(poses::FkArgs),
+    /// Joint angles for a pose of the head: inverse kinematics
+    Ik(poses::IkArgs),
+    /// Draw a posture with its cells and connectors
+    Svg(svg::SvgArgs),
+    /// Build the motion database and say what is in it
+    Database {
+        /// Write its bytes to this file
+        #[arg(long)]
+        out: Option<PathBuf>,
+    },
+}
+
+/// Why a question was not answered.
+#[derive(Debug, Error)]
+pub enum RobotError {
+    /// The question is wrong.
+    #[error("{0}")]
+    Usage(String),
+    /// The question is wrong in a way the model knows.
+    #[error(transparent)]
+    Kinematics(#[from] KinematicsError),
+    /// No posture has the pose.
+    #[error("{0}")]
+    OutOfReach(String),
+    /// A file cannot be written.
+    #[error(transparent)]
+    File(#[from] OutputError),
+    /// The answer could not be written.
+    #[error("cannot write the answer: {0}")]
+    Output(io::Error),
+}
+
+impl RobotError {
+    /// What the process should end with: 2 for a wrong question, 1 otherwise.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            RobotError::Usage(_) | RobotError::Kinematics(_) => 2,
+            RobotError::File(error) if error.is_input() => 2,
+            RobotError::OutOfReach(_) | RobotError::File(_) | RobotError::Output(_) => 1,
+        }
+    }
+}
+
+impl From<InverseError> for RobotError {
+    fn from(error: InverseError) -> RobotError {
+        match error {
+            InverseError::Question(q) => RobotError::Kinematics(q),
+            other => RobotError::OutOfReach(other.to_string()),
+        }
+    }
+}
+
+/// What a question was answered with.
+struct Answer {
+    text: String,
+    json: Value,
+    /// Said after the answer, and what makes the command fail.
+    failure: Option<RobotError>,
+}
+
+impl Answer {
+    fn new(text: String, json: Value) -> Answer {
+        Answer { text, json, failure: None }
+    }
+}
+
+/// Answers on standard output. A reader that stops listening is no error.
+pub fn run(args: RobotArgs) -> Result<(), RobotError> {
+    run_to(args, &mut io::stdout().lock())
+}
+
+/// Answers on a writer.
+pub fn run_to(args: RobotArgs, out: &mut dyn Write) -> Result<(), RobotError> {
+    let database = || crate::scenario::motion_database::database(!args.no_cache);
+    let answer = match args.command {
+        RobotCommand::Table { number } => report::table(&number)?,
+        RobotCommand::Shapes { kind } => motions::shapes(&database(), kind),
+        RobotCommand::Moves(moves) => motions::moves(&database(), &moves)?,
+        RobotCommand::Fk(fk) => poses::fk(&fk)?,
+        RobotCommand::Ik(ik) => poses::ik(&ik)?,
+        RobotCommand::Svg(svg) => svg::answer(&svg)?,
+        RobotCommand::Database { out } => motions::database_summary(&database(), out)?,
+    };
+    let text = if args.json { format!("{:#}\n", answer.json) } else { answer.text };
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(RobotError::Output(e)),
+        _ => answer.failure.map_or(Ok(()), Err),
+    }
+}

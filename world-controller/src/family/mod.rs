@@ -1,0 +1,3 @@
+//! What belongs to one family of units only.
+
+pub mod metamodule;

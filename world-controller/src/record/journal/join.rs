@@ -1,0 +1,300 @@
+//! Joins the parts of a run's journal: one order in which every cause comes before its effects.
+//!
+//! All processes of a run share one clock, so the order of time is nearly it. Within one instant, and
+//! wherever clocks should disagree, a record waits for its cause: a message for the step that sent it,
+//! what the controller told for the controller's record, an action for the step that asked for it. A
+//! cause that will never come, because its file ends earlier, is noted ([`Event::Torn`]) and not waited
+//! for; so is a torn end. Parts of another run, missing parts and damaged ones are errors.
+
+use super::{Damage, Event, Flaw, JournalError, Record, RunHead, Taken, Wanted, Who};
+use metamorph_module_agent::journal_file::{Head, Reader, agent_part, controller_part};
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::time::Time;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// How many of something have come out so far: what is taken may not overtake what is given.
+#[derive(Default)]
+struct Count {
+    given: u32,
+    taken: u32,
+}
+
+/// What is known of one life of an agent.
+#[derive(Default)]
+struct Life {
+    /// Messages sent.
+    sent: u32,
+    /// Actions and reports.
+    up: Count,
+    /// Contacts, percepts and orders.
+    down: Count,
+}
+
+struct Stream {
+    who: Who,
+    reader: Reader,
+    next: Option<Record>,
+}
+
+/// The parts of a run, being joined.
+pub struct Join {
+    head: RunHead,
+    streams: Vec<Stream>,
+    /// Which stream is whose.
+    index: BTreeMap<Who, usize>,
+    heap: BinaryHeap<Reverse<(u64, usize)>>,
+    /// Streams whose next record waits for its cause, in the order of time.
+    blocked: Vec<(u64, usize)>,
+    lives: BTreeMap<(ModuleId, Incarnation), Life>,
+    /// The life of each module that the controller knows of, while it lasts.
+    current: BTreeMap<ModuleId, Incarnation>,
+    torn: BTreeSet<Who>,
+    /// The time of the latest record so far.
+    last: Time,
+    ready: VecDeque<Record>,
+    /// Parts without a head, whose writers were killed while they began.
+    troubles: Vec<String>,
+    /// The directory.
+    parts: PathBuf,
+    /// The first damage, until it is told.
+    damage: Option<Damage>,
+    over: bool,
+}
+
+impl Join {
+    /// Opens all parts in a directory.
+    pub fn open(parts: &Path) -> Result<Join, JournalError> {
+        let controller = controller_part(parts);
+        let first = Reader::open(&controller)?;
+        let Head::Run(head) = first.head().clone() else {
+            return Err(JournalError::Unfit(controller, "this is the part of a module".to_owned()));
+        };
+        let run = head.run;
+        let mut join = Join {
+            head,
+            streams: Vec::new(),
+            index: BTreeMap::new(),
+            heap: BinaryHeap::new(),
+            blocked: Vec::new(),
+            lives: BTreeMap::new(),
+            current: BTreeMap::new(),
+            torn: BTreeSet::new(),
+            last: Time::ZERO,
+            ready: VecDeque::new(),
+            troubles: Vec::new(),
+            parts: parts.to_owned(),
+            damage: None,
+            over: false,
+        };
+        join.add(Who::Controller, first);
+        let entries = fs::read_dir(parts).map_err(|e| JournalError::Read(parts.to_owned(), e))?;
+        let mut paths: Vec<PathBuf> = entries.flatten().map(|e| e.path()).collect();
+        paths.sort();
+        for path in paths {
+            let Some(whose) = named(&path) else { continue };
+            let damage = |flaw| Damage { path: path.clone(), at: 0, flaw };
+            let reader = match Reader::open(&path) {
+                Ok(reader) => reader,
+                // Killed while it began: if the controller had started it, its part is missing.
+                Err(JournalError::NoHead(path)) => {
+                    join.troubles.push(format!("{}: nothing was written to this part", path.display()));
+                    continue;
+                }
+                Err(JournalError::Magic(_) | JournalError::Version(..)) => {
+                    return Err(damage(Flaw::NoPart).into());
+                }
+                Err(e) => return Err(e),
+            };
+            let flaw = match *reader.head() {
+                Head::Run(_) => Flaw::NoPart,
+                Head::Part { run: found, .. } if found != run => Flaw::OtherRun { expected: run, found },
+                Head::Part { id, life, .. } if (id, life) != whose => Flaw::OtherPart { id, life },
+                Head::Part { id, life, .. } => {
+                    join.add(Who::Agent(id, life), reader);
+                    continue;
+                }
+            };
+            return Err(damage(flaw).into());
+        }
+        Ok(join)
+    }
+
+    /// What the run was.
+    pub fn head(&self) -> &RunHead {
+        &self.head
+    }
+
+    /// What was wrong with the parts, once all is read.
+    pub fn troubles(&self) -> Vec<String> {
+        let torn = self.streams.iter().filter_map(|s| s.reader.torn()).map(ToString::to_string);
+        self.troubles.iter().cloned().chain(torn).collect()
+    }
+
+    fn add(&mut self, who: Who, reader: Reader) {
+        let stream = self.streams.len();
+        self.index.insert(who, stream);
+        self.streams.push(Stream { who, reader, next: None });
+        self.refill(stream);
+    }
+
+    fn refill(&mut self, i: usize) {
+        let stream = &mut self.streams[i];
+        stream.next = match stream.reader.next() {
+            Some(Err(damage)) => {
+                self.damage.get_or_insert(damage);
+                None
+            }
+            next => next.and_then(Result::ok),
+        };
+        let who = stream.who;
+        if stream.reader.torn().is_some() && self.torn.insert(who) {
+            self.ready.push_back(Record { at: self.last, who, event: Event::Torn });
+        }
+        if let Some(record) = &stream.next {
+            // Agents went on for a moment after the end, until they were told.
+            if matches!(record.event, Event::Counted { .. } | Event::Ended { .. }) {
+                self.heap.push(Reverse((u64::MAX, i)));
+            } else {
+                self.heap.push(Reverse((record.at.0, i)));
+            }
+        }
+    }
+
+    fn life(&mut self, id: ModuleId, life: Incarnation) -> &mut Life {
+        self.lives.entry((id, life)).or_default()
+    }
+
+    /// Whose record has to come first, if any.
+    fn cause(&self, record: &Record) -> Option<Who> {
+        let life = |id, life| self.lives.get(&(id, life));
+        match (record.who, &record.event) {
+            (Who::Agent(id, l), Event::Born { .. }) => {
+                let known = self.current.get(&id).is_some_and(|c| *c >= l);
+                (!known).then_some(Who::Controller)
+            }
+            (Who::Agent(id, l), Event::Step(step)) => match &step.input {
+                Taken::Message { name, .. } => {
+                    let sent = life(name.from, name.life).map_or(0, |s| s.sent);
+                    (sent <= name.number).then_some(Who::Agent(name.from, name.life))
+                }
+                Taken::Wake => None,
+                _ => {
+                    let waits = life(id, l).is_none_or(|s| s.down.taken >= s.down.given);
+                    waits.then_some(Who::Controller)
+                }
+            },
+            (Who::Controller, Event::Act { id, .. } | Event::Report { id, .. }) => {
+                let l = *self.current.get(id)?;
+                let waits = life(*id, l).is_none_or(|s| s.up.taken >= s.up.given);
+                waits.then_some(Who::Agent(*id, l))
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether a record may come now. Notes a cause that will never come.
+    fn may_come(&mut self, i: usize) -> bool {
+        let Some(record) = &self.streams[i].next else { return false };
+        let at = record.at;
+        let Some(cause) = self.cause(record) else { return true };
+        let is_over = self.index.get(&cause).is_none_or(|c| self.streams[*c].next.is_none());
+        if is_over && self.torn.insert(cause) {
+            self.ready.push_back(Record { at, who: cause, event: Event::Torn });
+        }
+        is_over
+    }
+
+    fn come(&mut self, i: usize) {
+        let Some(mut record) = self.streams[i].next.take() else { return };
+        self.last = self.last.max(record.at);
+        if matches!(record.event, Event::Counted { .. } | Event::Ended { .. }) {
+            record.at = self.last;
+        }
+        self.note(&record);
+        self.ready.push_back(record);
+        self.refill(i);
+    }
+
+    fn note(&mut self, record: &Record) {
+        match (record.who, &record.event) {
+            (Who::Agent(id, l), Event::Step(step)) => {
+                let life = self.life(id, l);
+                life.sent += step.sent.len() as u32;
+                life.up.given += step.told.len() as u32;
+                if !matches!(step.input, Taken::Message { .. } | Taken::Wake) {
+                    life.down.taken += 1;
+                }
+            }
+            (_, Event::Start { id, life, .. }) => {
+                self.current.insert(*id, *life);
+                if !self.index.contains_key(&Who::Agent(*id, *life)) {
+                    let path = agent_part(&self.parts, *id, *life);
+                    let flaw = Flaw::MissingPart { id: *id, life: *life };
+                    self.damage.get_or_insert(Damage { path, at: 0, flaw });
+                }
+            }
+            (_, Event::Sensed { id, .. } | Event::Command(Wanted::Order(id, _))) => {
+                if let Some(l) = self.current.get(id).copied() {
+                    self.life(*id, l).down.given += 1;
+                }
+            }
+            (_, Event::Act { id, .. } | Event::Report { id, .. }) => {
+                if let Some(l) = self.current.get(id).copied() {
+                    self.life(*id, l).up.taken += 1;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Lets the next record come, or several of one instant. False at the end.
+    fn advance(&mut self) -> bool {
+        for k in 0..self.blocked.len() {
+            let (_, i) = self.blocked[k];
+            if self.may_come(i) {
+                self.blocked.remove(k);
+                self.come(i);
+                return true;
+            }
+        }
+        while let Some(Reverse((at, i))) = self.heap.pop() {
+            if self.may_come(i) {
+                self.come(i);
+                return true;
+            }
+            let place = self.blocked.partition_point(|b| *b < (at, i));
+            self.blocked.insert(place, (at, i));
+        }
+        // Everybody waits for somebody, which no run brings about: the earliest comes.
+        if self.blocked.is_empty() {
+            return false;
+        }
+        let (_, i) = self.blocked.remove(0);
+        self.come(i);
+        true
+    }
+}
+
+impl Iterator for Join {
+    type Item = Result<Record, Damage>;
+
+    /// The next record; an error is the last item.
+    fn next(&mut self) -> Option<Result<Record, Damage>> {
+        if self.over {
+            return None;
+        }
+        while self.ready.is_empty() && self.damage.is_none() && self.advance() {}
+        let next = self.ready.pop_front().map(Ok).or_else(|| self.damage.take().map(Err));
+        self.over = !matches!(next, Some(Ok(_)));
+        next
+    }
+}
+
+/// The module and the life that a part is named by.
+fn named(path: &Path) -> Option<(ModuleId, Incarnation)> {
+    let (id, life) = path.file_name()?.to_str()?.split_once('.')?;
+    Some((ModuleId(id.parse().ok()?), Incarnation(life.parse().ok()?)))
+}

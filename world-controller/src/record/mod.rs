@@ -1,0 +1,4 @@
+//! Journals of runs: writing, reading and joining their parts.
+
+pub mod journal;
+pub mod tee;

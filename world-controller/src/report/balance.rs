@@ -1,0 +1,94 @@
+//! Whether the messages that processes have counted add up. Senders and receivers count apart: what was
+//! sent must have met one fate, or be counted as under way by one of the two at the end.
+//!
+//! Two things leave messages that nobody counts. A process that was killed counts nothing at its end, so for
+//! each of these as many may be missing as can be under way to and from one process. And a way that is closed
+//! because its contact has ended takes with it what a receiver that was stopped meanwhile has not seen; its
+//! sender counts how many these may be. More can never have arrived than were sent, and where nothing moved and
+//! nothing was killed not one may be missing.
+
+use crate::swarm::SwarmOutcome;
+use metamorph_module_agent::in_hand;
+use metamorph_protocol::counters::Class;
+use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
+
+/// Message counts that do not add up, in a run of agents with so many ports, over a link that is
+/// transparent or holds messages back.
+pub fn unbalanced(outcome: &SwarmOutcome, ports: usize, transparent: bool) -> Option<Violation> {
+    // Without the counts of every life, nothing can be said about their sum.
+    if !outcome.missing_ledgers.is_empty() {
+        return None;
+    }
+    let what = Class::ALL.into_iter().find_map(|class| {
+        let most = (outcome.unclosed * in_hand(ports, transparent) + outcome.loose[class.index()]) as i64;
+        let missing = outcome.tally[class].in_flight() - outcome.left[class.index()] as i64;
+        match missing {
+            ..0 => Some(format!("{} {class} messages more arrived than were sent", -missing)),
+            _ if missing > most => Some(format!("{missing} {class} messages are unaccounted for")),
+            _ => None,
+        }
+    })?;
+    Some(Violation { invariant: Invariant::MessagesBalance, at: outcome.end, what })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_module_agent::run_dir::counter_file::{Account, Ledger, directory};
+    use metamorph_protocol::counters::Counts;
+    use metamorph_protocol::ids::{Incarnation, ModuleId};
+
+    /// The outcome of a run in which one agent sent seven messages, two of them damaged, and another took
+    /// what arrived; their ledgers are written, edited by `edit`, and read back.
+    fn run(closed: bool, edit: impl Fn(&mut Account, &mut Account)) -> SwarmOutcome {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::create_dir(directory(dir.path())).unwrap();
+        let (mut sender, mut receiver) = (Account::default(), Account::default());
+        sender.tally[Class::Seed] = Counts { sent: 7, lost: 1, duplicated: 1, ..Counts::default() };
+        sender.left[Class::Seed.index()] = 1;
+        receiver.tally[Class::Seed] = Counts { delivered: 3, refused: 2, ..Counts::default() };
+        receiver.left[Class::Seed.index()] = 1;
+        edit(&mut sender, &mut receiver);
+        let mut outcome = SwarmOutcome::default();
+        for (id, account) in [(0, sender), (1, receiver)] {
+            let (id, life) = (ModuleId(id), Incarnation(0));
+            let mut ledger = Ledger::create(dir.path(), id, life).unwrap();
+            ledger.write(&account).unwrap();
+            if closed {
+                ledger.close(&account).unwrap();
+            }
+            outcome.count(id, life, Ledger::read(dir.path(), id, life).map_err(|e| e.to_string()));
+        }
+        outcome
+    }
+
+    #[test]
+    fn a_ledger_that_is_off_by_one_is_noticed_in_its_class() {
+        let what = |outcome: &SwarmOutcome| unbalanced(outcome, 6, true).map(|v| v.what);
+        assert_eq!(what(&run(true, |_, _| ())), None);
+        let more = run(true, |_, receiver| receiver.tally[Class::Seed].delivered += 1);
+        assert_eq!(what(&more).unwrap(), "1 seed messages more arrived than were sent");
+        let fewer = run(true, |_, receiver| receiver.tally[Class::Seed].refused -= 1);
+        assert_eq!(what(&fewer).unwrap(), "1 seed messages are unaccounted for");
+        // All classes together add up here.
+        let moved = run(true, |_, receiver| {
+            receiver.tally[Class::Seed].refused -= 1;
+            receiver.tally[Class::World].refused += 1;
+        });
+        assert!(what(&moved).is_some());
+    }
+
+    #[test]
+    fn a_killed_process_and_a_closed_way_explain_some_missing_messages_and_none_too_many() {
+        let fewer = |n| run(false, move |sender, _| sender.tally[Class::Seed].sent += n);
+        assert_eq!(unbalanced(&fewer(5), 6, true), None);
+        assert!(unbalanced(&fewer(2 * in_hand(6, true) + 1), 6, true).is_some());
+        let loose = run(true, |sender, _| {
+            sender.tally[Class::Seed].sent += 2;
+            sender.loose[Class::Seed.index()] = 2;
+        });
+        assert_eq!(unbalanced(&loose, 6, true), None);
+        let more = run(false, |_, receiver| receiver.tally[Class::Seed].delivered += 1);
+        assert!(unbalanced(&more, 6, true).is_some());
+    }
+}

@@ -1,0 +1,464 @@
+//! Carries a journal out again: every agent, the world and the director are handed the inputs that were
+//! recorded, in the recorded order, and must say and become what was recorded.
+//!
+//! Besides, what is taken must have been given: a message heard is one that its sender has sent, an
+//! action is one that its agent has asked for, and what the controller told arrives in order. Absent:
+//! reading files, and printing.
+
+use crate::record::journal::{Event, MessageName, Record, Taken, Told, Wanted, Who};
+use crate::run::runnable::Runnable;
+use crate::scenario::Plan;
+use metamorph_protocol::agent::Summary;
+use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::counters::{Counts, Tally};
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::record::{self, Blob, Sensation};
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::{Wire, WireError};
+use metamorph_sim_bridge::director::outcome::Outcome;
+use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::kernel::recording;
+use metamorph_sim_bridge::kernel::state::{Held, agents_hash, world_hash};
+use metamorph_sim_bridge::world::World;
+use siphasher::sip::SipHasher13;
+use std::collections::{BTreeMap, VecDeque};
+use std::hash::Hasher;
+
+/// The agents of a family.
+pub type AgentOf<R> = <<R as Runnable>::World as World>::Agent;
+
+/// One life of an agent.
+struct Life<A: Agent> {
+    agent: Option<A>,
+    /// The hash of every message sent, by its number.
+    sent: Vec<u64>,
+    /// What it asked for and reported, as far as the controller has not taken it yet.
+    told: VecDeque<Told>,
+    /// What the controller told it, as far as it has not taken it yet.
+    letters: VecDeque<Taken>,
+    tally: Tally,
+    summary: Summary,
+    /// Its records are not complete: from here on it is not followed.
+    torn: bool,
+    /// Its process was gone before the run was over.
+    died: bool,
+}
+
+impl<A: Agent> Default for Life<A> {
+    fn default() -> Life<A> {
+        Life {
+            agent: None,
+            sent: Vec::new(),
+            told: VecDeque::new(),
+            letters: VecDeque::new(),
+            tally: Tally::default(),
+            summary: Summary::default(),
+            torn: false,
+            died: false,
+        }
+    }
+}
+
+/// How much was carried out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Done {
+    /// Records.
+    pub records: u64,
+    /// Inputs of agents.
+    pub steps: u64,
+    /// Lives of agents.
+    pub lives: u64,
+    /// Inputs of the world and the director.
+    pub controller: u64,
+    /// What could not be checked, because its cause is missing.
+    pub unchecked: u64,
+    /// The time of the last record.
+    pub until: Time,
+}
+
+/// A run that is carried out again.
+pub struct Engine<'a, R: Runnable> {
+    swarm: &'a R,
+    plan: &'a Plan,
+    world: R::World,
+    director: R::Director,
+    lives: BTreeMap<(ModuleId, Incarnation), Life<AgentOf<R>>>,
+    current: BTreeMap<ModuleId, Incarnation>,
+    struck: usize,
+    torn: bool,
+    /// Whether there are no records of agents.
+    alone: bool,
+    outputs: Vec<OutputOf<AgentOf<R>>>,
+    done: Done,
+    ended: Option<(String, Tally)>,
+}
+
+impl<'a, R: Runnable> Engine<'a, R> {
+    /// Nothing has happened yet.
+    pub fn new(swarm: &'a R, plan: &'a Plan) -> Engine<'a, R> {
+        Engine {
+            swarm,
+            plan,
+            world: swarm.world(plan),
+            director: swarm.director(plan),
+            lives: BTreeMap::new(),
+            current: BTreeMap::new(),
+            struck: 0,
+            torn: false,
+            alone: false,
+            outputs: Vec::new(),
+            done: Done::default(),
+            ended: None,
+        }
+    }
+
+    /// There are records of the controller only; what agents told it is believed.
+    pub fn follow_no_agents(&mut self) {
+        self.alone = true;
+    }
+    /// World and director as they are now, and how many faults were recorded.
+    pub fn into_parts(self) -> (R::World, R::Director, usize) {
+        (self.world, self.director, self.struck)
+    }
+    /// How much was carried out so far.
+    pub fn done(&self) -> Done {
+        self.done
+    }
+    /// How the run ended, and what it counted, once that has been read.
+    pub fn ended(&self) -> Option<&(String, Tally)> {
+        self.ended.as_ref()
+    }
+    /// Where every module stands, and what it is about.
+    pub fn modules(
+        &self,
+    ) -> impl Iterator<Item = (ModuleId, bool, <AgentOf<R> as Agent>::Place, Option<&Summary>)> {
+        (0..self.world.len() as u32).map(ModuleId).map(|id| {
+            let life = self.current.get(&id).and_then(|l| self.lives.get(&(id, *l)));
+            let alive = life.is_some_and(|l| !l.died);
+            (id, alive, self.world.place(id), life.map(|l| &l.summary))
+        })
+    }
+
+    /// The hashes of all agents and of the world as they are now, as reports have them. None of agents that are
+    /// not followed to here.
+    pub fn hashes(&self) -> (Option<u64>, u64) {
+        let all = || {
+            (0..self.world.len() as u32).map(ModuleId).map(|id| {
+                let incarnation = self.current.get(&id).copied().unwrap_or(Incarnation(0));
+                (incarnation, self.lives.get(&(id, incarnation)))
+            })
+        };
+        let is_followed = !self.alone && !self.torn && all().all(|(_, life)| life.is_some_and(|l| !l.torn));
+        let agents = agents_hash(all().map(|(incarnation, life)| Held {
+            is_alive: life.is_some_and(|l| !l.died),
+            incarnation,
+            agent: life.and_then(|l| l.agent.as_ref()),
+        }));
+        (is_followed.then_some(agents), world_hash(&self.world))
+    }
+
+    /// Carries one record out. An error says what is not as recorded.
+    pub fn carry_out(&mut self, record: &Record) -> Result<(), String> {
+        self.done.records += 1;
+        self.done.until = record.at;
+        match record.who {
+            Who::Agent(id, life) => self.agent(id, life, record),
+            Who::Controller => self.controller(record.at, &record.event),
+        }
+    }
+
+    fn agent(&mut self, id: ModuleId, incarnation: Incarnation, record: &Record) -> Result<(), String> {
+        let key = (id, incarnation);
+        match &record.event {
+            Event::Born { place } => {
+                let birth = Birth { id, incarnation, place: read(place)?, seed: self.plan.seed };
+                let life = self.lives.entry(key).or_default();
+                life.agent = Some(Agent::new(self.swarm.setup(), birth, record.at));
+                self.done.lives += 1;
+                Ok(())
+            }
+            Event::Torn => {
+                self.lives.entry(key).or_default().torn = true;
+                Ok(())
+            }
+            Event::State(summary) => {
+                let life = self.lives.entry(key).or_default();
+                let same = life.agent.as_ref().is_none_or(|a| a.summary(record.at) == *summary);
+                life.summary.clone_from(summary);
+                if same { Ok(()) } else { Err("it is about something else".to_owned()) }
+            }
+            Event::Step(step) => self.step(key, record.at, step),
+            other => Err(format!("{other:?} is no event of an agent")),
+        }
+    }
+
+    fn step(&mut self, key: (ModuleId, Incarnation), at: Time, step: &record::Step) -> Result<(), String> {
+        if let Taken::Message { name, message, .. } = &step.input {
+            self.check_message(*name, message)?;
+        }
+        let Some(life) = self.lives.get_mut(&key) else {
+            return Err("it took an input before it began".to_owned());
+        };
+        if !matches!(step.input, Taken::Message { .. } | Taken::Wake) && !take(&mut life.letters, &step.input)
+        {
+            if !self.torn {
+                return Err(format!("it took {:?}, which the controller had not told it", step.input));
+            }
+            self.done.unchecked += 1;
+        }
+        let Some(agent) = &mut life.agent else {
+            return Err("it took an input before it began".to_owned());
+        };
+        if life.torn {
+            return Ok(());
+        }
+        self.done.steps += 1;
+        let input: InputOf<AgentOf<R>> = input(&step.input)?;
+        if let Taken::Message { class, .. } = step.input {
+            life.tally[class].delivered += 1;
+        }
+        self.outputs.clear();
+        let digest = record::step(agent, at, input, &mut self.outputs);
+        if step.first as usize != life.sent.len() {
+            return Err(format!(
+                "its messages are numbered from {}, not from {}",
+                life.sent.len(),
+                step.first
+            ));
+        }
+        for output in self.outputs.drain(..) {
+            match output {
+                Output::Send { class, message, .. } => {
+                    let counts = &mut life.tally[class];
+                    counts.sent += 1;
+                    counts.bytes += message.wire_len() as u64;
+                    life.sent.push(hash(&Blob::of(&message)));
+                }
+                // Which contact changes it knew of is the driver's to say, and told apart.
+                Output::Act(_) | Output::Report(_) => {}
+            }
+        }
+        life.told.extend(step.told.iter().cloned());
+        if digest != step.digest {
+            return Err(format!(
+                "after {:?} its state or what it put out is another: {digest:016x}, not {:016x}",
+                step.input, step.digest
+            ));
+        }
+        Ok(())
+    }
+
+    fn check_message(&mut self, name: MessageName, message: &Blob) -> Result<(), String> {
+        let MessageName { from, life, number } = name;
+        let sender = self.lives.get(&(from, life));
+        match sender.and_then(|s| s.sent.get(number as usize)) {
+            Some(sent) if *sent == hash(message) => Ok(()),
+            Some(_) => Err(format!("it heard message {number} of module {from} as something else")),
+            None if sender.is_some_and(|s| s.torn) => {
+                self.done.unchecked += 1;
+                Ok(())
+            }
+            None => Err(format!("it heard message {number} of module {from}, which had not sent it")),
+        }
+    }
+
+    fn controller(&mut self, at: Time, event: &Event) -> Result<(), String> {
+        self.done.controller += 1;
+        match event {
+            Event::Start { id, life, place } => {
+                if Blob::of(&self.world.place(*id)) != *place {
+                    return Err(format!("module {id} starts elsewhere"));
+                }
+                self.world.start(at, *id, *life);
+                self.current.insert(*id, *life);
+                // What it is told from now on is for this life.
+                self.lives.entry((*id, *life)).or_default().died = false;
+            }
+            Event::Act { id, revision, action, .. } => {
+                self.take_told(*id, &Told::Act { revision: *revision, action: action.clone() })?;
+                self.world.act(at, *id, *revision, &read(action)?);
+            }
+            Event::Advance { ended } => {
+                self.world.advance(at);
+                for (id, place) in ended {
+                    let got = Blob::of(&self.world.place(*id));
+                    if got != *place {
+                        return Err(format!("module {id} is elsewhere: {got:?}, not {place:?}"));
+                    }
+                }
+            }
+            Event::Report { id, report } => {
+                self.take_told(*id, &Told::Report(report.clone()))?;
+                self.director.report(at, *id, read(report)?);
+            }
+            Event::Started { id } => self.director.started(at, *id),
+            Event::Died { id } => {
+                if let Some(life) = self.current_life(*id) {
+                    life.died = true;
+                }
+                self.director.died(at, *id);
+            }
+            Event::External { id, what } => self.director.external(at, *id, what, &self.world),
+            Event::Wake => self.director.wake(at, &mut self.world),
+            Event::Input { kind, bytes } => self.director.input(at, kind, bytes)?,
+            Event::Sensed { id, sensed } => {
+                let got = self.world.poll();
+                let got = got.map(|(id, s)| (id, recording::sensation::<AgentOf<R>>(&s)));
+                if got.as_ref() != Some(&(*id, sensed.clone())) {
+                    return Err(format!("the body of module {id} senses {got:?}, not {sensed:?}"));
+                }
+                let letter = match sensed {
+                    Sensation::Contact { port, contact, .. } => {
+                        Taken::Contact { port: *port, session: contact.map(|c| c.session) }
+                    }
+                    Sensation::Percept(percept) => Taken::Percept(percept.clone()),
+                };
+                self.tell(*id, letter);
+            }
+            Event::Command(wanted) => {
+                let got = self.director.poll().map(|c| recording::wanted::<AgentOf<R>>(&c));
+                if got.as_ref() != Some(wanted) {
+                    return Err(format!("it wants {got:?}, not {wanted:?}"));
+                }
+                if let Wanted::Order(id, order) = wanted {
+                    self.tell(*id, Taken::Order(order.clone()));
+                }
+            }
+            Event::Struck { .. } => {
+                let got = self.director.struck().get(self.struck).map(recording::struck);
+                self.struck += 1;
+                if got.as_ref() != Some(event) {
+                    return Err(format!("the fault that strikes is {got:?}"));
+                }
+            }
+            Event::Counted { id, life, tally } => self.compare_counts(*id, *life, tally)?,
+            Event::Ended { outcome, tally } => {
+                self.ended = Some((outcome.clone(), *tally));
+                let account = self.swarm.account(self.plan, &self.director, &self.world);
+                let got = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
+                if got.name() != outcome {
+                    return Err(format!("the run ended {outcome}, and now it ends {got}"));
+                }
+                self.compare_totals(tally)?;
+            }
+            // Found by audits, which are not made again.
+            Event::Violated { .. } | Event::Resumed => {}
+            Event::Torn => self.torn = true,
+            other => return Err(format!("{other:?} is no event of the controller")),
+        }
+        Ok(())
+    }
+
+    fn current_life(&mut self, id: ModuleId) -> Option<&mut Life<AgentOf<R>>> {
+        self.current.get(&id).and_then(|life| self.lives.get_mut(&(id, *life)))
+    }
+
+    /// The controller tells a module something, if there is a process to tell it.
+    fn tell(&mut self, id: ModuleId, letter: Taken) {
+        if self.alone {
+            return;
+        }
+        if let Some(life) = self.current_life(id).filter(|l| !l.died) {
+            life.letters.push_back(letter);
+        }
+    }
+
+    fn take_told(&mut self, id: ModuleId, told: &Told) -> Result<(), String> {
+        if self.alone {
+            return Ok(());
+        }
+        let Some(life) = self.current_life(id) else {
+            return Err(format!("module {id} told {told:?} before it began"));
+        };
+        match life.told.pop_front() {
+            Some(first) if first == *told => Ok(()),
+            None if life.torn => {
+                self.done.unchecked += 1;
+                Ok(())
+            }
+            first => Err(format!("module {id} told {told:?}, but next it had told {first:?}")),
+        }
+    }
+
+    fn compare_counts(&self, id: ModuleId, incarnation: Incarnation, tally: &Tally) -> Result<(), String> {
+        let Some(life) = self.lives.get(&(id, incarnation)).filter(|l| !l.torn) else { return Ok(()) };
+        for (class, counted) in tally.iter() {
+            let (got, counted) = (known(&life.tally[class]), known(counted));
+            // Whoever is killed has written its last steps down, but perhaps not what they add up to.
+            let late = life.died && got.iter().zip(counted).all(|(got, counted)| *got >= counted);
+            if got != counted && !late {
+                return Err(format!(
+                    "module {id} counts {counted:?} {class} messages (sent, delivered, bytes), now {got:?}"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn compare_totals(&self, tally: &Tally) -> Result<(), String> {
+        let mut got = Tally::default();
+        self.lives.values().for_each(|life| got += life.tally);
+        let died = self.lives.values().any(|life| life.died);
+        let torn = self.lives.values().any(|life| life.torn);
+        for class in Class::ALL {
+            let (got, counted) = (known(&got[class]), known(&tally[class]));
+            let late = died && got.iter().zip(counted).all(|(got, counted)| *got >= counted);
+            if got != counted && !late && !torn {
+                return Err(format!(
+                    "the run counts {counted:?} {class} messages (sent, delivered, bytes), now {got:?}"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The messages that all agents have sent and heard.
+    pub fn tally(&self) -> Tally {
+        let mut sum = Tally::default();
+        self.lives.values().for_each(|life| sum += life.tally);
+        sum
+    }
+}
+
+/// What can be counted again; the rest is the link's.
+fn known(counts: &Counts) -> [u64; 3] {
+    [counts.sent, counts.delivered, counts.bytes]
+}
+
+/// Takes a letter out. Contact changes that later ones of the same port have overtaken may be missing.
+fn take(letters: &mut VecDeque<Taken>, taken: &Taken) -> bool {
+    while let Some(letter) = letters.pop_front() {
+        if letter == *taken {
+            return true;
+        }
+        let Taken::Contact { port, .. } = letter else { return false };
+        let later = |l: &Taken| matches!(l, Taken::Contact { port: p, .. } if *p == port);
+        if !letters.iter().any(later) {
+            return false;
+        }
+    }
+    false
+}
+
+fn hash(blob: &Blob) -> u64 {
+    let mut hasher = SipHasher13::new();
+    hasher.write_u8(blob.kind);
+    hasher.write(&blob.bytes);
+    hasher.finish()
+}
+
+fn read<T: Wire>(blob: &Blob) -> Result<T, String> {
+    blob.read().map_err(|e: WireError| format!("{blob:?} cannot be read: {e}"))
+}
+
+/// An input as agents take it.
+pub fn input<M: Wire, P: Wire, O: Wire>(taken: &Taken) -> Result<Input<M, P, O>, String> {
+    Ok(match taken {
+        Taken::Contact { port, session } => Input::Contact { port: *port, session: *session },
+        Taken::Message { port, message, .. } => Input::Message { port: *port, message: read(message)? },
+        Taken::Percept(percept) => Input::Percept(read(percept)?),
+        Taken::Order(order) => Input::Order(read(order)?),
+        Taken::Wake => Input::Wake,
+    })
+}

@@ -1,0 +1,195 @@
+//! `metamorph replay`: carries a journal out again and says whether everything came as recorded, or
+//! where it first did not; and shows what one agent went through, or how things stood at some time.
+//! How records are carried out is in `engine`; `recover` does it for a controller that comes back.
+//! Absent: reading files (`journal`).
+
+mod engine;
+mod recover;
+mod words;
+
+pub use engine::{Done, Engine, input};
+pub use recover::{RecoverError, Recovered, recover};
+
+use crate::console::escape::Shown;
+use crate::console::format::digits;
+use crate::console::format::{count, many, seconds};
+use crate::record::journal::{Damage, HeadError, Journal, JournalError, Record, Who, plan_of};
+use crate::run::runnable::Runnable;
+use crate::scenario::{Plan, Swarm};
+use engine::AgentOf;
+use metamorph_protocol::counters::Tally;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::time::Time;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use thiserror::Error;
+use words::Worded;
+
+/// What to replay.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The journal.
+    pub file: PathBuf,
+    /// Up to this time, with everything that happens at it.
+    pub until: Option<Time>,
+    /// Show what this agent goes through.
+    pub agent: Option<ModuleId>,
+}
+
+/// Why a journal cannot be replayed.
+#[derive(Debug, Error)]
+pub enum ReplayError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// Its scenario cannot be read.
+    #[error("{0}\n  fix: use the program that wrote the journal")]
+    Head(#[from] HeadError),
+    /// There is no such module.
+    #[error("--agent {0}: the run has modules 0 to {1} only")]
+    NoSuchAgent(ModuleId, u32),
+}
+
+/// Where a replay is not as it was recorded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// The number of the record, from 1.
+    pub number: u64,
+    /// When.
+    pub at: Time,
+    /// Whose record it is.
+    pub who: Who,
+    /// What is different.
+    pub what: String,
+}
+
+/// What a replay came to.
+#[derive(Clone, Debug)]
+pub struct Replayed {
+    /// How much was carried out.
+    pub done: Done,
+    /// The first difference.
+    pub difference: Option<Difference>,
+    /// What the replay ended at, if the journal is damaged.
+    pub damage: Option<Damage>,
+    /// What is incomplete about the files.
+    pub troubles: Vec<String>,
+    /// Messages sent and delivered, by what agents did.
+    pub tally: Tally,
+    /// How the run ended; none if it was not read so far.
+    pub ended: Option<String>,
+    /// The hashes of all agents, if all could be followed, and of the world, as reports have them.
+    pub hashes: (Option<u64>, u64),
+    /// What else was asked for, as text.
+    pub shown: String,
+}
+
+/// Replays a journal.
+pub fn replay(request: &Request) -> Result<(Plan, Replayed), ReplayError> {
+    let mut journal = Journal::open(&request.file)?;
+    let plan = plan_of(journal.head())?;
+    if let Some(id) = request.agent.filter(|id| id.index() >= plan.swarm.len()) {
+        return Err(ReplayError::NoSuchAgent(id, plan.swarm.len().saturating_sub(1) as u32));
+    }
+    let replayed = match &plan.swarm {
+        Swarm::Cubes(cubes) => run(cubes, &plan, &mut journal, request),
+        Swarm::Metamodules(metamodules) => run(metamodules, &plan, &mut journal, request),
+    };
+    Ok((plan, replayed))
+}
+
+fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed
+where
+    AgentOf<R>: Worded,
+{
+    let mut engine = Engine::new(swarm, plan);
+    let mut shown = String::new();
+    let (mut difference, mut damage) = (None, None);
+    for record in journal.by_ref() {
+        let record = match record {
+            Ok(record) => record,
+            Err(found) => {
+                damage = Some(found);
+                break;
+            }
+        };
+        if request.until.is_some_and(|until| record.at > until) {
+            break;
+        }
+        if let Who::Agent(id, life) = record.who
+            && request.agent == Some(id)
+        {
+            words::tell::<AgentOf<R>>(&mut shown, &record, life);
+        }
+        if let Err(what) = engine.carry_out(&record) {
+            let (number, Record { at, who, .. }) = (engine.done().records, record);
+            difference = Some(Difference { number, at, who, what });
+            break;
+        }
+    }
+    if request.until.is_some() && request.agent.is_none() {
+        for (id, alive, place, summary) in engine.modules() {
+            let about = if alive { summary.map(words::state).unwrap_or_default() } else { "dead".to_owned() };
+            let place = <AgentOf<R> as Worded>::place(&place);
+            let _ = writeln!(shown, "module {id} at {place}: {about}");
+        }
+    }
+    Replayed {
+        done: engine.done(),
+        difference,
+        damage,
+        troubles: journal.troubles(),
+        tally: engine.tally(),
+        ended: engine.ended().map(|(outcome, _)| outcome.clone()),
+        hashes: engine.hashes(),
+        shown,
+    }
+}
+
+/// What a replay came to, for people.
+pub fn text(plan: &Plan, replayed: &Replayed) -> String {
+    let Replayed { done, difference, damage, troubles, tally, ended, hashes: (agents, world), shown } =
+        replayed;
+    let mut text = shown.clone();
+    let total = tally.total();
+    let _ = writeln!(
+        text,
+        "{}, {}, link {}, seed {}: {} up to {}",
+        plan.title().shown(),
+        many(plan.swarm.len() as u64, "module"),
+        plan.overrides.link.name(),
+        plan.seed,
+        many(done.records, "record"),
+        seconds(done.until.as_secs_f64())
+    );
+    let _ = writeln!(
+        text,
+        "carried out: {} of agents, started {}, {} of the controller; {} sent, {} delivered",
+        many(done.steps, "input"),
+        many(done.lives, "time"),
+        many(done.controller, "record"),
+        many(total.sent, "message"),
+        count(total.delivered)
+    );
+    let agents = agents.map_or("not all followed".to_owned(), digits);
+    let _ = writeln!(text, "state there: agents {agents}, world {}", digits(*world));
+    for trouble in troubles {
+        let _ = writeln!(text, "note: {trouble}");
+    }
+    if done.unchecked > 0 {
+        let _ = writeln!(
+            text,
+            "note: not checked, as their causes are missing: {}",
+            many(done.unchecked, "record")
+        );
+    }
+    let verdict = match (difference, ended) {
+        (None, _) if damage.is_some() => "the same states up to where the journal is damaged".to_owned(),
+        (Some(Difference { number, at, who, what }), _) => {
+            format!("different: record {}, at {at}, {who}: {what}", count(*number))
+        }
+        (None, Some(outcome)) => format!("the same states and counts; the run ended {outcome}"),
+        (None, None) => "the same states as far as it goes".to_owned(),
+    };
+    text + &verdict
+}

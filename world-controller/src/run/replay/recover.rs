@@ -1,0 +1,196 @@
+//! Finds out from the controller's part of a journal how things stood when it was killed: the world and
+//! the director by carrying its records out again, and what every agent had been told.
+//!
+//! What agents wrote down is not needed for that, so only one file is read.
+
+use super::engine::{AgentOf, Engine};
+use crate::record::journal::{Damage, Event, Record, Sensation, Wanted};
+use crate::run::runnable::Runnable;
+use crate::scenario::Plan;
+use crate::swarm::{Counted, Letter, TakenOver};
+use metamorph_module_agent::process::control_message::{Contact, Runtime};
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::Wire;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use thiserror::Error;
+
+/// How things stood.
+pub struct Recovered<R: Runnable> {
+    /// The world.
+    pub world: R::World,
+    /// The director.
+    pub director: R::Director,
+    /// Faults that are in the journal already.
+    pub struck: usize,
+    /// Scenario time of the last record.
+    pub until: Time,
+    /// Every life that lasted.
+    pub lives: Vec<TakenOver<AgentOf<R>>>,
+    /// The latest life of every module.
+    pub latest: Vec<Incarnation>,
+    /// Modules that are dead and to be started again.
+    pub awaited: BTreeSet<ModuleId>,
+    /// Whether the run was over.
+    pub finishing: bool,
+    /// What the controller had counted.
+    pub counted: Counted,
+}
+
+/// Why the controller's records do not lead to where the run was.
+#[derive(Debug, Error)]
+pub enum RecoverError {
+    /// They cannot be read.
+    #[error(transparent)]
+    Damaged(#[from] Damage),
+    /// One of them is not as recorded.
+    #[error("record {number} of the controller, at {at}: {what}")]
+    Different {
+        /// The number of the record, from 1.
+        number: u64,
+        /// When.
+        at: Time,
+        /// What is different.
+        what: String,
+    },
+}
+
+/// Carries the controller's records out.
+pub fn recover<R: Runnable>(
+    swarm: &R,
+    plan: &Plan,
+    records: impl Iterator<Item = Result<Record, Damage>>,
+) -> Result<Recovered<R>, RecoverError> {
+    let mut engine = Engine::new(swarm, plan);
+    engine.follow_no_agents();
+    let mut notes = Notes::<AgentOf<R>> {
+        lives: BTreeMap::new(),
+        latest: vec![Incarnation(0); plan.swarm.len()],
+        awaited: BTreeSet::new(),
+        finishing: false,
+        counted: Counted::default(),
+    };
+    for record in records {
+        let record = record?;
+        let number = engine.done().records + 1;
+        engine
+            .carry_out(&record)
+            .and_then(|()| notes.take(&record.event))
+            .map_err(|what| RecoverError::Different { number, at: record.at, what })?;
+    }
+    let until = engine.done().until;
+    let (world, director, struck) = engine.into_parts();
+    let Notes { lives, latest, awaited, finishing, counted } = notes;
+    let lives = lives.into_values().collect();
+    Ok(Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted })
+}
+
+/// What is known of processes.
+struct Notes<A: Agent> {
+    lives: BTreeMap<ModuleId, TakenOver<A>>,
+    latest: Vec<Incarnation>,
+    awaited: BTreeSet<ModuleId>,
+    finishing: bool,
+    counted: Counted,
+}
+
+impl<A: Agent> Notes<A> {
+    fn take(&mut self, event: &Event) -> Result<(), String> {
+        match event {
+            Event::Start { id, life, place } => {
+                self.awaited.remove(id);
+                self.counted.restarted += u32::from(*life > Incarnation(0));
+                if let Some(latest) = self.latest.get_mut(id.index()) {
+                    *latest = *life;
+                }
+                let begun = TakenOver {
+                    id: *id,
+                    life: *life,
+                    place: read(place)?,
+                    heard: 0,
+                    told: VecDeque::new(),
+                    condemned: false,
+                    paused: false,
+                };
+                self.lives.insert(*id, begun);
+            }
+            Event::Died { id } => {
+                self.lives.remove(id);
+            }
+            Event::Act { id, .. } => {
+                self.counted.body_messages += 1;
+                self.heard(*id);
+            }
+            Event::Report { id, .. } => {
+                self.counted.control_messages += 1;
+                self.heard(*id);
+            }
+            Event::Sensed { id, sensed } => {
+                let letter = match sensed {
+                    Sensation::Percept(percept) => Letter::Percept(read(percept)?),
+                    Sensation::Contact { port, revision, contact } => Letter::Runtime(Runtime::Contact {
+                        port: *port,
+                        revision: *revision,
+                        contact: contact.map(|c| Contact {
+                            session: c.session,
+                            peer: c.peer,
+                            peer_incarnation: c.peer_life,
+                            peer_port: c.peer_port,
+                        }),
+                    }),
+                };
+                self.counted.body_messages += u64::from(self.tell(*id, letter));
+            }
+            Event::Command(wanted) => self.want(wanted)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn want(&mut self, wanted: &Wanted) -> Result<(), String> {
+        match wanted {
+            Wanted::Kill(id) => {
+                if let Some(life) = self.lives.get_mut(id) {
+                    self.counted.killed += u32::from(!life.condemned);
+                    life.condemned = true;
+                }
+            }
+            Wanted::Pause(id) | Wanted::Resume(id) => {
+                if let Some(life) = self.lives.get_mut(id) {
+                    life.paused = matches!(wanted, Wanted::Pause(_));
+                }
+            }
+            Wanted::Restart(id) => {
+                if self.lives.get(id).is_none_or(|life| life.condemned) {
+                    self.awaited.insert(*id);
+                }
+            }
+            Wanted::Order(id, order) => {
+                let letter = Letter::Order(read(order)?);
+                self.counted.control_messages += u64::from(self.tell(*id, letter));
+            }
+            Wanted::Finish => self.finishing = true,
+        }
+        Ok(())
+    }
+
+    fn heard(&mut self, id: ModuleId) {
+        if let Some(life) = self.lives.get_mut(&id) {
+            life.heard += 1;
+        }
+    }
+
+    /// As the conductor does: whoever is to be killed is told nothing more.
+    fn tell(&mut self, id: ModuleId, letter: Letter<A>) -> bool {
+        let Some(life) = self.lives.get_mut(&id) else { return false };
+        if !life.condemned {
+            life.told.push_back(letter);
+        }
+        true
+    }
+}
+
+fn read<T: Wire>(blob: &crate::record::journal::Blob) -> Result<T, String> {
+    blob.read().map_err(|e| format!("{blob:?} cannot be read: {e}"))
+}

@@ -1,0 +1,200 @@
+//! Shapes from files: solids that a CAD program has written as STL or OBJ, laid into cells, and
+//! configurations of VisibleSim.
+//!
+//! `mesh` reads triangles, `voxel` finds the cells that they enclose, `visiblesim` reads
+//! configurations, `survey` says what of a shape cannot be built, `preview` shows it and writes it as a
+//! scenario; `flaw` is what can be wrong with a file. The command is in `shape`.
+//!
+//! *Invariant.* No file makes this panic, nor use more memory or time than the limits in `flaw` allow.
+//! Absent: repairing what is broken; a mesh with holes has no inside.
+
+pub mod flaw;
+mod mesh;
+mod preview;
+pub mod shape;
+pub mod survey;
+mod visiblesim;
+mod voxel;
+
+use crate::console::escape::Shown;
+use flaw::{MAX_BOX, MAX_BYTES, SolidError};
+use metamorph_module_agent::regular_file;
+use metamorph_protocol::lattice::Cell;
+use std::collections::BTreeSet;
+use std::path::Path;
+pub use visiblesim::Part;
+use visiblesim::in_range;
+
+/// Which axis of a file points up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Up {
+    /// As here.
+    #[default]
+    Z,
+    /// As in many programs for drawing.
+    Y,
+}
+
+/// How a file becomes cells.
+#[derive(Clone, Debug, Default)]
+pub struct Import {
+    /// The edge of a cell in the units of the file. A mesh needs it, a configuration has none.
+    pub pitch: Option<f64>,
+    /// Which axis points up in a mesh.
+    pub up: Option<Up>,
+    /// Of a mesh, the cell of the middle of its lowest layer; of a configuration, its origin.
+    pub at: Cell,
+    /// Of a configuration, which part.
+    pub part: Option<Part>,
+    /// Whether parts of a mesh that are thinner than a cell may get lost.
+    pub drop_thin: bool,
+    /// Whether inner voids are filled.
+    pub fill_voids: bool,
+}
+
+/// Cells that were read from a file.
+#[derive(Clone, Debug)]
+pub struct Imported {
+    /// In ascending order; at least one.
+    pub cells: Vec<Cell>,
+    /// The parts of a mesh that are thinner than a cell and got lost.
+    pub thin: Option<SolidError>,
+    /// The mesh they came from.
+    pub mesh: Option<MeshFacts>,
+}
+
+/// What a mesh was like.
+#[derive(Clone, Debug)]
+pub struct MeshFacts {
+    /// Its triangles.
+    pub triangles: usize,
+    /// Its extent in the units of the file.
+    pub size: [f64; 3],
+    /// The edge of a cell.
+    pub pitch: f64,
+}
+
+/// Kinds of files, by the ends of their names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Triangles, binary or as text.
+    Stl,
+    /// Polygons as text.
+    Obj,
+    /// A configuration of VisibleSim.
+    VisibleSim,
+}
+
+impl Format {
+    /// The kind of a file of this name.
+    pub fn of(path: &Path) -> Result<Format, SolidError> {
+        let end = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        match end.as_str() {
+            "stl" => Ok(Format::Stl),
+            "obj" => Ok(Format::Obj),
+            "xml" => Ok(Format::VisibleSim),
+            _ => Err(SolidError::Format(path.shown())),
+        }
+    }
+}
+
+/// Reads a file and lays it into cells. Parts that are too thin are no error here.
+pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
+    let file = path.shown();
+    let refuse = |wrong: bool, option, what| {
+        let file = file.clone();
+        if wrong { Err(SolidError::Option { file, option, what }) } else { Ok(()) }
+    };
+    let mut imported = match Format::of(path)? {
+        Format::VisibleSim => {
+            let what = "a configuration of VisibleSim, which is made of cells";
+            refuse(how.pitch.is_some(), "pitch", what)?;
+            refuse(how.up.is_some(), "up", what)?;
+            refuse(how.drop_thin, "thin", what)?;
+            let text = String::from_utf8(load(path)?).map_err(|error| {
+                let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+                let line = before.iter().filter(|b| **b == b'\n').count() + 1;
+                SolidError::Syntax { file: file.clone(), line, why: "this is not UTF-8 text".into() }
+            })?;
+            let cells = visiblesim::cells(&file, &text, how.part.unwrap_or_default())?;
+            let at: [i16; 3] = how.at.into();
+            let moved = cells.into_iter().map(|cell| {
+                let cell: [i16; 3] = cell.into();
+                in_range(&file, [0, 1, 2].map(|axis| i64::from(cell[axis]) + i64::from(at[axis])))
+            });
+            Imported { cells: moved.collect::<Result<_, _>>()?, thin: None, mesh: None }
+        }
+        format => {
+            refuse(how.part.is_some(), "part", "a mesh, which is one shape")?;
+            let pitch = how.pitch.ok_or_else(|| SolidError::NoPitch(file.clone()))?;
+            let mut triangles = match format {
+                Format::Stl => mesh::stl(&file, load(path)?)?,
+                _ => mesh::obj(&file, &load(path)?)?,
+            };
+            if how.up == Some(Up::Y) {
+                for [_, y, z] in triangles.as_flattened_mut() {
+                    (*y, *z) = (-*z, *y);
+                }
+            }
+            place(&file, &triangles, pitch, how.at)?
+        }
+    };
+    let volume = survey::volume(&imported.cells);
+    if volume > MAX_BOX {
+        return Err(SolidError::TooWide { file, cells: volume });
+    }
+    if how.fill_voids {
+        let voids = survey::voids(&imported.cells);
+        let cells: BTreeSet<Cell> = imported.cells.iter().chain(voids.iter().flatten()).copied().collect();
+        imported.cells = cells.into_iter().collect();
+    }
+    Ok(imported)
+}
+
+/// The pitch with which a mesh is so many cells long along its longest side.
+pub fn pitch_for(path: &Path, cells: u16) -> Result<f64, SolidError> {
+    let file = path.shown();
+    let triangles = match Format::of(path)? {
+        Format::Stl => mesh::stl(&file, load(path)?)?,
+        _ => mesh::obj(&file, &load(path)?)?,
+    };
+    let (min, max) = voxel::bounds(&triangles);
+    let longest = (0..3).map(|axis| max[axis] - min[axis]).fold(0.0, f64::max);
+    Ok(longest / f64::from(cells.max(1)))
+}
+
+fn place(file: &str, triangles: &[mesh::Triangle], pitch: f64, at: Cell) -> Result<Imported, SolidError> {
+    let voxels = voxel::voxelise(file, triangles, pitch)?;
+    let (min, max) = voxel::bounds(triangles);
+    // The lowest layer with a cell in it stands on the floor.
+    let floor = voxels.cells().map(|[_, _, z]| z).min().unwrap_or(0);
+    let [nx, ny, _] = voxels.extent;
+    let cells: Result<BTreeSet<Cell>, SolidError> = voxels
+        .cells()
+        .map(|[x, y, z]| {
+            let along = |n: usize, zero: usize, at: i16| n as i64 - zero as i64 + i64::from(at);
+            in_range(file, [along(x, nx / 2, at.x), along(y, ny / 2, at.y), along(z, floor, at.z)])
+        })
+        .collect();
+    Ok(Imported {
+        cells: cells?.into_iter().collect(),
+        thin: voxels.thin,
+        mesh: Some(MeshFacts {
+            triangles: triangles.len(),
+            size: [0, 1, 2].map(|axis| max[axis] - min[axis]),
+            pitch,
+        }),
+    })
+}
+
+/// The bytes of a regular file that is not too large.
+fn load(path: &Path) -> Result<Vec<u8>, SolidError> {
+    let file = path.shown();
+    let unreadable =
+        |error: std::io::Error| SolidError::Unreadable { file: file.clone(), why: error.to_string() };
+    regular_file::read(path, MAX_BYTES).map_err(|error| match error.kind() {
+        std::io::ErrorKind::InvalidInput => SolidError::NoFile(file.clone()),
+        std::io::ErrorKind::FileTooLarge => SolidError::TooLarge(file.clone()),
+        _ => unreadable(error),
+    })
+}

@@ -1,0 +1,240 @@
+//! `metamorph shape`: shows the cells that a file becomes, what of them cannot be built, and writes a
+//! scenario that builds them.
+
+use super::flaw::SolidError;
+use super::preview::{self, Written};
+use super::survey::{corners, survey};
+use super::{Format, Import, Imported, Part, Up, import, pitch_for};
+use crate::console::escape::{Shown as _, portable};
+use crate::console::format::{count, many};
+use crate::console::output::{OutputError, Outputs};
+use crate::scenario::problems::Problems;
+use crate::scenario::{LinkKind, Overrides, read_text};
+use clap::{Args, ValueEnum};
+use metamorph_protocol::goal::{Goal, Growth};
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::shape::Shape;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// How many cells the longest side gets if nobody says.
+const CELLS: u16 = 16;
+/// In a hundred cells of the goal, so many modules are spare in a scenario that is written.
+const SPARE: usize = 10;
+
+/// What `shape` takes.
+#[derive(Debug, Args)]
+pub struct ShapeArgs {
+    /// A solid (.stl, .obj), or a configuration of VisibleSim (.xml)
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// The edge of a cell in the units of the file; left out, the longest side is 16 cells
+    #[arg(long, value_name = "P", conflicts_with = "cells")]
+    pub pitch: Option<f64>,
+    /// How many cells long the longest side is, instead of a pitch; if left out, --pitch says it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub cells: Option<u16>,
+    /// Which axis of the file points up; if left out, z
+    #[arg(long, value_enum)]
+    pub up: Option<UpArg>,
+    /// Where the middle of the lowest layer goes; of a configuration, its origin. If left out, 0,0,0
+    #[arg(long, value_name = "X,Y,Z", value_parser = cell, allow_hyphen_values = true)]
+    pub at: Option<Cell>,
+    /// Of a configuration, which part is shown; if left out, the targets
+    #[arg(long, value_enum)]
+    pub part: Option<PartArg>,
+    /// Do without parts that are thinner than a cell
+    #[arg(long)]
+    pub drop_thin: bool,
+    /// Fill inner voids
+    #[arg(long)]
+    pub fill_voids: bool,
+    /// How it shall grow
+    #[arg(long, value_enum, default_value_t = GrowthArg::Solid)]
+    pub growth: GrowthArg,
+    /// Write a drawing to this file
+    #[arg(long, value_name = "FILE")]
+    pub svg: Option<PathBuf>,
+    /// Write a scenario that builds it to this file, which must not exist
+    #[arg(long, value_name = "FILE")]
+    pub write: Option<PathBuf>,
+}
+
+/// Which axis points up, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum UpArg {
+    /// z, as here
+    Z,
+    /// y
+    Y,
+}
+
+/// A part of a configuration, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PartArg {
+    /// The modules at the start
+    Blocks,
+    /// The cells to be filled
+    Targets,
+}
+
+/// How a goal grows, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GrowthArg {
+    /// All cells
+    Solid,
+    /// Corners and edges, with tunnels in between
+    Scaffold,
+}
+
+/// Why there is nothing to show.
+#[derive(Debug, Error)]
+pub enum ShapeError {
+    /// The file.
+    #[error("{0}\n  fix: {fix}", fix = .0.fix())]
+    Solid(#[from] SolidError),
+    /// The scenario that would be written has something wrong with it.
+    #[error("no scenario was written, because it could not be run:\n{0}")]
+    Scenario(Problems),
+    /// A file cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+impl ShapeError {
+    /// Whether what was typed, or the file, is to blame, and not this program or the disk.
+    pub fn is_input(&self) -> bool {
+        match self {
+            ShapeError::Output(error) => error.is_input(),
+            ShapeError::Solid(_) | ShapeError::Scenario(_) => true,
+        }
+    }
+}
+
+/// What there is to show.
+pub struct Shown {
+    /// For people.
+    pub text: String,
+    /// Whether all of it can be built.
+    pub buildable: bool,
+}
+
+fn cell(text: &str) -> Result<Cell, String> {
+    let wrong = || format!("expected three whole numbers such as 0,0,2, each from -{0} to {0}", Cell::LIMIT);
+    let numbers: Option<Vec<i16>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    let cell = <[i16; 3]>::try_from(numbers.unwrap_or_default()).map(Cell::from).map_err(|_| wrong())?;
+    if cell.in_range() { Ok(cell) } else { Err(wrong()) }
+}
+
+/// Reads the file, looks it over, and writes what is asked for.
+pub fn shape(args: &ShapeArgs) -> Result<Shown, ShapeError> {
+    let format = Format::of(&args.file)?;
+    let mut outputs = Outputs::new();
+    outputs.reads("the file", &args.file);
+    let svg = args.svg.as_ref().map(|path| outputs.writes("--svg", path)).transpose()?;
+    let written = args.write.as_ref().map(|path| outputs.creates("--write", path)).transpose()?;
+    let growth = match args.growth {
+        GrowthArg::Solid => Growth::Solid,
+        GrowthArg::Scaffold => Growth::Scaffold,
+    };
+    let mut how = Import {
+        pitch: args.pitch,
+        up: args.up.map(|up| if up == UpArg::Y { Up::Y } else { Up::Z }),
+        at: args.at.unwrap_or_default(),
+        part: args.part.map(|part| if part == PartArg::Blocks { Part::Blocks } else { Part::Targets }),
+        drop_thin: args.drop_thin,
+        fill_voids: args.fill_voids,
+    };
+    if format != Format::VisibleSim && how.pitch.is_none() {
+        how.pitch = Some(pitch_for(&args.file, args.cells.unwrap_or(CELLS))?);
+    }
+    let imported = import(&args.file, &how)?;
+    let mut text = String::new();
+    describe(&mut text, &args.file, &imported);
+    let mut buildable = true;
+    if let Some(thin) = &imported.thin {
+        buildable &= args.drop_thin;
+        let verdict = if args.drop_thin { "left out" } else { "cannot be built" };
+        let _ = writeln!(text, "  {verdict}: {thin}");
+        if !args.drop_thin {
+            let _ =
+                writeln!(text, "  fix: {}", thin.fix().replace("write `thin = \"drop\"`", "add --drop-thin"));
+        }
+    }
+    let seed = middle(&imported.cells);
+    for finding in survey(&imported.cells, seed, growth) {
+        buildable &= !finding.forbids();
+        let verdict = if finding.forbids() { "cannot be built" } else { "note" };
+        let _ = writeln!(text, "  {verdict}: {finding}");
+    }
+    if let (Growth::Scaffold, Ok(goal)) = (growth, Goal::compile(&imported.cells, seed, growth)) {
+        let _ = writeln!(text, "  scaffold  {} of them are filled", count(goal.len() as u64));
+    }
+    if buildable {
+        let _ = writeln!(text, "  can be built as far as can be said before a run");
+    }
+    match preview::layers(&imported.cells) {
+        Some(layers) => {
+            let _ = write!(text, "\n{layers}");
+        }
+        None => {
+            let _ = writeln!(text, "\n  too large to be shown as text; --svg FILE draws it");
+        }
+    }
+    if let (Some(path), Some(file)) = (&args.svg, svg) {
+        file.write(preview::svg(&imported.cells))?;
+        let _ = writeln!(text, "\ndrawn to {}", path.shown());
+    }
+    if let (Some(path), Some(file), true) = (&args.write, written, buildable) {
+        file.write(scenario(path, args, &how, &imported, growth)?)?;
+        let _ = writeln!(text, "\nwritten to {0}; run it with metamorph run {0} --link sim", path.shown());
+    }
+    Ok(Shown { text, buildable })
+}
+
+fn describe(text: &mut String, file: &Path, Imported { cells, mesh, .. }: &Imported) {
+    let _ = writeln!(text, "{}", file.shown());
+    if let Some(mesh) = mesh {
+        let [x, y, z] = mesh.size.map(|s| s as f32);
+        let _ = writeln!(text, "  mesh      {}, {x} x {y} x {z}", many(mesh.triangles as u64, "triangle"));
+        let _ = writeln!(text, "  pitch     {}", mesh.pitch);
+    }
+    let (min, max) = corners(cells).unwrap_or_default();
+    let _ = writeln!(text, "  cells     {}, from {min} to {max}", count(cells.len() as u64));
+}
+
+/// The cell nearest to the middle of the box around all.
+fn middle(cells: &[Cell]) -> Cell {
+    let (min, max) = corners(cells).unwrap_or_default();
+    let twice = |c: i16, low: i16, high: i16| (2 * i64::from(c) - i64::from(low) - i64::from(high)).pow(2);
+    let distance = |c: &Cell| twice(c.x, min.x, max.x) + twice(c.y, min.y, max.y) + twice(c.z, min.z, max.z);
+    cells.iter().copied().min_by_key(|c| (distance(c), *c)).unwrap_or_default()
+}
+
+/// The text of a scenario that builds what was imported.
+fn scenario(
+    path: &Path,
+    args: &ShapeArgs,
+    how: &Import,
+    imported: &Imported,
+    growth: Growth,
+) -> Result<String, ShapeError> {
+    let part = |part| import(&args.file, &Import { part: Some(part), ..how.clone() }).map(|i| i.cells);
+    let (start, goal) = if imported.mesh.is_some() {
+        let goal = imported.cells.clone();
+        let modules = goal.len() + goal.len() * SPARE / 100 + 1;
+        let slab = preview::slab(&goal, modules).map(|(min, max)| Shape::Box { min, max }.cells());
+        // A slab has cells; if it is too far out, reading the scenario says so.
+        (slab.and_then(Result::ok).unwrap_or_default(), goal)
+    } else {
+        (part(Part::Blocks)?, part(Part::Targets)?)
+    };
+    let name = args.file.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let origin = portable(&args.file);
+    let text =
+        preview::scenario(&Written { origin: &origin, name: &name, start: &start, goal: &goal, growth });
+    let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+    read_text(&path.display().to_string(), &text, &overrides).map_err(ShapeError::Scenario)?;
+    Ok(text)
+}

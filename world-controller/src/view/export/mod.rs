@@ -1,0 +1,299 @@
+//! A journal as a recording that the field's viewers show: an MCAP file with scene updates and a log in
+//! Foxglove's schemas, as JSON.
+//!
+//! A cell is a cube of one metre, a metamodule has four; a time of the scenario is a time of the
+//! recording. Every update holds all modules: a viewer that jumps to a time shows the last update before
+//! it and nothing older. So updates have a smallest distance, and a file grows with modules times time.
+//! Absent: messages between modules, and the way of a body from one cell to the next; `metamorph view`
+//! is for those who want to know more.
+
+mod foxglove;
+
+use crate::console::escape::Shown;
+use crate::console::format::{many, seconds};
+use crate::console::interrupt::Interrupt;
+use crate::console::output::{OutputError, Outputs};
+use crate::record::journal::{Event, HeadError, Journal, JournalError, Record, Wanted, Who, plan_of};
+use crate::scenario::Swarm;
+use clap::Args;
+use foxglove::{Colour, Cube, Entity, Level, Log, Pair, SceneUpdate, schema_of};
+use mcap::records::MessageHeader;
+use mcap::{Compression, McapError, WriteOptions, Writer};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::pose::Pose;
+use metamorph_protocol::record::Blob;
+use metamorph_protocol::time::{Span, Time};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// What `export` takes.
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// The journal of a run (see `run --journal`)
+    #[arg(value_name = "JOURNAL")]
+    pub journal: PathBuf,
+    /// Write an MCAP file with Foxglove's scene updates, which must not exist
+    #[arg(long, value_name = "FILE")]
+    pub mcap: PathBuf,
+    /// Milliseconds of scenario time between two updates, at least
+    #[arg(long, value_name = "MS", default_value_t = 100)]
+    pub every: u32,
+}
+
+/// Why there is no recording.
+#[derive(Debug, Error)]
+pub enum ExportError {
+    /// The journal cannot be read.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// Its scenario cannot be read.
+    #[error("{0}\n  fix: use the program that wrote the journal")]
+    Head(#[from] HeadError),
+    /// The recording cannot go where it shall.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A signal came.
+    #[error("--mcap {}: interrupted; nothing is written there", .path.shown())]
+    Interrupted {
+        /// Where.
+        path: PathBuf,
+    },
+    /// The recording cannot be finished.
+    #[error("--mcap {}: the recording could not be written to its end: {error}", .path.shown())]
+    Write {
+        /// Where.
+        path: PathBuf,
+        /// Why.
+        error: McapError,
+    },
+}
+
+impl ExportError {
+    /// Whether what was typed, or the journal, is to blame.
+    pub fn is_input(&self) -> bool {
+        match self {
+            ExportError::Output(error) => error.is_input(),
+            ExportError::Journal(_) | ExportError::Head(_) => true,
+            ExportError::Interrupted { .. } | ExportError::Write { .. } => false,
+        }
+    }
+}
+
+/// What is drawn of a module.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Body {
+    cells: Vec<Cell>,
+    role: String,
+    process: Process,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Process {
+    #[default]
+    Alive,
+    Paused,
+    Dead,
+}
+
+impl Process {
+    fn name(self) -> &'static str {
+        match self {
+            Process::Alive => "alive",
+            Process::Paused => "paused",
+            Process::Dead => "dead",
+        }
+    }
+}
+
+impl Body {
+    /// The colours of the page.
+    fn colour(&self) -> Colour {
+        match (self.process, self.role.as_str()) {
+            (Process::Dead, _) => Colour::rgb(0x43, 0x47, 0x4d),
+            (Process::Paused, _) => Colour::rgb(0x8f, 0x86, 0xc9),
+            (_, "final" | "settled") => Colour::rgb(0x3d, 0x83, 0xc0),
+            (_, "walker") => Colour::rgb(0xf0, 0x99, 0x3e),
+            _ => Colour::rgb(0xb4, 0xc0, 0xcb),
+        }
+    }
+    fn entity(&self, id: ModuleId, at: Time) -> Entity<'_> {
+        let colour = self.colour();
+        let cubes = self.cells.iter().map(|cell| Cube::in_cell(*cell, colour)).collect();
+        let about =
+            [Pair { key: "role", value: &self.role }, Pair { key: "process", value: self.process.name() }];
+        Entity::new(at, format!("module {id}"), about, cubes)
+    }
+}
+
+/// The file, and the modules as they are at this time.
+struct Recording {
+    writer: Writer<BufWriter<File>>,
+    scene: u16,
+    log: u16,
+    sequence: u32,
+    updates: u64,
+    bodies: BTreeMap<ModuleId, Body>,
+    /// Whether anything looks different since the last update.
+    changed: bool,
+    every: Span,
+    /// Before this no update is written.
+    due: Time,
+    now: Time,
+}
+
+/// Writes the recording and says what is in it.
+pub fn export(args: &ExportArgs, interrupt: &Interrupt) -> Result<String, ExportError> {
+    let output = Outputs::new().creates("--mcap", &args.mcap)?;
+    let mut journal = Journal::open(&args.journal)?;
+    let plan = plan_of(journal.head())?;
+    let cells = |place: &Blob| match &plan.swarm {
+        Swarm::Cubes(_) => place.read::<Cell>().ok().map(|cell| vec![cell]),
+        Swarm::Metamodules(swarm) => {
+            let motions = &swarm.setup.motions;
+            let known = |pose: &Pose| usize::from(pose.posture) < motions.table().postures().len();
+            place.read::<Pose>().ok().filter(known).map(|pose| motions.cells(pose).to_vec())
+        }
+    };
+    let path = || args.mcap.clone();
+    interrupt.begin();
+    let write = |error| ExportError::Write { path: path(), error };
+    let draft = output.begin()?;
+    let file = draft.handle().map_err(|error| write(error.into()))?;
+    let mut recording = Recording::begin(file, Span::millis(args.every.into())).map_err(write)?;
+    let mut records = 0;
+    for record in journal.by_ref() {
+        // Half a recording would look like a whole one, so what is begun takes its name at the end.
+        let record = record.map_err(JournalError::from)?;
+        records += 1;
+        if interrupt.is_set() {
+            return Err(ExportError::Interrupted { path: path() });
+        }
+        recording.take(&record, &cells).map_err(write)?;
+    }
+    let troubles = journal.troubles();
+    recording.end(&troubles).map_err(write)?;
+    output.finish(draft)?;
+    let mut said = format!(
+        "{}: {} in {} until {}, from {}\n",
+        args.mcap.shown(),
+        many(recording.bodies.len() as u64, "module"),
+        many(recording.updates, "update"),
+        seconds(recording.now.as_secs_f64()),
+        many(records, "record"),
+    );
+    for trouble in troubles {
+        said.push_str(&format!("note: {trouble}\n"));
+    }
+    Ok(said)
+}
+
+impl Recording {
+    fn begin(file: File, every: Span) -> Result<Recording, McapError> {
+        let library = concat!("metamorph ", env!("CARGO_PKG_VERSION"));
+        let options = WriteOptions::new().compression(Some(Compression::Lz4)).library(library);
+        let mut writer = options.create(BufWriter::new(file))?;
+        let scene = schema_of::<SceneUpdate>();
+        let scene = writer.add_schema("foxglove.SceneUpdate", "jsonschema", &scene)?;
+        let log = writer.add_schema("foxglove.Log", "jsonschema", &schema_of::<Log>())?;
+        let none = BTreeMap::new();
+        Ok(Recording {
+            scene: writer.add_channel(scene, "/modules", "json", &none)?,
+            log: writer.add_channel(log, "/log", "json", &none)?,
+            writer,
+            sequence: 0,
+            updates: 0,
+            bodies: BTreeMap::new(),
+            changed: false,
+            every,
+            due: Time::ZERO,
+            now: Time::ZERO,
+        })
+    }
+
+    fn take(&mut self, record: &Record, cells: &dyn Fn(&Blob) -> Option<Vec<Cell>>) -> Result<(), McapError> {
+        // Records of several files are in the order of causes; their times are not always.
+        if record.at > self.now {
+            if self.changed && self.now >= self.due {
+                self.update()?;
+            }
+            self.now = record.at;
+        }
+        match &record.event {
+            Event::Start { id, place, .. } => self.change(*id, |body| {
+                *body = Body { cells: cells(place).unwrap_or_default(), ..Body::default() };
+            }),
+            Event::Advance { ended } => {
+                for (id, place) in ended {
+                    self.change(*id, |body| {
+                        if let Some(cells) = cells(place) {
+                            body.cells = cells;
+                        }
+                    });
+                }
+            }
+            Event::Died { id } => self.change(*id, |body| body.process = Process::Dead),
+            Event::Command(Wanted::Pause(id)) => self.change(*id, |body| body.process = Process::Paused),
+            Event::Command(Wanted::Resume(id)) => self.change(*id, |body| body.process = Process::Alive),
+            Event::State(summary) => {
+                if let Who::Agent(id, _) = record.who {
+                    self.change(id, |body| body.role.clone_from(&summary.role));
+                }
+            }
+            Event::Struck { fault, effect, .. } => self.say(Level::Warning, &format!("{fault}: {effect}"))?,
+            Event::Violated { invariant, what } => {
+                self.say(Level::Error, &format!("{invariant} broke: {what}"))?;
+            }
+            Event::Ended { outcome, .. } => self.say(Level::Info, &format!("the run ended: {outcome}"))?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn change(&mut self, id: ModuleId, change: impl FnOnce(&mut Body)) {
+        let body = self.bodies.entry(id).or_default();
+        let before = body.clone();
+        change(body);
+        self.changed |= *body != before;
+    }
+
+    fn update(&mut self) -> Result<(), McapError> {
+        let bodies = std::mem::take(&mut self.bodies);
+        let entities = bodies.iter().map(|(id, body)| body.entity(*id, self.now)).collect();
+        self.write(self.scene, &SceneUpdate::new(entities))?;
+        self.bodies = bodies;
+        self.changed = false;
+        self.updates += 1;
+        self.due = self.now + self.every;
+        Ok(())
+    }
+
+    /// How everything stands at the end, and what was missing.
+    fn end(&mut self, troubles: &[String]) -> Result<(), McapError> {
+        if self.changed {
+            self.update()?;
+        }
+        for trouble in troubles {
+            self.say(Level::Warning, trouble)?;
+        }
+        self.writer.finish().map(drop)
+    }
+
+    fn say(&mut self, level: Level, message: &str) -> Result<(), McapError> {
+        let log = Log::new(self.now, level, message);
+        self.write(self.log, &log)
+    }
+
+    fn write(&mut self, channel_id: u16, message: &impl Serialize) -> Result<(), McapError> {
+        let (sequence, log_time) = (self.sequence, self.now.0);
+        self.sequence += 1;
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        let data = serde_json::to_vec(message)
+            .expect("invariant: messages are made of plain values, text keys and finite numbers");
+        self.writer.write_to_known_channel(&header, &data)
+    }
+}
