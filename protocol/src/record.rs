@@ -5,17 +5,16 @@
 //! reached its world and its director, and what those said. Messages are named by sender, life and
 //! number, so that a message heard leads back to the step that sent it. Absent: files, and their layout.
 
-use crate::agent::{Agent, Input, InputOf, Output, OutputOf, Summary};
+use crate::agent::Summary;
 use crate::counters::Class;
 use crate::counters::Tally;
 use crate::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use crate::lattice::Cell;
+use crate::runtime::{Command, Sensed};
 use crate::time::Time;
 use crate::wire::{self, Wire, WireError};
 use serde::{Deserialize, Serialize};
-use siphasher::sip::SipHasher13;
 use std::fmt;
-use std::hash::Hasher;
 
 /// A message, action, percept, order, report or place in its wire form. Which type it is of follows
 /// from where it stands and from the family of the run.
@@ -111,7 +110,7 @@ pub enum Event {
         /// Which module.
         id: ModuleId,
         /// What.
-        sensed: Sensation,
+        sensed: Sensed<Blob>,
     },
     /// World, output: an invariant broke.
     Violated {
@@ -147,7 +146,7 @@ pub enum Event {
         bytes: Vec<u8>,
     },
     /// Director, output: what it wants done.
-    Command(Wanted),
+    Command(Command<Blob>),
     /// Director, output: a fault of the scenario has struck.
     Struck {
         /// The fault, in the words of reports.
@@ -296,151 +295,12 @@ pub enum Told {
     Report(Blob),
 }
 
-/// What a body senses.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Sensation {
-    /// The contact on a port changed.
-    Contact {
-        /// Which port.
-        port: Port,
-        /// The count of contact changes of this body.
-        revision: Revision,
-        /// What touches the port now.
-        contact: Option<Touch>,
-    },
-    /// How an action went.
-    Percept(Blob),
-}
-
-/// The other end of a contact.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Touch {
-    /// The session that both ends share.
-    pub session: Session,
-    /// The module on the other side.
-    pub peer: ModuleId,
-    /// The life of it that the session belongs to.
-    pub peer_life: Incarnation,
-    /// The port by which it touches.
-    pub peer_port: Port,
-}
-
-/// What the controller wants done.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Wanted {
-    /// Kill a process.
-    Kill(ModuleId),
-    /// Stop a process.
-    Pause(ModuleId),
-    /// Let a stopped process go on.
-    Resume(ModuleId),
-    /// Start a dead process again.
-    Restart(ModuleId),
-    /// Hand an order to an agent.
-    Order(ModuleId, Blob),
-    /// The run is over.
-    Finish,
-}
-
 /// Where records go.
 pub trait Sink {
     /// Takes one record. Never fails: what cannot be kept is counted where it is lost.
     fn put(&mut self, record: &Record);
     /// What was put so far is about to be acted on, so it must not be lost with this process.
     fn commit(&mut self);
-}
-
-/// Hands one input to an agent, takes all outputs, and returns the hash of both them and the state.
-pub fn step<A: Agent>(agent: &mut A, now: Time, input: InputOf<A>, outputs: &mut Vec<OutputOf<A>>) -> u64 {
-    agent.handle(now, input);
-    let first = outputs.len();
-    outputs.extend(std::iter::from_fn(|| agent.poll()));
-    digest(agent, &outputs[first..])
-}
-
-/// The hash of an agent's state after these outputs.
-pub fn digest<A: Agent>(agent: &A, outputs: &[OutputOf<A>]) -> u64 {
-    let mut hasher = SipHasher13::new();
-    for output in outputs {
-        let (tag, blob) = match output {
-            Output::Send { port, class, message } => {
-                (u32::from(port.0) << 8 | *class as u32, Blob::of(message))
-            }
-            Output::Act(action) => (1 << 16, Blob::of(action)),
-            Output::Report(report) => (2 << 16, Blob::of(report)),
-        };
-        hasher.write_u32(tag);
-        hasher.write_u8(blob.kind);
-        hasher.write(&blob.bytes);
-    }
-    agent.digest(&mut hasher);
-    hasher.finish()
-}
-
-/// Makes the records of one life of an agent. The same for every driver.
-#[derive(Debug)]
-pub struct Diary {
-    who: Who,
-    sent: u32,
-    state: Summary,
-}
-
-impl Diary {
-    /// A life begins.
-    pub fn new<A: Agent>(now: Time, id: ModuleId, life: Incarnation, place: &A::Place) -> (Diary, Record) {
-        let who = Who::Agent(id, life);
-        let record = Record { at: now, who, event: Event::Born { place: Blob::of(place) } };
-        (Diary { who, sent: 0, state: Summary::default() }, record)
-    }
-
-    /// The input as it is recorded; `name` and class are of messages only.
-    pub fn taken<A: Agent>(input: &InputOf<A>, heard: Option<(MessageName, Class)>) -> Taken {
-        match (input, heard) {
-            (Input::Contact { port, session }, _) => Taken::Contact { port: *port, session: *session },
-            (Input::Message { port, message }, Some((name, class))) => {
-                Taken::Message { port: *port, class, name, message: Blob::of(message) }
-            }
-            // Invariant: drivers name every message that they hand in.
-            (Input::Message { .. }, None) | (Input::Wake, _) => Taken::Wake,
-            (Input::Percept(percept), _) => Taken::Percept(Blob::of(percept)),
-            (Input::Order(order), _) => Taken::Order(Blob::of(order)),
-        }
-    }
-
-    /// An input was taken, with these outputs and this hash. `peer` says who is at a port, `revision`
-    /// which contact changes the agent knew of.
-    #[allow(clippy::too_many_arguments, reason = "everything that a record is made of")]
-    pub fn step<A: Agent>(
-        &mut self,
-        now: Time,
-        input: Taken,
-        agent: &A,
-        outputs: &[OutputOf<A>],
-        digest: u64,
-        revision: Revision,
-        peer: impl Fn(Port) -> Option<ModuleId>,
-        sink: &mut dyn Sink,
-    ) {
-        let first = self.sent;
-        let (mut sent, mut told) = (Vec::new(), Vec::new());
-        for output in outputs {
-            match output {
-                Output::Send { port, class, .. } => {
-                    sent.push(Sent { port: *port, class: *class, to: peer(*port) });
-                }
-                Output::Act(action) => told.push(Told::Act { revision, action: Blob::of(action) }),
-                Output::Report(report) => told.push(Told::Report(Blob::of(report))),
-            }
-        }
-        self.sent = self.sent.wrapping_add(sent.len() as u32);
-        let mut put = |event| sink.put(&Record { at: now, who: self.who, event });
-        put(Event::Step(Step { input, first, sent, told, digest }));
-        let state = agent.summary(now);
-        if state != self.state {
-            self.state.clone_from(&state);
-            put(Event::State(state));
-        }
-    }
 }
 
 #[cfg(test)]

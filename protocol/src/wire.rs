@@ -70,7 +70,7 @@ pub enum WireError {
 }
 
 /// Something that travels as a payload.
-pub trait Wire: Clone + Debug + PartialEq + Eq {
+pub trait Wire: Clone + Debug + PartialEq + Eq + Send + Sync {
     /// The number of this kind of message within its channel.
     fn kind(&self) -> u8;
     /// Writes the payload.

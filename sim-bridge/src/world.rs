@@ -6,40 +6,12 @@
 pub mod invariants;
 
 use metamorph_protocol::agent::Agent;
-use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
+use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::Time;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::hash::Hasher;
-
-/// The other end of a contact, for whoever opens channels. Agents do not see it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Contact {
-    /// The session that both ends share.
-    pub session: Session,
-    /// The module on the other side.
-    pub peer: ModuleId,
-    /// The life of the peer's process that this session belongs to.
-    pub peer_incarnation: Incarnation,
-    /// The port by which the peer touches us.
-    pub peer_port: Port,
-}
-
-/// What a body tells its agent.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Sensed<P> {
-    /// The contact on a port changed.
-    Contact {
-        /// Which port.
-        port: Port,
-        /// The count of contact changes of this body, this one included.
-        revision: Revision,
-        /// What touches the port now.
-        contact: Option<Contact>,
-    },
-    /// How an action went.
-    Percept(P),
-}
 
 /// A simulated world with the bodies in it.
 ///

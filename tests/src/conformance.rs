@@ -8,8 +8,8 @@ use crate::testbed::Testbed;
 use metamorph_protocol::counters::{Counts, Tally};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
 use metamorph_protocol::link::{LinkModel, Partition};
+use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::port::Command;
 
 /// Makes a test of each check of the suite; the argument is an expression for a testbed.
 #[macro_export]

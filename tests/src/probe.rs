@@ -4,9 +4,10 @@
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};
-use metamorph_sim_bridge::world::{Contact, Sensed, World};
+use metamorph_sim_bridge::world::World;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::hash::Hasher;

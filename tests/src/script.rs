@@ -3,8 +3,9 @@
 
 use crate::probe::{ProbeOrder, ProbeReport, ProbeWorld};
 use metamorph_protocol::ids::{ModuleId, Port, Session};
+use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::port::{Command, Direct};
+use metamorph_sim_bridge::director::port::Direct;
 use std::collections::VecDeque;
 
 /// What was seen.

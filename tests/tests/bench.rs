@@ -20,11 +20,6 @@ fn simulated_runs_come_to_what_they_must() {
     let results = bench(&["flood", "growth", "--most", "1000"]);
     let flood = &results["flood"];
     assert_eq!(flood.as_array().map(Vec::len), Some(1));
-    // On a machine with one processor there is nothing to compare.
-    let threads = &flood[0]["threads"];
-    assert!(
-        threads.is_null() || threads["threads"].as_u64() > Some(1) && threads["speedup"].as_f64() > Some(0.0)
-    );
     // 2E − (N − 1) with N = 1,000 and E = 3 · 10² · 9.
     assert_eq!(flood[0]["messages"].as_u64(), Some(4_401));
     assert!(flood[0]["bytes_per_module"].as_f64().unwrap() > 0.0);

@@ -3,9 +3,10 @@
 
 use crate::leader::{Leader, Lowest};
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Never;
-use metamorph_sim_bridge::director::port::{Command, Direct};
+use metamorph_sim_bridge::director::port::Direct;
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
 
 /// Who says what, and when all said the same.

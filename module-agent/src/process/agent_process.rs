@@ -10,7 +10,7 @@ use crate::journal_file::{Head, JournalError, Parts, Writer, agent_part};
 use crate::link_emulator::{HELD_LIMIT, Impair, Parcel};
 use crate::process::args::AgentArgs;
 use crate::process::contacts::{Contacts, EARLY_LIMIT, Place};
-use crate::process::control_message::{Contact, Runtime};
+use crate::process::control_message::Runtime;
 use crate::run_dir::controller_lease::{Seat, is_marked};
 use crate::run_dir::counter_file::{Account, Ledger, LedgerError};
 use crate::run_dir::identity::{Guard, Identity, survive_file_limits};
@@ -24,11 +24,13 @@ use crate::transport::iceoryx::rendezvous::{
 use crate::transport::iceoryx::shared_frame::Packet;
 use crate::transport::iceoryx::space;
 use crate::transport::iceoryx::uplink::Uplink;
-use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, OutputOf};
+use metamorph_protocol::agent::{Agent, Birth, Input, InputOf};
 use metamorph_protocol::counters::Class;
+use metamorph_protocol::host::{AgentHost, StepContext};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::record::{self, Diary, MessageName, Sink};
+use metamorph_protocol::record::{MessageName, Sink};
+use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
 use rustix::process::{getpgid, getppid, setpgid, setsid};
@@ -136,7 +138,7 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
         Uplink::new(Outbox::to_controller(&at, args.id, seat.generation)?, args.id, args.incarnation);
     let ledger = Ledger::create(&args.root, args.id, args.incarnation)?;
     // Before the controller knows of this life: each one that it starts has its part of the journal.
-    let pages = swarm.journal.as_ref().map(|parts| Pages::begin(parts, args)).transpose()?;
+    let journal = swarm.journal.as_ref().map(|parts| begin_journal(parts, args)).transpose()?;
     uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Hello { pid: std::process::id() });
     let SwarmFile { seed, speed, tolerance, link, setup, patience, count, .. } = swarm;
     let mut clock = Clock::open(&args.root, speed).map_err(|e| AgentError::Clock(args.root.clone(), e))?;
@@ -166,10 +168,9 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
         revision: Revision(0),
         last: Time::ZERO,
         agent: None,
-        outputs: Vec::new(),
         told: 0,
         returned: false,
-        pages,
+        journal,
         silent: false,
         ending: false,
         at,
@@ -219,18 +220,10 @@ fn register(args: &AgentArgs, member: Option<u128>) -> Result<(), AgentError> {
         .map_err(|e| AgentError::Register(path, e))
 }
 
-/// This life's part of the journal.
-struct Pages {
-    writer: Writer,
-    diary: Option<Diary>,
-}
-
-impl Pages {
-    fn begin(parts: &Parts, args: &AgentArgs) -> Result<Pages, JournalError> {
-        let head = Head::Part { run: parts.run, id: args.id, life: args.incarnation };
-        let writer = Writer::create(&agent_part(&parts.dir, args.id, args.incarnation), &head)?;
-        Ok(Pages { writer, diary: None })
-    }
+/// Creates this incarnation's part of the journal.
+fn begin_journal(parts: &Parts, args: &AgentArgs) -> Result<Writer, JournalError> {
+    let head = Head::Part { run: parts.run, id: args.id, life: args.incarnation };
+    Writer::create(&agent_part(&parts.dir, args.id, args.incarnation), &head)
 }
 
 struct Driver<'a, A: Agent> {
@@ -264,14 +257,13 @@ struct Driver<'a, A: Agent> {
     /// The last contact change that the agent knows of.
     revision: Revision,
     last: Time,
-    agent: Option<A>,
-    /// What the agent has just put out; empty between turns.
-    outputs: Vec<OutputOf<A>>,
+    agent: Option<AgentHost<A>>,
     /// Actions and reports so far.
     told: u32,
     /// Another controller says that it has the seat.
     returned: bool,
-    pages: Option<Pages>,
+    /// This incarnation's part of the journal.
+    journal: Option<Writer>,
     /// The run is over: nothing is taken or sent any more.
     silent: bool,
     /// Nor does anybody else send.
@@ -394,9 +386,9 @@ impl<A: Agent> Driver<'_, A> {
     }
 
     fn record(&mut self) {
-        if let Some(pages) = &mut self.pages {
-            pages.writer.commit();
-            self.account.unrecorded = pages.writer.lost().0;
+        if let Some(writer) = &mut self.journal {
+            writer.commit();
+            self.account.unrecorded = writer.lost().0;
         }
     }
 
@@ -419,7 +411,7 @@ impl<A: Agent> Driver<'_, A> {
             return wait;
         }
         let agent = self.agent.as_ref().filter(|_| !self.silent);
-        let due = agent.map_or(Time::NEVER, Agent::wake_at).min(self.impair.next());
+        let due = agent.map_or(Time::NEVER, AgentHost::wake_at).min(self.impair.next());
         self.due = due;
         if due == Time::NEVER { wait } else { wait.min(self.clock.until(due)) }
     }
@@ -523,13 +515,10 @@ impl<A: Agent> Driver<'_, A> {
                 let birth =
                     Birth { id: self.args.id, incarnation: self.args.incarnation, place, seed: self.seed };
                 let now = self.now();
-                if let Some(pages) = &mut self.pages {
-                    let (diary, born) =
-                        Diary::new::<A>(now, self.args.id, self.args.incarnation, &birth.place);
-                    pages.diary = Some(diary);
-                    pages.writer.put(&born);
-                }
-                self.agent = Some(A::new(&self.setup, birth, now));
+                self.agent = Some(match &mut self.journal {
+                    None => AgentHost::new(&self.setup, birth, now),
+                    Some(writer) => AgentHost::recorded(&self.setup, birth, now, writer),
+                });
             }
             Runtime::Contact { port, revision, contact } if self.contacts.has_port(port) => {
                 self.change_contact(port, revision, contact)?;
@@ -589,20 +578,17 @@ impl<A: Agent> Driver<'_, A> {
         if self.silent {
             return Ok(true);
         }
-        let mut outputs = std::mem::take(&mut self.outputs);
-        if let Some(Pages { writer, diary: Some(diary) }) = &mut self.pages {
-            let taken = Diary::taken::<A>(&input, heard);
-            let digest = record::step(agent, now, input, &mut outputs);
-            let peer = |port| self.contacts.get(port).map(|c| c.peer);
-            diary.step(now, taken, agent, &outputs, digest, self.revision, peer, writer);
-        } else {
-            agent.handle(now, input);
-            outputs.extend(std::iter::from_fn(|| agent.poll()));
+        match &mut self.journal {
+            None => agent.handle(now, input),
+            Some(writer) => {
+                let peer = |port| self.contacts.get(port).map(|c| c.peer);
+                let context = StepContext { heard, revision: self.revision, peer: &peer, sink: writer };
+                agent.handle_recorded(now, input, context);
+            }
         }
-        for output in outputs.drain(..) {
+        while let Some(output) = self.agent.as_mut().and_then(AgentHost::poll) {
             self.carry_out(now, output)?;
         }
-        self.outputs = outputs;
         Ok(true)
     }
 }

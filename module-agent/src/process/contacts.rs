@@ -4,11 +4,11 @@
 //! sessions that are not known yet wait here, few and not for long; frames of sessions that have
 //! ended never count for a later contact.
 
-use crate::process::control_message::Contact;
 use crate::transport::iceoryx::outbox::Outbox;
 use crate::transport::iceoryx::rendezvous::INBOX_DEPTH;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Port, Session};
+use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::wire::{Frame, Header};
 use std::collections::VecDeque;
 

@@ -16,21 +16,9 @@
 
 use crate::clock::lateness::Late;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};
-
-/// The other end of a contact.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Contact {
-    /// The session that both ends share.
-    pub session: Session,
-    /// The module on the other side.
-    pub peer: ModuleId,
-    /// The life of the peer that the session belongs to.
-    pub peer_incarnation: Incarnation,
-    /// The port by which the peer touches us.
-    pub peer_port: Port,
-}
 
 /// A message between drivers. `P` is where bodies stand.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -8,7 +8,7 @@ mod safety;
 
 use crate::cube::grid::{Grid, Occupant};
 use crate::world::invariants::{Invariant, Violation};
-use crate::world::{Contact, Sensed, World, due};
+use crate::world::{World, due};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept, Refusal};
 use metamorph_protocol::digest::Portable;
@@ -16,6 +16,7 @@ use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Stream;
+use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::{Span, Time};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};

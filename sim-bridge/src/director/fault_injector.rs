@@ -2,9 +2,9 @@
 //! by whoever has the world. The same for every family of units.
 
 use crate::director::faults::{Fault, Schedule, Struck};
-use crate::director::port::Command;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Outside;
+use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use std::collections::{BTreeSet, VecDeque};
 

@@ -8,24 +8,8 @@ use crate::world::World;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Outside;
+use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
-
-/// What the controller wants done.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Command<O> {
-    /// Kill the process of a module (SIGKILL). Its body stays where it is.
-    Kill(ModuleId),
-    /// Stop the process of a module (SIGSTOP).
-    Pause(ModuleId),
-    /// Let a stopped process go on (SIGCONT).
-    Resume(ModuleId),
-    /// Start the process of a dead module again, with an empty memory.
-    Restart(ModuleId),
-    /// Hand an order to an agent. Lost if its process is dead.
-    Order(ModuleId, O),
-    /// The run is over; nothing follows.
-    Finish,
-}
 
 /// The controller's brain, as drivers see it.
 pub trait Direct<W: World> {

@@ -4,13 +4,14 @@
 //! Absent: what agents do (drivers record that, where inputs are handed in), and files.
 
 use crate::director::faults::{Fault, Struck};
-use crate::director::port::{Command, Direct};
+use crate::director::port::Direct;
 use crate::kernel::sim::{Agents, Audited};
+use crate::world::World;
 use crate::world::invariants::Violation;
-use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
-use metamorph_protocol::record::{Blob, Event, Outside, Record, Sensation, Sink, Touch, Wanted, Who};
+use metamorph_protocol::record::{Blob, Event, Outside, Record, Sink, Who};
+use metamorph_protocol::runtime::{Command, Sensed};
 use metamorph_protocol::time::Time;
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -22,33 +23,6 @@ pub type Log = Rc<RefCell<dyn Sink>>;
 
 fn put(log: &Log, at: Time, event: Event) {
     log.borrow_mut().put(&Record { at, who: Who::Controller, event });
-}
-
-/// What a body senses, as it is recorded.
-pub fn sensation<A: Agent>(sensed: &Sensed<A::Percept>) -> Sensation {
-    match sensed {
-        Sensed::Contact { port, revision, contact } => {
-            Sensation::Contact { port: *port, revision: *revision, contact: contact.map(touch) }
-        }
-        Sensed::Percept(percept) => Sensation::Percept(Blob::of(percept)),
-    }
-}
-
-fn touch(contact: Contact) -> Touch {
-    let Contact { session, peer, peer_incarnation, peer_port } = contact;
-    Touch { session, peer, peer_life: peer_incarnation, peer_port }
-}
-
-/// A command, as it is recorded.
-pub fn wanted<A: Agent>(command: &Command<A::Order>) -> Wanted {
-    match command {
-        Command::Kill(id) => Wanted::Kill(*id),
-        Command::Pause(id) => Wanted::Pause(*id),
-        Command::Resume(id) => Wanted::Resume(*id),
-        Command::Restart(id) => Wanted::Restart(*id),
-        Command::Order(id, order) => Wanted::Order(*id, Blob::of(order)),
-        Command::Finish => Wanted::Finish,
-    }
 }
 
 /// A fault that has struck, as it is recorded.
@@ -154,7 +128,7 @@ impl<W: World> World for RecordedWorld<W> {
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<W::Agent as Agent>::Percept>)> {
         self.collect();
         let (id, sensed) = self.sensed.pop_front()?;
-        self.put(Event::Sensed { id, sensed: sensation::<W::Agent>(&sensed) });
+        self.put(Event::Sensed { id, sensed: sensed.map(Blob::of) });
         Some((id, sensed))
     }
 }
@@ -269,7 +243,7 @@ impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
     }
     fn poll(&mut self) -> Option<Command<<W::Agent as Agent>::Order>> {
         let command = self.inner.poll()?;
-        let (now, event) = (self.now, Event::Command(wanted::<W::Agent>(&command)));
+        let (now, event) = (self.now, Event::Command(command.map(Blob::of)));
         self.put(now, event);
         Some(command)
     }

@@ -6,30 +6,29 @@
 //! What every module has lies in flat arrays, and messages under way in one slab, so that a message
 //! costs no allocation and a module a few hundred bytes.
 
-mod lanes;
-
-use crate::director::port::{Command, Direct};
+use crate::director::port::Direct;
 use crate::kernel::queue::Queue;
 use crate::kernel::recording::Log;
 use crate::kernel::state::{self, Hashes, Held, States};
 use crate::kernel::trace::Trace;
+use crate::world::World;
 use crate::world::invariants::{self, Invariant, Violation};
-use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::coverage::{Mark, hit};
+use metamorph_protocol::host::{AgentHost, StepContext};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::record::{self, Diary, MessageName};
+use metamorph_protocol::record::MessageName;
 use metamorph_protocol::rng::Stream;
+use metamorph_protocol::runtime::Command;
+use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire, WireError};
 use slab::Slab;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
-
-pub use lanes::Listens;
 
 /// Messages that a stopped process can have waiting, as in a real inbox.
 const INBOX: usize = 32;
@@ -90,12 +89,12 @@ impl<'a, A> Agents<'a, A> {
     }
 }
 
-impl<A> Swarm<A> for Vec<Module<A>> {
+impl<A: Agent> Swarm<A> for Vec<Module<A>> {
     fn modules(&self) -> usize {
         self.len()
     }
     fn living(&self, index: usize) -> Option<&A> {
-        self.get(index).filter(|m| m.is_alive()).and_then(|m| m.agent.as_ref())
+        self.get(index).filter(|m| m.is_alive()).and_then(|m| m.agent.as_ref()).map(AgentHost::agent)
     }
 }
 
@@ -123,7 +122,7 @@ enum Process {
 }
 
 /// What a module has besides its links.
-struct Module<A> {
+struct Module<A: Agent> {
     stream: Stream,
     /// The time of the wake-up that is in the queue.
     wake: Time,
@@ -133,19 +132,17 @@ struct Module<A> {
     incarnation: Incarnation,
     process: Process,
     /// The agent, or what it was when its process died; none before the start.
-    agent: Option<A>,
-}
-
-impl<A> Module<A> {
-    fn is_alive(&self) -> bool {
-        self.process != Process::Dead
-    }
+    agent: Option<AgentHost<A>>,
 }
 
 impl<A: Agent> Module<A> {
+    fn is_alive(&self) -> bool {
+        self.process != Process::Dead
+    }
+
     /// The wake-up to schedule, if the agent wants another one than the one that is in the queue.
     fn plan_wake(&mut self, now: Time) -> Option<Time> {
-        let at = self.agent.as_ref().map(Agent::wake_at)?;
+        let at = self.agent.as_ref().map(AgentHost::wake_at)?;
         if at == self.wake {
             return None;
         }
@@ -271,8 +268,6 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     instant: (Time, u64),
     finished: bool,
     log: Option<Log>,
-    /// One for each module if there is a log.
-    diaries: Vec<Option<Diary>>,
 }
 
 impl<W: Audited, D: Direct<W>> Sim<W, D> {
@@ -294,7 +289,6 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 agent: None,
             })
             .collect();
-        let diaries = modules.iter().map(|_| None).take(if log.is_some() { usize::MAX } else { 0 }).collect();
         let states = States::new(modules.len());
         let mut sim = Sim {
             now: Time::ZERO,
@@ -316,7 +310,6 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             checked: 0,
             instant: (Time::ZERO, 0),
             finished: false,
-            diaries,
             log,
         };
         for i in 0..sim.modules.len() as u32 {
@@ -486,11 +479,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         self.tally[class].delivered += 1;
         self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
         let input = Input::Message { port, message };
-        if self.log.is_some() {
-            let name = |c: Contact| MessageName { from: c.peer, life: c.peer_incarnation, number };
-            return self.feed_recorded(to, input, contact.map(|c| (name(c), class)));
-        }
-        self.feed(to, input);
+        let name = |c: Contact| MessageName { from: c.peer, life: c.peer_incarnation, number };
+        self.feed_heard(to, input, contact.map(|c| (name(c), class)));
     }
 
     fn link(&mut self, id: ModuleId, port: Port) -> &mut Link {
@@ -499,35 +489,26 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
 
     /// Hands one input to an agent and carries out what it does.
     fn feed(&mut self, id: ModuleId, input: InputOf<W::Agent>) {
-        if self.log.is_some() {
-            return self.feed_recorded(id, input, None);
-        }
-        let now = self.now;
-        let Some(agent) = &mut self.modules[id.index()].agent else { return };
-        agent.handle(now, input);
-        while let Some(output) = self.modules[id.index()].agent.as_mut().and_then(Agent::poll) {
-            self.carry_out(id, output);
-        }
-        self.fed(id);
+        self.feed_heard(id, input, None);
     }
 
-    /// The same with a journal: the step is written down before its outputs are carried out.
-    fn feed_recorded(&mut self, id: ModuleId, input: InputOf<W::Agent>, heard: Option<(MessageName, Class)>) {
+    /// Hands one input to an agent and carries out what it does; `heard` names the message that it is.
+    fn feed_heard(&mut self, id: ModuleId, input: InputOf<W::Agent>, heard: Option<(MessageName, Class)>) {
         let now = self.now;
         let Module { agent: Some(agent), revision, .. } = &mut self.modules[id.index()] else { return };
-        let Some(diary) = &mut self.diaries[id.index()] else { return };
-        let links = &self.links[id.index() * W::Agent::PORTS..];
-        let (taken, mut outputs) = (Diary::taken::<W::Agent>(&input, heard), Vec::new());
-        let digest = record::step(agent, now, input, &mut outputs);
-        if let Some(log) = &self.log {
-            let peer = |port: Port| links[port.index()].contact.map(|c| c.peer);
-            diary.step(now, taken, agent, &outputs, digest, *revision, peer, &mut *log.borrow_mut());
+        match &self.log {
+            None => agent.handle(now, input),
+            Some(log) => {
+                let links = &self.links[id.index() * W::Agent::PORTS..];
+                let peer = |port: Port| links[port.index()].contact.map(|c| c.peer);
+                let sink = &mut *log.borrow_mut();
+                let context = StepContext { heard, revision: *revision, peer: &peer, sink };
+                agent.handle_recorded(now, input, context);
+            }
         }
-        outputs.into_iter().for_each(|output| self.carry_out(id, output));
-        self.fed(id);
-    }
-
-    fn fed(&mut self, id: ModuleId) {
+        while let Some(output) = self.modules[id.index()].agent.as_mut().and_then(AgentHost::poll) {
+            self.carry_out(id, output);
+        }
         self.plan_wake(id);
         self.count_input();
         self.checked += 1;
@@ -704,17 +685,15 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     fn start(&mut self, id: ModuleId, incarnation: Incarnation) {
         let birth = Birth { id, incarnation, place: self.world.place(id), seed: self.config.seed };
         let module = &mut self.modules[id.index()];
-        module.agent = Some(W::Agent::new(&self.config.setup, birth, self.now));
+        module.agent = Some(match &self.log {
+            None => AgentHost::new(&self.config.setup, birth, self.now),
+            Some(log) => AgentHost::recorded(&self.config.setup, birth, self.now, &mut *log.borrow_mut()),
+        });
         module.process = Process::Running;
         module.incarnation = incarnation;
         module.sent = 0;
         let first = id.index() * W::Agent::PORTS;
         self.links[first..first + W::Agent::PORTS].fill(Link { contact: None, last_arrival: self.now });
-        if let Some(log) = &self.log {
-            let (diary, born) = Diary::new::<W::Agent>(self.now, id, incarnation, &self.world.place(id));
-            self.diaries[id.index()] = Some(diary);
-            log.borrow_mut().put(&born);
-        }
         self.trace.event(self.now, 9, id.0, u64::from(incarnation.0));
         self.plan_wake(id);
         self.world.start(self.now, id, incarnation);
@@ -756,12 +735,12 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         state::agents_hash(self.modules.iter().map(|m| Held {
             is_alive: m.is_alive(),
             incarnation: m.incarnation,
-            agent: m.agent.as_ref(),
+            agent: m.agent.as_ref().map(AgentHost::agent),
         }))
     }
 
     /// The hashes of the states now, and of all that the run has gone through, as far as they were looked at.
-    /// Where slices of a run end has no effect on them; but in [`Sim::run_on`] nobody looks.
+    /// Where slices of a run end has no effect on them.
     pub fn hashes(&self) -> Hashes {
         let (agents, world) = (self.agents_hash(), state::world_hash(&self.world));
         let mut states = self.states.clone();

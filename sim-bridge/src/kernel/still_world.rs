@@ -4,11 +4,12 @@
 //! contacts, which follow from the number of a module. Absent: actions and whatever they change.
 
 use crate::kernel::sim::{Agents, Audited};
+use crate::world::World;
 use crate::world::invariants::Violation;
-use crate::world::{Contact, Sensed, World};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Never;
 use std::marker::PhantomData;

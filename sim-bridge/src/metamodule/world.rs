@@ -9,7 +9,7 @@ mod safety;
 
 use crate::cube::grid::{Grid, Occupant};
 use crate::world::invariants::{Invariant, Violation};
-use crate::world::{Contact, Sensed, World, due};
+use crate::world::{World, due};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::digest::Portable;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
@@ -21,6 +21,7 @@ use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Stream;
+use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap, VecDeque};

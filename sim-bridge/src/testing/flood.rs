@@ -5,13 +5,13 @@
 //! The number of messages is `2E − (N − 1)`. On links whose delays differ by less than one part in the
 //! number of hops, the first word comes over a shortest way, and distances are exact.
 
-use crate::director::port::{Command, Direct};
-use crate::kernel::sim::Listens;
+use crate::director::port::Direct;
 use crate::world::World;
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{ModuleId, Port};
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Decoder, Encoder, HEADER, Never, Wire, WireError};
 use std::hash::Hasher;
@@ -116,8 +116,6 @@ pub struct Onlooker {
     /// Modules that know their distance.
     pub know: u64,
 }
-
-impl Listens for Onlooker {}
 
 impl<W: World<Agent = Flooded>> Direct<W> for Onlooker {
     fn report(&mut self, _: Time, _: ModuleId, _: Hops) {

@@ -15,10 +15,11 @@
 //! order of their numbers. There is no controller, so nobody is told of deaths or of later goals.
 
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output};
+use metamorph_protocol::host::AgentHost;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::kernel::sim::{Agents, Audited, Swarm};
-use metamorph_sim_bridge::world::{Contact, Sensed};
 use stateright::{Model, Property};
 use std::fmt;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -108,7 +109,7 @@ enum Waiting<P, M> {
 
 /// A module's process. Agents are large and most steps change one, so states share them.
 struct Process<A: Agent> {
-    agent: Arc<A>,
+    agent: Arc<AgentHost<A>>,
     alive: bool,
     incarnation: Incarnation,
     contacts: Vec<Option<Contact>>,
@@ -139,7 +140,7 @@ impl<A: Agent + Hash> Process<A> {
         let mut hasher = DefaultHasher::new();
         if self.alive {
             // All of it: what a digest leaves out decides when something happens.
-            self.agent.hash(&mut hasher);
+            self.agent.agent().hash(&mut hasher);
         }
         (self.alive, self.incarnation, &self.contacts, self.revision, self.paused).hash(&mut hasher);
         format!("{:?}", self.waiting).hash(&mut hasher);
@@ -166,7 +167,7 @@ impl<A: Agent> Swarm<A> for Processes<A> {
         self.0.len()
     }
     fn living(&self, index: usize) -> Option<&A> {
-        self.0.get(index).filter(|p| p.alive).map(|p| &*p.agent)
+        self.0.get(index).filter(|p| p.alive).map(|p| p.agent.agent())
     }
 }
 
@@ -264,8 +265,8 @@ where
         incarnation: Incarnation,
         place: <W::Agent as Agent>::Place,
         now: Time,
-    ) -> W::Agent {
-        W::Agent::new(&self.setup, Birth { id, incarnation, place, seed: self.seed }, now)
+    ) -> AgentHost<W::Agent> {
+        AgentHost::new(&self.setup, Birth { id, incarnation, place, seed: self.seed }, now)
     }
 
     /// Messages that are due at the first module that has any: those of one sender in their order.
@@ -502,7 +503,8 @@ where
         let mut found = Arc::make_mut(&mut moment.world).take_violations();
         Arc::make_mut(&mut moment.world).audit_all(moment.now, &Agents::of(&moment.processes), &mut found);
         moment.broken = moment.broken.take().or_else(|| found.first().map(ToString::to_string));
-        moment.built = moment.processes.0.iter().filter(|p| (self.done)(&p.agent)).count() >= self.needed;
+        moment.built =
+            moment.processes.0.iter().filter(|p| (self.done)(p.agent.agent())).count() >= self.needed;
         moment.processes.0.iter_mut().for_each(Process::seal);
     }
 }

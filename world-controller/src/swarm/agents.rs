@@ -293,10 +293,10 @@ fn seal<A: Agent>(letter: &Letter<A>, destination: ModuleId, sequence: u32) -> F
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_module_agent::process::control_message::Contact;
     use metamorph_protocol::agent::{Birth, InputOf, OutputOf};
     use metamorph_protocol::ids::{Revision, Session};
     use metamorph_protocol::lattice::Cell;
+    use metamorph_protocol::runtime::Contact;
     use metamorph_protocol::wire::Never;
     use std::hash::Hasher;
     use std::sync::Arc;

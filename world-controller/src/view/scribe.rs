@@ -11,7 +11,8 @@ use crate::scenario::{Plan, Swarm};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::metamodule::Metamodule;
-use metamorph_protocol::record::{self, Blob, Outside, Record, Sensation, Sink, Taken, Wanted, Who};
+use metamorph_protocol::record::{self, Blob, Outside, Record, Sink, Taken, Who};
+use metamorph_protocol::runtime::{Command, Sensed};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::WireError;
 use metamorph_sim_bridge::kernel::recording::Log;
@@ -118,17 +119,17 @@ impl<A: Visible> Scribe<A> {
                 let doing = place.and_then(|place| A::doing(&self.setup, place, &action));
                 scene.asked(at, *id, doing);
             }
-            E::Sensed { id, sensed: Sensation::Percept(percept) } => {
+            E::Sensed { id, sensed: Sensed::Percept(percept) } => {
                 scene.went(at, *id, A::fate(&percept.read()?));
             }
             E::Report { id, report } => scene.tells(at, *id, A::standing(&report.read()?)),
             E::Started { id } if at > Time::ZERO => scene.note(at, Event::Started(*id)),
             E::Died { id } => scene.died(at, *id),
-            E::Command(Wanted::Pause(id)) => scene.note(at, Event::Paused(*id)),
-            E::Command(Wanted::Resume(id)) => scene.note(at, Event::Resumed(*id)),
+            E::Command(Command::Pause(id)) => scene.note(at, Event::Paused(*id)),
+            E::Command(Command::Resume(id)) => scene.note(at, Event::Resumed(*id)),
             E::External { id, what: Outside::Stopped { .. } } => scene.note(at, Event::Paused(*id)),
             E::External { id, what: Outside::Continued } => scene.note(at, Event::Resumed(*id)),
-            E::Command(Wanted::Order(_, order)) => {
+            E::Command(Command::Order(_, order)) => {
                 if let Some((goal, shift)) = A::goal(&order.read()?) {
                     scene.goal(at, goal, shift);
                 }

@@ -3,12 +3,12 @@
 
 use super::{AgentError, BURST, Driver};
 use crate::link_emulator::Parcel;
-use crate::process::control_message::Contact;
 use crate::transport::iceoryx::outbox::{Handed, Outbox};
 use crate::transport::iceoryx::shared_frame::Packet;
 use metamorph_protocol::agent::{Agent, Output, OutputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::Port;
+use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire};
 

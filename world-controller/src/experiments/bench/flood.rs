@@ -31,8 +31,6 @@ const SIDES: [u16; 4] = [10, 22, 47, 100];
 const DELAY: (Span, Span) = (Span::millis(100), Span(100_300_000));
 /// Small blocks are flooded again until so many messages have been delivered.
 const ENOUGH: u64 = 1_000_000;
-/// Pairs of floods, on one thread and on all processors.
-const PAIRS: usize = 5;
 
 /// What one size came to.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -57,23 +55,11 @@ pub struct Row {
     /// Memory at its peak, less that of the empty process, and the same for each module.
     pub peak_bytes: u64,
     pub bytes_per_module: f64,
-    /// The same flood on all processors; none if there is but one.
-    pub threads: Option<Threads>,
     /// The floors, in nanoseconds of processor time for a message.
     pub queue_ns: f64,
     pub heap_ns: f64,
     /// The witness that floods of one size are the same everywhere.
     pub trace_hash: String,
-}
-
-/// One flood on several threads, with the same trace hash as on one.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Threads {
-    pub threads: usize,
-    /// Nanoseconds by the wall clock for a message, the median of all floods.
-    pub wall_ns_per_message: f64,
-    /// How many times as fast as one thread, by the wall clock: the median of pairs, one after the other.
-    pub speedup: f64,
 }
 
 /// All sizes up to `most` modules.
@@ -100,8 +86,8 @@ struct Flood {
     trace: u64,
 }
 
-/// A flood on so many threads.
-fn flood(side: u16, threads: usize) -> Result<Flood, BenchError> {
+/// Runs one flood.
+fn flood(side: u16) -> Result<Flood, BenchError> {
     let modules = u64::from(side).pow(3);
     let watch = CpuWatch::start();
     let world = StillWorld::<Flooded>::new([side; 3]);
@@ -113,7 +99,7 @@ fn flood(side: u16, threads: usize) -> Result<Flood, BenchError> {
     let setup_s = watch.elapsed().as_secs_f64();
     let before = sim.trace().events();
     let (watch, clock) = (CpuWatch::start(), Stopwatch::start());
-    sim.run_on(threads, Time(u64::MAX - 1));
+    sim.run_until(Time(u64::MAX - 1));
     let (cpu_s, wall_s) = (watch.elapsed().as_secs_f64(), clock.elapsed().as_secs_f64());
     let messages = sim.tally()[Class::Gradient].delivered;
     if messages != expected || sim.violations().1 != 0 || !distances_are_exact(&sim) {
@@ -132,7 +118,7 @@ pub fn row(side: u16) -> Result<Row, BenchError> {
     let mut all: Vec<Flood> = Vec::new();
     let delivered = |all: &[Flood]| all.iter().map(|f| f.messages).sum::<u64>();
     while delivered(&all) < ENOUGH || all.len() < 2 {
-        all.push(flood(side, 1)?);
+        all.push(flood(side)?);
     }
     let peak_bytes = peak_memory().saturating_sub(empty);
     let (first, floods) = (&all[0], all.len() as u64);
@@ -151,35 +137,10 @@ pub fn row(side: u16) -> Result<Row, BenchError> {
         setup_s: sum(|f| f.setup_s) / floods as f64,
         peak_bytes,
         bytes_per_module: peak_bytes as f64 / modules as f64,
-        threads: threads(side, trace)?,
         queue_ns: floor(side, messages, Queue::new(DELAY.1), Queue::push, Queue::pop),
         heap_ns: floor(side, messages, Heap::default(), Heap::push, Heap::pop),
         trace_hash: format!("{trace:016x}"),
     })
-}
-
-/// The same flood on one thread and on all processors in turn, so that both have the same machine.
-fn threads(side: u16, trace: u64) -> Result<Option<Threads>, BenchError> {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    if threads < 2 {
-        return Ok(None);
-    }
-    let (mut walls, mut ratios) = (Vec::new(), Vec::new());
-    for _ in 0..PAIRS {
-        let (one, all) = (flood(side, 1)?, flood(side, threads)?);
-        if (one.trace, all.trace) != (trace, trace) {
-            return Err(BenchError::Wrong(format!(
-                "the flood of {side}³ modules differs on {threads} threads"
-            )));
-        }
-        walls.push(all.wall_s * 1e9 / all.messages as f64);
-        ratios.push(one.wall_s / all.wall_s);
-    }
-    let median = |mut of: Vec<f64>| {
-        of.sort_by(f64::total_cmp);
-        of[of.len() / 2]
-    };
-    Ok(Some(Threads { threads, wall_ns_per_message: median(walls), speedup: median(ratios) }))
 }
 
 fn distances_are_exact<D>(sim: &Sim<StillWorld<Flooded>, D>) -> bool

@@ -30,15 +30,7 @@ pub fn machine(m: &Machine) -> String {
 pub fn flood(rows: &[flood::Row], paint: Paint) -> String {
     let mut table = Table::new(&["block"]);
     table.head(&["modules", "messages", "ns/message", "messages/s", "events/s", "bytes/module"]);
-    table.head(&[
-        "peak MB",
-        "bare queue ns",
-        "heap ns",
-        "over queue",
-        "over smallest",
-        "threads",
-        "times as fast",
-    ]);
+    table.head(&["peak MB", "bare queue ns", "heap ns", "over queue", "over smallest"]);
     let smallest = rows.first().map_or(1.0, |r| r.ns_per_message);
     for r in rows {
         table.row(
@@ -55,13 +47,11 @@ pub fn flood(rows: &[flood::Row], paint: Paint) -> String {
                 number(r.heap_ns),
                 times(r.ns_per_message / r.queue_ns),
                 times(r.ns_per_message / smallest),
-                r.threads.as_ref().map_or(String::new(), |t| count(t.threads as u64)),
-                r.threads.as_ref().map_or(String::new(), |t| times(t.speedup)),
             ],
         );
     }
     format!(
-        "{}\nHop counts flood a block from a corner; simulated, one thread, trace hash and counters on. Times are\nof the processor; `times as fast` is by the wall clock, the same flood on so many threads.\n{}",
+        "{}\nHop counts flood a block from a corner; simulated, one thread, trace hash and counters on. Times are\nof the processor.\n{}",
         paint.strong("flood"),
         table.text(paint)
     )

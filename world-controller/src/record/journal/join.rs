@@ -6,9 +6,10 @@
 //! cause that will never come, because its file ends earlier, is noted ([`Event::Torn`]) and not waited
 //! for; so is a torn end. Parts of another run, missing parts and damaged ones are errors.
 
-use super::{Damage, Event, Flaw, JournalError, Record, RunHead, Taken, Wanted, Who};
+use super::{Damage, Event, Flaw, JournalError, Record, RunHead, Taken, Who};
 use metamorph_module_agent::journal_file::{Head, Reader, agent_part, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
@@ -236,7 +237,7 @@ impl Join {
                     self.damage.get_or_insert(Damage { path, at: 0, flaw });
                 }
             }
-            (_, Event::Sensed { id, .. } | Event::Command(Wanted::Order(id, _))) => {
+            (_, Event::Sensed { id, .. } | Event::Command(Command::Order(id, _))) => {
                 if let Some(l) = self.current.get(id).copied() {
                     self.life(*id, l).down.given += 1;
                 }

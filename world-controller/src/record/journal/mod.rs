@@ -11,9 +11,7 @@ mod keep;
 
 pub use keep::Keeping;
 pub use metamorph_module_agent::journal_file::{Damage, Flaw, JournalError, RunHead};
-pub use metamorph_protocol::record::{
-    Blob, Event, MessageName, Record, Sensation, Sent, Step, Taken, Told, Touch, Wanted, Who,
-};
+pub use metamorph_protocol::record::{Blob, Event, MessageName, Record, Sent, Step, Taken, Told, Who};
 
 use crate::scenario::{LinkKind, Overrides, Plan, read_text};
 use join::Join;

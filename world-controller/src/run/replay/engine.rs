@@ -5,15 +5,18 @@
 //! action is one that its agent has asked for, and what the controller told arrives in order. Absent:
 //! reading files, and printing.
 
-use crate::record::journal::{Event, MessageName, Record, Taken, Told, Wanted, Who};
+use crate::record::journal::{Event, MessageName, Record, Taken, Told, Who};
 use crate::run::runnable::Runnable;
 use crate::scenario::Plan;
 use metamorph_protocol::agent::Summary;
-use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::{Counts, Tally};
+use metamorph_protocol::host::AgentHost;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
-use metamorph_protocol::record::{self, Blob, Sensation};
+use metamorph_protocol::record::{self, Blob};
+use metamorph_protocol::runtime::Command;
+use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Wire, WireError};
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -30,7 +33,7 @@ pub type AgentOf<R> = <<R as Runnable>::World as World>::Agent;
 
 /// One life of an agent.
 struct Life<A: Agent> {
-    agent: Option<A>,
+    agent: Option<AgentHost<A>>,
     /// The hash of every message sent, by its number.
     sent: Vec<u64>,
     /// What it asked for and reported, as far as the controller has not taken it yet.
@@ -89,7 +92,6 @@ pub struct Engine<'a, R: Runnable> {
     torn: bool,
     /// Whether there are no records of agents.
     alone: bool,
-    outputs: Vec<OutputOf<AgentOf<R>>>,
     done: Done,
     ended: Option<(String, Tally)>,
 }
@@ -107,7 +109,6 @@ impl<'a, R: Runnable> Engine<'a, R> {
             struck: 0,
             torn: false,
             alone: false,
-            outputs: Vec::new(),
             done: Done::default(),
             ended: None,
         }
@@ -153,7 +154,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         let agents = agents_hash(all().map(|(incarnation, life)| Held {
             is_alive: life.is_some_and(|l| !l.died),
             incarnation,
-            agent: life.and_then(|l| l.agent.as_ref()),
+            agent: life.and_then(|l| l.agent.as_ref()).map(AgentHost::agent),
         }));
         (is_followed.then_some(agents), world_hash(&self.world))
     }
@@ -174,7 +175,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
             Event::Born { place } => {
                 let birth = Birth { id, incarnation, place: read(place)?, seed: self.plan.seed };
                 let life = self.lives.entry(key).or_default();
-                life.agent = Some(Agent::new(self.swarm.setup(), birth, record.at));
+                life.agent = Some(AgentHost::hashed(self.swarm.setup(), birth, record.at));
                 self.done.lives += 1;
                 Ok(())
             }
@@ -184,7 +185,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
             }
             Event::State(summary) => {
                 let life = self.lives.entry(key).or_default();
-                let same = life.agent.as_ref().is_none_or(|a| a.summary(record.at) == *summary);
+                let same = life.agent.as_ref().is_none_or(|a| a.agent().summary(record.at) == *summary);
                 life.summary.clone_from(summary);
                 if same { Ok(()) } else { Err("it is about something else".to_owned()) }
             }
@@ -218,8 +219,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         if let Taken::Message { class, .. } = step.input {
             life.tally[class].delivered += 1;
         }
-        self.outputs.clear();
-        let digest = record::step(agent, at, input, &mut self.outputs);
+        let digest = agent.handle_hashed(at, input);
         if step.first as usize != life.sent.len() {
             return Err(format!(
                 "its messages are numbered from {}, not from {}",
@@ -227,7 +227,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 step.first
             ));
         }
-        for output in self.outputs.drain(..) {
+        while let Some(output) = agent.poll() {
             match output {
                 Output::Send { class, message, .. } => {
                     let counts = &mut life.tally[class];
@@ -304,24 +304,24 @@ impl<'a, R: Runnable> Engine<'a, R> {
             Event::Input { kind, bytes } => self.director.input(at, kind, bytes)?,
             Event::Sensed { id, sensed } => {
                 let got = self.world.poll();
-                let got = got.map(|(id, s)| (id, recording::sensation::<AgentOf<R>>(&s)));
+                let got = got.map(|(id, s)| (id, s.map(Blob::of)));
                 if got.as_ref() != Some(&(*id, sensed.clone())) {
                     return Err(format!("the body of module {id} senses {got:?}, not {sensed:?}"));
                 }
                 let letter = match sensed {
-                    Sensation::Contact { port, contact, .. } => {
+                    Sensed::Contact { port, contact, .. } => {
                         Taken::Contact { port: *port, session: contact.map(|c| c.session) }
                     }
-                    Sensation::Percept(percept) => Taken::Percept(percept.clone()),
+                    Sensed::Percept(percept) => Taken::Percept(percept.clone()),
                 };
                 self.tell(*id, letter);
             }
             Event::Command(wanted) => {
-                let got = self.director.poll().map(|c| recording::wanted::<AgentOf<R>>(&c));
+                let got = self.director.poll().map(|c| c.map(Blob::of));
                 if got.as_ref() != Some(wanted) {
                     return Err(format!("it wants {got:?}, not {wanted:?}"));
                 }
-                if let Wanted::Order(id, order) = wanted {
+                if let Command::Order(id, order) = wanted {
                     self.tell(*id, Taken::Order(order.clone()));
                 }
             }

@@ -4,13 +4,14 @@
 //! What agents wrote down is not needed for that, so only one file is read.
 
 use super::engine::{AgentOf, Engine};
-use crate::record::journal::{Damage, Event, Record, Sensation, Wanted};
+use crate::record::journal::{Blob, Damage, Event, Record};
 use crate::run::runnable::Runnable;
 use crate::scenario::Plan;
 use crate::swarm::{Counted, Letter, TakenOver};
-use metamorph_module_agent::process::control_message::{Contact, Runtime};
+use metamorph_module_agent::process::control_message::Runtime;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::runtime::{Command, Sensed};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Wire;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -128,16 +129,11 @@ impl<A: Agent> Notes<A> {
             }
             Event::Sensed { id, sensed } => {
                 let letter = match sensed {
-                    Sensation::Percept(percept) => Letter::Percept(read(percept)?),
-                    Sensation::Contact { port, revision, contact } => Letter::Runtime(Runtime::Contact {
+                    Sensed::Percept(percept) => Letter::Percept(read(percept)?),
+                    Sensed::Contact { port, revision, contact } => Letter::Runtime(Runtime::Contact {
                         port: *port,
                         revision: *revision,
-                        contact: contact.map(|c| Contact {
-                            session: c.session,
-                            peer: c.peer,
-                            peer_incarnation: c.peer_life,
-                            peer_port: c.peer_port,
-                        }),
+                        contact: *contact,
                     }),
                 };
                 self.counted.body_messages += u64::from(self.tell(*id, letter));
@@ -148,29 +144,29 @@ impl<A: Agent> Notes<A> {
         Ok(())
     }
 
-    fn want(&mut self, wanted: &Wanted) -> Result<(), String> {
+    fn want(&mut self, wanted: &Command<Blob>) -> Result<(), String> {
         match wanted {
-            Wanted::Kill(id) => {
+            Command::Kill(id) => {
                 if let Some(life) = self.lives.get_mut(id) {
                     self.counted.killed += u32::from(!life.condemned);
                     life.condemned = true;
                 }
             }
-            Wanted::Pause(id) | Wanted::Resume(id) => {
+            Command::Pause(id) | Command::Resume(id) => {
                 if let Some(life) = self.lives.get_mut(id) {
-                    life.paused = matches!(wanted, Wanted::Pause(_));
+                    life.paused = matches!(wanted, Command::Pause(_));
                 }
             }
-            Wanted::Restart(id) => {
+            Command::Restart(id) => {
                 if self.lives.get(id).is_none_or(|life| life.condemned) {
                     self.awaited.insert(*id);
                 }
             }
-            Wanted::Order(id, order) => {
+            Command::Order(id, order) => {
                 let letter = Letter::Order(read(order)?);
                 self.counted.control_messages += u64::from(self.tell(*id, letter));
             }
-            Wanted::Finish => self.finishing = true,
+            Command::Finish => self.finishing = true,
         }
         Ok(())
     }
@@ -191,6 +187,6 @@ impl<A: Agent> Notes<A> {
     }
 }
 
-fn read<T: Wire>(blob: &crate::record::journal::Blob) -> Result<T, String> {
+fn read<T: Wire>(blob: &Blob) -> Result<T, String> {
     blob.read().map_err(|e| format!("{blob:?} cannot be read: {e}"))
 }

@@ -22,17 +22,19 @@ use crate::swarm::signals;
 use crate::swarm::supervise::{Event, Life, Supervisor, Task};
 use metamorph_module_agent::clock::lateness::Late;
 use metamorph_module_agent::clock::monotonic;
-use metamorph_module_agent::process::control_message::{Contact, Runtime};
+use metamorph_module_agent::process::control_message::Runtime;
 use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
 use metamorph_module_agent::transport::iceoryx::rendezvous::{ChannelError, Rendezvous};
 use metamorph_module_agent::transport::iceoryx::shared_frame::Packet;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::record::Outside;
+use metamorph_protocol::runtime::Command;
+use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
-use metamorph_sim_bridge::director::port::{Command, Direct};
-use metamorph_sim_bridge::world::{Sensed, World};
+use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::time::Duration;
 
@@ -373,16 +375,9 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             any = true;
             let letter = match sensed {
                 Sensed::Percept(percept) => Letter::Percept(percept),
-                Sensed::Contact { port, revision, contact } => Letter::Runtime(Runtime::Contact {
-                    port,
-                    revision,
-                    contact: contact.map(|c| Contact {
-                        session: c.session,
-                        peer: c.peer,
-                        peer_incarnation: c.peer_incarnation,
-                        peer_port: c.peer_port,
-                    }),
-                }),
+                Sensed::Contact { port, revision, contact } => {
+                    Letter::Runtime(Runtime::Contact { port, revision, contact })
+                }
             };
             // A dead process senses nothing; a new one is told everything when it starts.
             let hears = |p: &Process<_>| matches!(p.stage, Stage::Running | Stage::Lost);

@@ -13,7 +13,7 @@ use crate::console::escape::Shown;
 use crate::console::format::{many, seconds};
 use crate::console::interrupt::Interrupt;
 use crate::console::output::{OutputError, Outputs};
-use crate::record::journal::{Event, HeadError, Journal, JournalError, Record, Wanted, Who, plan_of};
+use crate::record::journal::{Event, HeadError, Journal, JournalError, Record, Who, plan_of};
 use crate::scenario::Swarm;
 use clap::Args;
 use foxglove::{Colour, Cube, Entity, Level, Log, Pair, SceneUpdate, schema_of};
@@ -23,6 +23,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::record::Blob;
+use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -237,8 +238,8 @@ impl Recording {
                 }
             }
             Event::Died { id } => self.change(*id, |body| body.process = Process::Dead),
-            Event::Command(Wanted::Pause(id)) => self.change(*id, |body| body.process = Process::Paused),
-            Event::Command(Wanted::Resume(id)) => self.change(*id, |body| body.process = Process::Alive),
+            Event::Command(Command::Pause(id)) => self.change(*id, |body| body.process = Process::Paused),
+            Event::Command(Command::Resume(id)) => self.change(*id, |body| body.process = Process::Alive),
             Event::State(summary) => {
                 if let Who::Agent(id, _) = record.who {
                     self.change(id, |body| body.role.clone_from(&summary.role));

@@ -1,0 +1,165 @@
+//! The host of one incarnation of an agent. Every driver hands inputs to an agent and takes its outputs
+//! through it: the simulator, an agent process, a replay and the model checker. Recording is one hook
+//! here.
+//!
+//! Absent: carrying outputs out, which differs between drivers.
+
+use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf, Summary};
+use crate::counters::Class;
+use crate::ids::{ModuleId, Port, Revision};
+use crate::record::{Blob, Event, MessageName, Record, Sent, Sink, Step, Taken, Told, Who};
+use crate::time::Time;
+use siphasher::sip::SipHasher13;
+use std::collections::VecDeque;
+use std::hash::Hasher;
+use std::sync::Arc;
+
+/// One incarnation of an agent.
+#[derive(Clone, Debug)]
+pub struct AgentHost<A: Agent> {
+    agent: A,
+    /// What only recorded and replayed incarnations need.
+    steps: Option<Box<Steps<A>>>,
+}
+
+#[derive(Clone, Debug)]
+struct Steps<A: Agent> {
+    who: Who,
+    /// Messages sent so far.
+    sent: u32,
+    /// The summary that was recorded last.
+    summary: Summary,
+    /// Outputs of the last input that are not polled yet.
+    outputs: VecDeque<OutputOf<A>>,
+}
+
+/// What a driver knows of an input besides the input itself, for the record of the step.
+pub struct StepContext<'a> {
+    /// Which message it is, and of what class, if it is one.
+    pub heard: Option<(MessageName, Class)>,
+    /// The contact changes that the agent knows of.
+    pub revision: Revision,
+    /// The module at a port.
+    pub peer: &'a dyn Fn(Port) -> Option<ModuleId>,
+    /// Where the record goes.
+    pub sink: &'a mut dyn Sink,
+}
+
+impl<A: Agent> AgentHost<A> {
+    /// Starts an agent.
+    pub fn new(setup: &Arc<A::Setup>, birth: Birth<A::Place>, now: Time) -> AgentHost<A> {
+        AgentHost { agent: A::new(setup, birth, now), steps: None }
+    }
+
+    /// Starts an agent whose inputs are handed in by [`AgentHost::handle_hashed`].
+    pub fn hashed(setup: &Arc<A::Setup>, birth: Birth<A::Place>, now: Time) -> AgentHost<A> {
+        let who = Who::Agent(birth.id, birth.incarnation);
+        let steps = Steps { who, sent: 0, summary: Summary::default(), outputs: VecDeque::new() };
+        AgentHost { agent: A::new(setup, birth, now), steps: Some(Box::new(steps)) }
+    }
+
+    /// Starts an agent whose inputs are handed in by [`AgentHost::handle_recorded`], and records that it
+    /// starts.
+    pub fn recorded(
+        setup: &Arc<A::Setup>,
+        birth: Birth<A::Place>,
+        now: Time,
+        sink: &mut dyn Sink,
+    ) -> AgentHost<A> {
+        let who = Who::Agent(birth.id, birth.incarnation);
+        sink.put(&Record { at: now, who, event: Event::Born { place: Blob::of(&birth.place) } });
+        AgentHost::hashed(setup, birth, now)
+    }
+
+    /// The agent.
+    pub fn agent(&self) -> &A {
+        &self.agent
+    }
+
+    /// When the agent wants [`Input::Wake`] at the latest.
+    pub fn wake_at(&self) -> Time {
+        self.agent.wake_at()
+    }
+
+    /// Hands in one input.
+    pub fn handle(&mut self, now: Time, input: InputOf<A>) {
+        self.agent.handle(now, input);
+    }
+
+    /// Hands in one input, and returns the hash of all outputs and of the state after them. Without
+    /// [`AgentHost::hashed`] or [`AgentHost::recorded`] nothing is hashed, and the hash is 0.
+    pub fn handle_hashed(&mut self, now: Time, input: InputOf<A>) -> u64 {
+        self.agent.handle(now, input);
+        let Some(steps) = &mut self.steps else { return 0 };
+        steps.outputs.extend(std::iter::from_fn(|| self.agent.poll()));
+        hash(&self.agent, &steps.outputs)
+    }
+
+    /// Hands in one input, and records it with all that follows before the first output can be polled.
+    pub fn handle_recorded(&mut self, now: Time, input: InputOf<A>, context: StepContext<'_>) {
+        let StepContext { heard, revision, peer, sink } = context;
+        let input_record = taken::<A>(&input, heard);
+        let digest = self.handle_hashed(now, input);
+        let Some(steps) = &mut self.steps else { return };
+        let first = steps.sent;
+        let (mut sent, mut told) = (Vec::new(), Vec::new());
+        for output in &steps.outputs {
+            match output {
+                Output::Send { port, class, .. } => {
+                    sent.push(Sent { port: *port, class: *class, to: peer(*port) });
+                }
+                Output::Act(action) => told.push(Told::Act { revision, action: Blob::of(action) }),
+                Output::Report(report) => told.push(Told::Report(Blob::of(report))),
+            }
+        }
+        steps.sent = first.wrapping_add(sent.len() as u32);
+        let mut put = |event| sink.put(&Record { at: now, who: steps.who, event });
+        put(Event::Step(Step { input: input_record, first, sent, told, digest }));
+        let summary = self.agent.summary(now);
+        if summary != steps.summary {
+            steps.summary.clone_from(&summary);
+            put(Event::State(summary));
+        }
+    }
+
+    /// The next output of the last input.
+    pub fn poll(&mut self) -> Option<OutputOf<A>> {
+        match &mut self.steps {
+            None => self.agent.poll(),
+            Some(steps) => steps.outputs.pop_front(),
+        }
+    }
+}
+
+/// The input as it is recorded; name and class are of messages only.
+fn taken<A: Agent>(input: &InputOf<A>, heard: Option<(MessageName, Class)>) -> Taken {
+    match (input, heard) {
+        (Input::Contact { port, session }, _) => Taken::Contact { port: *port, session: *session },
+        (Input::Message { port, message }, Some((name, class))) => {
+            Taken::Message { port: *port, class, name, message: Blob::of(message) }
+        }
+        // Invariant: drivers name every message that they hand in.
+        (Input::Message { .. }, None) | (Input::Wake, _) => Taken::Wake,
+        (Input::Percept(percept), _) => Taken::Percept(Blob::of(percept)),
+        (Input::Order(order), _) => Taken::Order(Blob::of(order)),
+    }
+}
+
+/// The hash of an agent's state after these outputs.
+fn hash<A: Agent>(agent: &A, outputs: &VecDeque<OutputOf<A>>) -> u64 {
+    let mut hasher = SipHasher13::new();
+    for output in outputs {
+        let (tag, blob) = match output {
+            Output::Send { port, class, message } => {
+                (u32::from(port.0) << 8 | *class as u32, Blob::of(message))
+            }
+            Output::Act(action) => (1 << 16, Blob::of(action)),
+            Output::Report(report) => (2 << 16, Blob::of(report)),
+        };
+        hasher.write_u32(tag);
+        hasher.write_u8(blob.kind);
+        hasher.write(&blob.bytes);
+    }
+    agent.digest(&mut hasher);
+    hasher.finish()
+}

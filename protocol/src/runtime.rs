@@ -1,0 +1,79 @@
+//! What drivers carry between agents, bodies and the controller: contacts, what bodies sense, and the
+//! controller's commands. Every driver uses these types, and journals hold them over
+//! [`Blob`](crate::record::Blob).
+
+use crate::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use serde::{Deserialize, Serialize};
+
+/// The other end of a contact. Drivers open channels by it; agents only see its session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Contact {
+    /// The session that both ends share.
+    pub session: Session,
+    /// The module on the other side.
+    pub peer: ModuleId,
+    /// The incarnation of the peer that the session belongs to.
+    #[serde(rename = "peer_life")]
+    pub peer_incarnation: Incarnation,
+    /// The port of the peer.
+    pub peer_port: Port,
+}
+
+/// What a body senses. `P` is how an action went.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Sensed<P> {
+    /// The contact on a port changed.
+    Contact {
+        /// Which port.
+        port: Port,
+        /// The count of contact changes of this body, this one included.
+        revision: Revision,
+        /// What touches the port now.
+        contact: Option<Contact>,
+    },
+    /// How an action went.
+    Percept(P),
+}
+
+impl<P> Sensed<P> {
+    /// Converts the percept.
+    pub fn map<Q>(&self, convert: impl FnOnce(&P) -> Q) -> Sensed<Q> {
+        match self {
+            Sensed::Contact { port, revision, contact } => {
+                Sensed::Contact { port: *port, revision: *revision, contact: *contact }
+            }
+            Sensed::Percept(percept) => Sensed::Percept(convert(percept)),
+        }
+    }
+}
+
+/// What the controller wants a driver to do. `O` is an order to an agent.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Command<O> {
+    /// Kill the process of a module (SIGKILL). Its body stays where it is.
+    Kill(ModuleId),
+    /// Stop the process of a module (SIGSTOP).
+    Pause(ModuleId),
+    /// Let a stopped process go on (SIGCONT).
+    Resume(ModuleId),
+    /// Start the process of a dead module again, with an empty memory.
+    Restart(ModuleId),
+    /// Hand an order to an agent. Lost if its process is dead.
+    Order(ModuleId, O),
+    /// The run is over; nothing follows.
+    Finish,
+}
+
+impl<O> Command<O> {
+    /// Converts the order.
+    pub fn map<Q>(&self, convert: impl FnOnce(&O) -> Q) -> Command<Q> {
+        match self {
+            Command::Kill(id) => Command::Kill(*id),
+            Command::Pause(id) => Command::Pause(*id),
+            Command::Resume(id) => Command::Resume(*id),
+            Command::Restart(id) => Command::Restart(*id),
+            Command::Order(id, order) => Command::Order(*id, convert(order)),
+            Command::Finish => Command::Finish,
+        }
+    }
+}
