@@ -3,6 +3,7 @@
 //! A world is ground truth. Agents never read it; drivers carry actions to it and percepts back.
 //! One implementation per family of units; the runtime does not know which one it runs.
 
+pub mod grid;
 pub mod invariants;
 
 use metamorph_protocol::agent::Agent;

@@ -4,18 +4,19 @@ use crate::checker::{Breach, Checked, Geometry, check};
 use metamorph_world_controller::console::interrupt::Interrupt;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
 use metamorph_world_controller::console::terminal::Live;
+use metamorph_world_controller::family::metamodule::Metamodules;
+use metamorph_world_controller::family::metamodule::motion_database::database;
+use metamorph_world_controller::family::run_simulated;
 use metamorph_world_controller::record::journal::Keeping;
 use metamorph_world_controller::report::schema::Report;
-use metamorph_world_controller::run::simulated::run_simulated;
-use metamorph_world_controller::scenario::motion_database::database;
-use metamorph_world_controller::scenario::{Plan, Swarm};
+use metamorph_world_controller::scenario::Plan;
 use std::path::Path;
 use std::sync::OnceLock;
 
 /// What the checker has to know of the bodies of a plan besides its journal; `None` for cubes.
 pub fn geometry(plan: &Plan) -> Option<Geometry> {
     static DATABASE: OnceLock<Vec<u8>> = OnceLock::new();
-    let Swarm::Metamodules(metamodules) = &plan.swarm else { return None };
+    let metamodules = plan.swarm.of::<Metamodules>()?;
     let floor = metamodules.setup.floor;
     let bytes = DATABASE.get_or_init(|| database(true).to_bytes());
     let geometry = Geometry::read(bytes, metamodules.setup.motions.kind().name(), [floor.min, floor.max]);

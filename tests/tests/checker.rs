@@ -3,7 +3,6 @@
 #![allow(clippy::print_stdout, reason = "what was checked is printed for whoever asks with --nocapture")]
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
-use metamorph_module_agent::Family;
 use metamorph_module_agent::journal_file::{Head, Reader, RunHead, Writer};
 use metamorph_protocol::defects::Sabotage;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
@@ -14,9 +13,17 @@ use metamorph_tests::checked_run::{geometry, record, run_and_check};
 use metamorph_tests::checker::{Checked, Geometry, Rule, check};
 use metamorph_tests::command::{run_processes, scenario};
 use metamorph_world_controller::experiments::explore::draw::draw;
-use metamorph_world_controller::scenario::{LinkKind, Overrides, Plan, Swarm, read_file};
+use metamorph_world_controller::family::Family;
+use metamorph_world_controller::family::cube::CubeFamily;
+use metamorph_world_controller::family::metamodule::MetamoduleFamily;
+use metamorph_world_controller::family::metamodule::Metamodules;
+use metamorph_world_controller::family::read_file;
+use metamorph_world_controller::scenario::{LinkKind, Overrides, Plan};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
+
+const CUBE: &dyn Family = &CubeFamily;
+const METAMODULE: &dyn Family = &MetamoduleFamily;
 
 /// The bodies of a scenario that ships with the program are where they can be, on one link.
 fn is_sound(name: &str, link: &str, options: &[&str]) -> Checked {
@@ -53,7 +60,7 @@ fn bodies_of_shipped_scenarios_are_where_they_can_be_with_processes() {
 /// Checks every tenth scenario of an exploration, so many of each family.
 fn explored(cubes: u64, metamodules: u64) {
     let mut sum = Checked::default();
-    for (family, runs) in [(Family::Cube, cubes), (Family::Metamodule, metamodules)] {
+    for (family, runs) in [(CUBE, cubes), (METAMODULE, metamodules)] {
         for seed in (0..runs).map(|run| 10 * run + 1) {
             let (_, plan) = draw(seed, Some(family));
             let checked = run_and_check(&plan).unwrap_or_else(|breach| {
@@ -91,7 +98,7 @@ fn what_the_invariants_find_the_checker_finds() {
     let journal = dir.path().join("journal");
     let mut found = 0;
     for seed in 1..=400 {
-        let (draft, _) = draw(seed, Some(Family::Cube));
+        let (draft, _) = draw(seed, Some(CUBE));
         let defect = [Sabotage::IgnoreLocks, Sabotage::NoDeadline, Sabotage::ShortLease][seed as usize % 3];
         let Ok(plan) = draft.plan("drawn.toml", Some(defect)) else { continue };
         let report = record(&plan, &journal);
@@ -308,7 +315,7 @@ fn what_metamodules_cannot_do_is_found() {
 fn metamodules_do_not_get_in_the_way_of_one_that_moves() {
     let mut journal = Journal::of("box.toml");
     journal.head.modules = 2;
-    let Swarm::Metamodules(swarm) = &journal.plan.swarm else { panic!("metamodules") };
+    let swarm = journal.plan.swarm.of::<Metamodules>().expect("metamodules");
     let table = swarm.setup.motions.table();
     let pose = swarm.poses[0];
     let steps = (0..).zip(table.steps()).filter(|(_, s)| [s.from, s.to].contains(&pose.posture));

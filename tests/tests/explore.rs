@@ -3,19 +3,27 @@
 #![allow(clippy::print_stdout, reason = "what it took is printed for whoever asks with --nocapture")]
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
-use metamorph_module_agent::Family;
 use metamorph_protocol::coverage::Mark;
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::defects::Sabotage;
 use metamorph_tests::command::{root, run as metamorph};
-use metamorph_world_controller::experiments::explore::draft::{Draft, SwarmDraft};
+use metamorph_world_controller::experiments::explore::draft::Draft;
 use metamorph_world_controller::experiments::explore::draw::draw;
 use metamorph_world_controller::experiments::explore::verdict::{Failure, Kind, Verdict};
 use metamorph_world_controller::experiments::explore::{Ran, make_small, run};
-use metamorph_world_controller::scenario::{LinkKind, Overrides, read_file};
+use metamorph_world_controller::family::Family;
+use metamorph_world_controller::family::cube::CubeFamily;
+use metamorph_world_controller::family::cube::draft::CubeDraft;
+use metamorph_world_controller::family::metamodule::MetamoduleFamily;
+use metamorph_world_controller::family::read_file;
+use metamorph_world_controller::scenario::{LinkKind, Overrides};
+use std::any::Any;
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
 use std::path::Path;
+
+const CUBE: &dyn Family = &CubeFamily;
+const METAMODULE: &dyn Family = &MetamoduleFamily;
 
 /// How a scenario fails with a defect, if it does, and does not without it: where nothing unsafe is done
 /// but not all is built, the sound protocol builds all.
@@ -33,14 +41,14 @@ fn fails_by(defect: Sabotage, draft: &Draft) -> Option<Kind> {
 /// Explores with a defect until it is found, within so many runs, and makes what was found small enough
 /// to be read. Explores from seed 1 on, or from a later one where what is found first takes minutes to be
 /// made small.
-fn is_found(defect: Sabotage, family: Family, within: u64, from: u64) {
+fn is_found(defect: Sabotage, family: &'static dyn Family, within: u64, from: u64) {
     let found = (1..=within).find_map(|run| {
         let (draft, _) = draw(from + run - 1, Some(family));
         fails_by(defect, &draft).map(|kind| (run, draft, kind))
     });
     let Some((runs, draft, kind)) = found else { panic!("{defect:?} was not found in {within} runs") };
     // Runs of metamodules take longer, and need fewer to be small enough.
-    let most = if family == Family::Cube { within } else { within.min(60) };
+    let most = if family.name() == CUBE.name() { within } else { within.min(60) };
     let mut small = None;
     make_small(&draft, &kind, Some(defect), most, &|| false, |smaller| small = Some(smaller));
     let small = small.unwrap();
@@ -59,7 +67,7 @@ macro_rules! known_defects {
         $(#[$how])?
         fn $name() {
             let from = [$($from,)? 1][0];
-            is_found(Sabotage::$defect, Family::$family, $within, from);
+            is_found(Sabotage::$defect, $family, $within, from);
         })*
 
         /// No defect is without its test.
@@ -71,39 +79,38 @@ macro_rules! known_defects {
 }
 
 known_defects! {
-    finds_ignored_sessions: Cube, IgnoreSessions, 400;
-    finds_missing_deadlines: Cube, NoDeadline, 800;
-    finds_short_leases: Cube, ShortLease, 400;
-    finds_ignored_locks: Cube, IgnoreLocks, 400;
-    finds_locks_that_are_kept: Cube, KeepLocks, 400;
-    finds_cells_kept_twice: Cube, ReserveTwice, 400;
-    finds_forgotten_children: Cube, DropSilentChildren, 400;
-    finds_unacknowledged_parents: Cube, AdoptUnacknowledged, 400;
-    finds_restarts_without_listening: Cube, NoListening, 400;
-    finds_ignored_strangers: Cube, IgnoreStrangers, 400;
-    finds_shallow_searches: Cube, ShallowSearch, 400;
-    finds_stale_distances: Cube, AcceptStaleValues, 400;
-    finds_walled_in_cells: Cube, AnyLowerOnSolids, 2_000;
-    finds_careless_grants: Metamodule, GrantEverything, 60;
-    finds_those_who_ask_nobody: Metamodule, AskNobody, 60;
-    finds_forgotten_locks: Metamodule, ForgetLocks, 60;
-    finds_outstayed_leases: Metamodule, OutstayLease, 60;
+    finds_ignored_sessions: CUBE, IgnoreSessions, 400;
+    finds_missing_deadlines: CUBE, NoDeadline, 800;
+    finds_short_leases: CUBE, ShortLease, 400;
+    finds_ignored_locks: CUBE, IgnoreLocks, 400;
+    finds_locks_that_are_kept: CUBE, KeepLocks, 400;
+    finds_cells_kept_twice: CUBE, ReserveTwice, 400;
+    finds_forgotten_children: CUBE, DropSilentChildren, 400;
+    finds_unacknowledged_parents: CUBE, AdoptUnacknowledged, 400;
+    finds_restarts_without_listening: CUBE, NoListening, 400;
+    finds_ignored_strangers: CUBE, IgnoreStrangers, 400;
+    finds_shallow_searches: CUBE, ShallowSearch, 400;
+    finds_stale_distances: CUBE, AcceptStaleValues, 400;
+    finds_walled_in_cells: CUBE, AnyLowerOnSolids, 2_000;
+    finds_careless_grants: METAMODULE, GrantEverything, 60;
+    finds_those_who_ask_nobody: METAMODULE, AskNobody, 60;
+    finds_forgotten_locks: METAMODULE, ForgetLocks, 60;
+    finds_outstayed_leases: METAMODULE, OutstayLease, 60;
     #[ignore = "takes minutes"]
-    finds_grants_after_a_restart: Metamodule, GrantAfterRestart, 300;
+    finds_grants_after_a_restart: METAMODULE, GrantAfterRestart, 300;
     #[ignore = "takes minutes"]
-    finds_stale_states: Metamodule, AcceptStaleStates, 60;
+    finds_stale_states: METAMODULE, AcceptStaleStates, 60;
     #[ignore = "takes minutes"]
-    finds_those_who_stand_in_the_way: Metamodule, StandInTheWay, 100, from 300;
+    finds_those_who_stand_in_the_way: METAMODULE, StandInTheWay, 100, from 300;
 }
 
 /// The published connection gradient, which exploration leaves out, tears bodies.
 #[test]
 fn the_published_gradient_is_found_too() {
     let torn = (1..=500).find(|seed| {
-        let (mut draft, _) = draw(*seed, Some(Family::Cube));
-        if let SwarmDraft::Cubes(cubes) = &mut draft.swarm {
-            cubes.connectivity = Connectivity::Gradient;
-        }
+        let (mut draft, _) = draw(*seed, Some(CUBE));
+        let swarm: &mut dyn Any = &mut *draft.swarm;
+        swarm.downcast_mut::<CubeDraft>().expect("cubes").connectivity = Connectivity::Gradient;
         let verdict = run(&draft.plan("drawn.toml", None).unwrap(), &|| false).unwrap().verdict;
         matches!(verdict, Verdict::Failed(f) if f.kind == Kind::Unsafe("body-connected".into()))
     });
@@ -159,17 +166,17 @@ const FRESH: u64 = 150;
 /// New scenarios every time: no invariant breaks among cubes, whatever is drawn.
 #[test]
 fn new_scenarios_of_cubes_break_no_invariant() {
-    assert_eq!(broken_in_new_scenarios(Family::Cube), [""; 0]);
+    assert_eq!(broken_in_new_scenarios(CUBE), [""; 0]);
 }
 
 /// The same of metamodules.
 #[test]
 fn new_scenarios_of_metamodules_break_no_invariant() {
-    assert_eq!(broken_in_new_scenarios(Family::Metamodule), [""; 0]);
+    assert_eq!(broken_in_new_scenarios(METAMODULE), [""; 0]);
 }
 
 /// Runs new scenarios, and says which break an invariant and how to repeat them.
-fn broken_in_new_scenarios(family: Family) -> Vec<String> {
+fn broken_in_new_scenarios(family: &'static dyn Family) -> Vec<String> {
     let from = RandomState::new().hash_one(0) >> 28;
     println!("new scenarios from seed {from}");
     let broken = |seed: u64| {
@@ -230,7 +237,7 @@ fn a_budget_of_time_ends_it_all() {
 fn one_run_shows_its_scenario() {
     let ran = metamorph(&["explore", "--runs", "1", "--seed", "5", "--family", "cube"]);
     assert!(matches!(ran.code, Some(0 | 3)), "{ran:?}");
-    let (draft, _) = draw(5, Some(Family::Cube));
+    let (draft, _) = draw(5, Some(CUBE));
     assert!(ran.out.contains(&draft.to_string()), "{ran:?}");
     let ran = metamorph(&["explore", "--runs", "1", "--seconds", "1"]);
     assert_eq!(ran.code, Some(2), "{ran:?}");

@@ -3,8 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 
 use metamorph_tests::command::{Ran, run, run_processes, scenario};
+use metamorph_world_controller::family::cube::Cubes;
+use metamorph_world_controller::family::read_file;
 use metamorph_world_controller::report::schema::Report;
-use metamorph_world_controller::scenario::{LinkKind, Overrides, Swarm, read_file};
+use metamorph_world_controller::scenario::{LinkKind, Overrides};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -105,7 +107,7 @@ fn a_recording_of_cubes_shows_everybody_all_the_time_and_ends_as_the_run_did() {
         assert_eq!(report.outcome, "built");
         let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
         let plan = read_file(&scenario("arch.toml"), &overrides).unwrap();
-        let Swarm::Cubes(swarm) = &plan.swarm else { panic!("cubes") };
+        let swarm = plan.swarm.of::<Cubes>().expect("cubes");
         let triple = |cell| <[i16; 3]>::from(cell).map(i64::from);
 
         // Everybody is in every update, one cube each, and no two are in one cell.

@@ -1,6 +1,5 @@
 //! The real thing: cubes as processes build a shape, while some of them are killed and stopped.
 
-use metamorph_module_agent::Family;
 use metamorph_module_agent::clock::Speed;
 use metamorph_protocol::cube::params::{Params, Setup};
 use metamorph_protocol::goal::{Goal, Growth};
@@ -8,10 +7,11 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::shape::Shape;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::cube::director::{Director, Stop};
+use metamorph_sim_bridge::cube::director::Director;
 use metamorph_sim_bridge::cube::world::CubeWorld;
 use metamorph_sim_bridge::director::faults::{Fault, Schedule};
 use metamorph_sim_bridge::director::outcome::Outcome;
+use metamorph_sim_bridge::director::progress::Stop;
 use metamorph_tests::command::module_agent;
 use metamorph_world_controller::report::balance::unbalanced;
 use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_swarm};
@@ -39,7 +39,7 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
     let options = SwarmOptions {
         speed: Speed::new(speed, 1).expect("a speed"),
         seed: 1,
-        program_args: vec![Family::Cube.name().into()],
+        program_args: vec!["cube".into()],
         ..SwarmOptions::new(module_agent().into())
     };
     let outcome = run_swarm(&options, setup.as_ref(), &mut world, &mut director).expect("the swarm runs");

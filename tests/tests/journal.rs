@@ -8,8 +8,9 @@ use metamorph_protocol::record::Sink;
 use metamorph_protocol::rng::Stream;
 use metamorph_tests::command::{Ran, run, run_processes, scenario};
 use metamorph_world_controller::console::format::digits;
+use metamorph_world_controller::family::replay;
 use metamorph_world_controller::record::journal::{Event, Journal, Record, Taken, Who, parts_of};
-use metamorph_world_controller::run::replay::{Replayed, Request, replay, text};
+use metamorph_world_controller::run::replay::{Replayed, Request, text};
 use std::path::Path;
 
 /// Runs a scenario that ships with the program, with a journal.

@@ -1,8 +1,11 @@
 //! No text makes the scenario reader panic, and whatever it refuses comes with a place and a fix.
 
 use metamorph_tests::command::{root, scenarios};
+use metamorph_world_controller::family::cube::Cubes;
+use metamorph_world_controller::family::metamodule::Metamodules;
+use metamorph_world_controller::family::{read_file, read_text};
 use metamorph_world_controller::scenario::settings::Setting;
-use metamorph_world_controller::scenario::{LinkKind, Overrides, Swarm, read_file, read_text};
+use metamorph_world_controller::scenario::{LinkKind, Overrides};
 use proptest::prelude::*;
 use std::fs;
 
@@ -141,9 +144,12 @@ fn shipped_scenarios_are_valid_on_both_links() {
         for link in [LinkKind::Sim, LinkKind::Ipc] {
             let overrides = Overrides { link, ..Overrides::default() };
             let plan = read_file(&path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
-            let largest = match &plan.swarm {
-                Swarm::Cubes(cubes) => cubes.setup.goals.iter().map(|goal| goal.len()).max(),
-                Swarm::Metamodules(m) => m.setup.goals.iter().map(|goal| goal.seeds().len()).max(),
+            let largest = match plan.swarm.of::<Cubes>() {
+                Some(cubes) => cubes.setup.goals.iter().map(|goal| goal.len()).max(),
+                None => {
+                    let swarm = plan.swarm.of::<Metamodules>().expect("metamodules");
+                    swarm.setup.goals.iter().map(|goal| goal.seeds().len()).max()
+                }
             };
             let count = plan.swarm.len();
             assert!(largest.is_some_and(|cells| cells > 0 && cells <= count), "{}", path.display());
@@ -276,15 +282,15 @@ fn seeds_are_drawn_from_again_without_reading_again() {
     let plan = read_text("metamodules.toml", &drawn, &sim()).unwrap_or_else(|p| panic!("{p}"));
     let of = |seed| {
         let plan = plan.with_seed(seed).expect("the floor has room");
-        let Swarm::Metamodules(m) = &plan.swarm else { panic!("metamodules") };
+        let m = plan.swarm.of::<Metamodules>().expect("metamodules");
         (plan.seed, m.poses.clone(), plan.schedule.clone())
     };
-    let Swarm::Metamodules(m) = &plan.swarm else { panic!("metamodules") };
+    let m = plan.swarm.of::<Metamodules>().expect("metamodules");
     assert_eq!(of(3), (3, m.poses.clone(), plan.schedule.clone()));
     assert!(of(3).1 != of(4).1 && of(3).2 != of(4).2);
     let overrides = Overrides { seed: Some(4), ..sim() };
     let again = read_text("metamodules.toml", &drawn, &overrides).unwrap_or_else(|p| panic!("{p}"));
-    let Swarm::Metamodules(m) = &again.swarm else { panic!("metamodules") };
+    let m = again.swarm.of::<Metamodules>().expect("metamodules");
     assert_eq!(of(4), (4, m.poses.clone(), again.schedule.clone()));
 }
 

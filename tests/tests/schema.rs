@@ -7,10 +7,12 @@ use clap::CommandFactory;
 use jsonschema::Validator;
 use metamorph_tests::command::{run, scenario, scenarios};
 use metamorph_world_controller::cli::args::CommandLine;
+use metamorph_world_controller::family::families;
+use metamorph_world_controller::family::read_text;
 use metamorph_world_controller::scenario::flaw::Flaw;
 use metamorph_world_controller::scenario::schema::schema;
 use metamorph_world_controller::scenario::settings::Setting;
-use metamorph_world_controller::scenario::{LinkKind, Overrides, read_text};
+use metamorph_world_controller::scenario::{LinkKind, Overrides};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::fs;
@@ -136,7 +138,7 @@ fn document(text: &str, setting: Option<(&str, Value)>) -> Value {
 }
 
 fn validator() -> Validator {
-    jsonschema::validator_for(&schema()).unwrap()
+    jsonschema::validator_for(&schema(families())).unwrap()
 }
 
 /// Each table of the texts, the definition in the schema that describes it, and keys that the reader
@@ -191,7 +193,7 @@ fn every_shipped_scenario_is_valid() {
 
 #[test]
 fn the_reader_and_the_schema_know_the_same_keys() {
-    let (schema, validator) = (schema(), validator());
+    let (schema, validator) = (schema(families()), validator());
     for text in [CUBES, METAMODULES] {
         assert!(flaws(text, "version=1").is_empty(), "{:?}", flaws(text, "version=1"));
         let errors: Vec<String> = validator
@@ -228,7 +230,7 @@ fn the_reader_and_the_schema_know_the_same_keys() {
 
 #[test]
 fn the_reader_and_the_schema_know_the_same_names() {
-    let (schema, validator) = (schema(), validator());
+    let (schema, validator) = (schema(families()), validator());
     let names = [
         (CUBES, "swarm.family", None),
         (CUBES, "goal.0.growth", Some("cubeGoal/properties/growth")),
@@ -338,7 +340,7 @@ fn plan(text: &str, setting: &str) -> String {
 /// A key that can be left out has a default or says what happens then.
 #[test]
 fn the_schema_states_every_default() {
-    let schema = schema();
+    let schema = schema(families());
     let (mut stated, mut compared) = (BTreeSet::new(), BTreeSet::new());
     let tables = schema["$defs"].as_object().unwrap().iter().map(|(name, table)| (name.as_str(), table));
     for (name, table) in tables.chain([("", &schema)]) {

@@ -3,9 +3,10 @@
 
 use metamorph_tests::command::scenario;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
+use metamorph_world_controller::family::read_text;
+use metamorph_world_controller::family::simulate;
 use metamorph_world_controller::report::schema::Report;
-use metamorph_world_controller::run::simulated::simulate;
-use metamorph_world_controller::scenario::{LinkKind, Overrides, read_text};
+use metamorph_world_controller::scenario::{LinkKind, Overrides};
 use std::fs;
 
 const CUBES: &str = "
@@ -26,7 +27,7 @@ fn run(text: &str, delay: &str, loss: &str, seed: u64) -> Report {
         ..Overrides::default()
     };
     let plan = read_text("slow.toml", text, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
-    simulate(&plan, Stopwatch::start(), |_, _| true)
+    simulate(&plan, Stopwatch::start(), &mut |_, _| true).0
 }
 
 /// Every seed builds, with the bounds that follow from the link.

@@ -3,6 +3,6 @@
 pub mod audit;
 pub mod diagnosis;
 pub mod director;
-pub mod grid;
+
 pub mod reachability;
 pub mod world;

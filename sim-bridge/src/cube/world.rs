@@ -6,7 +6,7 @@
 
 mod safety;
 
-use crate::cube::grid::{Grid, Occupant};
+use crate::world::grid::{Grid, Occupant};
 use crate::world::invariants::{Invariant, Violation};
 use crate::world::{World, due};
 use metamorph_protocol::cube::Cube;

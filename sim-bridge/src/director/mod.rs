@@ -4,3 +4,5 @@ pub mod fault_injector;
 pub mod faults;
 pub mod outcome;
 pub mod port;
+pub mod progress;
+pub mod proof;

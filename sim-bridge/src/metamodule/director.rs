@@ -3,11 +3,11 @@
 
 mod diagnosis;
 
-use crate::cube::director::{Progress, Stage, Stop};
 use crate::director::fault_injector::Injector;
 use crate::director::faults::{Fault, Schedule, Struck};
 use crate::director::outcome::{Outcome, Stall};
 use crate::director::port::Direct;
+use crate::director::progress::{Progress, Stage, Stop};
 use crate::metamodule::relocation::{Elsewhere, Shift, Trials, clear_places};
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;

@@ -6,16 +6,18 @@ use crate::experiments::explore;
 use crate::experiments::reproduce::{self, Experiment};
 use crate::experiments::sweep::Request;
 use crate::family::metamodule::robot::RobotArgs;
+use crate::family::{self, Family};
 use crate::run::replay;
 use crate::scenario::mesh_import::shape::ShapeArgs;
 use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, NEVER, Overrides, SEED, TIME_SCALE};
 use crate::view::export::ExportArgs;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
-use metamorph_module_agent::Family;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, SpanError, Time};
 use std::ffi::OsString;
+use std::fmt;
 use std::fmt::Display;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -573,8 +575,8 @@ pub struct ExploreArgs {
     /// The seed of the first run; drawn, and printed, if left out
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub seed: Option<u64>,
-    /// One family of units only; if left out, both are drawn
-    #[arg(long, value_enum, value_name = "FAMILY")]
+    /// One family of units only; if left out, all are drawn
+    #[arg(long, value_name = "FAMILY", value_parser = family_parser())]
     pub family: Option<FamilyArg>,
     /// Runs at the same time; as many as there are processors, if left out
     #[arg(long, value_name = "N")]
@@ -592,12 +594,21 @@ pub struct ExploreArgs {
 }
 
 /// A family of units, as typed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum FamilyArg {
-    /// Cubes that slide over each other
-    Cube,
-    /// Metamodules of two Roombots modules
-    Metamodule,
+#[derive(Clone, Copy)]
+pub struct FamilyArg(&'static dyn Family);
+
+impl fmt::Debug for FamilyArg {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.0.name())
+    }
+}
+
+/// Reads the name of a family.
+fn family_parser() -> impl TypedValueParser<Value = FamilyArg> {
+    let names = family::all().iter().map(|family| family.name());
+    PossibleValuesParser::new(names).map(|name| {
+        FamilyArg(family::named(&name).expect("invariant: only names of families are possible values"))
+    })
 }
 
 impl From<ExploreArgs> for explore::Request {
@@ -608,10 +619,7 @@ impl From<ExploreArgs> for explore::Request {
                 None => explore::Budget::Runs(args.runs.unwrap_or(EXPLORED)),
             },
             seed: args.seed,
-            family: args.family.map(|family| match family {
-                FamilyArg::Cube => Family::Cube,
-                FamilyArg::Metamodule => Family::Metamodule,
-            }),
+            family: args.family.map(|family| family.0),
             jobs: jobs(args.jobs),
             out: args.out,
             json: args.json,

@@ -12,16 +12,17 @@ use crate::experiments::explore::{ExploreError, explore};
 use crate::experiments::reproduce::reproduce;
 use crate::experiments::sweep::{SweepError, sweep};
 use crate::family::metamodule::robot::{self, RobotError};
+use crate::family::{self, AgentProcessError, families, read_file, run_simulated, scene};
 use crate::record::journal::{Damage, Journal, JournalError, Keeping, parts_of, plan_of};
 use crate::report::human;
 use crate::report::page::page;
 use crate::report::schema::Report;
 use crate::run::processes;
-use crate::run::replay::{self, ReplayError, replay};
-use crate::run::simulated::run_simulated;
+use crate::run::processes::Processes;
+use crate::run::replay::{self, ReplayError};
 use crate::scenario::mesh_import::shape::{ShapeError, shape};
 use crate::scenario::plan_summary::overview;
-use crate::scenario::{LinkKind, Overrides, Plan, read_file};
+use crate::scenario::{LinkKind, Overrides, Plan};
 use crate::swarm;
 use crate::view::export::{ExportError, export};
 use crate::view::scene::Scene;
@@ -92,6 +93,9 @@ enum Failure {
     /// There is no recording.
     #[error("metamorph: {0}")]
     Export(#[from] ExportError),
+    /// An agent process ended with an error.
+    #[error(transparent)]
+    Agent(#[from] AgentProcessError),
     /// There is no shape.
     #[error(transparent)]
     Shape(#[from] ShapeError),
@@ -136,7 +140,7 @@ impl Failure {
             Failure::Shape(_) | Failure::Sweep(_) | Failure::Export(_) | Failure::Explore(_) => FAILED,
             Failure::Input(_) | Failure::Journal(_) | Failure::Replay(_) | Failure::NoJournal(_) => BAD_USAGE,
             Failure::Output(_) | Failure::Pages { .. } | Failure::Signals(_) | Failure::Watch(_) => FAILED,
-            Failure::Processes(_) | Failure::Server(_) => FAILED,
+            Failure::Processes(_) | Failure::Agent(_) | Failure::Server(_) => FAILED,
             Failure::Bench(BenchError::Interrupted(_)) => Outcome::Aborted.exit_code(),
             Failure::Bench(_) | Failure::BenchPart(_) => FAILED,
         }
@@ -205,7 +209,7 @@ fn unless_out_failed(code: u8) -> u8 {
 fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
     match args {
         [_, agent, dashes, rest @ ..] if agent == "agent" && dashes == "--" => {
-            Some(processes::agent(rest).map_err(Failure::from))
+            Some(family::agent(rest).map_err(Failure::from))
         }
         [_, watch, root] if watch == swarm::WATCH => {
             Some(swarm::watch(Path::new(root)).map_err(Failure::Watch))
@@ -228,7 +232,7 @@ fn carry_out(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Resul
         Command::Resume(args) => resume(args, since, interrupt),
         Command::Replay(args) => {
             let quiet = args.quiet;
-            let (plan, replayed) = replay(&args.into())?;
+            let (plan, replayed) = family::replay(&args.into())?;
             if !quiet {
                 print_out(&replay::text(&plan, &replayed));
             }
@@ -239,7 +243,7 @@ fn carry_out(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Resul
         }
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
         Command::Shape(args) => {
-            let shown = shape(&args)?;
+            let shown = shape(&args, families())?;
             print_out(&shown.text);
             Ok(if shown.buildable { 0 } else { BAD_USAGE })
         }
@@ -254,7 +258,12 @@ fn carry_out(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Resul
             Ok(0)
         }
         Command::Export(args) => {
-            print_out(&export(&args, interrupt)?);
+            print_out(&export(
+                &args,
+                families(),
+                |plan, place| family::of(plan).occupied(plan, place),
+                interrupt,
+            )?);
             Ok(0)
         }
         Command::Schema(args) => {
@@ -273,7 +282,7 @@ fn carry_out(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Resul
             Ok(0)
         }
         Command::Agent(args) => {
-            processes::agent(&args.args)?;
+            family::agent(&args.args)?;
             Ok(0)
         }
     }
@@ -305,14 +314,18 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
     let log = show.log(&plan);
     let report = match overrides.link {
         LinkKind::Sim => run_simulated(&plan, &show.interrupt, &mut live, since, keeping, log),
-        LinkKind::Ipc => processes::run_processes(&plan, &mut live, since, keeping, args.patience, log)?,
+        LinkKind::Ipc => {
+            let (patience, live) = (args.patience, &mut live);
+            let processes = Processes { live, since, keeping, patience, scribe: log };
+            family::of(&plan).run_processes(&plan, processes)?
+        }
     };
     drop(live);
     show.end(&plan, &report, args.journal.as_deref())
 }
 
 fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
-    let left = processes::left_behind(&args.file)?;
+    let left = processes::left_behind(families(), &args.file)?;
     let plan = left.plan.clone();
     let mut outputs = Outputs::new();
     outputs.reads("the scenario", Path::new(&plan.origin));
@@ -322,7 +335,7 @@ fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u
     let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
     let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
     let mut live = Live::new(!args.quiet);
-    let report = processes::resume_processes(left, &mut live, since, show.log(&plan))?;
+    let report = family::of(&plan).resume(left, &mut live, since, show.log(&plan))?;
     drop(live);
     show.end(&plan, &report, Some(&args.file))
 }
@@ -358,7 +371,7 @@ impl Show {
         let html = html.map(|file| outputs.writes("--html", &file)).transpose()?;
         let watched = view || html.is_some();
         let messages = plan.overrides.link == LinkKind::Sim;
-        let scene = watched.then(|| Shared::new(Scene::new(plan, messages)));
+        let scene = watched.then(|| Shared::new(scene(plan, messages)));
         if let Some(scene) = scene.as_ref().filter(|_| view) {
             // Standard output is for the report.
             complain(&address(scene)?);
@@ -368,7 +381,7 @@ impl Show {
 
     /// Where records go so that they are seen.
     fn log(&self, plan: &Plan) -> Option<Log> {
-        self.scene.as_ref().map(|scene| scribe::log(plan, scene))
+        self.scene.as_ref().map(|scene| family::of(plan).scribe(plan, scene))
     }
 
     fn end(self, plan: &Plan, report: &Report, journal: Option<&Path>) -> Result<u8, Failure> {
@@ -379,7 +392,7 @@ impl Show {
         let channel = Channel::beside(json.is_out(), quiet);
         // The terminal is where the command was typed; the report goes elsewhere.
         let here = Report { repeat: plan.repeat_here(), ..report.clone() };
-        channel.say(&human(&here, channel.paint()));
+        channel.say(&human(&here, plan.swarm.words(), channel.paint()));
         // Each is written even if the other cannot be.
         let written = json.write(report);
         if let (Some(file), Some(scene)) = (&html, &scene) {
@@ -423,9 +436,9 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
 /// The scene of a journal, up to where it is damaged.
 fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scribe::ReadError> {
     let mut journal = Journal::open(file)?;
-    let plan = plan_of(journal.head())?;
-    let scene = Shared::new(Scene::new(&plan, true));
-    let log = scribe::log(&plan, &scene);
+    let plan = plan_of(families(), journal.head())?;
+    let scene = Shared::new(scene(&plan, true));
+    let log = family::of(&plan).scribe(&plan, &scene);
     let whole = journal.by_ref().try_for_each(|record| {
         log.borrow_mut().put(&record?);
         Ok(())
@@ -453,10 +466,10 @@ fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, F
     }
     let file = args.file.clone();
     let plan = plan(&file, &args.overrides())?;
-    let scene = Shared::new(Scene::new(&plan, true));
+    let scene = Shared::new(scene(&plan, true));
     interrupt.begin();
     print_out(&address(&scene)?);
-    let scribe = Some(scribe::log(&plan, &scene));
+    let scribe = Some(family::of(&plan).scribe(&plan, &scene));
     let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, scribe);
     scene.lock().finish(report);
     wait_for_end(interrupt);

@@ -3,6 +3,7 @@
 
 use crate::cli::args::CommandLine;
 use crate::experiments::sweep::summary::Summary;
+use crate::family::families;
 use crate::report::schema::Report;
 use crate::scenario::schema as scenario;
 use clap::{Args, CommandFactory, ValueEnum};
@@ -52,7 +53,7 @@ pub struct ManArgs {
 /// A JSON schema (draft 2020-12).
 pub fn schema(of: Described) -> String {
     let schema = match of {
-        Described::Scenario => scenario::schema(),
+        Described::Scenario => scenario::schema(families()),
         Described::Report => written::<Report>(),
         Described::Summary => written::<Summary>(),
     };

@@ -1,3 +1,271 @@
-//! What belongs to one family of units only.
+//! Families of units: what belongs to one of them only lies in its folder, and the list here is the only
+//! place that names them all.
+//!
+//! A family is a type that implements [`FamilyParts`]; [`Family`] follows from it and is what commands use,
+//! whatever the family. A program of its own can add families to the built-in ones with [`install`].
 
+pub mod cube;
+pub mod draft;
 pub mod metamodule;
+
+use crate::console::interrupt::Interrupt;
+use crate::console::stopwatch::Stopwatch;
+use crate::console::terminal::Live;
+use crate::record::journal::{Journal, Keeping};
+use crate::report::progress;
+use crate::report::run_result::RunResult;
+use crate::report::schema::Report;
+use crate::run::processes::{self, LeftBehind, ProcessError, Processes};
+use crate::run::replay::{self, AgentOf, ReplayError, Replayed, Request, Worded};
+use crate::run::runnable::Runnable;
+use crate::run::simulated::{self, Simulation, Watch};
+use crate::scenario::family::{Families, ScenarioFamily};
+use crate::scenario::problems::Problems;
+use crate::scenario::{self, Overrides, Plan};
+use crate::view::scene::{Appearance, Scene};
+use crate::view::scribe::Shared;
+use draft::{Dice, SwarmDraft};
+use metamorph_module_agent::process::args::ArgsError;
+use metamorph_module_agent::{AgentArgs, AgentError};
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::record::Blob;
+use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::kernel::recording::Log;
+use std::ffi::OsString;
+use std::path::Path;
+use std::sync::OnceLock;
+use thiserror::Error;
+
+/// The built-in families; the first is that of a scenario that names none.
+const BUILT_IN: &[&dyn Family] = &[&cube::CubeFamily, &metamodule::MetamoduleFamily];
+
+/// What a family has to offer.
+pub trait FamilyParts: ScenarioFamily {
+    /// Its part of a plan, with its world and its director.
+    type Swarm: Runnable;
+
+    /// Draws a swarm and its goals for exploration.
+    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft>;
+    /// As little as there can be, with next to nothing to do.
+    fn smallest(&self) -> Box<dyn SwarmDraft>;
+    /// The bounds for standing still and for moving without progress in explored scenarios, in seconds, if they
+    /// are not the usual ones. `fails` is whether moves fail, `delay` the longest delay in milliseconds.
+    fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
+    /// The most runs that make one failing scenario small.
+    fn shrinking(&self) -> u64;
+    /// How the page draws a plan at its start.
+    fn appearance(&self, swarm: &Self::Swarm) -> Appearance;
+    /// Where records go so that a scene is made of them.
+    fn scribe(&self, swarm: &Self::Swarm, scene: &Shared) -> Log;
+    /// The cells that a body occupies in a place, if the place can be read.
+    fn occupied(&self, swarm: &Self::Swarm, place: &Blob) -> Option<Vec<Cell>>;
+}
+
+/// A family, as commands use it.
+pub trait Family: ScenarioFamily {
+    /// Simulates a plan to its end, or until it is not to go on.
+    fn simulate(&self, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult);
+    /// Runs a plan with one process per module.
+    fn run_processes(&self, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError>;
+    /// Goes on with a run of processes whose controller was killed.
+    fn resume(
+        &self,
+        left: LeftBehind,
+        live: &mut Live,
+        since: Stopwatch,
+        scribe: Option<Log>,
+    ) -> Result<Report, ProcessError>;
+    /// Replays a journal.
+    fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed;
+    /// Runs one agent until its controller stops it or is gone.
+    fn agent(&self, args: &AgentArgs) -> Result<(), AgentError>;
+    /// Draws a swarm and its goals for exploration.
+    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft>;
+    /// As little as there can be, with next to nothing to do.
+    fn smallest(&self) -> Box<dyn SwarmDraft>;
+    /// See [`FamilyParts::patience`].
+    fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
+    /// See [`FamilyParts::shrinking`].
+    fn shrinking(&self) -> u64;
+    /// How the page draws a plan at its start.
+    fn appearance(&self, plan: &Plan) -> Appearance;
+    /// Where records go so that a scene is made of them.
+    fn scribe(&self, plan: &Plan, scene: &Shared) -> Log;
+    /// The cells that a body occupies in a place, if the place can be read.
+    fn occupied(&self, plan: &Plan, place: &Blob) -> Option<Vec<Cell>>;
+}
+
+impl<F: FamilyParts> Family for F
+where
+    AgentOf<F::Swarm>: Worded,
+{
+    fn simulate(&self, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) {
+        simulated::run(swarm::<F>(plan), plan, simulation)
+    }
+    fn run_processes(&self, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
+        processes::run(swarm::<F>(plan), plan, processes)
+    }
+    fn resume(
+        &self,
+        left: LeftBehind,
+        live: &mut Live,
+        since: Stopwatch,
+        scribe: Option<Log>,
+    ) -> Result<Report, ProcessError> {
+        let shared = left.plan.swarm.clone();
+        processes::resume(own::<F>(&shared), left, live, since, scribe)
+    }
+    fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed {
+        replay::run(swarm::<F>(plan), plan, journal, request)
+    }
+    fn agent(&self, args: &AgentArgs) -> Result<(), AgentError> {
+        metamorph_module_agent::run::<AgentOf<F::Swarm>>(args)
+    }
+    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
+        FamilyParts::generate(self, dice)
+    }
+    fn smallest(&self) -> Box<dyn SwarmDraft> {
+        FamilyParts::smallest(self)
+    }
+    fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)> {
+        FamilyParts::patience(self, fails, delay)
+    }
+    fn shrinking(&self) -> u64 {
+        FamilyParts::shrinking(self)
+    }
+    fn appearance(&self, plan: &Plan) -> Appearance {
+        FamilyParts::appearance(self, swarm::<F>(plan))
+    }
+    fn scribe(&self, plan: &Plan, scene: &Shared) -> Log {
+        FamilyParts::scribe(self, swarm::<F>(plan), scene)
+    }
+    fn occupied(&self, plan: &Plan, place: &Blob) -> Option<Vec<Cell>> {
+        FamilyParts::occupied(self, swarm::<F>(plan), place)
+    }
+}
+
+fn swarm<F: FamilyParts>(plan: &Plan) -> &F::Swarm {
+    own::<F>(&plan.swarm)
+}
+
+fn own<F: FamilyParts>(swarm: &crate::scenario::family::Swarm) -> &F::Swarm {
+    swarm.of().expect("invariant: a plan is run by the family that it names")
+}
+
+struct Registry {
+    all: Vec<&'static dyn Family>,
+    scenario: Vec<&'static dyn ScenarioFamily>,
+}
+
+static REGISTRY: OnceLock<Registry> = OnceLock::new();
+
+impl Registry {
+    fn with(more: &[&'static dyn Family]) -> Registry {
+        let all = [BUILT_IN, more].concat();
+        let scenario = all.iter().map(|family| *family as &'static dyn ScenarioFamily).collect();
+        Registry { all, scenario }
+    }
+}
+
+fn registry() -> &'static Registry {
+    REGISTRY.get_or_init(|| Registry::with(&[]))
+}
+
+/// Families were asked for before [`install`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("families are installed once, before the first scenario is read")]
+pub struct TooLate;
+
+/// Adds families to the built-in ones. Call it first of all.
+pub fn install(more: &[&'static dyn Family]) -> Result<(), TooLate> {
+    REGISTRY.set(Registry::with(more)).map_err(|_| TooLate)
+}
+
+/// All families.
+pub fn all() -> &'static [&'static dyn Family] {
+    &registry().all
+}
+
+/// All families, for reading scenarios.
+pub fn families() -> Families {
+    Families(&registry().scenario)
+}
+
+/// The family of this name.
+pub fn named(name: &str) -> Option<&'static dyn Family> {
+    all().iter().copied().find(|family| family.name() == name)
+}
+
+/// The family of a plan.
+pub fn of(plan: &Plan) -> &'static dyn Family {
+    named(plan.swarm.family()).expect("invariant: a plan is made by a family of the list")
+}
+
+/// Reads and checks a scenario file.
+pub fn read_file(path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
+    scenario::read_file(families(), path, overrides)
+}
+
+/// Reads and checks the text of a scenario; `origin` is how messages call it.
+pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan, Problems> {
+    scenario::read_text(families(), origin, text, overrides)
+}
+
+/// A scene of a plan whose run has not begun. `messages` is whether messages will be seen.
+pub fn scene(plan: &Plan, messages: bool) -> Scene {
+    Scene::new(plan, of(plan).appearance(plan), messages)
+}
+
+/// Simulates a plan to its end, or until `watch` says no, with what director and world know in the end.
+/// `since` is when the program started. No search tells whether a run that stood still could have gone on.
+pub fn simulate(plan: &Plan, since: Stopwatch, watch: &mut Watch<'_>) -> (Report, RunResult) {
+    of(plan).simulate(plan, Simulation { since, watch, keeping: None, scribe: None, search: false })
+}
+
+/// Simulates a plan to its end, or until interrupted, with a progress line. `since` is when the program
+/// started; what happens is written to a journal and for a page, if these are wanted.
+pub fn run_simulated(
+    plan: &Plan,
+    interrupt: &Interrupt,
+    live: &mut Live,
+    since: Stopwatch,
+    keeping: Option<Keeping>,
+    scribe: Option<Log>,
+) -> Report {
+    tracing::info!(modules = plan.swarm.len(), seed = plan.seed, "the simulation starts");
+    let mut watch = |now, so_far: &dyn Fn() -> Progress| {
+        live.show(|| progress(plan, now, &so_far()));
+        !interrupt.is_set()
+    };
+    let simulation = Simulation { since, watch: &mut watch, keeping, scribe, search: true };
+    let (report, _) = of(plan).simulate(plan, simulation);
+    live.clear();
+    report
+}
+
+/// Replays a journal.
+pub fn replay(request: &Request) -> Result<(Plan, Replayed), ReplayError> {
+    let (plan, mut journal) = replay::open(families(), request)?;
+    let replayed = of(&plan).replay(&plan, &mut journal, request);
+    Ok((plan, replayed))
+}
+
+/// Why an agent process ends with an error.
+#[derive(Debug, Error)]
+pub enum AgentProcessError {
+    /// Its arguments make no sense.
+    #[error(transparent)]
+    Args(#[from] ArgsError),
+    /// It ended before its controller had told it to.
+    #[error(transparent)]
+    Agent(#[from] AgentError),
+}
+
+/// Runs one agent process, which a controller has started with these arguments, until its controller
+/// stops it or is gone. The first argument is the family.
+pub fn agent(line: &[OsString]) -> Result<(), AgentProcessError> {
+    let (first, rest) = line.split_first().ok_or(ArgsError::Missing("the family"))?;
+    let name = first.to_string_lossy();
+    let family = named(&name).ok_or_else(|| ArgsError::Family(name.into_owned()))?;
+    Ok(family.agent(&AgentArgs::parse(rest.iter().cloned())?)?)
+}

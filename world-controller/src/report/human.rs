@@ -8,7 +8,7 @@ use crate::console::progress::Status;
 use crate::console::terminal::Paint;
 use crate::scenario::Plan;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::cube::director::Progress;
+use metamorph_sim_bridge::director::progress::Progress;
 use std::fmt::Write;
 
 /// The mean speed of the clock, as a share of the scenario's, from which on nothing is said of it.
@@ -17,21 +17,20 @@ const UNSLOWED: f64 = 0.99;
 const SHOWN: usize = 12;
 
 /// The report as text, coloured if `paint` is.
-pub fn human(report: &Report, paint: Paint) -> String {
+pub fn human(report: &Report, words: &Words, paint: Paint) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
-    let _ = write_all(&mut out, report, paint);
+    let _ = write_all(&mut out, report, words, paint);
     out
 }
 
-fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
+fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::fmt::Result {
     let outcome = r.outcome.to_uppercase();
     let outcome = if r.outcome == "built" { paint.good(&outcome) } else { paint.bad(&outcome) };
     writeln!(out, "{outcome}  {}", r.scenario.shown())?;
     writeln!(out, "  {}", r.reason)?;
     writeln!(out)?;
     let g = &r.goal;
-    let words = Words::of(r.family.parse().unwrap_or_default());
     let share = whole_percent(g.filled, g.cells);
     writeln!(out, "  goal        {} of {} filled ({share})", count(g.filled), many(g.cells, words.part))?;
     if r.stages.len() > 1 {
@@ -67,7 +66,7 @@ fn write_all(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
         out,
         "  time        {} in the scenario ({}), {} real, {} to set up",
         seconds(t.virtual_s),
-        many(t.move_times.round() as u64, words.beat),
+        many(t.move_times.round() as u64, words.time_step),
         seconds(t.wall_s),
         seconds(t.setup_s)
     )?;
@@ -252,7 +251,7 @@ pub fn progress(plan: &Plan, now: Time, p: &Progress) -> Status {
         stage: (p.stage + 1, p.stages),
         filled: p.filled as u64,
         goal: p.goal as u64,
-        parts: Words::of(plan.swarm.family()).cells,
+        parts: plan.swarm.words().cells,
         alive: p.alive as u64,
         moves: p.moves,
         messages: p.messages,

@@ -8,7 +8,7 @@ pub mod message_timeline;
 mod over_time;
 pub mod page;
 pub mod plots;
-mod prospect;
+pub mod prospect;
 pub mod run_result;
 pub mod schema;
 pub mod statistics;
@@ -17,9 +17,9 @@ pub use human::{human, progress};
 
 use crate::console::format::{count, digits, many};
 use crate::report::run_result::RunResult;
+use crate::scenario::family::Words;
 use crate::scenario::{LinkChange, Plan};
 use crate::swarm::Slowed;
-use metamorph_module_agent::Family;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::{Counts, Tally};
 use metamorph_protocol::time::{Span, Time};
@@ -77,68 +77,13 @@ pub struct Facts<'a> {
     pub notes: Vec<String>,
 }
 
-/// What a family calls things, in reports for people.
-struct Words {
-    /// One of those that move.
-    module: &'static str,
-    /// All of them.
-    modules: &'static str,
-    /// A part of a goal.
-    cell: &'static str,
-    /// The same, for short.
-    part: &'static str,
-    /// Its parts.
-    cells: &'static str,
-    /// What keeps modules out of each other's way.
-    negotiation: &'static str,
-    /// What does if that does not.
-    body: &'static str,
-    /// How one that does nothing is called, if it is needed.
-    idle: &'static str,
-    /// What time is counted in, in the singular.
-    beat: &'static str,
-    /// What one thing that a body does is called.
-    action: &'static str,
-}
-
-impl Words {
-    const fn of(family: Family) -> Words {
-        match family {
-            Family::Cube => Words {
-                module: "module",
-                modules: "modules",
-                cell: "goal cell",
-                part: "cell",
-                cells: "cells",
-                negotiation: "negotiation",
-                body: "the body",
-                idle: "has a way",
-                beat: "move time",
-                action: "move",
-            },
-            Family::Metamodule => Words {
-                module: "metamodule",
-                modules: "metamodules",
-                cell: "seed",
-                part: "seed",
-                cells: "seeds",
-                negotiation: "locks",
-                body: "the interlock",
-                idle: "is free",
-                beat: "step time",
-                action: "action",
-            },
-        }
-    }
-}
-
 /// Makes the report of a run. A run without an outcome was stopped from outside.
 pub fn report(facts: &Facts<'_>) -> Report {
     let (plan, account) = (facts.plan, &facts.account);
     let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
     let outcome = if facts.broken > 0 { Outcome::Unsafe } else { ended };
     let progress = account.progress;
-    let question = account.plight.as_ref().filter(|_| facts.search);
+    let question = account.plight.as_deref().filter(|_| facts.search);
     let unbuilt = account.stall.as_ref().map(|stall| standstill(stall, &Prospect::of(stall, question)));
     let listed = |when| (ended == when).then(|| unbuilt.clone()).flatten().into_iter().collect();
     let one_cell = |v: &&Violation| v.invariant == Invariant::OneModulePerCell;
@@ -149,7 +94,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         scenario: plan.title(),
         file: plan.file(),
-        family: plan.swarm.family().name().to_owned(),
+        family: plan.swarm.family().to_owned(),
         seed: plan.seed,
         link: plan.overrides.link.name().to_owned(),
         outcome: outcome.name().to_owned(),
@@ -211,7 +156,7 @@ fn cores() -> u64 {
 }
 
 fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> String {
-    let Words { modules, cell, part, .. } = Words::of(facts.plan.swarm.family());
+    let Words { modules, cell, part, .. } = *facts.plan.swarm.words();
     let why = facts.account.stall.as_ref().map(|s| s.text);
     let unknown = "no reason found";
     let so_far = format!("{} of {}", count(filled as u64), many(goal as u64, part));

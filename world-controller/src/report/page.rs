@@ -23,7 +23,7 @@ const CHAINS: usize = 12;
 
 /// The page of a run. `bins` are stretches of time of this `width` with what was counted in them.
 pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
-    let words = Words::of(report.family.parse().unwrap_or_default());
+    let words = plan.swarm.words();
     let good = report.outcome == "built";
     let body = html! {
         h1 { (report.scenario) }
@@ -39,7 +39,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
             div { dt { "metamorph" } dd { (report.version) } }
         }
         p class=(if good { "note" } else { "warning" }) { (report.reason) "." }
-        @if let Some(unbuilt) = &report.unbuilt { (standstill(unbuilt, &words)) }
+        @if let Some(unbuilt) = &report.unbuilt { (standstill(unbuilt, words)) }
         h2 { "Repeat it" }
         pre.command { (report.repeat) }
         p.note {
@@ -54,7 +54,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
         h2 { "What happened over time" }
         (over_time(report, &words, width.as_secs_f64(), bins))
         (messages(report))
-        (numbers(report, &words))
+        (numbers(report, words))
         (faults(report))
         h2 { "Scenario" }
         pre { (plan.text) }

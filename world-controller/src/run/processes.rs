@@ -13,28 +13,26 @@ use crate::report::schema::Report;
 use crate::report::{Facts, progress, report};
 use crate::run::replay::{RecoverError, Recovered, recover};
 use crate::run::runnable::Runnable;
-use crate::scenario::{Plan, Swarm};
+use crate::scenario::Plan;
+use crate::scenario::family::Families;
 use crate::swarm::{
     CleanError, Crash, FULL, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, WATCH,
     adopt, clean, resume_swarm, run_swarm,
 };
 use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::journal_file::{Head, Parts, Reader, RunId, controller_part};
-use metamorph_module_agent::process::args::ArgsError;
-use metamorph_module_agent::registry;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::cube::director::Progress;
 use metamorph_sim_bridge::director::faults::Struck;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::kernel::state::world_hash;
 use metamorph_sim_bridge::world::World;
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -76,12 +74,6 @@ pub enum ProcessError {
     /// What killed runs left behind.
     #[error(transparent)]
     Clean(#[from] CleanError),
-    /// The arguments of an agent.
-    #[error(transparent)]
-    Args(#[from] ArgsError),
-    /// One agent.
-    #[error("{0}")]
-    Agent(String),
 }
 
 impl From<RecoverError> for ProcessError {
@@ -96,20 +88,18 @@ impl From<RecoverError> for ProcessError {
 /// than usual no answer is given up, and leases and heartbeats are forty and more times as long.
 const TOLERATED: u64 = 10;
 
-/// Runs to the end, or until a signal asks for it. `since` is when the program started; `patience` is
-/// how long agents wait for a controller to come back, if a journal is kept.
-pub fn run_processes(
-    plan: &Plan,
-    live: &mut Live,
-    since: Stopwatch,
-    keeping: Option<Keeping>,
-    patience: Duration,
-    scribe: Option<Log>,
-) -> Result<Report, ProcessError> {
-    match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, live, since, keeping, patience, scribe),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, live, since, keeping, patience, scribe),
-    }
+/// What a run of processes is given besides its plan.
+pub struct Processes<'l> {
+    /// The progress line.
+    pub live: &'l mut Live,
+    /// When the program started.
+    pub since: Stopwatch,
+    /// The journal, if one is kept.
+    pub keeping: Option<Keeping>,
+    /// How long agents wait for a controller to come back, if a journal is kept.
+    pub patience: Duration,
+    /// Where records go for a page, if one is shown.
+    pub scribe: Option<Log>,
 }
 
 /// A run of processes whose controller was killed.
@@ -122,7 +112,7 @@ pub struct LeftBehind {
 }
 
 /// Finds the run that keeps this journal.
-pub fn left_behind(file: &Path) -> Result<LeftBehind, ProcessError> {
+pub fn left_behind(families: Families, file: &Path) -> Result<LeftBehind, ProcessError> {
     let file = std::path::absolute(file).map_err(|e| JournalError::Read(file.to_owned(), e))?;
     let parts = parts_of(&file);
     if !parts.is_dir() {
@@ -139,30 +129,17 @@ pub fn left_behind(file: &Path) -> Result<LeftBehind, ProcessError> {
     for record in Journal::open(&parts)? {
         record.map_err(JournalError::from)?;
     }
-    Ok(LeftBehind { plan: plan_of(&head)?, file, run: head.run, part })
-}
-
-/// Goes on with a run from its journal.
-pub fn resume_processes(
-    left: LeftBehind,
-    live: &mut Live,
-    since: Stopwatch,
-    scribe: Option<Log>,
-) -> Result<Report, ProcessError> {
-    match &left.plan.clone().swarm {
-        Swarm::Cubes(cubes) => resume(cubes, left, live, since, scribe),
-        Swarm::Metamodules(metamodules) => resume(metamodules, left, live, since, scribe),
-    }
+    Ok(LeftBehind { plan: plan_of(families, &head)?, file, run: head.run, part })
 }
 
 fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result<SwarmOptions, ProcessError> {
     let program = std::env::current_exe().map_err(ProcessError::Program)?;
     Ok(SwarmOptions {
         // `--` keeps the agent's arguments from being read as options of this program.
-        program_args: vec!["agent".into(), "--".into(), R::FAMILY.name().into()],
+        program_args: vec!["agent".into(), "--".into(), swarm.family().into()],
         seed: plan.seed,
         speed: speed(plan.time_scale),
-        tolerance: swarm.beat() / TOLERATED,
+        tolerance: swarm.time_step() / TOLERATED,
         link: plan.link.clone(),
         // A swarm ends at once if it is interrupted while it is being set up.
         catch_signals: true,
@@ -172,15 +149,9 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
     })
 }
 
-fn run<R: Runnable>(
-    swarm: &R,
-    plan: &Plan,
-    live: &mut Live,
-    since: Stopwatch,
-    keeping: Option<Keeping>,
-    patience: Duration,
-    scribe: Option<Log>,
-) -> Result<Report, ProcessError> {
+/// Runs to the end, or until a signal asks for it.
+pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
+    let Processes { live, since, keeping, patience, scribe } = processes;
     let mut world = swarm.world(plan);
     let mut options = options(swarm, plan, keeping.as_ref().and_then(Keeping::parts))?;
     options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
@@ -206,7 +177,8 @@ fn run<R: Runnable>(
     Ok(conclude(swarm, plan, world, director.brain, &outcome, before, keeping, Vec::new()))
 }
 
-fn resume<R: Runnable>(
+/// Goes on with a run from its journal.
+pub fn resume<R: Runnable>(
     swarm: &R,
     left: LeftBehind,
     live: &mut Live,
@@ -277,7 +249,7 @@ fn conclude<R: Runnable>(
     report(&Facts {
         plan,
         account,
-        beat: swarm.beat(),
+        beat: swarm.time_step(),
         tally: &outcome.tally,
         body_messages: outcome.body_messages + outcome.control_messages,
         violations: &violations,
@@ -389,10 +361,4 @@ pub fn clean_up() -> Result<String, ProcessError> {
         said.push_str(&format!("; left {} alone", many(done.alive as u64, "live run")));
     }
     Ok(said)
-}
-
-/// The life of one agent process, started by [`run_processes`].
-pub fn agent(args: &[OsString]) -> Result<(), ProcessError> {
-    let (family, args) = registry::parse(args.iter().cloned())?;
-    family.run(&args).map_err(|error| ProcessError::Agent(error.to_string()))
 }

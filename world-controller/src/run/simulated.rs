@@ -1,83 +1,48 @@
 //! Runs a plan on the simulated link: one thread, virtual time, the same every time.
 
-use crate::console::interrupt::Interrupt;
 use crate::console::stopwatch::Stopwatch;
-use crate::console::terminal::Live;
 use crate::record::journal::Keeping;
 use crate::record::tee::both;
 use crate::report::run_result::RunResult;
-use crate::report::{Facts, progress, report, schema::Report};
+use crate::report::{Facts, report, schema::Report};
 use crate::run::runnable::Runnable;
-use crate::scenario::{Plan, Swarm};
+use crate::scenario::Plan;
 use metamorph_protocol::defects::Sabotage;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::cube::director::Progress;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::kernel::sim::{Audited, Sim, SimConfig};
 use std::sync::Arc;
 
-/// Runs to the end, or until interrupted. `since` is when the program started; what happens is written
-/// to a journal and for a page, if somebody wants it.
-pub fn run_simulated(
-    plan: &Plan,
-    interrupt: &Interrupt,
-    live: &mut Live,
-    since: Stopwatch,
-    keeping: Option<Keeping>,
-    scribe: Option<Log>,
-) -> Report {
-    tracing::info!(modules = plan.swarm.len(), seed = plan.seed, "the simulation starts");
-    let watch = |now, so_far: &dyn Fn() -> Progress| {
-        live.show(|| progress(plan, now, &so_far()));
-        !interrupt.is_set()
-    };
-    let (report, _) = match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, keeping, scribe, true),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, keeping, scribe, true),
-    };
-    live.clear();
-    report
+/// Asks how to go on, again and again: it is given the scenario time and how far the run has come, and the
+/// run ends when it says no.
+pub type Watch<'w> = dyn FnMut(Time, &dyn Fn() -> Progress) -> bool + 'w;
+
+/// What a simulated run is given besides its plan.
+pub struct Simulation<'w> {
+    /// When the program started.
+    pub since: Stopwatch,
+    /// Whether to go on.
+    pub watch: &'w mut Watch<'w>,
+    /// The journal, if one is kept.
+    pub keeping: Option<Keeping>,
+    /// Where records go for a page, if one is shown.
+    pub scribe: Option<Log>,
+    /// Whether it is worth a search to find out if a run that stood still could have gone on.
+    pub search: bool,
 }
 
-/// Runs to the end, or until `watch`, which is asked again and again how to go on, says no. It is
-/// given the scenario time and, if it cares, how far the run has come.
-pub fn simulate(
-    plan: &Plan,
-    since: Stopwatch,
-    watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
-) -> Report {
-    simulate_and_account(plan, since, watch).0
-}
-
-/// The same, with what director and world know in the end.
-pub fn simulate_and_account(
-    plan: &Plan,
-    since: Stopwatch,
-    watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
-) -> (Report, RunResult) {
-    match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, plan, since, watch, None, None, false),
-        Swarm::Metamodules(metamodules) => run(metamodules, plan, since, watch, None, None, false),
-    }
-}
-
-fn run<R: Runnable>(
-    swarm: &R,
-    plan: &Plan,
-    since: Stopwatch,
-    watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
-    keeping: Option<Keeping>,
-    scribe: Option<Log>,
-    search: bool,
-) -> (Report, RunResult) {
+/// Runs to the end, or until it is not to go on.
+pub fn run<R: Runnable>(swarm: &R, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) {
+    let Simulation { since, watch, keeping, scribe, search } = simulation;
     let config = SimConfig {
         setup: Arc::clone(swarm.setup()),
         link: plan.link.clone(),
         seed: plan.seed,
         audit_every: swarm.audit_every(),
-        ignore_sessions: plan.swarm.sabotage() == Some(Sabotage::IgnoreSessions),
+        ignore_sessions: plan.swarm.defect() == Some(Sabotage::IgnoreSessions),
     };
     let (world, director) = (swarm.world(plan), swarm.director(plan));
     let Some(log) = both(keeping.as_ref().map(Keeping::log), scribe) else {
@@ -99,7 +64,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
     swarm: &R,
     plan: &Plan,
     since: Stopwatch,
-    mut watch: impl FnMut(Time, &dyn Fn() -> Progress) -> bool,
+    watch: &mut Watch<'_>,
     mut sim: Sim<W, D>,
     world: fn(&W) -> &R::World,
     director: fn(&D) -> &R::Director,
@@ -111,7 +76,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
     while watch(sim.now(), &|| Progress {
         messages: Some(sim.tally().total().sent),
         ..R::progress(director(sim.director()))
-    }) && !sim.run_until(sim.now() + swarm.beat())
+    }) && !sim.run_until(sim.now() + swarm.time_step())
     {}
     let wall = running.elapsed();
     let account = swarm.account(plan, director(sim.director()), world(sim.world()));
@@ -123,7 +88,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
         left: None,
         plan,
         account,
-        beat: swarm.beat(),
+        beat: swarm.time_step(),
         tally: sim.tally(),
         body_messages: sim.body_messages(),
         violations,

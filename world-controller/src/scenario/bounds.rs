@@ -17,9 +17,7 @@
 //!
 //! What does not last (`until`) is not counted: a bound begins to run when it has ended.
 
-use metamorph_protocol::cube::params::{Connectivity, Params as CubeParams};
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::metamodule::params::Params as MetamoduleParams;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Span;
 
@@ -28,16 +26,16 @@ const ONCE_IN: u64 = 1_000_000;
 /// Tries and repeats counted at most. Where more would be needed, a bound promises nothing.
 const MOST: u64 = 4_096;
 /// Fixed point: 1 for probabilities, and for logarithms.
-const ONE: u64 = 1 << 32;
+pub const ONE: u64 = 1 << 32;
 const LOG_BITS: u32 = 16;
 
 /// What a link does to messages, as bounds count it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Passage {
     /// How much later than usual a message arrives at most, if it does.
-    late: Span,
+    pub late: Span,
     /// The probability that a message is of use, in units of 1/[`ONE`].
-    arrives: u64,
+    pub arrives: u64,
 }
 
 impl Passage {
@@ -52,7 +50,7 @@ impl Passage {
     }
 
     /// Repeats that news needs at most to pass so many modules in a row, and in so many copies.
-    fn repeats(self, messages: u64, copies: u64) -> u64 {
+    pub fn repeats(self, messages: u64, copies: u64) -> u64 {
         let lost = ONE - self.arrives;
         if lost == 0 {
             return 0;
@@ -65,7 +63,7 @@ impl Passage {
     }
 
     /// Tries that an exchange of so many messages needs at most besides the first, for so many at once.
-    fn more_tries(self, messages: u32, copies: u64) -> u64 {
+    pub fn more_tries(self, messages: u32, copies: u64) -> u64 {
         let through =
             (0..messages).fold(ONE, |all, _| ((u128::from(all) * u128::from(self.arrives)) >> 32) as u64);
         if through == ONE {
@@ -85,47 +83,10 @@ impl Passage {
 pub struct Bounds {
     /// The bound for standing still.
     pub stall: Span,
-    /// Messages of the longest exchange, and how many are asked at once.
-    legs: u32,
-    copies: u64,
-}
-
-impl Bounds {
-    /// Of cubes; `sides` is the sum of the sides of the box around start and goals.
-    pub fn of_cubes(params: &CubeParams, sides: u64, passage: Passage) -> Bounds {
-        // A module may have to walk all around the body before the next cell is filled: three diameters.
-        let walk = sides * 3;
-        // Of each of its moves, and of each module that news passes: first words of the new neighbours (1),
-        // and an answer over the longest route (8), before the body moves and it is known (1).
-        let late = passage.late * (walk * 10);
-        let hops = if params.connectivity == Connectivity::Cycles { 8 } else { 4 };
-        let legs = hops * 2;
-        // So many tries fit into an attempt; after it what was granted is given back.
-        let asks_for = params.usual_delay * u64::from(legs) + params.tick() * 8;
-        let tries = (params.start_within().0 / asks_for.0.max(1)).max(1);
-        let attempt = params.lease + params.longest_back_off();
-        let copies = 6;
-        let lost = params.heartbeat * passage.repeats(walk, copies)
-            + attempt * passage.more_tries(legs, copies).div_ceil(tries);
-        // At 2.4 moves a cell; and not before anybody may start a cell out of turn.
-        let usual = (params.move_time * (walk * 12 / 5)).max(params.relax + params.relax / 5);
-        Bounds { stall: usual + late + lost, legs, copies }
-    }
-
-    /// Of metamodules.
-    pub fn of_metamodules(params: &MetamoduleParams, passage: Passage) -> Bounds {
-        // The longest motion is some 30 steps, and waits for one other at most; and twelve times its patience
-        // a metamodule may wait: for others to object, to make way, to lead, and to give up.
-        let usual = params.turn_time * 120;
-        // Patience has room for four exchanges.
-        let late = passage.late * (12 * 8);
-        // Everybody in hearing has to hear each of the twelve, and to grant what is asked for.
-        let (legs, copies) = (2, 24);
-        // Once by whoever makes way, once by whoever goes.
-        let tries = passage.more_tries(legs, copies) * 2;
-        let lost = params.repeat * passage.repeats(12, copies) + params.resend * tries;
-        Bounds { stall: usual + late + lost, legs, copies }
-    }
+    /// Messages of the longest exchange.
+    pub legs: u32,
+    /// How many of them are under way at once.
+    pub copies: u64,
 }
 
 /// `needed / each`, rounded up, and at most [`MOST`].
@@ -159,26 +120,13 @@ fn log_inverse(n: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::flaw::{LONGEST, SHORTEST};
-    use metamorph_protocol::metamodule::params::Strategy;
     use metamorph_protocol::rng::Stream;
-    use metamorph_protocol::time::Time;
 
-    const MOVE: Span = Span::secs(1);
     const USUAL: Span = Span::millis(100);
 
     fn losing(loss: &str) -> Passage {
         let link = LinkModel { loss: loss.parse().unwrap_or(Ratio::ZERO), ..LinkModel::default() };
         Passage::of(&link, USUAL, USUAL)
-    }
-
-    fn cubes(delay: Span, passage: Passage) -> Span {
-        Bounds::of_cubes(&CubeParams::scaled(MOVE, delay, 60), 17, passage).stall
-    }
-
-    fn metamodules(delay: Span, passage: Passage) -> Span {
-        let params = MetamoduleParams::scaled(Strategy::Negotiated, MOVE, delay);
-        Bounds::of_metamodules(&params, passage).stall
     }
 
     #[test]
@@ -188,36 +136,6 @@ mod tests {
             let ours = log_inverse(n) as f64 / f64::from(1 << LOG_BITS);
             assert!((exact - 1e-4..=exact).contains(&ours), "{n}: {exact} {ours}");
         }
-    }
-
-    /// A link that is not slower than usual and loses nothing for good changes no bound.
-    #[test]
-    fn the_usual_link_changes_nothing() {
-        let ends = LinkModel { loss: Ratio::ONE, harmless_from: Some(Time(1)), ..LinkModel::default() };
-        let twice = LinkModel { duplicate: Ratio::ONE, ..LinkModel::default() };
-        for link in [LinkModel::default(), ends, twice] {
-            for delay in [Span::ZERO, USUAL] {
-                let passage = Passage::of(&link, delay, USUAL);
-                assert_eq!(cubes(USUAL, passage), Span::secs(300));
-                assert_eq!(metamodules(USUAL, passage), Span::secs(120));
-            }
-        }
-    }
-
-    #[test]
-    fn slower_and_worse_links_take_longer() {
-        let slow = |delay| Passage { late: delay - USUAL, arrives: ONE };
-        for bound in [cubes, metamodules] {
-            let delays = [USUAL, MOVE, Span::secs(10), Span::secs(100)];
-            assert!(delays.map(|d| bound(d, slow(d))).is_sorted_by(|a, b| a < b));
-            let losses = ["0%", "1%", "5%", "20%", "30%", "50%"];
-            assert!(losses.map(|l| bound(USUAL, losing(l))).is_sorted_by(|a, b| a < b));
-            // No link makes the arithmetic overflow.
-            let worst = Passage { late: LONGEST, arrives: 0 };
-            assert!(bound(LONGEST, worst) > bound(LONGEST, slow(LONGEST)));
-        }
-        let bounds = Bounds::of_cubes(&CubeParams::scaled(MOVE, USUAL, 60), 17, losing("0%"));
-        assert!(!losing("50%").is_beyond(&bounds) && losing("60%").is_beyond(&bounds));
     }
 
     /// Of 20,000 draws none needs more than the formulas allow for, and some need a fifth of it.
@@ -242,25 +160,6 @@ mod tests {
                 over += u32::from((0..tries).all(|_| fails(&mut stream)));
             }
             assert_eq!(over, 0, "{loss}: {tries} tries");
-        }
-    }
-
-    /// No delay that a scenario may name makes a protocol wait for less than its messages take.
-    #[test]
-    fn timers_outlast_every_delay() {
-        for beat in [SHORTEST, MOVE, LONGEST] {
-            for delay in [Span::ZERO, SHORTEST, MOVE, LONGEST] {
-                let cube = CubeParams::scaled(beat, delay, 60);
-                // A request and its answer over the longest route, and the move.
-                assert!(cube.start_within() > delay * 8 && cube.lease > delay * 8 + beat);
-                assert!(cube.suspect > cube.heartbeat + delay && cube.hold > cube.heartbeat + delay);
-                let cycles = cube.keeping(Connectivity::Cycles);
-                assert!(cycles.start_within() > delay * 44);
-                let metamodule = MetamoduleParams::scaled(Strategy::Negotiated, beat, delay);
-                assert!(metamodule.resend > delay * 2 && metamodule.patience > delay * 4);
-                // Asking, and a motion of 30 steps.
-                assert!(metamodule.lease > delay * 2 + beat * 30);
-            }
         }
     }
 }

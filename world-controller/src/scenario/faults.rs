@@ -1,10 +1,10 @@
 //! Faults as they are written: in `[[fault]]` tables and in options such as `--kill 3@2s`; and how
 //! they become a schedule. Absent: carrying them out.
 
+use super::family::{ScenarioFamily, SectionKind};
 use super::flaw::Flaw;
 use super::problems::{At, Place, Problems};
 use super::table::{Node, Read, Section, Window, elements, span, span_range};
-use metamorph_module_agent::Family;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::Partition;
@@ -82,22 +82,22 @@ const VERBS: [(&str, Verb); 4] =
     [("kill", Verb::Kill), ("pause", Verb::Pause), ("restart", Verb::Restart), ("stick", Verb::Stick)];
 
 /// Reads all `[[fault]]` tables.
-pub fn read(node: &Node<'_>, family: Family, problems: &mut Problems) -> Vec<RawFault> {
+pub fn read(node: &Node<'_>, family: &dyn ScenarioFamily, problems: &mut Problems) -> Vec<RawFault> {
     let array = elements(node, "[[fault]]", problems);
     array.into_iter().flat_map(|a| a.iter()).filter_map(|fault| read_one(fault, family, problems)).collect()
 }
 
-fn read_one(node: &Node<'_>, family: Family, problems: &mut Problems) -> Option<RawFault> {
+fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, problems: &mut Problems) -> Option<RawFault> {
     let mut section = Section::of(node, "[[fault]]", "kill = 3\nat = \"2s\"", problems)?;
-    let obstacle = match family {
-        Family::Cube if section.present(&["obstacle"]).is_empty() => None,
-        Family::Cube => {
-            section.foreign(&["obstacle"], Family::Metamodule);
+    section.differs_between_families(SectionKind::Fault);
+    let obstacle = match family.faults().contains(&"obstacle") {
+        false if section.present(&["obstacle"]).is_empty() => None,
+        false => {
             ask_for_times(&mut section);
             section.finish(problems);
             return None;
         }
-        Family::Metamodule => section.node("obstacle"),
+        true => section.node("obstacle"),
     };
     let named: Vec<_> = VERBS.iter().filter_map(|(key, verb)| Some((*verb, section.node(key)?))).collect();
     let crash = section.node("crash");

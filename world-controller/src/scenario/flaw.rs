@@ -5,14 +5,9 @@
 
 use super::settings::KeyError;
 use crate::scenario::mesh_import::flaw::SolidError;
-use metamorph_module_agent::Family;
 use metamorph_protocol::goal::GoalError;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::blueprint::BlueprintError;
-use metamorph_protocol::metamodule::params::Floor;
-use metamorph_protocol::metamodule::start::StartError;
 use metamorph_protocol::ratio::RatioError;
-use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::shape::ShapeError;
 use metamorph_protocol::time::{Span, SpanError};
 use thiserror::Error;
@@ -21,13 +16,6 @@ use thiserror::Error;
 pub const VERSION: u64 = 1;
 /// The most modules of one swarm.
 pub const MAX_MODULES: usize = 1_000_000;
-/// The most metamodules of one swarm.
-pub const MAX_METAMODULES: usize = 1_000;
-/// The most connectors of a floor along each side.
-pub const MAX_FLOOR: u16 = 256;
-/// The farthest that metamodules hear. More makes little difference: nobody has ports for as many as there
-/// may be within it.
-pub const MAX_HEARING: u64 = 64;
 /// The largest file that is read as a scenario, in bytes.
 pub const MAX_BYTES: u64 = 16 << 20;
 /// The most cells of the box around the start and all goals, and of the boxes around each goal together.
@@ -81,15 +69,16 @@ pub enum Flaw {
         known: Vec<&'static str>,
     },
     /// A key that means something in scenarios of another family.
-    #[error("`{key}` in {section} is for the family `{}`; this scenario is of the family `{}`",
-        theirs.name(), other(*theirs).name())]
+    #[error("`{key}` in {section} is for the family `{theirs}`; this scenario is of the family `{ours}`")]
     Foreign {
         /// The key.
-        key: &'static str,
+        key: String,
         /// Where it stands.
         section: String,
         /// The family whose it is.
-        theirs: Family,
+        theirs: &'static str,
+        /// The family of the scenario.
+        ours: &'static str,
     },
     /// A key that must be there is not.
     #[error("{section} has no `{key}`")]
@@ -219,79 +208,13 @@ pub enum Flaw {
         /// A cell that would do.
         example: Option<Cell>,
     },
-    /// The seeds cannot be.
-    #[error(transparent)]
-    Blueprint(#[from] BlueprintError),
-    /// A seed where nothing can hold on.
-    #[error("the seed at {at:?} is not on the floor, which goes from {:?} to {:?}", floor.min, floor.max)]
-    SeedOffFloor {
-        /// The connector of the seed.
-        at: (i16, i16),
-        /// The floor.
-        floor: Floor,
-    },
-    /// A seed that no posture fills.
-    #[error("no posture of a metamodule of kind {kind} fills the seed at {at:?}")]
-    SeedShape {
-        /// The connector of the seed.
-        at: (i16, i16),
-        /// The kind.
-        kind: Kind,
-    },
-    /// A metamodule starts where nothing can hold it.
-    #[error("the start at {at:?} is not on the floor, which goes from {:?} to {:?}", floor.min, floor.max)]
-    StartOffFloor {
-        /// The connector.
-        at: (i16, i16),
-        /// The floor.
-        floor: Floor,
-    },
-    /// Two metamodules start in each other.
-    #[error("metamodules {first} and {second} both start at {at:?}")]
-    StartTwice {
-        /// One of them.
-        first: usize,
-        /// The other.
-        second: usize,
-        /// The connector.
-        at: (i16, i16),
-    },
-    /// Nowhere to start.
-    #[error(transparent)]
-    NoRoom(#[from] StartError),
-    /// More or fewer places than metamodules.
-    #[error("`count` is {count}, but `start` lists {listed} places")]
-    Count {
-        /// As counted.
-        count: u64,
-        /// As listed.
-        listed: usize,
-    },
-    /// More seeds than metamodules.
-    #[error("the goal has {seeds} seeds and the swarm has {metamodules} metamodules: {} too few",
-        seeds - metamodules)]
-    TooFewMetamodules {
-        /// Seeds of the goal.
-        seeds: usize,
-        /// Metamodules of the swarm.
-        metamodules: usize,
-    },
-    /// The first goal is there from the beginning.
-    #[error("the first goal has an `at`, but it is the goal from the beginning")]
-    FirstGoalAt,
-    /// Whoever negotiates never only waits.
-    #[error("`negotiated` has no detector: whoever waits tries again after a time, so nobody can know")]
-    NoDetector,
-    /// A key of the force field with a strategy that has none.
-    #[error("`negotiated` has no force field, so `{0}` means nothing to it")]
-    NoField(&'static str),
-    /// Goals in the wrong order.
-    #[error("this goal replaces the one before at {at}, which itself comes at {before}")]
-    GoalOrder {
-        /// When this one comes.
-        at: Span,
-        /// When the one before comes.
-        before: Span,
+    /// What only one family knows to be wrong.
+    #[error("{reason}")]
+    OfFamily {
+        /// What is wrong.
+        reason: String,
+        /// What to do about it.
+        fix: String,
     },
     /// A fault hits nobody.
     #[error("there is no module {module}; the swarm has modules 0 to {last}")]
@@ -320,14 +243,6 @@ pub enum Flaw {
     Form(String, &'static str),
 }
 
-/// There are two families.
-fn other(family: Family) -> Family {
-    match family {
-        Family::Cube => Family::Metamodule,
-        Family::Metamodule => Family::Cube,
-    }
-}
-
 impl Flaw {
     /// What to do about it.
     pub fn fix(&self) -> String {
@@ -343,7 +258,7 @@ impl Flaw {
             Flaw::UnknownKey { key, known, .. } => did_you_mean(key, known),
             Flaw::Name { got, known, .. } => did_you_mean(got, known),
             Flaw::Foreign { theirs, .. } => {
-                format!("remove it, or write `family = \"{}\"` in [swarm]", theirs.name())
+                format!("remove it, or write `family = \"{theirs}\"` in [swarm]")
             }
             Flaw::Missing { example, .. } | Flaw::Kind { example, .. } => {
                 format!("write for example `{example}`")
@@ -377,23 +292,7 @@ impl Flaw {
                 format!("name a cell of both, such as {cell}, or leave `seed` out to have one chosen")
             }
             Flaw::SeedEmpty { .. } => "move one of the shapes so that they share at least one cell".into(),
-            Flaw::Blueprint(error) => blueprint_fix(error).into(),
-            Flaw::SeedOffFloor { .. } => "move the goal, or make `floor` in [swarm] larger".into(),
-            Flaw::SeedShape { .. } => {
-                "choose other `directions` or another `kind`; `metamorph robot shapes` lists what they take"
-                    .into()
-            }
-            Flaw::StartOffFloor { floor: Floor { min, max }, .. } => {
-                format!("name a connector from {min:?} to {max:?}, or make `floor` larger")
-            }
-            Flaw::StartTwice { .. } => "give each a connector of its own".into(),
-            Flaw::NoRoom(_) => "make `floor` in [swarm] larger, or list the places in `start`".into(),
-            Flaw::Count { .. } => "leave `count` out; the list says how many there are".into(),
-            Flaw::TooFewMetamodules { seeds, .. } => format!("let there be at least {seeds} in [swarm]"),
-            Flaw::FirstGoalAt => "leave `at` out, or move this goal behind the one it replaces".into(),
-            Flaw::NoDetector => "leave `detector` out, or choose `greedy`, `slope` or `step`".into(),
-            Flaw::NoField(key) => format!("leave `{key}` out, or choose `greedy`, `slope` or `step`"),
-            Flaw::GoalOrder { .. } => "list the goals in the order of their times".into(),
+            Flaw::OfFamily { fix, .. } => fix.clone(),
             Flaw::NoSuchModule { last, .. } => format!("name a module from 0 to {last}"),
             Flaw::OneVerb(_) => {
                 "write one of kill, pause, restart, stick, crash, partition, obstacle per [[fault]]".into()
@@ -424,15 +323,6 @@ fn shape_fix(error: &ShapeError) -> &'static str {
         ShapeError::Empty => "describe at least one cell",
         ShapeError::NoOperand => "list the shapes that shall overlap",
         ShapeError::NoMinuend => "list the shape to keep first, then those to take away",
-    }
-}
-
-fn blueprint_fix(error: &BlueprintError) -> &'static str {
-    match error {
-        BlueprintError::Empty => "name at least one seed",
-        BlueprintError::TooMany(_) => "make the goal smaller",
-        BlueprintError::Overlap { .. } => "move one of the two, or choose other `directions`",
-        BlueprintError::Impossible(_) => "let the cells go up from the floor, and never back",
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! `settings` puts values of the command line into the document, `table` and `shapes` read values with
 //! their places, `raw` and `faults` a whole document and the other options on the command line, `plan`
-//! checks what belongs together, `cube` and `metamodule` do both for what only one family has; `schema` says
+//! checks what belongs together; `family` is what families have to offer for both; `schema` says
 //! the same to programs; `flaw`
 //! and `problems` say what is wrong, where, and what to do. Everything wrong is collected and shown at
 //! once.
@@ -13,41 +13,32 @@
 //! *Invariants.* No text makes the reader panic, and none makes it use more memory or time than the
 //! limits in `flaw` allow. Deliberately absent: anything that runs.
 
-mod bounds;
-mod cube;
+pub mod bounds;
+pub mod family;
 pub mod faults;
-mod field;
 pub mod flaw;
 pub mod mesh_import;
-mod metamodule;
-pub mod motion_database;
-mod plan;
+pub mod plan;
 pub mod plan_summary;
 pub mod problems;
-mod raw;
+pub mod raw;
 pub mod schema;
 pub mod settings;
-mod shapes;
-mod table;
+pub mod shapes;
+pub mod table;
 
 pub use plan::{NEVER, TIME_SCALE};
 pub use raw::SEED;
 
 use crate::console::escape::portable;
+use family::{Families, Swarm};
 use faults::Planned;
 use flaw::{Flaw, MAX_BYTES};
-use metamorph_module_agent::{Family, regular_file};
-use metamorph_protocol::cube::params::Setup;
-use metamorph_protocol::defects::Sabotage;
-use metamorph_protocol::lattice::Cell;
+use metamorph_module_agent::regular_file;
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::metamodule::params::Setup as MetamoduleSetup;
-use metamorph_protocol::metamodule::pose::Pose;
-use metamorph_protocol::metamodule::start::{StartError, draw_start};
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::cube::director::Stop;
 use metamorph_sim_bridge::director::faults::Schedule;
+use metamorph_sim_bridge::director::progress::Stop;
 pub use plan::LinkChange;
 use problems::Problems;
 use serde::{Deserialize, Serialize};
@@ -136,70 +127,6 @@ pub struct StagePlan {
     pub name: String,
 }
 
-/// What runs.
-#[derive(Clone, Debug)]
-pub enum Swarm {
-    /// Cubes that slide over each other.
-    Cubes(Cubes),
-    /// Metamodules that walk over a floor.
-    Metamodules(Metamodules),
-}
-
-/// A swarm of cubes.
-#[derive(Clone, Debug)]
-pub struct Cubes {
-    /// Where the modules are at first; a module's number is its place here.
-    pub cells: Arc<[Cell]>,
-    /// What all agents share.
-    pub setup: Arc<Setup>,
-}
-
-/// A swarm of metamodules.
-#[derive(Clone, Debug)]
-pub struct Metamodules {
-    /// Whether the places at the start are drawn from the seed of the run, instead of listed.
-    pub drawn: bool,
-    /// Where the metamodules are at first; a metamodule's number is its place here.
-    pub poses: Vec<Pose>,
-    /// How many drawn starts were thrown away because a metamodule was shut in.
-    pub redrawn: u32,
-    /// What all agents share.
-    pub setup: Arc<MetamoduleSetup>,
-    /// From when on which goal is built instead, in the order of time.
-    pub changes: Arc<[(Time, u8)]>,
-    /// Whether a goal that cannot be built where it is is moved.
-    pub relocate: bool,
-}
-
-impl Swarm {
-    /// Which family it is of.
-    pub fn family(&self) -> Family {
-        match self {
-            Swarm::Cubes(_) => Family::Cube,
-            Swarm::Metamodules(_) => Family::Metamodule,
-        }
-    }
-    /// How many modules, or metamodules, it has.
-    pub fn len(&self) -> usize {
-        match self {
-            Swarm::Cubes(cubes) => cubes.cells.len(),
-            Swarm::Metamodules(metamodules) => metamodules.poses.len(),
-        }
-    }
-    /// The defect that a test has switched on.
-    #[doc(hidden)]
-    pub fn sabotage(&self) -> Option<Sabotage> {
-        match self {
-            Swarm::Cubes(cubes) => cubes.setup.params.sabotage,
-            Swarm::Metamodules(metamodules) => metamodules.setup.params.sabotage,
-        }
-    }
-    /// Whether it has none, which no checked one has.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-}
-
 /// A scenario that has passed every check, with what the command line changed.
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -249,13 +176,9 @@ impl Plan {
     }
 
     /// The same plan with another seed. Cheap: what does not depend on the seed is shared.
-    pub fn with_seed(&self, seed: u64) -> Result<Plan, StartError> {
-        let mut plan = Plan { seed, schedule: faults::draw(&self.faults, seed), ..self.clone() };
-        if let Swarm::Metamodules(Metamodules { drawn: true, poses, redrawn, setup, .. }) = &mut plan.swarm {
-            let start = draw_start(setup, poses.len(), seed)?;
-            (*poses, *redrawn) = (start.poses, start.redrawn);
-        }
-        Ok(plan)
+    pub fn with_seed(&self, seed: u64) -> Result<Plan, Flaw> {
+        let swarm = self.swarm.with_seed(seed)?.unwrap_or_else(|| self.swarm.clone());
+        Ok(Plan { seed, schedule: faults::draw(&self.faults, seed), swarm, ..self.clone() })
     }
 
     /// The command that repeats the run, for what is written to be passed on.
@@ -288,8 +211,8 @@ pub fn quote(text: String) -> String {
 }
 
 /// Reads and checks a scenario file.
-pub fn read_file(path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
-    read_text(&path.display().to_string(), &load(path)?, overrides)
+pub fn read_file(families: Families, path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
+    read_text(families, &path.display().to_string(), &load(path)?, overrides)
 }
 
 /// The text of a scenario file.
@@ -313,8 +236,13 @@ pub fn load(path: &Path) -> Result<String, Problems> {
 }
 
 /// Reads and checks the text of a scenario; `origin` is how messages call it.
-pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan, Problems> {
-    let mut problems = Problems::new(origin, text);
+pub fn read_text(
+    families: Families,
+    origin: &str,
+    text: &str,
+    overrides: &Overrides,
+) -> Result<Plan, Problems> {
+    let mut problems = Problems::new(families, origin, text);
     let (mut document, errors) = DeTable::parse_recoverable(text);
     for error in errors {
         let flaw = Flaw::Syntax(error.message().to_owned());

@@ -1,18 +1,19 @@
 //! From a scenario as written to a plan that can be run: what both families share. What belongs to one
 //! of them is checked in its own file.
 
-use super::bounds::{Bounds as IdleBounds, Passage};
+use super::bounds::Passage;
+use super::family::{DraftContext, Patience};
 use super::faults::{self, Bounds};
 use super::flaw::{Flaw, LONGEST, SHORTEST};
 use super::problems::{At, Problems};
-use super::raw::{Raw, RawSwarm, default_delay};
+use super::raw::{Raw, default_delay};
 use super::table::Delay;
-use super::{LinkKind, Overrides, Plan, StagePlan, Swarm};
+use super::{LinkKind, Overrides, Plan, StagePlan};
 use crate::console::format::{count, listed};
 use metamorph_protocol::link::{LinkModel, Partition};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::cube::director::Stop;
+use metamorph_sim_bridge::director::progress::Stop;
 use std::sync::Arc;
 
 /// Scenario seconds per second on the process link, if the scenario does not say.
@@ -25,44 +26,21 @@ pub const NEVER: Ratio = Ratio::ZERO;
 /// Modules of a partition that are named in reports.
 const LISTED: usize = 8;
 
-/// What a family makes of its part of a scenario.
-pub struct Draft {
-    /// What runs; none if something is wrong with it.
-    pub swarm: Option<Swarm>,
-    /// How many modules there are; none if that is not known.
-    pub modules: usize,
-    /// What the goals are called.
-    pub goals: Vec<String>,
-    /// How long to wait if the scenario does not say.
-    pub patience: Patience,
-}
-
-/// How long to wait if the scenario does not say.
-pub struct Patience {
-    /// The bound for standing still, and what it is made of.
-    pub bounds: IdleBounds,
-    /// So many times that is the bound for moving without progress.
-    pub livelock: u64,
-    /// So many times that is the latest end.
-    pub timeout: u64,
-}
-
 /// Checks everything and makes the plan. Without one there is at least one problem.
 pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option<Plan> {
-    let (beat, key) = match &raw.swarm {
-        RawSwarm::Cubes(cubes) => (&cubes.move_time, "move_time"),
-        RawSwarm::Metamodules(metamodules) => (&metamodules.turn_time, "turn_time"),
+    let Some(swarm) = raw.swarm.as_deref() else {
+        // The rest is judged all the same.
+        link(raw, overrides.link, BEAT, problems);
+        time_scale(raw, problems);
+        return None;
     };
+    let (beat, key) = swarm.time_step();
     let beat = bounded(beat, key, SHORTEST, LONGEST, problems).unwrap_or(BEAT);
     let (mut link, usual_delay) = link(raw, overrides.link, beat, problems);
     let Delay(_, usual) = default_delay(LinkKind::Sim, beat);
     let passage = Passage::of(&link, usual_delay, usual);
-    let draft = match &raw.swarm {
-        RawSwarm::Cubes(cubes) => cubes.draft(beat, usual_delay, passage, problems),
-        RawSwarm::Metamodules(metamodules) => {
-            metamodules.draft(beat, usual_delay, passage, raw.seed, problems)
-        }
-    }?;
+    let context = DraftContext { time_step: beat, usual_delay, passage, seed: raw.seed };
+    let draft = swarm.draft(&context, problems)?;
     let mut stop = stop(raw, &draft.patience, problems);
     let mut faults = Vec::new();
     if draft.modules > 0 {
@@ -71,12 +49,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option
         let ends = link.partitions.iter().map(|p| p.until).chain(link.harmless_from);
         stop.planned_until = ends.max().unwrap_or(Time::ZERO).min(stop.timeout);
     }
-    if let RawSwarm::Metamodules(metamodules) = &raw.swarm {
-        let timeout = stop.timeout.since(Time::ZERO);
-        for At { value: at, place } in metamodules.changes().filter(|c| c.value > timeout) {
-            problems.add(place.clone(), Flaw::AfterTheEnd { at: *at, timeout });
-        }
-    }
+    swarm.check_end(stop.timeout.since(Time::ZERO), problems);
     let time_scale = time_scale(raw, problems);
     if !problems.is_empty() {
         return None;

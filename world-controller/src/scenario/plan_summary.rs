@@ -2,11 +2,7 @@
 
 use crate::console::escape::Shown;
 use crate::console::format::{count, many};
-use crate::scenario::{Cubes, LinkKind, Metamodules, Plan, Swarm};
-use metamorph_protocol::cube::params::Connectivity;
-use metamorph_protocol::goal::Growth;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy, Teller};
+use crate::scenario::{LinkKind, Plan};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
@@ -28,10 +24,7 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
         writeln!(out, "  {}", description.trim().shown())?;
     }
     writeln!(out)?;
-    match &plan.swarm {
-        Swarm::Cubes(cubes) => write_cubes(out, plan, cubes)?,
-        Swarm::Metamodules(metamodules) => write_metamodules(out, plan, metamodules)?,
-    }
+    plan.swarm.describe(plan, out)?;
     write_link(out, plan)?;
     let stop = &plan.stop;
     writeln!(
@@ -48,115 +41,6 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
     write_faults(out, plan)?;
     writeln!(out)?;
     writeln!(out, "  run it with {}", plan.repeat_here())
-}
-
-fn write_cubes(out: &mut String, plan: &Plan, Cubes { cells, setup }: &Cubes) -> std::fmt::Result {
-    let (min, max) = corners(cells);
-    writeln!(
-        out,
-        "  swarm     {}, numbered 0 to {}, from {min} to {max}",
-        many(cells.len() as u64, "module"),
-        count(cells.len() as u64 - 1)
-    )?;
-    let params = &setup.params;
-    writeln!(out, "  moves     {} each, {} fail", params.move_time, plan.failure)?;
-    for (stage, goal) in plan.stages.iter().zip(&setup.goals) {
-        let growth = match goal.growth() {
-            Growth::Scaffold => "scaffold",
-            Growth::Solid => "solid",
-        };
-        let share = goal.len() * 100 / cells.len();
-        writeln!(
-            out,
-            "  goal      {}: {} ({share}% of the modules), {growth}, grows from {}",
-            stage.name.shown(),
-            many(goal.len() as u64, "cell"),
-            goal.seed()
-        )?;
-    }
-    let connectivity = match params.connectivity {
-        Connectivity::Forest => "forest",
-        Connectivity::Cycles => "cycles",
-        Connectivity::Gradient => "gradient (as published; not safe when messages are late)",
-    };
-    let co_owners = if params.co_owners { "asked" } else { "not asked" };
-    writeln!(out, "  protocol  connectivity {connectivity}; co-owners {co_owners}")
-}
-
-fn write_metamodules(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt::Result {
-    let (setup, all) = (&swarm.setup, swarm.poses.len());
-    let (floor, params) = (setup.floor, &setup.params);
-    let places = if swarm.drawn { "drawn" } else { "listed" };
-    writeln!(
-        out,
-        "  swarm     {} of kind {}, numbered 0 to {}, on a floor from {:?} to {:?}",
-        many(all as u64, "metamodule"),
-        setup.kind(),
-        all - 1,
-        floor.min,
-        floor.max
-    )?;
-    let feet: Vec<String> = swarm.poses.iter().take(SHOWN).map(|p| format!("{:?}", p.foot())).collect();
-    let dots = if all > SHOWN { ", …" } else { "" };
-    let redrawn = match swarm.redrawn {
-        0 => String::new(),
-        1 => " (one draw before had a metamodule that was shut in)".to_owned(),
-        n => format!(" ({n} draws before had a metamodule that was shut in)"),
-    };
-    writeln!(out, "  start     {places}: {}{dots}{redrawn}", feet.join(", "))?;
-    writeln!(
-        out,
-        "  moves     {} for a step of a joint, {} to connect; {} of connections fail; heard {} connectors away",
-        params.turn_time, params.connect_time, plan.failure, params.hearing
-    )?;
-    let begins = std::iter::once(Time::ZERO).chain(swarm.changes.iter().map(|(at, _)| *at));
-    for ((stage, goal), at) in plan.stages.iter().zip(&setup.goals).zip(begins) {
-        let levels: Vec<String> = goal.levels().iter().map(u8::to_string).collect();
-        let from = if at == Time::ZERO { String::new() } else { format!(", from {at} on") };
-        writeln!(
-            out,
-            "  goal      {}: {}, level by level {}{from}",
-            stage.name.shown(),
-            many(goal.seeds().len() as u64, "seed"),
-            levels.join(" + ")
-        )?;
-    }
-    let teller = match params.teller {
-        Teller::Controller => "the controller",
-        Teller::Neighbours => "neighbours",
-    };
-    let relocates = if swarm.relocate { "; a goal that cannot be built where it is is moved" } else { "" };
-    let detects = if params.detector.is_some() { "; the swarm finds deadlocks by itself" } else { "" };
-    writeln!(
-        out,
-        "  protocol  strategy {}{}; {teller} tells which seeds are open{relocates}{detects}",
-        params.strategy.name(),
-        field(params),
-    )
-}
-
-/// What varies the force field of the published strategies.
-fn field(params: &Params) -> String {
-    if params.strategy == Strategy::Negotiated {
-        return String::new();
-    }
-    let first = match params.precedence {
-        None => "no precedence".to_owned(),
-        Some(Precedence { within, by: PrecedenceBy::SeedDistance }) => {
-            format!("the one nearer to a seed goes first within {within} connectors")
-        }
-        Some(Precedence { within, by: PrecedenceBy::Id }) => {
-            format!("the smaller number goes first within {within} connectors")
-        }
-    };
-    let Repulsion { strength, decay, range } = params.repulsion;
-    let settled = if params.settled_repel { "settled ones too" } else { "settled ones not" };
-    match strength {
-        0 => format!("; {first}; nobody pushes"),
-        _ => format!(
-            "; {first}; neighbours within {range} cells push by {strength}/1000, {decay}/1000 of it lost at the edge, {settled}"
-        ),
-    }
 }
 
 fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
@@ -211,12 +95,4 @@ fn write_faults(out: &mut String, plan: &Plan) -> std::fmt::Result {
 /// Drawn times have nanoseconds that nobody wants to read.
 fn at_ms(at: Time) -> Time {
     Time(at.0 / 1_000_000 * 1_000_000)
-}
-
-fn corners(cells: &[Cell]) -> (Cell, Cell) {
-    let fold = |f: fn(i16, i16) -> i16| {
-        let first = cells.first().copied().unwrap_or_default();
-        cells.iter().fold(first, |a, c| Cell::new(f(a.x, c.x), f(a.y, c.y), f(a.z, c.z)))
-    };
-    (fold(i16::min), fold(i16::max))
 }

@@ -1,6 +1,7 @@
 //! Where flaws were found, and how they are shown: `file:line:column: reason`, the line itself with
 //! a caret, and the fix.
 
+use super::family::{Families, SectionKind};
 use super::flaw::{Flaw, MAX_FILES};
 use crate::console::escape::{Shown, is_control, line};
 use std::collections::BTreeMap;
@@ -71,17 +72,22 @@ pub struct Problems {
     options: BTreeMap<usize, String>,
     /// Other files that the scenario has named so far.
     files: Vec<PathBuf>,
+    families: Families,
+    /// The family of the scenario, once that is known.
+    family: &'static str,
     list: Vec<Problem>,
 }
 
 impl Problems {
-    /// No problem yet, in a text from a file of this name.
-    pub fn new(origin: &str, text: &str) -> Problems {
+    /// No problem yet, in a text from a file of this name that may name these families.
+    pub fn new(families: Families, origin: &str, text: &str) -> Problems {
         Problems {
             origin: origin.into(),
             text: text.into(),
             options: BTreeMap::new(),
             files: Vec::new(),
+            families,
+            family: "",
             list: Vec::new(),
         }
     }
@@ -105,9 +111,25 @@ impl Problems {
     }
     /// A single problem with a file whose text is not known.
     pub fn of_file(origin: &str, flaw: Flaw) -> Problems {
-        let mut problems = Problems::new(origin, "");
+        let mut problems = Problems::new(Families(&[]), origin, "");
         problems.add(Place::File, flaw);
         problems
+    }
+    /// The families that the scenario may name.
+    pub fn families(&self) -> Families {
+        self.families
+    }
+    /// The name of the family of the scenario.
+    pub fn family(&self) -> &'static str {
+        self.family
+    }
+    /// The scenario is of this family.
+    pub fn set_family(&mut self, family: &'static str) {
+        self.family = family;
+    }
+    /// The other family in whose scenarios this key means something in this section.
+    pub fn owner_of(&self, section: SectionKind, key: &str) -> Option<&'static str> {
+        self.families.owner(section, key, self.family)
     }
     /// Notes a flaw.
     pub fn add(&mut self, place: impl Into<Place>, flaw: impl Into<Flaw>) {
@@ -203,7 +225,7 @@ mod tests {
 
     #[test]
     fn points_at_the_place() {
-        let mut problems = Problems::new("a.toml", "version = 1\nfoö = 2 # é\n");
+        let mut problems = Problems::new(crate::family::families(), "a.toml", "version = 1\nfoö = 2 # é\n");
         problems.add(12..16, Flaw::NoGoal);
         problems.add(Place::Option("--kill 9@1s".into()), Flaw::NoSuchModule { module: 9, last: 3 });
         let shown = problems.to_string();
@@ -216,7 +238,7 @@ mod tests {
     #[test]
     fn survives_places_outside_the_text() {
         for (start, end) in [(0, 0), (3, 900), (900, 901), (1, 2), (2, 1)] {
-            let mut problems = Problems::new("a.toml", "é");
+            let mut problems = Problems::new(crate::family::families(), "a.toml", "é");
             problems.add(Place::Text { start, end }, Flaw::NoGoal);
             assert!(problems.to_string().contains("a.toml:1:"));
         }

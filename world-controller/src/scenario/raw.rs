@@ -1,14 +1,12 @@
 //! A scenario as it is written: typed values with their places, before anything is checked that
 //! needs more than one of them.
 
-use super::cube::RawCubes;
+use super::family::{RawSwarm, SectionKind, Sections};
 use super::faults::{self, RawFault, Verb};
 use super::flaw::{Flaw, MAX_GOALS, VERSION};
-use super::metamodule::RawMetamodules;
 use super::problems::{At, Place, Problems};
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
-use metamorph_module_agent::Family;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Span;
 use toml::de::DeTable;
@@ -31,7 +29,7 @@ pub struct RawLink {
 }
 
 /// A scenario as written, with what the command line changed.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Raw {
     /// What it is called.
     pub name: Option<String>,
@@ -39,8 +37,8 @@ pub struct Raw {
     pub description: Option<String>,
     /// The seed of the run.
     pub seed: u64,
-    /// What belongs to one family.
-    pub swarm: RawSwarm,
+    /// What belongs to one family; none if it could not be read.
+    pub swarm: Option<Box<dyn RawSwarm>>,
     /// The probability that a move or a connection fails.
     pub failed_connections: Option<At<Ratio>>,
     /// The link.
@@ -59,27 +57,6 @@ pub struct Raw {
 
 /// The seed of a scenario that names none.
 pub const SEED: u64 = 1;
-const FAMILIES: [(&str, Family); 2] =
-    [(Family::Cube.name(), Family::Cube), (Family::Metamodule.name(), Family::Metamodule)];
-
-/// What belongs to one family, as written.
-#[allow(clippy::large_enum_variant, reason = "there is one while a scenario is read")]
-#[derive(Clone, Debug)]
-pub enum RawSwarm {
-    /// Of cubes.
-    Cubes(RawCubes),
-    /// Of metamodules.
-    Metamodules(RawMetamodules),
-}
-
-/// The sections, besides `[swarm]`, that mean something else in each family.
-pub struct Sections<'d, 'i> {
-    /// All `[[goal]]` tables.
-    pub goals: Option<&'d Node<'i>>,
-    /// `[protocol]`.
-    pub protocol: Option<&'d Node<'i>>,
-}
-
 const SWARM: &str = "[swarm]\n    start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
 
 impl Raw {
@@ -116,14 +93,15 @@ impl Raw {
         if others.goals.is_none() {
             problems.add(Place::File, Flaw::NoGoal);
         }
-        let mut family = Family::default();
+        let families = problems.families();
+        let mut family = families.0[0];
         if let Some(mut section) = swarm.and_then(|node| Section::of(node, "[swarm]", SWARM, problems)) {
-            family = section.choice("family", "family", &FAMILIES, problems).unwrap_or_default();
+            let known: Vec<_> = families.0.iter().map(|family| (family.name(), *family)).collect();
+            family = section.choice("family", "family", &known, problems).unwrap_or(family);
+            problems.set_family(family.name());
+            section.differs_between_families(SectionKind::Swarm);
             raw.failed_connections = section.get("failed_connections", problems);
-            raw.swarm = match family {
-                Family::Cube => RawSwarm::Cubes(RawCubes::read(section, &others, problems)),
-                Family::Metamodule => RawSwarm::Metamodules(RawMetamodules::read(section, &others, problems)),
-            };
+            raw.swarm = Some(family.read(section, &others, problems));
         }
         if let Some(node) = top.node("link") {
             raw.read_link(node, problems);
@@ -147,7 +125,7 @@ impl Raw {
             name: None,
             description: None,
             seed: overrides.seed.unwrap_or(SEED),
-            swarm: RawSwarm::Cubes(RawCubes::default()),
+            swarm: None,
             failed_connections: None,
             link: RawLink::default(),
             time_scale: None,
@@ -234,7 +212,21 @@ pub fn goal_sections<'d, 'i>(
         problems.add(place(), Flaw::TooManyGoals(array.len()));
     }
     let goals = array.iter().take(MAX_GOALS);
-    goals.filter_map(|goal| Section::of(goal, "[[goal]]", example, problems)).collect()
+    let mut sections: Vec<_> =
+        goals.filter_map(|goal| Section::of(goal, "[[goal]]", example, problems)).collect();
+    sections.iter_mut().for_each(|section| section.differs_between_families(SectionKind::Goal));
+    sections
+}
+
+/// The `[protocol]` table, if there is one.
+pub fn protocol_section<'d, 'i>(
+    node: Option<&'d Node<'i>>,
+    example: &'static str,
+    problems: &mut Problems,
+) -> Option<Section<'d, 'i>> {
+    let mut section = Section::of(node?, "[protocol]", example, problems)?;
+    section.differs_between_families(SectionKind::Protocol);
+    Some(section)
 }
 
 /// The delay of messages if the scenario names none: on the simulated link from a hundredth to a

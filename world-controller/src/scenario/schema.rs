@@ -8,36 +8,33 @@
 //! A key that can be left out has a `default`, which is the value that the reader uses then, or its description
 //! says what happens if it is left out.
 
-use super::cube::{CO_OWNERS, CONNECTIVITY, DEAD, GROWTH};
-use super::field::{MAX_RANGE, MAX_THOUSANDTHS};
-use super::flaw::{MAX_FLOOR, MAX_GOALS, MAX_HEARING, MAX_METAMODULES, VERSION};
-use super::metamodule::{CLASS, FACES, FLOOR, KIND, TELLERS};
-use super::plan::{BEAT, NEVER, TIME_SCALE};
+use super::family::{Families, FamilySchema, ScenarioFamily};
+use super::flaw::{MAX_GOALS, VERSION};
+use super::plan::{NEVER, TIME_SCALE};
 use super::raw::SEED;
 use super::shapes::{AXES, PARTS, THIN, UPS, VOIDS};
 use super::table::default_of;
-use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::blueprint::SeedOrder;
-use metamorph_protocol::metamodule::params::{HEARING, LEAST_HEARING, PrecedenceBy, Strategy};
-use metamorph_protocol::roombots::Kind;
 use serde_json::{Map, Value, json};
 
-/// The schema.
-pub fn schema() -> Value {
-    let own = |swarm: &str, goal: &str, protocol: &str, fault: &str| {
+/// The schema of scenarios that may name these families.
+pub fn schema(families: Families) -> Value {
+    let own = |family: &dyn ScenarioFamily| {
+        let part = |part: &str| of(&definition(family, part));
         json!({ "properties": {
-            "swarm": of(swarm),
-            "goal": { "type": "array", "minItems": 1, "maxItems": MAX_GOALS, "items": of(goal) },
-            "protocol": of(protocol),
-            "fault": { "type": "array", "items": of(fault) },
+            "swarm": part("Swarm"),
+            "goal": { "type": "array", "minItems": 1, "maxItems": MAX_GOALS, "items": part("Goal") },
+            "protocol": part("Protocol"),
+            "fault": { "type": "array", "items": part("Fault") },
         } })
     };
-    let metamodules = json!({ "type": "object", "required": ["swarm"], "properties": { "swarm": {
-        "type": "object", "required": ["family"],
-        "properties": { "family": { "const": Family::Metamodule.name() } },
-    } } });
-    json!({
+    let named = |family: &dyn ScenarioFamily| {
+        json!({ "type": "object", "required": ["swarm"], "properties": { "swarm": {
+            "type": "object", "required": ["family"],
+            "properties": { "family": { "const": family.name() } },
+        } } })
+    };
+    let mut schema = json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "A scenario of Metamorph",
         "type": "object",
@@ -56,19 +53,36 @@ pub fn schema() -> Value {
             "fault": said("What is broken when.", or(json!([]), json!({ "type": "array" }))),
             "stop": or(json!({}), of("stop")),
         },
-        "if": metamodules,
-        "then": own("metamoduleSwarm", "metamoduleGoal", "metamoduleProtocol", "metamoduleFault"),
-        "else": own("cubeSwarm", "cubeGoal", "cubeProtocol", "cubeFault"),
-        "$defs": definitions(),
-    })
+        "$defs": definitions(families),
+    });
+    // The first is the family of a scenario that names none.
+    let default = own(families.0[0]);
+    let choice = families.0[1..].iter().fold(
+        default,
+        |others, family| json!({ "if": named(*family), "then": own(*family), "else": others }),
+    );
+    for (key, value) in choice.as_object().into_iter().flatten().filter(|_| families.0.len() > 1) {
+        schema[key] = value.clone();
+    }
+    schema
 }
 
-fn definitions() -> Value {
+/// The name of the definition of a family's part.
+fn definition(family: &dyn ScenarioFamily, part: &str) -> String {
+    format!("{}{part}", family.name())
+}
+
+fn definitions(families: Families) -> Value {
     let mut all = Map::new();
-    for (name, value) in
-        values().into_iter().chain(shared()).chain(shapes()).chain(cubes()).chain(metamodules())
-    {
+    for (name, value) in values().into_iter().chain(shared()).chain(shapes()) {
         all.insert(name.to_owned(), value);
+    }
+    for family in families.0 {
+        let FamilySchema { swarm, goal, protocol, definitions, .. } = family.schema();
+        let parts =
+            [("Swarm", swarm), ("Goal", goal), ("Protocol", protocol), ("Fault", any(family.faults()))];
+        all.extend(parts.map(|(part, value)| (definition(*family, part), value)));
+        all.extend(definitions.into_iter().map(|(name, value)| (name.to_owned(), value)));
     }
     Value::Object(all)
 }
@@ -76,9 +90,10 @@ fn definitions() -> Value {
 /// What bounds are that follow from the swarm.
 const BOUND: &str = "if left out, it follows from the size of the swarm, and `metamorph check` shows it.";
 /// What goals are called.
-const NUMBERED: &str = "If left out, `goal 1` and so on.";
+pub const NUMBERED: &str = "If left out, `goal 1` and so on.";
 
-type Definitions = Vec<(&'static str, Value)>;
+/// Definitions by their names.
+pub type Definitions = Vec<(&'static str, Value)>;
 
 /// What is written as one value.
 fn values() -> Definitions {
@@ -98,7 +113,7 @@ fn values() -> Definitions {
     ]
 }
 
-/// What both families have.
+/// What all families have.
 fn shared() -> Definitions {
     vec![
         (
@@ -195,7 +210,7 @@ fn shared() -> Definitions {
     ]
 }
 
-/// Shapes of cubes.
+/// Shapes that are sets of cells.
 fn shapes() -> Definitions {
     let parts = json!({ "type": "array", "items": of("shape") });
     vec![
@@ -275,251 +290,61 @@ fn shapes() -> Definitions {
     ]
 }
 
-/// What only cubes have.
-fn cubes() -> Definitions {
-    vec![
-        (
-            "cubeSwarm",
-            table(
-                "Cubes that slide over each other.",
-                &["start"],
-                json!({
-                    "family": or(Family::default().name(), json!({ "const": Family::Cube.name() })),
-                    "start": of("shape"),
-                    "move_time": or(BEAT.to_string(), of("time")),
-                    "failed_connections": seldom(),
-                }),
-            ),
-        ),
-        (
-            "cubeGoal",
-            table(
-                "A shape to be grown from a seed.",
-                &["shape"],
-                json!({
-                    "name": said(NUMBERED, text()),
-                    "shape": of("shape"),
-                    "seed": said(
-                        "Where growth begins. If left out, the cell of the goal nearest to its middle in which there is \
-                         a module by then.",
-                        of("cell"),
-                    ),
-                    "growth": one_of(&GROWTH),
-                }),
-            ),
-        ),
-        (
-            "cubeProtocol",
-            table(
-                "How cubes decide.",
-                &[],
-                json!({
-                    "connectivity": one_of(&CONNECTIVITY),
-                    "dead": or(DEAD[0].0, json!({ "const": DEAD[0].0 })),
-                    "co_owners": or(CO_OWNERS, json!({ "type": "boolean" })),
-                }),
-            ),
-        ),
-        ("cubeFault", any(&["kill", "pause", "restart", "stick", "crash", "partition"])),
-    ]
-}
-
-/// What only metamodules have.
-fn metamodules() -> Definitions {
-    let start = json!({ "anyOf": [{ "const": "random" }, { "type": "array", "items": of("place") }] });
-    let seeds = json!({ "type": "array", "minItems": 1, "items": of("seed") });
-    let direction = names(&FACES.map(|(name, _)| name));
-    let mut goal = table(
-        "Seeds to be filled, level by level.",
-        &[],
-        json!({
-            "name": said(NUMBERED, text()),
-            "at": said("When it replaces the one before; left out of the first goal only.", of("time")),
-            "shape": said("If left out, there are `levels`.", of("library")),
-            "levels": said("If left out, there is a `shape`.", json!({ "type": "array", "items": seeds })),
-            "order": said(
-                "Of the seeds in a level.",
-                or(SeedOrder::default().name(), names(&SeedOrder::ALL.map(SeedOrder::name))),
-            ),
-        }),
-    );
-    goal["oneOf"] = json!([{ "required": ["shape"] }, { "required": ["levels"] }]);
-    vec![
-        (
-            "metamoduleSwarm",
-            table(
-                "Two Roombots modules each, which walk over a floor of connectors.",
-                &["family"],
-                json!({
-                    "family": { "const": Family::Metamodule.name() },
-                    "kind": or(KIND.name(), names(&Kind::METAMODULES.map(Kind::name))),
-                    "count": said(
-                        "If left out, as many as are listed in `start`, or one for each seed of the largest goal.",
-                        json!({ "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES }),
-                    ),
-                    "floor": or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor")),
-                    "hearing": said(
-                        "How many connectors away metamodules hear each other.",
-                        or(HEARING, json!({ "type": "integer", "minimum": LEAST_HEARING, "maximum": MAX_HEARING })),
-                    ),
-                    "start": said("Drawn from the seed of the run, or a list.", or("random", start)),
-                    "turn_time": or(BEAT.to_string(), of("time")),
-                    "failed_connections": seldom(),
-                }),
-            ),
-        ),
-        (
-            "floor",
-            table(
-                &format!("Both corners belong to it; at most {MAX_FLOOR} connectors along each side."),
-                &["min", "max"],
-                json!({ "min": of("connector"), "max": of("connector") }),
-            ),
-        ),
-        (
-            "place",
-            table(
-                "Where a metamodule starts, and by how many quarters it is turned.",
-                &["at"],
-                json!({
-                    "at": of("connector"),
-                    "class": or(CLASS, json!({ "type": "integer", "minimum": 0, "maximum": 3 })),
-                }),
-            ),
-        ),
-        ("metamoduleGoal", goal),
-        (
-            "library",
-            one_of_its_keys(table(
-                "A goal of the thesis, by the corner where it stands.",
-                &[],
-                json!({ "box": of("connector"), "chair": of("connector") }),
-            )),
-        ),
-        (
-            "seed",
-            table(
-                "A connector, and the directions from cell to cell.",
-                &["foot", "directions"],
-                json!({
-                    "foot": of("connector"),
-                    "directions": { "type": "array", "minItems": 3, "maxItems": 3, "items": direction },
-                }),
-            ),
-        ),
-        (
-            "metamoduleProtocol",
-            table(
-                "How metamodules decide.",
-                &[],
-                json!({
-                    "strategy": or(Strategy::default().name(), names(&Strategy::ALL.map(Strategy::name))),
-                    "precedence": said(
-                        "Which of two close together goes first, with `greedy`, `slope` and `step`. If it is left out, `greedy` has it within 4 by seed-distance, and the others have none.",
-                        json!({ "anyOf": [{ "const": "off" }, of("precedence")] }),
-                    ),
-                    "settled_repel": said(
-                        "Whether settled metamodules push, with `slope` and `step`. If it is left out, they do.",
-                        json!({ "type": "boolean" }),
-                    ),
-                    "repulsion": said("How neighbours push. If it is left out, as the strategy has it.", of("repulsion")),
-                    "teller": one_of(&TELLERS),
-                    "relocate": said(
-                        "Whether a goal that cannot be built where it is is moved.",
-                        or(bool::default(), json!({ "type": "boolean" })),
-                    ),
-                    "detector": said(
-                        "Whether the swarm finds out by itself that it stands still.",
-                        or(bool::default(), json!({ "type": "boolean" })),
-                    ),
-                }),
-            ),
-        ),
-        (
-            "precedence",
-            table(
-                "Of two metamodules within this many connectors the one nearer to an open seed, or with the smaller id, goes first.",
-                &["within", "by"],
-                json!({
-                    "within": { "type": "integer", "minimum": 1, "maximum": MAX_HEARING },
-                    "by": names(&PrecedenceBy::ALL.map(PrecedenceBy::name)),
-                }),
-            ),
-        ),
-        (
-            "repulsion",
-            table(
-                "How neighbours push, in thousandths of the attraction and in cells; what is left out is as the strategy has it.",
-                &[],
-                json!({
-                    "strength": said(
-                        "How much, in thousandths of the attraction. If it is left out, as the strategy has it.",
-                        json!({ "type": "integer", "minimum": 0, "maximum": MAX_THOUSANDTHS }),
-                    ),
-                    "decay": said(
-                        "How fast it falls with distance. If it is left out, as the strategy has it.",
-                        json!({ "type": "integer", "minimum": 0, "maximum": 1000 }),
-                    ),
-                    "range": said(
-                        "How far it reaches, in cells. If it is left out, as the strategy has it.",
-                        json!({ "type": "integer", "minimum": 1, "maximum": MAX_RANGE }),
-                    ),
-                }),
-            ),
-        ),
-        ("metamoduleFault", any(&["kill", "pause", "restart", "stick", "crash", "partition", "obstacle"])),
-    ]
-}
-
-fn of(definition: &str) -> Value {
+/// Refers to a definition.
+pub fn of(definition: &str) -> Value {
     json!({ "$ref": format!("#/$defs/{definition}") })
 }
 
-fn said(description: &str, mut schema: Value) -> Value {
+/// Adds a description.
+pub fn said(description: &str, mut schema: Value) -> Value {
     schema["description"] = json!(description);
     schema
 }
 
 /// With the value that a key has which is left out.
-fn or(default: impl Into<Value>, mut schema: Value) -> Value {
+pub fn or(default: impl Into<Value>, mut schema: Value) -> Value {
     schema["default"] = default.into();
     schema
 }
 
 /// One of the names of a table, whose default is that of its type.
-fn one_of<T: Default + PartialEq>(names: &[(&'static str, T)]) -> Value {
+pub fn one_of<T: Default + PartialEq>(names: &[(&'static str, T)]) -> Value {
     let all: Vec<&str> = names.iter().map(|(name, _)| *name).collect();
     or(default_of(names), json!({ "enum": all }))
 }
 
 /// A probability that is nothing unless it is named.
-fn seldom() -> Value {
+pub fn seldom() -> Value {
     or(NEVER.to_string(), of("probability"))
 }
 
 /// When a fault ends, which it need not.
-fn for_good() -> Value {
+pub fn for_good() -> Value {
     said("When it is whole again; if left out, never.", of("time"))
 }
 
-fn text() -> Value {
+/// Any text.
+pub fn text() -> Value {
     json!({ "type": "string" })
 }
 
-fn natural() -> Value {
+/// A whole number that is not negative.
+pub fn natural() -> Value {
     json!({ "type": "integer", "minimum": 0 })
 }
 
-fn names(names: &[&str]) -> Value {
+/// One of these names.
+pub fn names(names: &[&str]) -> Value {
     json!({ "enum": names })
 }
 
-fn any(definitions: &[&str]) -> Value {
+/// One of these definitions.
+pub fn any(definitions: &[&str]) -> Value {
     json!({ "oneOf": definitions.iter().map(|name| of(name)).collect::<Vec<_>>() })
 }
 
 /// A table with these keys and no others.
-fn table(description: &str, required: &[&str], properties: Value) -> Value {
+pub fn table(description: &str, required: &[&str], properties: Value) -> Value {
     json!({
         "description": description,
         "type": "object",
@@ -529,7 +354,8 @@ fn table(description: &str, required: &[&str], properties: Value) -> Value {
     })
 }
 
-fn one_of_its_keys(mut table: Value) -> Value {
+/// A table that has exactly one of its keys.
+pub fn one_of_its_keys(mut table: Value) -> Value {
     table["minProperties"] = json!(1);
     table["maxProperties"] = json!(1);
     table

@@ -203,7 +203,7 @@ mod tests {
     fn with(settings: &[&str]) -> (toml::Table, String) {
         let settings: Vec<Setting> =
             settings.iter().map(|text| Setting { option: "--set", text: (*text).into() }).collect();
-        let mut problems = Problems::new("a.toml", TEXT);
+        let mut problems = Problems::new(crate::family::families(), "a.toml", TEXT);
         let mut document = DeTable::parse(TEXT).unwrap();
         apply(document.get_mut(), &settings, TEXT, &mut problems);
         let table = toml::Table::try_from(plain(document.get_ref())).unwrap();

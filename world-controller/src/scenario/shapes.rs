@@ -1,11 +1,11 @@
 //! Shapes as they are written in a scenario, with the places of their parts. Those from files are cells
 //! from here on (see `solid`).
 
+use super::family::SectionKind;
 use super::flaw::{Flaw, MAX_DEPTH, MAX_LAID_OUT};
 use super::problems::{At, Problems};
 use super::table::{Node, Read, Section, elements};
 use crate::scenario::mesh_import::{Import, Part, Up, import};
-use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::shape::{Axis, Radius, Shape, ShapeError};
 use serde::Deserialize;
@@ -14,7 +14,8 @@ use serde::de::value::Error as ValueError;
 use std::collections::BTreeSet;
 
 const EXAMPLE: &str = "{ box = { min = [0, 0, 0], max = [3, 3, 0] } }";
-const KINDS: [&str; 9] =
+/// The kinds of shapes, by their keys.
+pub const KINDS: [&str; 9] =
     ["box", "sphere", "disc", "cylinder", "cells", "file", "union", "difference", "intersection"];
 const FILE: &str = "{ file = { path = \"table.stl\", pitch = 10 } }";
 /// Which axis of a mesh points up.
@@ -41,7 +42,7 @@ fn shape(node: &Node<'_>, depth: usize, problems: &mut Problems) -> Option<Shape
     }
     let mut section = Section::of(node, "a shape", EXAMPLE, problems)?;
     let present = section.present(&KINDS);
-    section.foreign(&["chair"], Family::Metamodule);
+    section.differs_between_families(SectionKind::Shape);
     let nodes: Vec<_> = KINDS.iter().filter_map(|kind| Some((*kind, section.node(kind)?))).collect();
     section.finish(problems);
     let [(kind, inner)] = nodes[..] else {

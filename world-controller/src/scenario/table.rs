@@ -1,9 +1,9 @@
 //! Reading one TOML table key by key: typed values with their places, and complaints about keys
 //! that nobody asked for. Absent: what the keys mean.
 
+use super::family::SectionKind;
 use super::flaw::Flaw;
 use super::problems::{At, Place, Problems};
-use metamorph_module_agent::Family;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, SpanError};
@@ -20,15 +20,14 @@ pub struct Section<'d, 'i> {
     name: String,
     place: Place,
     asked: Vec<&'static str>,
-    /// Keys that mean something here only in scenarios of another family, and that family.
-    foreign: (&'static [&'static str], Family),
+    /// Which section it is, if its keys differ between families.
+    kind: Option<SectionKind>,
 }
 
 impl<'d, 'i> Section<'d, 'i> {
     /// Starts reading a table; `name` is how messages call it.
     pub fn new(table: &'d DeTable<'i>, name: &str, place: impl Into<Place>) -> Section<'d, 'i> {
-        let foreign = (&[][..], Family::default());
-        Section { table, name: name.to_owned(), place: place.into(), asked: Vec::new(), foreign }
+        Section { table, name: name.to_owned(), place: place.into(), asked: Vec::new(), kind: None }
     }
 
     /// Starts reading a value that must be a table.
@@ -47,10 +46,10 @@ impl<'d, 'i> Section<'d, 'i> {
         }
     }
 
-    /// Names keys that mean something here only in scenarios of another family, so that whoever writes
-    /// one of them is told so.
-    pub fn foreign(&mut self, keys: &'static [&'static str], family: Family) {
-        self.foreign = (keys, family);
+    /// Says which section it is, so that a key that means something in it only in scenarios of another
+    /// family is called that.
+    pub fn differs_between_families(&mut self, kind: SectionKind) {
+        self.kind = Some(kind);
     }
 
     /// Where the table is.
@@ -110,23 +109,25 @@ impl<'d, 'i> Section<'d, 'i> {
         keys.iter().copied().filter(|k| self.table.get(*k).is_some()).collect()
     }
 
-    /// Complains about every key that was not asked for.
-    pub fn finish(self, problems: &mut Problems) {
+    /// Complains about every key that was not asked for. Returns whether one of them is for another family.
+    pub fn finish(self, problems: &mut Problems) -> bool {
+        let mut is_foreign = false;
         let known: BTreeSet<&str> = self.asked.iter().copied().collect();
         for (key, _) in self.table.iter().filter(|(key, _)| !known.contains(key.get_ref().as_ref())) {
             let mut names = self.asked.clone();
             names.dedup();
-            let (foreign, theirs) = self.foreign;
             let key_text: String = key.get_ref().chars().take(80).collect();
             let section = self.name.clone();
-            problems.add(
-                key.span(),
-                match foreign.iter().find(|k| **k == key_text) {
-                    Some(key) => Flaw::Foreign { key, section, theirs },
-                    None => Flaw::UnknownKey { key: key_text, section, known: names },
-                },
-            );
+            let flaw = match self.kind.and_then(|kind| problems.owner_of(kind, &key_text)) {
+                Some(theirs) => {
+                    is_foreign = true;
+                    Flaw::Foreign { key: key_text, section, theirs, ours: problems.family() }
+                }
+                None => Flaw::UnknownKey { key: key_text, section, known: names },
+            };
+            problems.add(key.span(), flaw);
         }
+        is_foreign
     }
 }
 

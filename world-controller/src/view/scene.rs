@@ -4,18 +4,14 @@
 //! Times are microseconds of scenario time. The layout is private to the page, which is in the same
 //! program; [`VERSION`] is for pages that were left open in a browser.
 
-use super::visible::{Doing, Fate, Stance, Standing, Visible};
+use super::visible::{Doing, Fate, Stance, Standing};
 use crate::report::message_timeline::{Bin, Flow};
 use crate::report::schema::Report;
-use crate::scenario::{Cubes, LinkChange, Metamodules, Plan, Swarm};
+use crate::scenario::{LinkChange, Plan};
 use metamorph_protocol::counters::Class;
-use metamorph_protocol::cube::Cube;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::Metamodule;
-use metamorph_protocol::metamodule::blueprint::Task;
 use metamorph_protocol::metamodule::params::Floor;
-use metamorph_protocol::roombots::{HALF_EDGE, OUTER_RADIUS};
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -83,13 +79,24 @@ fn micros(t: Time) -> u64 {
     t.0 / 1_000
 }
 
+/// How a plan looks at its start, which its family says.
+pub struct Appearance {
+    /// Where every body is.
+    pub start: Vec<Stance>,
+    /// The cells of each goal with their levels.
+    pub goals: Vec<Vec<(i16, i16, i16, u16)>>,
+    /// The floor, if there is one.
+    pub floor: Option<Floor>,
+    /// The joints of a body, if it has any.
+    pub body: Option<(u8, f64, f64)>,
+    /// The shortest time in which something can be seen to happen.
+    pub time_step: Span,
+}
+
 impl Beginning {
     /// How a plan begins. `messages` is whether messages will be seen.
-    pub fn of(plan: &Plan, messages: bool) -> Beginning {
-        let (start, cells, floor, body, beat) = match &plan.swarm {
-            Swarm::Cubes(cubes) => of_cubes(cubes),
-            Swarm::Metamodules(metamodules) => of_metamodules(metamodules),
-        };
+    pub fn of(plan: &Plan, appearance: Appearance, messages: bool) -> Beginning {
+        let Appearance { start, goals: cells, floor, body, time_step } = appearance;
         let names = plan.stages.iter().map(|s| s.name.clone());
         let cut = |p: &metamorph_protocol::link::Partition| {
             (p.side.iter().map(|id| id.0).collect(), micros(p.from), micros(p.until))
@@ -98,12 +105,12 @@ impl Beginning {
             version: VERSION,
             title: plan.title(),
             description: plan.description.as_ref().map(|d| d.trim().to_owned()),
-            family: plan.swarm.family().name(),
+            family: plan.swarm.family(),
             seed: plan.seed,
             link: plan.overrides.link.name(),
             repeat: plan.repeat_with(),
             classes: Class::ALL.into_iter().map(Class::name).collect(),
-            beat: beat.0 / 1_000,
+            beat: time_step.0 / 1_000,
             start,
             goals: names.zip(cells).map(|(name, cells)| Goal::new(name, cells)).collect(),
             floor,
@@ -112,31 +119,6 @@ impl Beginning {
             messages,
         }
     }
-}
-
-type Parts = (Vec<Stance>, Vec<Vec<(i16, i16, i16, u16)>>, Option<Floor>, Option<(u8, f64, f64)>, Span);
-
-fn of_cubes(Cubes { cells, setup }: &Cubes) -> Parts {
-    let start = cells.iter().map(|c| Cube::stance(setup, c)).collect();
-    let goals = setup.goals.iter();
-    let goals = goals.map(|goal| goal.cells().map(|c| (c.x, c.y, c.z, goal.level(c))).collect()).collect();
-    (start, goals, None, None, setup.params.move_time)
-}
-
-fn of_metamodules(Metamodules { poses, setup, .. }: &Metamodules) -> Parts {
-    let start = poses.iter().map(|p| Metamodule::stance(setup, p)).collect();
-    let goals = (0..setup.goals.len() as u8).map(|goal| {
-        let blueprint = setup.goal(Task { goal, ..Task::default() });
-        let mut seeds = blueprint.seeds().iter();
-        let mut cells = Vec::new();
-        for (level, seeds_of_it) in blueprint.levels().iter().enumerate() {
-            let of_level = seeds.by_ref().take(usize::from(*seeds_of_it)).flat_map(|s| s.cells());
-            cells.extend(of_level.map(|c| (c.x, c.y, c.z, level as u16)));
-        }
-        cells
-    });
-    let body = (setup.motions.kind().quarter_turns(), OUTER_RADIUS, HALF_EDGE);
-    (start, goals.collect(), Some(setup.floor), Some(body), setup.params.turn_time)
 }
 
 /// What happened to whom.
@@ -215,8 +197,8 @@ pub struct Scene {
 
 impl Scene {
     /// A run that has not begun.
-    pub fn new(plan: &Plan, messages: bool) -> Scene {
-        let beginning = Beginning::of(plan, messages);
+    pub fn new(plan: &Plan, appearance: Appearance, messages: bool) -> Scene {
+        let beginning = Beginning::of(plan, appearance, messages);
         let width = Span(beginning.beat * 1_000);
         let modules = beginning.start.len();
         Scene {
@@ -484,7 +466,8 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::{LinkKind, Overrides, read_text};
+    use crate::family::{read_text, scene};
+    use crate::scenario::{LinkKind, Overrides};
 
     fn kinds(scene: &Scene) -> Vec<String> {
         let told = scene.since(0, 0, 0);
@@ -500,7 +483,7 @@ mod tests {
             [[fault]]\npartition = { modules = [1], from = \"2s\", until = \"4s\" }\n";
         let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
         let plan = read_text("t.toml", text, &overrides).unwrap_or_else(|p| panic!("{p}"));
-        let mut scene = Scene::new(&plan, false);
+        let mut scene = scene(&plan, false);
         let at = |millis: u64| Time(millis * 1_000_000);
         let doing = || Some(Doing { takes: Span::secs(1), what: vec![0, 5, 0] });
         // At once, then later, then later while something else is done; and one that cannot be drawn.

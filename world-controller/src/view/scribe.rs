@@ -7,10 +7,7 @@
 use super::scene::{Event, Scene};
 use super::visible::Visible;
 use crate::record::journal::{HeadError, JournalError};
-use crate::scenario::{Plan, Swarm};
-use metamorph_protocol::cube::Cube;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::record::{self, Blob, Outside, Record, Sink, Taken, Who};
 use metamorph_protocol::runtime::{Command, Sensed};
 use metamorph_protocol::time::Time;
@@ -59,18 +56,8 @@ impl Shared {
 }
 
 /// Where the records of a run shall go so that a scene is made of them.
-pub fn log(plan: &Plan, scene: &Shared) -> Log {
-    let scene = scene.clone();
-    match &plan.swarm {
-        Swarm::Cubes(cubes) => {
-            let places = cubes.cells.to_vec();
-            Rc::new(RefCell::new(Scribe::<Cube> { setup: Arc::clone(&cubes.setup), places, scene }))
-        }
-        Swarm::Metamodules(m) => {
-            let places = m.poses.clone();
-            Rc::new(RefCell::new(Scribe::<Metamodule> { setup: Arc::clone(&m.setup), places, scene }))
-        }
-    }
+pub fn log<A: Visible + 'static>(setup: Arc<A::Setup>, places: Vec<A::Place>, scene: &Shared) -> Log {
+    Rc::new(RefCell::new(Scribe::<A> { setup, places, scene: scene.clone() }))
 }
 
 struct Scribe<A: Visible> {

@@ -7,8 +7,8 @@ use super::BenchError;
 use super::machine::CpuWatch;
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::Live;
-use crate::run::simulated::simulate;
-use crate::scenario::{LinkKind, Overrides, Plan, read_text};
+use crate::family::{read_text, simulate};
+use crate::scenario::{LinkKind, Overrides, Plan};
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::roombots::Kind;
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -87,7 +87,7 @@ fn labour(strategy: Strategy, runs: u64, next: &AtomicU64) -> Result<Sum, BenchE
         }
         let (seed, kind) = (run / plans.len() as u64, run as usize % plans.len());
         let plan = plans[kind].with_seed(seed).map_err(|error| BenchError::Wrong(error.to_string()))?;
-        let report = simulate(&plan, Stopwatch::start(), |_, _| true);
+        let (report, _) = simulate(&plan, Stopwatch::start(), &mut |_, _| true);
         sum.built += u64::from(report.outcome == Outcome::Built.name());
         sum.violations += report.invariants.broken;
     }

@@ -7,9 +7,11 @@ use super::machine::{children, open_files, proportional_memory, ran};
 use super::median;
 use crate::console::format::many;
 use crate::console::terminal::Live;
+use crate::family::cube::{Cubes, NAME};
+use crate::family::read_text;
 use crate::run::processes::ProcessError;
 use crate::run::runnable::Runnable;
-use crate::scenario::{Overrides, Swarm, read_text};
+use crate::scenario::Overrides;
 use crate::swarm::{SwarmOptions, run_swarm};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
@@ -69,14 +71,14 @@ pub fn measure(side: u16, live: &mut Live) -> Result<Churn, BenchError> {
     );
     let plan =
         read_text("bench", &text, &Overrides::default()).map_err(|e| BenchError::Wrong(e.to_string()))?;
-    let Swarm::Cubes(cubes) = &plan.swarm else {
+    let Some(cubes) = plan.swarm.of::<Cubes>() else {
         return Err(BenchError::Wrong("the scenario is not one of cubes".to_owned()));
     };
     live.show(|| format!("churn: deaths among {}", many(cubes.cells.len() as u64, "process")));
     let mut world = cubes.world(&plan);
     let mut reaper = Reaper::new(world.len() as u32);
     let options = SwarmOptions {
-        program_args: vec!["agent".into(), "--".into(), "cube".into()],
+        program_args: vec!["agent".into(), "--".into(), NAME.into()],
         catch_signals: true,
         setup_timeout: Duration::from_secs(300),
         stop_timeout: Duration::from_secs(60),

@@ -10,8 +10,9 @@ use super::{BenchError, Fit, fit};
 use crate::console::format::many;
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::Live;
-use crate::run::simulated::simulate;
-use crate::scenario::{Cubes, LinkKind, Overrides, Swarm, read_text};
+use crate::family::cube::Cubes;
+use crate::family::{read_text, simulate};
+use crate::scenario::{LinkKind, Overrides, Plan};
 use metamorph_protocol::lattice::Cell;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -90,6 +91,10 @@ fn scenario(side: u16, half_cells: u32) -> String {
     )
 }
 
+fn cubes(plan: &Plan) -> Result<&Cubes, BenchError> {
+    plan.swarm.of().ok_or_else(|| BenchError::Wrong("the scenario is not one of cubes".to_owned()))
+}
+
 /// The largest ball of at most three quarters of the modules of a slab.
 fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
     let modules = u64::from(side).pow(2);
@@ -97,13 +102,8 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
     let plan_of = |half_cells| {
         let plan = read_text("bench", &scenario(side, half_cells), &overrides)
             .map_err(|problems| BenchError::Wrong(problems.to_string()))?;
-        match &plan.swarm {
-            Swarm::Cubes(cubes) => {
-                let goal = cubes.setup.goals.first().map_or(0, |g| g.len() as u64);
-                Ok((goal, plan))
-            }
-            Swarm::Metamodules(_) => Err(BenchError::Wrong("the scenario is not one of cubes".to_owned())),
-        }
+        let goal = cubes(&plan)?.setup.goals.first().map_or(0, |g| g.len() as u64);
+        Ok::<_, BenchError>((goal, plan))
     };
     let mut best = plan_of(2)?;
     // A scaffold fills half of a ball, so that a radius of the cube root of the modules is too large.
@@ -116,17 +116,12 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
         }
     }
     let (goal, plan) = best;
-    let least_moves = match &plan.swarm {
-        Swarm::Cubes(Cubes { cells, setup }) => {
-            let goal: Vec<Cell> = setup.goals.first().map_or(Vec::new(), |g| g.cells().collect());
-            least_moves(cells, &goal)
-        }
-        Swarm::Metamodules(_) => None,
-    };
-    let least_moves =
-        least_moves.ok_or_else(|| BenchError::Wrong("the goal has too many cells".to_owned()))?;
+    let Cubes { cells, setup } = cubes(&plan)?;
+    let cells_of_goal: Vec<Cell> = setup.goals.first().map_or(Vec::new(), |g| g.cells().collect());
+    let least_moves = least_moves(cells, &cells_of_goal)
+        .ok_or_else(|| BenchError::Wrong("the goal has too many cells".to_owned()))?;
     let watch = CpuWatch::start();
-    let report = simulate(&plan, Stopwatch::start(), |now, so_far| {
+    let (report, _) = simulate(&plan, Stopwatch::start(), &mut |now, so_far| {
         live.show(|| {
             let so_far = crate::report::progress(&plan, now, &so_far());
             format!("growth of {}: {so_far}", many(modules, "module"))

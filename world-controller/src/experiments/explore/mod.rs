@@ -21,12 +21,11 @@ use crate::console::interrupt::Interrupt;
 use crate::console::output::{Json, OutputError, Outputs};
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{Channel, Live};
-use crate::run::simulated::simulate_and_account;
-use crate::scenario::{Plan, Swarm};
-use draft::{Draft, SwarmDraft};
+use crate::family::{self, Family, simulate};
+use crate::scenario::Plan;
+use draft::Draft;
 use draw::draw;
 use limits::Limits;
-use metamorph_module_agent::Family;
 use metamorph_protocol::coverage::{self, Marks};
 use metamorph_protocol::defects::Sabotage;
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -43,26 +42,18 @@ use summary::{Found, Summary, Tallies};
 use thiserror::Error;
 use verdict::{Failure, Kind, Verdict, judge};
 
-/// So many runs at most make one failing scenario small.
-const fn shrinking(draft: &Draft) -> u64 {
-    match draft.swarm {
-        SwarmDraft::Cubes(_) => 3_000,
-        // Of runs that take much longer.
-        SwarmDraft::Metamodules(_) => 300,
-    }
-}
 /// So many kinds of failures are made small; more of them say no more.
 const MOST_FOUND: usize = 16;
 
 /// What `metamorph explore` was asked for.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Request {
     /// How much.
     pub budget: Budget,
     /// The first seed; drawn if left out.
     pub seed: Option<u64>,
     /// One family only.
-    pub family: Option<Family>,
+    pub family: Option<&'static dyn Family>,
     /// How many threads.
     pub jobs: NonZeroUsize,
     /// Where failing scenarios go.
@@ -125,12 +116,9 @@ pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
     // What drawing or an earlier run has set is none of this run's.
     coverage::take();
     let since = Stopwatch::start();
-    let simulated = catch_unwind(AssertUnwindSafe(|| simulate_and_account(plan, since, |_, _| !stop())));
+    let simulated = catch_unwind(AssertUnwindSafe(|| simulate(plan, since, &mut |_, _| !stop())));
     let marks = coverage::take();
-    let protocol = match &plan.swarm {
-        Swarm::Cubes(cubes) => format!("cube, {}", draft::name_of(cubes.setup.params.connectivity)),
-        Swarm::Metamodules(m) => format!("metamodule, {}", m.setup.params.strategy.name()),
-    };
+    let protocol = format!("{}, {}", plan.swarm.family(), plan.swarm.protocol());
     let Ok((report, account)) = simulated else {
         let failure = Failure { kind: Kind::Panic, what: "the program panicked".into() };
         let verdict = Verdict::Failed(failure);
@@ -139,7 +127,7 @@ pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
     let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
     (outcome != Some(Outcome::Aborted)).then(|| Ran {
         protocol,
-        verdict: judge(&report, account.plight.as_ref()),
+        verdict: judge(&report, account.plight.as_deref()),
         outcome,
         marks,
         events: report.messages.all.delivered + report.body_messages,
@@ -193,7 +181,7 @@ pub fn make_small(
 
 /// The smallest scenario that is found within the limits. The search for it is on a thread of its own, which
 /// is not waited for when the limits have ended.
-fn smallest(draft: &Draft, kind: &Kind, limits: &Limits) -> Option<Small> {
+fn smallest(draft: &Draft, kind: &Kind, budget: u64, limits: &Limits) -> Option<Small> {
     let (sender, receiver) = channel();
     let (draft, kind, within) = (draft.clone(), kind.clone(), limits.clone());
     let worker = thread::spawn(move || {
@@ -201,7 +189,7 @@ fn smallest(draft: &Draft, kind: &Kind, limits: &Limits) -> Option<Small> {
             // If nobody listens, the limits have ended, which `make_small` sees itself.
             let _ = sender.send(small);
         };
-        make_small(&draft, &kind, None, shrinking(&draft), &|| within.end(), take);
+        make_small(&draft, &kind, None, budget, &|| within.end(), take);
     });
     let mut smallest = None;
     while !limits.end() {
@@ -280,7 +268,7 @@ fn found(
     for ((kind, protocol), failures) in tallies.failures() {
         let seeds = summary::seeds(seed, &failures.first);
         let first = *seeds.first().expect("invariant: what failed has a first run");
-        let (draft, _) = draw(first, request.family);
+        let (draft, plan) = draw(first, request.family);
         let mut found = Found {
             kind: kind.clone(),
             protocol: protocol.clone(),
@@ -296,7 +284,7 @@ fn found(
             shrinking: 0,
         };
         if all.len() < MOST_FOUND
-            && let Some(small) = smallest(&draft, kind, limits)
+            && let Some(small) = smallest(&draft, kind, family::of(&plan).shrinking(), limits)
         {
             let path = request.out.join(format!("explored-{}.toml", found.seed));
             let repeat = &found.repeat;
@@ -318,7 +306,7 @@ fn found(
 }
 
 /// The command that repeats the run of a seed.
-fn repeat(seed: u64, family: Option<Family>) -> String {
+fn repeat(seed: u64, family: Option<&dyn Family>) -> String {
     let family = family.map_or(String::new(), |f| format!(" --family {}", f.name()));
     format!("metamorph explore --runs 1 --seed {seed}{family}")
 }

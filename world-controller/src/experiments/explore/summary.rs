@@ -4,11 +4,11 @@ use super::Ran;
 use super::verdict::{Failure, Kind, Verdict};
 use crate::console::format::{count, many};
 use crate::console::terminal::Paint;
+use crate::family::{Family, all};
 use crate::scenario::quote;
-use metamorph_module_agent::Family;
 use metamorph_protocol::coverage::Mark;
-use metamorph_sim_bridge::cube::reachability::Within;
 use metamorph_sim_bridge::director::outcome::{Outcome, Reason};
+use metamorph_sim_bridge::director::proof::Within;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -191,7 +191,7 @@ pub struct Found {
 
 impl Summary {
     /// From counts and what was found.
-    pub fn new(seed: u64, family: Option<Family>, mut tallies: Tallies, found: Vec<Found>) -> Summary {
+    pub fn new(seed: u64, family: Option<&dyn Family>, mut tallies: Tallies, found: Vec<Found>) -> Summary {
         for undecided in tallies.undecided.values_mut() {
             undecided.seeds = seeds(seed, &undecided.seeds);
         }
@@ -200,19 +200,16 @@ impl Summary {
         let undecided: u64 = tallies.undecided.values().map(|u| u.runs).sum();
         let rules = tallies.infeasible.iter();
         let rules = rules.map(|(rule, runs)| Rule { rule: *rule, text: kept(*rule), runs: *runs }).collect();
-        let prefix = match family {
-            None => "",
-            Some(Family::Cube) => "metamodule:",
-            Some(Family::Metamodule) => "cube:",
-        };
         // Paths of a family that was not explored could not run.
-        let explored = |m: &Mark| prefix.is_empty() || !m.name().starts_with(prefix);
+        let others = all().iter().filter(|other| family.is_some_and(|family| family.name() != other.name()));
+        let others: Vec<String> = others.map(|other| format!("{}:", other.name())).collect();
+        let explored = |m: &Mark| !others.iter().any(|other| m.name().starts_with(other.as_str()));
         let never = Mark::ALL.iter().filter(|m| explored(m) && !tallies.marks.contains_key(m));
         Summary {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             seed,
-            family: family.map(Family::name),
+            family: family.map(|family| family.name()),
             runs: tallies.runs,
             events: tallies.events,
             moves: tallies.moves,

@@ -2,10 +2,8 @@
 
 use crate::report::run_result::Question;
 use crate::report::schema::Report;
-use metamorph_protocol::metamodule::params::Strategy;
-use metamorph_protocol::metamodule::planning::cooperative::{Sought, WORK, search};
-use metamorph_sim_bridge::cube::reachability::{Found, Within, widest_proof};
 use metamorph_sim_bridge::director::outcome::{Outcome, Reason};
+use metamorph_sim_bridge::director::proof::{Found, Within};
 use serde::Serialize;
 use std::fmt;
 
@@ -71,11 +69,8 @@ const PUBLISHED: [Reason; 2] = [Reason::NoBetterPlace, Reason::NoLock];
 const UNMOVED: [Reason; 4] =
     [Reason::MaterialExhausted, Reason::SeedBlocked, Reason::NeedsDeadSupport, Reason::NoWay];
 
-/// So many arrangements of a broken robot are looked at before it stays undecided what could be built.
-const ARRANGEMENTS: usize = 20_000;
-
-/// Judges a run by its report; of cubes, also by what a search finds that could still be built.
-pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
+/// Judges a run by its report, and by what a search finds that could still be built.
+pub fn judge(report: &Report, question: Option<&dyn Question>) -> Verdict {
     if let Some(first) = report.invariants.violated.first() {
         let kind = Kind::Unsafe(first.invariant.clone());
         return Verdict::Failed(Failure { kind, what: format!("at {} s: {}", first.at_s, first.what) });
@@ -97,22 +92,9 @@ pub fn judge(report: &Report, plight: Option<&Question>) -> Verdict {
         () if is(Reason::Pinned) => broken,
         () => UNMOVED.into_iter().chain(PUBLISHED).any(is),
     };
-    let is_cubes = matches!(plight, Some(Question::Cubes(_)));
-    // Cubes that nothing has broken have brought themselves to where nothing can be done any more.
-    let whole = is_cubes && !broken && !report.faults.iter().any(|f| f.fault == "restart");
-    let searched = match plight {
-        Some(Question::Cubes(plight)) => widest_proof(plight, ARRANGEMENTS),
-        Some(Question::Metamodules(plight)) if plight.setup.params.strategy == Strategy::Negotiated => {
-            match search(plight, WORK) {
-                Sought::Way(moves) => Err(Found::Way(moves.iter().filter(|m| m.lands).count())),
-                // Where the goal is now; it may have to be moved.
-                Sought::NoWay(_) if is(Reason::Misplaced) => Err(Found::Undecided),
-                Sought::NoWay(_) => Ok(Within::Grown),
-                Sought::Undecided => Err(Found::Undecided),
-            }
-        }
-        _ => Err(Found::Undecided),
-    };
+    let restarted = report.faults.iter().any(|f| f.fault == "restart");
+    let whole = !broken && !restarted && question.is_some_and(|q| q.blames_whole_modules());
+    let searched = question.map_or(Err(Found::Undecided), |q| q.judge(is(Reason::Misplaced)));
     let reason = stall.reason.clone();
     let (kind, way) = match searched {
         Err(Found::Way(moves)) => (Kind::Stuck(reason), format!(", with a way of {moves} moves")),

@@ -27,8 +27,10 @@ use crate::experiments::sweep::grid::{Grid, Seeds};
 use crate::experiments::sweep::store::Store;
 use crate::experiments::sweep::summary::Summary;
 use crate::experiments::sweep::{Progress, Results, Scenario, SweepError, create_directory, run};
+use crate::family::metamodule::Metamodules;
+use crate::family::read_text;
 use crate::scenario::settings::Setting;
-use crate::scenario::{LinkKind, Overrides, Plan, Swarm, read_text};
+use crate::scenario::{LinkKind, Overrides};
 use clap::ValueEnum;
 use compare::{Redrawn, Reproduction, Runs};
 use fit::Fit;
@@ -271,7 +273,8 @@ fn redrawn(goals: &[Goal], seeds: u64) -> Result<Vec<Redrawn>, SweepError> {
             let (mut drawn, mut shut_in) = (0, 0);
             for seed in 0..seeds.min(MOST_STARTS) {
                 // A seed without a start has ended the sweep before.
-                if let Ok(Plan { swarm: Swarm::Metamodules(m), .. }) = plan.with_seed(seed) {
+                let placed = plan.with_seed(seed);
+                if let Some(m) = placed.as_ref().ok().and_then(|plan| plan.swarm.of::<Metamodules>()) {
                     drawn += 1 + u64::from(m.redrawn);
                     shut_in += u64::from(m.redrawn);
                 }

@@ -23,11 +23,11 @@ use crate::console::interrupt::Interrupt;
 use crate::console::output::{Output, OutputError, Outputs};
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{Channel, Live};
+use crate::family::read_text;
 use crate::scenario::flaw::Flaw;
 use crate::scenario::problems::Problems;
-use crate::scenario::{LinkKind, Overrides, Plan, load, quote, read_text};
+use crate::scenario::{LinkKind, Overrides, Plan, load, quote};
 use grid::{Axis, Grid, GridError, Seeds};
-use metamorph_protocol::metamodule::start::StartError;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use page::Context;
 use pool::{News, Work};
@@ -80,7 +80,7 @@ pub enum SweepError {
         /// The command for this run alone.
         repeat: String,
         /// Why.
-        error: StartError,
+        error: Flaw,
         /// The way out.
         fix: String,
     },
@@ -332,7 +332,7 @@ pub fn run(
             }
             News::Defect(run) => return Err(SweepError::Defect(scenario.repeat(grid, run))),
             News::NoStart(run, error) => {
-                let fix = Flaw::NoRoom(error).fix();
+                let fix = error.fix();
                 return Err(SweepError::NoStart { repeat: scenario.repeat(grid, run), error, fix });
             }
             News::Nothing => {}

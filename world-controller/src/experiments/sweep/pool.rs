@@ -9,9 +9,9 @@ use super::grid::Grid;
 use super::row::Row;
 use crate::console::interrupt::Interrupt;
 use crate::console::stopwatch::Stopwatch;
-use crate::run::simulated::simulate;
+use crate::family::simulate;
 use crate::scenario::Plan;
-use metamorph_protocol::metamodule::start::StartError;
+use crate::scenario::flaw::Flaw;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
@@ -50,7 +50,7 @@ pub enum News {
     /// This run made the program panic: a defect of the program.
     Defect(u64),
     /// This run finds no places to start from.
-    NoStart(u64, StartError),
+    NoStart(u64, Flaw),
     /// Nothing new for a moment.
     Nothing,
 }
@@ -100,7 +100,7 @@ fn labour(work: Work<'_>, next: &AtomicU64, sender: &SyncSender<News>) {
         };
         let simulate = || {
             let plan = plan.with_seed(seed)?;
-            Ok(Row::of(&simulate(&plan, since, |_, _| !work.interrupt.is_set())))
+            Ok::<Row, Flaw>(Row::of(&simulate(&plan, since, &mut |_, _| !work.interrupt.is_set()).0))
         };
         let news = match catch_unwind(AssertUnwindSafe(simulate)) {
             Ok(Ok(row)) => News::Row(run, Box::new(row)),

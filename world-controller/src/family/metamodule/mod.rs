@@ -1,3 +1,157 @@
-//! Roombots metamodules: the motion database and the `robot` command.
+//! Metamodules of two Roombots modules each, which walk over a floor of connectors (thesis 4.1.3).
 
+mod bounds;
+mod describe;
+pub mod draft;
+mod field;
+mod flaw;
+mod generate;
+mod judge;
+mod look;
+pub mod motion_database;
 pub mod robot;
+mod run;
+mod scenario;
+mod schema;
+mod words;
+
+use crate::family::FamilyParts;
+use crate::family::draft::{Dice, SwarmDraft};
+use crate::scenario::Plan;
+use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words};
+use crate::scenario::flaw::Flaw;
+use crate::scenario::problems::Problems;
+use crate::scenario::table::Section;
+use crate::view::scene::Appearance;
+use crate::view::scribe::{self, Shared};
+use flaw::MetamoduleFlaw;
+use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::metamodule::params::Setup;
+use metamorph_protocol::metamodule::pose::Pose;
+use metamorph_protocol::metamodule::start::draw_start;
+use metamorph_protocol::record::Blob;
+use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::kernel::recording::Log;
+use scenario::RawMetamodules;
+use std::fmt;
+use std::sync::Arc;
+
+/// The name of the family.
+pub const NAME: &str = "metamodule";
+
+/// The family of metamodules.
+pub struct MetamoduleFamily;
+
+impl ScenarioFamily for MetamoduleFamily {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+    fn read(
+        &self,
+        swarm: Section<'_, '_>,
+        others: &Sections<'_, '_>,
+        problems: &mut Problems,
+    ) -> Box<dyn RawSwarm> {
+        Box::new(RawMetamodules::read(swarm, others, problems))
+    }
+    fn schema(&self) -> FamilySchema {
+        schema::schema()
+    }
+    fn faults(&self) -> &'static [&'static str] {
+        &["kill", "pause", "restart", "stick", "crash", "partition", "obstacle"]
+    }
+}
+
+impl FamilyParts for MetamoduleFamily {
+    type Swarm = Metamodules;
+
+    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
+        Box::new(dice.metamodules())
+    }
+    fn smallest(&self) -> Box<dyn SwarmDraft> {
+        Box::new(generate::smallest())
+    }
+    fn patience(&self, _: bool, delay: u64) -> Option<(u64, u64)> {
+        generate::patience(delay)
+    }
+    fn shrinking(&self) -> u64 {
+        // Of runs that take much longer than those of other families.
+        300
+    }
+    fn appearance(&self, swarm: &Metamodules) -> Appearance {
+        look::appearance(swarm)
+    }
+    fn scribe(&self, swarm: &Metamodules, scene: &Shared) -> Log {
+        scribe::log::<Metamodule>(Arc::clone(&swarm.setup), swarm.poses.clone(), scene)
+    }
+    fn occupied(&self, swarm: &Metamodules, place: &Blob) -> Option<Vec<Cell>> {
+        let motions = &swarm.setup.motions;
+        let known = |pose: &Pose| usize::from(pose.posture) < motions.table().postures().len();
+        place.read::<Pose>().ok().filter(known).map(|pose| motions.cells(pose).to_vec())
+    }
+}
+
+/// A swarm of metamodules.
+#[derive(Clone, Debug)]
+pub struct Metamodules {
+    /// Whether the places at the start are drawn from the seed of the run, instead of listed.
+    pub drawn: bool,
+    /// Where the metamodules are at first; a metamodule's number is its place here.
+    pub poses: Vec<Pose>,
+    /// How many drawn starts were thrown away because a metamodule was shut in.
+    pub redrawn: u32,
+    /// What all agents share.
+    pub setup: Arc<Setup>,
+    /// From when on which goal is built instead, in the order of time.
+    pub changes: Arc<[(Time, u8)]>,
+    /// Whether a goal that cannot be built where it is is moved.
+    pub relocate: bool,
+}
+
+impl SwarmPlan for Metamodules {
+    fn family(&self) -> &'static str {
+        NAME
+    }
+    fn modules(&self) -> usize {
+        self.poses.len()
+    }
+    fn protocol(&self) -> String {
+        self.setup.params.strategy.name().to_owned()
+    }
+    fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, Flaw> {
+        if !self.drawn {
+            return Ok(None);
+        }
+        let start = draw_start(&self.setup, self.poses.len(), seed).map_err(MetamoduleFlaw::from)?;
+        Ok(Some(Swarm::new(Metamodules { poses: start.poses, redrawn: start.redrawn, ..self.clone() })))
+    }
+    fn defect(&self) -> Option<Sabotage> {
+        self.setup.params.sabotage
+    }
+    fn with_defect(&self, defect: Option<Sabotage>) -> Swarm {
+        let mut swarm = self.clone();
+        Arc::make_mut(&mut swarm.setup).params.sabotage = defect;
+        Swarm::new(swarm)
+    }
+    fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result {
+        describe::describe(out, plan, self)
+    }
+    fn words(&self) -> &'static Words {
+        &WORDS
+    }
+}
+
+const WORDS: Words = Words {
+    module: "metamodule",
+    modules: "metamodules",
+    cell: "seed",
+    part: "seed",
+    cells: "seeds",
+    negotiation: "locks",
+    body: "the interlock",
+    idle: "is free",
+    time_step: "step time",
+    action: "action",
+};

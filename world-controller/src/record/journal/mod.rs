@@ -13,6 +13,7 @@ pub use keep::Keeping;
 pub use metamorph_module_agent::journal_file::{Damage, Flaw, JournalError, RunHead};
 pub use metamorph_protocol::record::{Blob, Event, MessageName, Record, Sent, Step, Taken, Told, Who};
 
+use crate::scenario::family::Families;
 use crate::scenario::{LinkKind, Overrides, Plan, read_text};
 use join::Join;
 use metamorph_module_agent::journal_file::{Head, Packed, Reader, RunId};
@@ -114,7 +115,7 @@ pub fn head_of(plan: &Plan) -> Result<RunHead, String> {
     let mut head = RunHead {
         run: RunId::default(),
         program: env!("CARGO_PKG_VERSION").to_owned(),
-        family: plan.swarm.family().name().to_owned(),
+        family: plan.swarm.family().to_owned(),
         link: plan.overrides.link.name().to_owned(),
         seed: plan.seed,
         modules: plan.swarm.len() as u32,
@@ -137,8 +138,8 @@ pub fn head_of(plan: &Plan) -> Result<RunHead, String> {
 }
 
 /// The plan that a journal's run was made by.
-pub fn plan_of(head: &RunHead) -> Result<Plan, HeadError> {
+pub fn plan_of(families: Families, head: &RunHead) -> Result<Plan, HeadError> {
     let overrides: Overrides = head.overrides.read().map_err(HeadError::Overrides)?;
-    read_text(&head.origin, &head.scenario, &overrides)
+    read_text(families, &head.origin, &head.scenario, &overrides)
         .map_err(|problems| HeadError::Scenario(problems.to_string()))
 }

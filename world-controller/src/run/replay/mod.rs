@@ -5,7 +5,7 @@
 
 mod engine;
 mod recover;
-mod words;
+pub mod words;
 
 pub use engine::{Done, Engine, input};
 pub use recover::{RecoverError, Recovered, recover};
@@ -15,15 +15,16 @@ use crate::console::format::digits;
 use crate::console::format::{count, many, seconds};
 use crate::record::journal::{Damage, HeadError, Journal, JournalError, Record, Who, plan_of};
 use crate::run::runnable::Runnable;
-use crate::scenario::{Plan, Swarm};
-use engine::AgentOf;
+use crate::scenario::Plan;
+use crate::scenario::family::Families;
+pub use engine::AgentOf;
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use thiserror::Error;
-use words::Worded;
+pub use words::Worded;
 
 /// What to replay.
 #[derive(Clone, Debug)]
@@ -84,21 +85,18 @@ pub struct Replayed {
     pub shown: String,
 }
 
-/// Replays a journal.
-pub fn replay(request: &Request) -> Result<(Plan, Replayed), ReplayError> {
-    let mut journal = Journal::open(&request.file)?;
-    let plan = plan_of(journal.head())?;
+/// Opens a journal, and checks what was asked for against its plan.
+pub fn open(families: Families, request: &Request) -> Result<(Plan, Journal), ReplayError> {
+    let journal = Journal::open(&request.file)?;
+    let plan = plan_of(families, journal.head())?;
     if let Some(id) = request.agent.filter(|id| id.index() >= plan.swarm.len()) {
         return Err(ReplayError::NoSuchAgent(id, plan.swarm.len().saturating_sub(1) as u32));
     }
-    let replayed = match &plan.swarm {
-        Swarm::Cubes(cubes) => run(cubes, &plan, &mut journal, request),
-        Swarm::Metamodules(metamodules) => run(metamodules, &plan, &mut journal, request),
-    };
-    Ok((plan, replayed))
+    Ok((plan, journal))
 }
 
-fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed
+/// Replays a journal.
+pub fn run<R: Runnable>(swarm: &R, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed
 where
     AgentOf<R>: Worded,
 {

@@ -8,6 +8,7 @@ use super::{Format, Import, Imported, Part, Up, import, pitch_for};
 use crate::console::escape::{Shown as _, portable};
 use crate::console::format::{count, many};
 use crate::console::output::{OutputError, Outputs};
+use crate::scenario::family::Families;
 use crate::scenario::problems::Problems;
 use crate::scenario::{LinkKind, Overrides, read_text};
 use clap::{Args, ValueEnum};
@@ -128,7 +129,7 @@ fn cell(text: &str) -> Result<Cell, String> {
 }
 
 /// Reads the file, looks it over, and writes what is asked for.
-pub fn shape(args: &ShapeArgs) -> Result<Shown, ShapeError> {
+pub fn shape(args: &ShapeArgs, families: Families) -> Result<Shown, ShapeError> {
     let format = Format::of(&args.file)?;
     let mut outputs = Outputs::new();
     outputs.reads("the file", &args.file);
@@ -187,7 +188,7 @@ pub fn shape(args: &ShapeArgs) -> Result<Shown, ShapeError> {
         let _ = writeln!(text, "\ndrawn to {}", path.shown());
     }
     if let (Some(path), Some(file), true) = (&args.write, written, buildable) {
-        file.write(scenario(path, args, &how, &imported, growth)?)?;
+        file.write(scenario(path, args, &how, &imported, growth, families)?)?;
         let _ = writeln!(text, "\nwritten to {0}; run it with metamorph run {0} --link sim", path.shown());
     }
     Ok(Shown { text, buildable })
@@ -219,6 +220,7 @@ fn scenario(
     how: &Import,
     imported: &Imported,
     growth: Growth,
+    families: Families,
 ) -> Result<String, ShapeError> {
     let part = |part| import(&args.file, &Import { part: Some(part), ..how.clone() }).map(|i| i.cells);
     let (start, goal) = if imported.mesh.is_some() {
@@ -235,6 +237,6 @@ fn scenario(
     let text =
         preview::scenario(&Written { origin: &origin, name: &name, start: &start, goal: &goal, growth });
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
-    read_text(&path.display().to_string(), &text, &overrides).map_err(ShapeError::Scenario)?;
+    read_text(families, &path.display().to_string(), &text, &overrides).map_err(ShapeError::Scenario)?;
     Ok(text)
 }

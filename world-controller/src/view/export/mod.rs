@@ -14,14 +14,14 @@ use crate::console::format::{many, seconds};
 use crate::console::interrupt::Interrupt;
 use crate::console::output::{OutputError, Outputs};
 use crate::record::journal::{Event, HeadError, Journal, JournalError, Record, Who, plan_of};
-use crate::scenario::Swarm;
+use crate::scenario::Plan;
+use crate::scenario::family::Families;
 use clap::Args;
 use foxglove::{Colour, Cube, Entity, Level, Log, Pair, SceneUpdate, schema_of};
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions, Writer};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::record::Blob;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
@@ -147,19 +147,20 @@ struct Recording {
     now: Time,
 }
 
+/// Returns the cells that a body occupies in a place, if the place can be read.
+pub type Occupied = fn(&Plan, &Blob) -> Option<Vec<Cell>>;
+
 /// Writes the recording and says what is in it.
-pub fn export(args: &ExportArgs, interrupt: &Interrupt) -> Result<String, ExportError> {
+pub fn export(
+    args: &ExportArgs,
+    families: Families,
+    occupied: Occupied,
+    interrupt: &Interrupt,
+) -> Result<String, ExportError> {
     let output = Outputs::new().creates("--mcap", &args.mcap)?;
     let mut journal = Journal::open(&args.journal)?;
-    let plan = plan_of(journal.head())?;
-    let cells = |place: &Blob| match &plan.swarm {
-        Swarm::Cubes(_) => place.read::<Cell>().ok().map(|cell| vec![cell]),
-        Swarm::Metamodules(swarm) => {
-            let motions = &swarm.setup.motions;
-            let known = |pose: &Pose| usize::from(pose.posture) < motions.table().postures().len();
-            place.read::<Pose>().ok().filter(known).map(|pose| motions.cells(pose).to_vec())
-        }
-    };
+    let plan = plan_of(families, journal.head())?;
+    let cells = |place: &Blob| occupied(&plan, place);
     let path = || args.mcap.clone();
     interrupt.begin();
     let write = |error| ExportError::Write { path: path(), error };

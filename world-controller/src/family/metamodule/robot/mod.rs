@@ -119,7 +119,7 @@ pub fn run(args: RobotArgs) -> Result<(), RobotError> {
 
 /// Answers on a writer.
 pub fn run_to(args: RobotArgs, out: &mut dyn Write) -> Result<(), RobotError> {
-    let database = || crate::scenario::motion_database::database(!args.no_cache);
+    let database = || crate::family::metamodule::motion_database::database(!args.no_cache);
     let answer = match args.command {
         RobotCommand::Table { number } => report::table(&number)?,
         RobotCommand::Shapes { kind } => motions::shapes(&database(), kind),

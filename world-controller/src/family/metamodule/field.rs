@@ -1,9 +1,10 @@
 //! The keys of `[protocol]` that vary the force field of the published strategies: `precedence`,
 //! `settled_repel` and `repulsion`. What is left out stays as the strategy has it.
 
-use super::flaw::Flaw;
-use super::problems::{At, Problems};
-use super::table::{Node, Read, Section, wrong};
+use super::flaw::MetamoduleFlaw;
+use crate::scenario::flaw::Flaw;
+use crate::scenario::problems::{At, Problems};
+use crate::scenario::table::{Node, Read, Section, wrong};
 use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy};
 use toml::de::DeValue;
 
@@ -59,7 +60,7 @@ impl RawField {
             ];
             for (key, place) in RawField::KEYS.into_iter().zip(places) {
                 if let Some(place) = place {
-                    problems.add(place.clone(), Flaw::NoField(key));
+                    problems.add(place.clone(), MetamoduleFlaw::NoField(key));
                 }
             }
             return;

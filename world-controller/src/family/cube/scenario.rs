@@ -1,15 +1,14 @@
 //! The parts of a scenario that only cubes have: shapes to start from and to grow, the protocol's
 //! options; read, checked, and made into what a run of cubes needs.
 
-use super::bounds::{Bounds, Passage};
-use super::flaw::{Flaw, MAX_MODULES, MAX_VOLUME};
-use super::plan::{Draft, Patience};
-use super::problems::{At, Place, Problems};
-use super::raw::{Sections, goal_sections};
-use super::shapes::Layout;
-use super::table::Section;
-use super::{Cubes, Swarm};
-use metamorph_module_agent::Family;
+use super::Cubes;
+use super::bounds::bounds;
+use crate::scenario::family::{Draft, DraftContext, Patience, RawSwarm, Sections, Swarm};
+use crate::scenario::flaw::{Flaw, MAX_MODULES, MAX_VOLUME};
+use crate::scenario::problems::{At, Place, Problems};
+use crate::scenario::raw::{goal_sections, protocol_section};
+use crate::scenario::shapes::Layout;
+use crate::scenario::table::Section;
 use metamorph_protocol::cube::params::{Connectivity, Params, Setup};
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::Cell;
@@ -33,7 +32,7 @@ pub struct RawCubes {
     /// Where the modules are at first; none if it could not be read.
     start: Option<At<Shape>>,
     /// How long a move takes.
-    pub move_time: Option<At<Span>>,
+    move_time: Option<At<Span>>,
     goals: Vec<RawGoal>,
     connectivity: Connectivity,
     co_owners: Option<bool>,
@@ -60,12 +59,10 @@ impl RawCubes {
     /// Reads what belongs to cubes. `swarm` has been begun; it and the others are finished here.
     pub fn read(mut swarm: Section<'_, '_>, others: &Sections<'_, '_>, problems: &mut Problems) -> RawCubes {
         let mut raw = RawCubes::default();
-        swarm.foreign(&["kind", "count", "turn_time", "floor", "hearing"], Family::Metamodule);
         raw.start = swarm.need("start", START, problems);
         raw.move_time = swarm.get("move_time", problems);
         swarm.finish(problems);
         for mut section in goal_sections(others.goals, GOAL, problems) {
-            section.foreign(&["levels", "order", "at"], Family::Metamodule);
             raw.goals.push(RawGoal {
                 name: section.get("name", problems).map(|n| n.value),
                 shape: section.need("shape", GOAL, problems),
@@ -75,18 +72,13 @@ impl RawCubes {
             section.finish(problems);
         }
         let example = "connectivity = \"forest\"";
-        if let Some(section) =
-            others.protocol.and_then(|node| Section::of(node, "[protocol]", example, problems))
-        {
+        if let Some(section) = protocol_section(others.protocol, example, problems) {
             raw.read_protocol(section, problems);
         }
         raw
     }
 
     fn read_protocol(&mut self, mut section: Section<'_, '_>, problems: &mut Problems) {
-        let foreign =
-            &["strategy", "precedence", "settled_repel", "repulsion", "teller", "relocate", "detector"];
-        section.foreign(foreign, Family::Metamodule);
         let connectivity = section.choice("connectivity", "connectivity", &CONNECTIVITY, problems);
         self.connectivity = connectivity.unwrap_or_default();
         let dead = section.node("dead").map(|node| node.span());
@@ -98,44 +90,6 @@ impl RawCubes {
         }
         self.co_owners = section.get("co_owners", problems).map(|c| c.value);
         section.finish(problems);
-    }
-
-    /// Checks everything that needs more than one value.
-    pub fn draft(
-        &self,
-        move_time: Span,
-        usual_delay: Span,
-        passage: Passage,
-        problems: &mut Problems,
-    ) -> Option<Draft> {
-        let mut layout = Layout::default();
-        let cells = self.start_cells(&mut layout, problems);
-        let shapes: Vec<Option<Vec<Cell>>> =
-            self.goals.iter().map(|goal| goal_cells(goal, &mut layout, problems)).collect();
-        let sides = check_box(cells.iter().flatten().chain(shapes.iter().flatten().flatten()), problems)?;
-        let goals = match &cells {
-            Some(cells) => compile_goals(&self.goals, &shapes, cells, problems),
-            None => Vec::new(),
-        };
-        let name =
-            |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
-        let range = u16::try_from(sides * 4).unwrap_or(u16::MAX).min(60_000);
-        let params = Params {
-            co_owners: self.co_owners.unwrap_or(CO_OWNERS),
-            ..Params::scaled(move_time, usual_delay, range).keeping(self.connectivity)
-        };
-        Some(Draft {
-            modules: cells.as_ref().map_or(0, Vec::len),
-            goals: self.goals.iter().enumerate().map(name).collect(),
-            patience: Patience {
-                bounds: Bounds::of_cubes(&params, sides, passage),
-                livelock: 4,
-                timeout: 3 * self.goals.len().max(1) as u64,
-            },
-            swarm: cells.map(|cells| {
-                Swarm::Cubes(Cubes { cells: cells.into(), setup: Arc::new(Setup { params, goals }) })
-            }),
-        })
     }
 
     fn start_cells(&self, layout: &mut Layout, problems: &mut Problems) -> Option<Vec<Cell>> {
@@ -155,6 +109,43 @@ impl RawCubes {
             problems.add(start.place.clone(), Flaw::DisconnectedStart { count: parts.len(), examples });
         }
         Some(cells)
+    }
+}
+
+impl RawSwarm for RawCubes {
+    fn time_step(&self) -> (&Option<At<Span>>, &'static str) {
+        (&self.move_time, "move_time")
+    }
+    fn draft(&self, context: &DraftContext, problems: &mut Problems) -> Option<Draft> {
+        let DraftContext { time_step, usual_delay, passage, .. } = *context;
+        let mut layout = Layout::default();
+        let cells = self.start_cells(&mut layout, problems);
+        let shapes: Vec<Option<Vec<Cell>>> =
+            self.goals.iter().map(|goal| goal_cells(goal, &mut layout, problems)).collect();
+        let sides = check_box(cells.iter().flatten().chain(shapes.iter().flatten().flatten()), problems)?;
+        let goals = match &cells {
+            Some(cells) => compile_goals(&self.goals, &shapes, cells, problems),
+            None => Vec::new(),
+        };
+        let name =
+            |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
+        let range = u16::try_from(sides * 4).unwrap_or(u16::MAX).min(60_000);
+        let params = Params {
+            co_owners: self.co_owners.unwrap_or(CO_OWNERS),
+            ..Params::scaled(time_step, usual_delay, range).keeping(self.connectivity)
+        };
+        Some(Draft {
+            modules: cells.as_ref().map_or(0, Vec::len),
+            goals: self.goals.iter().enumerate().map(name).collect(),
+            patience: Patience {
+                bounds: bounds(&params, sides, passage),
+                livelock: 4,
+                timeout: 3 * self.goals.len().max(1) as u64,
+            },
+            swarm: cells.map(|cells| {
+                Swarm::new(Cubes { cells: cells.into(), setup: Arc::new(Setup { params, goals }) })
+            }),
+        })
     }
 }
 

@@ -4,16 +4,16 @@
 //! Coordinates of the floor are those of connectors, two each. Absent: placing them at random, which
 //! the protocol's own library does.
 
-use super::bounds::{Bounds, Passage};
+use super::Metamodules;
+use super::bounds::bounds;
 use super::field::RawField;
-use super::flaw::{Flaw, MAX_FLOOR, MAX_HEARING, MAX_METAMODULES};
-use super::plan::{Draft, Patience};
-use super::problems::{At, Place, Problems};
-use super::raw::{Sections, goal_sections};
-use super::table::{Connector, Node, Read, Section, elements, wrong};
-use super::{Metamodules, Swarm};
-use crate::scenario::motion_database::motions;
-use metamorph_module_agent::Family;
+use super::flaw::{MAX_FLOOR, MAX_HEARING, MAX_METAMODULES, MetamoduleFlaw};
+use super::motion_database::motions;
+use crate::scenario::family::{Draft, DraftContext, Patience, RawSwarm, SectionKind, Sections, Swarm};
+use crate::scenario::flaw::Flaw;
+use crate::scenario::problems::{At, Place, Problems};
+use crate::scenario::raw::{goal_sections, protocol_section};
+use crate::scenario::table::{Connector, Node, Read, Section, elements, wrong};
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{
     Blueprint, BlueprintError, Seed, SeedOrder, box_of_four, chair_of_six,
@@ -59,7 +59,7 @@ pub struct RawMetamodules {
     kind: Kind,
     count: Option<At<u64>>,
     /// How long a joint needs for a step, and a connector to connect.
-    pub turn_time: Option<At<Span>>,
+    turn_time: Option<At<Span>>,
     floor: Floor,
     hearing: Option<At<u64>>,
     start: At<RawStart>,
@@ -96,9 +96,8 @@ pub const TELLERS: [(&str, Teller); 2] =
     [("controller", Teller::Controller), ("neighbours", Teller::Neighbours)];
 /// The goals of the thesis, by name.
 type Library = (&'static str, fn(i16, i16) -> Vec<Vec<Seed>>);
-/// Shapes that a goal of cubes may have; `box` is a shape of both families.
-const SHAPES_OF_CUBES: [&str; 8] =
-    ["sphere", "disc", "cylinder", "cells", "file", "union", "difference", "intersection"];
+/// The names of the goals of the thesis.
+pub const SHAPES: [&str; 2] = ["box", "chair"];
 const LIBRARY: [Library; 2] = [("box", box_of_four), ("chair", chair_of_six)];
 
 impl RawMetamodules {
@@ -108,7 +107,6 @@ impl RawMetamodules {
         others: &Sections<'_, '_>,
         problems: &mut Problems,
     ) -> RawMetamodules {
-        swarm.foreign(&["move_time"], Family::Cube);
         let kinds = Kind::METAMODULES.map(|k| (k.name(), k));
         let start = swarm.get("start", problems);
         let mut raw = RawMetamodules {
@@ -132,10 +130,7 @@ impl RawMetamodules {
             .map(|section| read_goal(section, problems))
             .collect();
         let example = "strategy = \"step\"";
-        if let Some(mut section) =
-            others.protocol.and_then(|node| Section::of(node, "[protocol]", example, problems))
-        {
-            section.foreign(&["connectivity", "dead", "co_owners"], Family::Cube);
+        if let Some(mut section) = protocol_section(others.protocol, example, problems) {
             let strategies = Strategy::ALL.map(|s| (s.name(), s));
             raw.strategy = section.choice("strategy", "strategy", &strategies, problems).unwrap_or_default();
             raw.field = RawField::read(&mut section, problems);
@@ -147,57 +142,6 @@ impl RawMetamodules {
         raw
     }
 
-    /// Checks everything that needs more than one value.
-    pub fn draft(
-        &self,
-        turn_time: Span,
-        usual_delay: Span,
-        passage: Passage,
-        seed: u64,
-        problems: &mut Problems,
-    ) -> Option<Draft> {
-        // Invariant: only kinds of metamodules can be chosen, and the database is small enough for them.
-        let motions = motions(self.kind).ok()?;
-        let goals: Vec<Option<Blueprint>> =
-            self.goals.iter().map(|goal| self.blueprint(goal, &motions, problems)).collect();
-        let goals: Option<Vec<Blueprint>> = goals.into_iter().collect();
-        self.check_times(problems);
-        let seeds = self.goals.iter().flat_map(|g| &g.levels).map(|l| l.iter().map(Vec::len).sum());
-        let (most, all) = seeds.fold((0, 0), |(most, all): (usize, usize), n: usize| (most.max(n), all + n));
-        let count = self.count(most, problems)?;
-        let mut params = Params::scaled(self.strategy, turn_time, usual_delay);
-        params.teller = self.teller;
-        if let Some(hearing) = &self.hearing {
-            let (least, most) = (u64::from(LEAST_HEARING), MAX_HEARING);
-            params.hearing = range(hearing, "hearing", least, most, problems)? as u16;
-        }
-        self.field.apply(&mut params, problems);
-        let metamodules = u16::try_from(count).unwrap_or(u16::MAX);
-        if let Some(asked) = &self.detector {
-            params.detector = Some(Detector { after: params.patience, metamodules });
-            if self.strategy == Strategy::Negotiated {
-                problems.add(asked.place.clone(), Flaw::NoDetector);
-            }
-        }
-        let name =
-            |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
-        let mut draft = Draft {
-            swarm: None,
-            modules: count,
-            goals: self.goals.iter().enumerate().map(name).collect(),
-            patience: Patience {
-                bounds: Bounds::of_metamodules(&params, passage),
-                livelock: 16,
-                timeout: all as u64 + 1,
-            },
-        };
-        if let (Some(goals), true) = (goals, problems.is_empty()) {
-            let setup = Setup { params, floor: self.floor, goals, motions };
-            draft.swarm = self.placed(Arc::new(setup), count, seed, problems);
-        }
-        Some(draft)
-    }
-
     fn blueprint(&self, goal: &RawGoal, motions: &Motions, problems: &mut Problems) -> Option<Blueprint> {
         let levels = goal.levels.as_ref()?;
         let bare: Vec<Vec<Seed>> = levels.iter().map(|l| l.iter().map(|s| s.value).collect()).collect();
@@ -207,22 +151,23 @@ impl RawMetamodules {
                 BlueprintError::Overlap { second: i, .. } | BlueprintError::Impossible(i) => seeds.get(i),
                 BlueprintError::Empty | BlueprintError::TooMany(_) => None,
             };
-            problems.add(guilty.map_or(&goal.place, |s| &s.place).clone(), error);
+            let place = guilty.map_or(&goal.place, |s| &s.place).clone();
+            problems.add(place, MetamoduleFlaw::from(error));
         });
         let blueprint = blueprint.ok()?;
         for At { value: seed, place } in seeds {
             let (at, floor) = (seed.foot, self.floor);
             if !floor.has(at.0, at.1) {
-                problems.add(place.clone(), Flaw::SeedOffFloor { at, floor });
+                problems.add(place.clone(), MetamoduleFlaw::SeedOffFloor { at, floor });
             } else if !can_fill(motions, seed) {
-                problems.add(place.clone(), Flaw::SeedShape { at, kind: self.kind });
+                problems.add(place.clone(), MetamoduleFlaw::SeedShape { at, kind: self.kind });
             }
         }
         Some(blueprint)
     }
 
     /// When goals are replaced.
-    pub fn changes(&self) -> impl Iterator<Item = &At<Span>> {
+    fn changes(&self) -> impl Iterator<Item = &At<Span>> {
         self.goals.iter().filter_map(|goal| goal.at.as_ref())
     }
 
@@ -231,14 +176,14 @@ impl RawMetamodules {
         let mut before = Span::ZERO;
         for (i, goal) in self.goals.iter().enumerate() {
             match (&goal.at, i) {
-                (Some(at), 0) => problems.add(at.place.clone(), Flaw::FirstGoalAt),
+                (Some(at), 0) => problems.add(at.place.clone(), MetamoduleFlaw::FirstGoalAt),
                 (None, 0) => {}
                 (None, _) => {
                     let (section, example) = ("a later [[goal]]".into(), "at = \"60s\"");
                     problems.add(goal.place.clone(), Flaw::Missing { key: "at", section, example });
                 }
                 (Some(At { value, place }), _) if *value <= before => {
-                    problems.add(place.clone(), Flaw::GoalOrder { at: *value, before });
+                    problems.add(place.clone(), MetamoduleFlaw::GoalOrder { at: *value, before });
                 }
                 (Some(at), _) => before = at.value,
             }
@@ -253,7 +198,7 @@ impl RawMetamodules {
         };
         let (metamodules, place) = match (&self.count, listed) {
             (Some(count), Some(listed)) if count.value != listed as u64 => {
-                problems.add(count.place.clone(), Flaw::Count { count: count.value, listed });
+                problems.add(count.place.clone(), MetamoduleFlaw::Count { count: count.value, listed });
                 return None;
             }
             (Some(count), _) => {
@@ -268,28 +213,74 @@ impl RawMetamodules {
             (None, None) => (seeds, &self.place),
         };
         if metamodules < seeds {
-            problems.add(place.clone(), Flaw::TooFewMetamodules { seeds, metamodules });
+            problems.add(place.clone(), MetamoduleFlaw::TooFewMetamodules { seeds, metamodules });
         }
         Some(metamodules)
     }
 
     fn placed(&self, setup: Arc<Setup>, count: usize, seed: u64, problems: &mut Problems) -> Option<Swarm> {
         let (drawn, start) = match &self.start.value {
-            RawStart::Random => (true, problems.note(&self.start.place, draw_start(&setup, count, seed))?),
+            RawStart::Random => (true, {
+                let start = draw_start(&setup, count, seed).map_err(MetamoduleFlaw::from);
+                problems.note(&self.start.place, start)?
+            }),
             RawStart::Listed(places) => {
                 (false, Start { poses: listed(&setup, places, problems), redrawn: 0 })
             }
         };
         let Start { poses, redrawn } = start;
         let changes = (1..).zip(self.changes()).map(|(goal, at)| (Time::ZERO + at.value, goal)).collect();
-        Some(Swarm::Metamodules(Metamodules {
-            drawn,
-            poses,
-            redrawn,
-            setup,
-            changes,
-            relocate: self.relocate,
-        }))
+        Some(Swarm::new(Metamodules { drawn, poses, redrawn, setup, changes, relocate: self.relocate }))
+    }
+}
+
+impl RawSwarm for RawMetamodules {
+    fn time_step(&self) -> (&Option<At<Span>>, &'static str) {
+        (&self.turn_time, "turn_time")
+    }
+    fn check_end(&self, timeout: Span, problems: &mut Problems) {
+        for At { value: at, place } in self.changes().filter(|c| c.value > timeout) {
+            problems.add(place.clone(), Flaw::AfterTheEnd { at: *at, timeout });
+        }
+    }
+    fn draft(&self, context: &DraftContext, problems: &mut Problems) -> Option<Draft> {
+        let DraftContext { time_step, usual_delay, passage, seed } = *context;
+        // Invariant: only kinds of metamodules can be chosen, and the database is small enough for them.
+        let motions = motions(self.kind).ok()?;
+        let goals: Vec<Option<Blueprint>> =
+            self.goals.iter().map(|goal| self.blueprint(goal, &motions, problems)).collect();
+        let goals: Option<Vec<Blueprint>> = goals.into_iter().collect();
+        self.check_times(problems);
+        let seeds = self.goals.iter().flat_map(|g| &g.levels).map(|l| l.iter().map(Vec::len).sum());
+        let (most, all) = seeds.fold((0, 0), |(most, all): (usize, usize), n: usize| (most.max(n), all + n));
+        let count = self.count(most, problems)?;
+        let mut params = Params::scaled(self.strategy, time_step, usual_delay);
+        params.teller = self.teller;
+        if let Some(hearing) = &self.hearing {
+            let (least, most) = (u64::from(LEAST_HEARING), MAX_HEARING);
+            params.hearing = range(hearing, "hearing", least, most, problems)? as u16;
+        }
+        self.field.apply(&mut params, problems);
+        let metamodules = u16::try_from(count).unwrap_or(u16::MAX);
+        if let Some(asked) = &self.detector {
+            params.detector = Some(Detector { after: params.patience, metamodules });
+            if self.strategy == Strategy::Negotiated {
+                problems.add(asked.place.clone(), MetamoduleFlaw::NoDetector);
+            }
+        }
+        let name =
+            |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
+        let mut draft = Draft {
+            swarm: None,
+            modules: count,
+            goals: self.goals.iter().enumerate().map(name).collect(),
+            patience: Patience { bounds: bounds(&params, passage), livelock: 16, timeout: all as u64 + 1 },
+        };
+        if let (Some(goals), true) = (goals, problems.is_empty()) {
+            let setup = Setup { params, floor: self.floor, goals, motions };
+            draft.swarm = self.placed(Arc::new(setup), count, seed, problems);
+        }
+        Some(draft)
     }
 }
 
@@ -300,10 +291,10 @@ fn listed(setup: &Setup, places: &[At<GridState>], problems: &mut Problems) -> V
     for (second, At { value, place }) in places.iter().enumerate() {
         let at = (value.x, value.y);
         if !setup.floor.has(at.0, at.1) {
-            problems.add(place.clone(), Flaw::StartOffFloor { at, floor: setup.floor });
+            problems.add(place.clone(), MetamoduleFlaw::StartOffFloor { at, floor: setup.floor });
         }
         if let Some(first) = places[..second].iter().position(|p| (p.value.x, p.value.y) == at) {
-            problems.add(place.clone(), Flaw::StartTwice { first, second, at });
+            problems.add(place.clone(), MetamoduleFlaw::StartTwice { first, second, at });
         }
     }
     let upright = |state| Pose { state, end: End::Foot, both: false, posture };
@@ -328,7 +319,6 @@ fn range(number: &At<u64>, what: &'static str, low: u64, high: u64, problems: &m
 }
 
 fn read_goal(mut section: Section<'_, '_>, problems: &mut Problems) -> RawGoal {
-    section.foreign(&["seed", "growth"], Family::Cube);
     let orders = SeedOrder::ALL.map(|o| (o.name(), o));
     let name = section.get("name", problems).map(|n| n.value);
     let at = section.get("at", problems);
@@ -356,10 +346,9 @@ fn read_shape(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Vec<At<See
     let mut section = Section::of(node, "the shape of a goal", "{ box = [5, 5] }", problems)?;
     let named = LIBRARY.iter().filter_map(|(name, make)| Some((section.node(name)?, make)));
     let named: Vec<_> = named.collect();
-    let of_cubes = section.present(&SHAPES_OF_CUBES);
-    section.foreign(&SHAPES_OF_CUBES, Family::Cube);
-    section.finish(problems);
-    if named.is_empty() && !of_cubes.is_empty() {
+    section.differs_between_families(SectionKind::Shape);
+    let is_foreign = section.finish(problems);
+    if named.is_empty() && is_foreign {
         return None;
     }
     let [(corner, make)] = named[..] else {
@@ -377,7 +366,7 @@ fn read_levels(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Vec<At<Se
     for level in elements(node, LEVELS, problems)?.iter() {
         let seeds = elements(level, LEVELS, problems)?;
         if seeds.is_empty() {
-            problems.add(level.span(), BlueprintError::Empty);
+            problems.add(level.span(), MetamoduleFlaw::from(BlueprintError::Empty));
         }
         let read = |n: &Node<'_>| Seed::read(n, problems).map(|seed| At::new(seed, n.span()));
         levels.push(seeds.iter().map(read).collect::<Option<_>>()?);

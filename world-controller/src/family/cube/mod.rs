@@ -1,0 +1,143 @@
+//! Sliding cubes (thesis 4.1.2).
+
+mod bounds;
+mod describe;
+pub mod draft;
+mod generate;
+mod judge;
+mod look;
+mod run;
+mod scenario;
+mod schema;
+mod words;
+
+use crate::family::FamilyParts;
+use crate::family::draft::{Dice, SwarmDraft};
+use crate::scenario::Plan;
+use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words};
+use crate::scenario::flaw::Flaw;
+use crate::scenario::problems::Problems;
+use crate::scenario::table::Section;
+use crate::view::scene::Appearance;
+use crate::view::scribe::{self, Shared};
+use metamorph_protocol::cube::Cube;
+use metamorph_protocol::cube::params::{Connectivity, Setup};
+use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::record::Blob;
+use metamorph_sim_bridge::kernel::recording::Log;
+use scenario::RawCubes;
+use std::fmt;
+use std::sync::Arc;
+
+/// The name of the family.
+pub const NAME: &str = "cube";
+
+/// The family of cubes.
+pub struct CubeFamily;
+
+impl ScenarioFamily for CubeFamily {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+    fn read(
+        &self,
+        swarm: Section<'_, '_>,
+        others: &Sections<'_, '_>,
+        problems: &mut Problems,
+    ) -> Box<dyn RawSwarm> {
+        Box::new(RawCubes::read(swarm, others, problems))
+    }
+    fn schema(&self) -> FamilySchema {
+        schema::schema()
+    }
+    fn faults(&self) -> &'static [&'static str] {
+        &["kill", "pause", "restart", "stick", "crash", "partition"]
+    }
+}
+
+impl FamilyParts for CubeFamily {
+    type Swarm = Cubes;
+
+    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
+        Box::new(dice.cubes())
+    }
+    fn smallest(&self) -> Box<dyn SwarmDraft> {
+        Box::new(generate::smallest())
+    }
+    fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)> {
+        generate::patience(fails, delay)
+    }
+    fn shrinking(&self) -> u64 {
+        3_000
+    }
+    fn appearance(&self, swarm: &Cubes) -> Appearance {
+        look::appearance(swarm)
+    }
+    fn scribe(&self, swarm: &Cubes, scene: &Shared) -> Log {
+        scribe::log::<Cube>(Arc::clone(&swarm.setup), swarm.cells.to_vec(), scene)
+    }
+    fn occupied(&self, _: &Cubes, place: &Blob) -> Option<Vec<Cell>> {
+        place.read::<Cell>().ok().map(|cell| vec![cell])
+    }
+}
+
+/// A swarm of cubes.
+#[derive(Clone, Debug)]
+pub struct Cubes {
+    /// Where the modules are at first; a module's number is its place here.
+    pub cells: Arc<[Cell]>,
+    /// What all agents share.
+    pub setup: Arc<Setup>,
+}
+
+impl SwarmPlan for Cubes {
+    fn family(&self) -> &'static str {
+        NAME
+    }
+    fn modules(&self) -> usize {
+        self.cells.len()
+    }
+    fn protocol(&self) -> String {
+        name_of(self.setup.params.connectivity).to_owned()
+    }
+    fn with_seed(&self, _: u64) -> Result<Option<Swarm>, Flaw> {
+        Ok(None)
+    }
+    fn defect(&self) -> Option<Sabotage> {
+        self.setup.params.sabotage
+    }
+    fn with_defect(&self, defect: Option<Sabotage>) -> Swarm {
+        let mut swarm = self.clone();
+        Arc::make_mut(&mut swarm.setup).params.sabotage = defect;
+        Swarm::new(swarm)
+    }
+    fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result {
+        describe::describe(out, plan, self)
+    }
+    fn words(&self) -> &'static Words {
+        &WORDS
+    }
+}
+
+const WORDS: Words = Words {
+    module: "module",
+    modules: "modules",
+    cell: "goal cell",
+    part: "cell",
+    cells: "cells",
+    negotiation: "negotiation",
+    body: "the body",
+    idle: "has a way",
+    time_step: "move time",
+    action: "move",
+};
+
+/// The name used in scenarios.
+pub const fn name_of(connectivity: Connectivity) -> &'static str {
+    match connectivity {
+        Connectivity::Forest => "forest",
+        Connectivity::Cycles => "cycles",
+        Connectivity::Gradient => "gradient",
+    }
+}

@@ -1,0 +1,73 @@
+//! How a swarm of cubes is run and accounted for.
+
+use super::Cubes;
+use crate::report::run_result::RunResult;
+use crate::report::schema::MoveReport;
+use crate::run::runnable::{Runnable, stage};
+use crate::scenario::Plan;
+use metamorph_protocol::cube::params::Setup;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::cube::audit::audit_every;
+use metamorph_sim_bridge::cube::director::Director;
+use metamorph_sim_bridge::cube::world::CubeWorld;
+use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::world::invariants::Violation;
+use std::sync::Arc;
+
+impl Runnable for Cubes {
+    type World = CubeWorld;
+    type Director = Director;
+
+    fn setup(&self) -> &Arc<Setup> {
+        &self.setup
+    }
+    fn world(&self, plan: &Plan) -> CubeWorld {
+        CubeWorld::new(&self.cells, self.time_step(), plan.seed)
+    }
+    fn director(&self, plan: &Plan) -> Director {
+        let (setup, schedule) = (Arc::clone(&self.setup), plan.schedule.clone());
+        Director::new(setup, self.cells.len(), schedule, plan.stop, plan.failure)
+    }
+    fn time_step(&self) -> Span {
+        self.setup.params.move_time
+    }
+    fn audit_every(&self) -> Span {
+        audit_every(self.time_step())
+    }
+    fn progress(director: &Director) -> Progress {
+        director.progress()
+    }
+    fn account(&self, plan: &Plan, director: &Director, world: &CubeWorld) -> RunResult {
+        let (crashed, restarted) = director.crashed_and_restarted();
+        let motions = world.motions();
+        RunResult {
+            ended: director.outcome(),
+            progress: director.progress(),
+            crashed,
+            restarted,
+            stall: director.stall().cloned(),
+            plight: director.stall().map(|_| Box::new(director.plight(world)) as _),
+            struck: director.struck().to_vec(),
+            prevented: director.prevented(),
+            stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
+            bodies: MoveReport {
+                started: motions.started,
+                completed: motions.completed,
+                failed: motions.failed,
+                refused_taken: motions.blocked,
+                refused_late: motions.late,
+                refused_stale: motions.stale,
+                refused_impossible: 0,
+            },
+            metamodules: None,
+        }
+    }
+    fn last_check(world: &mut CubeWorld, now: Time) -> (Vec<Violation>, u64) {
+        world.check_connected(now);
+        let motions = world.motions();
+        // Of a move that begins: its supports, those of others, connection. Of one that ends: space and
+        // support. And the whole body now.
+        let checks = motions.started * 3 + (motions.completed + motions.failed) * 2 + 1;
+        (world.take_violations(), checks)
+    }
+}

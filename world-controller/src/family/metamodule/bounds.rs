@@ -1,0 +1,81 @@
+//! How long a standstill of metamodules has to last before it is one.
+
+use crate::scenario::bounds::{Bounds, Passage};
+use metamorph_protocol::metamodule::params::Params;
+
+/// Returns the bounds of a swarm of metamodules.
+pub fn bounds(params: &Params, passage: Passage) -> Bounds {
+    // The longest motion is some 30 steps, and waits for one other at most; and twelve times its patience
+    // a metamodule may wait: for others to object, to make way, to lead, and to give up.
+    let usual = params.turn_time * 120;
+    // Patience has room for four exchanges.
+    let late = passage.late * (12 * 8);
+    // Everybody in hearing has to hear each of the twelve, and to grant what is asked for.
+    let (legs, copies) = (2, 24);
+    // Once by whoever makes way, once by whoever goes.
+    let tries = passage.more_tries(legs, copies) * 2;
+    let lost = params.repeat * passage.repeats(12, copies) + params.resend * tries;
+    Bounds { stall: usual + late + lost, legs, copies }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::bounds::ONE;
+    use crate::scenario::flaw::{LONGEST, SHORTEST};
+    use metamorph_protocol::link::LinkModel;
+    use metamorph_protocol::metamodule::params::Strategy;
+    use metamorph_protocol::ratio::Ratio;
+    use metamorph_protocol::time::{Span, Time};
+
+    const MOVE: Span = Span::secs(1);
+    const USUAL: Span = Span::millis(100);
+
+    fn losing(loss: &str) -> Passage {
+        let link = LinkModel { loss: loss.parse().unwrap_or(Ratio::ZERO), ..LinkModel::default() };
+        Passage::of(&link, USUAL, USUAL)
+    }
+
+    fn stall(delay: Span, passage: Passage) -> Span {
+        let params = Params::scaled(Strategy::Negotiated, MOVE, delay);
+        bounds(&params, passage).stall
+    }
+
+    /// A link that is not slower than usual and loses nothing for good changes no bound.
+    #[test]
+    fn the_usual_link_changes_nothing() {
+        let ends = LinkModel { loss: Ratio::ONE, harmless_from: Some(Time(1)), ..LinkModel::default() };
+        let twice = LinkModel { duplicate: Ratio::ONE, ..LinkModel::default() };
+        for link in [LinkModel::default(), ends, twice] {
+            for delay in [Span::ZERO, USUAL] {
+                let passage = Passage::of(&link, delay, USUAL);
+                assert_eq!(stall(USUAL, passage), Span::secs(120));
+            }
+        }
+    }
+
+    #[test]
+    fn slower_and_worse_links_take_longer() {
+        let slow = |delay| Passage { late: delay - USUAL, arrives: ONE };
+        let delays = [USUAL, MOVE, Span::secs(10), Span::secs(100)];
+        assert!(delays.map(|d| stall(d, slow(d))).is_sorted_by(|a, b| a < b));
+        let losses = ["0%", "1%", "5%", "20%", "30%", "50%"];
+        assert!(losses.map(|l| stall(USUAL, losing(l))).is_sorted_by(|a, b| a < b));
+        // No link makes the arithmetic overflow.
+        let worst = Passage { late: LONGEST, arrives: 0 };
+        assert!(stall(LONGEST, worst) > stall(LONGEST, slow(LONGEST)));
+    }
+
+    /// No delay that a scenario may name makes a protocol wait for less than its messages take.
+    #[test]
+    fn timers_outlast_every_delay() {
+        for beat in [SHORTEST, MOVE, LONGEST] {
+            for delay in [Span::ZERO, SHORTEST, MOVE, LONGEST] {
+                let metamodule = Params::scaled(Strategy::Negotiated, beat, delay);
+                assert!(metamodule.resend > delay * 2 && metamodule.patience > delay * 4);
+                // Asking, and a motion of 30 steps.
+                assert!(metamodule.lease > delay * 2 + beat * 30);
+            }
+        }
+    }
+}

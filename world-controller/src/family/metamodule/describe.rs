@@ -1,0 +1,89 @@
+//! What `metamorph check` says of a swarm of metamodules.
+
+use super::Metamodules;
+use crate::console::escape::Shown;
+use crate::console::format::many;
+use crate::scenario::Plan;
+use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy, Teller};
+use metamorph_protocol::time::Time;
+use std::fmt::Write;
+
+/// Places listed; the rest is counted.
+const SHOWN: usize = 20;
+
+/// Writes it.
+pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt::Result {
+    let (setup, all) = (&swarm.setup, swarm.poses.len());
+    let (floor, params) = (setup.floor, &setup.params);
+    let places = if swarm.drawn { "drawn" } else { "listed" };
+    writeln!(
+        out,
+        "  swarm     {} of kind {}, numbered 0 to {}, on a floor from {:?} to {:?}",
+        many(all as u64, "metamodule"),
+        setup.kind(),
+        all - 1,
+        floor.min,
+        floor.max
+    )?;
+    let feet: Vec<String> = swarm.poses.iter().take(SHOWN).map(|p| format!("{:?}", p.foot())).collect();
+    let dots = if all > SHOWN { ", …" } else { "" };
+    let redrawn = match swarm.redrawn {
+        0 => String::new(),
+        1 => " (one draw before had a metamodule that was shut in)".to_owned(),
+        n => format!(" ({n} draws before had a metamodule that was shut in)"),
+    };
+    writeln!(out, "  start     {places}: {}{dots}{redrawn}", feet.join(", "))?;
+    writeln!(
+        out,
+        "  moves     {} for a step of a joint, {} to connect; {} of connections fail; heard {} connectors away",
+        params.turn_time, params.connect_time, plan.failure, params.hearing
+    )?;
+    let begins = std::iter::once(Time::ZERO).chain(swarm.changes.iter().map(|(at, _)| *at));
+    for ((stage, goal), at) in plan.stages.iter().zip(&setup.goals).zip(begins) {
+        let levels: Vec<String> = goal.levels().iter().map(u8::to_string).collect();
+        let from = if at == Time::ZERO { String::new() } else { format!(", from {at} on") };
+        writeln!(
+            out,
+            "  goal      {}: {}, level by level {}{from}",
+            stage.name.shown(),
+            many(goal.seeds().len() as u64, "seed"),
+            levels.join(" + ")
+        )?;
+    }
+    let teller = match params.teller {
+        Teller::Controller => "the controller",
+        Teller::Neighbours => "neighbours",
+    };
+    let relocates = if swarm.relocate { "; a goal that cannot be built where it is is moved" } else { "" };
+    let detects = if params.detector.is_some() { "; the swarm finds deadlocks by itself" } else { "" };
+    writeln!(
+        out,
+        "  protocol  strategy {}{}; {teller} tells which seeds are open{relocates}{detects}",
+        params.strategy.name(),
+        field(params),
+    )
+}
+
+/// What varies the force field of the published strategies.
+fn field(params: &Params) -> String {
+    if params.strategy == Strategy::Negotiated {
+        return String::new();
+    }
+    let first = match params.precedence {
+        None => "no precedence".to_owned(),
+        Some(Precedence { within, by: PrecedenceBy::SeedDistance }) => {
+            format!("the one nearer to a seed goes first within {within} connectors")
+        }
+        Some(Precedence { within, by: PrecedenceBy::Id }) => {
+            format!("the smaller number goes first within {within} connectors")
+        }
+    };
+    let Repulsion { strength, decay, range } = params.repulsion;
+    let settled = if params.settled_repel { "settled ones too" } else { "settled ones not" };
+    match strength {
+        0 => format!("; {first}; nobody pushes"),
+        _ => format!(
+            "; {first}; neighbours within {range} cells push by {strength}/1000, {decay}/1000 of it lost at the edge, {settled}"
+        ),
+    }
+}

@@ -1,0 +1,93 @@
+//! Draws swarms of metamodules and their goals.
+
+use super::draft::{MetamoduleDraft, MetamoduleGoal};
+use crate::family::draft::Dice;
+use metamorph_protocol::lattice::Face;
+use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder, box_of_four, chair_of_six};
+use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Strategy, Teller};
+use metamorph_protocol::roombots::Kind;
+
+/// One metamodule with next to nothing to do.
+pub fn smallest() -> MetamoduleDraft {
+    MetamoduleDraft {
+        kind: Kind::Srs,
+        side: 9,
+        start: Err(1),
+        goals: vec![(0, MetamoduleGoal { levels: vec![vec![upright(4, 4)]], order: SeedOrder::Circular })],
+        strategy: Strategy::Negotiated,
+        teller: Teller::Controller,
+        relocate: false,
+        precedence: None,
+        settled_repel: true,
+    }
+}
+
+/// The bounds for standing still and for moving without progress, in seconds. A metamodule that gets on no
+/// more does so soon, and to watch it for longer is slow. `delay` is the longest, in milliseconds.
+pub fn patience(delay: u64) -> Option<(u64, u64)> {
+    Some(if delay < 1_000 { (120, 1_000) } else { (400, 2_000) })
+}
+
+fn upright(x: i16, y: i16) -> Seed {
+    Seed { foot: (x, y), directions: [Face::Up; 3] }
+}
+
+impl Dice {
+    /// A swarm of metamodules and its goals.
+    pub fn metamodules(&mut self) -> MetamoduleDraft {
+        let mut goals = Vec::new();
+        let side = self.within(7, 13) as i16;
+        let mut at = 0;
+        for i in 0..if self.once_in(5) { 2 } else { 1 } {
+            if i > 0 {
+                at += self.within(100, 12_000) * 10;
+            }
+            goals.push((at, self.metamodule_goal(side)));
+        }
+        let seeds = goals.iter().map(|(_, g)| g.levels.iter().map(Vec::len).sum::<usize>());
+        let count = seeds.max().unwrap_or(0) + self.pick(&[0, 0, 1, 2, 4]);
+        let mut draft = MetamoduleDraft {
+            kind: self.pick(&Kind::METAMODULES),
+            side,
+            start: Err(count),
+            goals,
+            strategy: if self.once_in(3) { self.pick(&Strategy::PUBLISHED) } else { Strategy::Negotiated },
+            teller: self.pick(&[Teller::Controller, Teller::Neighbours]),
+            relocate: self.once_in(2),
+            precedence: None,
+            settled_repel: true,
+        };
+        if draft.strategy != Strategy::Negotiated {
+            // The reading of the thesis in half of them, anything else in the others.
+            draft.precedence = draft.strategy.precedence();
+            if self.once_in(2) {
+                let by = self.pick(&PrecedenceBy::ALL);
+                let within = self.within(1, 9) as u16;
+                draft.precedence = self.pick(&[None, Some(Precedence { within, by })]);
+                draft.settled_repel = self.once_in(2);
+            }
+        }
+        draft
+    }
+
+    fn metamodule_goal(&mut self, side: i16) -> MetamoduleGoal {
+        // Room for the chair, three by four, and one cell around it.
+        let (x, y) =
+            (self.within(1, side as u64 - 4) as i16, self.within(1, (side as u64 - 5).max(1)) as i16);
+        let levels = match self.0.below(8) {
+            0 | 1 => box_of_four(x, y),
+            2 => chair_of_six(x, y),
+            _ => {
+                let posts = self.within(1, 3);
+                let foot = |dice: &mut Dice| dice.within(1, side as u64 - 2) as i16;
+                let post = |dice: &mut Dice| upright(foot(dice), foot(dice));
+                if self.once_in(3) {
+                    (0..posts).map(|_| vec![post(self)]).collect()
+                } else {
+                    vec![(0..posts).map(|_| post(self)).collect()]
+                }
+            }
+        };
+        MetamoduleGoal { levels, order: self.pick(&SeedOrder::ALL) }
+    }
+}

@@ -1,0 +1,96 @@
+//! How a swarm of metamodules is run and accounted for.
+
+use super::Metamodules;
+use crate::report::run_result::RunResult;
+use crate::report::schema::{LevelReport, MetamoduleReport, MoveReport};
+use crate::run::runnable::{Runnable, stage};
+use crate::scenario::Plan;
+use metamorph_protocol::metamodule::params::Setup;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::metamodule::director::{MetamoduleDirector, MetamodulePlan};
+use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
+use metamorph_sim_bridge::world::World;
+use metamorph_sim_bridge::world::invariants::Violation;
+use std::sync::Arc;
+
+impl Runnable for Metamodules {
+    type World = MetamoduleWorld;
+    type Director = MetamoduleDirector;
+
+    fn setup(&self) -> &Arc<Setup> {
+        &self.setup
+    }
+    fn world(&self, plan: &Plan) -> MetamoduleWorld {
+        MetamoduleWorld::new(Arc::clone(&self.setup), &self.poses, plan.seed)
+    }
+    fn director(&self, plan: &Plan) -> MetamoduleDirector {
+        let plan = MetamodulePlan {
+            schedule: plan.schedule.clone(),
+            stop: plan.stop,
+            failure: plan.failure,
+            changes: self.changes.to_vec(),
+            relocate: self.relocate,
+            heed: true,
+        };
+        MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
+    }
+    fn time_step(&self) -> Span {
+        self.setup.params.turn_time
+    }
+    fn audit_every(&self) -> Span {
+        // A handful of bodies is cheap to check; every action is checked besides.
+        self.time_step() * 20
+    }
+    fn progress(director: &MetamoduleDirector) -> Progress {
+        director.progress()
+    }
+    fn account(&self, plan: &Plan, director: &MetamoduleDirector, world: &MetamoduleWorld) -> RunResult {
+        let (crashed, restarted) = director.crashed_and_restarted();
+        let (deeds, progress) = (world.deeds(), director.progress());
+        let (task, filled) = (director.task(), director.filled());
+        let mut seeds = 0u8..;
+        let levels = self.setup.goal(task).levels().iter().map(|seeds_of_it| {
+            let filled = seeds.by_ref().take(usize::from(*seeds_of_it)).filter(|s| filled.has(*s)).count();
+            LevelReport { seeds: u64::from(*seeds_of_it), filled: filled as u64 }
+        });
+        RunResult {
+            ended: director.outcome(),
+            progress,
+            crashed,
+            restarted,
+            stall: director.stall().cloned(),
+            plight: director.stall().map(|_| Box::new(director.plight(world)) as _),
+            struck: director.struck().to_vec(),
+            prevented: director.prevented(),
+            stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
+            bodies: MoveReport {
+                started: deeds.started,
+                completed: deeds.turns + deeds.moves + deeds.released,
+                failed: deeds.failed,
+                refused_taken: deeds.blocked,
+                refused_late: deeds.late,
+                refused_stale: deeds.stale,
+                refused_impossible: deeds.impossible,
+            },
+            metamodules: Some(MetamoduleReport {
+                kind: self.setup.kind().name().to_owned(),
+                strategy: self.setup.params.strategy.name().to_owned(),
+                levels: levels.collect(),
+                shift: task.shift.into(),
+                turns: deeds.turns,
+                connections: deeds.moves,
+                releases: deeds.released,
+                last_fill_s: director.last_fill().as_secs_f64(),
+            }),
+        }
+    }
+    fn last_check(world: &mut MetamoduleWorld, now: Time) -> (Vec<Violation>, u64) {
+        world.check_all(now);
+        let deeds = world.deeds();
+        // Space and grips when an action begins and when it ends, and of every body now.
+        let ended = deeds.turns + deeds.moves + deeds.released + deeds.failed;
+        let checks = (deeds.started + ended + world.len() as u64) * 2;
+        (world.take_violations(), checks)
+    }
+}

@@ -1,0 +1,155 @@
+//! The parts of the JSON schema of scenarios that only metamodules have.
+
+use super::field::{MAX_RANGE, MAX_THOUSANDTHS};
+use super::flaw::{MAX_FLOOR, MAX_HEARING, MAX_METAMODULES};
+use super::scenario::{CLASS, FACES, FLOOR, KIND, SHAPES, TELLERS};
+use crate::scenario::family::FamilySchema;
+use crate::scenario::plan::BEAT;
+use crate::scenario::schema::{NUMBERED, names, of, one_of, one_of_its_keys, or, said, seldom, table, text};
+use metamorph_protocol::metamodule::blueprint::SeedOrder;
+use metamorph_protocol::metamodule::params::{HEARING, LEAST_HEARING, PrecedenceBy, Strategy};
+use metamorph_protocol::roombots::Kind;
+use serde_json::json;
+
+/// Returns them.
+pub fn schema() -> FamilySchema {
+    let start = json!({ "anyOf": [{ "const": "random" }, { "type": "array", "items": of("place") }] });
+    let seeds = json!({ "type": "array", "minItems": 1, "items": of("seed") });
+    let direction = names(&FACES.map(|(name, _)| name));
+    let mut goal = table(
+        "Seeds to be filled, level by level.",
+        &[],
+        json!({
+            "name": said(NUMBERED, text()),
+            "at": said("When it replaces the one before; left out of the first goal only.", of("time")),
+            "shape": said("If left out, there are `levels`.", of("library")),
+            "levels": said("If left out, there is a `shape`.", json!({ "type": "array", "items": seeds })),
+            "order": said(
+                "Of the seeds in a level.",
+                or(SeedOrder::default().name(), names(&SeedOrder::ALL.map(SeedOrder::name))),
+            ),
+        }),
+    );
+    goal["oneOf"] = json!([{ "required": ["shape"] }, { "required": ["levels"] }]);
+    FamilySchema {
+        swarm: table(
+            "Two Roombots modules each, which walk over a floor of connectors.",
+            &["family"],
+            json!({
+                "family": { "const": super::NAME },
+                "kind": or(KIND.name(), names(&Kind::METAMODULES.map(Kind::name))),
+                "count": said(
+                    "If left out, as many as are listed in `start`, or one for each seed of the largest goal.",
+                    json!({ "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES }),
+                ),
+                "floor": or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor")),
+                "hearing": said(
+                    "How many connectors away metamodules hear each other.",
+                    or(HEARING, json!({ "type": "integer", "minimum": LEAST_HEARING, "maximum": MAX_HEARING })),
+                ),
+                "start": said("Drawn from the seed of the run, or a list.", or("random", start)),
+                "turn_time": or(BEAT.to_string(), of("time")),
+                "failed_connections": seldom(),
+            }),
+        ),
+        goal,
+        protocol: table(
+            "How metamodules decide.",
+            &[],
+            json!({
+                "strategy": or(Strategy::default().name(), names(&Strategy::ALL.map(Strategy::name))),
+                "precedence": said(
+                    "Which of two close together goes first, with `greedy`, `slope` and `step`. If it is left out, `greedy` has it within 4 by seed-distance, and the others have none.",
+                    json!({ "anyOf": [{ "const": "off" }, of("precedence")] }),
+                ),
+                "settled_repel": said(
+                    "Whether settled metamodules push, with `slope` and `step`. If it is left out, they do.",
+                    json!({ "type": "boolean" }),
+                ),
+                "repulsion": said("How neighbours push. If it is left out, as the strategy has it.", of("repulsion")),
+                "teller": one_of(&TELLERS),
+                "relocate": said(
+                    "Whether a goal that cannot be built where it is is moved.",
+                    or(bool::default(), json!({ "type": "boolean" })),
+                ),
+                "detector": said(
+                    "Whether the swarm finds out by itself that it stands still.",
+                    or(bool::default(), json!({ "type": "boolean" })),
+                ),
+            }),
+        ),
+        shapes: &SHAPES,
+        definitions: vec![
+            (
+                "floor",
+                table(
+                    &format!("Both corners belong to it; at most {MAX_FLOOR} connectors along each side."),
+                    &["min", "max"],
+                    json!({ "min": of("connector"), "max": of("connector") }),
+                ),
+            ),
+            (
+                "place",
+                table(
+                    "Where a metamodule starts, and by how many quarters it is turned.",
+                    &["at"],
+                    json!({
+                        "at": of("connector"),
+                        "class": or(CLASS, json!({ "type": "integer", "minimum": 0, "maximum": 3 })),
+                    }),
+                ),
+            ),
+            (
+                "library",
+                one_of_its_keys(table(
+                    "A goal of the thesis, by the corner where it stands.",
+                    &[],
+                    json!({ "box": of("connector"), "chair": of("connector") }),
+                )),
+            ),
+            (
+                "seed",
+                table(
+                    "A connector, and the directions from cell to cell.",
+                    &["foot", "directions"],
+                    json!({
+                        "foot": of("connector"),
+                        "directions": { "type": "array", "minItems": 3, "maxItems": 3, "items": direction },
+                    }),
+                ),
+            ),
+            (
+                "precedence",
+                table(
+                    "Of two metamodules within this many connectors the one nearer to an open seed, or with the smaller id, goes first.",
+                    &["within", "by"],
+                    json!({
+                        "within": { "type": "integer", "minimum": 1, "maximum": MAX_HEARING },
+                        "by": names(&PrecedenceBy::ALL.map(PrecedenceBy::name)),
+                    }),
+                ),
+            ),
+            (
+                "repulsion",
+                table(
+                    "How neighbours push, in thousandths of the attraction and in cells; what is left out is as the strategy has it.",
+                    &[],
+                    json!({
+                        "strength": said(
+                            "How much, in thousandths of the attraction. If it is left out, as the strategy has it.",
+                            json!({ "type": "integer", "minimum": 0, "maximum": MAX_THOUSANDTHS }),
+                        ),
+                        "decay": said(
+                            "How fast it falls with distance. If it is left out, as the strategy has it.",
+                            json!({ "type": "integer", "minimum": 0, "maximum": 1000 }),
+                        ),
+                        "range": said(
+                            "How far it reaches, in cells. If it is left out, as the strategy has it.",
+                            json!({ "type": "integer", "minimum": 1, "maximum": MAX_RANGE }),
+                        ),
+                    }),
+                ),
+            ),
+        ],
+    }
+}

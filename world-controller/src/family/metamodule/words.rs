@@ -1,0 +1,78 @@
+//! What a metamodule takes in and puts out, in words.
+
+use crate::console::format::listed;
+use crate::run::replay::words::{Worded, at, waiting};
+use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::metamodule::blueprint::SeedSet;
+use metamorph_protocol::metamodule::message::{
+    Action, Deed, Order as MetamoduleOrder, Percept as MetamodulePercept, Refusal as MetamoduleRefusal,
+    Status as MetamoduleStatus,
+};
+use metamorph_protocol::metamodule::pose::{End, Pose};
+use metamorph_protocol::time::Time;
+
+impl Worded for Metamodule {
+    fn place(pose: &Pose) -> String {
+        let end = match (pose.both, pose.end) {
+            (true, _) => "on both ends",
+            (false, End::Foot) => "on its foot",
+            (false, End::Head) => "on its head",
+        };
+        let (x, y) = pose.foot();
+        let turned = u16::from(pose.state.class) * 90;
+        format!("({x}, {y}), turned {turned}°, {end}, in posture {}", pose.posture)
+    }
+    fn action(Action { deed, not_after }: &Action) -> String {
+        let how = match deed {
+            Deed::Turn(step) => format!("turn a joint (step {step} of its posture)"),
+            Deed::Attach => "grip with its free end".to_owned(),
+            Deed::Detach => "let go with one end".to_owned(),
+        };
+        if *not_after == Time::NEVER { how } else { format!("{how}, by {}", at(*not_after).trim_start()) }
+    }
+    fn percept(percept: &MetamodulePercept) -> String {
+        match percept {
+            MetamodulePercept::Done(pose) => format!("is now at {}", Metamodule::place(pose)),
+            MetamodulePercept::Failed => "has failed, and is where it was".to_owned(),
+            MetamodulePercept::Refused(why) => format!(
+                "refuses: {}",
+                match why {
+                    MetamoduleRefusal::Blocked => "something is in the way",
+                    MetamoduleRefusal::Late => "it is too late",
+                    MetamoduleRefusal::Stale => "the neighbourhood has changed",
+                    MetamoduleRefusal::Busy => "it is acting",
+                    MetamoduleRefusal::Impossible => "it cannot do that from where it is",
+                }
+            ),
+        }
+    }
+    fn order(order: &MetamoduleOrder) -> String {
+        match order {
+            MetamoduleOrder::Seeds { task, open, filled } => format!(
+                "goal {}, moved by {:?}: open seeds {}, filled {}",
+                task.goal,
+                task.shift,
+                seeds(*open),
+                seeds(*filled)
+            ),
+            MetamoduleOrder::Dead { id, pose } => format!("{id} is dead, at {}", Metamodule::place(pose)),
+            MetamoduleOrder::Alive { id } => format!("{id} lives again"),
+            MetamoduleOrder::Obstacle { cell, there: true } => format!("something foreign is at {cell}"),
+            MetamoduleOrder::Obstacle { cell, there: false } => {
+                format!("nothing foreign is at {cell} any more")
+            }
+        }
+    }
+    fn report(s: &MetamoduleStatus) -> String {
+        let does = s.settled.map_or("free".to_owned(), |seed| format!("settled in seed {seed}"));
+        let barred =
+            if s.barred.is_empty() { String::new() } else { format!(", no way to {}", seeds(s.barred)) };
+        let stuck = if s.deadlocked { ", nobody can go on" } else { "" };
+        format!("{does}, at {}{barred}{stuck}{}", Metamodule::place(&s.pose), waiting(s.waits_for))
+    }
+}
+
+fn seeds(set: SeedSet) -> String {
+    let seeds: Vec<u32> = set.iter().map(u32::from).collect();
+    if seeds.is_empty() { "none".to_owned() } else { listed(&seeds, seeds.len()) }
+}
