@@ -12,11 +12,15 @@ use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Never;
+use metamorph_sim_bridge::cube::invariants::{
+    BODY_CONNECTED, FIELD_LOOP_FREE, MOVER_HAS_NO_DEPENDANTS, MOVER_SUPPORTED,
+};
 use metamorph_sim_bridge::director::port::Direct;
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
 use metamorph_sim_bridge::testing::flood::Hops;
 use metamorph_sim_bridge::world::invariants::Invariant;
+use metamorph_sim_bridge::world::invariants::{MOVE_WITHIN_LEASE, SESSION_CURRENT, TIME_PASSES};
 use metamorph_tests::growth::{Experiment, Ran, ball};
 use std::hash::Hasher;
 use std::sync::Arc;
@@ -45,7 +49,7 @@ fn sabotage(mut experiment: Experiment, defect: Sabotage) -> Experiment {
 /// The connection gradient as published is not safe when messages are late.
 #[test]
 fn the_published_gradient_tears_the_body() {
-    breaks(Invariant::BodyConnected, 3, |mut e| {
+    breaks(BODY_CONNECTED, 3, |mut e| {
         e.setup.params.connectivity = Connectivity::Gradient;
         e
     });
@@ -53,7 +57,7 @@ fn the_published_gradient_tears_the_body() {
 
 #[test]
 fn without_sessions_late_messages_are_believed() {
-    breaks(Invariant::SessionCurrent, 3, |mut e| {
+    breaks(SESSION_CURRENT, 3, |mut e| {
         e.ignore_sessions = true;
         e
     });
@@ -61,24 +65,22 @@ fn without_sessions_late_messages_are_believed() {
 
 #[test]
 fn without_a_deadline_a_stopped_module_moves_too_late() {
-    breaks(Invariant::MoveWithinLease, 6, |e| sabotage(e.pauses(Span::secs(60)), Sabotage::NoDeadline));
+    breaks(MOVE_WITHIN_LEASE, 6, |e| sabotage(e.pauses(Span::secs(60)), Sabotage::NoDeadline));
 }
 
 #[test]
 fn forgetting_silent_children_lets_parents_leave() {
-    breaks(Invariant::MoverHasNoDependants, 6, |e| {
-        sabotage(e.pauses(Span::secs(300)), Sabotage::DropSilentChildren)
-    });
+    breaks(MOVER_HAS_NO_DEPENDANTS, 6, |e| sabotage(e.pauses(Span::secs(300)), Sabotage::DropSilentChildren));
 }
 
 #[test]
 fn leaving_in_spite_of_locks_is_noticed() {
-    breaks(Invariant::MoverSupported, 6, |e| sabotage(e, Sabotage::IgnoreLocks));
+    breaks(MOVER_SUPPORTED, 6, |e| sabotage(e, Sabotage::IgnoreLocks));
 }
 
 #[test]
 fn believing_old_distances_makes_circles() {
-    breaks(Invariant::FieldLoopFree, 3, |e| sabotage(e, Sabotage::AcceptStaleValues));
+    breaks(FIELD_LOOP_FREE, 3, |e| sabotage(e, Sabotage::AcceptStaleValues));
 }
 
 /// The rule that is enough for scaffolds walls in cells of a solid.
@@ -153,5 +155,5 @@ fn answers_without_end_end_a_run() {
         (over, sim.violations().0.iter().map(|v| v.invariant).collect::<Vec<_>>())
     };
     assert_eq!(ran(Span::millis(1)), (false, vec![]));
-    assert_eq!(ran(Span::ZERO), (true, vec![Invariant::TimePasses]));
+    assert_eq!(ran(Span::ZERO), (true, vec![TIME_PASSES]));
 }

@@ -7,8 +7,9 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Stream;
 use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::cube::reasons::PINNED;
 use metamorph_sim_bridge::director::faults::Fault;
-use metamorph_sim_bridge::director::outcome::Reason;
+use metamorph_sim_bridge::director::reason::Reason;
 use metamorph_tests::growth::{Experiment, ball};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -63,7 +64,7 @@ const HARSH: [Variation; 1] = [("5% stuck joints, 5% crashes, 10% loss", |mut e|
 /// Runs the variations for the seeds, on all cores, and says what was not built. Fails on any broken
 /// invariant and, if they must be built, on any standstill that is the protocol's fault.
 fn check(side: i16, seeds: std::ops::RangeInclusive<u64>, variations: &[Variation], must_build: bool) {
-    let excused = |reason: Reason| reason.is_infeasible() || reason == Reason::Pinned;
+    let excused = |reason: Reason| reason.is_infeasible() || reason == PINNED;
     let jobs: Vec<(u64, &Variation)> =
         variations.iter().flat_map(|v| seeds.clone().map(move |s| (s, v))).collect();
     let next = AtomicUsize::new(0);

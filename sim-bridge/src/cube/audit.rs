@@ -1,9 +1,12 @@
 //! The invariants of cubes that only agents and world together show.
 
+use crate::cube::invariants::{
+    self, FIELD_LOOP_FREE, FINAL_GROWS, MOVER_HAS_NO_DEPENDANTS, PARENT_DESCENDS, RESERVED_ONCE,
+};
 use crate::cube::world::CubeWorld;
 use crate::kernel::sim::{Agents, Audited};
 use crate::world::World;
-use crate::world::invariants::{self, Invariant, Violation};
+use crate::world::invariants::{Invariant, MOVE_WITHIN_LEASE, Violation, move_within_lease};
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::cube::{Cube, Successor};
@@ -102,7 +105,7 @@ impl Audited for CubeWorld {
         let Some(cube) = agents.get(id) else { return };
         if cube.connectivity() == Connectivity::Forest && !self.is_moving(id) {
             let check = self.parent_descends(now, cube, id, agents);
-            note(found, Invariant::ParentDescends, now, id, check);
+            note(found, PARENT_DESCENDS, now, id, check);
             for face in Face::ALL {
                 let Some(child) = self.neighbour(id, face) else { continue };
                 let Some(agent) = agents.get(child).filter(|a| a.parent() == Some(face.opposite())) else {
@@ -110,11 +113,11 @@ impl Audited for CubeWorld {
                 };
                 if !self.is_moving(child) {
                     let check = self.parent_descends(now, agent, child, agents);
-                    note(found, Invariant::ParentDescends, now, child, check);
+                    note(found, PARENT_DESCENDS, now, child, check);
                 }
             }
         }
-        note(found, Invariant::ReservedOnce, now, id, invariants::reserved_once(&cube.reservations()));
+        note(found, RESERVED_ONCE, now, id, invariants::reserved_once(&cube.reservations()));
     }
 
     fn audit_action(&self, now: Time, id: ModuleId, agents: &Agents<'_, Cube>, found: &mut Vec<Violation>) {
@@ -122,25 +125,25 @@ impl Audited for CubeWorld {
         let (Some(cube), Some(landing)) = (agents.get(id), self.landing(id)) else { return };
         if cube.role() == Role::Reserve {
             let check = invariants::mover_has_no_dependants(cube.children());
-            note(found, Invariant::MoverHasNoDependants, now, id, check);
+            note(found, MOVER_HAS_NO_DEPENDANTS, now, id, check);
         }
         if let Some(grantor) = agents.get(landing)
             // Finalized modules stay anyway, restarted ones until they have listened long enough.
             && grantor.role() != Role::Final
             && !grantor.is_listening(now)
         {
-            let check = invariants::move_within_lease(now, self.move_time(), grantor.locked_for(id));
-            note(found, Invariant::MoveWithinLease, now, id, check);
+            let check = move_within_lease(now, self.move_time(), grantor.locked_for(id));
+            note(found, MOVE_WITHIN_LEASE, now, id, check);
         }
     }
 
     fn audit_all(&mut self, now: Time, agents: &Agents<'_, Cube>, found: &mut Vec<Violation>) {
         self.check_connected(now);
         for (id, cube) in agents.iter() {
-            note(found, Invariant::FinalGrows, now, id, self.final_grows(cube, id, agents));
+            note(found, FINAL_GROWS, now, id, self.final_grows(cube, id, agents));
             for face in Face::ALL {
                 let check = self.field_loop_free(id, face, agents);
-                note(found, Invariant::FieldLoopFree, now, id, check);
+                note(found, FIELD_LOOP_FREE, now, id, check);
             }
         }
     }

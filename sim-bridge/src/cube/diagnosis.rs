@@ -2,8 +2,13 @@
 //! evidence of what they wait for.
 
 use crate::cube::reachability::{Plight, Standing};
+use crate::cube::reasons::{
+    CUT_OFF, HEARS_OF_NO_TARGET, HOLDS_DEAD, IMMOBILE, NEEDS_DEAD_SUPPORT, PINNED, UNATTACHED,
+};
 use crate::cube::world::CubeWorld;
-use crate::director::outcome::{Reason, Stall, Waiter, Why};
+use crate::director::outcome::{Stall, Waiter};
+use crate::director::reason::Why;
+use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_ACTIVE_TARGET, NO_WAY};
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::Connectivity;
@@ -62,7 +67,7 @@ pub fn diagnose(
         .collect();
     let mut stall = Stall {
         since,
-        reason: Reason::NoWay,
+        reason: NO_WAY,
         text: "",
         unfilled,
         wait_cycle: wait_cycle(known),
@@ -71,9 +76,9 @@ pub fn diagnose(
         proof: None,
     };
     stall.reason = if spare.len() < stall.unfilled.len() {
-        Reason::MaterialExhausted
+        MATERIAL_EXHAUSTED
     } else if targets.is_empty() {
-        Reason::NoActiveTarget
+        NO_ACTIVE_TARGET
     } else {
         let live = walkers_with_a_way(world, known, &spare, &targets, true);
         // A cycle over a dead module cannot be locked.
@@ -87,18 +92,18 @@ pub fn diagnose(
         stall.waiting = live.iter().map(|id| waiter(known, *id)).take(20).collect();
         let called = called(world, known, &targets, &starts);
         if free.iter().any(|id| called.contains(id)) {
-            Reason::Blocked
+            BLOCKED
         } else if !free.is_empty() {
-            Reason::CutOff
+            CUT_OFF
         } else if !live.is_empty() {
-            Reason::Pinned
+            PINNED
         } else if !walkers_with_a_way(world, known, &spare, &targets, false).is_empty() {
-            Reason::NeedsDeadSupport
+            NEEDS_DEAD_SUPPORT
         } else {
-            Reason::NoWay
+            NO_WAY
         }
     };
-    stall.text = stall.reason.text();
+    stall.text = stall.reason.text;
     stall
 }
 
@@ -173,14 +178,14 @@ fn waiter(known: &[Known], module: ModuleId) -> Waiter {
     let on = waits_for(known, module);
     let is_dead = |id: ModuleId| known.get(id.index()).is_some_and(|k| !k.alive);
     let why = match known.get(module.index()).and_then(|k| k.status) {
-        None => Why::Unknown,
-        Some(s) if s.immobile => Why::Immobile,
-        Some(s) if s.role == Role::Reserve && !s.attached => Why::Unattached,
-        Some(s) if s.pinned => Why::HoldsDead,
-        Some(_) if on.is_some_and(is_dead) => Why::WaitsForDead,
-        Some(_) if on.is_some() => Why::Waits,
-        Some(s) if !s.attracted => Why::HearsOfNoTarget,
-        Some(_) => Why::Unknown,
+        None => Why::UNKNOWN,
+        Some(s) if s.immobile => IMMOBILE,
+        Some(s) if s.role == Role::Reserve && !s.attached => UNATTACHED,
+        Some(s) if s.pinned => HOLDS_DEAD,
+        Some(_) if on.is_some_and(is_dead) => Why::WAITS_FOR_DEAD,
+        Some(_) if on.is_some() => Why::WAITS,
+        Some(s) if !s.attracted => HEARS_OF_NO_TARGET,
+        Some(_) => Why::UNKNOWN,
     };
     Waiter { module, on, why }
 }
@@ -310,6 +315,7 @@ fn surface(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::director::reason::Reason;
     use metamorph_protocol::goal::Growth;
     use metamorph_protocol::time::Span;
 
@@ -356,23 +362,23 @@ mod tests {
         let spare = status(Role::Reserve, 0, None, false);
         let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         let tower = [[0, 0, 0], [0, 0, 1]];
-        check(&row, &[(true, root), (true, spare), (true, spare)], &tower, Reason::Blocked);
-        check(&row, &[(true, root), (false, spare), (false, spare)], &tower, Reason::MaterialExhausted);
-        check(&row, &[(false, root), (true, spare), (true, spare)], &tower, Reason::NoActiveTarget);
+        check(&row, &[(true, root), (true, spare), (true, spare)], &tower, BLOCKED);
+        check(&row, &[(true, root), (false, spare), (false, spare)], &tower, MATERIAL_EXHAUSTED);
+        check(&row, &[(false, root), (true, spare), (true, spare)], &tower, NO_ACTIVE_TARGET);
         // The end of the row could only walk over the dead middle.
-        check(&row, &[(true, root), (false, spare), (true, spare)], &tower, Reason::NeedsDeadSupport);
+        check(&row, &[(true, root), (false, spare), (true, spare)], &tower, NEEDS_DEAD_SUPPORT);
         let pinned = status(Role::Reserve, 0, Some(1), true);
-        check(&row, &[(true, root), (true, spare), (true, pinned)], &tower, Reason::Pinned);
+        check(&row, &[(true, root), (true, spare), (true, pinned)], &tower, PINNED);
         // Over the gap beside the dead middle there is a way, but no message comes over it.
         let bent = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]];
         let states = [(true, root), (false, spare), (true, spare), (true, spare), (true, spare)];
-        check(&bent, &states, &[[0, 0, 0], [0, 0, 1], [0, 1, 0]], Reason::Blocked);
+        check(&bent, &states, &[[0, 0, 0], [0, 0, 1], [0, 1, 0]], BLOCKED);
         let states = [(true, root), (false, spare), (true, spare), (false, spare), (true, spare)];
-        check(&bent, &states, &[[0, 0, 0], [0, 0, 1]], Reason::NeedsDeadSupport);
+        check(&bent, &states, &[[0, 0, 0], [0, 0, 1]], NEEDS_DEAD_SUPPORT);
         // The only spare module is the one that holds the body together.
         let bridge = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         let seed_end = status(Role::Final, UP, None, false);
-        check(&bridge, &[(true, seed_end), (true, spare), (true, root)], &tower, Reason::NoWay);
+        check(&bridge, &[(true, seed_end), (true, spare), (true, root)], &tower, NO_WAY);
     }
 
     #[test]
@@ -380,10 +386,9 @@ mod tests {
         let root = status(Role::Final, UP, None, false);
         let (a, b) = (status(Role::Reserve, 0, Some(2), false), status(Role::Reserve, 0, Some(1), false));
         let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
-        let stall =
-            check(&row, &[(true, root), (true, a), (true, b)], &[[0, 0, 0], [0, 0, 1]], Reason::Blocked);
+        let stall = check(&row, &[(true, root), (true, a), (true, b)], &[[0, 0, 0], [0, 0, 1]], BLOCKED);
         assert_eq!(stall.wait_cycle, [ModuleId(1), ModuleId(2)]);
         // The one in the middle holds the row together, and so has no way.
-        assert_eq!(stall.waiting, [Waiter { module: ModuleId(2), on: Some(ModuleId(1)), why: Why::Waits }]);
+        assert_eq!(stall.waiting, [Waiter { module: ModuleId(2), on: Some(ModuleId(1)), why: Why::WAITS }]);
     }
 }

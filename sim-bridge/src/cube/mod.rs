@@ -4,5 +4,7 @@ pub mod audit;
 pub mod diagnosis;
 pub mod director;
 
+pub mod invariants;
 pub mod reachability;
+pub mod reasons;
 pub mod world;

@@ -7,6 +7,7 @@
 mod safety;
 
 use crate::world::grid::{Grid, Occupant};
+use crate::world::invariants::ONE_MODULE_PER_CELL;
 use crate::world::invariants::{Invariant, Violation};
 use crate::world::{World, due};
 use metamorph_protocol::cube::Cube;
@@ -96,7 +97,7 @@ impl CubeWorld {
         for (i, cell) in cells.iter().enumerate() {
             let id = ModuleId(i as u32);
             if let Some(other) = world.grid.body(*cell) {
-                world.violate(Invariant::OneModulePerCell, Time::ZERO, format!("{other} and {id} at {cell}"));
+                world.violate(ONE_MODULE_PER_CELL, Time::ZERO, format!("{other} and {id} at {cell}"));
             }
             world.grid.set(*cell, Some(Occupant::Body(id)));
             world.bodies.push(Body {

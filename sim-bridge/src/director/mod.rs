@@ -6,3 +6,4 @@ pub mod outcome;
 pub mod port;
 pub mod progress;
 pub mod proof;
+pub mod reason;

@@ -78,7 +78,7 @@ impl<W: World> RecordedWorld<W> {
     }
     fn put_violations<'v>(&self, found: impl IntoIterator<Item = &'v Violation>) {
         for Violation { invariant, at, what } in found {
-            let event = Event::Violated { invariant: invariant.name().to_owned(), what: what.clone() };
+            let event = Event::Violated { invariant: invariant.name.to_owned(), what: what.clone() };
             put(&self.log, *at, event);
         }
     }

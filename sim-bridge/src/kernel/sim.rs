@@ -12,7 +12,8 @@ use crate::kernel::recording::Log;
 use crate::kernel::state::{self, Hashes, Held, States};
 use crate::kernel::trace::Trace;
 use crate::world::World;
-use crate::world::invariants::{self, Invariant, Violation};
+use crate::world::invariants::{self, Violation};
+use crate::world::invariants::{MESSAGES_BALANCE, SESSION_CURRENT, TIME_PASSES};
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
@@ -474,7 +475,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }
         self.checked += 1;
         if let Err(what) = invariants::session_current(session, current) {
-            self.note(Violation { invariant: Invariant::SessionCurrent, at: self.now, what });
+            self.note(Violation { invariant: SESSION_CURRENT, at: self.now, what });
         }
         self.tally[class].delivered += 1;
         self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
@@ -525,7 +526,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             return;
         }
         if let Err(what) = self.time_passes() {
-            self.note(Violation { invariant: Invariant::TimePasses, at: self.now, what });
+            self.note(Violation { invariant: TIME_PASSES, at: self.now, what });
             self.finished = true;
         }
     }
@@ -713,7 +714,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         self.world.audit_all(self.now, &agents, &mut found);
         found.extend(self.world.take_violations());
         if let Err(what) = invariants::messages_balance(&self.tally, &self.under_way()) {
-            found.push(Violation { invariant: Invariant::MessagesBalance, at: self.now, what });
+            found.push(Violation { invariant: MESSAGES_BALANCE, at: self.now, what });
         }
         found.into_iter().for_each(|v| self.note(v));
     }

@@ -1,9 +1,10 @@
 //! The invariants of metamodules that only agents and world together show.
 
 use crate::kernel::sim::{Agents, Audited};
+use crate::metamodule::invariants::{ONE_HOLDER_PER_LOCK, one_holder_per_lock};
 use crate::metamodule::world::MetamoduleWorld;
 use crate::world::World;
-use crate::world::invariants::{self, Invariant, Violation};
+use crate::world::invariants::{MOVE_WITHIN_LEASE, Violation, move_within_lease};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
@@ -26,9 +27,9 @@ fn locks(
     for other in (0..world.len() as u32).map(ModuleId).filter(|o| *o != id) {
         let held = agents.get(other).into_iter().flat_map(|a| a.held(now));
         let theirs = held.chain(world.taken(other).iter().copied());
-        if let Err(what) = invariants::one_holder_per_lock(&mine, theirs) {
+        if let Err(what) = one_holder_per_lock(&mine, theirs) {
             let what = format!("{id} and {other}: {what}");
-            found.push(Violation { invariant: Invariant::OneHolderPerLock, at: now, what });
+            found.push(Violation { invariant: ONE_HOLDER_PER_LOCK, at: now, what });
         }
     }
 }
@@ -49,9 +50,9 @@ impl Audited for MetamoduleWorld {
         // What was refused has not begun.
         if let Some((agent, until)) = agents.get(id).zip(self.acting_until(id)) {
             let takes = until.since(now);
-            if let Err(what) = invariants::move_within_lease(now, takes, agent.locked_until()) {
+            if let Err(what) = move_within_lease(now, takes, agent.locked_until()) {
                 let what = format!("module {id}: {what}");
-                found.push(Violation { invariant: Invariant::MoveWithinLease, at: now, what });
+                found.push(Violation { invariant: MOVE_WITHIN_LEASE, at: now, what });
             }
         }
     }

@@ -2,5 +2,7 @@
 
 pub mod audit;
 pub mod director;
+pub mod invariants;
+pub mod reasons;
 pub mod relocation;
 pub mod world;

@@ -427,6 +427,7 @@ impl World for MetamoduleWorld {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::world::invariants::ONE_MODULE_PER_CELL;
     use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four};
     use metamorph_protocol::metamodule::motions::Motions;
     use metamorph_protocol::metamodule::params::{Floor, Params, Strategy};
@@ -529,7 +530,7 @@ mod tests {
         assert!(matches!(act(&mut world, Deed::Turn(number)), Percept::Done(_)));
         world.obstacles.insert(world.cells(ModuleId(0))[2]);
         world.check_all(Time::ZERO);
-        assert_eq!(world.take_violations()[0].invariant, Invariant::OneModulePerCell);
+        assert_eq!(world.take_violations()[0].invariant, ONE_MODULE_PER_CELL);
     }
 
     #[test]

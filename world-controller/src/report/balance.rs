@@ -10,7 +10,8 @@
 use crate::swarm::SwarmOutcome;
 use metamorph_module_agent::in_hand;
 use metamorph_protocol::counters::Class;
-use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
+use metamorph_sim_bridge::world::invariants::MESSAGES_BALANCE;
+use metamorph_sim_bridge::world::invariants::Violation;
 
 /// Message counts that do not add up, in a run of agents with so many ports, over a link that is
 /// transparent or holds messages back.
@@ -28,7 +29,7 @@ pub fn unbalanced(outcome: &SwarmOutcome, ports: usize, transparent: bool) -> Op
             _ => None,
         }
     })?;
-    Some(Violation { invariant: Invariant::MessagesBalance, at: outcome.end, what })
+    Some(Violation { invariant: MESSAGES_BALANCE, at: outcome.end, what })
 }
 
 #[cfg(test)]

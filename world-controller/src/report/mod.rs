@@ -25,7 +25,7 @@ use metamorph_protocol::counters::{Counts, Tally};
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::faults::Fault;
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
-use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
+use metamorph_sim_bridge::world::invariants::Violation;
 use prospect::{Possible, Prospect};
 use schema::{
     Agents, ClassCounts, Collisions, Detected, FaultReport, GoalReport, Invariants, Machine, Messages,
@@ -86,8 +86,8 @@ pub fn report(facts: &Facts<'_>) -> Report {
     let question = account.plight.as_deref().filter(|_| facts.search);
     let unbuilt = account.stall.as_ref().map(|stall| standstill(stall, &Prospect::of(stall, question)));
     let listed = |when| (ended == when).then(|| unbuilt.clone()).flatten().into_iter().collect();
-    let one_cell = |v: &&Violation| v.invariant == Invariant::OneModulePerCell;
-    let suffered = facts.violations.iter().filter(one_cell).count() as u64;
+    let collides = |v: &&Violation| v.invariant.is_collision;
+    let suffered = facts.violations.iter().filter(collides).count() as u64;
     let (prevented, refused) = (account.prevented, account.bodies.refused_taken);
     Report {
         schema: SCHEMA,
@@ -180,7 +180,7 @@ fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> St
 fn standstill(stall: &Stall, prospect: &Prospect) -> Standstill {
     Standstill {
         since_s: stall.since.as_secs_f64(),
-        reason: stall.reason.name().to_owned(),
+        reason: stall.reason.name.to_owned(),
         infeasible: prospect.possible == Possible::No,
         possible: prospect.possible.name().to_owned(),
         impossible_within: prospect.within.map(|within| within.name().to_owned()),
@@ -192,11 +192,7 @@ fn standstill(stall: &Stall, prospect: &Prospect) -> Standstill {
         waiting: stall
             .waiting
             .iter()
-            .map(|w| Waiting {
-                module: w.module.0,
-                waits_for: w.on.map(|on| on.0),
-                why: w.why.text().to_owned(),
-            })
+            .map(|w| Waiting { module: w.module.0, waits_for: w.on.map(|on| on.0), why: w.why.0.to_owned() })
             .collect(),
         detected: stall.detected.map(|(at, by)| Detected { at_s: at.as_secs_f64(), by: by.0 }),
         proof: stall
@@ -231,11 +227,7 @@ fn messages(tally: &Tally, left: Option<&[u64; Class::ALL.len()]>) -> Messages {
 }
 
 fn violation(v: &Violation) -> ViolationReport {
-    ViolationReport {
-        invariant: v.invariant.name().to_owned(),
-        at_s: v.at.as_secs_f64(),
-        what: v.what.clone(),
-    }
+    ViolationReport { invariant: v.invariant.name.to_owned(), at_s: v.at.as_secs_f64(), what: v.what.clone() }
 }
 
 /// What hit modules and cells, and what cut links, in the order of time.

@@ -4,8 +4,9 @@
 //! done something is decided by a search, which ends with a proof, with a way, or at its bound.
 
 use crate::report::run_result::Question;
-use metamorph_sim_bridge::director::outcome::{Reason, Stall};
+use metamorph_sim_bridge::director::outcome::Stall;
 use metamorph_sim_bridge::director::proof::Within;
+use metamorph_sim_bridge::director::reason::Proves;
 
 /// Whether a run could have gone on from where it stood still.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,11 +47,11 @@ impl Prospect {
     pub fn of(stall: &Stall, question: Option<&dyn Question>) -> Prospect {
         match question {
             // Counted: modules that cannot move, or are in goal cells already, fill no others.
-            _ if stall.reason == Reason::MaterialExhausted => {
+            _ if stall.reason.proves == Proves::Counted => {
                 Prospect { possible: Possible::No, within: Some(Within::Anything) }
             }
             // At another place more may be possible.
-            _ if stall.reason == Reason::Misplaced => Prospect::UNDECIDED,
+            _ if stall.reason.proves == Proves::NotHere => Prospect::UNDECIDED,
             // The director has searched already.
             _ if stall.proof.is_some() => Prospect { possible: Possible::No, within: Some(Within::Grown) },
             Some(question) => question.prospect(),

@@ -10,7 +10,8 @@
 //! (`the_incremental_checks_find_what_the_whole_one_finds`). Absent: whether a move is possible at all.
 
 use super::{CubeWorld, Occupant};
-use crate::world::invariants::Invariant;
+use crate::cube::invariants::{BODY_CONNECTED, MOVER_SUPPORTED};
+use crate::world::invariants::ONE_MODULE_PER_CELL;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face, Motion};
 use metamorph_protocol::time::Time;
@@ -23,15 +24,15 @@ impl CubeWorld {
         if !self.is_supported(id) {
             let motion = self.bodies[id.index()].under_way.map(|u| u.motion);
             let what = format!("{id} moves {motion:?} from {from} over a module that is leaving");
-            self.violate(Invariant::MoverSupported, now, what);
+            self.violate(MOVER_SUPPORTED, now, what);
         }
         if let Some(mover) = Face::ALL.into_iter().find_map(|face| self.supported_by(from, face)) {
             let what = format!("{id} leaves {from} while {mover} moves over it");
-            self.violate(Invariant::MoverSupported, now, what);
+            self.violate(MOVER_SUPPORTED, now, what);
         }
         if !self.neighbours_connected(from) {
             let what = format!("{id} leaves {from} while its neighbours need it");
-            self.violate(Invariant::BodyConnected, now, what);
+            self.violate(BODY_CONNECTED, now, what);
         }
     }
 
@@ -42,7 +43,7 @@ impl CubeWorld {
         let foreign = needed.into_iter().find(|(cell, by)| self.grid.get(*cell) != Some(*by));
         if let Some((cell, _)) = foreign {
             let what = format!("{id} moves through {cell}, which holds {:?}", self.grid.get(cell));
-            self.violate(Invariant::OneModulePerCell, now, what);
+            self.violate(ONE_MODULE_PER_CELL, now, what);
         }
     }
 
@@ -51,7 +52,7 @@ impl CubeWorld {
     pub(super) fn check_arrival(&mut self, now: Time, id: ModuleId, support: Face) {
         let cell = self.bodies[id.index()].cell;
         if self.resting(cell.step(support)).is_none() {
-            self.violate(Invariant::MoverSupported, now, format!("{id} comes to rest on nothing at {cell}"));
+            self.violate(MOVER_SUPPORTED, now, format!("{id} comes to rest on nothing at {cell}"));
         }
     }
 
@@ -148,11 +149,7 @@ impl CubeWorld {
         for id in (0..self.bodies.len() as u32).map(ModuleId) {
             if !self.is_supported(id) {
                 let cell = self.bodies[id.index()].cell;
-                self.violate(
-                    Invariant::MoverSupported,
-                    now,
-                    format!("{id} moves from {cell} without support"),
-                );
+                self.violate(MOVER_SUPPORTED, now, format!("{id} moves from {cell} without support"));
             }
         }
         if seen != resting.len() {
@@ -162,7 +159,7 @@ impl CubeWorld {
                 resting.len() - seen,
                 resting.len()
             );
-            self.violate(Invariant::BodyConnected, now, what);
+            self.violate(BODY_CONNECTED, now, what);
         }
     }
 }
@@ -171,6 +168,7 @@ impl CubeWorld {
 mod tests {
     use super::*;
     use crate::world::World;
+    use crate::world::invariants::Invariant;
     use crate::world::invariants::Violation;
     use metamorph_protocol::cube::body::Move;
     use metamorph_protocol::lattice::MotionKind;
@@ -218,7 +216,7 @@ mod tests {
             let kind = if leaves == 1 { MotionKind::Slide } else { MotionKind::Convex };
             let motion = Motion { kind, support: BESIDE, heading };
             act(&mut plate, Time(1), leaves, motion);
-            assert_eq!((plate.motions().started, fired(&mut plate)), (2, vec![Invariant::MoverSupported]));
+            assert_eq!((plate.motions().started, fired(&mut plate)), (2, vec![MOVER_SUPPORTED]));
         }
     }
 
@@ -233,9 +231,9 @@ mod tests {
             0,
             Motion { kind: MotionKind::Convex, support: BESIDE, heading: Face::West },
         );
-        assert_eq!(fired(&mut plate), [Invariant::MoverSupported]);
+        assert_eq!(fired(&mut plate), [MOVER_SUPPORTED]);
         plate.advance(Time(0) + MOVE);
-        assert_eq!((plate.motions().failed, fired(&mut plate)), (1, vec![Invariant::MoverSupported]));
+        assert_eq!((plate.motions().failed, fired(&mut plate)), (1, vec![MOVER_SUPPORTED]));
         let mut sound = self::plate();
         sound.set_stuck(ModuleId(5), true);
         act(&mut sound, Time(0), 5, slide(Face::Down, Face::East));
@@ -251,7 +249,7 @@ mod tests {
             act(&mut plate, Time(0), 5, slide(Face::Down, Face::East));
             plate.grid.set(cell.into(), Some(Occupant::Body(ModuleId(2))));
             plate.advance(Time(0) + MOVE);
-            assert_eq!(fired(&mut plate), [Invariant::OneModulePerCell]);
+            assert_eq!(fired(&mut plate), [ONE_MODULE_PER_CELL]);
         }
     }
 

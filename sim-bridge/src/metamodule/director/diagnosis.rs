@@ -1,7 +1,12 @@
 //! Why metamodules stand still: the reason, who waits for whom, and what a search proves.
 
 use super::{Known, MetamoduleDirector};
-use crate::director::outcome::{Proof, Reason, Stall, Waiter, Why};
+use crate::director::outcome::{Proof, Stall, Waiter};
+use crate::director::reason::Why;
+use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_WAY};
+use crate::metamodule::reasons::{
+    BARRED, HAS_NO_BETTER_PLACE, MISPLACED, NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
+};
 use crate::metamodule::relocation::Elsewhere;
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
@@ -30,30 +35,30 @@ impl MetamoduleDirector {
         // By precedence a metamodule also waits for one that is refused nothing and has nowhere to go.
         let ordered = self.setup.params.precedence.is_some();
         let here = if free.len() < unfilled.len() {
-            Reason::MaterialExhausted
+            MATERIAL_EXHAUSTED
         } else if self.is_seed_blocked(&stays) {
-            Reason::SeedBlocked
+            SEED_BLOCKED
         } else if matches!(sought, Sought::Way(_)) {
-            Reason::Blocked
+            BLOCKED
         } else if matches!(sought, Sought::NoWay(_)) || self.is_out_of_reach(world) {
-            Reason::NoWay
+            NO_WAY
         } else if negotiated {
-            Reason::Blocked
+            BLOCKED
         } else if free.iter().filter(|w| w.on.is_some()).count() >= if ordered { free.len() } else { 1 } {
-            Reason::NoLock
+            NO_LOCK
         } else {
-            Reason::NoBetterPlace
+            NO_BETTER_PLACE
         };
         let may_be_elsewhere =
             negotiated && self.relocate && !matches!(self.elsewhere, Some(Elsewhere::Barred(_)));
         let reason = match here {
-            Reason::SeedBlocked | Reason::NoWay if may_be_elsewhere => Reason::Misplaced,
+            SEED_BLOCKED | NO_WAY if may_be_elsewhere => MISPLACED,
             here => here,
         };
         Stall {
             since,
             reason,
-            text: reason.text(),
+            text: reason.text,
             unfilled: unfilled
                 .iter()
                 .filter_map(|s| self.setup.seed(self.task, s))
@@ -82,11 +87,11 @@ impl MetamoduleDirector {
         let open = self.setup.goal(self.task).open(self.filled);
         let barred = known.status.is_some_and(|s| !open.is_empty() && s.barred.holds(open));
         let why = match on {
-            Some(other) if self.dead.contains(&other) => Why::WaitsForDead,
-            Some(_) => Why::Waits,
-            None if barred => Why::Barred,
-            None if self.setup.params.strategy == Strategy::Negotiated => Why::Unknown,
-            None => Why::NoBetterPlace,
+            Some(other) if self.dead.contains(&other) => Why::WAITS_FOR_DEAD,
+            Some(_) => Why::WAITS,
+            None if barred => BARRED,
+            None if self.setup.params.strategy == Strategy::Negotiated => Why::UNKNOWN,
+            None => HAS_NO_BETTER_PLACE,
         };
         Waiter { module, on, why }
     }

@@ -5,7 +5,8 @@
 //! apart from the bodies (`claims`); the interlock works from the bodies, so that a fault of either shows.
 
 use super::{MetamoduleWorld, Occupant};
-use crate::world::invariants::{self, Invariant};
+use crate::metamodule::invariants::{ATTACHED, attached};
+use crate::world::invariants::ONE_MODULE_PER_CELL;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::message::Deed;
@@ -55,7 +56,7 @@ impl MetamoduleWorld {
             Some(Occupant::Body(other) | Occupant::Path(other)) => format!("{other} and {id} at {cell}"),
             None => format!("{id} at {cell}, which it had not claimed"),
         };
-        self.violate(Invariant::OneModulePerCell, now, what);
+        self.violate(ONE_MODULE_PER_CELL, now, what);
     }
 
     /// Checks that a body grips the floor; while an end lets go, with the other end.
@@ -70,8 +71,8 @@ impl MetamoduleWorld {
         if body.grips[body.pose.end.other() as usize] {
             ends.push(self.setup.motions.landing(body.pose).is_some_and(|s| floor(s.x, s.y)));
         }
-        if let Err(what) = invariants::attached(&ends) {
-            self.violate(Invariant::Attached, now, format!("module {id}: {what}"));
+        if let Err(what) = attached(&ends) {
+            self.violate(ATTACHED, now, format!("module {id}: {what}"));
         }
     }
 
@@ -84,10 +85,10 @@ impl MetamoduleWorld {
         });
         let foreign = body.cells.iter().find(|c| self.obstacles.contains(c)).copied();
         if let Some((other, cell)) = shared {
-            self.violate(Invariant::OneModulePerCell, now, format!("{other} and {id} at {cell}"));
+            self.violate(ONE_MODULE_PER_CELL, now, format!("{other} and {id} at {cell}"));
         }
         if let Some(cell) = foreign {
-            self.violate(Invariant::OneModulePerCell, now, format!("{id} and something foreign at {cell}"));
+            self.violate(ONE_MODULE_PER_CELL, now, format!("{id} and something foreign at {cell}"));
         }
     }
 
@@ -102,6 +103,7 @@ mod tests {
     use super::super::tests::{act, setup, upright};
     use super::*;
     use crate::world::World;
+    use crate::world::invariants::Invariant;
     use metamorph_protocol::metamodule::message::{Action, Percept};
     use metamorph_protocol::metamodule::motions::Sweep;
     use metamorph_protocol::metamodule::params::Setup;
@@ -134,8 +136,8 @@ mod tests {
         };
         let (a, b) = (upright(&setup, 3, 3), upright(&setup, 4, 3));
         assert_eq!(fired(&[a, b]), []);
-        assert!(fired(&[a, a]).contains(&Invariant::OneModulePerCell));
-        assert!(fired(&[upright(&setup, 13, 3)]).contains(&Invariant::Attached));
+        assert!(fired(&[a, a]).contains(&ONE_MODULE_PER_CELL));
+        assert!(fired(&[upright(&setup, 13, 3)]).contains(&ATTACHED));
     }
 
     /// The interlock takes a body for gone that is still there.
@@ -147,7 +149,7 @@ mod tests {
         let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from, upright(&setup, 1, 1)], 1);
         world.claims.set(cell, Some(Occupant::Body(ModuleId(1))));
         assert!(matches!(act(&mut world, deed), Percept::Done(_)));
-        assert_eq!(fired(&mut world).first(), Some(&Invariant::OneModulePerCell));
+        assert_eq!(fired(&mut world).first(), Some(&ONE_MODULE_PER_CELL));
     }
 
     #[test]
@@ -171,8 +173,8 @@ mod tests {
         let foreign = |world: &mut MetamoduleWorld| {
             world.obstacles.insert(world.cells(ModuleId(0))[1]);
         };
-        assert_eq!(fails(foreign), [Invariant::OneModulePerCell]);
-        assert_eq!(fails(|world| world.bodies[0].grips = [false; 2]), [Invariant::Attached]);
+        assert_eq!(fails(foreign), [ONE_MODULE_PER_CELL]);
+        assert_eq!(fails(|world| world.bodies[0].grips = [false; 2]), [ATTACHED]);
     }
 
     /// What a body has swept is free again when it is done, whether it failed or not.

@@ -97,6 +97,8 @@ pub enum ExploreError {
 pub struct Ran {
     /// The family, and the protocol in it.
     pub protocol: String,
+    /// Why it stood still, in words, if it did.
+    pub reason: Option<&'static str>,
     /// What it is judged.
     pub verdict: Verdict,
     /// How it ended; none if it panicked.
@@ -122,12 +124,22 @@ pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
     let Ok((report, account)) = simulated else {
         let failure = Failure { kind: Kind::Panic, what: "the program panicked".into() };
         let verdict = Verdict::Failed(failure);
-        return Some(Ran { protocol, verdict, outcome: None, marks, events: 0, moves: 0, messages: 0 });
+        return Some(Ran {
+            protocol,
+            reason: None,
+            verdict,
+            outcome: None,
+            marks,
+            events: 0,
+            moves: 0,
+            messages: 0,
+        });
     };
     let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
     (outcome != Some(Outcome::Aborted)).then(|| Ran {
         protocol,
-        verdict: judge(&report, account.plight.as_deref()),
+        reason: account.stall.as_ref().map(|stall| stall.text),
+        verdict: judge(&report, &account),
         outcome,
         marks,
         events: report.messages.all.delivered + report.body_messages,

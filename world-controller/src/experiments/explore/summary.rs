@@ -7,7 +7,7 @@ use crate::console::terminal::Paint;
 use crate::family::{Family, all};
 use crate::scenario::quote;
 use metamorph_protocol::coverage::Mark;
-use metamorph_sim_bridge::director::outcome::{Outcome, Reason};
+use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::proof::Within;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -81,7 +81,7 @@ impl Tallies {
         match &ran.verdict {
             Verdict::Built => {}
             Verdict::Infeasible(within) => *self.infeasible.entry(*within).or_default() += 1,
-            Verdict::Excused(reason) => self.note_undecided(reason, number),
+            Verdict::Excused(reason) => self.note_undecided(reason, ran.reason, number),
             Verdict::Failed(failure) => {
                 let first = Failures { count: 0, first: Vec::new(), what: failure.what.clone() };
                 let key = (failure.kind.clone(), ran.protocol.clone());
@@ -90,17 +90,16 @@ impl Tallies {
                 note(&mut failures.first, number);
                 let is_first = failures.count == 1;
                 if let Kind::Undecided(reason) = &failure.kind {
-                    self.note_undecided(reason, number);
+                    self.note_undecided(reason, ran.reason, number);
                 }
                 return is_first.then_some(failure);
             }
         }
         None
     }
-    fn note_undecided(&mut self, reason: &str, number: u64) {
-        let known = Reason::ALL.iter().find(|r| r.name() == reason);
+    fn note_undecided(&mut self, reason: &str, text: Option<&str>, number: u64) {
         let undecided = self.undecided.entry(reason.to_owned()).or_default();
-        undecided.text = known.map_or(reason, |r| r.text()).to_owned();
+        undecided.text = text.unwrap_or(reason).to_owned();
         undecided.runs += 1;
         note(&mut undecided.seeds, number);
     }
@@ -334,7 +333,16 @@ mod tests {
 
     fn ran(outcome: Outcome, verdict: Verdict) -> Ran {
         let (protocol, marks) = ("cube, forest".to_owned(), Marks::default());
-        Ran { protocol, verdict, outcome: Some(outcome), marks, events: 1, moves: 600, messages: 0 }
+        Ran {
+            protocol,
+            reason: None,
+            verdict,
+            outcome: Some(outcome),
+            marks,
+            events: 1,
+            moves: 600,
+            messages: 0,
+        }
     }
 
     /// Every run is in one place of the summary, and what was not built says why.

@@ -1,9 +1,10 @@
 //! What a run came to, judged: safe always; and live, unless what is left cannot build the goal.
 
-use crate::report::run_result::Question;
+use crate::report::run_result::RunResult;
 use crate::report::schema::Report;
-use metamorph_sim_bridge::director::outcome::{Outcome, Reason};
+use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::proof::{Found, Within};
+use metamorph_sim_bridge::director::reason::{Excuse, Proves};
 use serde::Serialize;
 use std::fmt;
 
@@ -61,16 +62,9 @@ pub struct Failure {
     pub what: String,
 }
 
-/// Reasons that are the price of what a protocol is: the thesis's strategies have local minima, which
-/// its experiment measures.
-const PUBLISHED: [Reason; 2] = [Reason::NoBetterPlace, Reason::NoLock];
-
-/// Reasons for which no module could have gone on alone.
-const UNMOVED: [Reason; 4] =
-    [Reason::MaterialExhausted, Reason::SeedBlocked, Reason::NeedsDeadSupport, Reason::NoWay];
-
 /// Judges a run by its report, and by what a search finds that could still be built.
-pub fn judge(report: &Report, question: Option<&dyn Question>) -> Verdict {
+pub fn judge(report: &Report, ran: &RunResult) -> Verdict {
+    let (reason, question) = (ran.stall.as_ref().map(|stall| stall.reason), ran.plight.as_deref());
     if let Some(first) = report.invariants.violated.first() {
         let kind = Kind::Unsafe(first.invariant.clone());
         return Verdict::Failed(Failure { kind, what: format!("at {} s: {}", first.at_s, first.what) });
@@ -82,19 +76,18 @@ pub fn judge(report: &Report, question: Option<&dyn Question>) -> Verdict {
         let kind = Kind::Stuck(report.outcome.clone());
         return Verdict::Failed(Failure { kind, what: report.reason.clone() });
     };
-    let is = |reason: Reason| stall.reason == reason.name();
     let dead = report.agents.alive < report.agents.launched;
     let broken = dead || report.faults.iter().any(|f| f.fault == "stick");
-    let excused = match () {
-        // Whoever must start a cell may only be missing because it has died.
-        () if is(Reason::NoActiveTarget) || is(Reason::CutOff) => dead,
-        // Holding on to what is broken is what keeps it from falling off.
-        () if is(Reason::Pinned) => broken,
-        () => UNMOVED.into_iter().chain(PUBLISHED).any(is),
-    };
+    let excused = reason.is_some_and(|reason| match reason.excuse {
+        Excuse::Never => false,
+        Excuse::IfDead => dead,
+        Excuse::IfBroken => broken,
+        Excuse::ByDesign | Excuse::Always => true,
+    });
     let restarted = report.faults.iter().any(|f| f.fault == "restart");
     let whole = !broken && !restarted && question.is_some_and(|q| q.blames_whole_modules());
-    let searched = question.map_or(Err(Found::Undecided), |q| q.judge(is(Reason::Misplaced)));
+    let not_here = reason.is_some_and(|reason| reason.proves == Proves::NotHere);
+    let searched = question.map_or(Err(Found::Undecided), |q| q.judge(not_here));
     let reason = stall.reason.clone();
     let (kind, way) = match searched {
         Err(Found::Way(moves)) => (Kind::Stuck(reason), format!(", with a way of {moves} moves")),

@@ -49,13 +49,16 @@ mod tests {
     use metamorph_protocol::lattice::Cell;
     use metamorph_protocol::time::Time;
     use metamorph_sim_bridge::cube::reachability::{Plight, Standing};
-    use metamorph_sim_bridge::director::outcome::{Reason, Stall};
+    use metamorph_sim_bridge::cube::reasons::PINNED;
+    use metamorph_sim_bridge::director::outcome::Stall;
+    use metamorph_sim_bridge::director::reason::NO_WAY;
+    use metamorph_sim_bridge::director::reason::Reason;
 
     fn stall(reason: Reason) -> Stall {
         Stall {
             since: Time::ZERO,
             reason,
-            text: reason.text(),
+            text: reason.text,
             unfilled: vec![Cell::new(2, 0, 0)],
             wait_cycle: Vec::new(),
             waiting: Vec::new(),
@@ -84,7 +87,7 @@ mod tests {
 
     #[test]
     fn a_module_that_holds_on_could_go_if_it_let_go() {
-        let found = Prospect::of(&stall(Reason::Pinned), Some(&plight(true, false)));
+        let found = Prospect::of(&stall(PINNED), Some(&plight(true, false)));
         assert!(matches!(found.possible, Possible::Yes(1..)), "{found:?}");
         assert_eq!(found.within, Some(Within::Held));
         assert!(found.text().contains("as long as nobody lets go"), "{}", found.text());
@@ -92,10 +95,10 @@ mod tests {
 
     #[test]
     fn what_is_possible_is_not_called_impossible_whatever_the_reason() {
-        let found = Prospect::of(&stall(Reason::NoWay), Some(&plight(false, false)));
+        let found = Prospect::of(&stall(NO_WAY), Some(&plight(false, false)));
         assert!(matches!(found, Prospect { possible: Possible::Yes(_), within: None }), "{found:?}");
-        let found = Prospect::of(&stall(Reason::NoWay), Some(&plight(false, true)));
+        let found = Prospect::of(&stall(NO_WAY), Some(&plight(false, true)));
         assert_eq!(found, Prospect { possible: Possible::No, within: Some(Within::Anything) });
-        assert_eq!(Prospect::of(&stall(Reason::NoWay), None), Prospect::UNDECIDED);
+        assert_eq!(Prospect::of(&stall(NO_WAY), None), Prospect::UNDECIDED);
     }
 }

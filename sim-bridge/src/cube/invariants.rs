@@ -1,0 +1,166 @@
+//! What must hold in every run of cubes, besides what must hold in all runs. Sources: protocol
+//! specification, invariants I1 to I8; thesis 4.1.2 for connectivity.
+
+use crate::world::invariants::Invariant;
+use metamorph_protocol::cube::message::Rank;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Face;
+use std::fmt;
+
+/// The body without all movers is connected.
+pub const BODY_CONNECTED: Invariant = Invariant::new("body-connected");
+/// A mover has a support that stays, where it starts and where it lands.
+pub const MOVER_SUPPORTED: Invariant = Invariant::new("mover-supported");
+/// A parent has the better rank in the forest, and knows its child.
+pub const PARENT_DESCENDS: Invariant = Invariant::new("parent-descends");
+/// A finalized module is the seed or touches another finalized module of its goal.
+pub const FINAL_GROWS: Invariant = Invariant::new("final-grows");
+/// A module in reserve that moves has no children.
+pub const MOVER_HAS_NO_DEPENDANTS: Invariant = Invariant::new("mover-has-no-dependants");
+/// Following the attraction field of one version never leads in a circle.
+pub const FIELD_LOOP_FREE: Invariant = Invariant::new("field-loop-free");
+/// A cell is kept for one module at a time by each module that touches it.
+pub const RESERVED_ONCE: Invariant = Invariant::new("reserved-once");
+
+/// [`PARENT_DESCENDS`] for one child: its rank, its parent's rank, and whether the
+/// parent has registered it.
+pub fn parent_descends(child: Rank, parent: Rank, registered: bool) -> Result<(), String> {
+    match (parent.is_above(child), registered) {
+        (true, true) => Ok(()),
+        (false, _) => Err(format!("{child} has a parent of {parent}")),
+        (_, false) => Err(format!("the parent of {parent} has not registered its child")),
+    }
+}
+
+/// [`FINAL_GROWS`] for one finalized module.
+pub fn final_grows(is_seed: bool, final_neighbours: usize) -> Result<(), String> {
+    if is_seed || final_neighbours > 0 { Ok(()) } else { Err("it touches no finalized module".into()) }
+}
+
+/// [`MOVER_HAS_NO_DEPENDANTS`] for one mover in reserve.
+pub fn mover_has_no_dependants(children: usize) -> Result<(), String> {
+    if children == 0 { Ok(()) } else { Err(format!("it has {children} children")) }
+}
+
+/// [`FIELD_LOOP_FREE`]: `next` leads from a node to its successor; a path of more than
+/// `bound` steps is a circle.
+pub fn field_loop_free<N: Copy + fmt::Debug>(
+    start: N,
+    bound: usize,
+    next: impl Fn(N) -> Option<N>,
+) -> Result<(), String> {
+    let mut at = start;
+    for _ in 0..bound {
+        match next(at) {
+            Some(n) => at = n,
+            None => return Ok(()),
+        }
+    }
+    Err(format!("more than {bound} steps from {start:?} without an end"))
+}
+
+/// [`RESERVED_ONCE`] for the reservations of one module.
+pub fn reserved_once(reservations: &[(Face, ModuleId)]) -> Result<(), String> {
+    for (i, (face, origin)) in reservations.iter().enumerate() {
+        if let Some((_, other)) = reservations[..i].iter().find(|(f, o)| f == face && o != origin) {
+            return Err(format!("the cell outside {face:?} is kept for {other} and for {origin}"));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::world::CubeWorld;
+    use crate::world::World;
+    use crate::world::invariants::ONE_MODULE_PER_CELL;
+    use metamorph_protocol::cube::body::Move;
+    use metamorph_protocol::ids::Revision;
+    use metamorph_protocol::lattice::{Cell, Motion, MotionKind};
+    use metamorph_protocol::time::{Span, Time};
+
+    #[test]
+    fn parent_descends_fires() {
+        let rank = |rooted, label| Rank { rooted: Time(rooted), label };
+        assert!(parent_descends(rank(1, 3), rank(1, 2), true).is_ok());
+        assert!(parent_descends(rank(1, 3), rank(2, 9), true).is_ok());
+        assert!(parent_descends(rank(1, 3), rank(1, 3), true).is_err());
+        assert!(parent_descends(rank(1, 3), rank(0, 2), true).is_err());
+        assert!(parent_descends(rank(1, 3), rank(1, 2), false).is_err());
+    }
+
+    #[test]
+    fn final_grows_fires() {
+        assert!(final_grows(true, 0).is_ok() && final_grows(false, 1).is_ok());
+        assert!(final_grows(false, 0).is_err());
+    }
+
+    #[test]
+    fn mover_has_no_dependants_fires() {
+        assert!(mover_has_no_dependants(0).is_ok());
+        assert!(mover_has_no_dependants(1).is_err());
+    }
+
+    #[test]
+    fn field_loop_free_fires() {
+        assert!(field_loop_free(5u8, 10, |n| n.checked_sub(1)).is_ok());
+        assert!(field_loop_free(5u8, 10, |n| Some((n + 1) % 3)).is_err());
+    }
+
+    #[test]
+    fn reserved_once_fires() {
+        let (a, b) = (ModuleId(1), ModuleId(2));
+        assert!(reserved_once(&[(Face::Up, a), (Face::Up, a), (Face::Down, b)]).is_ok());
+        assert!(reserved_once(&[(Face::Up, a), (Face::Down, b), (Face::Up, b)]).is_err());
+    }
+
+    fn world(cells: &[[i16; 3]]) -> CubeWorld {
+        let cells: Vec<Cell> = cells.iter().copied().map(Cell::from).collect();
+        CubeWorld::new(&cells, Span::secs(1), 1)
+    }
+
+    fn act(world: &mut CubeWorld, id: u32, kind: MotionKind, support: Face, heading: Face) {
+        let motion = Motion { kind, support, heading };
+        let revision = Revision((0..6).filter(|f| contact(world, id, *f)).count() as u32);
+        world.act(Time(0), ModuleId(id), revision, &Move { motion, not_after: Time(9) });
+    }
+
+    fn contact(world: &CubeWorld, id: u32, face: u8) -> bool {
+        Face::from_index(face).is_some_and(|f| world.contact(ModuleId(id), f).is_some())
+    }
+
+    fn fired(world: &mut CubeWorld) -> Vec<Invariant> {
+        world.take_violations().into_iter().map(|v| v.invariant).collect()
+    }
+
+    #[test]
+    fn one_module_per_cell_fires() {
+        assert_eq!(fired(&mut world(&[[0, 0, 0], [0, 0, 0]])), [ONE_MODULE_PER_CELL]);
+    }
+
+    /// The middle of a row of three slides up: the outer two are no longer connected.
+    #[test]
+    fn body_connected_fires() {
+        let mut row = world(&[[0, 0, 0], [1, 0, 0], [2, 0, 0]]);
+        row.check_connected(Time(0));
+        act(&mut row, 1, MotionKind::Convex, Face::West, Face::Up);
+        assert_eq!(fired(&mut row), [BODY_CONNECTED]);
+        let mut apart = world(&[[0, 0, 0], [2, 0, 0]]);
+        apart.check_connected(Time(0));
+        assert_eq!(fired(&mut apart), [BODY_CONNECTED]);
+    }
+
+    /// A module leaves over a neighbour that is itself on its way.
+    #[test]
+    fn mover_supported_fires() {
+        let mut stack = world(&[[0, 0, 0], [0, 0, 1], [1, 0, 0], [2, 0, 0]]);
+        act(&mut stack, 3, MotionKind::Convex, Face::West, Face::Up);
+        assert_eq!(fired(&mut stack), []);
+        let mut pair = world(&[[0, 0, 0], [1, 0, 0], [1, 1, 0], [2, 0, 0]]);
+        act(&mut pair, 1, MotionKind::Convex, Face::West, Face::Up);
+        assert!(fired(&mut pair).contains(&BODY_CONNECTED));
+        act(&mut pair, 3, MotionKind::Convex, Face::West, Face::South);
+        assert!(fired(&mut pair).contains(&MOVER_SUPPORTED));
+    }
+}

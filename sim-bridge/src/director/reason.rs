@@ -1,0 +1,101 @@
+//! Why nothing goes on: descriptors, of which each family declares its own besides those here.
+
+use std::fmt;
+
+/// Why nothing goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reason {
+    /// The name used in reports.
+    pub name: &'static str,
+    /// For people.
+    pub text: &'static str,
+    /// When a run that ended for this reason is no fault of the protocol, without further proof.
+    pub excuse: Excuse,
+    /// What the reason itself proves.
+    pub proves: Proves,
+}
+
+/// When a standstill is no fault of the protocol, without further proof.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Excuse {
+    /// Never: a module could have gone on.
+    Never,
+    /// If a process has died.
+    IfDead,
+    /// If a process has died or a joint sticks.
+    IfBroken,
+    /// Always, as the price of what the protocol is: published strategies have local minima.
+    ByDesign,
+    /// Always: no module could have gone on as the others stand.
+    Always,
+}
+
+/// What a reason proves of what could have been built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Proves {
+    /// Nothing.
+    Nothing,
+    /// Nothing more can be filled, whatever is done, because it has been counted.
+    Counted,
+    /// Nothing, and a search shows nothing either: at another place of the goal more may be possible.
+    NotHere,
+}
+
+impl Reason {
+    /// A reason that proves nothing.
+    pub const fn new(name: &'static str, excuse: Excuse, text: &'static str) -> Reason {
+        Reason { name, text, excuse, proves: Proves::Nothing }
+    }
+    /// Whether no module could have gone on as the others stand, so that it is no fault of a module that it
+    /// did not. That nothing could be done at all takes a search to prove.
+    pub fn is_infeasible(self) -> bool {
+        matches!(self.excuse, Excuse::Always) || self == NO_ACTIVE_TARGET
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+/// A spare module could walk to a goal cell, but does not: the protocol's fault.
+pub const BLOCKED: Reason = Reason::new(
+    "blocked",
+    Excuse::Never,
+    "deadlock: a spare module has a way to a goal cell and does not take it",
+);
+/// There are fewer live spare modules that can move than cells to fill.
+pub const MATERIAL_EXHAUSTED: Reason = Reason {
+    proves: Proves::Counted,
+    ..Reason::new(
+        "material-exhausted",
+        Excuse::Always,
+        "material exhausted: fewer live spare modules than goal cells to fill",
+    )
+};
+/// No way leads to a goal cell, even over dead modules.
+pub const NO_WAY: Reason = Reason::new(
+    "no-way",
+    Excuse::Always,
+    "no way: no module could walk to a goal cell while the others stay where they are",
+);
+/// No live finalized module touches an unfilled goal cell that it could start.
+pub const NO_ACTIVE_TARGET: Reason = Reason::new(
+    "no-active-target",
+    Excuse::IfDead,
+    "no active target: no live finalized module can start one of the unfilled goal cells",
+);
+
+/// Why a module that is free does not go on, as far as it has told: for people, after its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Why(pub &'static str);
+
+impl Why {
+    /// It waits for a module that is dead.
+    pub const WAITS_FOR_DEAD: Why = Why("waits for a dead module");
+    /// It waits for a module: its child, one that has locked it or refused it, or one in its way.
+    pub const WAITS: Why = Why("waits");
+    /// Nothing that it has told holds it.
+    pub const UNKNOWN: Why = Why("does not move, for no reason that it has told");
+}

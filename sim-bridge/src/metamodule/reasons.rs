@@ -1,0 +1,37 @@
+//! Why metamodules do not go on.
+
+use crate::director::reason::{Excuse, Proves, Reason, Why};
+
+/// Something that stays is in a cell of an unfilled seed.
+pub const SEED_BLOCKED: Reason = Reason::new(
+    "seed-blocked",
+    Excuse::Always,
+    "seed blocked: something that cannot move is in a cell of an unfilled seed",
+);
+/// No free metamodule has a better place to go to: a local minimum of the field.
+pub const NO_BETTER_PLACE: Reason = Reason::new(
+    "no-better-place",
+    Excuse::ByDesign,
+    "deadlock: no free metamodule can get to a place that the force field prefers to its own",
+);
+/// A free metamodule has a better place to go to, but does not get the way.
+pub const NO_LOCK: Reason = Reason::new(
+    "no-lock",
+    Excuse::ByDesign,
+    "deadlock: a free metamodule is refused the way to a better place",
+);
+/// Nothing more is built where the goal is, which may be moved, and it is not proved that it could not be
+/// built elsewhere.
+pub const MISPLACED: Reason = Reason {
+    proves: Proves::NotHere,
+    ..Reason::new(
+        "misplaced",
+        Excuse::Never,
+        "misplaced: nothing more is built where the goal is now, and it may be possible at another place",
+    )
+};
+
+/// It knows no way to any open seed.
+pub const BARRED: Why = Why("knows no way to an open seed");
+/// No place that it can get to is better than its own.
+pub const HAS_NO_BETTER_PLACE: Why = Why("has no better place to go to");
