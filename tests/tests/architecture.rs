@@ -176,6 +176,38 @@ fn modules_use_only_those_below_them() {
     }
 }
 
+/// The folders of families, and what may name a family outside of them: benchmarks and published
+/// experiments are about one family each, and the command line has a command of one.
+const OF_FAMILIES: [&str; 9] = [
+    "protocol/src/cube",
+    "protocol/src/metamodule",
+    "sim-bridge/src/cube",
+    "sim-bridge/src/metamodule",
+    "module-agent/src/registry.rs",
+    "world-controller/src/family",
+    "world-controller/src/experiments/bench",
+    "world-controller/src/experiments/reproduce",
+    "world-controller/src/cli",
+];
+
+#[test]
+fn what_belongs_to_a_family_is_named_in_its_folders_only() {
+    for name in ["protocol", "sim-bridge", "module-agent", "world-controller"] {
+        let mut files = Vec::new();
+        rust_files(&root().join(name).join("src"), &mut files);
+        let allowed = |file: &Path| OF_FAMILIES.iter().any(|place| file.starts_with(root().join(place)));
+        for file in files.iter().filter(|file| !allowed(file)) {
+            let text = fs::read_to_string(file).expect("sources are text");
+            let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+            let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
+            let named: Vec<&str> = lines
+                .filter(|line| ["cube::", "metamodule::"].iter().any(|family| line.contains(family)))
+                .collect();
+            assert!(named.is_empty(), "{} names a family: {named:?}", file.display());
+        }
+    }
+}
+
 /// What is written down is read back by its own format: journals do not go through the command line.
 #[test]
 fn journals_know_nothing_of_the_command_line() {
