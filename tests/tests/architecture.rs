@@ -138,7 +138,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
     ),
     (
         "world-controller",
-        &["console", "scenario", "swarm", "report", "record", "view", "family", "run", "experiments", "cli"],
+        &["console", "scenario", "swarm", "report", "record", "view", "run", "family", "experiments", "cli"],
     ),
 ];
 

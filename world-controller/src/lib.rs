@@ -3,9 +3,9 @@
 //! From the bottom up, and each module uses only those before it: `console` writes to the terminal and
 //! to files; `scenario` makes a checked plan of a scenario file; `swarm` runs one process per module;
 //! `report` says what a run did; `record` reads and writes journals; `view` makes the page and
-//! recordings for other viewers; `family` holds what belongs to one family of units; `run` carries out
-//! one run, simulated, on processes or from a journal; `experiments` carries out many; `cli` is the
-//! command line.
+//! recordings for other viewers; `run` carries out one run, simulated, on processes or from a journal;
+//! `family` holds what belongs to one family of units, and the list of them; `experiments` carries out
+//! many runs; `cli` is the command line.
 //!
 //! Absent: decisions of the protocol, which are in `protocol`, and ground truth about the world, which
 //! is in `sim-bridge`.
