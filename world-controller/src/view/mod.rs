@@ -2,13 +2,16 @@
 //!
 //! A [`scene::Scene`] is what a page needs to know of a run; `scribe` writes one from the records of a
 //! run that goes on, on either link, or of its journal. `flow` counts messages between modules over
-//! time, `visible` says how each family looks. `gate` decides who is let in, `server` hands out the
+//! time, `visible` says what each family has to say of itself, and `parts` of what bodies are made and how
+//! they move; `dispatch` chooses the family. `gate` decides who is let in, `server` hands out the
 //! scene and the page, which is in the program (`page/`, plain JavaScript, no build step).
 //!
 //! Deliberately absent: a way to change a run from the page; it only looks.
 
+pub mod dispatch;
 pub mod export;
 pub mod gate;
+pub mod parts;
 pub mod scene;
 pub mod scribe;
 pub mod server;

@@ -1,52 +1,31 @@
-//! How each family looks: poses and deeds of bodies, what modules report of themselves, what their
-//! messages say. Adding a family means implementing [`Visible`].
+//! What a family of modules has to say so that its runs can be shown. Adding a family means implementing
+//! [`Visible`].
 
-use crate::report::message_timeline::{FAR, Said};
+use super::parts::{Motion, Part};
+use crate::report::message_timeline::Said;
 use metamorph_protocol::agent::Agent;
-use metamorph_protocol::cube::Cube;
-use metamorph_protocol::cube::body::{Move, Percept as CubePercept};
-use metamorph_protocol::cube::control::{Order as CubeOrder, Status as CubeStatus};
-use metamorph_protocol::cube::message::{Ask, Denial, Entry, Message as CubeMessage};
-use metamorph_protocol::cube::params::Setup as CubeSetup;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::Metamodule;
-use metamorph_protocol::metamodule::message::{
-    Action, Deed, Denial as LockDenial, Message as MetamoduleMessage, Order as MetamoduleOrder,
-    Percept as MetamodulePercept, Status as MetamoduleStatus,
-};
-use metamorph_protocol::metamodule::params::Setup as MetamoduleSetup;
-use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::time::Span;
 use serde::Serialize;
 
-/// Where a body is, as numbers that the page knows how to draw: of a cube its cell; of a metamodule
-/// the connector, its quarter turns, the end that holds, whether both do, and the steps of its joints
-/// seen from the end that holds.
-pub type Stance = Vec<i16>;
-
-/// Something a body does: how long, and what. Of a cube the kind of motion, the side of the support
-/// and the heading; of a metamodule what it does, and the stance that follows.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Doing {
-    /// How long it takes.
-    pub takes: Span,
-    /// What it is.
-    pub what: Vec<i16>,
-}
+mod cube;
+mod metamodule;
 
 /// What a module tells of itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Standing {
-    /// Its part: 0 in reserve or free, 1 wandering, 2 finalized or settled.
+    /// Its part, a number of [`Words::roles`].
     pub role: u8,
     /// Bits: 1 attached, 2 immobile, 4 pinned by a dead one, 8 knows a way.
     pub flags: u8,
-    /// The goal that it works for; the seed that it fills, if it is a settled metamodule.
+    /// The goal that it works for, or the number of the target that it fills: see [`Targets`].
     pub place: i32,
     /// Whom it waits for.
     pub waits_for: Option<ModuleId>,
 }
+
+/// The role of a module that fills a target.
+pub const FILLS: u8 = 2;
 
 /// How an action went.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,12 +38,109 @@ pub enum Fate {
     Refused,
 }
 
+/// The colour of a role; those of dead, paused and silent modules are the same in all families.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Colour {
+    /// Has nothing to do.
+    Idle,
+    /// On its way.
+    Active,
+    /// Where it stays.
+    Done,
+}
+
+/// A part that modules of a family can have.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Role {
+    /// As in the summary of an agent.
+    pub name: &'static str,
+    /// How modules with it are painted.
+    pub colour: Colour,
+    /// What the legend calls it.
+    pub legend: &'static str,
+    /// What is said of one module; `{}` stands for [`Standing::place`].
+    pub about: &'static str,
+}
+
+/// What things of a family are called where they are shown, and how its bodies are best seen.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Words {
+    /// A module, with a capital letter.
+    pub module: &'static str,
+    /// Several modules.
+    pub modules: &'static str,
+    /// The place that a module fills.
+    pub target: &'static str,
+    /// What a goal is made of.
+    pub targets: &'static str,
+    /// What the way to a target is counted in: one, and several.
+    pub distance: [&'static str; 2],
+    /// What bodies do, as it is counted.
+    pub actions: &'static str,
+    /// The first level of a goal, and the last one.
+    pub levels: [&'static str; 2],
+    /// The parts that modules can have; that of number [`FILLS`] is had by modules that fill a target.
+    pub roles: [Role; 3],
+    /// The role that a module which moves is painted in, if it does not tell of that role itself.
+    pub moving_role: Option<u8>,
+    /// Parts are drawn this much smaller, so that neighbours are told apart.
+    pub scale: f64,
+    /// The same while messages are shown, if bodies hide what is between them.
+    pub scale_among_messages: Option<f64>,
+}
+
+/// What modules fill.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Targets {
+    /// Each cell of a goal, by the module whose body is in it. A module says for which goal it is final; a dead
+    /// body that rests there fills a cell, too.
+    Cells,
+    /// Groups of so many cells. A module says the number of the one that it fills.
+    Groups(usize),
+}
+
+/// A rectangle of connectors, both corners included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Floor {
+    /// The corner with the smallest coordinates.
+    pub min: [i16; 2],
+    /// The corner with the largest.
+    pub max: [i16; 2],
+    /// How far up bodies on it reach, in cells.
+    pub headroom: i16,
+}
+
+/// Where a run takes place.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    /// How long a typical action takes.
+    pub time_step: Span,
+    /// The cells of each goal with their levels. Those of a group stand together.
+    pub goals: Vec<Vec<(i16, i16, i16, u16)>>,
+    /// What modules fill.
+    pub targets: Targets,
+    /// What bodies stand on, if not on each other.
+    pub floor: Option<Floor>,
+}
+
 /// Agents that can be shown.
 pub trait Visible: Agent {
-    /// Where a body is.
-    fn stance(setup: &Self::Setup, place: &Self::Place) -> Stance;
-    /// What a body would do from there; none if it cannot.
-    fn doing(setup: &Self::Setup, place: &Self::Place, action: &Self::Action) -> Option<Doing>;
+    /// The words of the family.
+    const WORDS: Words;
+
+    /// Where a run takes place.
+    fn stage(setup: &Self::Setup) -> Stage;
+    /// The parts of a body at rest. A body has the same parts in the same order all the time.
+    fn at_rest(setup: &Self::Setup, place: &Self::Place) -> Vec<Part>;
+    /// How an action moves the parts, and where the body is then; `None` if it cannot begin there.
+    fn motion(
+        setup: &Self::Setup,
+        place: &Self::Place,
+        action: &Self::Action,
+    ) -> Option<(Motion, Self::Place)>;
+    /// Says where a body is.
+    fn whereabouts(place: &Self::Place) -> String;
     /// How an action went.
     fn fate(percept: &Self::Percept) -> Fate;
     /// What a report tells.
@@ -73,136 +149,20 @@ pub trait Visible: Agent {
     fn said(message: &Self::Message) -> Said;
     /// How far it is to a target, in moves, from what an agent's summary tells; [`FAR`] if it knows of
     /// none.
+    ///
+    /// [`FAR`]: crate::report::message_timeline::FAR
     fn moves(gradient: Option<u32>) -> u16;
     /// Which goal an order opens, and how far that is moved.
     fn goal(order: &Self::Order) -> Option<(u16, (i16, i16))>;
-}
 
-impl Visible for Cube {
-    fn stance(_: &CubeSetup, cell: &Cell) -> Stance {
-        <[i16; 3]>::from(*cell).to_vec()
-    }
-    fn doing(setup: &CubeSetup, _: &Cell, Move { motion, .. }: &Move) -> Option<Doing> {
-        let what = vec![motion.kind as i16, motion.support as i16, motion.heading as i16];
-        Some(Doing { takes: setup.params.move_time, what })
-    }
-    fn fate(percept: &CubePercept) -> Fate {
-        match percept {
-            CubePercept::Arrived(_) => Fate::Done,
-            CubePercept::Failed => Fate::Failed,
-            CubePercept::Refused(_) => Fate::Refused,
+    /// The parts of a body: at rest, or after a share of the time of an action.
+    fn parts(setup: &Self::Setup, place: &Self::Place, action: Option<(&Self::Action, f64)>) -> Vec<Part> {
+        let mut parts = Self::at_rest(setup, place);
+        if let Some((action, fraction)) = action
+            && let Some((motion, _)) = Self::motion(setup, place, action)
+        {
+            motion.carry(&mut parts, fraction);
         }
-    }
-    fn standing(s: &CubeStatus) -> Standing {
-        let flags = [s.attached, s.immobile, s.pinned, s.attracted];
-        let flags = flags.into_iter().rev().fold(0, |bits, flag| bits << 1 | u8::from(flag));
-        Standing { role: s.role as u8, flags, place: s.epoch.into(), waits_for: s.waits_for }
-    }
-    fn said(message: &CubeMessage) -> Said {
-        match message {
-            CubeMessage::Beacon(b) => {
-                let known = b.field.iter().filter(|e| e.is_known()).map(|e| e.moves()).min();
-                Said { distance: Some(known.unwrap_or(FAR)), ..Said::of("beacon") }
-            }
-            CubeMessage::Request { id, ask: Ask::Lock, .. } => Said::about("stay, for", id.origin),
-            CubeMessage::Request { id, ask: Ask::Reserve(_), .. } => {
-                Said::about("keep a cell free, for", id.origin)
-            }
-            CubeMessage::Response { id, denial: None, .. } => Said::about("granted, to", id.origin),
-            CubeMessage::Response { denial: Some(why), blocker, .. } => Said {
-                whom: *blocker,
-                ..Said::of(match (why, blocker) {
-                    (Denial::Occupied, None) => "turned down: occupied",
-                    (Denial::Occupied, Some(_)) => "turned down: occupied by",
-                    (Denial::Reserved, None) => "turned down: reserved",
-                    (Denial::Reserved, Some(_)) => "turned down: reserved for",
-                    (Denial::Busy, None) => "turned down: leaving",
-                    (Denial::Busy, Some(_)) => "turned down: leaving is",
-                    (Denial::Younger, None) => "turned down: another has waited longer",
-                    (Denial::Younger, Some(_)) => "turned down: longer has waited",
-                    (Denial::NoTerrain, _) => "turned down: no terrain",
-                    (Denial::Quarantined, _) => "turned down: just restarted",
-                })
-            },
-            CubeMessage::Release { origin, .. } => Said::about("released, by", *origin),
-            CubeMessage::Search { id, .. } => Said::about("looking for a way around", id.origin),
-            CubeMessage::Found { id, .. } => Said::about("found a way around", id.origin),
-        }
-    }
-    fn moves(gradient: Option<u32>) -> u16 {
-        let moves = gradient.map(|distance| distance / u32::from(Entry::MOVE));
-        moves.and_then(|moves| u16::try_from(moves).ok()).unwrap_or(FAR)
-    }
-    fn goal(order: &CubeOrder) -> Option<(u16, (i16, i16))> {
-        match order {
-            CubeOrder::Goal { epoch } => Some((*epoch, (0, 0))),
-            CubeOrder::Condemn { .. } => None,
-        }
-    }
-}
-
-impl Visible for Metamodule {
-    fn stance(setup: &MetamoduleSetup, p: &Pose) -> Stance {
-        let joints = setup.motions.table().postures().get(usize::from(p.posture));
-        let (class, end) = (i16::from(p.state.class), p.end as i16);
-        let mut stance = vec![p.state.x, p.state.y, class, end, i16::from(p.both)];
-        stance.extend(joints.into_iter().flat_map(|e| e.posture.steps().to_vec()).map(i16::from));
-        stance
-    }
-    fn doing(setup: &MetamoduleSetup, from: &Pose, action: &Action) -> Option<Doing> {
-        let (params, motions) = (&setup.params, &setup.motions);
-        let (kind, takes, to) = match action.deed {
-            Deed::Turn(number) => {
-                let (posture, _) = motions.graph().step(from.posture, number)?;
-                (0, params.turn_time, Pose { posture, ..*from })
-            }
-            Deed::Attach => (1, params.connect_time, Pose { both: true, ..*from }),
-            Deed::Detach => (2, params.connect_time, Pose { both: false, ..motions.turned_around(*from)? }),
-        };
-        let what = std::iter::once(kind).chain(Metamodule::stance(setup, &to)).collect();
-        Some(Doing { takes, what })
-    }
-    fn fate(percept: &MetamodulePercept) -> Fate {
-        match percept {
-            MetamodulePercept::Done(_) => Fate::Done,
-            MetamodulePercept::Failed => Fate::Failed,
-            MetamodulePercept::Refused(_) => Fate::Refused,
-        }
-    }
-    fn standing(s: &MetamoduleStatus) -> Standing {
-        let (role, place) = s.settled.map_or((0, -1), |seed| (2, i32::from(seed)));
-        Standing { role, flags: 0, place, waits_for: s.waits_for }
-    }
-    fn said(message: &MetamoduleMessage) -> Said {
-        match message {
-            MetamoduleMessage::State(s) => {
-                let far = s.claim.map_or(FAR, |c| c.cost.into());
-                Said { distance: Some(if s.settled { 0 } else { far }), ..Said::of("state") }
-            }
-            MetamoduleMessage::Call(_) => Said::of("leads: says who moves next"),
-            MetamoduleMessage::Probe(_) => Said::of("asks whether anybody can go on"),
-            MetamoduleMessage::Way(w) if w.legs().is_empty() => Said::of("is where it wants to be"),
-            MetamoduleMessage::Way(_) => Said::of("tells its way"),
-            MetamoduleMessage::Request { origin, .. } => Said::about("asks for a lock, for", *origin),
-            MetamoduleMessage::Response { denial: None, .. } => Said::of("lock granted"),
-            MetamoduleMessage::Response { denial: Some(why), .. } => Said::of(match why {
-                LockDenial::Occupied => "lock refused: stands in the way",
-                LockDenial::Held => "lock refused: is moving through",
-                LockDenial::Younger => "lock refused: has waited longer",
-                LockDenial::Quarantined => "lock refused: just restarted",
-            }),
-            MetamoduleMessage::Release { origin, .. } => Said::about("lock released, by", *origin),
-        }
-    }
-    fn moves(gradient: Option<u32>) -> u16 {
-        gradient.and_then(|strides| u16::try_from(strides).ok()).unwrap_or(FAR)
-    }
-    fn goal(order: &MetamoduleOrder) -> Option<(u16, (i16, i16))> {
-        match order {
-            MetamoduleOrder::Seeds { task, .. } => Some((task.goal.into(), task.shift)),
-            MetamoduleOrder::Dead { .. }
-            | MetamoduleOrder::Alive { .. }
-            | MetamoduleOrder::Obstacle { .. } => None,
-        }
+        parts
     }
 }

@@ -1,0 +1,68 @@
+//! Where the family of a run is chosen, for all that shows it.
+
+use super::parts::Part;
+use super::scribe::{Scribe, Shared};
+use super::visible::{Stage, Visible, Words};
+use crate::scenario::{Plan, Swarm};
+use metamorph_protocol::cube::Cube;
+use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::record::Blob;
+use metamorph_sim_bridge::kernel::recording::Log;
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::Arc;
+
+/// The bodies of a swarm at the start of its run.
+pub struct Bodies<A: Visible> {
+    /// What all agents share.
+    pub setup: Arc<A::Setup>,
+    /// Where each body is.
+    pub places: Vec<A::Place>,
+}
+
+/// A swarm to be shown, of any family.
+pub trait Shown {
+    /// What things are called.
+    fn words(&self) -> &'static Words;
+    /// Where the run takes place.
+    fn stage(&self) -> Stage;
+    /// The parts of each body at the start, and where it is.
+    fn start(&self) -> Vec<(Vec<Part>, String)>;
+    /// The parts of a body at rest at a recorded place; `None` if the record makes no sense.
+    fn parts(&self, place: &Blob) -> Option<Vec<Part>>;
+    /// Makes a scene of the records of the run.
+    fn scribe(self: Box<Self>, scene: Shared) -> Log;
+}
+
+impl<A: Visible<Place: 'static> + 'static> Shown for Bodies<A> {
+    fn words(&self) -> &'static Words {
+        &A::WORDS
+    }
+    fn stage(&self) -> Stage {
+        A::stage(&self.setup)
+    }
+    fn start(&self) -> Vec<(Vec<Part>, String)> {
+        self.places.iter().map(|place| (A::at_rest(&self.setup, place), A::whereabouts(place))).collect()
+    }
+    fn parts(&self, place: &Blob) -> Option<Vec<Part>> {
+        let parts = A::at_rest(&self.setup, &place.read().ok()?);
+        (!parts.is_empty()).then_some(parts)
+    }
+    fn scribe(self: Box<Self>, scene: Shared) -> Log {
+        Rc::new(RefCell::new(Scribe { bodies: *self, scene }))
+    }
+}
+
+/// The swarm of a plan.
+pub fn dispatch(plan: &Plan) -> Box<dyn Shown> {
+    match &plan.swarm {
+        Swarm::Cubes(swarm) => {
+            let setup = Arc::clone(&swarm.setup);
+            Box::new(Bodies::<Cube> { setup, places: swarm.cells.to_vec() })
+        }
+        Swarm::Metamodules(swarm) => {
+            let setup = Arc::clone(&swarm.setup);
+            Box::new(Bodies::<Metamodule> { setup, places: swarm.poses.clone() })
+        }
+    }
+}
