@@ -26,7 +26,8 @@ impl Run {
         let file = scenario("swarm.toml").display().to_string();
         let [journal, page] =
             ["journal", "page.html"].map(|n| directory.path().join(n).display().to_string());
-        let args = ["run", &file, "--time-scale", "10", "--json", "-", "--journal", &journal, "--html", &page];
+        let args =
+            ["run", &file, "--time-scale", "10", "--json", "-", "--journal", &journal, "--html", &page];
         module_agent();
         let child = command(&args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
         let mut run = Run { child: Some(child.expect("metamorph starts")), directory, root: PathBuf::new() };

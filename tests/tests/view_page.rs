@@ -3,8 +3,16 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
 #![allow(clippy::print_stdout, reason = "says why something is skipped")]
 
+use metamorph_protocol::metamodule::Metamodule;
+use metamorph_protocol::metamodule::message::{Action, Deed};
+use metamorph_protocol::time::Time;
 use metamorph_tests::browser::{Browser, find};
 use metamorph_tests::command::{command, run, scenario};
+use metamorph_world_controller::family::metamodule::Metamodules;
+use metamorph_world_controller::family::read_file;
+use metamorph_world_controller::scenario::{LinkKind, Overrides};
+use metamorph_world_controller::view::parts::Part;
+use metamorph_world_controller::view::visible::Visible;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use std::fs;
@@ -369,11 +377,51 @@ fn plays_a_chair_to_its_end() {
     assert_eq!(view.end(), Some(0));
 }
 
+/// What the page computes between two frames is what everything else that draws bodies gets.
+#[test]
+fn parts_move_on_the_page_as_they_do_in_the_program() {
+    let view = View::of("chair.toml", &[]);
+    let Some(mut browser) = open(&view) else { return };
+    let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+    let plan = read_file(&scenario("chair.toml"), &overrides).unwrap();
+    let swarm = plan.swarm.of::<Metamodules>().unwrap();
+    let (setup, place) = (&*swarm.setup, &swarm.poses[1]);
+    let numbers = |parts: &[Part]| -> Vec<f64> {
+        let pose = |p: &Part| [p.centre().as_slice(), p.pose.rotation.coords.as_slice()].concat();
+        parts.iter().flat_map(pose).collect()
+    };
+    let rest = numbers(&Metamodule::at_rest(setup, place));
+    // The page has taken the same from the scene.
+    let close = |page: &Value, own: &[f64], about: &str| {
+        let page: Vec<f64> = page.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+        let off = page.iter().zip(own).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(page.len() == own.len() && off < 1e-9, "{about}: {page:?}, not {own:?}");
+    };
+    close(&browser.evaluate("window.page.story.modules[1].first.poses"), &rest, "at the start");
+    let mut turned = 0;
+    for number in 0..setup.motions.table().steps().len() as u16 {
+        let action = Action { deed: Deed::Turn(number), not_after: Time::ZERO };
+        let Some((motion, _)) = Metamodule::motion(setup, place, &action) else { continue };
+        turned += 1;
+        for fraction in [0.0, 0.2, 0.5, 0.9, 1.0] {
+            let own = numbers(&Metamodule::parts(setup, place, Some((&action, fraction))));
+            let ask = format!(
+                "import('./parts.js').then(({{ carried }}) => carried({}, {}[2], {fraction}))",
+                json!(rest),
+                motion.to_json()
+            );
+            close(&browser.evaluate(&ask), &own, &format!("{motion:?} at {fraction}"));
+        }
+    }
+    assert!(turned > 2, "{turned}");
+    check_clean(&mut browser, &view);
+}
+
 #[test]
 fn a_killed_module_is_shown_as_dead_and_a_stopped_one_as_paused() {
     let view = View::of("swarm.toml", &["--pause", "7@3s..6s"]);
     let Some(mut browser) = open(&view) else { return };
-    let pattern = |id: u32| format!("window.page.picture.parts.list[{id} * 16 + 11]");
+    let pattern = |id: u32| format!("window.page.picture.layers[0].parts.list[{id} * 16 + 11]");
     for (at, id, life, drawn) in [
         (1.0, 41, "alive", 0),
         (2.5, 41, "dead", 1),
@@ -410,7 +458,7 @@ fn messages_locks_and_gradients_of_a_thousand_modules_are_shown() {
             "!window.page.dirty && document.getElementById('meaning').value === '{meaning}'"
         ));
         let colours = "new Set([...Array(1058).keys()].map((i) => \
-                       [...window.page.picture.parts.list.slice(i * 16 + 8, i * 16 + 11)].join())).size";
+                       [...window.page.picture.layers[0].parts.list.slice(i * 16 + 8, i * 16 + 11)].join())).size";
         browser.until(&format!("{colours} >= 3"));
     }
     // Modules that wait for each other while others move are no standstill, and no circle is drawn.
@@ -488,8 +536,9 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     browser.until("document.querySelector('[data-part=numbers] dd').textContent === '32 / 32'");
     // Bodies are drawn where they are: a move that was refused has not taken place.
     let filled = "(() => { const { story } = window.page; \
-        const cells = new Set(story.scene.goals[0].cells.map((c) => c.slice(0, 3).join())); \
-        return story.modules.filter((_, id) => cells.has(story.bodyAt(id, story.now).to.join())).length; })()";
+        const middles = new Set(story.scene.goals[0].cells.map(([x, y, z]) => [x, y, z + 0.5].join())); \
+        return story.modules.filter((_, id) => \
+        middles.has(story.bodyAt(id, story.now).to.poses.slice(0, 3).join())).length; })()";
     assert_eq!(browser.evaluate(filled), json!(32));
     choose(&mut browser, 41);
     assert_eq!(browser.evaluate("document.getElementById('module').dataset.life"), json!("dead"));

@@ -4,6 +4,7 @@
 //! and as processes. Absent: anything that the two drivers would have to know about it.
 
 pub mod election;
+pub mod family;
 pub mod leader;
 
 use election::Election;

@@ -258,12 +258,7 @@ fn carry_out(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Resul
             Ok(0)
         }
         Command::Export(args) => {
-            print_out(&export(
-                &args,
-                families(),
-                |plan, place| family::of(plan).occupied(plan, place),
-                interrupt,
-            )?);
+            print_out(&export(&args, families(), |plan| family::of(plan).shown(plan), interrupt)?);
             Ok(0)
         }
         Command::Schema(args) => {
@@ -381,7 +376,7 @@ impl Show {
 
     /// Where records go so that they are seen.
     fn log(&self, plan: &Plan) -> Option<Log> {
-        self.scene.as_ref().map(|scene| family::of(plan).scribe(plan, scene))
+        self.scene.as_ref().map(|scene| family::of(plan).shown(plan).scribe(scene.clone()))
     }
 
     fn end(self, plan: &Plan, report: &Report, journal: Option<&Path>) -> Result<u8, Failure> {
@@ -438,7 +433,7 @@ fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scribe::ReadError> {
     let mut journal = Journal::open(file)?;
     let plan = plan_of(families(), journal.head())?;
     let scene = Shared::new(scene(&plan, true));
-    let log = family::of(&plan).scribe(&plan, &scene);
+    let log = family::of(&plan).shown(&plan).scribe(scene.clone());
     let whole = journal.by_ref().try_for_each(|record| {
         log.borrow_mut().put(&record?);
         Ok(())
@@ -469,7 +464,7 @@ fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, F
     let scene = Shared::new(scene(&plan, true));
     interrupt.begin();
     print_out(&address(&scene)?);
-    let scribe = Some(family::of(&plan).scribe(&plan, &scene));
+    let scribe = Some(family::of(&plan).shown(&plan).scribe(scene.clone()));
     let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, scribe);
     scene.lock().finish(report);
     wait_for_end(interrupt);

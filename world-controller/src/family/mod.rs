@@ -22,18 +22,17 @@ use crate::run::simulated::{self, Simulation, Watch};
 use crate::scenario::family::{Families, ScenarioFamily};
 use crate::scenario::problems::Problems;
 use crate::scenario::{self, Overrides, Plan};
-use crate::view::scene::{Appearance, Scene};
-use crate::view::scribe::Shared;
+use crate::view::bodies::{Bodies, ShownSwarm};
+use crate::view::scene::Scene;
 use draft::{Dice, SwarmDraft};
 use metamorph_module_agent::process::args::ArgsError;
 use metamorph_module_agent::{AgentArgs, AgentError};
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::record::Blob;
+use metamorph_protocol::agent::Agent;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::recording::Log;
 use std::ffi::OsString;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use thiserror::Error;
 
 /// The built-in families; the first is that of a scenario that names none.
@@ -53,12 +52,8 @@ pub trait FamilyParts: ScenarioFamily {
     fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
     /// The most runs that make one failing scenario small.
     fn shrinking(&self) -> u64;
-    /// How the page draws a plan at its start.
-    fn appearance(&self, swarm: &Self::Swarm) -> Appearance;
-    /// Where records go so that a scene is made of them.
-    fn scribe(&self, swarm: &Self::Swarm, scene: &Shared) -> Log;
-    /// The cells that a body occupies in a place, if the place can be read.
-    fn occupied(&self, swarm: &Self::Swarm, place: &Blob) -> Option<Vec<Cell>>;
+    /// Where each body is at the start.
+    fn places(&self, swarm: &Self::Swarm) -> Vec<<AgentOf<Self::Swarm> as Agent>::Place>;
 }
 
 /// A family, as commands use it.
@@ -87,17 +82,13 @@ pub trait Family: ScenarioFamily {
     fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
     /// See [`FamilyParts::shrinking`].
     fn shrinking(&self) -> u64;
-    /// How the page draws a plan at its start.
-    fn appearance(&self, plan: &Plan) -> Appearance;
-    /// Where records go so that a scene is made of them.
-    fn scribe(&self, plan: &Plan, scene: &Shared) -> Log;
-    /// The cells that a body occupies in a place, if the place can be read.
-    fn occupied(&self, plan: &Plan, place: &Blob) -> Option<Vec<Cell>>;
+    /// The bodies of a plan at its start, for all that shows them.
+    fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm>;
 }
 
 impl<F: FamilyParts> Family for F
 where
-    AgentOf<F::Swarm>: Worded,
+    AgentOf<F::Swarm>: Worded<Place: 'static> + 'static,
 {
     fn simulate(&self, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) {
         simulated::run(swarm::<F>(plan), plan, simulation)
@@ -133,14 +124,10 @@ where
     fn shrinking(&self) -> u64 {
         FamilyParts::shrinking(self)
     }
-    fn appearance(&self, plan: &Plan) -> Appearance {
-        FamilyParts::appearance(self, swarm::<F>(plan))
-    }
-    fn scribe(&self, plan: &Plan, scene: &Shared) -> Log {
-        FamilyParts::scribe(self, swarm::<F>(plan), scene)
-    }
-    fn occupied(&self, plan: &Plan, place: &Blob) -> Option<Vec<Cell>> {
-        FamilyParts::occupied(self, swarm::<F>(plan), place)
+    fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm> {
+        let swarm = swarm::<F>(plan);
+        let (setup, places) = (Arc::clone(swarm.setup()), self.places(swarm));
+        Box::new(Bodies::<AgentOf<F::Swarm>> { setup, places })
     }
 }
 
@@ -213,7 +200,7 @@ pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan
 
 /// A scene of a plan whose run has not begun. `messages` is whether messages will be seen.
 pub fn scene(plan: &Plan, messages: bool) -> Scene {
-    Scene::new(plan, of(plan).appearance(plan), messages)
+    Scene::new(plan, &*of(plan).shown(plan), messages)
 }
 
 /// Simulates a plan to its end, or until `watch` says no, with what director and world know in the end.

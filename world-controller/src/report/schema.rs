@@ -223,7 +223,7 @@ pub struct Collisions {
 }
 
 /// What became of moves.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MoveReport {
     /// Begun.
     pub started: u64,

@@ -4,21 +4,22 @@
 //! Times are microseconds of scenario time. The layout is private to the page, which is in the same
 //! program; [`VERSION`] is for pages that were left open in a browser.
 
-use super::visible::{Doing, Fate, Stance, Standing};
+use super::bodies::ShownSwarm;
+use super::parts::{Motion, Part, Shape};
+use super::visible::{FILLS, Fate, Floor, Stage, Standing, Targets, Words};
 use crate::report::message_timeline::{Bin, Flow};
 use crate::report::schema::Report;
 use crate::scenario::{LinkChange, Plan};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::params::Floor;
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 
 /// Increased whenever the layout changes.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// More events than this are not kept; the page says so.
 const MOST_EVENTS: usize = 5_000_000;
 /// Events handed out at once.
@@ -27,8 +28,6 @@ const EVENTS_AT_ONCE: usize = 20_000;
 const LAST_MESSAGES: usize = 40;
 /// Complaints kept; the first ones tell the story.
 const MOST_TROUBLES: usize = 20;
-/// The role of who fills a goal cell or a seed.
-const FILLS: u8 = 2;
 
 /// How a run begins.
 #[derive(Clone, Debug, Serialize)]
@@ -36,20 +35,24 @@ pub struct Beginning {
     version: u32,
     title: String,
     description: Option<String>,
-    family: &'static str,
+    words: &'static Words,
     seed: u64,
     link: &'static str,
     repeat: String,
     classes: Vec<&'static str>,
     beat: u64,
-    /// Where everybody stands.
-    start: Vec<Stance>,
+    /// What parts look like.
+    shapes: Vec<Shape>,
+    /// Of each body where it is, in words, and its parts.
+    start: Vec<Value>,
+    /// The cell of the first part of each body.
+    #[serde(skip)]
+    cells: Vec<Option<Cell>>,
     /// Goals, one after the other.
     goals: Vec<Goal>,
-    /// Only on a floor.
+    #[serde(skip)]
+    targets: Targets,
     floor: Option<Floor>,
-    /// Of metamodules: quarter turns of the second module, radius and half edge of a cube.
-    body: Option<(u8, f64, f64)>,
     /// Modules cut off from the others: who, from when, until when.
     partitions: Vec<(Vec<u32>, u64, u64)>,
     /// Whether messages between modules are seen.
@@ -59,19 +62,16 @@ pub struct Beginning {
 #[derive(Clone, Debug, Serialize)]
 struct Goal {
     name: String,
-    /// Cells with their levels; of metamodules the four cells of each seed one after the other.
+    /// Cells with their levels.
     cells: Vec<(i16, i16, i16, u16)>,
     #[serde(skip)]
-    set: HashSet<[i16; 3]>,
+    set: HashSet<Cell>,
 }
 
 impl Goal {
     fn new(name: String, cells: Vec<(i16, i16, i16, u16)>) -> Goal {
-        let set = cells.iter().map(|(x, y, z, _)| [*x, *y, *z]).collect();
+        let set = cells.iter().map(|(x, y, z, _)| Cell::new(*x, *y, *z)).collect();
         Goal { name, cells, set }
-    }
-    fn has(&self, cell: &[i16]) -> bool {
-        <[i16; 3]>::try_from(cell).is_ok_and(|cell| self.set.contains(&cell))
     }
 }
 
@@ -79,24 +79,13 @@ fn micros(t: Time) -> u64 {
     t.0 / 1_000
 }
 
-/// How a plan looks at its start, which its family says.
-pub struct Appearance {
-    /// Where every body is.
-    pub start: Vec<Stance>,
-    /// The cells of each goal with their levels.
-    pub goals: Vec<Vec<(i16, i16, i16, u16)>>,
-    /// The floor, if there is one.
-    pub floor: Option<Floor>,
-    /// The joints of a body, if it has any.
-    pub body: Option<(u8, f64, f64)>,
-    /// The shortest time in which something can be seen to happen.
-    pub time_step: Span,
-}
-
 impl Beginning {
     /// How a plan begins. `messages` is whether messages will be seen.
-    pub fn of(plan: &Plan, appearance: Appearance, messages: bool) -> Beginning {
-        let Appearance { start, goals: cells, floor, body, time_step } = appearance;
+    pub fn of(plan: &Plan, swarm: &dyn ShownSwarm, messages: bool) -> Beginning {
+        let Stage { time_step, goals, targets, floor } = swarm.stage();
+        let bodies = swarm.start();
+        let mut shapes = Vec::new();
+        let start = bodies.iter().map(|(parts, whereabouts)| started(parts, whereabouts, &mut shapes));
         let names = plan.stages.iter().map(|s| s.name.clone());
         let cut = |p: &metamorph_protocol::link::Partition| {
             (p.side.iter().map(|id| id.0).collect(), micros(p.from), micros(p.until))
@@ -105,27 +94,52 @@ impl Beginning {
             version: VERSION,
             title: plan.title(),
             description: plan.description.as_ref().map(|d| d.trim().to_owned()),
-            family: plan.swarm.family(),
+            words: swarm.words(),
             seed: plan.seed,
             link: plan.overrides.link.name(),
             repeat: plan.repeat_with(),
             classes: Class::ALL.into_iter().map(Class::name).collect(),
             beat: time_step.0 / 1_000,
-            start,
-            goals: names.zip(cells).map(|(name, cells)| Goal::new(name, cells)).collect(),
+            start: start.collect(),
+            shapes,
+            cells: bodies.iter().map(|(parts, _)| parts.first().map(Part::cell)).collect(),
+            goals: names.zip(goals).map(|(name, cells)| Goal::new(name, cells)).collect(),
+            targets,
             floor,
-            body,
             partitions: plan.link.partitions.iter().map(cut).collect(),
             messages,
         }
     }
 }
 
+/// A body at the start: where it is, and of each part the number of its shape, its tone, its centre, and how
+/// it is turned if it is.
+fn started(parts: &[Part], whereabouts: &str, shapes: &mut Vec<Shape>) -> Value {
+    let mut told = vec![json!(whereabouts)];
+    for part in parts {
+        let shape = shapes.iter().position(|known| *known == part.shape).unwrap_or_else(|| {
+            shapes.push(part.shape);
+            shapes.len() - 1
+        });
+        let [x, y, z] = part.centre().into();
+        let turned: &[f64] = match part.pose.rotation.coords.as_slice() {
+            [0.0, 0.0, 0.0, _] => &[],
+            turned => turned,
+        };
+        let mut numbers = vec![json!(shape), json!(part.tone as u8), json!(x), json!(y), json!(z)];
+        numbers.extend(turned.iter().map(|q| json!(q)));
+        told.push(numbers.into());
+    }
+    told.into()
+}
+
 /// What happened to whom.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// A body begins to do something.
-    Does(ModuleId, Doing),
+    /// Bodies will do this, under the next free number.
+    Motion(Motion),
+    /// A body begins the motion of a number, and where it will be after it.
+    Does(ModuleId, u32, String),
     /// It has not worked; the body is where it was before.
     Failed(ModuleId),
     /// The body has refused it, so nothing has begun; told after [`Event::Does`] where refusals take time to
@@ -151,7 +165,8 @@ pub enum Event {
 
 fn told(at: u64, event: &Event) -> Value {
     match event {
-        Event::Does(id, Doing { takes, what }) => json!(["m", at, id, takes.0 / 1_000, what]),
+        Event::Motion(motion) => json!(["d", at, motion.to_json()]),
+        Event::Does(id, motion, to) => json!(["m", at, id, motion, to]),
         Event::Failed(id) => json!(["f", at, id]),
         Event::Refused(id) => json!(["r", at, id]),
         Event::Tells(id, s) => json!(["s", at, id, s.role, s.flags, s.place, s.waits_for]),
@@ -172,12 +187,14 @@ pub struct Scene {
     events: Vec<(Time, Event)>,
     forgotten: u64,
     standings: Vec<Option<Standing>>,
-    /// What bodies were asked to do at this moment and have not refused.
-    asked: Vec<(Time, ModuleId, Doing)>,
+    /// What bodies were asked to do at this moment and have not refused, and where that takes them.
+    asked: Vec<(Time, ModuleId, Motion, String)>,
+    /// The numbers of motions by what is told of them.
+    motions: BTreeMap<String, u32>,
     obstacles: BTreeSet<Cell>,
     goal: Option<(u16, (i16, i16))>,
-    /// Where bodies stand, what they were seen to begin and not to end, and whose process is gone.
-    stances: Vec<Stance>,
+    /// Which cells bodies are in, what they were seen to begin and not to end, and whose process is gone.
+    cells: Vec<Option<Cell>>,
     moving: BTreeMap<ModuleId, u32>,
     /// Bodies that were asked for something that cannot be drawn, because they cannot do it.
     unseen: BTreeSet<ModuleId>,
@@ -197,13 +214,14 @@ pub struct Scene {
 
 impl Scene {
     /// A run that has not begun.
-    pub fn new(plan: &Plan, appearance: Appearance, messages: bool) -> Scene {
-        let beginning = Beginning::of(plan, appearance, messages);
+    pub fn new(plan: &Plan, swarm: &dyn ShownSwarm, messages: bool) -> Scene {
+        let beginning = Beginning::of(plan, swarm, messages);
         let width = Span(beginning.beat * 1_000);
         let modules = beginning.start.len();
         Scene {
             flow: Flow::new(modules, width),
-            stances: beginning.start.clone(),
+            cells: beginning.cells.clone(),
+            motions: BTreeMap::new(),
             beginning,
             events: Vec::new(),
             forgotten: 0,
@@ -257,36 +275,51 @@ impl Scene {
     }
     /// What was not refused at once has begun.
     fn begin_asked(&mut self) {
-        for (at, id, doing) in std::mem::take(&mut self.asked) {
+        for (at, id, motion, to) in std::mem::take(&mut self.asked) {
             *self.moving.entry(id).or_default() += 1;
-            self.push(at, Event::Does(id, doing));
+            let motion = self.number_of(at, motion);
+            self.push(at, Event::Does(id, motion, to));
         }
     }
-    /// Counts the cells of the goal that are filled, or its seeds.
+    /// The number of a motion. Many bodies do the same, so it is told only once.
+    fn number_of(&mut self, at: Time, motion: Motion) -> u32 {
+        let next = self.motions.len() as u32;
+        let number = *self.motions.entry(motion.to_json().to_string()).or_insert(next);
+        if number == next {
+            self.push(at, Event::Motion(motion));
+        }
+        number
+    }
+    /// Counts the targets of the goal that are filled.
     fn count(&mut self) {
         let number = self.goal.map_or(0, |(goal, _)| goal);
         let Some(goal) = self.beginning.goals.get(usize::from(number)) else { return };
         let standings = self.standings.iter().flatten().filter(|s| s.role == FILLS);
-        let (filled, all) = if self.beginning.body.is_some() {
-            let seeds: BTreeSet<i32> = standings.map(|s| s.place).collect();
-            (seeds.len(), goal.cells.len() / 4)
-        } else {
-            let fills = |i: usize| {
-                let id = ModuleId(i as u32);
-                // A dead body that is still on its way fills nothing.
-                let stands = self.dead.contains(&id) && !self.moving.contains_key(&id);
-                let is_final = |s: Standing| s.role == FILLS && s.place == i32::from(number);
-                stands || (!self.dead.contains(&id) && self.standings[i].is_some_and(is_final))
-            };
-            let inside = |(i, stance): (usize, &Stance)| goal.has(stance) && fills(i);
-            (self.stances.iter().enumerate().filter(|s| inside(*s)).count(), goal.cells.len())
+        let (filled, all) = match self.beginning.targets {
+            Targets::Groups(size) => {
+                let targets: BTreeSet<i32> = standings.map(|s| s.place).collect();
+                (targets.len(), goal.cells.len() / size)
+            }
+            Targets::Cells => {
+                let fills = |i: usize| {
+                    let id = ModuleId(i as u32);
+                    // A dead body that is still on its way fills nothing.
+                    let stands = self.dead.contains(&id) && !self.moving.contains_key(&id);
+                    let is_final = |s: Standing| s.role == FILLS && s.place == i32::from(number);
+                    stands || (!self.dead.contains(&id) && self.standings[i].is_some_and(is_final))
+                };
+                let inside = |(i, cell): &(usize, &Option<Cell>)| {
+                    cell.is_some_and(|cell| goal.set.contains(&cell)) && fills(*i)
+                };
+                (self.cells.iter().enumerate().filter(inside).count(), goal.cells.len())
+            }
         };
         self.flow.progress(self.now, filled as u64, all as u64);
     }
-    /// Where a body stands now.
-    pub fn placed(&mut self, id: ModuleId, stance: Stance) {
-        if let Some(known) = self.stances.get_mut(id.index()) {
-            *known = stance;
+    /// The cell that the first part of a body is in now.
+    pub fn placed(&mut self, id: ModuleId, cell: Option<Cell>) {
+        if let Some(known) = self.cells.get_mut(id.index()) {
+            *known = cell;
         }
     }
     /// The process of a module is gone.
@@ -294,11 +327,11 @@ impl Scene {
         self.dead.insert(id);
         self.note(now, Event::Died(id));
     }
-    /// A body is asked to do something; `None` if it cannot do that from where it is.
-    pub fn asked(&mut self, now: Time, id: ModuleId, doing: Option<Doing>) {
+    /// A body is asked to do something that takes it there; `None` if it cannot do that from where it is.
+    pub fn asked(&mut self, now: Time, id: ModuleId, begun: Option<(Motion, String)>) {
         self.reach(now);
-        match doing {
-            Some(doing) => self.asked.push((now, id, doing)),
+        match begun {
+            Some((motion, to)) => self.asked.push((now, id, motion, to)),
             None => {
                 self.unseen.insert(id);
             }
@@ -318,7 +351,7 @@ impl Scene {
             }
             Fate::Refused => {
                 // A body refuses before it begins, so what it has been asked last is what it refuses.
-                if let Some(i) = self.asked.iter().rposition(|(_, whose, _)| *whose == id) {
+                if let Some(i) = self.asked.iter().rposition(|(_, whose, ..)| *whose == id) {
                     self.asked.remove(i);
                 } else if !self.unseen.remove(&id) && self.rests(id) {
                     self.push(now, Event::Refused(id));
@@ -485,7 +518,8 @@ mod tests {
         let plan = read_text("t.toml", text, &overrides).unwrap_or_else(|p| panic!("{p}"));
         let mut scene = scene(&plan, false);
         let at = |millis: u64| Time(millis * 1_000_000);
-        let doing = || Some(Doing { takes: Span::secs(1), what: vec![0, 5, 0] });
+        let motion = Motion { takes: Span::secs(1), name: "slides".into(), segments: Vec::new() };
+        let doing = || Some((motion.clone(), String::from("there")));
         // At once, then later, then later while something else is done; and one that cannot be drawn.
         scene.asked(at(100), ModuleId(1), doing());
         scene.went(at(100), ModuleId(1), Fate::Refused);
@@ -500,6 +534,8 @@ mod tests {
         assert!(scene.moving.is_empty());
         // A partition is told when its time has come.
         scene.reach(at(3_000));
-        assert_eq!(kinds(&scene), ["m 2", "r 2", "m 3", "m 3", "r 3", "x null"]);
+        // A motion is told once, before the first body that begins it.
+        let events = ["d [1000000,\"slides\",[]]", "m 2", "r 2", "m 3", "m 3", "r 3", "x null"];
+        assert_eq!(kinds(&scene), events);
     }
 }

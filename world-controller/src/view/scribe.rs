@@ -4,6 +4,8 @@
 //! Of processes that run only the controller's records come by; what agents say to each other is in
 //! their parts of the journal.
 
+use super::bodies::Bodies;
+use super::parts::Part;
 use super::scene::{Event, Scene};
 use super::visible::Visible;
 use crate::record::journal::{HeadError, JournalError};
@@ -12,9 +14,6 @@ use metamorph_protocol::record::{self, Blob, Outside, Record, Sink, Taken, Who};
 use metamorph_protocol::runtime::{Command, Sensed};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::WireError;
-use metamorph_sim_bridge::kernel::recording::Log;
-use std::cell::RefCell;
-use std::rc::Rc;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use thiserror::Error;
 
@@ -55,29 +54,19 @@ impl Shared {
     }
 }
 
-/// Where the records of a run shall go so that a scene is made of them.
-pub fn log<A: Visible + 'static>(setup: Arc<A::Setup>, places: Vec<A::Place>, scene: &Shared) -> Log {
-    Rc::new(RefCell::new(Scribe::<A> { setup, places, scene: scene.clone() }))
-}
-
-struct Scribe<A: Visible> {
-    setup: Arc<A::Setup>,
-    /// Where bodies stand.
-    places: Vec<A::Place>,
-    scene: Shared,
+/// Writes a scene of one family.
+pub struct Scribe<A: Visible> {
+    /// The bodies where they are by now.
+    pub bodies: Bodies<A>,
+    /// What is written.
+    pub scene: Shared,
 }
 
 impl<A: Visible> Scribe<A> {
-    fn place(
-        setup: &A::Setup,
-        places: &mut [A::Place],
-        scene: &mut Scene,
-        id: ModuleId,
-        place: &Blob,
-    ) -> Result<(), WireError> {
-        if let Some(known) = places.get_mut(id.index()) {
+    fn place(bodies: &mut Bodies<A>, scene: &mut Scene, id: ModuleId, place: &Blob) -> Result<(), WireError> {
+        if let Some(known) = bodies.places.get_mut(id.index()) {
             *known = place.read()?;
-            scene.placed(id, A::stance(setup, known));
+            scene.placed(id, A::at_rest(&bodies.setup, known).first().map(Part::cell));
         }
         Ok(())
     }
@@ -93,18 +82,18 @@ impl<A: Visible> Scribe<A> {
         };
         match event {
             E::Start { id, place, .. } => {
-                Self::place(&self.setup, &mut self.places, &mut scene, *id, place)?;
+                Self::place(&mut self.bodies, &mut scene, *id, place)?;
             }
             E::Advance { ended } => {
                 for (id, place) in ended {
-                    Self::place(&self.setup, &mut self.places, &mut scene, *id, place)?;
+                    Self::place(&mut self.bodies, &mut scene, *id, place)?;
                 }
             }
             E::Act { id, action, .. } => {
                 let action: A::Action = action.read()?;
-                let place = self.places.get(id.index());
-                let doing = place.and_then(|place| A::doing(&self.setup, place, &action));
-                scene.asked(at, *id, doing);
+                let Bodies { setup, places } = &self.bodies;
+                let begun = places.get(id.index()).and_then(|place| A::motion(setup, place, &action));
+                scene.asked(at, *id, begun.map(|(motion, to)| (motion, A::whereabouts(&to))));
             }
             E::Sensed { id, sensed: Sensed::Percept(percept) } => {
                 scene.went(at, *id, A::fate(&percept.read()?));

@@ -55,7 +55,7 @@ const FILES: [(&str, &str, &str); 10] = [
     ("style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
     ("main.js", JS, include_str!("page/main.js")),
     ("story.js", JS, include_str!("page/story.js")),
-    ("bodies.js", JS, include_str!("page/bodies.js")),
+    ("parts.js", JS, include_str!("page/parts.js")),
     ("camera.js", JS, include_str!("page/camera.js")),
     ("drawing.js", JS, include_str!("page/drawing.js")),
     ("picture.js", JS, include_str!("page/picture.js")),

@@ -1,61 +1,97 @@
-//! How cubes look: where bodies are, what modules report of themselves, what their messages say.
+//! How cubes look, and what they say.
 
-use super::Cubes;
 use crate::report::message_timeline::{FAR, Said};
-use crate::view::scene::Appearance;
-use crate::view::visible::{Doing, Fate, Stance, Standing, Visible};
+use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone};
+use crate::view::visible::{Colour, Fate, Role, Stage, Standing, Targets, Visible, Words};
 use metamorph_protocol::cube::Cube;
-use metamorph_protocol::cube::body::{Move, Percept as CubePercept};
-use metamorph_protocol::cube::control::{Order as CubeOrder, Status as CubeStatus};
-use metamorph_protocol::cube::message::{Ask, Denial, Entry, Message as CubeMessage};
-use metamorph_protocol::cube::params::Setup as CubeSetup;
-use metamorph_protocol::lattice::Cell;
-
-/// How a plan looks at its start.
-pub fn appearance(Cubes { cells, setup }: &Cubes) -> Appearance {
-    let goals = setup.goals.iter();
-    let goals = goals.map(|goal| goal.cells().map(|c| (c.x, c.y, c.z, goal.level(c))).collect());
-    Appearance {
-        start: cells.iter().map(|c| Cube::stance(setup, c)).collect(),
-        goals: goals.collect(),
-        floor: None,
-        body: None,
-        time_step: setup.params.move_time,
-    }
-}
+use metamorph_protocol::cube::body::{Move, Percept};
+use metamorph_protocol::cube::control::{Order, Status};
+use metamorph_protocol::cube::message::{Ask, Denial, Entry, Message};
+use metamorph_protocol::cube::params::Setup;
+use metamorph_protocol::lattice::{Cell, Face, MotionKind};
+use nalgebra::UnitQuaternion;
 
 impl Visible for Cube {
-    fn stance(_: &CubeSetup, cell: &Cell) -> Stance {
-        <[i16; 3]>::from(*cell).to_vec()
-    }
-    fn doing(setup: &CubeSetup, _: &Cell, Move { motion, .. }: &Move) -> Option<Doing> {
-        let what = vec![motion.kind as i16, motion.support as i16, motion.heading as i16];
-        Some(Doing { takes: setup.params.move_time, what })
-    }
-    fn fate(percept: &CubePercept) -> Fate {
-        match percept {
-            CubePercept::Arrived(_) => Fate::Done,
-            CubePercept::Failed => Fate::Failed,
-            CubePercept::Refused(_) => Fate::Refused,
+    const WORDS: Words = Words {
+        module: "Module",
+        modules: "modules",
+        target: "target",
+        targets: "cells",
+        distance: ["move", "moves"],
+        actions: "moves",
+        levels: ["seed", "last level"],
+        roles: [
+            Role { name: "reserve", colour: Colour::Idle, legend: "in reserve", about: "in reserve" },
+            Role { name: "walker", colour: Colour::Active, legend: "wandering", about: "wandering" },
+            Role { name: "final", colour: Colour::Done, legend: "finalized", about: "finalized" },
+        ],
+        moving_role: None,
+        scale: 0.95,
+        scale_among_messages: Some(0.42),
+    };
+
+    fn stage(setup: &Setup) -> Stage {
+        let goals = setup.goals.iter();
+        let goals = goals.map(|goal| goal.cells().map(|c| (c.x, c.y, c.z, goal.level(c))).collect());
+        Stage {
+            time_step: setup.params.move_time,
+            goals: goals.collect(),
+            targets: Targets::Cells,
+            floor: None,
         }
     }
-    fn standing(s: &CubeStatus) -> Standing {
+
+    fn at_rest(_: &Setup, cell: &Cell) -> Vec<Part> {
+        let shape = Shape::Box { size: [1.0; 3] };
+        vec![Part::in_cell(shape, *cell, UnitQuaternion::identity(), Tone::Plain)]
+    }
+
+    /// A cube goes straight, or around the edge of a neighbour, which it does not cut.
+    fn motion(setup: &Setup, cell: &Cell, Move { motion, .. }: &Move) -> Option<(Motion, Cell)> {
+        let slide = |until, towards: Face| {
+            let by = <[i16; 3]>::from(towards.offset()).map(f64::from);
+            Segment { until, steps: vec![Step { parts: 0..1, by: Displacement::Slide(by) }] }
+        };
+        let (name, segments) = match motion.kind {
+            MotionKind::Slide => ("slides", vec![slide(1.0, motion.heading)]),
+            MotionKind::Convex => {
+                ("goes around an edge", vec![slide(0.5, motion.heading), slide(1.0, motion.support)])
+            }
+        };
+        let drawn = Motion { takes: setup.params.move_time, name: name.to_owned(), segments };
+        Some((drawn, motion.destination(*cell)))
+    }
+
+    fn whereabouts(cell: &Cell) -> String {
+        format!("[{}, {}, {}]", cell.x, cell.y, cell.z)
+    }
+
+    fn fate(percept: &Percept) -> Fate {
+        match percept {
+            Percept::Arrived(_) => Fate::Done,
+            Percept::Failed => Fate::Failed,
+            Percept::Refused(_) => Fate::Refused,
+        }
+    }
+
+    fn standing(s: &Status) -> Standing {
         let flags = [s.attached, s.immobile, s.pinned, s.attracted];
         let flags = flags.into_iter().rev().fold(0, |bits, flag| bits << 1 | u8::from(flag));
         Standing { role: s.role as u8, flags, place: s.epoch.into(), waits_for: s.waits_for }
     }
-    fn said(message: &CubeMessage) -> Said {
+
+    fn said(message: &Message) -> Said {
         match message {
-            CubeMessage::Beacon(b) => {
+            Message::Beacon(b) => {
                 let known = b.field.iter().filter(|e| e.is_known()).map(|e| e.moves()).min();
                 Said { distance: Some(known.unwrap_or(FAR)), ..Said::of("beacon") }
             }
-            CubeMessage::Request { id, ask: Ask::Lock, .. } => Said::about("stay, for", id.origin),
-            CubeMessage::Request { id, ask: Ask::Reserve(_), .. } => {
+            Message::Request { id, ask: Ask::Lock, .. } => Said::about("stay, for", id.origin),
+            Message::Request { id, ask: Ask::Reserve(_), .. } => {
                 Said::about("keep a cell free, for", id.origin)
             }
-            CubeMessage::Response { id, denial: None, .. } => Said::about("granted, to", id.origin),
-            CubeMessage::Response { denial: Some(why), blocker, .. } => Said {
+            Message::Response { id, denial: None, .. } => Said::about("granted, to", id.origin),
+            Message::Response { denial: Some(why), blocker, .. } => Said {
                 whom: *blocker,
                 ..Said::of(match (why, blocker) {
                     (Denial::Occupied, None) => "turned down: occupied",
@@ -70,19 +106,52 @@ impl Visible for Cube {
                     (Denial::Quarantined, _) => "turned down: just restarted",
                 })
             },
-            CubeMessage::Release { origin, .. } => Said::about("released, by", *origin),
-            CubeMessage::Search { id, .. } => Said::about("looking for a way around", id.origin),
-            CubeMessage::Found { id, .. } => Said::about("found a way around", id.origin),
+            Message::Release { origin, .. } => Said::about("released, by", *origin),
+            Message::Search { id, .. } => Said::about("looking for a way around", id.origin),
+            Message::Found { id, .. } => Said::about("found a way around", id.origin),
         }
     }
+
     fn moves(gradient: Option<u32>) -> u16 {
         let moves = gradient.map(|distance| distance / u32::from(Entry::MOVE));
         moves.and_then(|moves| u16::try_from(moves).ok()).unwrap_or(FAR)
     }
-    fn goal(order: &CubeOrder) -> Option<(u16, (i16, i16))> {
+
+    fn goal(order: &Order) -> Option<(u16, (i16, i16))> {
         match order {
-            CubeOrder::Goal { epoch } => Some((*epoch, (0, 0))),
-            CubeOrder::Condemn { .. } => None,
+            Order::Goal { epoch } => Some((*epoch, (0, 0))),
+            Order::Condemn { .. } => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::cube::params::Params;
+    use metamorph_protocol::lattice::Motion as LatticeMotion;
+    use metamorph_protocol::time::{Span, Time};
+
+    /// Where a motion ends is where the body is at rest then, and it is drawn through the corner.
+    #[test]
+    fn motions_end_where_the_body_is_then() {
+        let params = Params::scaled(Span::secs(1), Span::millis(10), 8);
+        let setup = Setup { params, goals: Vec::new() };
+        let from = Cell::new(3, -4, 5);
+        for kind in [MotionKind::Slide, MotionKind::Convex] {
+            for support in Face::ALL {
+                for heading in support.perpendicular() {
+                    let motion = LatticeMotion { kind, support, heading };
+                    let action = Move { motion, not_after: Time::ZERO };
+                    let (_, to) = Cube::motion(&setup, &from, &action).unwrap();
+                    let at = |fraction| Cube::parts(&setup, &from, Some((&action, fraction)));
+                    assert_eq!(to, motion.destination(from));
+                    assert_eq!(at(1.0), Cube::at_rest(&setup, &to), "{motion:?}");
+                    let corner = motion.corner(from).map(|cell| Cube::at_rest(&setup, &cell));
+                    assert!(corner.is_none_or(|corner| at(0.5) == corner), "{motion:?}");
+                    assert_eq!(at(1.0)[0].cell(), to);
+                }
+            }
         }
     }
 }

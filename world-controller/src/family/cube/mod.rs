@@ -18,14 +18,9 @@ use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, 
 use crate::scenario::flaw::Flaw;
 use crate::scenario::problems::Problems;
 use crate::scenario::table::Section;
-use crate::view::scene::Appearance;
-use crate::view::scribe::{self, Shared};
-use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::params::{Connectivity, Setup};
 use metamorph_protocol::defects::Sabotage;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::record::Blob;
-use metamorph_sim_bridge::kernel::recording::Log;
 use scenario::RawCubes;
 use std::fmt;
 use std::sync::Arc;
@@ -71,14 +66,8 @@ impl FamilyParts for CubeFamily {
     fn shrinking(&self) -> u64 {
         3_000
     }
-    fn appearance(&self, swarm: &Cubes) -> Appearance {
-        look::appearance(swarm)
-    }
-    fn scribe(&self, swarm: &Cubes, scene: &Shared) -> Log {
-        scribe::log::<Cube>(Arc::clone(&swarm.setup), swarm.cells.to_vec(), scene)
-    }
-    fn occupied(&self, _: &Cubes, place: &Blob) -> Option<Vec<Cell>> {
-        place.read::<Cell>().ok().map(|cell| vec![cell])
+    fn places(&self, swarm: &Cubes) -> Vec<Cell> {
+        swarm.cells.to_vec()
     }
 }
 

@@ -22,18 +22,12 @@ use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, 
 use crate::scenario::flaw::Flaw;
 use crate::scenario::problems::Problems;
 use crate::scenario::table::Section;
-use crate::view::scene::Appearance;
-use crate::view::scribe::{self, Shared};
 use flaw::MetamoduleFlaw;
 use metamorph_protocol::defects::Sabotage;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
-use metamorph_protocol::record::Blob;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::kernel::recording::Log;
 use scenario::RawMetamodules;
 use std::fmt;
 use std::sync::Arc;
@@ -80,16 +74,8 @@ impl FamilyParts for MetamoduleFamily {
         // Of runs that take much longer than those of other families.
         300
     }
-    fn appearance(&self, swarm: &Metamodules) -> Appearance {
-        look::appearance(swarm)
-    }
-    fn scribe(&self, swarm: &Metamodules, scene: &Shared) -> Log {
-        scribe::log::<Metamodule>(Arc::clone(&swarm.setup), swarm.poses.clone(), scene)
-    }
-    fn occupied(&self, swarm: &Metamodules, place: &Blob) -> Option<Vec<Cell>> {
-        let motions = &swarm.setup.motions;
-        let known = |pose: &Pose| usize::from(pose.posture) < motions.table().postures().len();
-        place.read::<Pose>().ok().filter(known).map(|pose| motions.cells(pose).to_vec())
+    fn places(&self, swarm: &Metamodules) -> Vec<Pose> {
+        swarm.poses.clone()
     }
 }
 

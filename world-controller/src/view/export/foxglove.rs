@@ -2,7 +2,7 @@
 //! schemas that go with them are derived from these types. Absent: primitives other than cubes, whose
 //! lists are there because readers expect them, and are always empty.
 
-use metamorph_protocol::lattice::Cell;
+use crate::view::parts::Part;
 use metamorph_protocol::time::Time;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
@@ -89,13 +89,13 @@ pub struct Cube {
 }
 
 impl Cube {
-    /// The cube that fills a cell of one metre, with a little air so that one can be told from the next.
-    /// The lowest cells stand on z = 0.
-    pub fn in_cell(cell: Cell, color: Colour) -> Cube {
-        const SIZE: f32 = 0.95;
-        let position = Vector { x: cell.x.into(), y: cell.y.into(), z: f32::from(cell.z) + 0.5 };
-        let orientation = Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 };
-        Cube { pose: Pose { position, orientation }, size: Vector { x: SIZE, y: SIZE, z: SIZE }, color }
+    /// A box about the centre of a part, with a little air so that one can be told from the next.
+    pub fn new(part: &Part, size: [f64; 3], color: Colour) -> Cube {
+        const SHARE: f64 = 0.95;
+        let vector = |[x, y, z]: [f64; 3]| Vector { x: x as f32, y: y as f32, z: z as f32 };
+        let [x, y, z, w] = part.pose.rotation.coords.map(|q| q as f32).into();
+        let pose = Pose { position: vector(part.centre().into()), orientation: Quaternion { x, y, z, w } };
+        Cube { pose, size: vector(size.map(|edge| edge * SHARE)), color }
     }
 }
 

@@ -1,7 +1,7 @@
 //! A journal as a recording that the field's viewers show: an MCAP file with scene updates and a log in
 //! Foxglove's schemas, as JSON.
 //!
-//! A cell is a cube of one metre, a metamodule has four; a time of the scenario is a time of the
+//! Bodies are drawn by their parts, in cells of one metre; a time of the scenario is a time of the
 //! recording. Every update holds all modules: a viewer that jumps to a time shows the last update before
 //! it and nothing older. So updates have a smallest distance, and a file grows with modules times time.
 //! Absent: messages between modules, and the way of a body from one cell to the next; `metamorph view`
@@ -16,12 +16,14 @@ use crate::console::output::{OutputError, Outputs};
 use crate::record::journal::{Event, HeadError, Journal, JournalError, Record, Who, plan_of};
 use crate::scenario::Plan;
 use crate::scenario::family::Families;
+use crate::view::bodies::ShownSwarm;
+use crate::view::parts::{Part, Shape};
+use crate::view::visible::{self, Words};
 use clap::Args;
 use foxglove::{Colour, Cube, Entity, Level, Log, Pair, SceneUpdate, schema_of};
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions, Writer};
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::record::Blob;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
@@ -88,7 +90,7 @@ impl ExportError {
 /// What is drawn of a module.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Body {
-    cells: Vec<Cell>,
+    parts: Vec<Part>,
     role: String,
     process: Process,
 }
@@ -112,28 +114,50 @@ impl Process {
 }
 
 impl Body {
-    /// The colours of the page.
-    fn colour(&self) -> Colour {
-        match (self.process, self.role.as_str()) {
-            (Process::Dead, _) => Colour::rgb(0x43, 0x47, 0x4d),
-            (Process::Paused, _) => Colour::rgb(0x8f, 0x86, 0xc9),
-            (_, "final" | "settled") => Colour::rgb(0x3d, 0x83, 0xc0),
-            (_, "walker") => Colour::rgb(0xf0, 0x99, 0x3e),
-            _ => Colour::rgb(0xb4, 0xc0, 0xcb),
+    /// The light colours of the page.
+    fn colour(&self, words: &Words) -> Colour {
+        match self.process {
+            Process::Dead => return Colour::rgb(0x43, 0x47, 0x4d),
+            Process::Paused => return Colour::rgb(0x8f, 0x86, 0xc9),
+            Process::Alive => {}
+        }
+        let role = words.roles.iter().find(|role| role.name == self.role);
+        match role.map_or(visible::Colour::Idle, |role| role.colour) {
+            visible::Colour::Idle => Colour::rgb(0xb4, 0xc0, 0xcb),
+            visible::Colour::Active => Colour::rgb(0xf0, 0x99, 0x3e),
+            visible::Colour::Done => Colour::rgb(0x3d, 0x83, 0xc0),
         }
     }
-    fn entity(&self, id: ModuleId, at: Time) -> Entity<'_> {
-        let colour = self.colour();
-        let cubes = self.cells.iter().map(|cell| Cube::in_cell(*cell, colour)).collect();
+    /// The boxes of a body. The halves of a ball make one.
+    fn boxes(&self, colour: Colour) -> Vec<Cube> {
+        let mut halves = Vec::new();
+        let mut boxes = Vec::new();
+        for part in &self.parts {
+            let size = match part.shape {
+                Shape::Box { size } => size,
+                Shape::HalfCube { half_edge, .. } => {
+                    if halves.contains(&part.centre()) {
+                        continue;
+                    }
+                    halves.push(part.centre());
+                    [2.0 * half_edge; 3]
+                }
+            };
+            boxes.push(Cube::new(part, size, colour));
+        }
+        boxes
+    }
+    fn entity(&self, id: ModuleId, at: Time, words: &Words) -> Entity<'_> {
         let about =
             [Pair { key: "role", value: &self.role }, Pair { key: "process", value: self.process.name() }];
-        Entity::new(at, format!("module {id}"), about, cubes)
+        Entity::new(at, format!("module {id}"), about, self.boxes(self.colour(words)))
     }
 }
 
 /// The file, and the modules as they are at this time.
 struct Recording {
     writer: Writer<BufWriter<File>>,
+    words: &'static Words,
     scene: u16,
     log: u16,
     sequence: u32,
@@ -147,26 +171,25 @@ struct Recording {
     now: Time,
 }
 
-/// Returns the cells that a body occupies in a place, if the place can be read.
-pub type Occupied = fn(&Plan, &Blob) -> Option<Vec<Cell>>;
-
 /// Writes the recording and says what is in it.
 pub fn export(
     args: &ExportArgs,
     families: Families,
-    occupied: Occupied,
+    shown: fn(&Plan) -> Box<dyn ShownSwarm>,
     interrupt: &Interrupt,
 ) -> Result<String, ExportError> {
     let output = Outputs::new().creates("--mcap", &args.mcap)?;
     let mut journal = Journal::open(&args.journal)?;
     let plan = plan_of(families, journal.head())?;
-    let cells = |place: &Blob| occupied(&plan, place);
+    let swarm = shown(&plan);
+    let parts = |place: &Blob| swarm.parts(place);
     let path = || args.mcap.clone();
     interrupt.begin();
     let write = |error| ExportError::Write { path: path(), error };
     let draft = output.begin()?;
     let file = draft.handle().map_err(|error| write(error.into()))?;
-    let mut recording = Recording::begin(file, Span::millis(args.every.into())).map_err(write)?;
+    let mut recording =
+        Recording::begin(file, swarm.words(), Span::millis(args.every.into())).map_err(write)?;
     let mut records = 0;
     for record in journal.by_ref() {
         // Half a recording would look like a whole one, so what is begun takes its name at the end.
@@ -175,7 +198,7 @@ pub fn export(
         if interrupt.is_set() {
             return Err(ExportError::Interrupted { path: path() });
         }
-        recording.take(&record, &cells).map_err(write)?;
+        recording.take(&record, &parts).map_err(write)?;
     }
     let troubles = journal.troubles();
     recording.end(&troubles).map_err(write)?;
@@ -195,7 +218,7 @@ pub fn export(
 }
 
 impl Recording {
-    fn begin(file: File, every: Span) -> Result<Recording, McapError> {
+    fn begin(file: File, words: &'static Words, every: Span) -> Result<Recording, McapError> {
         let library = concat!("metamorph ", env!("CARGO_PKG_VERSION"));
         let options = WriteOptions::new().compression(Some(Compression::Lz4)).library(library);
         let mut writer = options.create(BufWriter::new(file))?;
@@ -207,6 +230,7 @@ impl Recording {
             scene: writer.add_channel(scene, "/modules", "json", &none)?,
             log: writer.add_channel(log, "/log", "json", &none)?,
             writer,
+            words,
             sequence: 0,
             updates: 0,
             bodies: BTreeMap::new(),
@@ -217,7 +241,7 @@ impl Recording {
         })
     }
 
-    fn take(&mut self, record: &Record, cells: &dyn Fn(&Blob) -> Option<Vec<Cell>>) -> Result<(), McapError> {
+    fn take(&mut self, record: &Record, parts: &dyn Fn(&Blob) -> Option<Vec<Part>>) -> Result<(), McapError> {
         // Records of several files are in the order of causes; their times are not always.
         if record.at > self.now {
             if self.changed && self.now >= self.due {
@@ -227,13 +251,13 @@ impl Recording {
         }
         match &record.event {
             Event::Start { id, place, .. } => self.change(*id, |body| {
-                *body = Body { cells: cells(place).unwrap_or_default(), ..Body::default() };
+                *body = Body { parts: parts(place).unwrap_or_default(), ..Body::default() };
             }),
             Event::Advance { ended } => {
                 for (id, place) in ended {
                     self.change(*id, |body| {
-                        if let Some(cells) = cells(place) {
-                            body.cells = cells;
+                        if let Some(parts) = parts(place) {
+                            body.parts = parts;
                         }
                     });
                 }
@@ -265,7 +289,7 @@ impl Recording {
 
     fn update(&mut self) -> Result<(), McapError> {
         let bodies = std::mem::take(&mut self.bodies);
-        let entities = bodies.iter().map(|(id, body)| body.entity(*id, self.now)).collect();
+        let entities = bodies.iter().map(|(id, body)| body.entity(*id, self.now, self.words)).collect();
         self.write(self.scene, &SceneUpdate::new(entities))?;
         self.bodies = bodies;
         self.changed = false;

@@ -13,10 +13,10 @@ in vec4 place, rotation, paint, edge;
 uniform mat4 view;
 uniform float grow;
 uniform bool facing;
-uniform vec3 eyeAt;
+uniform vec3 eyeAt, size;
 out vec3 local;
 flat out vec4 paintOf, edgeOf;
-#ifdef ROUND
+#ifdef TURNED
 flat out vec4 turned;
 #endif
 vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
@@ -26,12 +26,12 @@ void main() {
   if (facing) local *= mix(vec3(-1), vec3(1), step(vec3(0), eyeAt - place.xyz));
   paintOf = paint;
   edgeOf = edge;
-#ifdef ROUND
+  vec3 arm = local * (size * place.w + grow);
+#ifdef TURNED
   turned = rotation;
-  vec3 at = place.xyz + turn(rotation, local * (place.w + grow));
-#else
-  vec3 at = place.xyz + local * (place.w + grow);
+  arm = turn(rotation, arm);
 #endif
+  vec3 at = place.xyz + arm;
   gl_Position = view * vec4(at, 1.0);
 }`;
 
@@ -41,11 +41,11 @@ in vec4 place, rotation;
 uniform vec4 bounds;
 uniform float ground;
 uniform bool facing;
-uniform vec3 light;
+uniform vec3 light, size;
 vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
 void main() {
   vec3 local = facing ? vertex * mix(vec3(-1), vec3(1), step(vec3(0), light)) : vertex;
-  vec3 at = place.xyz + turn(rotation, local * place.w);
+  vec3 at = place.xyz + turn(rotation, local * size * place.w);
   at += light * ((ground - at.z) / light.z);
   gl_Position = vec4((at.xy - bounds.xy) / (bounds.zw - bounds.xy) * 2.0 - 1.0, 0.0, 1.0);
 }`;
@@ -66,10 +66,10 @@ const PARTS_FRAGMENT = `
 precision highp float;
 in vec3 local;
 flat in vec4 paintOf, edgeOf;
-uniform vec3 light, eye;
+uniform vec3 light, eye, size;
 uniform float radius, half_, ambient;
 out vec4 colour;
-#ifdef ROUND
+#ifdef TURNED
 flat in vec4 turned;
 vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
 #endif
@@ -99,7 +99,8 @@ void main() {
     vec3 s = sign(local);
     vec3 axis = a.x == most ? vec3(s.x, 0, 0) : a.y == most ? vec3(0, s.y, 0) : vec3(0, 0, s.z);
     on = a.x == most ? local.yz : a.y == most ? local.zx : local.xy;
-    float border = 0.5 - max(abs(on.x), abs(on.y));
+    vec2 gap = (0.5 - abs(on)) * (a.x == most ? size.yz : a.y == most ? size.zx : size.xy);
+    float border = min(gap.x, gap.y);
     float blur = fwidth(border) + 1e-5;
     vec3 bevel = normalize(axis + local * 0.9);
     normal = normalize(mix(axis, bevel, smoothstep(0.1, 0.02, border)));
@@ -118,7 +119,7 @@ void main() {
   } else if (pattern == 3) {
     base = mix(base, edgeOf.rgb, smoothstep(0.16 + blurOn, 0.16, length(on)));
   }
-#ifdef ROUND
+#ifdef TURNED
   vec3 n = turn(turned, normal);
 #else
   vec3 n = normal;
@@ -239,11 +240,11 @@ export class Drawing {
     this.sharpness = 1;
     this.shadows = true;
     const variant = (how, text) => `#version 300 es\n${how}${text}`;
-    const [boxes, round] = ["", "#define ROUND\n"];
-    this.boxes = this.program(variant(boxes, PARTS_VERTEX), variant(boxes, PARTS_FRAGMENT));
-    this.round = this.program(variant(round, PARTS_VERTEX), variant(round, PARTS_FRAGMENT));
-    this.flatBoxes = this.program(variant(boxes, PARTS_VERTEX), variant(boxes, FLAT_FRAGMENT));
-    this.flatRound = this.program(variant(round, PARTS_VERTEX), variant(round, FLAT_FRAGMENT));
+    const programs = (how) => [PARTS_FRAGMENT, FLAT_FRAGMENT].map((text) => this.program(variant(how, PARTS_VERTEX), variant(how, text)));
+    const turned = "#define TURNED\n";
+    [this.boxes, this.flatBoxes] = programs("");
+    [this.turnedBoxes, this.flatTurned] = programs(turned);
+    this.round = this.program(variant(turned, PARTS_VERTEX), variant(`${turned}#define ROUND\n`, PARTS_FRAGMENT));
     this.shadow = this.program(SHADOW_VERTEX, SHADOW_FRAGMENT);
     this.ribbons = this.program(RIBBON_VERTEX, RIBBON_FRAGMENT);
     this.ground = this.program(GROUND_VERTEX, GROUND_FRAGMENT);
@@ -326,11 +327,12 @@ export class Drawing {
   }
 
   /**
-   * A mesh whose instances can be drawn. `round` is a half cube of the Roombots of this size; `facing`
-   * are the three sides of a box that are mirrored to where they are seen.
+   * A mesh whose instances can be drawn, this many times as large. `round` is half a ball with plates of
+   * this radius and half edge; instances of others may be `turned`, or stand upright: `facing` are the three
+   * sides of an upright box that are mirrored to where they are seen.
    */
-  mesh(vertices, { round = null, facing = false } = {}) {
-    const mesh = { count: vertices.length / 3, instances: this.gl.createBuffer(), round, facing };
+  mesh(vertices, { size = [1, 1, 1], round = null, turned = false, facing = false } = {}) {
+    const mesh = { count: vertices.length / 3, instances: this.gl.createBuffer(), size, round, turned, facing };
     const shape = this.buffer(vertices);
     mesh.array = this.array(() => {
       this.attribute(this.round, "vertex", 3, shape, 3, 0, 0);
@@ -386,6 +388,7 @@ export class Drawing {
     gl.disable(gl.DEPTH_TEST);
     for (const { mesh } of groups) {
       gl.uniform1i(u("facing"), mesh.facing);
+      gl.uniform3fv(u("size"), mesh.size);
       gl.bindVertexArray(mesh.array);
       gl.drawArraysInstanced(gl.TRIANGLES, 0, mesh.count, mesh.seen);
     }
@@ -408,9 +411,9 @@ export class Drawing {
 
   /**
    * Draws one picture: `paper` behind, the `ground`, `groups` of parts (a mesh and its numbers), what is
-   * `chosen` with an outline, `ghosts` as wires, `links` among the parts and `marks` over them.
+   * `chosen` with an `outline`, `ghosts` as wires, `links` among the parts and `marks` over them.
    */
-  draw({ camera, paper, ground, groups, ghosts, chosen, links, marks, light, clock, dark }) {
+  draw({ camera, paper, ground, groups, ghosts, chosen, outline, links, marks, light, clock, dark }) {
     const gl = this.gl;
     camera.aspect = this.resize();
     const view = camera.matrix();
@@ -441,14 +444,14 @@ export class Drawing {
     }
 
     const eye = { view, position, out };
-    if (chosen) {
-      this.fill(chosen.mesh.instances, chosen.numbers);
-      gl.cullFace(gl.FRONT);
-      this.flat(chosen, eye, 0.12, [...chosen.colour, 1]);
-      gl.cullFace(gl.BACK);
+    gl.cullFace(gl.FRONT);
+    for (const one of chosen) {
+      this.fill(one.mesh.instances, one.numbers);
+      this.flat(one, eye, 0.12, [...outline, 1]);
     }
+    gl.cullFace(gl.BACK);
     for (const { mesh } of groups) {
-      const program = mesh.round ? this.round : this.boxes;
+      const program = mesh.round ? this.round : mesh.turned ? this.turnedBoxes : this.boxes;
       this.look(program, mesh, eye, 0);
       const u = program.uniform;
       gl.uniform3fv(u("light"), light);
@@ -467,13 +470,10 @@ export class Drawing {
       this.fill(ghosts.mesh.instances, ghosts.numbers);
       this.flat(ghosts, eye, 0, ghosts.colour, gl.LINES);
     }
-    if (chosen) {
-      // What is chosen is seen through everything.
-      gl.disable(gl.DEPTH_TEST);
-      this.fill(chosen.mesh.instances, chosen.numbers);
-      this.flat(chosen, eye, 0.1, [...chosen.colour, 0.2]);
-      gl.enable(gl.DEPTH_TEST);
-    }
+    // What is chosen is seen through everything.
+    gl.disable(gl.DEPTH_TEST);
+    for (const one of chosen) this.flat(one, eye, 0.1, [...outline, 0.2]);
+    gl.enable(gl.DEPTH_TEST);
     gl.depthMask(true);
     gl.disable(gl.BLEND);
     this.drawRibbons(marks, view, position, clock, false);
@@ -488,10 +488,11 @@ export class Drawing {
     gl.uniform3fv(program.uniform("eyeAt"), position);
     gl.uniform1i(program.uniform("facing"), mesh.facing);
     gl.uniform1f(program.uniform("grow"), grow);
+    gl.uniform3fv(program.uniform("size"), mesh.size);
   }
 
   flat({ mesh, numbers }, eye, grow, colour, what = this.gl.TRIANGLES) {
-    const program = mesh.round ? this.flatRound : this.flatBoxes;
+    const program = mesh.turned ? this.flatTurned : this.flatBoxes;
     this.look(program, mesh, eye, grow);
     this.gl.uniform4fv(program.uniform("flat_"), colour);
     this.instances(mesh, numbers.length / PART, what);

@@ -76,8 +76,7 @@ class Page {
     const { scene } = this.story;
     document.title = `${scene.title} – Metamorph`;
     by("title").textContent = scene.title;
-    const kind = scene.family === "cube" ? "modules" : "metamodules";
-    by("about").textContent = `${scene.start.length.toLocaleString("en")} ${kind} · ${scene.link === "sim" ? "simulated" : "processes"} · seed ${scene.seed}`;
+    by("about").textContent = `${scene.start.length.toLocaleString("en")} ${scene.words.modules} · ${scene.link === "sim" ? "simulated" : "processes"} · seed ${scene.seed}`;
     by("repeat").textContent = scene.repeat;
     by("description").textContent = scene.description ?? "";
     by("meaning").append(...Object.entries(MEANINGS).map(([value, text]) => make("option", { value }, text)));

@@ -17,7 +17,6 @@ const SHOWN = 6;
 
 const number = (n) => n.toLocaleString("en");
 const seconds = (t) => `${(t / 1e6).toFixed(2)} s`;
-const cell = (c) => `[${c.join(", ")}]`;
 
 export class Panel {
   constructor(story, picture) {
@@ -77,9 +76,8 @@ export class Panel {
 
   numbers(t, { counts }) {
     const { filled, goal } = this.story.progressAt(t);
-    const unit = this.picture.cubes ? "cells" : "seeds";
     const facts = [
-      [`${unit} filled`, `${number(filled)} / ${number(goal)}`],
+      [`${this.story.scene.words.targets} filled`, `${number(filled)} / ${number(goal)}`],
       ["alive", `${number(counts.alive)} / ${number(this.story.modules.length)}`],
       ["moving", number(counts.moving)],
       ["dead", number(counts.dead)],
@@ -136,19 +134,13 @@ export class Panel {
     const known = picture.of(id, t, talk);
     const body = story.bodyAt(id, t);
     const { standing, life } = known;
-    const role = standing.role === null
-      ? "not heard of yet"
-      : picture.cubes
-      ? ["in reserve", "wandering", "finalized"][standing.role]
-      : standing.role === 2
-        ? `settled in seed ${standing.place}`
-        : "free";
-    const place = picture.cubes ? cell(body.part >= 1 || !body.what ? body.to : body.from) : this.connector(body);
-    const does = body.doing ? this.deed(body) : "rests";
-    const unit = picture.cubes ? "moves" : "strides";
+    const { words } = story.scene;
+    const role = standing.role === null ? "not heard of yet" : words.roles[standing.role].about.replace("{}", standing.place);
+    const does = body.doing ? body.motion.name + (body.doing.failed ? ", which fails" : "") : "rests";
+    const [one, several] = words.distance;
     // What modules tell each other is on its way here, or not seen at all.
     const untold = story.scene.messages ? "loading" : "not seen from outside";
-    const target = known.gradient === null ? untold : known.gradient === 65535 ? "knows none" : `${known.gradient} ${known.gradient === 1 ? unit.slice(0, -1) : unit}`;
+    const target = known.gradient === null ? untold : known.gradient === 65535 ? "knows none" : `${known.gradient} ${known.gradient === 1 ? one : several}`;
     const flags = [
       [4, "held by a dead one"],
       [2, "cannot move any more"],
@@ -159,9 +151,9 @@ export class Panel {
     const facts = [
       ["process", known.stuck ? `${life}, joint stuck` : life],
       [dead ? "was" : "part", role],
-      ["at", place],
+      ["at", (body.part >= 1 ? body.to : body.from).at],
       ["does", dead ? null : does],
-      [picture.cubes ? "target in" : "seed in", dead ? null : target],
+      [`${words.target} in`, dead ? null : target],
       ["waits for", dead || standing.role === null ? null : standing.waits === null ? "nobody" : this.link(standing.waits)],
       ["in a circle", circle.has(id) ? "yes" : null],
       ["locked by", dead ? null : !talk ? untold : owner === null ? "nobody" : this.link(owner)],
@@ -169,21 +161,9 @@ export class Panel {
     ].filter(([, value]) => value !== null);
     section.dataset.id = id;
     section.dataset.life = life;
-    const name = `${picture.cubes ? "Module" : "Metamodule"} ${id}`;
+    const name = `${words.module} ${id}`;
     if (this.part("module-name").textContent !== name) this.part("module-name").textContent = name;
     this.part("module").replaceChildren(...facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
-  }
-
-  connector({ from, to, part }) {
-    const [x, y, quarter, end, both] = part >= 1 ? to : from;
-    return `(${x}, ${y}), turned ${quarter * 90}°, ${both ? "both ends" : end ? "head" : "foot"}`;
-  }
-
-  deed({ what, doing }) {
-    const failing = doing.failed ? ", which fails" : "";
-    if (this.picture.cubes) return (what[0] === 0 ? "slides" : "goes around an edge") + failing;
-    const joint = what.slice(6).findIndex((s, i) => s !== doing.from[5 + i]);
-    return [`turns joint ${joint + 1}`, "grips", "lets go"][what[0]] + failing;
   }
 
   owner(id, talk) {

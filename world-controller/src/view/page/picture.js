@@ -1,8 +1,9 @@
 // From what was at a moment to what is drawn: which part is where, in which colour; who is linked with
 // whom. Colours are those of the style sheet.
 
-import { UPRIGHT, box, cubeAt, halfCube, halvesAt, wires } from "./bodies.js";
 import { PART, PATTERN, RIBBON } from "./drawing.js";
+import { POSE, UPRIGHT, box, halfCube, posesAt, wires } from "./parts.js";
+import { FILLS } from "./story.js";
 
 /** What colours can mean, and what that is called. */
 export const MEANINGS = {
@@ -41,6 +42,9 @@ const ownColour = (id) => {
   return [0, 1 / 3, 2 / 3].map((o) => 0.5 + 0.32 * Math.cos(2 * Math.PI * (hue + o)));
 };
 
+/** The middle of a cell. */
+const middle = ([x, y, z]) => [x, y, z + 0.5];
+
 /** A cell as one number. */
 const key = ([x, y, z]) => ((x + 32768) * 65536 + (y + 32768)) * 65536 + z + 32768;
 
@@ -64,19 +68,19 @@ class Numbers {
     this.list.set(numbers, this.length);
     this.length += numbers.length;
   }
-  /** One part. */
-  part(x, y, z, size, [qx, qy, qz, qw], [r, g, b], pattern, [er, eg, eb]) {
+  /** One part, whose pose is in a list. */
+  part(poses, from, size, [r, g, b], pattern, [er, eg, eb]) {
     if (this.length + PART > this.list.length) this.push();
     const { list } = this;
     let at = this.length;
-    list[at++] = x;
-    list[at++] = y;
-    list[at++] = z;
+    list[at++] = poses[from];
+    list[at++] = poses[from + 1];
+    list[at++] = poses[from + 2];
     list[at++] = size;
-    list[at++] = qx;
-    list[at++] = qy;
-    list[at++] = qz;
-    list[at++] = qw;
+    list[at++] = poses[from + 3];
+    list[at++] = poses[from + 4];
+    list[at++] = poses[from + 5];
+    list[at++] = poses[from + 6];
     list[at++] = r;
     list[at++] = g;
     list[at++] = b;
@@ -86,6 +90,10 @@ class Numbers {
     list[at++] = eb;
     list[at++] = 1;
     this.length = at;
+  }
+  /** A part that stands upright in a cell. */
+  inCell(cell, size, paint, edge) {
+    this.part([...middle(cell), ...UPRIGHT], 0, size, paint, 0, edge);
   }
   view() {
     return this.list.subarray(0, this.length);
@@ -105,9 +113,9 @@ class Filled {
   clear() {
     this.stamp++;
   }
-  /** The place of a cell; -1 at the rim and outside. */
+  /** The place of the cell with this middle; -1 at the rim and outside. */
   place(x, y, z) {
-    const [i, j, k] = [x - this.low[0], y - this.low[1], z - this.low[2]];
+    const [i, j, k] = [x - this.low[0], y - this.low[1], z - 0.5 - this.low[2]];
     const [a, b, c] = this.size;
     if (i < 1 || j < 1 || k < 1 || i >= a - 1 || j >= b - 1 || k >= c - 1) return -1;
     return (k * b + j) * a + i;
@@ -133,17 +141,25 @@ export class Picture {
   constructor(drawing, story) {
     this.drawing = drawing;
     this.story = story;
-    this.cubes = story.family === "cube";
-    const body = story.scene.body;
-    this.body = body && { quarterTurns: body[0], radius: body[1], edge: body[2] };
-    // The outline of what is chosen is made of the far sides, so it needs all of them.
-    const round = () => drawing.mesh(halfCube(this.body.radius, this.body.edge), { round: this.body });
-    this.mesh = this.cubes ? drawing.mesh(box(true), { facing: true }) : round();
-    this.chosenMesh = this.cubes ? drawing.mesh(box(false)) : round();
+    this.words = story.scene.words;
+    const layer = (mesh, fills = false) => ({ mesh, fills, parts: new Numbers() });
+    /** Of each shape what is drawn of upright parts, of turned ones, and of the outline of a chosen one. */
+    this.shapes = story.scene.shapes.map((shape) => {
+      if (shape.kind === "box") {
+        const { size } = shape;
+        // The outline of what is chosen is made of the far sides, so it needs all of them.
+        const turned = () => layer(drawing.mesh(box(false), { size, turned: true }));
+        const upright = layer(drawing.mesh(box(true), { size, facing: true }), size.every((x) => x === 1));
+        return { upright, turned: turned(), chosen: turned(), half: Math.max(...size) / 2 };
+      }
+      const { radius, half_edge: edge } = shape;
+      const round = () => layer(drawing.mesh(halfCube(radius, edge), { round: { radius, edge }, turned: true }));
+      const parts = round();
+      return { upright: parts, turned: parts, chosen: round(), half: radius };
+    });
+    this.layers = [...new Set(this.shapes.flatMap(({ upright, turned }) => [upright, turned]))];
     this.foreignMesh = drawing.mesh(box(true), { facing: true });
     this.ghostMesh = drawing.mesh(wires());
-    this.parts = new Numbers();
-    this.chosen = new Numbers();
     this.foreign = new Numbers();
     this.ghosts = new Numbers();
     this.links = new Numbers();
@@ -165,19 +181,19 @@ export class Picture {
   /** The corners of what will be there, about (start, each goal, floor), and the lowest height. */
   measure() {
     const points = [];
-    const box = (cells, up) => {
-      const low = [0, 1, 2].map((i) => least(cells.map((c) => c[i])) - 0.5);
-      const high = [0, 1, 2].map((i) => most(cells.map((c) => c[i])) + 0.5);
-      for (let k = 0; k < 8; k++) {
-        points.push([0, 1, 2].map((i) => ((k >> i) & 1 ? high : low)[i] + (i === 2 ? up : 0)));
-      }
+    const box = (middles) => {
+      const low = [0, 1, 2].map((i) => least(middles.map((c) => c[i])) - 0.5);
+      const high = [0, 1, 2].map((i) => most(middles.map((c) => c[i])) + 0.5);
+      for (let k = 0; k < 8; k++) points.push([0, 1, 2].map((i) => ((k >> i) & 1 ? high : low)[i]));
     };
-    for (const goal of this.goals) box(goal.cells, this.cubes ? 0 : 0.5);
-    if (this.cubes) box(this.story.scene.start, 0);
+    const start = this.story.modules.map(({ first }) => first.poses.slice(0, 3));
+    const { floor } = this.story.scene;
+    for (const goal of this.goals) box(goal.cells.map(middle));
+    if (!floor) box(start);
     else {
-      const { min, max } = this.story.scene.floor;
-      for (const x of [min[0] - 0.5, max[0] + 0.5]) for (const y of [min[1] - 0.5, max[1] + 0.5]) points.push([x, y, 0]);
-      for (const [x, y] of this.story.scene.start) points.push([x, y, 4]);
+      const [xs, ys] = [0, 1].map((i) => [floor.min[i] - 0.5, floor.max[i] + 0.5]);
+      for (const x of xs) for (const y of ys) points.push([x, y, 0]);
+      for (const [x, y] of start) points.push([x, y, floor.headroom]);
     }
     const along = (i) => points.map((p) => p[i]);
     const low = [0, 1, 2].map((i) => least(along(i)));
@@ -195,7 +211,7 @@ export class Picture {
       return [...probe.getImageData(0, 0, 1, 1).data].slice(0, 3).map((c) => c / 255);
     };
     this.colour = {};
-    for (const name of ["reserve", "walker", "final", "dead", "paused", "stuck", "none"]) {
+    for (const name of ["idle", "active", "done", "dead", "paused", "stuck", "none"]) {
       this.colour[name] = read(`--m-${name}`);
     }
     for (const name of ["paper", "sky", "edge", "mark", "ghost", "foreign", "chosen", "wait", "bad", "floor", "line"]) {
@@ -217,9 +233,9 @@ export class Picture {
   roleName({ life, standing }, moving) {
     if (life === "dead") return "dead";
     if (life === "paused") return "paused";
-    if (this.cubes) return ["reserve", "walker", "final"][standing.role] ?? "none";
-    if (standing.role === 2) return "final";
-    return moving ? "walker" : standing.role === null ? "none" : "reserve";
+    const { roles, moving_role } = this.words;
+    const shown = moving && moving_role !== null && standing.role !== FILLS ? moving_role : standing.role;
+    return roles[shown]?.colour ?? "none";
   }
 
   build(t, options) {
@@ -228,13 +244,16 @@ export class Picture {
       options.messages || options.meaning === "gradient" || options.meaning === "locks" || options.chosen !== null
         ? story.talkAt(t)
         : null;
-    [this.parts, this.chosen, this.foreign, this.ghosts, this.links, this.marks].forEach((n) => n.clear());
+    [this.foreign, this.ghosts, this.links, this.marks].forEach((n) => n.clear());
+    for (const { upright, turned, chosen } of this.shapes) for (const { parts } of [upright, turned, chosen]) parts.clear();
     const owners = new Map();
     for (let i = 0; i < (talk?.locks.length ?? 0); i += 2) owners.set(talk.locks[i], talk.locks[i + 1]);
     const locking = new Set(owners.values());
     let farthest = 1;
     if (options.meaning === "gradient") talk?.gradient.forEach((d) => d !== FAR && (farthest = Math.max(farthest, d)));
-    const size = this.cubes ? (options.messages ? 0.42 : 0.95) : 0.985;
+    // Where bodies hide what is between them, they step back among messages.
+    const back = options.messages && this.words.scale_among_messages !== null;
+    const size = back ? this.words.scale_among_messages : this.words.scale;
     const { goal, shift } = story.goalAt(t);
     const now = this.goals[Math.min(goal, this.goals.length - 1)];
     const taken = new Set();
@@ -255,7 +274,7 @@ export class Picture {
       if (known.stuck) counts.stuck++;
       if (known.life === "alive" && known.standing.waits !== null) waits.set(id, known.standing.waits);
       let paint = colour[role];
-      if (options.meaning === "level") paint = this.levelColour(id, known, body, now);
+      if (options.meaning === "level") paint = this.levelColour(known, body, now, shift);
       else if (options.meaning === "gradient") {
         const far = known.gradient === FAR || known.gradient === null;
         paint = far ? colour.none : scale(1 - known.gradient / farthest);
@@ -263,8 +282,7 @@ export class Picture {
         const owner = owners.get(id);
         paint = owner !== undefined ? ownColour(owner) : locking.has(id) ? ownColour(id) : colour.none;
       }
-      // Among messages, modules step back.
-      if (options.messages && this.cubes) paint = paint.map((c, i) => c + (colour.sky[i] - c) * 0.45);
+      if (back) paint = paint.map((c, i) => c + (colour.sky[i] - c) * 0.45);
       let pattern = PATTERN.plain;
       let edge = colour.edge;
       if (known.life === "dead") [pattern, edge] = [PATTERN.dead, colour.mark];
@@ -272,16 +290,13 @@ export class Picture {
       else if (known.stuck) [pattern, edge] = [PATTERN.stuck, colour.stuck];
       this.put(id, body, size, paint, pattern, edge, id === options.chosen, taken);
     }
-    if (this.cubes && !options.messages) this.hideEnclosed();
-    for (const [x, y, z] of story.obstaclesAt(t)) {
-      this.foreign.part(x, y, z + (this.cubes ? 0 : 0.5), 0.9, UPRIGHT, colour.foreign, 0, colour.edge);
-    }
+    if (!back) this.hideEnclosed();
+    for (const cell of story.obstaclesAt(t)) this.foreign.inCell(cell, 0.9, colour.foreign, colour.edge);
     if (options.goal) {
       for (const [x, y, z] of now.outside) {
         const at = [x + shift[0], y + shift[1], z];
         if (taken.has(key(at))) continue;
-        const up = this.cubes ? 0 : 0.5;
-        this.ghosts.part(at[0], at[1], at[2] + up, 0.94, UPRIGHT, colour.ghost, 0, colour.ghost);
+        this.ghosts.inCell(at, 0.94, colour.ghost, colour.ghost);
       }
     }
     if (options.messages && talk) this.drawTalk(talk, options);
@@ -300,52 +315,45 @@ export class Picture {
     return { talk, waits, circle, counts, farthest, arrows };
   }
 
-  /** Whoever has a neighbour on each side is not seen, and need not be drawn. */
+  /** A box that has a neighbour on each side is not seen, and need not be drawn. */
   hideEnclosed() {
-    const { list, length } = this.parts;
-    for (let at = 0; at < length; at += PART) {
-      const [x, y, z] = [list[at], list[at + 1], list[at + 2]];
-      const rests = Number.isInteger(x) && Number.isInteger(y) && Number.isInteger(z);
-      if (rests && this.filled.encloses(x, y, z)) list[at + PART - 1] = 0;
+    for (const { fills, parts } of this.layers) {
+      const { list, length } = parts;
+      for (let at = 0; fills && at < length; at += PART) {
+        const [x, y, z] = [list[at], list[at + 1], list[at + 2]];
+        const rests = Number.isInteger(x) && Number.isInteger(y) && Number.isInteger(z - 0.5);
+        if (rests && this.filled.encloses(x, y, z)) list[at + PART - 1] = 0;
+      }
     }
   }
 
-  levelColour(id, known, body, goal) {
-    if (this.cubes) {
-      const level = goal.levels.get(key(body.to));
-      if (known.standing.role !== 2 || level === undefined) return this.colour.none;
-      return scale(0.08 + 0.88 * (level / goal.highest));
-    }
-    const seed = known.standing.place;
-    if (known.standing.role !== 2 || seed < 0) return this.colour.none;
-    const level = goal.cells[seed * 4]?.[3] ?? 0;
-    return scale(0.2 + 0.6 * (level / goal.highest));
+  levelColour({ standing }, { to }, goal, shift) {
+    const [x, y, z] = to.poses;
+    const level = goal.levels.get(key([Math.round(x) - shift[0], Math.round(y) - shift[1], Math.floor(z)]));
+    if (standing.role !== FILLS || level === undefined) return this.colour.none;
+    return scale(0.08 + 0.88 * (level / goal.highest));
   }
 
   put(id, body, size, paint, pattern, edge, isChosen, taken) {
-    if (this.cubes) {
-      const [x, y, z] = cubeAt(body);
-      this.middles[id] = [x, y, z];
-      this.parts.part(x, y, z, size, UPRIGHT, paint, pattern, edge);
-      if (isChosen) this.chosen.part(x, y, z, size, UPRIGHT, paint, 0, edge);
-      if (!body.doing) this.filled.add(x, y, z);
-      taken.add(key(body.part >= 1 || !body.what ? body.to : body.from));
-      return;
-    }
-    const halves = halvesAt(body, this.body.quarterTurns);
+    const { shapes, tones } = this.story.modules[id];
+    const poses = posesAt(body);
     const sum = [0, 0, 0];
     const cells = [];
-    halves.forEach(({ middle, rotation }, i) => {
-      // The second module is a little lighter or darker, so that the two are told apart.
-      const tint = i < 4 ? paint : paint.map((c) => c + (this.dark ? 0.16 : 0.26) * (1 - c));
-      this.parts.part(...middle, size, rotation, tint, pattern, edge);
-      if (isChosen) this.chosen.part(...middle, size, rotation, tint, 0, edge);
-      middle.forEach((x, k) => (sum[k] += x / 8));
-      if (i % 2 === 0) cells.push(middle);
-    });
+    for (let i = 0, at = 0; i < shapes.length; i++, at += POSE) {
+      const shape = this.shapes[shapes[i]];
+      const layer = poses[at + 6] === 1 ? shape.upright : shape.turned;
+      const tint = tones[i] === 0 ? paint : paint.map((c) => c + (this.dark ? 0.16 : 0.26) * (1 - c));
+      layer.parts.part(poses, at, size, tint, pattern, edge);
+      if (isChosen) shape.chosen.parts.part(poses, at, size, tint, 0, edge);
+      const centre = [poses[at], poses[at + 1], poses[at + 2]];
+      const [x, y, z] = centre;
+      if (layer.fills && !body.doing) this.filled.add(x, y, z);
+      for (let k = 0; k < 3; k++) sum[k] += centre[k] / shapes.length;
+      cells.push(centre);
+      taken.add(key([Math.round(x), Math.round(y), Math.floor(z)]));
+    }
     this.middles[id] = sum;
     this.middles[id].cells = cells;
-    cells.forEach(([x, y, z]) => taken.add(key([Math.round(x), Math.round(y), Math.round(z - 0.5)])));
   }
 
   /** One ribbon. */
@@ -375,9 +383,11 @@ export class Picture {
       const across = [d[1] - d[2], d[2] - d[0], d[0] - d[1]];
       const length = Math.hypot(...across) || 1;
       const aside = across.map((x) => (x / length) * 0.09);
-      const lift = this.cubes ? 0 : 0.15;
+      // Bodies that step back let what is between them be seen; others are drawn over.
+      const back = this.words.scale_among_messages !== null;
+      const lift = back ? 0 : 0.15;
       const place = (p) => p.map((x, k) => x + aside[k] + (k === 2 ? lift : 0));
-      this.ribbon(this.cubes ? this.links : this.marks, place(from), width, place(to), width, [...this.classColours[which], strong], 1);
+      this.ribbon(back ? this.links : this.marks, place(from), width, place(to), width, [...this.classColours[which], strong], 1);
     }
   }
 
@@ -407,9 +417,9 @@ export class Picture {
   }
 
   draw(camera, options, clock) {
-    const { colour, bounds, cubes } = this;
+    const { colour, bounds } = this;
     const floor = this.story.scene.floor;
-    const ground = cubes
+    const ground = !floor
       ? {
           z: bounds.low[2] - 0.02,
           bounds: [bounds.low[0] - 9, bounds.low[1] - 9, bounds.high[0] + 9, bounds.high[1] + 9],
@@ -424,7 +434,9 @@ export class Picture {
           fill: [...colour.floor, 1],
           line: [...colour.line, 1],
         };
-    const groups = [{ mesh: this.mesh, numbers: this.parts.view() }];
+    const seen = ({ parts }) => parts.length > 0;
+    const group = ({ mesh, parts }) => ({ mesh, numbers: parts.view() });
+    const groups = this.layers.filter(seen).map(group);
     if (this.foreign.length) groups.push({ mesh: this.foreignMesh, numbers: this.foreign.view() });
     this.drawing.draw({
       camera,
@@ -432,9 +444,8 @@ export class Picture {
       ground,
       groups,
       ghosts: this.ghosts.length ? { mesh: this.ghostMesh, numbers: this.ghosts.view(), colour: [...colour.ghost, this.ghosts.length > 200 * PART ? 0.5 : 0.9] } : null,
-      chosen: this.chosen.length
-        ? { mesh: this.chosenMesh, numbers: this.chosen.view(), colour: colour.chosen }
-        : null,
+      chosen: this.shapes.map(({ chosen }) => chosen).filter(seen).map(group),
+      outline: colour.chosen,
       links: this.links.view(),
       marks: this.marks.view(),
       light: [0.45, -0.55, 1],
@@ -446,9 +457,10 @@ export class Picture {
   /** The module that a ray meets first; null if none. */
   pick({ origin, direction }) {
     let [best, found] = [Infinity, null];
-    const half = this.cubes ? 0.48 : 0.55;
     for (let id = 0; id < this.middles.length; id++) {
-      for (const m of this.middles[id]?.cells ?? [this.middles[id]]) {
+      const { shapes } = this.story.modules[id];
+      for (const [part, m] of this.middles[id].cells.entries()) {
+        const { half } = this.shapes[shapes[part]];
         let [near, far] = [0, Infinity];
         for (let i = 0; i < 3; i++) {
           const a = (m[i] - half - origin[i]) / direction[i];
@@ -464,18 +476,19 @@ export class Picture {
 
   /** What the colours mean, for the legend: text, colour, and the pattern that goes with it. */
   legend(meaning, { farthest, circle, arrows, counts, talk }) {
-    const { colour, cubes } = this;
+    const { colour } = this;
     const swatch = (text, rgb, pattern) => ({ text, colour: css(rgb), pattern });
     const told = talk || !TOLD.includes(meaning);
     const entries = told
-      ? this.meanings(meaning, farthest, swatch, colour, cubes, counts)
+      ? this.meanings(meaning, farthest, swatch, colour, counts)
       : [swatch(this.story.scene.messages ? "loading" : UNSEEN, colour.none)];
     if (circle.size) entries.push(swatch("wait for each other in a circle", colour.bad));
     if (arrows) entries.push(swatch("waits for", colour.wait));
     return entries;
   }
 
-  meanings(meaning, farthest, swatch, colour, cubes, counts) {
+  meanings(meaning, farthest, swatch, colour, counts) {
+    const { roles, levels, distance } = this.words;
     const lives = [];
     if (counts.unheard) lives.push(swatch("not heard of yet", colour.none));
     if (counts.dead) lives.push(swatch("dead", colour.dead, "dead"));
@@ -488,13 +501,11 @@ export class Picture {
     });
     switch (meaning) {
       case "state":
-        return cubes
-          ? [swatch("in reserve", colour.reserve), swatch("wandering", colour.walker), swatch("finalized", colour.final), ...lives]
-          : [swatch("free", colour.reserve), swatch("moving", colour.walker), swatch("settled", colour.final), ...lives];
+        return [...roles.map((role) => swatch(role.legend, colour[role.colour])), ...lives];
       case "level":
-        return [ramp(0.08, 0.96, "seed", cubes ? "last level" : "top level"), swatch("not in the goal", colour.none)];
+        return [ramp(0.08, 0.96, ...levels), swatch("not in the goal", colour.none)];
       case "gradient":
-        return [ramp(1, 0, "at a target", `${farthest} ${cubes ? "moves" : "strides"}`), swatch("knows no target", colour.none)];
+        return [ramp(1, 0, "at a target", `${farthest} ${distance[1]}`), swatch("knows no target", colour.none)];
       default:
         return [swatch("locks somebody, or is locked by it", ownColour(3)), swatch("no lock", colour.none)];
     }

@@ -1,7 +1,12 @@
 // What happened in a run, and what was at any moment of it. Filled piece by piece from the server;
 // asked by the drawing. Times are microseconds. Knows nothing of how things look.
 
+import { UPRIGHT, carried } from "./parts.js";
+
 const AT_ONCE = 8;
+
+/** The role of a module that fills a target. */
+export const FILLS = 2;
 
 /** The place of the last entry of `list` that is not after `t`, by its `t`; -1 if there is none. */
 export function before(list, t) {
@@ -13,16 +18,6 @@ export function before(list, t) {
     else high = middle;
   }
   return low - 1;
-}
-
-const FACES = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
-
-/** What became of a stance after something was done. */
-function after(family, stance, what) {
-  if (family !== "cube") return what.slice(1);
-  const [kind, support, heading] = what;
-  const [s, h] = [FACES[support], FACES[heading]];
-  return stance.map((x, i) => x + h[i] + (kind === 1 ? s[i] : 0));
 }
 
 /** Of a module that has not told anything. */
@@ -43,6 +38,7 @@ export class Story {
     this.deaths = [];
     this.obstacles = [];
     this.goalsOpened = [];
+    this.motions = [];
     this.moments = [];
     this.momentsSorted = true;
     this.talk = new Map();
@@ -60,16 +56,15 @@ export class Story {
 
   async begin() {
     Object.assign(this, { scene: await this.ask("scene") });
-    this.family = this.scene.family;
-    this.modules = this.scene.start.map((stance) => ({
-      first: stance,
-      stance,
-      doings: [],
-      standings: [],
-      lives: [],
-      stuck: [],
-    }));
+    this.modules = this.scene.start.map((body) => this.begun(body));
     while (await this.follow());
+  }
+
+  begun([at, ...parts]) {
+    const poses = parts.flatMap(([, , ...pose]) => (pose.length === 3 ? [...pose, ...UPRIGHT] : pose));
+    const first = { at, poses };
+    const [shapes, tones] = [0, 1].map((i) => parts.map((part) => part[i]));
+    return { shapes, tones, first, stance: first, doings: [], standings: [], lives: [], stuck: [] };
   }
 
   /** The run is told anew, with more in it. What was known stays in sight until all of that is here. */
@@ -116,13 +111,20 @@ export class Story {
       this.momentsSorted = false;
     };
     switch (kind) {
+      case "d": {
+        const [takes, name, segments] = event[2];
+        this.motions.push({ takes, name, segments });
+        break;
+      }
       case "m": {
-        const [, , , takes, what] = event;
+        const [, , , number, at] = event;
+        const motion = this.motions[number];
         const from = module.stance;
-        module.stance = after(this.family, from, what);
-        module.doings.push({ t, until: t + takes, from, to: module.stance, what, failed: false });
+        const until = t + motion.takes;
+        module.stance = { at, poses: carried(from.poses, motion.segments, 1) };
+        module.doings.push({ t, until, from, to: module.stance, motion, failed: false });
         moment(t);
-        moment(t + takes);
+        moment(until);
         break;
       }
       case "f": {
@@ -189,13 +191,14 @@ export class Story {
     const i = before(module.doings, t);
     if (i < 0) return { from: module.first, to: module.first, part: 0, doing: null };
     const doing = module.doings[i];
+    const { from, to, motion } = doing;
     const part = Math.min((t - doing.t) / Math.max(doing.until - doing.t, 1), 1);
     if (doing.failed) {
       // There and back: what was tried is seen, and that it came to nothing.
       const swing = part < 1 ? 0.5 * Math.sin(Math.PI * part) : 0;
-      return { from: doing.from, to: doing.to, part: swing, doing: part < 1 ? doing : null, what: doing.what };
+      return { from, to, part: swing, doing: part < 1 ? doing : null, motion };
     }
-    return { from: doing.from, to: doing.to, part, doing: part < 1 ? doing : null, what: doing.what };
+    return { from, to, part, doing: part < 1 ? doing : null, motion };
   }
 
   /** What a module has told of itself; its role is null before it has told anything. */

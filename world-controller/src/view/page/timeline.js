@@ -5,7 +5,7 @@ import { UNSEEN } from "./picture.js";
 
 const ROWS = [
   { key: "filled", title: "goal", share: 0.8 },
-  { key: "moves", title: "moves/s", share: 0.8 },
+  { key: "moves", share: 0.8 },
   { key: "messages", title: "messages/s", share: 1.4 },
 ];
 const LEFT = 76;
@@ -45,9 +45,8 @@ export class Timeline {
     return Math.max(0, Math.min(1, share)) * this.span;
   }
 
-  /** Of metamodules, what is counted are single actions: steps of joints, connections, releases. */
   title({ key, title }) {
-    return key === "moves" && this.story.family !== "cube" ? "actions/s" : title;
+    return key === "moves" ? `${this.story.scene.words.actions}/s` : title;
   }
 
   hover(e) {

@@ -1,0 +1,10 @@
+//! The command `metamorph` with one more family: elections.
+
+use metamorph_tutorial::family::ElectionFamily;
+use metamorph_world_controller::{cli, family};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    family::install(&[&ElectionFamily]).expect("invariant: nothing was read before");
+    cli::dispatch::main(std::env::args_os())
+}

@@ -1,0 +1,51 @@
+//! The bodies of a swarm of any family, for all that shows them.
+
+use super::parts::Part;
+use super::scribe::{Scribe, Shared};
+use super::visible::{Stage, Visible, Words};
+use metamorph_protocol::record::Blob;
+use metamorph_sim_bridge::kernel::recording::Log;
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::Arc;
+
+/// The bodies of a swarm at the start of its run.
+pub struct Bodies<A: Visible> {
+    /// What all agents share.
+    pub setup: Arc<A::Setup>,
+    /// Where each body is.
+    pub places: Vec<A::Place>,
+}
+
+/// A swarm to be shown, of any family.
+pub trait ShownSwarm {
+    /// What things are called.
+    fn words(&self) -> &'static Words;
+    /// Where the run takes place.
+    fn stage(&self) -> Stage;
+    /// The parts of each body at the start, and where it is.
+    fn start(&self) -> Vec<(Vec<Part>, String)>;
+    /// The parts of a body at rest at a recorded place; `None` if the record makes no sense.
+    fn parts(&self, place: &Blob) -> Option<Vec<Part>>;
+    /// Makes a scene of the records of the run.
+    fn scribe(self: Box<Self>, scene: Shared) -> Log;
+}
+
+impl<A: Visible<Place: 'static> + 'static> ShownSwarm for Bodies<A> {
+    fn words(&self) -> &'static Words {
+        &A::WORDS
+    }
+    fn stage(&self) -> Stage {
+        A::stage(&self.setup)
+    }
+    fn start(&self) -> Vec<(Vec<Part>, String)> {
+        self.places.iter().map(|place| (A::at_rest(&self.setup, place), A::whereabouts(place))).collect()
+    }
+    fn parts(&self, place: &Blob) -> Option<Vec<Part>> {
+        let parts = A::at_rest(&self.setup, &place.read().ok()?);
+        (!parts.is_empty()).then_some(parts)
+    }
+    fn scribe(self: Box<Self>, scene: Shared) -> Log {
+        Rc::new(RefCell::new(Scribe { bodies: *self, scene }))
+    }
+}
