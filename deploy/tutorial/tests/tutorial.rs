@@ -28,7 +28,7 @@ fn processes_agree_although_messages_are_lost() {
 fn the_tutorial_shows_the_code_that_is_compiled() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let text = fs::read_to_string(here.join("README.md")).unwrap();
-    let sources: Vec<String> = ["leader.rs", "election.rs", "lib.rs", "main.rs"]
+    let sources: Vec<String> = ["leader.rs", "election.rs", "lib.rs", "main.rs", "metamorph_election.rs"]
         .iter()
         .map(|name| fs::read_to_string(here.join("src").join(name)).unwrap())
         .collect();

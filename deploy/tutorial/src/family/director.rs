@@ -147,9 +147,13 @@ impl Direct<StillWorld<Leader>> for ElectionDirector {
         if self.ended.is_some() {
             return Time::NEVER;
         }
-        let settled = self.dissenters().is_empty() && !self.faults.is_pending();
-        let next = if settled { self.last_change } else { self.last_change + self.stop.stall };
-        next.max(self.stop.planned_until).min(self.faults.next_at()).min(self.stop.timeout)
+        // A schedule that is not over has its end among the faults to come.
+        let next = match (self.faults.is_pending(), self.dissenters().is_empty()) {
+            (true, _) => self.faults.next_at(),
+            (false, true) => self.last_change.max(self.stop.planned_until),
+            (false, false) => (self.last_change + self.stop.stall).max(self.stop.planned_until),
+        };
+        next.min(self.stop.timeout)
     }
     fn poll(&mut self) -> Option<Command<Never>> {
         self.commands.pop_front()
