@@ -11,7 +11,7 @@
 //! the first that is found is gone, also if it closes the way to another seed.
 
 use super::blueprint::SeedSet;
-use super::message::{Bid, Call, Message};
+use super::message::{Directive, Instruction, Message};
 use super::negotiation::{Scene, fingerprint};
 use super::params::Setup;
 use super::pose::Pose;
@@ -52,9 +52,9 @@ pub(super) struct Lead {
     filled: SeedSet,
     stage: Stage,
     /// What it has called, to be repeated.
-    said: Option<Call>,
+    said: Option<Directive>,
     /// What it has been called, and until when it heeds that.
-    heard: Option<(Call, Time)>,
+    heard: Option<(Directive, Time)>,
 }
 
 impl Lead {
@@ -79,10 +79,12 @@ enum Stage {
 impl Metamodule {
     /// Does what it is called to do, or leads. Says whether that is all there is to do.
     pub(super) fn lead(&mut self, now: Time, scene: &Scene, next_expiry: Time) -> bool {
-        if let Some((call, until)) = self.core.lead.heard.filter(|(call, _)| call.bid != Bid::Over) {
+        if let Some((call, until)) =
+            self.core.lead.heard.filter(|(call, _)| call.instruction != Instruction::Over)
+        {
             if now < until {
                 self.stop_leading();
-                return self.heed(now, call.bid, scene, next_expiry.min(until));
+                return self.heed(now, call.instruction, scene, next_expiry.min(until));
             }
             self.core.lead.heard = None;
         }
@@ -96,18 +98,18 @@ impl Metamodule {
                 let (at, until) = (now + params.resend, now + params.lease);
                 self.core.lead.stage = Stage::Gathers { at, until };
                 self.core.lead.began = Some(now);
-                self.call(Bid::Stay);
-                self.heed(now, Bid::Stay, scene, at)
+                self.call(Instruction::Stay);
+                self.heed(now, Instruction::Stay, scene, at)
             }
-            Stage::Gathers { at, .. } if now < at => self.heed(now, Bid::Stay, scene, at),
+            Stage::Gathers { at, .. } if now < at => self.heed(now, Instruction::Stay, scene, at),
             Stage::Gathers { until, .. } if now < until && self.has_granted() => {
-                self.heed(now, Bid::Stay, scene, next_expiry.min(until))
+                self.heed(now, Instruction::Stay, scene, next_expiry.min(until))
             }
             Stage::Gathers { .. } => match self.find_together(scene) {
                 Some(moves) => {
                     // The search may have taken its time; the first call is made when it is known how much.
                     self.core.lead.stage = Stage::Goes { moves: moves.into(), until: Time::NEVER };
-                    self.heed(now, Bid::Stay, scene, now)
+                    self.heed(now, Instruction::Stay, scene, now)
                 }
                 None => {
                     hit(Mark::MetaLedInVain);
@@ -201,8 +203,8 @@ impl Metamodule {
             self.lead_in_vain(now);
             return false;
         }
-        let bid = Bid::Move { who, from: next.from, posture: next.posture, lands: next.lands };
-        let is_called = self.core.lead.said.is_some_and(|said| said.bid == bid);
+        let bid = Instruction::Move { mover: who, from: next.from, posture: next.posture, lands: next.lands };
+        let is_called = self.core.lead.said.is_some_and(|said| said.instruction == bid);
         if !is_called {
             self.call(bid);
             until = now + self.setup.params.lease;
@@ -212,10 +214,10 @@ impl Metamodule {
     }
 
     /// Stays, or makes the move that it is called to make.
-    fn heed(&mut self, now: Time, bid: Bid, scene: &Scene, until: Time) -> bool {
+    fn heed(&mut self, now: Time, bid: Instruction, scene: &Scene, until: Time) -> bool {
         self.fall_silent(now);
         self.core.phase = Phase::Idle { look_at: until };
-        if let Bid::Move { who, from, posture, lands } = bid
+        if let Instruction::Move { mover: who, from, posture, lands } = bid
             && who == self.core.id
             && stands(self.core.pose, from)
             && !self.has(Sabotage::StandInTheWay)
@@ -235,11 +237,11 @@ impl Metamodule {
         true
     }
 
-    fn call(&mut self, bid: Bid) {
+    fn call(&mut self, bid: Instruction) {
         self.core.sequence += 1;
-        let call = Call { leader: self.core.id, sequence: self.core.sequence, bid };
+        let call = Directive { coordinator: self.core.id, sequence: self.core.sequence, instruction: bid };
         self.core.lead.said = Some(call);
-        self.broadcast(Class::Negotiation, Message::Call(call));
+        self.broadcast(Class::Negotiation, Message::Directive(call));
     }
 
     /// Leads no more, as it was for nothing.
@@ -259,24 +261,28 @@ impl Metamodule {
     /// Leads no more, and says so.
     pub(super) fn stop_leading(&mut self) {
         if std::mem::take(&mut self.core.lead.stage) != Stage::Not {
-            self.call(Bid::Over);
+            self.call(Instruction::Over);
         }
     }
 
     /// Somebody leads.
-    pub(super) fn hear_call(&mut self, now: Time, port: Port, call: Call) {
+    pub(super) fn hear_call(&mut self, now: Time, port: Port, call: Directive) {
         let is_heard = self.core.peers.iter().any(|(p, peer)| p == port && !peer.condemned);
-        let is_later = |(before, until): (Call, Time)| match call.leader == before.leader {
+        let is_later = |(before, until): (Directive, Time)| match call.coordinator == before.coordinator {
             // Whoever has been started again begins to count anew.
             true => call.sequence >= before.sequence || now >= until,
-            false => call.leader < before.leader || now >= until || before.bid == Bid::Over,
+            false => {
+                call.coordinator < before.coordinator
+                    || now >= until
+                    || before.instruction == Instruction::Over
+            }
         };
-        let leads = self.core.lead.stage != Stage::Not && self.core.id < call.leader;
+        let leads = self.core.lead.stage != Stage::Not && self.core.id < call.coordinator;
         if !is_heard || leads || !self.core.lead.heard.is_none_or(is_later) {
             return;
         }
         let before = self.core.lead.heard.replace((call, now + self.setup.params.patience * HEEDED));
-        if before.is_none_or(|(before, _)| before.bid != call.bid) {
+        if before.is_none_or(|(before, _)| before.instruction != call.instruction) {
             self.look_again(now);
         }
     }
@@ -290,8 +296,8 @@ impl Metamodule {
             return self.lead_in_vain(now);
         }
         if let Some(call) = self.core.lead.said {
-            self.broadcast(Class::Liveness, Message::Call(call));
-            if call.bid == Bid::Over {
+            self.broadcast(Class::Liveness, Message::Directive(call));
+            if call.instruction == Instruction::Over {
                 self.core.lead.said = None;
             }
         }

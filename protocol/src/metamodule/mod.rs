@@ -177,11 +177,11 @@ impl Metamodule {
             pose: c.pose,
             settled: c.settled.is_some(),
             stuck: c.stuck.is_some(),
-            cornered: c.intent.is_cornered(),
+            blocked: c.intent.is_cornered(),
             task: c.task,
             filled: c.filled,
             claim: c.intent.claim,
-            barred: c.intent.barred,
+            unreachable: c.intent.barred,
         })
     }
 
@@ -672,7 +672,7 @@ impl Metamodule {
                 }
             }
             Message::Way(way) => self.hear_way(now, port, way),
-            Message::Call(call) => self.hear_call(now, port, call),
+            Message::Directive(call) => self.hear_call(now, port, call),
             Message::Probe(probe) => self.on_probe(now, port, probe),
             Message::Request { origin, token, rank, age, pose, sweep, ends } => {
                 let known = match self.core.peers.get_mut(port) {

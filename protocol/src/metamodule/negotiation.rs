@@ -209,7 +209,7 @@ impl Metamodule {
             }
             hopeful.push(soon);
             movable.push((state.id, state.pose));
-            if state.cornered {
+            if state.blocked {
                 cornered.extend(cells);
                 continue;
             }
@@ -220,7 +220,7 @@ impl Metamodule {
                 cells,
                 soon,
                 claim: state.claim.filter(fits),
-                barred: state.barred,
+                barred: state.unreachable,
                 way: peer.way.filter(|w| w.count > 0),
             });
         }

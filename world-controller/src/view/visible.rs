@@ -179,7 +179,7 @@ impl Visible for Metamodule {
                 let far = s.claim.map_or(FAR, |c| c.cost.into());
                 Said { distance: Some(if s.settled { 0 } else { far }), ..Said::of("state") }
             }
-            MetamoduleMessage::Call(_) => Said::of("leads: says who moves next"),
+            MetamoduleMessage::Directive(_) => Said::of("leads: says who moves next"),
             MetamoduleMessage::Probe(_) => Said::of("asks whether anybody can go on"),
             MetamoduleMessage::Way(w) if w.legs().is_empty() => Said::of("is where it wants to be"),
             MetamoduleMessage::Way(_) => Said::of("tells its way"),
