@@ -1,56 +1,44 @@
 //! The state of a metamodule as a hash: what it knows, has promised and is about, field by field in an order
 //! that stays. Absent: when to look again, and what it has found out already about the same surroundings.
 
-use super::{Core, Phase};
+use super::agent::Metamodule;
+use super::locks::Requester;
+use super::strategy::negotiated::Negotiated;
+use super::view::Own;
+use crate::agent::Agent;
 use crate::digest::Portable;
+use crate::ids::Port;
 use std::hash::{Hash, Hasher};
 
-impl Core {
+impl Metamodule {
     pub(super) fn digest_state(&self, hasher: &mut dyn Hasher) {
-        // Taken apart in full, so that a new field has to be put where it belongs.
-        let Core {
-            id,
-            pose,
-            peers,
-            dead,
-            obstacles,
-            task,
-            open,
-            filled,
-            settled,
-            course,
-            intent,
-            lead,
-            stuck,
-            phase,
-            token,
-            waiting_since,
-            rest_until,
-            quarantine,
-            sequence,
-            prevented,
-            waits_for,
-            watch,
-            chance,
-            repeat_at: _,
-            reported: _,
-        } = self;
-        let mut hasher = Portable::new(hasher);
-        (id, pose, peers, dead, obstacles, task, open, filled, settled, course).hash(&mut hasher);
-        intent.digest_state(&mut hasher);
-        lead.digest_state(&mut hasher);
-        phase.digest_state(&mut hasher);
-        (stuck, token, waiting_since, rest_until, quarantine).hash(&mut hasher);
-        (sequence, prevented, waits_for, watch, chance).hash(&mut hasher);
+        // Taken apart in full, so that a new part has to be put where it belongs.
+        let Metamodule { setup: _, own, neighbours, locks: _, requester, phase, policy, detector, out } =
+            self;
+        let Own { id, pose, task, open, filled, settled, stuck, quarantine_until } = own;
+        let Requester { token, waiting_since, rest_until, waits_for, prevented, rng } = requester;
+        let hasher = &mut Portable::new(hasher);
+        (id, pose).hash(hasher);
+        self.digest_neighbours(hasher);
+        (&neighbours.dead, &neighbours.obstacles, task, open, filled, settled).hash(hasher);
+        match policy.negotiated() {
+            Some(negotiated) => negotiated.digest(hasher),
+            // One order for all strategies.
+            None => Negotiated::new().digest(hasher),
+        }
+        phase.digest(hasher);
+        (stuck, token, waiting_since, rest_until, quarantine_until).hash(hasher);
+        (out.sequence(), prevented, waits_for, detector, rng).hash(hasher);
     }
-}
 
-impl Phase {
-    fn digest_state(&self, hasher: &mut Portable<'_>) {
-        match self {
-            Phase::Idle { look_at: _ } => 0u8.hash(hasher),
-            Phase::Asking { plan, pending, asked, again: _ } => (1u8, plan, pending, asked).hash(hasher),
-            Phase::Moving { plan, next, tries, until } => (2u8, plan, next, tries, until).hash(hasher),
+    /// All that is kept of each neighbour, by port.
+    fn digest_neighbours(&self, hasher: &mut Portable<'_>) {
+        Self::PORTS.hash(hasher);
+        for port in (0..Self::PORTS as u8).map(Port) {
+            let way = self.policy.negotiated().and_then(|n| n.way_of(port));
+            let (grant, over) = (self.locks.grant_of(port), self.locks.over(port));
+            let neighbour = self.neighbours.get(port);
+            neighbour.map(|n| (n.session, n.state, way, grant, n.certified_dead, over)).hash(hasher);
         }
     }
 }

@@ -29,7 +29,7 @@ pub enum MotionsError {
 
 /// The motions of one kind of metamodule.
 ///
-/// Serialised as the bytes of the database, so that whoever reads it has the same one to the bit.
+/// Serialised as the bytes of the database, so that every reader has the same one to the bit.
 #[derive(Clone)]
 pub struct Motions {
     database: Arc<Database>,
@@ -67,6 +67,9 @@ impl LaidOut {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Sweep(pub Bits);
 
+/// Four times the middle of the four cells of a metamodule, along the floor.
+pub type Middle = (i64, i64);
+
 impl Motions {
     /// The motions of `kind` in a database.
     pub fn new(database: Arc<Database>, kind: Kind) -> Result<Motions, MotionsError> {
@@ -81,7 +84,7 @@ impl Motions {
             n => Err(MotionsError::TooManyCells(n)),
         }
     }
-    /// Whose motions these are.
+    /// The kind whose motions these are.
     pub fn kind(&self) -> Kind {
         self.kind
     }
@@ -124,6 +127,11 @@ impl Motions {
     /// The four cells of a metamodule in the world, from the attached end on.
     pub fn cells(&self, pose: Pose) -> [Cell; 4] {
         self.graph().filled(pose.posture).map(|c| to_world(pose.state, c))
+    }
+
+    /// Four times the middle of the four cells of a metamodule, along the floor.
+    pub fn middle(&self, pose: Pose) -> Middle {
+        self.cells(pose).iter().fold((0, 0), |(x, y), c| (x + i64::from(c.x), y + i64::from(c.y)))
     }
 
     /// The cells of a sweep seen from a grid state.

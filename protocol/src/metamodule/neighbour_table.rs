@@ -1,99 +1,79 @@
-//! Whom a metamodule hears: where they are, what they have been granted.
+//! The neighbours in range: what they have told last, which of them are dead, and where obstacles are.
 
-use super::message::{State, Way};
-use super::motions::{Motions, Sweep};
+use super::message::State;
 use super::pose::Pose;
-use crate::coverage::{Mark, hit};
-use crate::ids::{ModuleId, Port, Session, Token};
+use crate::ids::{ModuleId, Port, Session};
 use crate::lattice::Cell;
-use crate::time::Time;
+use std::collections::{BTreeMap, BTreeSet};
 
-/// A lock granted to a neighbour.
+/// A neighbour in range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Grant {
-    /// The neighbour's attempt.
-    pub token: Token,
-    /// Where it began.
-    pub pose: Pose,
-    /// What it sweeps.
-    pub sweep: Sweep,
-    /// The posture at its end.
-    pub ends: u16,
-    /// Until when it holds, at most.
-    pub until: Time,
-}
-
-/// A neighbour in hearing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Peer {
-    /// The session.
+pub(super) struct Neighbour {
     pub session: Session,
-    /// What it told last.
+    /// What it told last; `None` if it has not been heard in this session.
     pub state: Option<State>,
-    /// Where it means to go, if it has told.
-    pub way: Option<Way>,
-    /// What it has been granted.
-    pub grant: Option<Grant>,
     /// Its process is gone: what still arrives in this session was sent before.
-    pub condemned: bool,
-    /// Its latest attempt that is over. Requests of it or earlier ones are late copies.
-    pub over: Token,
+    pub certified_dead: bool,
 }
 
-impl Peer {
-    /// A neighbour that has said nothing yet.
-    pub fn new(session: Session) -> Peer {
-        Peer { session, state: None, way: None, grant: None, condemned: false, over: Token(0) }
+impl Neighbour {
+    pub fn new(session: Session) -> Neighbour {
+        Neighbour { session, state: None, certified_dead: false }
     }
 }
 
-/// All neighbours in hearing, by port.
+/// All neighbours in range by port, and what else stands around.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Peers(Vec<Option<Peer>>);
+pub(super) struct NeighbourTable {
+    ports: Vec<Option<Neighbour>>,
+    /// Where the bodies without a living process stand.
+    pub dead: BTreeMap<ModuleId, Pose>,
+    /// Cells with something in them that is not a metamodule.
+    pub obstacles: BTreeSet<Cell>,
+}
 
-impl Peers {
-    /// Nobody yet, on so many ports.
-    pub fn new(ports: usize) -> Peers {
-        Peers(vec![None; ports])
+impl NeighbourTable {
+    pub fn new(ports: usize) -> NeighbourTable {
+        NeighbourTable { ports: vec![None; ports], dead: BTreeMap::new(), obstacles: BTreeSet::new() }
     }
-    /// Who is on a port.
-    pub fn get_mut(&mut self, port: Port) -> Option<&mut Peer> {
-        self.0.get_mut(port.index())?.as_mut()
+    pub fn get(&self, port: Port) -> Option<&Neighbour> {
+        self.ports.get(port.index())?.as_ref()
     }
-    /// Whoever has said that it is this one, and its port.
-    pub fn named(&mut self, id: ModuleId) -> Option<(Port, &mut Peer)> {
-        let is_it = |p: &Peer| p.state.is_some_and(|s| s.id == id);
-        let at = self.0.iter().position(|p| p.as_ref().is_some_and(is_it))?;
-        Some((Port(at as u8), self.0.get_mut(at)?.as_mut()?))
+    pub fn get_mut(&mut self, port: Port) -> Option<&mut Neighbour> {
+        self.ports.get_mut(port.index())?.as_mut()
     }
-    /// Who is on a port from now on.
-    pub fn set(&mut self, port: Port, peer: Option<Peer>) {
-        if let Some(slot) = self.0.get_mut(port.index()) {
-            *slot = peer;
+    /// The neighbour that has told this id, and its port.
+    pub fn named(&mut self, id: ModuleId) -> Option<(Port, &mut Neighbour)> {
+        let is_it = |n: &Neighbour| n.state.is_some_and(|s| s.id == id);
+        let at = self.ports.iter().position(|n| n.as_ref().is_some_and(is_it))?;
+        Some((Port(at as u8), self.ports.get_mut(at)?.as_mut()?))
+    }
+    /// Starts a session on a port, or none; forgets all that belonged to the one before.
+    pub fn begin(&mut self, port: Port, session: Option<Session>) {
+        if let Some(slot) = self.ports.get_mut(port.index()) {
+            *slot = session.map(Neighbour::new);
         }
     }
-    /// All of them.
-    pub fn iter(&self) -> impl Iterator<Item = (Port, &Peer)> {
-        self.0.iter().enumerate().filter_map(|(i, p)| Some((Port(i as u8), p.as_ref()?)))
+    /// All neighbours, by port.
+    pub fn iter(&self) -> impl Iterator<Item = (Port, &Neighbour)> {
+        self.ports.iter().enumerate().filter_map(|(i, n)| Some((Port(i as u8), n.as_ref()?)))
     }
-    /// Forgets grants that have run out. Says when the next one does.
-    pub fn expire(&mut self, now: Time) -> Time {
-        let mut next = Time::NEVER;
-        for peer in self.0.iter_mut().flatten() {
-            match peer.grant {
-                Some(grant) if grant.until <= now => {
-                    hit(Mark::MetaGrantExpired);
-                    peer.grant = None;
-                }
-                Some(grant) => next = next.min(grant.until),
-                None => {}
-            }
-        }
-        next
+    /// What neighbours have told last, of those that have been heard.
+    pub fn states(&self) -> impl Iterator<Item = (Port, &State)> {
+        self.iter().filter_map(|(port, n)| Some((port, n.state.as_ref()?)))
     }
-    /// Cells that neighbours have been granted.
-    pub fn granted<'a>(&'a self, motions: &'a Motions) -> impl Iterator<Item = Cell> + 'a {
-        let grants = self.iter().filter_map(|(_, peer)| peer.grant);
-        grants.flat_map(|g| motions.swept(g.pose.state, g.sweep))
+    pub fn is_dead(&self, id: ModuleId) -> bool {
+        self.dead.contains_key(&id)
+    }
+    /// Whether a neighbour has not been heard and may be alive; of the dead it is known where they are.
+    /// `range` is the communication range around `foot`.
+    pub fn any_unheard(&self, foot: (i16, i16), range: u16) -> bool {
+        let unheard = self.iter().filter(|(_, n)| n.state.is_none()).count();
+        let in_range = |p: &Pose| {
+            let at = p.foot();
+            at.0.abs_diff(foot.0).max(at.1.abs_diff(foot.1)) <= range
+        };
+        let is_heard = |id: ModuleId| self.states().any(|(_, s)| s.id == id);
+        unheard > self.dead.iter().filter(|(id, pose)| in_range(pose) && !is_heard(**id)).count()
     }
 }

@@ -18,7 +18,7 @@ pub enum Strategy {
     Slope,
     /// They push equally within the range.
     Step,
-    /// Seeds are shared out, ways announced, and whoever stands in a more important way leaves it (see
+    /// Seeds are shared out, ways announced, and a metamodule in a more important way leaves it (see
     /// `docs/negotiated.md`). The default, because the others deadlock.
     #[default]
     Negotiated,
@@ -118,11 +118,11 @@ impl Floor {
     }
 }
 
-/// The least [`Params::hearing`]. Motions from one foot reach at most four cells to the side, so whoever
-/// is farther away cannot be in the way of a move, nor come into it by a move of its own.
+/// The least [`Params::hearing`], in connectors. Motions from one foot reach at most four cells to the side,
+/// so a metamodule farther away cannot be in the way of a move, nor come into it by a move of its own.
 pub const LEAST_HEARING: u16 = 9;
-/// The usual one. The thesis's metamodules broadcast and nothing is said of a range (4.1.3); this one
-/// covers the floor that its experiments are repeated on.
+/// The usual communication range, in connectors. The thesis's metamodules broadcast and nothing is said of a
+/// range (4.1.3); this one covers the floor that its experiments are repeated on.
 pub const HEARING: u16 = 12;
 
 /// From whom metamodules learn which seeds are filled and open.
@@ -132,11 +132,11 @@ pub enum Teller {
     /// From the world-controller, as in the thesis.
     #[default]
     Controller,
-    /// From neighbours in hearing: each tells what it knows to be filled, and works out what is open.
+    /// From neighbours in range: each tells what it knows to be filled, and works out what is open.
     Neighbours,
 }
 
-/// How metamodules find out that nobody can go on.
+/// How metamodules find out that none of them can go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Detector {
     /// After waiting for this long, and again as often, a metamodule asks.
@@ -159,7 +159,8 @@ pub struct Params {
     pub settled_repel: bool,
     /// From whom open seeds are learnt.
     pub teller: Teller,
-    /// Feet at most this far apart (the larger of the two distances along x and y) hear each other.
+    /// The communication range: feet at most this far apart (the larger of the two distances along x and y)
+    /// hear each other.
     pub hearing: u16,
     /// How long a joint needs for a step.
     pub turn_time: Span,
@@ -173,7 +174,7 @@ pub struct Params {
     pub repeat: Span,
     /// How long to wait, at least, after a lock was refused.
     pub back_off: Span,
-    /// Whether metamodules find out among themselves that nobody can go on.
+    /// Whether, and how, metamodules find out among themselves that none of them can go on.
     pub detector: Option<Detector>,
     /// For how long it waits for others to make way, or to claim a seed that is rather theirs, before
     /// it looks for another way.
@@ -221,7 +222,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// What a swarm without a goal builds: nothing. Whoever makes a setup gives it a goal.
+    /// What a swarm without a goal builds: nothing. Every setup from a scenario has a goal.
     pub const NO_GOAL: &'static Blueprint = &Blueprint::NOTHING;
 
     /// The goal of a task, unmoved.

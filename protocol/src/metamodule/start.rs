@@ -34,12 +34,12 @@ pub struct Start {
     pub redrawn: u32,
 }
 
-/// So often a start is drawn again because somebody in it is shut in.
+/// Starts drawn, at most, until one has no metamodule that is shut in.
 const TRIES: usize = 100;
 
 /// Draws places for `count` metamodules: any connector outside the rectangle around the seeds' feet
-/// grown by one, at least two cells from each other along x or y, turned in any of the four ways. Nobody
-/// is shut in: everybody can get away from where it starts while the others stand where they stand.
+/// grown by one, at least two cells from each other along x or y, turned in any of the four ways. None
+/// is shut in: each can get away from where it starts while the others stand where they stand.
 /// (PAR has landings in front of it only: in a corner, turned to the wall, it has none at all, and two at
 /// one wall can be each other's only way out for ever.)
 ///
@@ -54,7 +54,7 @@ pub fn draw_start(setup: &Setup, count: usize, seed: u64) -> Result<Start, Start
         if poses.len() < count {
             continue;
         }
-        if !is_anybody_shut_in(setup, &poses) {
+        if !any_shut_in(setup, &poses) {
             return Ok(Start { poses, redrawn });
         }
         redrawn += 1;
@@ -92,7 +92,7 @@ fn draw(setup: &Setup, count: usize, stream: &mut Stream) -> Vec<Pose> {
     poses
 }
 
-fn is_anybody_shut_in(setup: &Setup, poses: &[Pose]) -> bool {
+fn any_shut_in(setup: &Setup, poses: &[Pose]) -> bool {
     let motions = &setup.motions;
     poses.iter().enumerate().any(|(i, pose)| {
         let others = poses.iter().enumerate().filter(|(j, _)| *j != i);
@@ -135,7 +135,7 @@ mod tests {
         assert_ne!(random_start(&setup, 6, 1), random_start(&setup, 6, 2));
         // Starts in which a metamodule is shut in are thrown away.
         let starts: Vec<Start> = (0..100).map(|seed| draw_start(&setup, 6, seed).unwrap()).collect();
-        assert!(starts.iter().all(|start| !is_anybody_shut_in(&setup, &start.poses)));
+        assert!(starts.iter().all(|start| !any_shut_in(&setup, &start.poses)));
         // What processes are handed is what they get.
         let text = serde_json::to_string(&setup).unwrap();
         let again: Setup = serde_json::from_str(&text).unwrap();

@@ -1,4 +1,4 @@
-//! Whether somebody is shut in: cannot get away from where it stands while nothing else moves.
+//! Whether a body is shut in: it cannot get away from where it stands while nothing else moves.
 //!
 //! The answer is exact, and takes a search over the floor. The same is asked again and again with a
 //! little changed around, so what was learnt from a search is kept: a way out is one wherever none of its
@@ -7,19 +7,18 @@
 
 use super::graph::ones;
 use crate::lattice::Cell;
+use crate::metamodule::motions::Middle;
 use crate::metamodule::params::Floor;
 use crate::metamodule::planning::paths::{Ground, Left};
 use crate::metamodule::pose::{Pose, to_frame, to_world};
-use crate::metamodule::strategy::force_field::Middle;
-use crate::metamodule::strategy::greedy_policy::middle;
 use crate::roombots::grid::GridState;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Whoever can get this far away, in connectors from its middle, is not shut in.
+/// The distance, in connectors from its middle, at which a body is not shut in any more.
 const AWAY: i64 = 5;
 
-/// Whether whoever has come from around this middle to a connector is not shut in any more. Nothing
-/// changes for a body that changes from one end to the other.
+/// Whether a body that has got from around this middle to a connector is not shut in any more. The answer is
+/// the same for both of its ends.
 pub fn is_away(from: Middle, to: (i16, i16)) -> bool {
     let (x, y) = (i64::from(to.0) * 4 - from.0, i64::from(to.1) * 4 - from.1);
     x.abs().max(y.abs()) >= AWAY * 4
@@ -91,9 +90,9 @@ struct Kept {
     walls: Vec<Vec<Wall>>,
 }
 
-/// So many ways are kept for each landing.
+/// Ways kept for each landing.
 const WAYS: usize = 32;
-/// Walls are kept in so many heaps of so many each.
+/// Heaps of walls, and walls kept in each.
 const WALLS: (usize, usize) = (1 << 10, 32);
 
 impl Learnt {
@@ -137,7 +136,7 @@ struct Step {
 }
 
 impl Ground<'_> {
-    /// Whether whoever stands like this cannot get away from there.
+    /// Whether a body in `pose` cannot get away from there.
     pub fn is_shut_in(&self, pose: Pose) -> bool {
         let (graph, state) = (self.motions.graph(), pose.state);
         let lands = self.lands(pose);
@@ -146,12 +145,12 @@ impl Ground<'_> {
         }
         let near = Near::new(state, self.taken);
         let mut kept = self.motions.learnt().kept();
-        let from = middle(self.motions, Pose { state: GridState::new(0, 0, 0), ..pose });
+        let from = self.motions.middle(Pose { state: GridState::new(0, 0, 0), ..pose });
         let is_way = |way: &WayOut| is_away(from, way.to) && self.is_free(way, state, &near);
         if ones(lands).any(|rest| finds(&mut kept.ways[rest], is_way)) {
             return false;
         }
-        let from = middle(self.motions, pose);
+        let from = self.motions.middle(pose);
         let holds = |wall: &Wall| {
             let (min, max) = wall.feet;
             let ends = [min, max, (min.0, max.1), (max.0, min.1)];
@@ -191,7 +190,7 @@ impl Ground<'_> {
     /// around all connectors that can be got to.
     fn look_for_way_out(&self, from: Pose) -> Result<Vec<u16>, (Vec<Cell>, Rectangle)> {
         let graph = self.motions.graph();
-        let middle = middle(self.motions, from);
+        let middle = self.motions.middle(from);
         let (mut left, mut steps) = (Left::new(self.floor), vec![Step { pose: from, by: None }]);
         let (mut at, mut places) = (0, Vec::new());
         while let Some(Step { pose, .. }) = steps.get(at) {

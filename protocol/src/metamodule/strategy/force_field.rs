@@ -6,7 +6,7 @@
 
 use crate::lattice::Cell;
 use crate::metamodule::blueprint::Seed;
-use crate::metamodule::motions::Motions;
+use crate::metamodule::motions::{Middle, Motions};
 use crate::metamodule::params::{Floor, Repulsion};
 use crate::metamodule::planning::paths::Ground;
 use crate::metamodule::pose::Pose;
@@ -16,18 +16,16 @@ pub const ONE: i64 = 1 << 16;
 
 /// A connector of the floor.
 pub type Place = (i16, i16);
-/// Four times the middle of the four cells of a metamodule, along the floor.
-pub type Middle = (i64, i64);
 
 /// What acts on a metamodule in one place: the pull of the open seeds, and the push of the neighbours
 /// in range.
 ///
 /// Each seed pulls with 1/distance, and all together with a force of one. The pull is not taken where a
 /// stride begins but over all of it, as the difference of distances; and distance is what matters to a
-/// metamodule: the strides that are left, around all that does not move. As the crow flies, what has
-/// been built would wall almost everybody out, because strides are coarse: no kind has one of two cells
-/// straight ahead, PAR has none of one. What is left to stand in the way are those who move, and they
-/// are what the strategies are about.
+/// metamodule: the remaining strides, around all that does not move. As the crow flies, what has
+/// been built would wall almost all metamodules out, because strides are coarse: no kind has one of two cells
+/// straight ahead, PAR has none of one. Only those that move remain in the way, and they are what the
+/// strategies are about.
 pub struct Field<'a> {
     motions: &'a Motions,
     floor: Floor,
@@ -55,8 +53,8 @@ pub fn distance(strides: u16, from: Pose, to: Place) -> i64 {
 const HOME: i64 = 10 * ONE;
 
 impl<'a> Field<'a> {
-    /// No seed yet, and nobody who pushes, on a metamodule at `at` whose strides lead to `places`.
-    /// `fixed` are the cells that stay taken.
+    /// A field without seeds and pushes, on a metamodule at `at` whose strides lead to `places`. `fixed` are
+    /// the cells that stay taken.
     pub fn new(
         motions: &'a Motions,
         floor: Floor,
@@ -76,7 +74,7 @@ impl<'a> Field<'a> {
         let far = distance(strides, at, seed.foot);
         let gain = |to: &Pose| {
             let strides = distances.strides(*to, motions.rest_bit(to.posture));
-            // Whoever goes where there is no way loses all.
+            // A place without a way to the seed loses all of the distance.
             let gain = strides.map_or(-far, |s| far - distance(s, *to, seed.foot));
             gain + if strides == Some(0) { HOME } else { 0 }
         };

@@ -1,81 +1,82 @@
-//! What to do next by the force field alone (thesis 4.1.3): the best landing, or the last motion into a
-//! seed.
+//! The published strategies (thesis 4.1.3): the landing that the force field likes best, or the last motion
+//! into a seed. They differ in their parameters, and have no state.
 
+use super::Decision;
+use super::force_field::{Field, WORTH};
+use super::precedence::goes_before;
+use crate::coverage::{Mark, hit};
 use crate::lattice::Cell;
 use crate::metamodule::blueprint::{Seed, SeedSet, Task};
-use crate::metamodule::motions::{Motions, Sweep};
+use crate::metamodule::motions::Middle;
 use crate::metamodule::params::Setup;
+use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::graph::{Landed, Reach};
 use crate::metamodule::planning::paths::Ground;
 use crate::metamodule::pose::Pose;
-use crate::metamodule::strategy::force_field::{Field, Middle, WORTH};
+use crate::metamodule::view::View;
+use crate::time::Time;
 
-/// What a motion is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Aim {
-    /// Putting the free end on a connector, and letting go of the other.
-    Land,
-    /// Filling this seed.
-    Settle(u8),
-    /// Taking another shape, to be less in the way.
-    Shift,
-}
-
-/// A motion from one pose, to be locked as a whole.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Plan {
-    /// Where it begins.
-    pub from: Pose,
-    /// The steps, by their numbers in the database.
-    pub steps: Vec<u16>,
-    /// All cells of it, core and graze and those filled at the beginning, seen from `from`.
-    pub sweep: Sweep,
-    /// The posture at the end.
-    pub ends: u16,
-    /// What it is for.
-    pub aim: Aim,
-    /// It was chosen because it ends where it is no harm to anybody (`negotiated` only).
-    pub harmless: bool,
-}
-
-impl Plan {
-    /// The shortest motion to a posture over free ground.
-    pub fn to(ground: &Ground<'_>, from: Pose, posture: u16, aim: Aim) -> Option<Plan> {
-        let graph = ground.motions.graph();
-        let way = graph.way(from.posture, posture, ground.taken_at(from))?;
-        let sweep = Sweep(way.swept | graph.filled_bits(from.posture));
-        Some(Plan { from, steps: way.steps.to_vec(), sweep, ends: posture, aim, harmless: false })
+/// Decides what to do next, from the states that neighbours have told.
+pub(in crate::metamodule) fn look(v: View<'_>, next_expiry: Time) -> Decision {
+    let motions = v.motions();
+    let (mut fixed, mut moving) = (v.fixed(), Vec::new());
+    let (mut feet, mut neighbours) = (Vec::new(), Vec::new());
+    feet.extend(v.neighbours.dead.values().map(|p| p.foot()));
+    for (_, state) in v.neighbours.states() {
+        feet.push(state.pose.foot());
+        let dead = v.neighbours.is_dead(state.id);
+        let is_fixed = v.stays(state) || dead;
+        if is_fixed {
+            fixed.extend(motions.cells(state.pose));
+        } else {
+            moving.extend(motions.cells(state.pose));
+        }
+        if !is_fixed || (v.params().settled_repel && !dead) {
+            neighbours.push(motions.middle(state.pose));
+        }
     }
-}
-
-/// Four times the middle of a metamodule.
-pub fn middle(motions: &Motions, pose: Pose) -> Middle {
-    motions.cells(pose).iter().fold((0, 0), |(x, y), c| (x + i64::from(c.x), y + i64::from(c.y)))
+    if let Some(first) = goes_before(v, &fixed) {
+        // It tells when it has moved, settled or got stuck, which starts a new look here.
+        hit(Mark::MetaLetFirst);
+        return Decision::WaitFor(Some(first), next_expiry);
+    }
+    moving.extend(v.locks.cells(motions));
+    let taken = [&fixed[..], &moving].concat();
+    let choice = Choice {
+        setup: v.setup,
+        task: v.own.task,
+        pose: v.own.pose,
+        open: v.open(),
+        ground: &v.ground(&taken),
+        fixed: &fixed,
+        feet: &feet,
+        neighbours: &neighbours,
+    };
+    // The end of a grant may open a way; everything else that may is heard.
+    choice.best().map_or(Decision::WaitFor(None, next_expiry), Decision::Ask)
 }
 
 /// What the choice depends on.
-pub struct View<'a> {
-    /// What everybody shares.
-    pub setup: &'a Setup,
-    /// What is built.
-    pub task: Task,
-    /// Where we are.
-    pub pose: Pose,
-    /// What attracts.
-    pub open: SeedSet,
+struct Choice<'a> {
+    setup: &'a Setup,
+    task: Task,
+    /// Where this metamodule stands.
+    pose: Pose,
+    /// The seeds that attract.
+    open: SeedSet,
     /// Cells to keep out of.
-    pub ground: &'a Ground<'a>,
+    ground: &'a Ground<'a>,
     /// Those of them that stay taken.
-    pub fixed: &'a [Cell],
+    fixed: &'a [Cell],
     /// Connectors on which others stand.
-    pub feet: &'a [(i16, i16)],
+    feet: &'a [(i16, i16)],
     /// The middles of neighbours that push.
-    pub neighbours: &'a [Middle],
+    neighbours: &'a [Middle],
 }
 
-impl View<'_> {
-    /// The next motion; none if nothing is worth it or possible.
-    pub fn choose(&self) -> Option<Plan> {
+impl Choice<'_> {
+    /// The next motion; `None` if none is possible or worth it.
+    fn best(&self) -> Option<Plan> {
         let reach = self.ground.reach(self.pose);
         self.home().or_else(|| self.best_landing(&reach)).or_else(|| self.upright(&reach))
     }
@@ -91,7 +92,7 @@ impl View<'_> {
         Plan::to(self.ground, self.pose, posture, Aim::Settle(number))
     }
 
-    /// Standing up, for whoever does not stand upright yet.
+    /// Standing up, if this metamodule does not stand upright yet.
     fn upright(&self, reach: &Reach) -> Option<Plan> {
         let motions = self.ground.motions;
         let stands = |p: u16| motions.graph().filled(p).iter().all(|c| (c.x, c.y) == (0, 0));
@@ -112,11 +113,11 @@ impl View<'_> {
             .filter(|(_, to)| to.state != self.pose.state)
             .collect();
         let places: Vec<Pose> = landings.iter().map(|(_, to)| *to).collect();
-        // Where another one stands already, there is nothing to get.
+        // A seed on whose connector another one stands does not attract.
         let seeds = self.open_seeds().map(|(_, seed)| seed).filter(|s| !self.feet.contains(&s.foot));
         let mut field = Field::new(motions, self.ground.floor, self.fixed, self.pose, places);
         seeds.for_each(|seed| field.add_seed(seed));
-        let own = middle(motions, self.pose);
+        let own = motions.middle(self.pose);
         for of in self.neighbours {
             field.add_push(self.setup.params.repulsion, own, *of);
         }

@@ -1,4 +1,137 @@
-//! Where a free metamodule wants to go: the published force field and the greedy policy.
+//! Strategies: what a free metamodule does next. `force_field`, `greedy_policy` and `precedence` are the
+//! published ones, which decide anew each time; `negotiated` has a state of its own.
 
 pub mod force_field;
-pub(crate) mod greedy_policy;
+pub(super) mod greedy_policy;
+pub(super) mod negotiated;
+mod precedence;
+
+use super::blueprint::SeedSet;
+use super::message::{Claim, Directive, Rank, Way};
+use super::outbox::Outbox;
+use super::params::Strategy;
+use super::plan::Plan;
+use super::view::View;
+use crate::ids::{ModuleId, Port};
+use crate::time::Time;
+use negotiated::Negotiated;
+
+/// What a strategy works with in one step.
+pub(super) struct Context<'a> {
+    pub v: View<'a>,
+    pub out: &'a mut Outbox,
+    /// Since when the metamodule has made no progress.
+    pub waiting_since: &'a mut Time,
+}
+
+/// What a metamodule does next.
+pub(super) enum Decision {
+    /// It asks for the lock of this motion.
+    Ask(Plan),
+    /// It looks again at this time.
+    Wait(Time),
+    /// It looks again at this time, and waits for this neighbour until then, if for any.
+    WaitFor(Option<ModuleId>, Time),
+}
+
+/// What neighbours and the world-controller are told of a strategy's state.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Advertised {
+    pub claim: Option<Claim>,
+    /// Seeds that the metamodule has no way to.
+    pub unreachable: SeedSet,
+    /// It stands in a more important way and cannot leave it.
+    pub blocked: bool,
+}
+
+/// A strategy with its state.
+#[derive(Clone, Debug, Hash)]
+pub(super) enum Policy {
+    /// The published strategies, which differ in their parameters only.
+    ForceField,
+    Negotiated(Box<Negotiated>),
+}
+
+impl Policy {
+    pub fn new(strategy: Strategy) -> Policy {
+        match strategy {
+            Strategy::Greedy | Strategy::Slope | Strategy::Step => Policy::ForceField,
+            Strategy::Negotiated => Policy::Negotiated(Box::new(Negotiated::new())),
+        }
+    }
+    pub fn negotiated(&self) -> Option<&Negotiated> {
+        match self {
+            Policy::ForceField => None,
+            Policy::Negotiated(n) => Some(n),
+        }
+    }
+    fn negotiated_mut(&mut self) -> Option<&mut Negotiated> {
+        match self {
+            Policy::ForceField => None,
+            Policy::Negotiated(n) => Some(n),
+        }
+    }
+
+    pub fn advertised(&self) -> Advertised {
+        self.negotiated().map_or(Advertised::default(), Negotiated::advertised)
+    }
+    /// The rank of what the metamodule does.
+    pub fn rank(&self) -> Rank {
+        self.negotiated().map_or(Rank::NONE, Negotiated::rank)
+    }
+    /// The way that it has announced.
+    pub fn announced(&self) -> Option<Way> {
+        self.negotiated().and_then(Negotiated::announced)
+    }
+    /// Whether the reason for which a motion was chosen has gone, from what is known by now.
+    pub fn objects_to(&self, v: View<'_>, plan: &Plan) -> bool {
+        let holds = |n: &Negotiated| n.is_non_blocking(v, plan.ends);
+        plan.non_blocking && !self.negotiated().is_none_or(holds)
+    }
+
+    /// Decides what to do next. `next_expiry` is when the next grant to a neighbour ends.
+    pub fn look(&mut self, cx: &mut Context<'_>, next_expiry: Time) -> Decision {
+        match self {
+            Policy::ForceField => greedy_policy::look(cx.v, next_expiry),
+            Policy::Negotiated(n) => n.look(cx, next_expiry),
+        }
+    }
+    /// Drops all intentions: the metamodule moves no more, for now or for good.
+    pub fn retire(&mut self, cx: &mut Context<'_>) {
+        if let Some(n) = self.negotiated_mut() {
+            n.retire(cx);
+        }
+    }
+    /// Starts over: there is another task.
+    pub fn on_task(&mut self, cx: &mut Context<'_>) {
+        if let Some(n) = self.negotiated_mut() {
+            n.on_task(cx);
+        }
+    }
+    /// A motion of the plan has ended well; `moved` if the metamodule stands on another connector now.
+    pub fn on_motion(&mut self, moved: bool) {
+        if let Some(n) = self.negotiated_mut() {
+            n.on_motion(moved);
+        }
+    }
+    /// The neighbour on a port is another one, dead, or out of range.
+    pub fn forget(&mut self, port: Port) {
+        if let Some(n) = self.negotiated_mut() {
+            n.forget(port);
+        }
+    }
+    /// Repeats what has been told.
+    pub fn repeat(&mut self, cx: &mut Context<'_>) {
+        if let Some(n) = self.negotiated_mut() {
+            n.repeat(cx);
+        }
+    }
+    /// Notes the way of a neighbour. Returns whether that is news.
+    pub fn hear_way(&mut self, v: View<'_>, port: Port, way: Way) -> bool {
+        self.negotiated_mut().is_some_and(|n| n.hear_way(v, port, way))
+    }
+    /// Notes what a neighbour orders. Returns whether that is news.
+    pub fn hear_directive(&mut self, v: View<'_>, port: Port, directive: Directive) -> bool {
+        self.negotiated_mut().is_some_and(|n| n.hear_directive(v, port, directive))
+    }
+}

@@ -164,7 +164,7 @@ impl Visible for Metamodule {
                 let far = s.claim.map_or(FAR, |c| c.cost.into());
                 Said { distance: Some(if s.settled { 0 } else { far }), ..Said::of("state") }
             }
-            Message::Call(_) => Said::of("leads: says who moves next"),
+            Message::Directive(_) => Said::of("leads: says who moves next"),
             Message::Probe(_) => Said::of("asks whether anybody can go on"),
             Message::Way(w) if w.legs().is_empty() => Said::of("is where it wants to be"),
             Message::Way(_) => Said::of("tells its way"),

@@ -1,0 +1,246 @@
+//! Locks on the cells of a motion, each with a lease.
+//!
+//! A metamodule asks all neighbours in range, and moves when all have granted. A request is granted or denied
+//! at once, and an attempt that is denied is given up, so locks cannot deadlock. A grant ends by itself after
+//! the lease; the lease of the holder begins when it asks, which is earlier, whatever the delay was.
+
+use super::message::{Denial, Message, Rank};
+use super::motions::{Motions, Sweep};
+use super::phase::Phase;
+use super::plan::Plan;
+use super::pose::Pose;
+use super::view::View;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
+use crate::ids::{ModuleId, Port, Token};
+use crate::lattice::Cell;
+use crate::rng::Stream;
+use crate::time::{Span, Time};
+use std::cmp::Reverse;
+
+/// A lock granted to a neighbour. The digest hashes its fields in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Grant {
+    /// The neighbour's attempt.
+    pub token: Token,
+    /// Where its motion begins.
+    pub pose: Pose,
+    pub sweep: Sweep,
+    /// The posture at the end of the motion.
+    pub ends: u16,
+    /// When the lease ends.
+    pub until: Time,
+}
+
+/// What the neighbour on a port has been granted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+struct PortLocks {
+    grant: Option<Grant>,
+    /// The latest attempt that is over. Requests of it or of earlier ones are late copies.
+    over: Token,
+}
+
+/// The locks that a metamodule has granted, by port.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct LockTable(Vec<PortLocks>);
+
+impl LockTable {
+    pub fn new(ports: usize) -> LockTable {
+        LockTable(vec![PortLocks::default(); ports])
+    }
+    /// Forgets what the neighbour on a port was granted: it is another one now.
+    pub fn begin(&mut self, port: Port) {
+        if let Some(slot) = self.0.get_mut(port.index()) {
+            *slot = PortLocks::default();
+        }
+    }
+    pub fn grant_of(&self, port: Port) -> Option<&Grant> {
+        self.0.get(port.index())?.grant.as_ref()
+    }
+    /// The latest attempt of the neighbour on a port that is over.
+    pub fn over(&self, port: Port) -> Token {
+        self.0.get(port.index()).map_or(Token(0), |slot| slot.over)
+    }
+    /// All grants, by port.
+    pub fn iter(&self) -> impl Iterator<Item = (Port, &Grant)> {
+        self.0.iter().enumerate().filter_map(|(i, slot)| Some((Port(i as u8), slot.grant.as_ref()?)))
+    }
+    /// Cells that neighbours have been granted.
+    pub fn cells<'a>(&'a self, motions: &'a Motions) -> impl Iterator<Item = Cell> + 'a {
+        self.iter().flat_map(|(_, g)| motions.swept(g.pose.state, g.sweep))
+    }
+    pub fn grant(&mut self, port: Port, grant: Grant) {
+        if let Some(slot) = self.0.get_mut(port.index()) {
+            slot.grant = Some(grant);
+        }
+    }
+    /// Drops the grant of a neighbour that is dead.
+    pub fn revoke(&mut self, port: Port) {
+        if let Some(slot) = self.0.get_mut(port.index()) {
+            slot.grant = None;
+        }
+    }
+    /// Ends an attempt of a neighbour and all before it. Returns whether a grant has ended.
+    pub fn release(&mut self, port: Port, token: Token) -> bool {
+        let Some(slot) = self.0.get_mut(port.index()) else { return false };
+        slot.over = slot.over.max(token);
+        slot.grant.take_if(|g| g.token <= token).is_some()
+    }
+    /// Drops grants whose lease has ended. Returns when the next one ends.
+    pub fn expire(&mut self, now: Time) -> Time {
+        let mut next = Time::NEVER;
+        for slot in &mut self.0 {
+            if slot.grant.take_if(|g| g.until <= now).is_some() {
+                hit(Mark::MetaGrantExpired);
+            }
+            next = slot.grant.map_or(next, |g| next.min(g.until));
+        }
+        next
+    }
+}
+
+/// A lock that a neighbour asks for.
+#[derive(Clone, Copy)]
+pub(super) struct Request {
+    pub origin: ModuleId,
+    pub token: Token,
+    pub rank: Rank,
+    pub age: Span,
+    pub pose: Pose,
+    pub sweep: Sweep,
+    pub ends: u16,
+}
+
+impl Request {
+    fn precedence(&self) -> Precedence {
+        (self.rank, Reverse(self.age), self.origin)
+    }
+}
+
+/// The order of two attempts that want the same cells: the smaller goes first.
+pub(super) type Precedence = (Rank, Reverse<Span>, ModuleId);
+
+/// The answer to a request.
+pub(super) enum Verdict {
+    Granted,
+    /// It is granted if this metamodule gives its own attempt up, which comes after.
+    GrantedBefore,
+    Denied(Denial),
+}
+
+/// Decides whether a neighbour may have all cells of a motion. `own` is the precedence of this metamodule's
+/// own attempt.
+pub(super) fn judge(v: View<'_>, phase: &Phase, own: Precedence, request: &Request) -> Verdict {
+    let motions = v.motions();
+    if v.has(Sabotage::GrantEverything) {
+        return Verdict::Granted;
+    }
+    if v.now < v.own.quarantine_until && !v.has(Sabotage::GrantAfterRestart) {
+        return Verdict::Denied(Denial::Quarantined);
+    }
+    let meets = |cells: &[Cell]| motions.swept(request.pose.state, request.sweep).any(|c| cells.contains(&c));
+    let crosses = |plan: &Plan| {
+        let cells: Vec<Cell> = motions.swept(plan.from.state, plan.sweep).collect();
+        meets(&cells)
+    };
+    if meets(&motions.cells(v.own.pose)) {
+        return Verdict::Denied(Denial::Occupied);
+    }
+    match phase {
+        Phase::Moving(_) if v.has(Sabotage::ForgetLocks) => Verdict::Granted,
+        Phase::Moving(motion) if crosses(&motion.plan) => Verdict::Denied(Denial::Held),
+        Phase::Asking(attempt) if crosses(&attempt.plan) => {
+            if own < request.precedence() {
+                Verdict::Denied(Denial::Younger)
+            } else {
+                Verdict::GrantedBefore
+            }
+        }
+        Phase::Idle { .. } | Phase::Asking(_) | Phase::Moving(_) => Verdict::Granted,
+    }
+}
+
+/// The asking side of the locks: this metamodule's attempts, and what has come of them.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Requester {
+    /// The number of the latest attempt.
+    pub token: Token,
+    /// Since when the metamodule has made no progress; of equally important attempts the oldest goes first.
+    pub waiting_since: Time,
+    /// Not before this time it looks for something to do.
+    pub rest_until: Time,
+    /// The neighbour that denied last, or that goes first.
+    pub waits_for: Option<ModuleId>,
+    /// Attempts that would have led two bodies into one space.
+    pub prevented: u32,
+    pub rng: Stream,
+}
+
+impl Requester {
+    pub fn precedence(&self, v: View<'_>, rank: Rank) -> Precedence {
+        (rank, Reverse(v.now.since(self.waiting_since)), v.own.id)
+    }
+    /// Draws how long to wait before another attempt.
+    pub fn back_off(&mut self, least: Span) -> Span {
+        least + Span(self.rng.below(least.0 + 1))
+    }
+    /// The request for a motion.
+    pub fn request(&self, v: View<'_>, rank: Rank, plan: &Plan) -> Message {
+        Message::Request {
+            origin: v.own.id,
+            token: self.token,
+            rank,
+            age: v.now.since(self.waiting_since),
+            pose: plan.from,
+            sweep: plan.sweep,
+            ends: plan.ends,
+        }
+    }
+    /// Ports of the neighbours whose consent a motion needs, as a mask: those that live and may move.
+    pub fn ports_to_ask(v: View<'_>) -> u32 {
+        if v.has(Sabotage::AskNobody) {
+            return 0;
+        }
+        let may_move = |s: &super::message::State| !v.stays(s) && !v.neighbours.is_dead(s.id);
+        let asked = v.neighbours.states().filter(|(_, s)| may_move(s));
+        asked.fold(0, |mask, (port, _)| mask | 1 << port.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metamodule::pose::End;
+    use crate::roombots::grid::GridState;
+
+    fn grant(token: u32, until: u64) -> Grant {
+        let pose = Pose { state: GridState::new(0, 0, 0), end: End::Foot, both: false, posture: 0 };
+        Grant { token: Token(token), pose, sweep: Sweep(1), ends: 0, until: Time(until) }
+    }
+
+    #[test]
+    fn a_grant_ends_by_release_lease_or_session() {
+        let (a, b) = (Port(0), Port(1));
+        let mut locks = LockTable::new(2);
+        let held = |locks: &LockTable| locks.iter().map(|(port, g)| (port.0, g.token.0)).collect::<Vec<_>>();
+        locks.grant(a, grant(5, 10));
+        locks.grant(b, grant(7, 20));
+        // A release of an earlier attempt is over with, and ends nothing.
+        assert!(!locks.release(a, Token(4)));
+        assert_eq!((locks.over(a), held(&locks)), (Token(4), vec![(0, 5), (1, 7)]));
+        assert_eq!(locks.expire(Time(9)), Time(10));
+        assert_eq!(locks.expire(Time(10)), Time(20));
+        assert_eq!(held(&locks), [(1, 7)]);
+        // A release that comes after the end of the lease still outdates the request.
+        assert!(!locks.release(a, Token(5)));
+        assert!(locks.release(b, Token(8)));
+        assert_eq!((locks.over(a), locks.over(b), held(&locks)), (Token(5), Token(8), vec![]));
+        assert_eq!(locks.expire(Time(30)), Time::NEVER);
+        // Death ends the grant, and late copies remain late; a new session begins anew.
+        locks.grant(b, grant(9, 40));
+        locks.revoke(b);
+        assert_eq!((locks.over(b), held(&locks)), (Token(8), vec![]));
+        locks.begin(b);
+        assert_eq!(locks.over(b), Token(0));
+    }
+}

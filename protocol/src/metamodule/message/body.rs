@@ -1,0 +1,110 @@
+//! What a metamodule asks of its body, and how the body answers.
+
+use crate::metamodule::pose::Pose;
+use crate::time::Time;
+use crate::wire::{Decoder, Encoder, Wire, WireError};
+
+/// One action of a body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Deed {
+    /// One joint turns by one step, given by its number in the motion database.
+    Turn(u16),
+    /// The free end, which lies on a connector, grips it.
+    Attach,
+    /// The end that has been attached for longer lets go; the other one holds from now on.
+    Detach,
+}
+
+/// Asks the body to do something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Action {
+    /// What to do.
+    pub deed: Deed,
+    /// The body refuses to begin after this time.
+    pub not_after: Time,
+}
+
+impl Wire for Action {
+    fn kind(&self) -> u8 {
+        match self.deed {
+            Deed::Turn(_) => 16,
+            Deed::Attach => 17,
+            Deed::Detach => 18,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        out.time(self.not_after);
+        if let Deed::Turn(step) = self.deed {
+            out.u16(step);
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Action, WireError> {
+        let not_after = from.time()?;
+        let deed = match kind {
+            16 => Deed::Turn(from.u16()?),
+            17 => Deed::Attach,
+            18 => Deed::Detach,
+            _ => return Err(WireError::Kind(kind)),
+        };
+        Ok(Action { deed, not_after })
+    }
+}
+
+/// Why a body does not begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Refusal {
+    /// Something is in the way.
+    Blocked = 0,
+    /// It is too late.
+    Late = 1,
+    /// The neighbourhood has changed.
+    Stale = 2,
+    /// It is acting already.
+    Busy = 3,
+    /// The body cannot do that from where it is.
+    Impossible = 4,
+}
+
+/// How an action went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Percept {
+    /// It is done, and this is where the body is now.
+    Done(Pose),
+    /// It failed; the body is where it was.
+    Failed,
+    /// It was not begun.
+    Refused(Refusal),
+}
+
+impl Wire for Percept {
+    fn kind(&self) -> u8 {
+        match self {
+            Percept::Done(_) => 16,
+            Percept::Failed => 17,
+            Percept::Refused(_) => 18,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        match self {
+            Percept::Done(p) => (*p).encode(out),
+            Percept::Failed => {}
+            Percept::Refused(why) => out.u8(*why as u8),
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Percept, WireError> {
+        Ok(match kind {
+            16 => Percept::Done(Pose::decode(from)?),
+            17 => Percept::Failed,
+            18 => Percept::Refused(match from.u8()? {
+                0 => Refusal::Blocked,
+                1 => Refusal::Late,
+                2 => Refusal::Stale,
+                3 => Refusal::Busy,
+                4 => Refusal::Impossible,
+                _ => return Err(WireError::Field("refusal")),
+            }),
+            _ => return Err(WireError::Kind(kind)),
+        })
+    }
+}

@@ -1,0 +1,131 @@
+//! What the world-controller orders, and what a metamodule reports to it.
+
+use crate::ids::ModuleId;
+use crate::lattice::Cell;
+use crate::metamodule::blueprint::{SeedSet, Task};
+use crate::metamodule::pose::Pose;
+use crate::wire::{Decoder, Encoder, Wire, WireError};
+
+/// What the world-controller tells a metamodule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Order {
+    /// This is to be built; these seeds of it attract, those are filled. Sets of filled seeds only grow
+    /// while the task is the same, so the larger is later.
+    Seeds {
+        /// What is to be built.
+        task: Task,
+        /// What attracts.
+        open: SeedSet,
+        /// What is filled.
+        filled: SeedSet,
+    },
+    /// The process of a metamodule is gone and cannot come back in its present sessions; its body
+    /// stays here as an obstacle.
+    Dead {
+        /// The metamodule.
+        id: ModuleId,
+        /// Where the body is.
+        pose: Pose,
+    },
+    /// A metamodule that was dead has a process again.
+    Alive {
+        /// The metamodule.
+        id: ModuleId,
+    },
+    /// An obstacle is in a cell, or is there no more.
+    Obstacle {
+        /// The cell.
+        cell: Cell,
+        /// Whether it is there.
+        there: bool,
+    },
+}
+
+impl Wire for Order {
+    fn kind(&self) -> u8 {
+        match self {
+            Order::Seeds { .. } => 16,
+            Order::Dead { .. } => 17,
+            Order::Obstacle { .. } => 18,
+            Order::Alive { .. } => 19,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        match self {
+            Order::Seeds { task, open, filled } => {
+                task.encode(out);
+                out.u32(open.0);
+                out.u32(filled.0);
+            }
+            Order::Dead { id, pose } => {
+                out.u32(id.0);
+                pose.encode(out);
+            }
+            Order::Alive { id } => out.u32(id.0),
+            Order::Obstacle { cell, there } => {
+                out.cell(*cell);
+                out.bool(*there);
+            }
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
+        Ok(match kind {
+            16 => Order::Seeds {
+                task: Task::decode(from)?,
+                open: SeedSet(from.u32()?),
+                filled: SeedSet(from.u32()?),
+            },
+            18 => Order::Obstacle { cell: from.cell()?, there: from.bool("there")? },
+            17 => Order::Dead { id: ModuleId(from.u32()?), pose: Pose::decode(from)? },
+            19 => Order::Alive { id: ModuleId(from.u32()?) },
+            _ => return Err(WireError::Kind(kind)),
+        })
+    }
+}
+
+/// What a metamodule tells the world-controller whenever it changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Status {
+    /// Where it believes to be.
+    pub pose: Pose,
+    /// The seed it fills.
+    pub settled: Option<u8>,
+    /// Locks refused because two would have met.
+    pub prevented: u32,
+    /// The metamodule that refused last, while this one waits.
+    pub waits_for: Option<ModuleId>,
+    /// Seeds that it has no way to.
+    pub barred: SeedSet,
+    /// It has found out that no metamodule can go on.
+    pub deadlocked: bool,
+}
+
+impl Wire for Status {
+    fn kind(&self) -> u8 {
+        16
+    }
+    fn encode(&self, out: &mut Encoder) {
+        self.pose.encode(out);
+        out.u8(self.settled.unwrap_or(u8::MAX));
+        out.u32(self.prevented);
+        out.u32(self.waits_for.map_or(u32::MAX, |id| id.0));
+        out.u32(self.barred.0);
+        out.bool(self.deadlocked);
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
+        if kind != 16 {
+            return Err(WireError::Kind(kind));
+        }
+        let pose = Pose::decode(from)?;
+        let settled = match from.u8()? {
+            u8::MAX => None,
+            s if s < 32 => Some(s),
+            _ => return Err(WireError::Field("settled")),
+        };
+        let prevented = from.u32()?;
+        let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
+        let barred = SeedSet(from.u32()?);
+        let deadlocked = from.bool("deadlocked")?;
+        Ok(Status { pose, settled, prevented, waits_for, barred, deadlocked })
+    }
+}

@@ -1,0 +1,96 @@
+//! What a metamodule says: outputs in order, the numbering of what it tells, and when it repeats its state.
+
+use super::agent::Metamodule;
+use super::message::{Action, Message, State, Status};
+use super::strategy::Advertised;
+use super::view::View;
+use crate::agent::{Output, OutputOf};
+use crate::counters::Class;
+use crate::ids::Port;
+use crate::time::Time;
+use std::collections::VecDeque;
+use std::hash::{Hash, Hasher};
+
+#[derive(Clone, Debug)]
+pub(super) struct Outbox {
+    /// Outputs that have not been polled yet.
+    queue: VecDeque<OutputOf<Metamodule>>,
+    /// The number of the latest state, way or directive.
+    sequence: u32,
+    /// When the state is told again.
+    pub repeat_at: Time,
+    reported: Option<Status>,
+}
+
+/// Without outputs: what has been said already changes nothing from now on.
+impl Hash for Outbox {
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        let Outbox { queue: _, sequence, repeat_at, reported } = self;
+        (sequence, repeat_at, reported).hash(hasher);
+    }
+}
+
+impl Outbox {
+    pub fn new(repeat_at: Time) -> Outbox {
+        Outbox { queue: VecDeque::new(), sequence: 0, repeat_at, reported: None }
+    }
+    pub fn poll(&mut self) -> Option<OutputOf<Metamodule>> {
+        self.queue.pop_front()
+    }
+    /// The number of the latest state, way or directive.
+    pub fn sequence(&self) -> u32 {
+        self.sequence
+    }
+    pub fn next_sequence(&mut self) -> u32 {
+        self.sequence += 1;
+        self.sequence
+    }
+
+    pub fn send(&mut self, port: Port, class: Class, message: Message) {
+        self.queue.push_back(Output::Send { port, class, message });
+    }
+    /// Sends a message to all neighbours in range.
+    pub fn broadcast(&mut self, v: View<'_>, class: Class, message: Message) {
+        for (port, _) in v.neighbours.iter() {
+            self.send(port, class, message);
+        }
+    }
+    pub fn act(&mut self, action: Action) {
+        self.queue.push_back(Output::Act(action));
+    }
+
+    /// Tells one neighbour the state.
+    pub fn greet(&mut self, v: View<'_>, advertised: Advertised, port: Port) {
+        let message = self.state(v, advertised);
+        self.send(port, Class::Liveness, message);
+    }
+    /// Tells all neighbours the state.
+    pub fn tell(&mut self, v: View<'_>, advertised: Advertised, class: Class) {
+        self.repeat_at = v.now + v.params().repeat;
+        let message = self.state(v, advertised);
+        self.broadcast(v, class, message);
+    }
+    fn state(&mut self, v: View<'_>, advertised: Advertised) -> Message {
+        let Advertised { claim, unreachable, blocked } = advertised;
+        Message::State(State {
+            id: v.own.id,
+            sequence: self.next_sequence(),
+            pose: v.own.pose,
+            settled: v.own.settled.is_some(),
+            stuck: v.own.stuck.is_some(),
+            blocked,
+            task: v.own.task,
+            filled: v.own.filled,
+            claim,
+            unreachable,
+        })
+    }
+
+    /// Tells the world-controller the status, if it has changed.
+    pub fn report(&mut self, status: Status) {
+        if self.reported != Some(status) {
+            self.reported = Some(status);
+            self.queue.push_back(Output::Report(status));
+        }
+    }
+}

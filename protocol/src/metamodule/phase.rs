@@ -1,0 +1,172 @@
+//! What a metamodule does at a time: nothing, asking for a lock, or moving.
+
+use super::message::{Action, Deed, Percept, Refusal};
+use super::plan::{Aim, Plan};
+use super::pose::Pose;
+use super::view::View;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
+use crate::digest::Portable;
+use crate::ids::Port;
+use crate::time::{Span, Time};
+use std::hash::Hash;
+
+/// Failures in a row after which an action is given up for now.
+const TRIES: u8 = 5;
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Phase {
+    /// It looks for something to do at this time, or earlier if it hears something new.
+    Idle { look_at: Time },
+    /// It waits for answers to its request.
+    Asking(Attempt),
+    /// It moves, under a lock.
+    Moving(Motion),
+}
+
+impl Phase {
+    /// Feeds the phase into a hash, without when to look or ask again; see `digest`.
+    pub fn digest(&self, hasher: &mut Portable<'_>) {
+        match self {
+            Phase::Idle { look_at: _ } => 0u8.hash(hasher),
+            Phase::Asking(Attempt { plan, pending, asked, again: _ }) => {
+                (1u8, plan, pending, asked).hash(hasher);
+            }
+            Phase::Moving(Motion { plan, next, tries, until }) => {
+                (2u8, plan, next, tries, until).hash(hasher);
+            }
+        }
+    }
+    /// Whether it does nothing until it hears something new.
+    pub fn is_waiting(&self) -> bool {
+        matches!(self, Phase::Idle { look_at: Time::NEVER })
+    }
+}
+
+/// A lock that has been asked for.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Attempt {
+    pub plan: Plan,
+    /// Ports that have not answered, as a mask.
+    pub pending: u32,
+    pub asked: Time,
+    /// When the request is repeated, or the motion begins if all have answered.
+    pub again: Time,
+}
+
+impl Attempt {
+    /// Notes that a port has granted, or need not. Returns whether all have.
+    pub fn granted_by(&mut self, port: Port) -> bool {
+        self.pending &= !(1 << port.0);
+        self.pending == 0
+    }
+    pub fn pending_ports(&self) -> impl Iterator<Item = Port> + use<> {
+        let pending = self.pending;
+        (0..u32::BITS as u8).filter(move |p| pending >> p & 1 == 1).map(Port)
+    }
+}
+
+/// A motion under way.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Motion {
+    pub plan: Plan,
+    /// The number of the next step.
+    next: usize,
+    /// Failures of it in a row.
+    tries: u8,
+    /// When the lease of the lock ends.
+    pub until: Time,
+}
+
+/// What comes next in a motion.
+pub(super) enum Next {
+    Act(Action),
+    /// The body stands in its seed.
+    Settled,
+    /// The body has taken another shape on the spot.
+    Shifted,
+    /// The lock would end during the next action.
+    LockRunsOut,
+}
+
+/// How a motion goes on after an action has ended well.
+pub(super) enum Progress {
+    /// A joint has turned.
+    Turned,
+    /// The free end has gripped; the other one is to let go.
+    Gripped,
+    /// The other end has let go, and the move is complete.
+    Moved,
+}
+
+/// How a motion goes on after an action that was not carried out.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Setback {
+    Retry,
+    GiveUp,
+    /// It is given up because a joint does not turn.
+    Stuck,
+}
+
+impl Motion {
+    /// A motion whose lock was asked for at `asked`.
+    pub fn new(plan: Plan, asked: Time, lease: Span) -> Motion {
+        Motion { plan, next: 0, tries: 0, until: asked + lease }
+    }
+
+    /// The next action of the body, or how the motion has ended.
+    pub fn next(&self, v: View<'_>) -> Next {
+        let params = v.params();
+        let (deed, takes) = match (self.plan.steps.get(self.next), self.plan.aim) {
+            (Some(step), _) => (Deed::Turn(*step), params.turn_time),
+            (None, Aim::Settle(_)) => return Next::Settled,
+            (None, Aim::Shift) => return Next::Shifted,
+            (None, Aim::Land) if v.own.pose.both => (Deed::Detach, params.connect_time),
+            (None, Aim::Land) => (Deed::Attach, params.connect_time),
+        };
+        let not_after = self.until - takes;
+        let is_late = v.now > not_after;
+        if is_late {
+            hit(Mark::MetaLockRanOut);
+        }
+        if v.has(Sabotage::OutstayLease) {
+            return Next::Act(Action { deed, not_after: Time::NEVER });
+        }
+        if is_late { Next::LockRunsOut } else { Next::Act(Action { deed, not_after }) }
+    }
+
+    /// Notes that an action has ended well, with the body at `pose`.
+    pub fn on_done(&mut self, pose: Pose) -> Progress {
+        self.tries = 0;
+        if self.next < self.plan.steps.len() {
+            self.next += 1;
+            Progress::Turned
+        } else if pose.both {
+            Progress::Gripped
+        } else {
+            Progress::Moved
+        }
+    }
+
+    /// Notes that an action was not carried out.
+    pub fn on_failure(&mut self, percept: Percept) -> Setback {
+        self.tries += 1;
+        let has_begun = self.next > 0;
+        let again = match percept {
+            Percept::Failed => self.tries < TRIES,
+            // A neighbour that came into range on the way is too far away to be met; at the start it must be
+            // asked.
+            Percept::Refused(Refusal::Stale) => has_begun && self.tries < TRIES,
+            Percept::Refused(_) | Percept::Done(_) => false,
+        };
+        if percept == Percept::Refused(Refusal::Stale) {
+            hit(if has_begun { Mark::MetaStaleOnTheWay } else { Mark::MetaStaleAtStart });
+        }
+        if again {
+            return Setback::Retry;
+        }
+        let is_stuck = percept == Percept::Failed && self.next < self.plan.steps.len();
+        hit(if is_stuck { Mark::MetaStuck } else { Mark::MetaActionGivenUp });
+        if is_stuck { Setback::Stuck } else { Setback::GiveUp }
+    }
+}

@@ -1,0 +1,67 @@
+//! One motion of a metamodule, to be locked as a whole.
+
+use super::motions::Sweep;
+use super::planning::paths::Ground;
+use super::pose::Pose;
+
+/// What a motion is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Aim {
+    /// Putting the free end on a connector, and letting go of the other.
+    Land,
+    /// Filling this seed.
+    Settle(u8),
+    /// Taking another shape, to be less in the way.
+    Shift,
+}
+
+/// A motion from one pose. The digest hashes its fields in this order.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Plan {
+    /// Where it begins.
+    pub from: Pose,
+    /// The steps, by their numbers in the database.
+    pub steps: Vec<u16>,
+    /// All cells of it, core and graze and those filled at the beginning, seen from `from`.
+    pub sweep: Sweep,
+    /// The posture at the end.
+    pub ends: u16,
+    pub aim: Aim,
+    /// It was chosen because it ends where it blocks no other metamodule (`negotiated` only).
+    pub non_blocking: bool,
+}
+
+impl Plan {
+    /// Finds the shortest motion to a posture over free ground.
+    pub fn to(ground: &Ground<'_>, from: Pose, posture: u16, aim: Aim) -> Option<Plan> {
+        let graph = ground.motions.graph();
+        let way = graph.way(from.posture, posture, ground.taken_at(from))?;
+        let sweep = Sweep(way.swept | graph.filled_bits(from.posture));
+        Some(Plan { from, steps: way.steps.to_vec(), sweep, ends: posture, aim, non_blocking: false })
+    }
+
+    /// Letting go of the end that has been attached for longer. It sweeps nothing.
+    pub fn let_go(from: Pose) -> Plan {
+        let (steps, sweep, ends) = (Vec::new(), Sweep::default(), from.posture);
+        Plan { from, steps, sweep, ends, aim: Aim::Land, non_blocking: false }
+    }
+}
+
+/// A motion that tries whether stuck joints turn again.
+pub(super) enum JointTrial {
+    /// By any step that is free.
+    Turn(Plan),
+    /// By gripping with the other end, from where a step is free, as none is from this one.
+    OtherEnd(Plan),
+}
+
+impl JointTrial {
+    pub fn find(ground: &Ground<'_>, pose: Pose) -> Option<JointTrial> {
+        let free = |at: Pose| ground.motions.graph().neighbour(at.posture, ground.taken_at(at));
+        if let Some(plan) = free(pose).and_then(|posture| Plan::to(ground, pose, posture, Aim::Shift)) {
+            return Some(JointTrial::Turn(plan));
+        }
+        ground.landed(pose, pose.posture).and_then(free)?;
+        Plan::to(ground, pose, pose.posture, Aim::Land).map(JointTrial::OtherEnd)
+    }
+}

@@ -1,0 +1,316 @@
+//! Coordinator. When the group makes no progress, one metamodule plans for all in range and schedules one
+//! move at a time.
+//!
+//! Under `negotiated` each metamodule decides for itself, and makes way for one way at a time. Some
+//! standstills take more: two that must change their shapes in turn, or one that must step aside for another
+//! that has no way to announce yet. Then the metamodule with the smallest number among those in range asks
+//! all to stay, searches for a plan of all together (`planning::cooperative`), and orders one move after the
+//! other; the mover makes it, with locks as always. When the seed is filled, or a move has not been made in
+//! time, or the coordinator is not heard any more, all go on as before.
+//!
+//! A directive that comes late or to another metamodule costs time, never safety. Absent: a choice among
+//! plans; the first that is found is carried out, also if it closes the way to another seed.
+
+use super::scene::{Scene, fingerprint};
+use crate::counters::Class;
+use crate::coverage::{Mark, hit};
+use crate::defects::Sabotage;
+use crate::digest::Portable;
+use crate::ids::ModuleId;
+use crate::metamodule::blueprint::SeedSet;
+use crate::metamodule::message::{Directive, Instruction, Message};
+use crate::metamodule::params::Setup;
+use crate::metamodule::plan::{Aim, Plan};
+use crate::metamodule::planning::cooperative::{Move, Sought, Standstill, WORK, search};
+use crate::metamodule::planning::lru_cache::mix;
+use crate::metamodule::pose::Pose;
+use crate::metamodule::strategy::Context;
+use crate::metamodule::view::View;
+use crate::time::Time;
+use std::collections::VecDeque;
+use std::hash::Hash;
+use std::sync::Arc;
+
+/// Retry delays without a move after which a metamodule coordinates.
+const QUIET: u64 = 5;
+/// Retry delays without a seed filled after which it does, whatever moves.
+const LONG: u64 = 20;
+/// Retry delays for which a coordinator is followed after it was last heard.
+const FOLLOWED: u64 = 3;
+/// Doublings, at most, of the time until it coordinates again after having done so in vain.
+const MOST_DOUBLED: u8 = 4;
+
+/// What a metamodule coordinates, and which coordinator it follows.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
+pub(super) struct Coordinator {
+    /// The arrangement of all in range, and since when it has been the same.
+    quiet: Option<(u64, Time)>,
+    /// When this metamodule last began to coordinate, or had to give it up.
+    began: Option<Time>,
+    /// The arrangement for which it found no plan.
+    in_vain: Option<u64>,
+    /// How often it has coordinated in vain since the seeds in `filled`, and no others, were filled.
+    times_in_vain: u8,
+    filled: SeedSet,
+    stage: Stage,
+    /// What it has ordered, to be repeated.
+    said: Option<Directive>,
+    /// What it has been ordered, and until when it follows.
+    heard: Option<(Directive, Time)>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
+enum Stage {
+    /// It does not coordinate.
+    #[default]
+    Off,
+    /// All have been asked to stay, and will have heard it by `at`. Locks are waited for until `until`.
+    Gathering { at: Time, until: Time },
+    /// These moves are left of a plan, and the first of them is waited for until `until`.
+    Executing { moves: VecDeque<(ModuleId, Move)>, until: Time },
+}
+
+impl Coordinator {
+    /// Feeds the state into a hash, without what it says of the surroundings; see `digest`.
+    pub fn digest(&self, hasher: &mut Portable<'_>) {
+        let Coordinator { began, times_in_vain, filled, stage, said, heard, quiet: _, in_vain: _ } = self;
+        (began, times_in_vain, filled, stage, said, heard).hash(hasher);
+    }
+
+    /// Coordinates, or looks for a coordinator to follow. Returns what is to be done by all, and until when,
+    /// or `None` if each metamodule decides for itself.
+    pub fn step(
+        &mut self,
+        cx: &mut Context<'_>,
+        scene: &Scene<'_>,
+        filled_since: Option<Time>,
+        next_expiry: Time,
+    ) -> Option<(Instruction, Time)> {
+        let now = cx.v.now;
+        if let Some((directive, until)) = self.heard.filter(|(d, _)| d.instruction != Instruction::Over) {
+            if now < until {
+                self.stop(cx);
+                return Some((directive.instruction, next_expiry.min(until)));
+            }
+            self.heard = None;
+        }
+        match self.stage {
+            Stage::Off => {
+                if now < self.due(scene, filled_since) {
+                    return None;
+                }
+                hit(Mark::MetaLed);
+                let params = cx.v.params();
+                let (at, until) = (now + params.resend, now + params.lease);
+                self.stage = Stage::Gathering { at, until };
+                self.began = Some(now);
+                self.say(cx, Instruction::Stay);
+                Some((Instruction::Stay, at))
+            }
+            Stage::Gathering { at, .. } if now < at => Some((Instruction::Stay, at)),
+            Stage::Gathering { until, .. } if now < until && cx.v.locks.iter().next().is_some() => {
+                Some((Instruction::Stay, next_expiry.min(until)))
+            }
+            Stage::Gathering { .. } => match plan_together(scene) {
+                Some(moves) => {
+                    // The search may have taken its time; the first move is ordered when it is known how
+                    // much.
+                    self.stage = Stage::Executing { moves: moves.into(), until: Time::NEVER };
+                    Some((Instruction::Stay, now))
+                }
+                None => {
+                    hit(Mark::MetaLedInVain);
+                    self.in_vain = Some(arrangement(scene));
+                    self.give_up(cx);
+                    None
+                }
+            },
+            Stage::Executing { .. } => self.order_next(cx, scene, next_expiry),
+        }
+    }
+
+    /// Not before this time it coordinates, if nothing else happens.
+    pub fn due(&mut self, scene: &Scene<'_>, filled_since: Option<Time>) -> Time {
+        let (v, around) = (scene.v, arrangement(scene));
+        let retry = v.params().patience;
+        let quiet = self.quiet.filter(|(before, _)| *before == around);
+        let (_, since) = *self.quiet.insert(quiet.unwrap_or((around, v.now)));
+        let is_first = scene.movable.iter().all(|(id, _)| *id > v.own.id);
+        if !is_first || v.open().is_empty() || self.in_vain == Some(around) {
+            return Time::NEVER;
+        }
+        let at = (since + retry * QUIET).min(filled_since.unwrap_or(v.now) + retry * LONG);
+        if self.filled != v.own.filled {
+            (self.filled, self.times_in_vain) = (v.own.filled, 0);
+        }
+        // Where all move and there is no plan, looking for one every time would be most of the work.
+        let again = QUIET << self.times_in_vain.min(MOST_DOUBLED);
+        self.began.map_or(at, |began| at.max(began + retry * again))
+    }
+
+    /// Orders the next move, unless it is waited for.
+    fn order_next(
+        &mut self,
+        cx: &mut Context<'_>,
+        scene: &Scene<'_>,
+        next_expiry: Time,
+    ) -> Option<(Instruction, Time)> {
+        let v = cx.v;
+        let me = (v.own.id, v.own.pose);
+        let pose_of =
+            |id: ModuleId| scene.movable.iter().chain([&me]).find(|(i, _)| *i == id).map(|(_, p)| *p);
+        // A metamodule that repeats its state on the way tells a posture of the way.
+        let is_moving = |id: ModuleId, from: Pose| {
+            let mut ports = v.neighbours.states().filter(|(_, s)| s.id == id).map(|(port, _)| port);
+            ports.any(|port| v.locks.grant_of(port).is_some_and(|g| stands(g.pose, from)))
+        };
+        let Stage::Executing { moves, until } = &mut self.stage else { return None };
+        if let [(mover, made), _, ..] = moves.make_contiguous()
+            && pose_of(*mover).is_some_and(|pose| is_made(v.setup, made, pose))
+        {
+            moves.pop_front();
+        }
+        let (mover, next) = *moves.front()?;
+        // The last move is over when its mover stays where it is for good.
+        let Some(pose) = pose_of(mover) else {
+            match moves.len() {
+                1 => self.stop(cx),
+                _ => self.give_up(cx),
+            }
+            return None;
+        };
+        if v.now >= *until || !(stands(pose, next.from) || is_moving(mover, next.from)) {
+            self.give_up(cx);
+            return None;
+        }
+        let Move { from, posture, lands, .. } = next;
+        let instruction = Instruction::Move { mover, from, posture, lands };
+        let is_ordered = self.said.is_some_and(|said| said.instruction == instruction);
+        if !is_ordered {
+            *until = v.now + v.params().lease;
+        }
+        let until = *until;
+        if !is_ordered {
+            self.say(cx, instruction);
+        }
+        Some((instruction, next_expiry.min(until)))
+    }
+
+    fn say(&mut self, cx: &mut Context<'_>, instruction: Instruction) {
+        let sequence = cx.out.next_sequence();
+        let directive = Directive { coordinator: cx.v.own.id, sequence, instruction };
+        self.said = Some(directive);
+        cx.out.broadcast(cx.v, Class::Negotiation, Message::Directive(directive));
+    }
+
+    /// Coordinates no more, as it was in vain.
+    fn give_up(&mut self, cx: &mut Context<'_>) {
+        (self.began, self.times_in_vain) = (Some(cx.v.now), self.times_in_vain.saturating_add(1));
+        self.stop(cx);
+    }
+
+    /// Forgets what has been tried: it says nothing of another task.
+    pub fn start_over(&mut self, cx: &mut Context<'_>) {
+        self.stop(cx);
+        *self = Coordinator { said: self.said, heard: self.heard, ..Coordinator::default() };
+    }
+
+    /// Coordinates no more, and says so.
+    pub fn stop(&mut self, cx: &mut Context<'_>) {
+        if std::mem::take(&mut self.stage) != Stage::Off {
+            self.say(cx, Instruction::Over);
+        }
+    }
+
+    /// Notes a directive. Returns whether it is news.
+    pub fn hear(&mut self, v: View<'_>, directive: Directive) -> bool {
+        let is_later = |(before, until): (Directive, Time)| match directive.coordinator == before.coordinator
+        {
+            // A coordinator that has restarted begins to count anew.
+            true => directive.sequence >= before.sequence || v.now >= until,
+            false => {
+                let is_over = before.instruction == Instruction::Over;
+                directive.coordinator < before.coordinator || v.now >= until || is_over
+            }
+        };
+        let coordinates = self.stage != Stage::Off && v.own.id < directive.coordinator;
+        if coordinates || !self.heard.is_none_or(is_later) {
+            return false;
+        }
+        let before = self.heard.replace((directive, v.now + v.params().patience * FOLLOWED));
+        before.is_none_or(|(before, _)| before.instruction != directive.instruction)
+    }
+
+    /// Repeats what has been ordered.
+    pub fn repeat(&mut self, cx: &mut Context<'_>) {
+        if let Stage::Gathering { until, .. } | Stage::Executing { until, .. } = self.stage
+            && cx.v.now >= until
+        {
+            // A coordinator that waits for a lock meanwhile keeps the others no longer than that.
+            return self.give_up(cx);
+        }
+        if let Some(directive) = self.said {
+            cx.out.broadcast(cx.v, Class::Liveness, Message::Directive(directive));
+            if directive.instruction == Instruction::Over {
+                self.said = None;
+            }
+        }
+    }
+}
+
+/// Tells one arrangement of all that can move from any other.
+fn arrangement(scene: &Scene<'_>) -> u64 {
+    let own = scene.v.own;
+    let poses = scene.movable.iter().map(|(_, pose)| *pose).chain([own.pose]);
+    let tells = |p: Pose| [p.state.x as u64, p.state.y as u64, p.state.class.into(), p.posture.into()];
+    let poses = poses.map(|p| tells(p).into_iter().fold(0, mix)).fold(0, u64::wrapping_add);
+    let task = [own.task.epoch.into(), own.filled.0.into()];
+    task.into_iter().chain([fingerprint(&scene.stays)]).fold(poses, mix)
+}
+
+/// Searches for a plan of all that can move.
+fn plan_together(scene: &Scene<'_>) -> Option<Vec<(ModuleId, Move)>> {
+    let own = scene.v.own;
+    let mut movers = scene.movable.clone();
+    movers.push((own.id, own.pose));
+    movers.sort_by_key(|(id, _)| *id);
+    let standstill = Standstill {
+        setup: Arc::clone(scene.v.setup),
+        task: own.task,
+        filled: own.filled,
+        free: movers.iter().map(|(_, pose)| *pose).collect(),
+        fixed: scene.stays.clone(),
+    };
+    let Sought::Way(way) = search(&standstill, WORK) else { return None };
+    Some(way.into_iter().map(|m| (movers[m.body].0, m)).collect())
+}
+
+/// The motion that an instruction asks of this metamodule, if it is the mover and the way is free.
+pub(super) fn own_move(scene: &Scene<'_>, instruction: Instruction) -> Option<Plan> {
+    let (v, pose) = (scene.v, scene.v.own.pose);
+    let Instruction::Move { mover, from, posture, lands } = instruction else { return None };
+    if mover != v.own.id || !stands(pose, from) || v.has(Sabotage::StandInTheWay) {
+        return None;
+    }
+    let fills = v.seed_filled_in(Pose { posture, ..pose }).filter(|s| v.open().has(*s));
+    let aim = match fills {
+        _ if lands => Aim::Land,
+        Some(seed) => Aim::Settle(seed),
+        None => Aim::Shift,
+    };
+    let plan = Plan::to(&v.ground(&scene.taken), pose, posture, aim)?;
+    hit(Mark::MetaCalled);
+    Some(plan)
+}
+
+/// Whether a body stands as a move wants it to.
+fn stands(pose: Pose, as_in: Pose) -> bool {
+    (pose.state, pose.posture, pose.both) == (as_in.state, as_in.posture, false)
+}
+
+/// Whether a body in `pose` has made a move.
+fn is_made(setup: &Setup, made: &Move, pose: Pose) -> bool {
+    let ends = Pose { posture: made.posture, ..made.from };
+    let ends = if made.lands { setup.motions.turned_around(ends) } else { Some(ends) };
+    ends.is_some_and(|ends| stands(pose, ends))
+}

@@ -1,0 +1,171 @@
+//! What stands around a metamodule, as `negotiated` sees it, and where it blocks others.
+
+use crate::ids::{ModuleId, Port};
+use crate::lattice::Cell;
+use crate::metamodule::blueprint::{Seed, SeedSet};
+use crate::metamodule::message::{Claim, Way};
+use crate::metamodule::planning::enclosure::is_away;
+use crate::metamodule::pose::Pose;
+use crate::metamodule::view::View;
+use std::collections::BTreeMap;
+
+/// Another metamodule that can move.
+pub(super) struct Other {
+    pub id: ModuleId,
+    pub pose: Pose,
+    pub cells: [Cell; 4],
+    /// Where it will be when the motion that it is granted is over.
+    pub soon: Pose,
+    pub claim: Option<Claim>,
+    pub unreachable: SeedSet,
+    pub way: Option<Way>,
+}
+
+/// What is around. It stays as it is during one look.
+pub(super) struct Scene<'a> {
+    pub v: View<'a>,
+    /// Cells of what does not move: the built, the dead, the stuck, obstacles.
+    pub stays: Vec<Cell>,
+    /// The same, and the blocked.
+    pub fixed: Vec<Cell>,
+    /// The metamodules that can move, blocked or not, and where they are.
+    pub movable: Vec<(ModuleId, Pose)>,
+    /// Those that are not blocked.
+    pub free: Vec<Other>,
+    /// Where all that have no seed yet will be soon.
+    pub candidates: Vec<Pose>,
+    /// All cells to keep out of now: fixed ones, bodies, grants.
+    pub taken: Vec<Cell>,
+    /// All cells of what will not move when the goal is built.
+    pub built: Vec<Cell>,
+    /// The corners of the rectangle around the feet of all seeds.
+    zone: ((i16, i16), (i16, i16)),
+}
+
+impl<'a> Scene<'a> {
+    pub fn new(v: View<'a>, ways: &BTreeMap<Port, Way>) -> Scene<'a> {
+        let (own, motions) = (v.own, v.motions());
+        let fixed = v.fixed();
+        let (mut stays, mut blocked) = (fixed.clone(), Vec::new());
+        let (mut free, mut candidates, mut movable) = (Vec::new(), Vec::new(), Vec::new());
+        for (port, state) in v.neighbours.states().filter(|(_, s)| !v.neighbours.is_dead(s.id)) {
+            let cells = motions.cells(state.pose);
+            let soon = v.locks.grant_of(port).map_or(state.pose, |g| Pose { posture: g.ends, ..g.pose });
+            if v.stays(state) || state.stuck {
+                stays.extend(cells);
+                continue;
+            }
+            candidates.push(soon);
+            movable.push((state.id, state.pose));
+            if state.blocked {
+                blocked.extend(cells);
+                continue;
+            }
+            let fits = |c: &Claim| state.task == own.task && !own.filled.has(c.seed);
+            free.push(Other {
+                id: state.id,
+                pose: state.pose,
+                cells,
+                soon,
+                claim: state.claim.filter(fits),
+                unreachable: state.unreachable,
+                way: ways.get(&port).copied().filter(|w| w.count > 0),
+            });
+        }
+        free.sort_by_key(|o| o.id);
+        movable.sort_by_key(|(id, _)| *id);
+        let mut built = fixed;
+        let fixed = [&stays[..], &blocked].concat();
+        let mut taken = fixed.clone();
+        taken.extend(free.iter().flat_map(|o| o.cells));
+        taken.extend(v.locks.cells(motions));
+        let seeds = || v.setup.seeds(own.task).map(|(_, s)| s);
+        built.extend(seeds().flat_map(|s| s.cells()));
+        let (far, none) = ((i16::MIN, i16::MIN), (i16::MAX, i16::MAX));
+        let zone = seeds().fold((none, far), |(min, max), s| {
+            let (x, y) = s.foot;
+            ((min.0.min(x), min.1.min(y)), (max.0.max(x), max.1.max(y)))
+        });
+        Scene { v, stays, fixed, movable, free, candidates, taken, built, zone }
+    }
+
+    /// All cells with something in them.
+    pub fn bodies(&self) -> Vec<Cell> {
+        self.fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells)).collect()
+    }
+    pub fn seed(&self, number: u8) -> Option<Seed> {
+        self.v.setup.seed(self.v.own.task, number)
+    }
+    /// Seeds that are claimed by others.
+    pub fn claimed(&self) -> SeedSet {
+        self.free.iter().filter_map(|o| o.claim).fold(SeedSet::default(), |set, c| set.with(c.seed))
+    }
+    /// Whether no seed before this one is claimed by others. Only the first may be in the zone: others there
+    /// could be walled in.
+    pub fn is_first(&self, claim: Claim) -> bool {
+        self.free.iter().filter_map(|o| o.claim).all(|c| claim.seed <= c.seed)
+    }
+    /// What will not move, with all that is to be built before this seed.
+    pub fn planned(&self, number: u8) -> Vec<Cell> {
+        let before = self.v.goal().before(number).without(self.v.own.filled);
+        let seeds = before.iter().filter_map(|s| self.seed(s));
+        self.fixed.iter().copied().chain(seeds.flat_map(|s| s.cells())).collect()
+    }
+    /// Whether all seeds that should have been filled before this one can still be reached when it has been.
+    pub fn keeps_open(&self, number: u8) -> bool {
+        let Some(seed) = self.seed(number) else { return true };
+        let before = self.v.goal().before(number).without(self.v.own.filled);
+        before.iter().filter_map(|s| self.seed(s)).all(|other| {
+            let mut around = self.planned(number);
+            around.extend(seed.cells());
+            let distances = self.v.motions().distances(self.v.setup.floor, other, &around);
+            let (x, y) = other.foot;
+            distances.reach(|from| is_away((i64::from(x) * 4, i64::from(y) * 4), from))
+        })
+    }
+
+    /// Whether a connector is more than `by` cells away from those of the seeds.
+    fn is_beyond(&self, x: i16, y: i16, by: i16) -> bool {
+        let (min, max) = self.zone;
+        // Without a seed everything is beyond.
+        let beyond = |v: i16, min: i16, max: i16| v < min.saturating_sub(by) || v > max.saturating_add(by);
+        beyond(x, min.0, max.0) || beyond(y, min.1, max.1)
+    }
+    /// Whether a metamodule in `pose` is outside the zone: the goal and one cell around it.
+    pub fn is_outside_zone(&self, pose: Pose) -> bool {
+        self.v.motions().cells(pose).iter().all(|c| self.is_beyond(c.x, c.y, 1))
+    }
+    /// Whether this metamodule in `pose` is out of the way of what is built, and can get away when all of it
+    /// is, even if no other one moves: the zone is kept free, and a metamodule beside it may need room that
+    /// the goal will take.
+    pub fn is_safe(&self, pose: Pose) -> bool {
+        let mut taken = self.built.clone();
+        taken.extend(self.free.iter().flat_map(|o| self.v.motions().cells(o.soon)));
+        self.is_outside_zone(pose) && !self.v.ground(&taken).is_shut_in(pose)
+    }
+    /// The same for another metamodule if this one stood in `me`.
+    pub fn is_safe_beside(&self, other: &Other, me: Pose) -> bool {
+        let motions = self.v.motions();
+        let others = self.free.iter().filter(|o| o.id != other.id);
+        let others = others.map(|o| o.soon).chain([me]).flat_map(|pose| motions.cells(pose));
+        let taken: Vec<Cell> = self.built.iter().copied().chain(others).collect();
+        self.is_outside_zone(other.soon) && !self.v.ground(&taken).is_shut_in(other.soon)
+    }
+    /// Whether this metamodule in `me` is safe and leaves all others as safe as they are.
+    pub fn is_non_blocking(&self, me: Pose) -> bool {
+        self.is_safe(me) && !self.shuts_in(me)
+    }
+    /// Whether another metamodule that is safe now would not be if this one stood in `me`.
+    fn shuts_in(&self, me: Pose) -> bool {
+        self.free.iter().any(|o| !self.is_safe_beside(o, me) && self.is_safe_beside(o, self.v.own.pose))
+    }
+}
+
+/// Tells one set of cells from another; their order does not matter.
+pub(super) fn fingerprint(cells: &[Cell]) -> u64 {
+    let mix = |c: &Cell| {
+        let v = (c.x as u16 as u64) << 32 | (c.y as u16 as u64) << 16 | c.z as u16 as u64;
+        (v + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29).wrapping_mul(0xBF58_476D_1CE4_E5B9)
+    };
+    cells.iter().map(mix).fold(0, u64::wrapping_add)
+}
