@@ -172,7 +172,7 @@ fn what_cannot_be_resumed_is_said() {
     assert!(late.code == Some(1) && late.err.contains("waited long enough"), "{late:?}");
     // What it wrote down until then is not lost.
     let replayed = run(&["replay", &file]);
-    assert!(replayed.code == Some(0) && replayed.out.contains("the run was not over"), "{replayed:?}");
+    assert!(replayed.code == Some(0) && replayed.out.contains("the run was not finished"), "{replayed:?}");
 }
 
 /// `cargo test -p metamorph-tests --test resume -- --ignored --nocapture fifty`
