@@ -148,11 +148,11 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
         (format!("{SMALL}\n[[fault]]\nkill = 3\nat = \"501s\"\n"), &["the run ends at 500s"]),
         (
             format!("{SMALL}\n[[fault]]\nrestart = 3\nat = \"1s\"\nmemory = true\n"),
-            &["restart with memory", "not built in yet"],
+            &["restart with memory", "not supported yet"],
         ),
         (
             format!("{SMALL}\n[[fault]]\ncontroller = \"kill\"\nat = \"1s\"\n"),
-            &["controller", "not built in yet"],
+            &["controller", "not supported yet"],
         ),
         (
             format!("{SMALL}\n[[fault]]\nobstacle = [9, 9, 9]\nat = \"1s\"\n"),
