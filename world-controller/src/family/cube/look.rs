@@ -1,4 +1,4 @@
-//! How cubes look: where bodies are, what modules report of themselves, what their messages say.
+//! The display of cubes: places of bodies, states that modules report, contents of messages.
 
 use super::Cubes;
 use crate::report::message_timeline::{FAR, Said};
@@ -11,7 +11,7 @@ use metamorph_protocol::cube::message::{Ask, Denial, Entry, Message as CubeMessa
 use metamorph_protocol::cube::params::Setup as CubeSetup;
 use metamorph_protocol::lattice::Cell;
 
-/// How a plan looks at its start.
+/// Returns the appearance of a plan at its start.
 pub fn appearance(Cubes { cells, setup }: &Cubes) -> Appearance {
     let goals = setup.goals.iter();
     let goals = goals.map(|goal| goal.cells().map(|c| (c.x, c.y, c.z, goal.level(c))).collect());
@@ -58,21 +58,21 @@ impl Visible for Cube {
             CubeMessage::Response { denial: Some(why), blocker, .. } => Said {
                 whom: *blocker,
                 ..Said::of(match (why, blocker) {
-                    (Denial::Occupied, None) => "turned down: occupied",
-                    (Denial::Occupied, Some(_)) => "turned down: occupied by",
-                    (Denial::Reserved, None) => "turned down: reserved",
-                    (Denial::Reserved, Some(_)) => "turned down: reserved for",
-                    (Denial::Busy, None) => "turned down: leaving",
-                    (Denial::Busy, Some(_)) => "turned down: leaving is",
-                    (Denial::Younger, None) => "turned down: another has waited longer",
-                    (Denial::Younger, Some(_)) => "turned down: longer has waited",
-                    (Denial::NoTerrain, _) => "turned down: no terrain",
-                    (Denial::Quarantined, _) => "turned down: just restarted",
+                    (Denial::Occupied, None) => "denied: occupied",
+                    (Denial::Occupied, Some(_)) => "denied: occupied by",
+                    (Denial::Reserved, None) => "denied: reserved",
+                    (Denial::Reserved, Some(_)) => "denied: reserved for",
+                    (Denial::Busy, None) => "denied: leaving",
+                    (Denial::Busy, Some(_)) => "denied: leaving is",
+                    (Denial::Younger, None) => "denied: another has waited longer",
+                    (Denial::Younger, Some(_)) => "denied: waiting longer is",
+                    (Denial::NoTerrain, _) => "denied: no support",
+                    (Denial::Quarantined, _) => "denied: just restarted",
                 })
             },
             CubeMessage::Release { origin, .. } => Said::about("released, by", *origin),
-            CubeMessage::Search { id, .. } => Said::about("looking for a way around", id.origin),
-            CubeMessage::Found { id, .. } => Said::about("found a way around", id.origin),
+            CubeMessage::Search { id, .. } => Said::about("looks for a path around", id.origin),
+            CubeMessage::Found { id, .. } => Said::about("found a path around", id.origin),
         }
     }
     fn moves(gradient: Option<u32>) -> u16 {

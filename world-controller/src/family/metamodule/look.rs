@@ -1,4 +1,4 @@
-//! How metamodules look: where bodies are, what modules report of themselves, what their messages say.
+//! The display of metamodules: places of bodies, states that modules report, contents of messages.
 
 use super::Metamodules;
 use crate::report::message_timeline::{FAR, Said};
@@ -14,7 +14,7 @@ use metamorph_protocol::metamodule::params::Setup as MetamoduleSetup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::roombots::{HALF_EDGE, OUTER_RADIUS};
 
-/// How a plan looks at its start.
+/// Returns the appearance of a plan at its start.
 pub fn appearance(Metamodules { poses, setup, .. }: &Metamodules) -> Appearance {
     let goals = (0..setup.goals.len() as u8).map(|goal| {
         let blueprint = setup.goal(Task { goal, ..Task::default() });
@@ -73,14 +73,14 @@ impl Visible for Metamodule {
                 let far = s.claim.map_or(FAR, |c| c.cost.into());
                 Said { distance: Some(if s.settled { 0 } else { far }), ..Said::of("state") }
             }
-            MetamoduleMessage::Call(_) => Said::of("leads: says who moves next"),
-            MetamoduleMessage::Probe(_) => Said::of("asks whether anybody can go on"),
-            MetamoduleMessage::Way(w) if w.legs().is_empty() => Said::of("is where it wants to be"),
-            MetamoduleMessage::Way(_) => Said::of("tells its way"),
+            MetamoduleMessage::Call(_) => Said::of("coordinates: names the next to move"),
+            MetamoduleMessage::Probe(_) => Said::of("probes for a deadlock"),
+            MetamoduleMessage::Way(w) if w.legs().is_empty() => Said::of("is at its destination"),
+            MetamoduleMessage::Way(_) => Said::of("announces its plan"),
             MetamoduleMessage::Request { origin, .. } => Said::about("asks for a lock, for", *origin),
             MetamoduleMessage::Response { denial: None, .. } => Said::of("lock granted"),
             MetamoduleMessage::Response { denial: Some(why), .. } => Said::of(match why {
-                LockDenial::Occupied => "lock refused: stands in the way",
+                LockDenial::Occupied => "lock refused: blocks the path",
                 LockDenial::Held => "lock refused: is moving through",
                 LockDenial::Younger => "lock refused: has waited longer",
                 LockDenial::Quarantined => "lock refused: just restarted",
