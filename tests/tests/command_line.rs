@@ -424,7 +424,7 @@ fn a_deadlock_is_found_by_the_swarm_itself() {
     ];
     assert_eq!(on(&text, &args).code, Some(3));
     let page = fs::read_to_string(html).unwrap();
-    assert!(page.contains("The swarm found this out by itself"), "{page}");
+    assert!(page.contains("The swarm detected this itself"), "{page}");
     assert!(standstill.waiting.iter().all(|w| page.contains(&w.why)), "{page}");
     let negotiated = text.replace("greedy", "negotiated");
     let refused = on(&negotiated, &["check", "{}"]);
