@@ -557,7 +557,7 @@ fn help_is_enough_to_use_every_command() {
         (&["check", "--help"], &["SCENARIO", "Examples", "Exit codes"]),
         (&["clean", "--help"], &["killed", "Exit codes"]),
         (&["--help"], &["\n  8  a replay differs", "\n  9  a journal is damaged"]),
-        (&["replay", "--help"], &["Exit codes", "8  something did not", "9  the journal is damaged"]),
+        (&["replay", "--help"], &["Exit codes", "8  the replay differs", "9  the journal is damaged"]),
         (&["view", "--help"], &["Exit codes", "9  the journal is damaged"]),
         (&["resume", "--help"], &["Exit codes", "\n  9  the journal is damaged"]),
         (&["export", "--help"], &["Exit codes", "9  the journal is damaged"]),
