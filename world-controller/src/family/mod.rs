@@ -180,6 +180,7 @@ pub struct TooLate;
 /// Adds families to the built-in ones. Call it before anything else.
 ///
 /// # Errors
+///
 /// The families are already in use.
 pub fn install(more: &[&'static dyn Family]) -> Result<(), TooLate> {
     REGISTRY.set(Registry::with(more)).map_err(|_| TooLate)

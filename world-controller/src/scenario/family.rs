@@ -113,6 +113,7 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     /// Returns the swarm for another seed, or `None` if the seed has no effect on it.
     ///
     /// # Errors
+    ///
     /// Start places that cannot be drawn.
     fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, Flaw>;
     /// Returns the defect that a test has switched on.

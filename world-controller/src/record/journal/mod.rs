@@ -114,6 +114,7 @@ impl Iterator for Journal {
 /// so that their journals are equal; each run of processes has its own.
 ///
 /// # Errors
+///
 /// A plan that cannot be recorded.
 pub fn head_of(plan: &Plan) -> Result<RunHead, String> {
     let overrides = Overrides { seed: Some(plan.seed), ..plan.overrides.clone() };

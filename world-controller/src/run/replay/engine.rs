@@ -161,6 +161,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
     /// Re-executes one record.
     ///
     /// # Errors
+    ///
     /// Says what differs from the record.
     pub fn carry_out(&mut self, record: &Record) -> Result<(), String> {
         self.done.records += 1;
