@@ -111,7 +111,7 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
         (with("[[goal]]\nshape", "[goals]\nshape"), &["no [[goal]]", "did you mean `goal`?"]),
         (
             format!("{SMALL}\n[[goal]]\nshape = {{ box = {{ min = [5, 0, 0], max = [5, 3, 0] }} }}\n"),
-            &["is occupied by the goal before"],
+            &["is occupied by the previous goal"],
         ),
         // The start.
         (
@@ -148,11 +148,11 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
         (format!("{SMALL}\n[[fault]]\nkill = 3\nat = \"501s\"\n"), &["the run ends at 500s"]),
         (
             format!("{SMALL}\n[[fault]]\nrestart = 3\nat = \"1s\"\nmemory = true\n"),
-            &["restart with memory", "not built in yet"],
+            &["restart with memory", "not supported yet"],
         ),
         (
             format!("{SMALL}\n[[fault]]\ncontroller = \"kill\"\nat = \"1s\"\n"),
-            &["controller", "not built in yet"],
+            &["controller", "not supported yet"],
         ),
         (
             format!("{SMALL}\n[[fault]]\nobstacle = [9, 9, 9]\nat = \"1s\"\n"),
@@ -329,7 +329,7 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
         ),
         (
             format!("{METAMODULES}[[goal]]\n{goal}\nat = \"60s\"\n[[goal]]\n{goal}\nat = \"60s\"\n"),
-            &["scenario.toml:22:6:", "replaces the one before at 60s, which itself comes at 60s"],
+            &["scenario.toml:22:6:", "replaces the previous one at 60s, but that one starts at 60s"],
         ),
         (
             format!("{METAMODULES}[[goal]]\n{goal}\nat = \"501s\"\n"),
@@ -392,12 +392,12 @@ fn a_deadlock_is_found_by_the_swarm_itself() {
     let ran = on(&text, &["check", "{}"]);
     assert!(ran.out.contains("the swarm finds deadlocks by itself"), "{ran:?}");
     assert!(
-        ran.out.contains("the one nearer to a seed goes first within 4 connectors; nobody pushes"),
+        ran.out.contains("the metamodule nearer to a seed goes first within 4 connectors; no repulsion"),
         "{ran:?}"
     );
     let step = ["check", "{}", "--set", "protocol.strategy=step", "--set", "protocol.repulsion.range=8"];
     let ran = on(&text, &step);
-    let pushes = "no precedence; neighbours within 8 cells push by 600/1000, 0/1000 of it lost at the edge, settled ones too";
+    let pushes = "no precedence; repulsion within 8 cells by 600/1000, 0/1000 of it lost at the edge, also settled ones";
     assert!(ran.out.contains(pushes), "{ran:?}");
     let deadlocked = (0..20).find_map(|seed: u32| {
         let ran = on(&text, &["run", "{}", "--link", "sim", "--seed", &seed.to_string(), "--json", "-"]);
@@ -424,7 +424,7 @@ fn a_deadlock_is_found_by_the_swarm_itself() {
     ];
     assert_eq!(on(&text, &args).code, Some(3));
     let page = fs::read_to_string(html).unwrap();
-    assert!(page.contains("The swarm found this out by itself"), "{page}");
+    assert!(page.contains("The swarm detected this itself"), "{page}");
     assert!(standstill.waiting.iter().all(|w| page.contains(&w.why)), "{page}");
     let negotiated = text.replace("greedy", "negotiated");
     let refused = on(&negotiated, &["check", "{}"]);
@@ -557,7 +557,7 @@ fn help_is_enough_to_use_every_command() {
         (&["check", "--help"], &["SCENARIO", "Examples", "Exit codes"]),
         (&["clean", "--help"], &["killed", "Exit codes"]),
         (&["--help"], &["\n  8  a replay differs", "\n  9  a journal is damaged"]),
-        (&["replay", "--help"], &["Exit codes", "8  something did not", "9  the journal is damaged"]),
+        (&["replay", "--help"], &["Exit codes", "8  the replay differs", "9  the journal is damaged"]),
         (&["view", "--help"], &["Exit codes", "9  the journal is damaged"]),
         (&["resume", "--help"], &["Exit codes", "\n  9  the journal is damaged"]),
         (&["export", "--help"], &["Exit codes", "9  the journal is damaged"]),

@@ -114,7 +114,7 @@ fn what_fills_shared_memory_ends_the_run_with_the_reason() {
     assert_eq!(ran.code, Some(7), "{ran:?}");
     let report = report(&Ran { out: ran.out[ran.out.find('{').unwrap_or_default()..].to_owned(), ..ran });
     assert_eq!(report["outcome"].as_str(), Some("aborted"), "{report}");
-    assert!(notes(&report).contains("the run was ended: shared memory is full"), "{report}");
+    assert!(notes(&report).contains("the run was ended early: shared memory is full"), "{report}");
 }
 
 /// A limit of file sizes is an error, and not the end by a signal.
@@ -291,7 +291,7 @@ fn a_stranger_who_fills_an_inbox_changes_nothing() {
     drop((outbox, at));
     println!("{written} frames of garbage: {}", notes(&report));
     assert!(written > 10);
-    let said = format!("refused {} that no member of the run wrote", many(written as u64, "frame"));
+    let said = format!("refused {} from outside the run", many(written as u64, "frame"));
     assert!(notes(&report).contains(&said), "{report}");
     let replayed = again(&journal);
     assert_eq!(replayed.difference, None);

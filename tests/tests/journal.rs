@@ -220,9 +220,12 @@ fn the_command_says_what_it_finds() {
     let file = journal.display().to_string();
     let whole = run(&["replay", &file]);
     assert_eq!(whole.code, Some(0), "{whole:?}");
-    assert!(whole.out.contains("the same states and counts; the run ended built"), "{whole:?}");
+    assert!(whole.out.contains("identical states and counts; the run ended built"), "{whole:?}");
     let agent = run(&["replay", &file, "--agent", "7", "--until", "5s"]);
-    assert!(agent.out.contains("begins life 0 at [") && agent.out.contains("hears from "), "{agent:?}");
+    assert!(
+        agent.out.contains("starts as incarnation 0 at [") && agent.out.contains("hears from "),
+        "{agent:?}"
+    );
     // For people: no line of it is the inside of a program.
     let inside = |line: &&str| [" {", "Some(", "Ok(", "ModuleId", "::"].iter().any(|i| line.contains(i));
     assert_eq!(agent.out.lines().filter(inside).collect::<Vec<_>>(), Vec::<&str>::new());
@@ -235,7 +238,7 @@ fn the_command_says_what_it_finds() {
     std::fs::write(&journal, &bytes[..bytes.len() / 2]).expect("it can be written");
     let cut = run(&["replay", &file]);
     assert_eq!(cut.code, Some(0), "{cut:?}");
-    assert!(cut.out.contains("cut off") && cut.out.contains("as far as it goes"), "{cut:?}");
+    assert!(cut.out.contains("cut off") && cut.out.contains("up to the end of the journal"), "{cut:?}");
     let mut other = bytes;
     other[8] = 9;
     std::fs::write(&journal, other).expect("it can be written");

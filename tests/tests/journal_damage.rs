@@ -121,7 +121,7 @@ fn damage_within_a_journal_is_an_error_of_its_own() {
         assert_found(&journal, &journal, &format!("damaged at byte {at}: "));
         assert_found(&journal, &journal, what);
         let replayed = run(&["replay", text(&journal)]);
-        assert!(replayed.out.contains("the same states up to where"), "{replayed:?}");
+        assert!(replayed.out.contains("identical states up to the damage"), "{replayed:?}");
     }
     // What comes before is shown.
     let viewed = view(&journal);
@@ -191,7 +191,7 @@ fn damaged_missing_and_foreign_parts_are_errors() {
     }
 }
 
-/// What killed writers leave is read as far as it goes, with a note.
+/// What killed writers leave is read up to the end of the journal, with a note.
 #[test]
 fn torn_ends_are_notes() {
     let dir = tempfile::tempdir().unwrap();
@@ -218,7 +218,10 @@ fn torn_ends_are_notes() {
     cut(&journal);
     let torn = run(&["replay", text(&journal)]);
     assert_eq!(torn.code, Some(0), "{torn:?}");
-    assert!(torn.out.contains("cut off after") && torn.out.contains("as far as it goes"), "{torn:?}");
+    assert!(
+        torn.out.contains("cut off after") && torn.out.contains("up to the end of the journal"),
+        "{torn:?}"
+    );
 }
 
 /// The same scenario and seed give the same bytes; other seeds and other runs of processes another identity.

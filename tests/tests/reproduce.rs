@@ -23,7 +23,7 @@ fn published_and_own_numbers_stand_side_by_side() {
         "re-implemented: the nearest reading",
         "locks on swept cells alone",
         "protocol.precedence=off",
-        "starts drawn again because a metamodule was shut in",
+        "starts redrawn because a metamodule was enclosed",
         "What the nearest reading leaves unexplained",
         "Start positions",
     ] {

@@ -69,7 +69,7 @@ fn resume(journal: &Path) -> (Ran, Report) {
     println!("{}", ran.err);
     // The report has what happened before the first controller was killed, messages included.
     let page = std::fs::read_to_string(html).expect("the report is written");
-    for part in ["built", "another went on", "class=\"area moves\"", "class=\"area c-negotiation\""] {
+    for part in ["built", "another one resumed", "class=\"area moves\"", "class=\"area c-negotiation\""] {
         assert!(page.contains(part), "`{part}` is missing");
     }
     let report = serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"));
@@ -111,7 +111,7 @@ fn kill_and_resume(name: &str, most: u64, options: &[&str], seed: u64) -> bool {
     clean().expect("cleaning works");
     let (ran, report) = resume(&journal);
     assert_eq!((ran.code, report.outcome.as_str()), (Some(0), "built"), "{}", report.reason);
-    assert!(report.notes.iter().any(|n| n.contains("another went on")), "{:?}", report.notes);
+    assert!(report.notes.iter().any(|n| n.contains("another one resumed")), "{:?}", report.notes);
     assert_eq!(report.notes.len(), 1, "nobody was lost: {:?}", report.notes);
     assert_one_run(&journal, &report, 2);
     true
@@ -148,11 +148,11 @@ fn what_cannot_be_resumed_is_said() {
     let journal = dir.path().join("journal");
     let file = journal.display().to_string();
     let none = run(&["resume", &file]);
-    assert!(none.code == Some(1) && none.err.contains("no run keeps its journal there"), "{none:?}");
+    assert!(none.code == Some(1) && none.err.contains("no run writes its journal there"), "{none:?}");
     std::fs::write(&journal, b"").expect("it can be written");
     let over = run(&["resume", &file]);
     assert!(
-        over.code == Some(1) && over.err.contains("the run is over") && over.err.contains("fix: "),
+        over.code == Some(1) && over.err.contains("the run is finished") && over.err.contains("fix: "),
         "{over:?}"
     );
     std::fs::remove_file(&journal).expect("it is there");
@@ -172,7 +172,7 @@ fn what_cannot_be_resumed_is_said() {
     assert!(late.code == Some(1) && late.err.contains("waited long enough"), "{late:?}");
     // What it wrote down until then is not lost.
     let replayed = run(&["replay", &file]);
-    assert!(replayed.code == Some(0) && replayed.out.contains("the run was not over"), "{replayed:?}");
+    assert!(replayed.code == Some(0) && replayed.out.contains("the run was not finished"), "{replayed:?}");
 }
 
 /// `cargo test -p metamorph-tests --test resume -- --ignored --nocapture fifty`

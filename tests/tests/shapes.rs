@@ -141,7 +141,7 @@ fn broken_meshes_are_refused_with_place_reason_and_fix() {
         &["3 edges have triangles that face opposite"],
     );
     // Other kinds of files.
-    refused(&shape("a.step", "", ten), &[".stl, .obj and .xml"]);
+    refused(&shape("a.step", "", ten), &[".stl, .obj or .xml"]);
     refused(&run(&["shape", "none.stl"]), &["none.stl: cannot read it"]);
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("folder.stl");
@@ -221,16 +221,13 @@ fn broken_configurations_are_refused_with_place_reason_and_fix() {
     );
     refused(&shape("a.xml", with("4,4,0", "4,4.5,0"), &[]), &["a.xml:12: ", "4,4.5,0"]);
     refused(&shape("a.xml", with("4,4,0", "4,40000,0"), &[]), &["[4, 40000, 0] is out of range"]);
-    refused(
-        &shape("a.xml", with("5,4,0", "4,4,0"), &[]),
-        &["a.xml:13: the cell [4, 4, 0] is named a second time"],
-    );
+    refused(&shape("a.xml", with("5,4,0", "4,4,0"), &[]), &["a.xml:13: the cell [4, 4, 0] is listed twice"]);
     refused(
         &shape("a.xml", with("\"grid\"", "\"csg\""), &[]),
-        &["a.xml:11: a target of the format `csg` is not read"],
+        &["a.xml:11: a target of the format `csg` is not supported"],
     );
     let boxes = with("<blocksLine", "<blockBox/><blocksLine");
-    refused(&shape("a.xml", &boxes, &["--part", "blocks"]), &["a.xml:5: <blockBox> is not read"]);
+    refused(&shape("a.xml", &boxes, &["--part", "blocks"]), &["a.xml:5: <blockBox> is not supported"]);
     refused(
         &shape("a.xml", with("targetList", "goals").replace("/targetList", "/goals"), &[]),
         &["has no target"],
@@ -313,7 +310,7 @@ fn a_million_triangles_are_laid_into_cells_and_more_than_two_are_refused() {
     let mut many = vec![b'.'; 80];
     many.extend(2_000_001u32.to_le_bytes());
     many.resize(84 + 50 * 2_000_001, 0);
-    refused(&shape("many.stl", many, &["--cells", "10"]), &["2000001 triangles; 2000000 is the most"]);
+    refused(&shape("many.stl", many, &["--cells", "10"]), &["2000001 triangles; 2000000 is the maximum"]);
 }
 
 proptest! {

@@ -62,7 +62,10 @@ fn scenarios_of_the_family_are_checked() {
     complains(SCENARIO.replace("side = 4", "side = 400"), "side is 400, which is not between 1 and 100");
     complains(SCENARIO.replace("side", "sides"), "did you mean `side`?");
     let foreign = SCENARIO.replace("side = 4", "kind = \"SRS\"");
-    complains(foreign, "`kind` in [swarm] is for the family `metamodule`; this scenario is of the family `election`");
+    complains(
+        foreign,
+        "`kind` in [swarm] is for the family `metamodule`; this scenario is of the family `election`",
+    );
     complains(SCENARIO.replace("election", "elections"), "did you mean `election`?");
 }
 

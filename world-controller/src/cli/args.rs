@@ -1,4 +1,4 @@
-//! The command line: what was typed, as values. Absent: doing it (see `commands`).
+//! The command line as typed values. Absent: executing commands (see `dispatch`).
 
 use crate::cli::reference::{CompletionArgs, ManArgs, SchemaArgs};
 use crate::experiments::bench;
@@ -25,22 +25,22 @@ use std::time::Duration;
 
 const EXIT_CODES: &str = "\
 Exit codes:
-  0  built: every goal cell is filled (or the command did what it should)
+  0  built: every goal cell is filled (or the command succeeded)
   1  the program itself failed, for example because a file or standard output could not be written
   2  the command line or the scenario is wrong
-  3  deadlock: nobody can make progress and goal cells are unfilled
+  3  deadlock: no module can make progress and goal cells are unfilled
   4  livelock: modules move, but no goal cell is filled for longer than the scenario's bound
-  5  timeout: the scenario's time was up
+  5  timeout: the scenario's time limit was reached
   6  unsafe: an invariant broke, such as two modules in one cell
   7  aborted: stopped by Ctrl-C, SIGTERM or SIGHUP, or because shared memory ran short; the report,
      if the run had begun, is partial";
 
-/// Go on in the list of exit codes.
+/// Continues the list of exit codes.
 const JOURNAL_EXIT_CODES: &str = "
-  8  a replay differs: something did not come as recorded
+  8  a replay differs from the journal
   9  a journal is damaged: bytes were changed, or parts are missing or of another run";
 const DAMAGED_EXIT_CODE: &str = "
-  9  the journal is damaged; where, and what is wrong, is said";
+  9  the journal is damaged; the message says where and how";
 
 const TOP_EXAMPLES: &str = "\
 Examples:
@@ -49,7 +49,7 @@ Examples:
   metamorph check my.toml                                what would run, or what is wrong
   metamorph clean                                        remove what killed runs left behind
 
-A file that a command writes appears at its end and as a whole; it must be no other file that the command
+An output file appears at the end of a command, complete; it must not be another file that the command
 reads or writes. If standard output cannot be written, the exit code is 1; a reader that closes it early
 (`| head`) is no error.
 
@@ -63,24 +63,24 @@ Examples:
   metamorph run deploy/scenarios/swarm.toml --link sim --quiet --json - | jq .messages.by_class
 
 Times are scenario times with a unit: 200ms, 1.5s, 2min. Probabilities are written 5%, 0.05 or 1/20.
-Modules are numbered from 0; `metamorph check SCENARIO` says how many there are.
+Modules are numbered from 0; `metamorph check SCENARIO` prints their number.
 
 Ctrl-C, SIGTERM or SIGHUP ends a run with a partial report; a second one does not wait for agents.";
 
 const VIEW_EXAMPLES: &str = "\
 Examples:
   metamorph run deploy/scenarios/swarm.toml --journal run.journal
-  metamorph view run.journal                             look at what happened
-  metamorph view deploy/scenarios/chair.toml --seed 7    simulate a scenario, and look at it
-  metamorph run deploy/scenarios/swarm.toml --view       look at processes while they run
+  metamorph view run.journal                             show a recorded run
+  metamorph view deploy/scenarios/chair.toml --seed 7    simulate a scenario, and show it
+  metamorph run deploy/scenarios/swarm.toml --view       show processes while they run
 
 The address of the page is printed; open it in a browser of this machine. It works without a network,
-listens on the loopback interface only, and lets in only whoever has the whole address. `?` on the page
-lists its keys. Ctrl-C ends it.
+listens on the loopback interface only, and admits only requests with the complete address. `?` on the
+page lists its keys. Ctrl-C ends it.
 
 Exit codes:
   0  the page was shown until Ctrl-C, SIGTERM or SIGHUP
-  1  the program itself failed, for example because there was no port
+  1  the program itself failed, for example because no port was free
   2  the command line or the scenario is wrong, or the file is no journal of this version
   9  the journal is damaged; what comes before the damage was shown until Ctrl-C";
 
@@ -101,7 +101,7 @@ Examples:
   metamorph sweep deploy/scenarios/swarm.toml --seeds 0..1000 --vary link.loss=0%,1%,5%
   metamorph sweep deploy/scenarios/swarm.toml --seeds 0..200 --vary protocol.connectivity=forest,cycles \\
       --vary goal.0.growth=scaffold,solid --out results
-  metamorph sweep (the same again) --out results --resume
+  metamorph sweep (the same options) --out results --resume
 
 Every combination of the varied values is run with every seed, on the simulated link. A key is the
 names of tables and keys joined by dots, with the number of an element for lists: goal.0.growth. A
@@ -111,7 +111,7 @@ runs and 10,000 combinations.
 Files in DIR: runs.csv has a line for every run, summary.json the numbers of the table, report.html
 shows them. They are the same on every machine and with any number of jobs.
 
-Ctrl-C ends a sweep; with --out every run that was done is kept.
+Ctrl-C ends a sweep; with --out every completed run is kept.
 
 Exit codes:
   0  every run has ended, however it ended
@@ -128,8 +128,8 @@ Examples:
 
 Runs the thesis's experiment with metamodules (4.1.3), re-implemented by the nearest reading of its text, with
 every kind (PAR, PER, SRS, SRZ), strategy (greedy, slope, step, and our negotiated) and order of seeds (circular,
-crosswise, at-once), and prints the published numbers beside ours: with exact tests, another reading, what each open
-assumption does (from fewer seeds), and whether experiments of the published size show what the thesis says.
+crosswise, at-once), and prints the published numbers beside ours: with exact tests, another reading, the effect of
+each open assumption (from fewer seeds), and whether experiments of the published size show what the thesis says.
 
 Files in DIR: report.html with tables and plots, and for each of box and chair the scenario and a
 directory as `metamorph sweep` writes it; the same for the other reading (box-locks, chair-locks) and for other
@@ -148,10 +148,9 @@ Examples:
   (its controller is killed, for example by kill -9)
   metamorph resume run.journal
 
-The controller hosts the simulated bodies, so while there is none nothing moves; modules go on talking to
-each other. The journal has all that happened to the bodies and to the controller, from which both are
-rebuilt. Modules wait for --patience; after that, or if the machine was restarted, there is nothing to
-go on with.";
+The controller hosts the simulated bodies, so without it nothing moves, while modules keep exchanging
+messages. Bodies and controller are rebuilt from the journal. Modules wait for --patience; after that, or
+if the machine was restarted, the run cannot be resumed.";
 
 const SHAPE_EXAMPLES: &str = "\
 Examples:
@@ -160,15 +159,15 @@ Examples:
   metamorph shape config.xml --part blocks
   metamorph shape config.xml --write case.toml
 
-A cell is filled if its middle is inside the solid. What a scenario needs to have the same goal is
+A cell is filled if its centre is inside the solid. In a scenario, the same goal is
     shape = { file = { path = \"rabbit.stl\", pitch = 10 } }
-The written scenario lists the cells themselves and needs the file no more. Its modules start in a
-slab below the goal, or where the configuration has them.
+The written scenario lists the cells themselves and does not need the file. Its modules start in a
+slab below the goal, or at the places of the configuration.
 
 Exit codes:
-  0  it can be built, as far as can be said before a run
+  0  no obstacle to building it was found before a run
   1  a file could not be written
-  2  the command line or the file is wrong, or something cannot be built; every complaint names its
+  2  the command line or the file is wrong, or something cannot be built; every error names its
      place, reason and fix";
 
 const EXPORT_EXAMPLES: &str = "\
@@ -181,7 +180,7 @@ and show /modules in a 3D panel whose frame is `world`.
 
 Exit codes:
   0  the recording is written
-  1  it could not be written to its end
+  1  it could not be written completely
   2  the command line is wrong, or the file is no journal of this version
   9  the journal is damaged; no recording is left behind";
 
@@ -200,45 +199,43 @@ Examples:
   metamorph completions fish > ~/.config/fish/completions/metamorph.fish";
 const BENCH_EXAMPLES: &str = "\
 Examples:
-  metamorph bench                            everything; takes some minutes
+  metamorph bench                            everything; takes several minutes
   metamorph bench flood wire                 the simulated and the process link, message by message
   metamorph bench growth --most 2500         sizes of up to 2,500 modules
   metamorph bench --quiet --json new.json && jq .flood new.json
 
 What each measures:
-  flood   a million simulated modules pass on how far they are from a corner: processor time and memory
+  flood   a million simulated modules propagate hop counts from a corner: processor time and memory
   growth  a slab of 100 to 10,000 simulated modules becomes a ball: time, moves, messages, and how they grow
-  chairs  the thesis's chair with every strategy, all processors at work: runs a second
+  chairs  the thesis's chair with every strategy, on all processors: runs per second
   wire    round trips and throughput of 64 bytes between two processes, beside bare iceoryx2, a Unix
           socket, a pipe and TCP
   swarm   100 to 5,000 processes: starting, exchanging, memory, idling
-  churn   1,000 processes of which 2 and then 20 a second are killed and started again
+  churn   1,000 processes, of which 2 and then 20 per second are killed and restarted
 
-Other programs that run meanwhile lengthen what is timed by the clock (`wire` and `swarm`); compare
-numbers of one run.
+Other load increases the times measured in real time (`wire` and `swarm`); compare numbers of one run.
 
 Exit codes:
-  0  everything was measured, as far as this machine goes
+  0  everything was measured that this machine permits
   1  something could not be measured
   2  the command line is wrong";
 
 const REPLAY_EXAMPLES: &str = "\
 Examples:
   metamorph run deploy/scenarios/swarm.toml --journal run.journal
-  metamorph replay run.journal                       is everything as it was recorded?
-  metamorph replay run.journal --until 10s           how every module stood at 10 s
-  metamorph replay run.journal --agent 7 --until 5s  what module 7 went through up to there
+  metamorph replay run.journal                       check that a replay matches the journal
+  metamorph replay run.journal --until 10s           the state of every module at 10 s
+  metamorph replay run.journal --agent 7 --until 5s  the history of module 7 until 5 s
 
-Every agent, the world and the controller are handed the inputs that were recorded, in the order of
-cause and effect, and must come to the same states, messages and counts. Of a run that was killed, what
-is there in FILE.parts is replayed.
+Agents, world and controller receive the recorded inputs, in the order of cause and effect, and must
+reach the same states, messages and counts. Of a killed run, the parts in FILE.parts are replayed.
 
 Exit codes:
-  0  everything came as recorded
+  0  the replay matches the journal
   1  the program itself failed
   2  the command line is wrong, or the file is no journal of this version
-  8  something did not come as recorded; the first such event is named
-  9  the journal is damaged; what comes before the damage came as recorded";
+  8  the replay differs from the journal; the first difference is named
+  9  the journal is damaged; the replay matches what comes before the damage";
 
 const EXPLORE_EXAMPLES: &str = "\
 Examples:
@@ -246,60 +243,59 @@ Examples:
   metamorph explore --runs 10000 --family cube --seed 1
   metamorph explore --runs 1 --seed 4711      (one run, with its scenario)
 
-Every run is a small scenario drawn from its seed: world, start, goal, strategy, link, faults. The first
-run has the seed named, the next the next. All invariants are checked; and when all faults have struck,
-what is left must build the goal, unless that cannot be done any more. The first failure of each kind is
-made small and written to DIR as a scenario that `metamorph run FILE --link sim` repeats. With -v each
-run is named before it begins.
+Every run is a small scenario generated from its seed: world, start, goal, strategy, link, faults. Seeds
+are consecutive, starting with --seed. All invariants are checked; after all faults, the remaining
+modules must build the goal, unless that is impossible. The first failure of each kind is shrunk and
+written to DIR as a scenario that `metamorph run FILE --link sim` repeats. With -v each run is logged
+before it begins.
 
-At the end rare paths of the protocols and the simulator that never ran are listed.
+At the end, rare paths of the protocols and the simulator that never ran are listed.
 
 Exit codes:
   0  nothing failed
   1  the program itself failed, for example because a file could not be written
   2  the command line is wrong
-  3  a run stood still although there was a way left
+  3  a run stood still although a plan was left
   6  an invariant broke, or the program panicked, in at least one run
-  7  stopped by Ctrl-C, SIGTERM or SIGHUP, and nothing had failed until then";
+  7  stopped by Ctrl-C, SIGTERM or SIGHUP, before any failure";
 
 const CLEAN_EXAMPLES: &str = "\
-Only what belongs to this user and to runs that no longer exist is removed: shared memory, files
-and stopped processes of runs whose controller was killed. Running swarms are not touched. The next
-`metamorph run` does the same on its own.
+Removes shared memory, files and stopped processes of this user's runs whose controller was killed.
+Active runs are not touched. The next `metamorph run` does the same.
 
 Exit codes:
   0  nothing is left behind
   1  something could not be removed";
 
-/// Runs swarms of modules that change their shape by themselves: every module is a process of its
-/// own, or all of them together are simulated in virtual time.
+/// Runs swarms of self-reconfiguring modules: every module is a process, or all are simulated in
+/// virtual time.
 #[derive(Debug, Parser)]
 #[command(name = "metamorph", version, after_help = TOP_EXAMPLES, after_long_help = format!("{TOP_EXAMPLES}\n\n{EXIT_CODES}{JOURNAL_EXIT_CODES}"))]
 pub struct CommandLine {
-    /// What to do.
+    /// The command.
     #[command(subcommand)]
     pub command: Command,
-    /// Log more to standard error; repeat for still more
+    /// Log more to standard error; repeatable
     #[arg(short, long, action = ArgAction::Count, global = true)]
     pub verbose: u8,
 }
 
-/// What to do.
+/// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Run a scenario and report what happened
     #[command(after_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
     Run(RunArgs),
-    /// Look at a run in the browser: in 3D, with what happened over time
+    /// Show a run in the browser: in 3D, with a timeline
     #[command(after_help = VIEW_EXAMPLES)]
     View(ViewArgs),
     /// Run a scenario with many seeds and varied values, and compare
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
-    /// Go on with a run whose controller was killed
+    /// Resume a run whose controller was killed
     #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}{DAMAGED_EXIT_CODE}"))]
     Resume(ResumeArgs),
-    /// Carry the journal of a run out again, and say where it differs
+    /// Replay the journal of a run, and report the first difference
     #[command(after_help = REPLAY_EXAMPLES)]
     Replay(ReplayArgs),
     /// Run experiments of the thesis and print the published numbers beside ours
@@ -308,21 +304,21 @@ pub enum Command {
     /// Measure both links beside bare mechanisms, in tables and as JSON
     #[command(after_help = BENCH_EXAMPLES)]
     Bench(BenchArgs),
-    /// Draw scenarios at random, run them, and make small what fails
+    /// Generate random scenarios, run them, and shrink failures
     #[command(after_help = EXPLORE_EXAMPLES)]
     Explore(ExploreArgs),
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
-    /// Show what a solid from a CAD program becomes, and write it as a scenario
+    /// Convert a solid from a CAD program to cells, and write it as a scenario
     #[command(after_help = SHAPE_EXAMPLES)]
     Shape(ShapeArgs),
     /// Remove what killed runs left behind
     #[command(after_help = CLEAN_EXAMPLES)]
     Clean,
-    /// Ask the Roombots model: shapes, moves, kinematics, published tables
+    /// Query the Roombots model: shapes, moves, kinematics, published tables
     Robot(RobotArgs),
-    /// Make a recording for other viewers of a journal
+    /// Export a journal as a recording for other viewers
     #[command(after_help = EXPORT_EXAMPLES)]
     Export(ExportArgs),
     /// Print the JSON schema of scenarios or reports
@@ -338,47 +334,47 @@ pub enum Command {
     Agent(AgentArgs),
 }
 
-/// What `run` takes.
+/// Arguments of `run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
-    /// What and how.
+    /// The scenario and its overrides.
     #[command(flatten)]
     pub plan: PlanArgs,
-    /// Write the report as JSON to a file, or to standard output with `-` (the text for people then
-    /// goes to standard error)
+    /// Write the report as JSON to a file, or to standard output with `-` (text for people then goes
+    /// to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
-    /// Write everything that happens to a file, for `metamorph replay` and for viewers; it is written while
-    /// the run goes on
+    /// Record everything that happens in a file, for `metamorph replay` and for viewers; it is written
+    /// during the run
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,
-    /// On `ipc` with --journal: how long, in real time, the modules go on when the controller is killed,
-    /// for `metamorph resume FILE` to come
+    /// On `ipc` with --journal: how long, in real time, modules wait for `metamorph resume FILE` after the
+    /// controller was killed
     #[arg(long, value_name = "T", value_parser = real_time, default_value = "30s", requires = "journal")]
     pub patience: Duration,
-    /// Write a report for people, with plots, to this file: one HTML page that can be sent to somebody
+    /// Write a report with plots to this file, as one self-contained HTML page
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
-    /// Show the run in the browser while it goes on and afterwards, until Ctrl-C; the address is
-    /// printed. Messages between processes are seen afterwards, and with --journal only
+    /// Show the run in the browser during the run and afterwards, until Ctrl-C; the address is
+    /// printed. Messages between processes are shown afterwards, and with --journal only
     #[arg(long)]
     pub view: bool,
-    /// Print nothing but errors, and JSON if asked for
+    /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
 }
 
-/// What `view` takes.
+/// Arguments of `view`.
 #[derive(Debug, Args)]
 pub struct ViewArgs {
     /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml), which is
     /// simulated and shown
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Of a scenario: the seed of all chance in the run
-    #[arg(long, value_name = "N", help = left_out("Of a scenario: the seed of all chance in the run", SEED))]
+    /// Of a scenario: the seed of the run's randomness
+    #[arg(long, value_name = "N", help = left_out("Of a scenario: the seed of the run's randomness", SEED))]
     pub seed: Option<u64>,
-    /// Of a scenario: put a value into it, as for `run` (repeatable)
+    /// Of a scenario: set a value in it, as for `run` (repeatable)
     #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
     pub set: Vec<String>,
     /// Of a scenario: kill the process of module ID at time T (repeatable)
@@ -390,7 +386,7 @@ pub struct ViewArgs {
 }
 
 impl ViewArgs {
-    /// What is changed in a scenario.
+    /// Returns the overrides of a scenario.
     pub fn overrides(self) -> Overrides {
         let setting = |text| Setting { option: "--set", text };
         Overrides {
@@ -404,41 +400,41 @@ impl ViewArgs {
     }
 }
 
-/// What `replay` takes.
+/// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// The journal that `run --journal` wrote, or the directory of its parts
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Stop at this scenario time, and show how every module stands there; if left out, at the end
+    /// Stop at this scenario time, and show the state of every module; default: the end
     #[arg(long, value_name = "T", value_parser = scenario_time)]
     pub until: Option<Time>,
-    /// Show what this module goes through; if left out, of none
+    /// Show the history of this module; default: none
     #[arg(long, value_name = "ID")]
     pub agent: Option<u32>,
-    /// Print nothing but errors
+    /// Print errors only
     #[arg(short, long)]
     pub quiet: bool,
 }
 
-/// What `resume` takes.
+/// Arguments of `resume`.
 #[derive(Debug, Args)]
 pub struct ResumeArgs {
     /// The journal of the run
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Write the report as JSON to a file, or to standard output with `-` (the text for people then
-    /// goes to standard error)
+    /// Write the report as JSON to a file, or to standard output with `-` (text for people then goes
+    /// to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
-    /// Write a report for people, with plots, to this file: one HTML page that can be sent to somebody
+    /// Write a report with plots to this file, as one self-contained HTML page
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
-    /// Show the run in the browser while it goes on and afterwards, until Ctrl-C; the address is
-    /// printed. Messages between processes are seen afterwards
+    /// Show the run in the browser during the run and afterwards, until Ctrl-C; the address is
+    /// printed. Messages between processes are shown afterwards
     #[arg(long)]
     pub view: bool,
-    /// Print nothing but errors, and JSON if asked for
+    /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
 }
@@ -459,7 +455,7 @@ impl From<ReplayArgs> for replay::Request {
     }
 }
 
-/// What `sweep` takes.
+/// Arguments of `sweep`.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
     /// The scenario, a TOML file (see deploy/scenarios for examples)
@@ -472,16 +468,16 @@ pub struct SweepArgs {
     /// combination is run)
     #[arg(long, value_name = "KEY=V1,V2,..", allow_hyphen_values = true)]
     pub vary: Vec<String>,
-    /// Runs at the same time; as many as there are processors, if left out
+    /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
     /// Write the results to files in this directory, which must be new or empty
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Go on with an interrupted sweep in DIR
+    /// Resume an interrupted sweep in DIR
     #[arg(long, requires = "out")]
     pub resume: bool,
-    /// Print nothing but errors
+    /// Print errors only
     #[arg(short, long)]
     pub quiet: bool,
 }
@@ -500,7 +496,7 @@ impl From<SweepArgs> for Request {
     }
 }
 
-/// What `reproduce` takes.
+/// Arguments of `reproduce`.
 #[derive(Debug, Args)]
 pub struct ReproduceArgs {
     /// Which tables and figures
@@ -509,17 +505,17 @@ pub struct ReproduceArgs {
     /// Random starts for every kind, strategy and order of seeds
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub seeds: u64,
-    /// Runs at the same time; as many as there are processors, if left out
+    /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
     /// Write every run and a report to files in this directory, which must be new or empty
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Write the numbers as JSON to a file, or to standard output with `-` (the text for people then
-    /// goes to standard error)
+    /// Write the numbers as JSON to a file, or to standard output with `-` (text for people then goes
+    /// to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
-    /// Print nothing but errors, and JSON if asked for
+    /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
 }
@@ -537,19 +533,19 @@ impl From<ReproduceArgs> for reproduce::Request {
     }
 }
 
-/// What `bench` takes.
+/// Arguments of `bench`.
 #[derive(Debug, Args)]
 pub struct BenchArgs {
-    /// What to measure; everything, if left out
+    /// What to measure; default: everything
     #[arg(value_enum, value_name = "NAME")]
     pub names: Vec<bench::Name>,
-    /// Leave out swarms of more than N modules; if left out, none is
+    /// Skip swarms of more than N modules; default: no limit
     #[arg(long, value_name = "N")]
     pub most: Option<u64>,
     /// Write the numbers to this file
     #[arg(long, value_name = "FILE", default_value = "bench.json")]
     pub json: PathBuf,
-    /// Print nothing but errors
+    /// Print errors only
     #[arg(short, long)]
     pub quiet: bool,
 }
@@ -560,40 +556,40 @@ impl From<BenchArgs> for bench::Request {
     }
 }
 
-/// How many scenarios are explored unless something else is asked for.
+/// Scenarios explored by default.
 const EXPLORED: u64 = 1_000;
 
-/// What `explore` takes.
+/// Arguments of `explore`.
 #[derive(Debug, Args)]
 pub struct ExploreArgs {
-    /// How many runs
-    #[arg(long, value_name = "N", help = format!("How many runs; {EXPLORED}, if this and --seconds are left out"), conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
+    /// Number of runs
+    #[arg(long, value_name = "N", help = format!("Number of runs; default without --seconds: {EXPLORED}"), conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
     pub runs: Option<u64>,
-    /// Stop after so many seconds, in which what fails is made small too; if left out, --runs decides
+    /// Stop after this many seconds, including shrinking; default: as --runs says
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     pub seconds: Option<u64>,
-    /// The seed of the first run; drawn, and printed, if left out
+    /// The seed of the first run; default: random, printed at the start
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub seed: Option<u64>,
-    /// One family of units only; if left out, all are drawn
+    /// One family of modules only; default: all
     #[arg(long, value_name = "FAMILY", value_parser = family_parser())]
     pub family: Option<FamilyArg>,
-    /// Runs at the same time; as many as there are processors, if left out
+    /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
     /// Write failing scenarios to this directory
     #[arg(long, value_name = "DIR", default_value = "explored")]
     pub out: PathBuf,
-    /// Write the numbers as JSON to a file, or to standard output with `-` (the text for people then
-    /// goes to standard error)
+    /// Write the numbers as JSON to a file, or to standard output with `-` (text for people then goes
+    /// to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
-    /// Print nothing but errors
+    /// Print errors only
     #[arg(short, long)]
     pub quiet: bool,
 }
 
-/// A family of units, as typed.
+/// A family of modules, as typed.
 #[derive(Clone, Copy)]
 pub struct FamilyArg(&'static dyn Family);
 
@@ -628,40 +624,40 @@ impl From<ExploreArgs> for explore::Request {
     }
 }
 
-/// More threads than this are a slip of the finger.
+/// Threads at most; more are taken for a typing error.
 const MAX_JOBS: NonZeroUsize = NonZeroUsize::new(1024).expect("invariant: 1024 is not 0");
 
-/// How many runs at the same time.
+/// Returns the number of concurrent runs.
 fn jobs(typed: Option<NonZeroUsize>) -> NonZeroUsize {
     let all = || std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     typed.unwrap_or_else(all).min(MAX_JOBS)
 }
 
-/// What `check` takes.
+/// Arguments of `check`.
 #[derive(Debug, Args)]
 pub struct CheckArgs {
-    /// What and how.
+    /// The scenario and its overrides.
     #[command(flatten)]
     pub plan: PlanArgs,
 }
 
-/// The help of an option that replaces a value of the scenario, which has a default of its own.
+/// Returns the help of an option that overrides a value of the scenario, which has its own default.
 fn left_out(what: &str, default: impl Display) -> String {
-    format!("{what}; if left out, the scenario's, or {default}")
+    format!("{what}; default: the scenario's, or {default}")
 }
 
-/// What makes a plan.
+/// The scenario and its overrides.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
     /// The scenario, a TOML file (see deploy/scenarios for examples)
     #[arg(value_name = "SCENARIO")]
     pub scenario: PathBuf,
-    /// What carries messages: `ipc` starts one process per module, `sim` simulates all in virtual
-    /// time, the same every time
+    /// The link: `ipc` starts one process per module, `sim` simulates all in virtual time,
+    /// deterministically
     #[arg(long, value_enum, default_value_t = LinkArg::Ipc)]
     pub link: LinkArg,
-    /// The seed of all chance in the run
-    #[arg(long, value_name = "N", help = left_out("The seed of all chance in the run", SEED))]
+    /// The seed of the run's randomness
+    #[arg(long, value_name = "N", help = left_out("The seed of the run's randomness", SEED))]
     pub seed: Option<u64>,
     /// Kill the process of module ID at time T; its body stays where it is (repeatable)
     #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
@@ -669,15 +665,15 @@ pub struct PlanArgs {
     /// Stop the process of module ID from one time to another (repeatable)
     #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
     pub pause: Vec<String>,
-    /// Start the process of module ID again at time T, without its memory; if it lives, it is
+    /// Restart the process of module ID at time T, without its memory; if it is alive, it is
     /// killed first (repeatable)
     #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
     pub restart: Vec<String>,
     /// Probability that a message is lost
     #[arg(long, value_name = "P", help = left_out("Probability that a message is lost", NEVER), allow_hyphen_values = true)]
     pub loss: Option<String>,
-    /// Delay of messages, T or T..T; on `ipc` it comes on top of the real one. If left out, the scenario's, or
-    /// on `sim` from a hundredth to a tenth of a move, on `ipc` none
+    /// Delay of messages, T or T..T; on `ipc` added to the real one. Default: the scenario's, or on
+    /// `sim` from a hundredth to a tenth of a move, on `ipc` none
     #[arg(long, value_name = "D", allow_hyphen_values = true)]
     pub delay: Option<String>,
     /// Probability that a message arrives twice
@@ -686,15 +682,15 @@ pub struct PlanArgs {
     /// Probability that a message is overtaken by later ones
     #[arg(long, value_name = "P", help = left_out("Probability that a message is overtaken by later ones", NEVER), allow_hyphen_values = true)]
     pub reorder: Option<String>,
-    /// Put a value into the scenario, for example link.loss=5% or goal.0.growth=solid (repeatable)
+    /// Set a value in the scenario, for example link.loss=5% or goal.0.growth=solid (repeatable)
     #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
     pub set: Vec<String>,
-    /// Scenario seconds per real second on `ipc`; `sim` is always as fast as it can be
-    #[arg(long, value_name = "X", help = left_out("Scenario seconds per real second on `ipc`; `sim` is always as fast as it can be", TIME_SCALE), allow_hyphen_values = true)]
+    /// Scenario seconds per real second on `ipc`; `sim` is always as fast as possible
+    #[arg(long, value_name = "X", help = left_out("Scenario seconds per real second on `ipc`; `sim` is always as fast as possible", TIME_SCALE), allow_hyphen_values = true)]
     pub time_scale: Option<String>,
 }
 
-/// What carries messages, as typed.
+/// The link, as typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LinkArg {
     /// One process per module, over shared memory
@@ -725,10 +721,10 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
     }
 }
 
-/// What the supervisor tells an agent process.
+/// Arguments of an agent process.
 #[derive(Debug, Args)]
 pub struct AgentArgs {
-    /// Passed on as they are.
+    /// Passed on unchanged.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     pub args: Vec<OsString>,
 }

@@ -1,4 +1,4 @@
-//! Carries commands out: from what was typed to an exit code.
+//! Executes commands: from parsed arguments to an exit code.
 
 use crate::cli::args::{Command, CommandLine, ResumeArgs, RunArgs, ViewArgs};
 use crate::cli::reference::{completions, man, schema};
@@ -37,42 +37,42 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use thiserror::Error;
 
-/// The program itself failed.
+/// Exit code: the program itself failed.
 const FAILED: u8 = 1;
-/// What was typed, or the scenario, is wrong.
+/// Exit code: the command line or the scenario is wrong.
 const BAD_USAGE: u8 = 2;
-/// A replay did not come as recorded.
+/// Exit code: a replay differs from the journal.
 const DIFFERENT: u8 = 8;
-/// A journal is damaged.
+/// Exit code: a journal is damaged.
 const DAMAGED: u8 = 9;
 
-/// Why a command did not get as far as an outcome.
+/// Why a command ended without an outcome.
 #[derive(Debug, Error)]
 enum Failure {
-    /// The scenario or an option is wrong; the text says all.
+    /// The scenario or an option is wrong.
     #[error("{0}")]
     Input(String),
-    /// A file cannot go where it shall, or could not be written after the run.
+    /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// Man pages cannot be made.
+    /// Man pages cannot be written.
     #[error("{path}: cannot write man pages there: {error}\n  fix: name a directory that is yours")]
     Pages {
-        /// Where.
+        /// The path.
         path: String,
-        /// Why.
+        /// The cause.
         error: std::io::Error,
     },
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(std::io::Error),
-    /// What a killed controller has left cannot be removed.
-    #[error("what a killed controller has left cannot be removed: {0}")]
+    /// The remains of a killed controller cannot be removed.
+    #[error("cannot remove what a killed controller left behind: {0}")]
     Watch(std::io::Error),
     /// The process link failed.
     #[error(transparent)]
     Processes(#[from] processes::ProcessError),
-    /// The journal cannot be begun.
+    /// The journal cannot be created.
     #[error("--journal: {0}")]
     Journal(JournalError),
     /// A journal cannot be replayed.
@@ -84,19 +84,19 @@ enum Failure {
     /// A file cannot be shown.
     #[error("metamorph: {0}, or a scenario that ends in .toml")]
     NoJournal(scribe::ReadError),
-    /// A journal is damaged; what comes before that is shown.
+    /// A journal is damaged; what comes before the damage was shown.
     #[error("metamorph: {0}")]
     Damaged(#[from] Damage),
     /// A run cannot be shown.
     #[error(transparent)]
     Server(#[from] ServerError),
-    /// There is no recording.
+    /// The recording cannot be made.
     #[error("metamorph: {0}")]
     Export(#[from] ExportError),
     /// An agent process ended with an error.
     #[error(transparent)]
     Agent(#[from] AgentProcessError),
-    /// There is no shape.
+    /// A shape cannot be read or shown.
     #[error(transparent)]
     Shape(#[from] ShapeError),
     /// An exploration failed.
@@ -108,13 +108,13 @@ enum Failure {
     /// A measurement's other process failed.
     #[error(transparent)]
     BenchPart(#[from] PartError),
-    /// The Roombots model has no answer.
+    /// The Roombots model cannot answer.
     #[error("metamorph: {0}")]
     Robot(#[from] RobotError),
 }
 
 impl Failure {
-    /// What is wrong with a journal, if that is the reason.
+    /// Returns the journal error that caused this, if any.
     fn journal(&self) -> Option<&JournalError> {
         match self {
             Failure::Replay(ReplayError::Journal(error))
@@ -147,12 +147,12 @@ impl Failure {
     }
 }
 
-/// Does what these arguments (the program's name first) ask for.
+/// Executes the command given by the arguments (the first is the program's name).
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let since = Stopwatch::start();
     let args: Vec<OsString> = args.into_iter().collect();
-    // Thousands of these are started at a time: reading a command line for people costs each of them
-    // milliseconds, and memory that it keeps.
+    // Agents are started by the thousand: parsing the full command line costs each of them milliseconds, and
+    // memory that it keeps.
     if let Some(done) = short_cut(&args) {
         return match done {
             Ok(()) => ExitCode::SUCCESS,
@@ -179,24 +179,25 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
 }
 
-/// Shows help, or what is wrong with a command line. Clap knows which stream and which colours that gets.
+/// Prints help or a usage error. Clap chooses the stream and the colours.
 fn refuse(error: &clap::Error, args: &[OsString]) -> u8 {
     if !error.use_stderr() {
         note(error.print().and_then(|()| std::io::stdout().flush()));
         return unless_out_failed(0);
     }
-    // Clap quotes what is wrong, so it is shown what would be wrong with the harmless form of that.
+    // Clap quotes the arguments, so let it report on their escaped form.
     let shown = args.iter().map(|arg| arg.to_string_lossy().shown());
     let harmless = CommandLine::try_parse_from(shown).err().filter(clap::Error::use_stderr);
     match harmless {
-        // There is nowhere left to say that this failed.
+        // A failure here cannot be reported anywhere.
         Some(error) => drop(error.print()),
         None => complain(&error.to_string()),
     }
     BAD_USAGE
 }
 
-/// The exit code, unless standard output could not be written: then what it stands for was not seen.
+/// Returns the exit code, or [`FAILED`] if standard output could not be written: then the result was not
+/// seen.
 fn unless_out_failed(code: u8) -> u8 {
     let Some(why) = terminal::failure() else { return code };
     complain(&format!(
@@ -205,7 +206,7 @@ fn unless_out_failed(code: u8) -> u8 {
     FAILED
 }
 
-/// Becomes an agent if the arguments are those that a swarm of this program starts its agents with.
+/// Runs as an agent if the arguments are those that a swarm starts its agents with.
 fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
     match args {
         [_, agent, dashes, rest @ ..] if agent == "agent" && dashes == "--" => {
@@ -294,7 +295,7 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
     outputs.reads("the scenario", &path);
     plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
     if let Some(file) = &args.journal {
-        // It is written while the run goes on, so this is about whether it can be.
+        // The journal is written during the run; only its permission is checked here.
         outputs.writes("--journal", file)?;
     }
     let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
@@ -335,7 +336,7 @@ fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u
     show.end(&plan, &report, Some(&args.file))
 }
 
-/// What shall become of a run, besides its end.
+/// The requested outputs of a run.
 struct Asked {
     json: Option<PathBuf>,
     html: Option<PathBuf>,
@@ -343,7 +344,7 @@ struct Asked {
     quiet: bool,
 }
 
-/// Whoever looks at a run: the page while it goes on, the reports afterwards.
+/// Observers of a run: the page during it, the reports afterwards.
 struct Show {
     json: Json,
     html: Option<Output>,
@@ -374,7 +375,7 @@ impl Show {
         Ok(Show { json, html, view, quiet, scene, interrupt: interrupt.clone() })
     }
 
-    /// Where records go so that they are seen.
+    /// Returns the log that records go to so that they are shown.
     fn log(&self, plan: &Plan) -> Option<Log> {
         self.scene.as_ref().map(|scene| family::of(plan).shown(plan).scribe(scene.clone()))
     }
@@ -385,10 +386,10 @@ impl Show {
             finish(scene, plan, report, journal);
         }
         let channel = Channel::beside(json.is_out(), quiet);
-        // The terminal is where the command was typed; the report goes elsewhere.
+        // The terminal repeats the command as typed here; files may be read elsewhere.
         let here = Report { repeat: plan.repeat_here(), ..report.clone() };
         channel.say(&human(&here, plan.swarm.words(), channel.paint()));
-        // Each is written even if the other cannot be.
+        // Write each, even if another fails.
         let written = json.write(report);
         if let (Some(file), Some(scene)) = (&html, &scene) {
             let scene = scene.lock();
@@ -404,31 +405,31 @@ impl Show {
     }
 }
 
-/// Serves a scene, and says where.
+/// Serves a scene, and returns the text with its address.
 fn address(scene: &Shared) -> Result<String, ServerError> {
     let server = Server::start(scene.clone())?;
-    Ok(format!("look at it at {}\nCtrl-C ends it", server.address()))
+    Ok(format!("open {} in a browser\nCtrl-C ends it", server.address()))
 }
 
-/// Ends a scene with the report. What processes have said to each other is in their journal only.
+/// Ends a scene with the report. Messages between processes are in the journal only.
 fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) {
     if plan.overrides.link == LinkKind::Ipc
         && let Some(journal) = journal
     {
         match recorded(journal) {
             Ok((mut whole, None)) => {
-                // Before a page can see it: a page asks no more once a run is over.
+                // First complete the scene: a page stops asking once a run is over.
                 whole.finish(report.clone());
                 return scene.replace(whole);
             }
-            Ok((_, Some(damage))) => tracing::warn!("the page goes without messages: {damage}"),
-            Err(error) => tracing::warn!("the page goes without messages: {error}"),
+            Ok((_, Some(damage))) => tracing::warn!("the page shows no messages: {damage}"),
+            Err(error) => tracing::warn!("the page shows no messages: {error}"),
         }
     }
     scene.lock().finish(report.clone());
 }
 
-/// The scene of a journal, up to where it is damaged.
+/// Reads the scene of a journal, up to its damage.
 fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scribe::ReadError> {
     let mut journal = Journal::open(file)?;
     let plan = plan_of(families(), journal.head())?;
@@ -471,7 +472,7 @@ fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, F
     Ok(0)
 }
 
-/// Waits until the page is no longer wanted. Without its address there is no page to look at.
+/// Waits until the page is no longer wanted. Returns at once if its address cannot be printed.
 fn wait_for_end(interrupt: &Interrupt) {
     if terminal::failure().is_none() {
         interrupt.wait();
@@ -482,7 +483,7 @@ fn log_to_stderr(verbose: u8) {
     let level = ["warn", "info", "debug", "trace"][usize::from(verbose.min(3))];
     let filter = tracing_subscriber::EnvFilter::try_from_env("METAMORPH_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(level));
-    // Fails only if a subscriber is there already, which then does the job.
+    // Fails only if a subscriber is already installed.
     let _ = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)

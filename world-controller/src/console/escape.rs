@@ -1,19 +1,19 @@
-//! Text that this program did not make (names in scenarios and journals, names of files, words of the
-//! command line) on its way to a person: characters that play with a terminal are escaped, and what is
-//! too long is cut. Absent: printing (see `terminal`, which escapes once more whatever it is given).
+//! Prepares text from outside the program (names in scenarios and journals, file names, command-line words)
+//! for display: escapes control characters and truncates long text. Absent: printing (see `terminal`, which
+//! escapes its input again).
 
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt::Write;
 use std::path::Path;
 
-/// The most characters of a name that are shown.
+/// Characters of a name shown at most.
 const LONGEST_NAME: usize = 200;
-/// The most characters of a path that are shown.
+/// Characters of a path shown at most.
 const LONGEST_PATH: usize = 400;
 
-/// Whether a character is not itself printed, but changes what is: controls (C0 and C1), marks that
-/// change the direction of text, other invisible marks, separators of lines, noncharacters.
+/// Returns true if `c` is not printed itself but changes what is: controls (C0 and C1), direction marks,
+/// other invisible marks, line separators, noncharacters.
 pub fn is_control(c: char) -> bool {
     c.is_control()
         || matches!(c,
@@ -22,7 +22,7 @@ pub fn is_control(c: char) -> bool {
             | '\u{e0000}'..='\u{e007f}')
 }
 
-/// The text with its control characters, except those that `keep` names, written as in Rust: `\u{1b}`.
+/// Escapes control characters as in Rust (`\u{1b}`), except those that `keep` accepts.
 pub fn escape(text: &str, keep: impl Fn(char) -> bool) -> Cow<'_, str> {
     let hostile = |c: char| is_control(c) && !keep(c);
     if !text.contains(hostile) {
@@ -40,9 +40,9 @@ pub fn escape(text: &str, keep: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(escaped)
 }
 
-/// Text from outside as a person reads it.
+/// Text from outside, made fit for display.
 pub trait Shown {
-    /// One line without control characters, cut if it is very long.
+    /// Returns one line without control characters, truncated if very long.
     fn shown(&self) -> String;
 }
 
@@ -52,7 +52,7 @@ impl Shown for str {
     }
 }
 
-/// One line of at most `most` characters, with an ellipsis if there are more.
+/// Returns one line of at most `most` characters, with an ellipsis if text was cut.
 pub fn line(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         None => escape(text, |_| false).into_owned(),
@@ -61,7 +61,7 @@ pub fn line(text: &str, most: usize) -> String {
 }
 
 impl Shown for Path {
-    /// The end of a path says more than its beginning.
+    /// Keeps the end of a path, which says more than its beginning.
     fn shown(&self) -> String {
         let text = self.to_string_lossy();
         match text.char_indices().rev().nth(LONGEST_PATH) {
@@ -71,23 +71,22 @@ impl Shown for Path {
     }
 }
 
-/// The name of a file in what is written to be passed on: as it was typed, if that is seen from the
-/// working directory, and otherwise its last part. Where it lies on this machine is no business of others.
+/// Returns a file's name for output that is passed on: the path as typed if it is relative, otherwise its
+/// last part, so that the output does not reveal the directories of this machine.
 pub fn portable(path: &Path) -> String {
     let name = if path.is_absolute() { path.file_name().map_or(path, Path::new) } else { path };
     name.to_string_lossy().into_owned()
 }
 
-/// A value as JSON to be read by programs and people. Control characters stand as `\uXXXX`, so that the
-/// text does no harm on a terminal and means the same.
+/// Formats a value as JSON for programs and terminals: control characters are written as `\uXXXX`.
 pub fn json(value: &impl Serialize) -> String {
     let text = serde_json::to_string_pretty(value)
-        .expect("invariant: what is written is made of plain values, text keys and finite numbers");
+        .expect("invariant: the value consists of plain values, text keys and finite numbers");
     let hostile = |c: char| is_control(c) && c != '\n';
     if !text.contains(hostile) {
         return text;
     }
-    // Outside of texts JSON has no such characters.
+    // JSON contains such characters only inside strings.
     text.chars().fold(String::with_capacity(text.len() + 16), |mut out, c| {
         if hostile(c) {
             for unit in c.encode_utf16(&mut [0; 2]) {

@@ -1,7 +1,7 @@
-//! How numbers are written in texts for people: one form for each kind of number, and a noun that agrees
-//! with it. Absent: JSON and CSV, which hold plain numbers.
+//! Number formats for human-readable text: one per kind of number, and nouns that agree with their number.
+//! Absent: JSON and CSV, which hold plain numbers.
 
-/// With a comma after each group of three digits.
+/// Formats an integer with a comma after each group of three digits.
 pub fn count(n: u64) -> String {
     let digits = n.to_string();
     let mut out = String::new();
@@ -14,7 +14,7 @@ pub fn count(n: u64) -> String {
     out
 }
 
-/// A number with its noun, given in the singular: `1 move`, `1,058 moves`, `2 processes`.
+/// Formats a number with its noun, given in the singular: `1 move`, `1,058 moves`, `2 processes`.
 pub fn many(n: u64, noun: &str) -> String {
     let ending = match (n, noun.ends_with('s')) {
         (1, _) => "",
@@ -24,7 +24,7 @@ pub fn many(n: u64, noun: &str) -> String {
     format!("{} {noun}{ending}", count(n))
 }
 
-/// An amount of data, in thousands and millions of bytes.
+/// Formats an amount of data in B, kB, MB or GB (powers of 1000).
 pub fn bytes(n: u64) -> String {
     let in_units = |unit: u64, name: &str| {
         let tenths = (n + unit / 20) / (unit / 10);
@@ -41,7 +41,7 @@ pub fn bytes(n: u64) -> String {
     }
 }
 
-/// A length of time in seconds, as short as it can be said.
+/// Formats a duration in seconds, as short as possible.
 pub fn seconds(s: f64) -> String {
     if s < 0.000_5 {
         "0 s".to_owned()
@@ -53,17 +53,17 @@ pub fn seconds(s: f64) -> String {
     }
 }
 
-/// How often something happened in each second.
+/// Formats a rate per second.
 pub fn rate(n: u64, seconds: f64) -> String {
     format!("{} a second", count((n as f64 / seconds.max(1e-9)) as u64))
 }
 
-/// A share in whole percent, rounded down, so that only all of it is 100%.
+/// Formats a share in whole percent, rounded down: 100% means all.
 pub fn whole_percent(part: u64, whole: u64) -> String {
     format!("{}%", part * 100 / whole.max(1))
 }
 
-/// Numbers of modules, the first few of them: `1, 2 and 3`, or `1, 2, 3 and 40 more`.
+/// Lists the first `most` module ids: `1, 2 and 3`, or `1, 2, 3 and 40 more`.
 pub fn listed(ids: &[u32], most: usize) -> String {
     let shown: Vec<String> = ids.iter().take(most).map(u32::to_string).collect();
     match (ids.len().saturating_sub(most), shown.as_slice()) {
@@ -73,8 +73,8 @@ pub fn listed(ids: &[u32], most: usize) -> String {
     }
 }
 
-/// Joins parts with two spaces, as many from the front as fit into `width` columns. A part that does not
-/// fit is left out whole; only the first one is cut.
+/// Joins as many leading parts as fit into `width` columns with two spaces. A part that does not fit is left
+/// out whole; only the first one is cut.
 pub fn fitting<'a>(parts: impl IntoIterator<Item = &'a str>, width: usize) -> String {
     let mut line = String::new();
     for part in parts {
@@ -88,17 +88,17 @@ pub fn fitting<'a>(parts: impl IntoIterator<Item = &'a str>, width: usize) -> St
     line
 }
 
-/// A hash as it is written in reports.
+/// Formats a hash as in reports.
 pub fn digits(hash: u64) -> String {
     format!("{hash:016x}")
 }
 
-/// A share in percent with one digit more.
+/// Formats a share in percent with one decimal.
 pub fn percent(share: f64) -> String {
     format!("{:.1}%", share * 100.0)
 }
 
-/// A number with as many digits as one wants to read.
+/// Formats a number with a readable number of digits.
 pub fn number(n: f64) -> String {
     match n {
         1_000.0.. => count(n.round() as u64),

@@ -1,6 +1,7 @@
-//! SIGINT (Ctrl-C), SIGTERM and SIGHUP. Before a command has begun anything, the first one ends the program. From
-//! then on the first asks the command to end in order, with a partial report, and the second to hurry; the
-//! program ends by returning from `main` in both cases, so that everything temporary is removed.
+//! SIGINT (Ctrl-C), SIGTERM and SIGHUP. Before a command calls [`Interrupt::begin`], the first signal ends
+//! the program. Afterwards the first signal asks the command to end in order, with a partial report, and the
+//! second asks it to hurry; in both cases the program returns from `main`, so that everything temporary is
+//! removed.
 //!
 //! A SIGHUP that is ignored when the program starts (`nohup`) stays ignored.
 
@@ -16,13 +17,13 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Whether a signal has asked the program to end.
+/// True once a signal has asked the program to end.
 #[derive(Clone, Debug, Default)]
 pub struct Interrupt(Arc<Bell>);
 
 #[derive(Debug, Default)]
 struct Bell {
-    /// A copy of `Desk::signals > 0` that costs nothing to look at.
+    /// Mirrors `Desk::signals > 0`, to be read without the lock.
     rung: AtomicBool,
     desk: Mutex<Desk>,
     ring: Condvar,
@@ -30,18 +31,18 @@ struct Bell {
 
 #[derive(Debug, Default)]
 struct Desk {
-    /// Whether there is something to end in order.
+    /// True once there is something to end in order.
     begun: bool,
     signals: u32,
-    /// Swarms to pass the request on to.
+    /// Swarms that the request is passed on to.
     swarms: Vec<Shutdown>,
 }
 
-/// The one of this process.
+/// The instance of this process.
 static LISTENING: Mutex<Option<Interrupt>> = Mutex::new(None);
 
 impl Interrupt {
-    /// Listens for signals from now on, on a thread of its own. All calls give the same.
+    /// Listens for signals on a thread of its own. All calls return the same instance.
     pub fn listen() -> io::Result<Interrupt> {
         let mut listening = LISTENING.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(interrupt) = &*listening {
@@ -58,24 +59,24 @@ impl Interrupt {
         Ok(interrupt)
     }
 
-    /// From now on there is something to end in order. Does not come back if a signal came before.
+    /// Declares that there is something to end in order. Does not return if a signal came before.
     pub fn begin(&self) {
         self.desk().begun = true;
     }
 
-    /// Passes the request on to a swarm, even if it came before.
+    /// Passes the request on to a swarm, even if it was made before this call.
     pub fn pass_on(&self, swarm: &Shutdown) {
         let mut desk = self.desk();
         (0..desk.signals).for_each(|_| swarm.request());
         desk.swarms.push(swarm.clone());
     }
 
-    /// Whether the command shall end.
+    /// Returns true if the command is asked to end.
     pub fn is_set(&self) -> bool {
         self.0.rung.load(Ordering::Relaxed)
     }
 
-    /// Comes back when the command shall end.
+    /// Blocks until the command is asked to end.
     pub fn wait(&self) {
         let rung = self.0.ring.wait_while(self.desk(), |desk| desk.signals == 0);
         drop(rung.unwrap_or_else(PoisonError::into_inner));
@@ -87,7 +88,7 @@ impl Interrupt {
         desk.signals = desk.signals.saturating_add(1);
         self.0.rung.store(true, Ordering::Relaxed);
         if !desk.begun {
-            // The lock is kept, so that nothing begins meanwhile.
+            // Keep the lock, so that nothing begins meanwhile.
             say(&format!("metamorph: ended by {name}; there is nothing to undo"));
             #[allow(clippy::disallowed_methods, reason = "nothing temporary is owned before `begin`")]
             std::process::exit(Outcome::Aborted.exit_code().into());
@@ -106,14 +107,14 @@ impl Interrupt {
     }
 }
 
-/// Says something below a line that is being written over.
+/// Prints a message below a progress line.
 fn say(text: &str) {
     use std::io::IsTerminal as _;
     let fresh = if std::io::stderr().is_terminal() { "\r\x1b[2K" } else { "" };
     complain(&format!("{fresh}{text}"));
 }
 
-/// Whether this process was started with a signal ignored.
+/// Returns true if this process was started with the signal ignored.
 fn is_ignored(signal: i32) -> bool {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

@@ -1,14 +1,14 @@
-//! Files that commands write: which ones they may, and how.
+//! Output files: which ones a command may write, and how.
 //!
-//! A command names to [`Outputs`] what it reads and asks it for every file that it will write. It refuses
-//! a file that is also read, or written twice, by identity: device and inode, through symbolic and hard
-//! links, also of a file that does not exist yet. What is written appears at the end and as a whole: it
-//! goes to a file without a name in the same directory, which takes the name when it is complete. So a
-//! file that was there is never half overwritten, and nothing is left behind, however the program ends.
-//! Devices, pipes and descriptors (`/dev/stdout`) are written as they are.
+//! A command registers its input files with [`Outputs`] and requests each output file from it. A file that is
+//! also read, or written twice, is refused by identity: device and inode, through symbolic and hard links,
+//! also for a file that does not exist yet. Output appears at the end and as a whole: it is written to an
+//! unnamed file in the same directory, which is linked to the name when complete. So an existing file is
+//! never half overwritten, and nothing is left behind however the program ends. Devices, pipes and
+//! descriptors (`/dev/stdout`) are written directly.
 //!
-//! Absent: directories of results (see `sweep::store`), and journals of runs that go on, which are
-//! written piece by piece because they are for runs that do not come to their end.
+//! Absent: result directories (see `sweep::store`), and journals of active runs, which are written piece by
+//! piece because they are for runs that are killed.
 
 use crate::console::escape::{Shown, json};
 use crate::console::terminal::print_data;
@@ -24,42 +24,42 @@ use std::path::{Path, PathBuf};
 use tempfile::{Builder, TempPath};
 use thiserror::Error;
 
-/// The most symbolic links that are followed.
+/// Symbolic links followed at most.
 const MAX_LINKS: usize = 40;
 
 /// Why a file cannot be written.
 #[derive(Debug, Error)]
 pub enum OutputError {
-    /// It is needed for something else.
+    /// The file is already used for something else.
     #[error("{name}: this is the same file as {other}\n  fix: name another file")]
     Same {
-        /// What asked for it, and its name.
+        /// The option that names the file, and the file's name.
         name: String,
-        /// What else it is.
+        /// The other use of the file.
         other: String,
     },
-    /// It cannot go where it shall.
+    /// The destination is not writable.
     #[error("{name}: cannot write there: {error}\n  fix: {fix}")]
     Unwritable {
-        /// What asked for it, and its name.
+        /// The option that names the file, and the file's name.
         name: String,
-        /// Why.
+        /// The cause.
         error: io::Error,
-        /// The way out.
+        /// What to do about it.
         fix: &'static str,
     },
-    /// It could not be written in the end.
-    #[error("{name}: it could not be written: {error}; what was there before is unchanged")]
+    /// Writing or renaming failed.
+    #[error("{name}: cannot write: {error}; the previous content is unchanged")]
     Write {
-        /// What asked for it, and its name.
+        /// The option that names the file, and the file's name.
         name: String,
-        /// Why.
+        /// The cause.
         error: io::Error,
     },
 }
 
 impl OutputError {
-    /// Whether what was typed is to blame, and not the disk.
+    /// Returns true if the command line is at fault, not the disk.
     pub fn is_input(&self) -> bool {
         !matches!(self, OutputError::Write { .. })
     }
@@ -68,9 +68,9 @@ impl OutputError {
 /// What makes two names the same file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Identity {
-    /// Device and inode.
+    /// An existing file: device and inode.
     There(u64, u64),
-    /// Device and inode of the directory, and the name in it.
+    /// A file yet to be created: device and inode of its directory, and its name.
     Not(u64, u64, OsString),
 }
 
@@ -87,7 +87,7 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// A command that reads nothing so far, and writes to standard output.
+    /// Returns the registry of a command that writes to standard output and reads nothing yet.
     pub fn new() -> Outputs {
         let out = io::stdout().as_fd().try_clone_to_owned().map(File::from);
         let mut outputs = Outputs::default();
@@ -97,27 +97,31 @@ impl Outputs {
         outputs
     }
 
-    /// Notes a file that the command reads; what is no regular file cannot be overwritten by mistake.
+    /// Registers an input file. Special files are not registered: they cannot be overwritten by mistake.
     pub fn reads(&mut self, what: &str, path: &Path) {
         if let Some(file) = fs::metadata(path).ok().filter(Metadata::is_file) {
             self.taken.push((Identity::of(&file), format!("{what} {}", path.shown())));
         }
     }
 
-    /// Notes all files of a directory that the command reads.
+    /// Registers all files of an input directory.
     pub fn reads_directory(&mut self, what: &str, path: &Path) {
         for entry in fs::read_dir(path).into_iter().flatten().flatten() {
             self.reads(what, &entry.path());
         }
     }
 
-    /// A file that may be there already; `option` is what asked for it. Found out now, and not after a
-    /// long run, is whether it can be written. What is there stays until the end.
+    /// Registers an output file that may exist; `option` is the option that names it. Checks now, not after a
+    /// long run, that it can be written. An existing file is kept until the end.
     pub fn writes(&mut self, option: &str, path: &Path) -> Result<Output, OutputError> {
         self.output(option, path, Before::Any)
     }
 
-    /// A file that must not be there yet.
+    /// Registers an output file that must not exist yet.
+    ///
+    /// # Errors
+    ///
+    /// The file exists, its directory is not writable, or it is used for something else.
     pub fn creates(&mut self, option: &str, path: &Path) -> Result<Output, OutputError> {
         self.output(option, path, Before::Nothing)
     }
@@ -144,7 +148,7 @@ impl Outputs {
     }
 }
 
-/// What may be there before a file is written.
+/// What may exist at the destination before a file is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Before {
     Any,
@@ -167,12 +171,12 @@ impl Output {
         self.finish(draft)
     }
 
-    /// Begins what will be the file.
+    /// Creates the unnamed file that will become the output.
     pub fn begin(&self) -> Result<Draft, OutputError> {
         Draft::of(&self.target).map_err(|error| self.failed(error))
     }
 
-    /// Gives the name of the file to what was begun.
+    /// Gives the complete file its name.
     pub fn finish(&self, draft: Draft) -> Result<(), OutputError> {
         draft.finish(&self.target, self.before).map_err(|error| self.failed(error))
     }
@@ -182,13 +186,13 @@ impl Output {
     }
 }
 
-/// Where something goes.
+/// The destination of an output.
 #[derive(Debug)]
 enum Target {
-    /// Something that is written as it is. Kept open, because the reader of a pipe would take closing it
-    /// for the end.
+    /// A stream, written directly. It is kept open, because the reader of a pipe would take closing for the
+    /// end.
     Stream(File),
-    /// A regular file, or none yet: at this place, which is no link.
+    /// A regular file, existing or not, at a path that is no symbolic link.
     File(PathBuf),
 }
 
@@ -218,7 +222,7 @@ impl Target {
         Ok(Some(Identity::Not(directory.dev(), directory.ino(), name)))
     }
 
-    /// Whether it can be written; changes nothing.
+    /// Checks that the destination can be written; changes nothing.
     fn check(&self, before: Before) -> io::Result<()> {
         let Target::File(path) = self else {
             return match before {
@@ -228,7 +232,7 @@ impl Target {
         };
         match (fs::symlink_metadata(path), before) {
             (Ok(_), Before::Nothing) => return Err(Errno::EXIST.into()),
-            // Renaming would replace also what may not be written.
+            // Renaming would also replace a file without write permission.
             (Ok(_), Before::Any) => drop(OpenOptions::new().append(true).open(path)?),
             (Err(_), _) => {}
         }
@@ -236,16 +240,16 @@ impl Target {
     }
 }
 
-/// A file on its way.
+/// An incomplete output file.
 #[derive(Debug)]
 pub struct Draft {
     file: File,
-    /// Its name, on filesystems that have no files without one.
+    /// Its temporary name, on filesystems without unnamed files.
     named: Option<TempPath>,
 }
 
 impl Draft {
-    /// A file to write to. What is written through it is part of the draft.
+    /// Returns a handle to write the draft with.
     pub fn handle(&self) -> io::Result<File> {
         self.file.try_clone()
     }
@@ -273,15 +277,15 @@ impl Draft {
             Before::Nothing => None,
         };
         if let Some(old) = &old {
-            // Whose it is can be changed by the superuser only; its new owner is at least no stranger.
+            // Fails unless run by the superuser; the file then belongs to this user.
             let _ = std::os::unix::fs::fchown(&self.file, Some(old.uid()), Some(old.gid()));
             self.file.set_permissions(Permissions::from_mode(old.mode()))?;
-            // What replaces something is on the disk before that is given up.
+            // The replacement is on the disk before the old file is given up.
             self.file.sync_all()?;
         }
         let Some(named) = self.named else {
             return match link(&self.file, path) {
-                // A link replaces nothing, so it goes beside first.
+                // A link does not replace a file: link to a temporary name first, then rename.
                 Err(Errno::EXIST) if before == Before::Any => {
                     let beside = |name: &Path| link(&self.file, name).map_err(io::Error::from);
                     let beside = Builder::new().prefix(".metamorph-").make_in(directory(path), beside)?;
@@ -298,7 +302,7 @@ impl Draft {
     }
 }
 
-/// Gives a name to a file that has none.
+/// Links an unnamed file to a name.
 fn link(file: &File, name: &Path) -> rustix::io::Result<()> {
     let from = format!("/proc/self/fd/{}", file.as_raw_fd());
     rustix::fs::linkat(CWD, from, CWD, name, AtFlags::SYMLINK_FOLLOW)
@@ -312,15 +316,15 @@ fn directory(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Where a name leads.
+/// What a path resolves to.
 enum Place {
-    /// To a descriptor of this process.
+    /// A descriptor of this process.
     Descriptor(PathBuf),
-    /// To a place in a directory that exists, which is no symbolic link.
+    /// A place in an existing directory, which is no symbolic link.
     File(PathBuf),
 }
 
-/// Follows symbolic links, also those that lead to nothing yet.
+/// Follows symbolic links, also dangling ones.
 fn place(path: &Path) -> io::Result<Place> {
     let mut path = path.to_owned();
     for _ in 0..MAX_LINKS {
@@ -339,10 +343,10 @@ fn place(path: &Path) -> io::Result<Place> {
     Err(Errno::LOOP.into())
 }
 
-/// Opens a device, a pipe or a descriptor, and does not wait for a reader.
+/// Opens a device, a pipe or a descriptor, without waiting for a reader.
 fn stream(path: &Path) -> io::Result<File> {
     if path.file_name().is_some_and(|name| name == "1") && path.starts_with("/proc") {
-        // Opened anew it would begin at the start of a file and overwrite what was printed.
+        // Opened anew, it would start at offset 0 of a file and overwrite what was printed.
         return io::stdout().as_fd().try_clone_to_owned().map(File::from);
     }
     let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;
@@ -355,19 +359,19 @@ fn stream(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Where the numbers of a command go as JSON: `--json FILE|-`.
+/// The destination of a command's JSON: `--json FILE|-`.
 #[derive(Debug)]
 pub enum Json {
-    /// They are not wanted.
+    /// No JSON.
     Nowhere,
-    /// To standard output.
+    /// Standard output.
     Out,
-    /// To a file.
+    /// A file.
     File(Output),
 }
 
 impl Json {
-    /// From what was typed.
+    /// Interprets the option.
     pub fn of(option: Option<&Path>, outputs: &mut Outputs) -> Result<Json, OutputError> {
         Ok(match option {
             None => Json::Nowhere,
@@ -376,12 +380,12 @@ impl Json {
         })
     }
 
-    /// Whether text for people has to go elsewhere.
+    /// Returns true if standard output is taken, so that human-readable text goes elsewhere.
     pub fn is_out(&self) -> bool {
         matches!(self, Json::Out)
     }
 
-    /// Writes the numbers.
+    /// Writes a value as JSON.
     pub fn write(&self, numbers: &impl Serialize) -> Result<(), OutputError> {
         match self {
             Json::Nowhere => {}
@@ -404,8 +408,8 @@ mod tests {
         names
     }
 
-    /// What is written has the old permissions, a link stays one, and nothing else is in the directory:
-    /// not while it is written, not when it is given up, not at the end.
+    /// A replaced file keeps its permissions, a link stays a link, and the directory contains nothing else:
+    /// not while writing, not after giving up, not at the end.
     #[test]
     fn a_file_appears_as_a_whole_or_not_at_all() {
         let dir = tempfile::tempdir().unwrap();
@@ -443,7 +447,7 @@ mod tests {
             );
             assert_eq!(fs::metadata(&old).unwrap().mode() & 0o777, 0o640);
             assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
-            // What has come meanwhile is not replaced by what shall be new.
+            // A file created meanwhile is not replaced by `creates`.
             assert!(matches!(fresh.write("again"), Err(OutputError::Write { .. })));
             assert_eq!(fs::read(&new).unwrap(), b"after");
             fs::remove_file(&new).unwrap();

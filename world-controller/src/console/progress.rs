@@ -1,36 +1,35 @@
-//! The line that shows how far a run has come: a bar, the filled goal cells, who is alive, messages a
-//! second, and how long it may still take. A plain function of what was seen at which time. Absent:
-//! clocks, and the terminal (see `terminal`).
+//! The progress line of a run: bar, filled goal cells, live agents, messages per second, estimated time left.
+//! A pure function of observations and their times. Absent: clocks, and the terminal (see `terminal`).
 
 use crate::console::format::{count, fitting, many, seconds};
 use std::collections::VecDeque;
 use std::fmt;
 use std::time::Duration;
 
-/// How far a run has come.
+/// The progress of a run at one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Status {
     /// Scenario time, in seconds.
     pub now_s: f64,
-    /// Which goal is being built, from 1, and how many there are.
+    /// The number of the current goal, from 1, and the number of goals.
     pub stage: (u16, u16),
-    /// Parts of this goal that are filled.
+    /// Filled parts of the current goal.
     pub filled: u64,
-    /// Its parts.
+    /// Parts of the current goal.
     pub goal: u64,
-    /// What the parts are called.
+    /// Name of the parts, in the plural.
     pub parts: &'static str,
-    /// Processes, or agents, that are alive.
+    /// Live processes or agents.
     pub alive: u64,
     /// Moves completed.
     pub moves: u64,
-    /// Messages sent, if that is known while a run is under way.
+    /// Messages sent, if known during the run.
     pub messages: Option<u64>,
-    /// The speed of the clock, as a share of the scenario's.
+    /// The speed of the clock relative to the scenario's speed.
     pub speed: f64,
 }
 
-/// Without anything that follows from what was seen before.
+/// Formats what is known without earlier observations.
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Status { filled, goal, parts, alive, moves, now_s, .. } = self;
@@ -46,33 +45,33 @@ impl fmt::Display for Status {
     }
 }
 
-/// Rates are those of the last so long.
+/// Rates are computed over this time.
 const MEMORY: Duration = Duration::from_secs(10);
-/// Nothing is said about the end before so much has been seen.
+/// No estimate is shown before this much time was observed.
 const LEARNING: Duration = Duration::from_secs(1);
-/// A clock as fast as this share of its speed is not called slow.
+/// Relative clock speed from which the clock is not called slow.
 const UNSLOWED: f64 = 0.95;
-/// Characters of the bar.
+/// Width of the bar in characters.
 const BAR: u64 = 10;
 
-/// What was seen lately.
+/// Recent observations.
 #[derive(Clone, Debug, Default)]
 pub struct Gauge {
     stage: (u16, u16),
-    /// When, how many parts of the goal were filled, how many messages were sent.
+    /// Time, filled parts of the goal, messages sent.
     seen: VecDeque<(Duration, u64, u64)>,
 }
 
 impl Gauge {
-    /// The line for what is seen now, no longer than `width`: what matters most first, and nothing cut in
-    /// the middle. `at` is real time since some start.
+    /// Returns the line for an observation, at most `width` columns: the most important parts first, none cut
+    /// in the middle. `at` is real time since any fixed start.
     pub fn line(&mut self, at: Duration, status: &Status, width: usize) -> String {
         if self.stage != status.stage {
-            // Another goal has other cells.
+            // Another goal has other cells: forget the observations.
             (self.stage, self.seen) = (status.stage, VecDeque::new());
         }
         self.seen.push_back((at, status.filled, status.messages.unwrap_or(0)));
-        // The one before the span begins is kept, so that the span is covered.
+        // Keep the last observation before the window, so that the window is covered.
         while self.seen.get(1).is_some_and(|(second, ..)| at.saturating_sub(*second) >= MEMORY) {
             self.seen.pop_front();
         }
@@ -140,7 +139,7 @@ mod tests {
         for second in 1..30 {
             gauge.line(at(second), &status(100, Some(second * 1_000)), 200);
         }
-        // Nothing was filled for ten seconds: nobody knows how long that will go on.
+        // Nothing was filled for ten seconds: no estimate.
         let still = gauge.line(at(30), &status(100, Some(30_000)), 200);
         assert!(still.contains("1,000 messages/s") && !still.contains("left"), "{still}");
         let line = gauge.line(at(31), &status(200, Some(41_000)), 200);
@@ -159,7 +158,7 @@ mod tests {
         assert!(full.starts_with("[##########] 100%  400 of 400") && !full.contains("left"), "{full}");
     }
 
-    /// As wide as it can be: the most modules, the most goals, the longest times.
+    /// The widest line: most modules, most goals, longest times.
     #[test]
     fn the_widest_line_fits_a_terminal_of_80_columns() {
         let widest = |filled, messages| Status {

@@ -2,10 +2,10 @@
 
 use tokio::sync::watch;
 
-/// How much a swarm is urged to end.
+/// The urgency with which a swarm is asked to end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Urgency {
-    /// Not at all.
+    /// Not asked.
     #[default]
     None,
     /// In order.
@@ -14,16 +14,16 @@ pub enum Urgency {
     Hurried,
 }
 
-/// Asks a swarm to end early and cleanly. Clones ask the same swarm.
+/// Asks a swarm to end early and cleanly. Clones refer to the same swarm.
 #[derive(Clone, Debug)]
 pub struct Shutdown(watch::Sender<Urgency>);
 
 impl Shutdown {
-    /// Nothing is asked yet.
+    /// Returns a request that has not been made yet.
     pub fn new() -> Shutdown {
         Shutdown(watch::Sender::new(Urgency::None))
     }
-    /// Asks for the end, or, if it was asked for before, for a faster one.
+    /// Asks the swarm to end; a second call asks it to hurry.
     pub fn request(&self) {
         self.0.send_modify(|urgency| {
             *urgency = if *urgency == Urgency::None { Urgency::Asked } else { Urgency::Hurried };

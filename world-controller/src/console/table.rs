@@ -1,34 +1,34 @@
-//! Columns of text for the terminal.
+//! Text columns for the terminal.
 
 use crate::console::terminal::Paint;
 
-/// Longer values are cut.
+/// Columns of a key shown at most.
 const WIDTH: usize = 32;
 
-/// Columns of text: keys to the left, numbers to the right.
+/// Text columns: keys left-aligned, numbers right-aligned.
 pub struct Table {
     keys: usize,
     rows: Vec<Vec<String>>,
 }
 
 impl Table {
-    /// A table with these columns of keys.
+    /// Creates a table with these key columns.
     pub fn new(keys: &[&str]) -> Table {
         Table { keys: keys.len(), rows: vec![keys.iter().map(|k| cut(k)).collect()] }
     }
-    /// More columns, for numbers.
+    /// Adds number columns.
     pub fn head(&mut self, names: &[&str]) {
         self.rows[0].extend(names.iter().map(|n| (*n).to_owned()));
     }
-    /// A row.
+    /// Adds a row.
     pub fn row(&mut self, keys: &[String], numbers: Vec<String>) {
         self.rows.push(keys.iter().map(|k| cut(k)).chain(numbers).collect());
     }
-    /// A row whose keys are not cut.
+    /// Adds a row whose keys are not cut.
     pub fn whole_row(&mut self, keys: &[String], numbers: Vec<String>) {
         self.rows.push(keys.iter().cloned().chain(numbers).collect());
     }
-    /// The table, the first line painted.
+    /// Formats the table, with its heading painted.
     pub fn text(&self, paint: Paint) -> String {
         let length = |text: &String| text.chars().count();
         let columns = self.rows[0].len();

@@ -1,9 +1,9 @@
-//! The one place that prints. Absent: what is printed.
+//! All printing. Absent: what is printed.
 //!
-//! Text for people has no control characters in it but those of this module, wherever it came from. A
-//! reader that has gone away (a closed pipe) is no error of this program: what it does not want to read
-//! is not written, as with ripgrep and git. Any other failure of standard output is kept until the end
-//! ([`failure`]), where it decides the exit code: a command has other things to finish first.
+//! Human-readable text contains no control characters but those of this module, wherever it comes from. A
+//! closed pipe is no error: the rest of the output is dropped, as in ripgrep and git. Any other failure of
+//! standard output is kept until the end ([`failure`]), where it decides the exit code, because a command has
+//! other things to finish first.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is the one place that prints")]
 
 use crate::console::escape::escape;
@@ -15,8 +15,8 @@ use std::time::Duration;
 
 use crate::console::format::fitting;
 
-/// Stand for the beginnings and the end of colours until text is printed: characters that mean nothing
-/// in any text, so that no colour can come from outside.
+/// Placeholders for colour codes until text is printed: noncharacters, so that no colour can come from
+/// outside.
 const MARKS: [(char, &str); 4] =
     [(GOOD, "\x1b[1;32m"), (BAD, "\x1b[1;31m"), (STRONG, "\x1b[1m"), (PLAIN, "\x1b[0m")];
 const GOOD: char = '\u{fdd0}';
@@ -24,10 +24,10 @@ const BAD: char = '\u{fdd1}';
 const STRONG: char = '\u{fdd2}';
 const PLAIN: char = '\u{fdd3}';
 
-/// Why standard output could not be written, the first time that it could not.
+/// The first failure to write standard output.
 static FAILURE: OnceLock<String> = OnceLock::new();
 
-/// Colours, or none.
+/// Whether text is coloured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Paint {
     on: bool,
@@ -37,7 +37,7 @@ impl Paint {
     /// No colours.
     pub const PLAIN: Paint = Paint { on: false };
 
-    /// Colours on a terminal, unless the user has asked for none (<https://no-color.org>).
+    /// Returns colours on a terminal, unless the user has disabled them (<https://no-color.org>).
     pub fn for_terminal(is_terminal: bool) -> Paint {
         let refused = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
         Paint { on: is_terminal && !refused }
@@ -45,7 +45,7 @@ impl Paint {
     fn wrap(self, mark: char, text: &str) -> String {
         if self.on { format!("{mark}{text}{PLAIN}") } else { text.to_owned() }
     }
-    /// The text as it is printed: harmless, with its colours and the end of its last line.
+    /// Escapes the text, inserts the colour codes, and terminates the last line.
     fn finish(self, text: &str) -> String {
         let is_mark = |c: char| self.on && MARKS.iter().any(|(mark, _)| *mark == c);
         let mut text = escape(text, |c| matches!(c, '\n' | '\t') || is_mark(c)).into_owned();
@@ -57,33 +57,33 @@ impl Paint {
         }
         text
     }
-    /// As it should be.
+    /// Paints text that reports success.
     pub fn good(self, text: &str) -> String {
         self.wrap(GOOD, text)
     }
-    /// Not as it should be.
+    /// Paints text that reports a failure.
     pub fn bad(self, text: &str) -> String {
         self.wrap(BAD, text)
     }
-    /// A heading.
+    /// Paints a heading.
     pub fn strong(self, text: &str) -> String {
         self.wrap(STRONG, text)
     }
 }
 
-/// Where text for people goes.
+/// The destination of human-readable text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
     /// Standard output.
     Out,
-    /// Standard error, when standard output is for a program.
+    /// Standard error, when standard output is read by a program.
     Err,
     /// Nowhere.
     Quiet,
 }
 
 impl Channel {
-    /// Standard output, unless a program reads it.
+    /// Returns standard output, unless it is taken by other data.
     pub fn beside(taken: bool, quiet: bool) -> Channel {
         match (quiet, taken) {
             (true, _) => Channel::Quiet,
@@ -91,7 +91,7 @@ impl Channel {
             (false, false) => Channel::Out,
         }
     }
-    /// The colours that suit the channel.
+    /// Returns the colours that suit the channel.
     pub fn paint(self) -> Paint {
         match self {
             Channel::Out => Paint::for_terminal(std::io::stdout().is_terminal()),
@@ -99,7 +99,7 @@ impl Channel {
             Channel::Quiet => Paint::PLAIN,
         }
     }
-    /// Prints text and ends the line if it has not ended.
+    /// Prints text and terminates the last line.
     pub fn say(self, text: &str) {
         match self {
             Channel::Out => print_out(text),
@@ -109,13 +109,13 @@ impl Channel {
     }
 }
 
-/// Prints text for people on standard output.
+/// Prints human-readable text on standard output.
 pub fn print_out(text: &str) {
     let paint = Channel::Out.paint();
     write_out(paint.finish(text).as_bytes());
 }
 
-/// Prints what a program reads on standard output, as it is but for the end of its last line.
+/// Prints data for a program on standard output, unchanged but for the final newline.
 pub fn print_data(data: &str) {
     let end = if data.ends_with('\n') { "" } else { "\n" };
     write_out(format!("{data}{end}").as_bytes());
@@ -126,34 +126,34 @@ fn write_out(bytes: &[u8]) {
     note(out.write_all(bytes).and_then(|()| out.flush()));
 }
 
-/// Notes what came of writing to standard output.
+/// Records the result of writing to standard output.
 pub fn note(written: io::Result<()>) {
     match written {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            // The first failure is the one to tell.
+            // The first failure is the one reported.
             let _ = FAILURE.set(error.to_string());
         }
         _ => {}
     }
 }
 
-/// Why standard output could not be written, if it could not.
+/// Returns why standard output could not be written, or `None`.
 pub fn failure() -> Option<&'static str> {
     FAILURE.get().map(String::as_str)
 }
 
-/// Prints text for people on standard error.
+/// Prints human-readable text on standard error.
 pub fn complain(text: &str) {
-    // There is nowhere left to say that this failed.
+    // A failure here cannot be reported anywhere.
     let _ = std::io::stderr().lock().write_all(Channel::Err.paint().finish(text).as_bytes());
 }
 
-/// What a line shows.
+/// The content of the live line.
 #[derive(Clone, Debug)]
 pub enum Drawing {
     /// This text.
     Text(String),
-    /// How far a run has come.
+    /// The progress of a run.
     Run(Status),
 }
 
@@ -169,14 +169,14 @@ impl From<Status> for Drawing {
     }
 }
 
-/// Columns of the terminal that standard error goes to.
+/// Returns the width of the terminal on standard error, in columns.
 fn columns() -> usize {
     let size = rustix::termios::tcgetwinsize(std::io::stderr()).ok();
-    // A terminal that does not know says 0.
+    // A terminal of unknown size reports 0.
     size.map(|size| usize::from(size.ws_col)).filter(|columns| *columns > 0).unwrap_or(80)
 }
 
-/// One line on standard error that is written over again and again; only on a terminal.
+/// A line on standard error that is redrawn in place; on a terminal only.
 pub struct Live {
     on: bool,
     drawn: bool,
@@ -186,23 +186,23 @@ pub struct Live {
 }
 
 impl Live {
-    /// Between two drawings.
+    /// Time between two redraws.
     const EVERY: Duration = Duration::from_millis(100);
 
-    /// A line, if anybody can watch it.
+    /// Creates a line, active if wanted and visible.
     pub fn new(wanted: bool) -> Live {
-        // What cannot move its cursor would get one line after the other.
+        // A dumb terminal cannot move its cursor and would print line after line.
         let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
         let on = wanted && std::io::stderr().is_terminal() && !dumb;
         let now = Stopwatch::start();
         Live { on, drawn: false, last: now, since: now, gauge: Gauge::default() }
     }
-    /// Draws the line if it is time to.
+    /// Redraws the line if it is due.
     pub fn show<D: Into<Drawing>>(&mut self, line: impl FnOnce() -> D) {
         if self.on && (!self.drawn || self.last.elapsed() >= Live::EVERY) {
             self.last = Stopwatch::start();
             self.drawn = true;
-            // The last column stays empty, so that no terminal begins a new line.
+            // The last column stays empty, so that no terminal wraps the line.
             let width = columns() - 1;
             let line = match line().into() {
                 Drawing::Text(text) => fitting(text.split("  "), width),

@@ -1,5 +1,5 @@
-//! What exploration needs of a family: swarms and goals drawn at random, written as a scenario, and made
-//! smaller. Absent: links and faults, which all families share (`explore`).
+//! What exploration needs of a family: randomly generated swarms and goals that can be written as scenarios
+//! and made smaller. Absent: links and faults, which all families share (`explore`).
 
 use crate::scenario::family::Swarm;
 use metamorph_protocol::lattice::Cell;
@@ -8,28 +8,28 @@ use std::any::Any;
 use std::fmt;
 use std::ops::Range;
 
-/// The family's part of a drawn scenario.
+/// The family's part of a generated scenario.
 pub trait SwarmDraft: Any + fmt::Debug + Send + SwarmDraftClone {
-    /// The number of modules.
+    /// Returns the number of modules.
     fn modules(&self) -> usize;
-    /// The number of goal cells, or seeds, of all goals.
+    /// Returns the number of goal cells or seeds of all goals.
     fn goal_cells(&self) -> usize;
-    /// The modules and how they decide, in a few words.
+    /// Describes the modules and their protocol in a few words.
     fn summary(&self) -> String;
-    /// Writes the keys of `[swarm]`, which has been begun, and the sections `[[goal]]` and `[protocol]`.
-    /// `failed` is how often a move or connection fails, in percent.
+    /// Writes the remaining keys of `[swarm]`, and the sections `[[goal]]` and `[protocol]`. `failed` is the
+    /// rate at which moves or connections fail, in percent.
     fn write(&self, f: &mut fmt::Formatter<'_>, failed: u8) -> fmt::Result;
-    /// Takes over what the seed of the run has decided on. Returns whether that was anything.
+    /// Fixes what the seed of the run has decided. Returns true if that changed anything.
     fn settle(&mut self, swarm: &Swarm) -> bool;
-    /// Everything that is a little smaller or simpler, what gains most first.
+    /// Returns all slightly smaller or simpler swarms, the most effective reductions first.
     fn smaller(&self) -> Vec<Smaller>;
-    /// Draws a cell for an obstacle; none if bodies of this family meet none.
+    /// Draws a cell for an obstacle; `None` if obstacles do not affect this family.
     fn obstacle(&self, dice: &mut Dice) -> Option<Cell>;
 }
 
-/// Clones a draft whose type is not known.
+/// Clones a draft behind a trait object.
 pub trait SwarmDraftClone {
-    /// The clone.
+    /// Returns a clone.
     fn boxed(&self) -> Box<dyn SwarmDraft>;
 }
 
@@ -45,35 +45,35 @@ impl Clone for Box<dyn SwarmDraft> {
     }
 }
 
-/// A swarm that is a little smaller or simpler than another.
+/// A slightly smaller or simpler swarm.
 pub struct Smaller {
     /// The swarm.
     pub swarm: Box<dyn SwarmDraft>,
-    /// The modules that are gone.
+    /// The modules removed.
     pub gone: Range<usize>,
-    /// Whether another module suffers the faults of the one that is gone.
+    /// True if another module takes over the faults of the one removed.
     pub replaced: bool,
 }
 
-/// What is drawn from.
+/// A source of random choices.
 pub struct Dice(pub Stream);
 
 impl Dice {
-    /// From `low` to `high`, both included.
+    /// Draws a number from `low` to `high`, both included.
     pub fn within(&mut self, low: u64, high: u64) -> u64 {
         low + self.0.below(high - low + 1)
     }
-    /// One of these.
+    /// Draws one of these.
     pub fn pick<T: Copy>(&mut self, of: &[T]) -> T {
         of[self.0.below(of.len() as u64) as usize]
     }
-    /// Once in `n`.
+    /// Returns true with a probability of 1/`n`.
     pub fn once_in(&mut self, n: u64) -> bool {
         self.0.below(n) == 0
     }
 }
 
-/// Halves, quarters, and so on down to single elements.
+/// Returns halves, quarters, and so on down to single elements.
 pub fn parts(len: usize) -> Vec<std::ops::Range<usize>> {
     let (mut parts, mut size) = (Vec::new(), len);
     while size > 0 {
@@ -83,7 +83,7 @@ pub fn parts(len: usize) -> Vec<std::ops::Range<usize>> {
     parts
 }
 
-/// Cells as they are written in a scenario.
+/// Formats cells as in a scenario.
 pub fn cells(cells: &[Cell]) -> String {
     let all: Vec<String> = cells.iter().map(|c| format!("[{}, {}, {}]", c.x, c.y, c.z)).collect();
     all.join(", ")

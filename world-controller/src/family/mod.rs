@@ -1,8 +1,8 @@
-//! Families of units: what belongs to one of them only lies in its folder, and the list here is the only
+//! Families of modules: everything particular to a family is in its folder, and the list here is the only
 //! place that names them all.
 //!
-//! A family is a type that implements [`FamilyParts`]; [`Family`] follows from it and is what commands use,
-//! whatever the family. A program of its own can add families to the built-in ones with [`install`].
+//! A family is a type that implements [`FamilyParts`]; [`Family`] follows from it and is the interface that
+//! commands use. An embedding program can add families with [`install`].
 
 pub mod cube;
 pub mod draft;
@@ -35,34 +35,35 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 use thiserror::Error;
 
-/// The built-in families; the first is that of a scenario that names none.
+/// The built-in families; the first is the default of scenarios.
 const BUILT_IN: &[&dyn Family] = &[&cube::CubeFamily, &metamodule::MetamoduleFamily];
 
-/// What a family has to offer.
+/// The interface that a family implements.
 pub trait FamilyParts: ScenarioFamily {
     /// Its part of a plan, with its world and its director.
     type Swarm: Runnable;
 
     /// Draws a swarm and its goals for exploration.
     fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft>;
-    /// As little as there can be, with next to nothing to do.
+    /// Returns a minimal swarm with a minimal goal.
     fn smallest(&self) -> Box<dyn SwarmDraft>;
-    /// The bounds for standing still and for moving without progress in explored scenarios, in seconds, if they
-    /// are not the usual ones. `fails` is whether moves fail, `delay` the longest delay in milliseconds.
+    /// Returns the bounds for a standstill and for moves without progress of explored scenarios, in seconds,
+    /// or `None` for the defaults. `fails` says whether moves fail, `delay` is the longest delay in
+    /// milliseconds.
     fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
-    /// The most runs that make one failing scenario small.
+    /// Returns the limit of runs for shrinking one failing scenario.
     fn shrinking(&self) -> u64;
     /// Where each body is at the start.
     fn places(&self, swarm: &Self::Swarm) -> Vec<<AgentOf<Self::Swarm> as Agent>::Place>;
 }
 
-/// A family, as commands use it.
+/// The interface of a family for commands.
 pub trait Family: ScenarioFamily {
-    /// Simulates a plan to its end, or until it is not to go on.
+    /// Simulates a plan to its end, or until it is interrupted.
     fn simulate(&self, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult);
     /// Runs a plan with one process per module.
     fn run_processes(&self, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError>;
-    /// Goes on with a run of processes whose controller was killed.
+    /// Resumes a run of processes whose controller was killed.
     fn resume(
         &self,
         left: LeftBehind,
@@ -76,7 +77,7 @@ pub trait Family: ScenarioFamily {
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError>;
     /// Draws a swarm and its goals for exploration.
     fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft>;
-    /// As little as there can be, with next to nothing to do.
+    /// See [`FamilyParts::smallest`].
     fn smallest(&self) -> Box<dyn SwarmDraft>;
     /// See [`FamilyParts::patience`].
     fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
@@ -158,32 +159,36 @@ fn registry() -> &'static Registry {
     REGISTRY.get_or_init(|| Registry::with(&[]))
 }
 
-/// Families were asked for before [`install`].
+/// Families were used before [`install`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("families are installed once, before the first scenario is read")]
 pub struct TooLate;
 
-/// Adds families to the built-in ones. Call it first of all.
+/// Adds families to the built-in ones. Call it before anything else.
+///
+/// # Errors
+///
+/// The families are already in use.
 pub fn install(more: &[&'static dyn Family]) -> Result<(), TooLate> {
     REGISTRY.set(Registry::with(more)).map_err(|_| TooLate)
 }
 
-/// All families.
+/// Returns all families.
 pub fn all() -> &'static [&'static dyn Family] {
     &registry().all
 }
 
-/// All families, for reading scenarios.
+/// Returns all families, for reading scenarios.
 pub fn families() -> Families {
     Families(&registry().scenario)
 }
 
-/// The family of this name.
+/// Returns the family of this name.
 pub fn named(name: &str) -> Option<&'static dyn Family> {
     all().iter().copied().find(|family| family.name() == name)
 }
 
-/// The family of a plan.
+/// Returns the family of a plan.
 pub fn of(plan: &Plan) -> &'static dyn Family {
     named(plan.swarm.family()).expect("invariant: a plan is made by a family of the list")
 }
@@ -193,24 +198,25 @@ pub fn read_file(path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
     scenario::read_file(families(), path, overrides)
 }
 
-/// Reads and checks the text of a scenario; `origin` is how messages call it.
+/// Reads and checks the text of a scenario; `origin` names it in messages.
 pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan, Problems> {
     scenario::read_text(families(), origin, text, overrides)
 }
 
-/// A scene of a plan whose run has not begun. `messages` is whether messages will be seen.
+/// Creates the scene of a plan before its run. `messages` says whether messages will be shown.
 pub fn scene(plan: &Plan, messages: bool) -> Scene {
     Scene::new(plan, &*of(plan).shown(plan), messages)
 }
 
-/// Simulates a plan to its end, or until `watch` says no, with what director and world know in the end.
-/// `since` is when the program started. No search tells whether a run that stood still could have gone on.
+/// Simulates a plan to its end, or until `watch` returns false; also returns the results of world and
+/// director. `since` was started with the program. Standstills are not searched for what could still have
+/// been built.
 pub fn simulate(plan: &Plan, since: Stopwatch, watch: &mut Watch<'_>) -> (Report, RunResult) {
     of(plan).simulate(plan, Simulation { since, watch, keeping: None, scribe: None, search: false })
 }
 
-/// Simulates a plan to its end, or until interrupted, with a progress line. `since` is when the program
-/// started; what happens is written to a journal and for a page, if these are wanted.
+/// Simulates a plan to its end, or until interrupted, with a progress line. `since` was started with the
+/// program; the run is recorded in a journal and for a page, if given.
 pub fn run_simulated(
     plan: &Plan,
     interrupt: &Interrupt,
@@ -237,19 +243,19 @@ pub fn replay(request: &Request) -> Result<(Plan, Replayed), ReplayError> {
     Ok((plan, replayed))
 }
 
-/// Why an agent process ends with an error.
+/// Why an agent process failed.
 #[derive(Debug, Error)]
 pub enum AgentProcessError {
-    /// Its arguments make no sense.
+    /// Its arguments are invalid.
     #[error(transparent)]
     Args(#[from] ArgsError),
-    /// It ended before its controller had told it to.
+    /// It ended before its controller stopped it.
     #[error(transparent)]
     Agent(#[from] AgentError),
 }
 
-/// Runs one agent process, which a controller has started with these arguments, until its controller
-/// stops it or is gone. The first argument is the family.
+/// Runs one agent process, started by a controller with these arguments, until its controller stops it or is
+/// gone. The first argument is the family.
 pub fn agent(line: &[OsString]) -> Result<(), AgentProcessError> {
     let (first, rest) = line.split_first().ok_or(ArgsError::Missing("the family"))?;
     let name = first.to_string_lossy();

@@ -1,11 +1,11 @@
-//! One destination of records in front of two.
+//! A log that forwards records to two logs.
 
 use metamorph_protocol::record::{Record, Sink};
 use metamorph_sim_bridge::kernel::recording::Log;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// One log for two, if there are two.
+/// Combines two logs, if both are given.
 pub fn both(first: Option<Log>, second: Option<Log>) -> Option<Log> {
     match (first, second) {
         (Some(first), Some(second)) => Some(Rc::new(RefCell::new(Both(first, second)))),

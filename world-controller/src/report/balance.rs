@@ -1,11 +1,10 @@
-//! Whether the messages that processes have counted add up. Senders and receivers count apart: what was
-//! sent must have met one fate, or be counted as under way by one of the two at the end.
+//! Checks that the message counts of processes add up. Senders and receivers count separately: each message
+//! sent must have one fate, or be counted as in flight by one side at the end.
 //!
-//! Two things leave messages that nobody counts. A process that was killed counts nothing at its end, so for
-//! each of these as many may be missing as can be under way to and from one process. And a way that is closed
-//! because its contact has ended takes with it what a receiver that was stopped meanwhile has not seen; its
-//! sender counts how many these may be. More can never have arrived than were sent, and where nothing moved and
-//! nothing was killed not one may be missing.
+//! Some messages are counted by neither side. A killed process loses its final counts: for each, as many
+//! messages may be missing as can be in flight to and from one process. A link closed because its contact
+//! ended drops what a stopped receiver has not read; its sender counts an upper bound of these. Arrivals
+//! never exceed sends, and in a run without moves and kills no message may be missing.
 
 use crate::swarm::SwarmOutcome;
 use metamorph_module_agent::in_hand;
@@ -13,10 +12,10 @@ use metamorph_protocol::counters::Class;
 use metamorph_sim_bridge::world::invariants::MESSAGES_BALANCE;
 use metamorph_sim_bridge::world::invariants::Violation;
 
-/// Message counts that do not add up, in a run of agents with so many ports, over a link that is
-/// transparent or holds messages back.
+/// Returns the violation if the counts of a run do not add up. `ports` is the number of ports of an agent;
+/// `transparent` is true if the link holds no messages back.
 pub fn unbalanced(outcome: &SwarmOutcome, ports: usize, transparent: bool) -> Option<Violation> {
-    // Without the counts of every life, nothing can be said about their sum.
+    // Without the counts of every incarnation, their sum says nothing.
     if !outcome.missing_ledgers.is_empty() {
         return None;
     }
@@ -39,8 +38,8 @@ mod tests {
     use metamorph_protocol::counters::Counts;
     use metamorph_protocol::ids::{Incarnation, ModuleId};
 
-    /// The outcome of a run in which one agent sent seven messages, two of them damaged, and another took
-    /// what arrived; their ledgers are written, edited by `edit`, and read back.
+    /// The outcome of a run in which one agent sent seven messages, two of them damaged, and another received
+    /// them; their counter files are written, edited by `edit`, and read back.
     fn run(closed: bool, edit: impl Fn(&mut Account, &mut Account)) -> SwarmOutcome {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir(directory(dir.path())).unwrap();
@@ -71,7 +70,7 @@ mod tests {
         assert_eq!(what(&more).unwrap(), "1 seed messages more arrived than were sent");
         let fewer = run(true, |_, receiver| receiver.tally[Class::Seed].refused -= 1);
         assert_eq!(what(&fewer).unwrap(), "1 seed messages are unaccounted for");
-        // All classes together add up here.
+        // The sum over all classes is right here.
         let moved = run(true, |_, receiver| {
             receiver.tally[Class::Seed].refused -= 1;
             receiver.tally[Class::World].refused += 1;

@@ -1,12 +1,12 @@
-//! What all pages share: a self-contained HTML document with one style, and figures with captions.
+//! Shared by all pages: a self-contained HTML document with one style, and figures with captions.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-/// The page may use what is inside it, and nothing else.
+/// Content security policy: only inline styles, nothing loaded.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'";
 const STYLE: &str = include_str!("document.css");
 
-/// A whole document around a body.
+/// Returns a complete document around a body.
 pub fn document(title: &str, body: Markup) -> String {
     let page = html! {
         (DOCTYPE)
@@ -24,7 +24,7 @@ pub fn document(title: &str, body: Markup) -> String {
     page.into_string() + "\n"
 }
 
-/// A plot and what it shows.
+/// Returns a plot with its caption.
 pub fn figure(plot: Markup, caption: Markup) -> Markup {
     html! { figure { figcaption { (caption) } div.wide { (plot) } } }
 }

@@ -1,4 +1,4 @@
-//! The report as a person reads it: outcome first, then numbers, then how to repeat it.
+//! The report as text: outcome first, then numbers, then how to repeat the run.
 
 use super::Words;
 use super::schema::{ClassCounts, EXTERNAL, ProofReport, Report, Standstill};
@@ -11,12 +11,12 @@ use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::progress::Progress;
 use std::fmt::Write;
 
-/// The mean speed of the clock, as a share of the scenario's, from which on nothing is said of it.
+/// Mean relative speed of the clock from which it is not reported as slowed.
 const UNSLOWED: f64 = 0.99;
-/// Faults and violations shown; JSON has them all.
+/// Faults and violations listed at most; JSON has them all.
 const SHOWN: usize = 12;
 
-/// The report as text, coloured if `paint` is.
+/// Formats the report as text.
 pub fn human(report: &Report, words: &Words, paint: Paint) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -73,7 +73,7 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
     if let Some(slowed) = t.slowed.as_ref().filter(|s| s.factor < UNSLOWED) {
         writeln!(
             out,
-            "  slowed      to {:.0}% of its speed in the mean, {:.0}% at the least, because the machine was busy",
+            "  slowed      to {:.0}% of its speed on average, {:.0}% at the lowest, because the machine was busy",
             slowed.factor * 100.0,
             slowed.lowest * 100.0
         )?;
@@ -185,7 +185,7 @@ fn write_messages(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Resul
     let per_module = r.messages.total as f64 / r.agents.launched.max(1) as f64;
     writeln!(
         out,
-        "  {} a module, {} in flight at the end; apart from these {} to and from bodies",
+        "  {} a module, {} in flight at the end; besides, {} to and from bodies",
         count(per_module.round() as u64),
         count(r.messages.all.in_flight.unsigned_abs()),
         count(r.body_messages)
@@ -222,17 +222,17 @@ fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) 
     Ok(())
 }
 
-/// What a proof says, in words.
+/// Describes a proof.
 pub fn proved(proof: &ProofReport) -> String {
     let here = format!(
-        "no moves fill another seed ({} arrangements were looked at, all there are)",
+        "no moves fill another seed ({} arrangements examined, all that are reachable)",
         count(proof.arrangements)
     );
     match proof.places {
         None => here,
-        Some(0) => format!("{here}, and no other place is clear of what stays"),
+        Some(0) => format!("{here}, and no other place is free of obstacles"),
         Some(n) => {
-            format!("{here}, and the goal cannot be built at any of the {} places that are clear", count(n))
+            format!("{here}, and the goal cannot be built at any of the {} places that are free", count(n))
         }
     }
 }
@@ -244,7 +244,7 @@ fn more(out: &mut String, all: usize) -> std::fmt::Result {
     }
 }
 
-/// One line that says how far a run has come.
+/// Returns the status line of a run's progress.
 pub fn progress(plan: &Plan, now: Time, p: &Progress) -> Status {
     Status {
         now_s: now.as_secs_f64(),

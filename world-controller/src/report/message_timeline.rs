@@ -1,5 +1,5 @@
-//! Messages over time: how many went from whom to whom in each stretch of a run, and the last ones of
-//! every module. Bounded: when a long run makes too many stretches, two become one.
+//! Message counts over time: who sent how many to whom in each bin of a run, and the last messages of each
+//! module. Bounded: when a long run has too many bins, pairs of bins are merged.
 
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::ModuleId;
@@ -10,34 +10,34 @@ use std::fmt;
 
 /// The number of classes.
 const CLASSES: usize = Class::ALL.len();
-/// Stands for "no way known".
+/// Distance of a module that knows no path to a target.
 pub const FAR: u16 = u16::MAX;
-/// More stretches than this become half as many.
+/// Bins at most; beyond, pairs are merged.
 const MOST_BINS: usize = 2048;
-/// More connections in all stretches together than this make half as many stretches.
+/// Edges in all bins together at most; beyond, pairs of bins are merged.
 const MOST_EDGES: usize = 2_000_000;
-/// More messages kept than this are thinned out.
+/// Messages kept at most; beyond, they are thinned out.
 const MOST_LOGGED: usize = 2_000_000;
-/// Of each module and stretch at least this many are kept.
+/// Messages kept per module and bin at least.
 const KEPT: usize = 6;
 
-/// What a message says, as far as it is shown.
+/// The displayed contents of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Said {
-    /// In words.
+    /// A description.
     pub what: &'static str,
-    /// Whom it is about.
+    /// The module that the message is about.
     pub whom: Option<ModuleId>,
-    /// How far the sender is from a target.
+    /// The sender's distance to a target.
     pub distance: Option<u16>,
 }
 
 impl Said {
-    /// Nothing but words.
+    /// Creates contents with a description only.
     pub const fn of(what: &'static str) -> Said {
         Said { what, whom: None, distance: None }
     }
-    /// Words about a module.
+    /// Creates contents about a module.
     pub const fn about(what: &'static str, whom: ModuleId) -> Said {
         Said { whom: Some(whom), ..Said::of(what) }
     }
@@ -57,55 +57,55 @@ impl fmt::Display for Said {
     }
 }
 
-/// Messages from one module to another in one stretch of time.
+/// Messages from one module to another in one bin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// From whom.
+    /// The sender.
     pub from: ModuleId,
-    /// To whom.
+    /// The receiver.
     pub to: ModuleId,
-    /// How many of each class.
+    /// Messages of each class.
     pub counts: [u32; CLASSES],
 }
 
-/// One stretch of time.
+/// One interval of scenario time.
 #[derive(Clone, Debug, Default)]
 pub struct Bin {
     /// Messages of each class.
     pub totals: [u64; CLASSES],
     /// Moves completed.
     pub moves: u64,
-    /// Goal cells filled at the end of it.
+    /// Filled goal cells at the end of the bin.
     pub filled: u64,
-    /// Goal cells there were then.
+    /// Goal cells at the end of the bin.
     pub goal: u64,
-    /// Who talked to whom.
+    /// Messages per pair of modules.
     pub edges: Vec<Edge>,
-    /// How far each module said it was from a target, at the end of it; [`FAR`] if it knew of none.
+    /// Reported distance of each module to a target at the end of the bin; [`FAR`] if it knew none.
     pub gradient: Vec<u16>,
-    /// Modules that had promised another one to stay where they are, at the end of it.
+    /// Modules locked at the end of the bin, each with the module it has promised to stay for.
     pub locks: Vec<(ModuleId, ModuleId)>,
 }
 
-/// One message, as somebody looks at it.
+/// A message in the log of one module.
 #[derive(Clone, Copy, Debug)]
 pub struct Logged {
-    /// When it arrived.
+    /// Time of arrival.
     pub at: Time,
     /// The other module.
     pub peer: ModuleId,
-    /// Whether it was sent, rather than received.
+    /// True if it was sent, false if received.
     pub sent: bool,
-    /// What it was for.
+    /// Its class.
     pub class: Class,
-    /// What it said.
+    /// Its contents.
     pub said: Said,
 }
 
-/// The same for a page.
+/// The JSON form for a page.
 #[derive(Debug, Serialize)]
 pub struct LoggedText {
-    /// Microseconds.
+    /// Time in microseconds.
     t: u64,
     peer: u32,
     sent: bool,
@@ -113,26 +113,26 @@ pub struct LoggedText {
     text: String,
 }
 
-/// All messages of a run, in stretches of equal length.
+/// All messages of a run, in bins of equal width.
 #[derive(Debug)]
 pub struct Flow {
     width: Span,
     bins: Vec<Bin>,
     edges: usize,
-    /// Where an edge of the last bin is in it.
+    /// Index of each edge in the last bin.
     places: HashMap<(ModuleId, ModuleId), usize>,
-    /// How far each module is from a target, as it says itself.
+    /// Each module's distance to a target, as it reports.
     gradient: Vec<u16>,
-    /// For whom it stays where it is.
+    /// The module that each module has promised to stay for.
     locks: Vec<Option<ModuleId>>,
     log: Vec<Vec<Logged>>,
     logged: usize,
-    /// The stretch of time in which messages are thinned out.
+    /// The interval over which messages are thinned out.
     thinned: Span,
 }
 
 impl Flow {
-    /// No messages yet. Stretches begin with this width.
+    /// Creates an empty timeline whose bins start with this width.
     pub fn new(modules: usize, width: Span) -> Flow {
         let width = width.max(Span(1));
         Flow {
@@ -148,16 +148,16 @@ impl Flow {
         }
     }
 
-    /// How long a stretch is.
+    /// Returns the width of a bin.
     pub fn width(&self) -> Span {
         self.width
     }
-    /// All stretches; the last one may still be going on.
+    /// Returns all bins; the last one may be incomplete.
     pub fn bins(&self) -> &[Bin] {
         &self.bins
     }
 
-    /// A message has arrived.
+    /// Counts a message that has arrived.
     pub fn delivered(&mut self, now: Time, from: ModuleId, to: ModuleId, class: Class, said: Said) {
         self.advance(now);
         let bin = self.bins.last_mut().expect("invariant: there is always a bin");
@@ -179,7 +179,7 @@ impl Flow {
         }
     }
 
-    /// A module is this far from a target and stays for another one, as it says itself.
+    /// Records a module's reported distance to a target and lock.
     pub fn state(&mut self, now: Time, id: ModuleId, gradient: u16, lock: Option<ModuleId>) {
         self.advance(now);
         if let (Some(far), Some(own)) = (self.gradient.get_mut(id.index()), self.locks.get_mut(id.index())) {
@@ -187,20 +187,20 @@ impl Flow {
         }
     }
 
-    /// A move has ended.
+    /// Counts a completed move.
     pub fn moved(&mut self, now: Time) {
         self.advance(now);
         self.current().moves += 1;
     }
 
-    /// How far the goal has come.
+    /// Records the progress of the goal.
     pub fn progress(&mut self, now: Time, filled: u64, goal: u64) {
         self.advance(now);
         let bin = self.current();
         (bin.filled, bin.goal) = (filled, goal);
     }
 
-    /// Nothing follows.
+    /// Completes the timeline.
     pub fn finish(&mut self, now: Time) {
         self.advance(now);
         self.close();
@@ -210,7 +210,7 @@ impl Flow {
         self.bins.last_mut().expect("invariant: there is always a bin")
     }
 
-    /// Begins the stretches up to now.
+    /// Appends bins up to `now`.
     fn advance(&mut self, now: Time) {
         while now.0 / self.width.0 >= self.bins.len() as u64 {
             self.close();
@@ -222,7 +222,7 @@ impl Flow {
         }
     }
 
-    /// Notes the state at the end of the last stretch.
+    /// Records the state at the end of the last bin.
     fn close(&mut self) {
         self.places.clear();
         let gradient = self.gradient.clone();
@@ -234,7 +234,7 @@ impl Flow {
     }
 
     fn coarsen(&mut self) {
-        // The last one has just begun and is empty.
+        // The last bin has just begun and is empty.
         self.bins.pop();
         let mut merged = Vec::with_capacity(self.bins.len() / 2 + 1);
         let mut bins = std::mem::take(&mut self.bins).into_iter();
@@ -256,8 +256,8 @@ impl Flow {
         self.places.clear();
     }
 
-    /// Keeps the last few messages of each module in each stretch of time, which grows until half of
-    /// all messages are gone.
+    /// Keeps only the last few messages per module and interval; widens the interval until half of all
+    /// messages are dropped.
     fn thin(&mut self) {
         while self.logged > MOST_LOGGED / 2 {
             self.thinned = self.thinned * 2;
@@ -272,7 +272,7 @@ impl Flow {
         }
     }
 
-    /// The last `count` messages of a module at a time, the latest first.
+    /// Returns the last `count` messages of a module at a time, the latest first.
     pub fn last_of(&self, id: ModuleId, at: Time, count: usize) -> Vec<LoggedText> {
         let log = self.log.get(id.index()).map_or(&[][..], Vec::as_slice);
         let until = log.partition_point(|l| l.at <= at);
@@ -287,7 +287,7 @@ impl Flow {
     }
 }
 
-/// Two stretches as one.
+/// Merges two bins.
 fn merge(mut first: Bin, second: Bin) -> Bin {
     let mut edges = std::mem::take(&mut first.edges);
     edges.extend(second.edges);

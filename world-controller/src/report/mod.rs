@@ -1,4 +1,4 @@
-//! What a run did: from a driver's facts to one value that is printed for people and written as
+//! The report of a run: turns a driver's results into one value that is printed for people and written as
 //! JSON. Independent of the driver. Absent: measuring (drivers do) and printing (`terminal` does).
 
 pub mod balance;
@@ -34,50 +34,50 @@ use schema::{
 use std::sync::OnceLock;
 use std::time::Duration;
 
-/// What a driver knows at the end of a run.
+/// The results of a driver at the end of a run.
 pub struct Facts<'a> {
-    /// What was to be run.
+    /// The plan that was run.
     pub plan: &'a Plan,
-    /// What director and world know.
+    /// The results of director and world.
     pub account: RunResult,
-    /// How long a move, or a step of a joint, takes.
+    /// The time of a move, or of a step of a joint.
     pub beat: Span,
     /// Message counts.
     pub tally: &'a Tally,
-    /// Messages between agents, bodies and controller, which are not protocol messages.
+    /// Messages between agents, bodies and controller, not counted as protocol messages.
     pub body_messages: u64,
-    /// The invariants found broken, as many as were kept.
+    /// Violations kept, in order.
     pub violations: &'a [Violation],
-    /// How many were found broken in all.
+    /// Violations in all.
     pub broken: u64,
-    /// How often an invariant was checked.
+    /// Invariant checks made.
     pub checked: u64,
     /// Scenario time at the end.
     pub now: Time,
-    /// From the first event to the last, on a real clock.
+    /// Real time from the first event to the last.
     pub wall: Duration,
-    /// From the start of the program to the first event, on a real clock.
+    /// Real time from the start of the program to the first event.
     pub setup: Duration,
-    /// By how much the clock was slowed; none where there is no real clock.
+    /// How far the clock was slowed; `None` without a real clock.
     pub slowed: Option<Slowed>,
-    /// Messages by class that both ends of the links counted as under way at the end; none where that is
-    /// what is left of the others.
+    /// Messages by class that both ends of the links counted as in flight at the end; `None` if that follows
+    /// from the other counts.
     pub left: Option<[u64; Class::ALL.len()]>,
-    /// The hash of the trace; none where runs cannot be repeated bit for bit.
+    /// The trace hash; `None` if runs are not deterministic.
     pub trace_hash: Option<u64>,
-    /// The hash of the states gone through; none where runs cannot be repeated.
+    /// The hash of all intermediate states; `None` if runs are not deterministic.
     pub state_hash: Option<u64>,
-    /// The hash of all agents at the end; none where they end with their processes.
+    /// The hash of all agents at the end; `None` if agents end with their processes.
     pub agents_hash: Option<u64>,
     /// The hash of the world at the end.
     pub world_hash: u64,
-    /// Whether it is worth a search to find out if a run that stood still could have gone on.
+    /// Whether a standstill is worth a search for what could still have been built.
     pub search: bool,
-    /// What else a reader should know, such as processes that died without a fault.
+    /// Notes for the reader, such as processes that died without a fault.
     pub notes: Vec<String>,
 }
 
-/// Makes the report of a run. A run without an outcome was stopped from outside.
+/// Creates the report of a run. A run without an outcome was interrupted.
 pub fn report(facts: &Facts<'_>) -> Report {
     let (plan, account) = (facts.plan, &facts.account);
     let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
@@ -149,7 +149,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
     }
 }
 
-/// Processors available. Looked up once: asking the system takes as long as a short run.
+/// Returns the number of processors available. Cached: the query takes as long as a short run.
 fn cores() -> u64 {
     static CORES: OnceLock<u64> = OnceLock::new();
     *CORES.get_or_init(|| std::thread::available_parallelism().map_or(1, |n| n.get() as u64))
@@ -167,7 +167,9 @@ fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> St
             None => "an invariant broke".to_owned(),
         },
         Outcome::Aborted => format!("stopped from outside with {so_far} filled"),
-        Outcome::Timeout => format!("the time was up with {so_far} filled; {}", why.unwrap_or(unknown)),
+        Outcome::Timeout => {
+            format!("the time limit was reached with {so_far} filled; {}", why.unwrap_or(unknown))
+        }
         Outcome::Livelock => format!(
             "{modules} moved, but no {cell} was filled for {}; {}",
             facts.plan.stop.livelock,
@@ -230,7 +232,7 @@ fn violation(v: &Violation) -> ViolationReport {
     ViolationReport { invariant: v.invariant.name.to_owned(), at_s: v.at.as_secs_f64(), what: v.what.clone() }
 }
 
-/// What hit modules and cells, and what cut links, in the order of time.
+/// Lists the faults of modules, cells and links, by time.
 fn faults(plan: &Plan, account: &RunResult, now: Time) -> Vec<FaultReport> {
     let changes = plan.link_changes().into_iter().filter(|c| c.at <= now);
     let of_links = changes.map(|LinkChange { at, name, effect }| FaultReport {

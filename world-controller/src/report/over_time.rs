@@ -1,26 +1,26 @@
-//! Plots over time as SVG inside a page: areas that lie on each other, with a mark for each fault.
-//! Colours are the page's, by class; they share the scale and the style of a sweep's plots.
+//! Plots over time as SVG in a page: stacked areas with a mark for each fault. Colours are the page's, by
+//! class; scale and style are those of a sweep's plots.
 
 use crate::report::plots::{Scale, WIDTH, place, tick};
 use maud::{Markup, html};
 
-/// Where a row of values is from, and its class in the style sheet.
+/// One stacked series.
 pub struct Layer {
-    /// For the legend.
+    /// Name in the legend.
     pub name: &'static str,
-    /// The class of its colour.
+    /// Class in the style sheet.
     pub class: &'static str,
-    /// A value for each stretch of time.
+    /// One value per bin.
     pub values: Vec<f64>,
 }
 
-/// A moment with something to say.
+/// An annotated time.
 pub struct Mark {
-    /// In seconds.
+    /// Time in seconds.
     pub at: f64,
-    /// What happened.
+    /// Description.
     pub text: String,
-    /// Whether it ended something bad.
+    /// True if it ended a fault.
     pub mends: bool,
 }
 
@@ -29,10 +29,10 @@ const TOP: f64 = 18.0;
 const BOTTOM: f64 = 24.0;
 const LEFT: f64 = 64.0;
 const RIGHT: f64 = 12.0;
-/// A peak this many times above what is usual is cut, so that the rest can be seen.
+/// Peaks above this multiple of the usual value are cut, so that the rest stays visible.
 const PEAK: f64 = 2.5;
 
-/// Layers from the bottom to the top, each stretch of time `width` seconds long, until `end`.
+/// Plots layers from bottom to top, until `end`; a bin is `width` seconds long.
 pub fn areas(layers: &[Layer], width: f64, end: f64, marks: &[Mark], about: &str) -> Markup {
     let n = layers.iter().map(|l| l.values.len()).max().unwrap_or(0);
     let sum = |i: usize| layers.iter().filter_map(|l| l.values.get(i)).sum::<f64>();
@@ -80,7 +80,7 @@ pub fn areas(layers: &[Layer], width: f64, end: f64, marks: &[Mark], about: &str
     }
 }
 
-/// A path along the upper values and back along the lower ones, in steps.
+/// Returns a stepped path along the upper values and back along the lower ones.
 fn outline(low: &[f64], high: &[f64], at: impl Fn(usize, f64) -> (f64, f64)) -> String {
     let corners = |values: &[f64]| -> Vec<(f64, f64)> {
         values.iter().enumerate().flat_map(|(i, v)| [at(i, *v), at(i + 1, *v)]).collect()

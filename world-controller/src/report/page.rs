@@ -1,6 +1,5 @@
-//! The report of a run as one self-contained HTML file that can be sent to somebody: outcome, numbers,
-//! what happened over time, the scenario, and how to repeat it. It loads nothing from anywhere, and
-//! everything that comes from outside is escaped by `maud`.
+//! The report of a run as one self-contained HTML file: outcome, numbers, plots over time, the scenario, and
+//! how to repeat the run. The file loads nothing, and `maud` escapes everything that comes from outside.
 
 use super::Words;
 use super::human::proved;
@@ -15,13 +14,13 @@ use metamorph_protocol::counters::Class;
 use metamorph_protocol::time::Span;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Rows shown of a list; JSON has them all.
+/// Rows of a list shown at most; JSON has them all.
 const SHOWN: usize = 200;
 
-/// Chains of waiting modules shown.
+/// Chains of waiting modules shown at most.
 const CHAINS: usize = 12;
 
-/// The page of a run. `bins` are stretches of time of this `width` with what was counted in them.
+/// Returns the page of a run. `bins` are bins of `width` with their counts.
 pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
     let words = plan.swarm.words();
     let good = report.outcome == "built";
@@ -75,7 +74,7 @@ fn standstill(s: &Standstill, words: &Words) -> Markup {
             p.warning { "These wait for each other in a circle: " (list(&s.wait_cycle)) "." }
         }
         @if let Some(found) = &s.detected {
-            p { "The swarm found this out by itself: " (words.module) " " (found.by) " counted all others, at " (seconds(found.at_s)) "." }
+            p { "The swarm detected this itself: " (words.module) " " (found.by) " counted all others, at " (seconds(found.at_s)) "." }
         }
         @if let Some(proof) = &s.proof {
             p { "Proved by an exhaustive search: " (proved(proof)) "." }
@@ -88,7 +87,7 @@ fn standstill(s: &Standstill, words: &Words) -> Markup {
         }
         @if !s.waiting.is_empty() {
             div.wide { table {
-                caption { "Every " (words.module) " here " (words.idle) " and does not go on" }
+                caption { "Every " (words.module) " here " (words.idle) " and makes no progress" }
                 thead { tr { th scope="col" { (words.module) } th.text scope="col" { "why" } th scope="col" { "waits for" } } }
                 tbody { @for w in s.waiting.iter().take(SHOWN) { tr {
                     td { (w.module) } td.text { (w.why) } td { @match w.waits_for { Some(id) => (id), None => "–" } }
@@ -102,11 +101,11 @@ fn standstill(s: &Standstill, words: &Words) -> Markup {
 #[derive(Debug, PartialEq, Eq)]
 struct Chain {
     modules: Vec<u32>,
-    /// Whether the last one was there before.
+    /// True if the last module waits for an earlier one of the chain.
     circle: bool,
 }
 
-/// Whoever nobody waits for, with whom it waits for, and so on; then what is left, which are circles.
+/// Splits waiting modules into chains: each starts at a module that no other waits for; the rest are cycles.
 fn chains(waiting: &[Waiting]) -> Vec<Chain> {
     let on: BTreeMap<u32, u32> = waiting.iter().filter_map(|w| Some((w.module, w.waits_for?))).collect();
     let awaited: BTreeSet<u32> = on.values().copied().collect();
@@ -150,7 +149,7 @@ fn over_time(report: &Report, words: &Words, width: f64, bins: &[Bin]) -> Markup
     html! {
         (figure(
             areas(&[layer("filled", "filled", &|b| b.filled as f64)], width, end, &marks, "goal cells filled over time"),
-            html! { "How far the goal had come: " (words.cells) " filled, of the goal that was being built." (marked) },
+            html! { "Progress of the goal: " (words.cells) " filled, of the goal that was being built." (marked) },
         ))
         (figure(
             areas(&[layer("moves", "moves", &|b| b.moves as f64 / width)], width, end, &marks, "moves over time"),
@@ -172,7 +171,7 @@ fn capitalized(word: &str) -> String {
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
-/// The class in the style sheet.
+/// Returns the class in the style sheet.
 fn class_of(class: Class) -> &'static str {
     match class {
         Class::Gradient => "c-gradient",
@@ -288,11 +287,11 @@ mod tests {
         };
         let chain = |modules: &[u32], circle| Chain { modules: modules.to_vec(), circle };
         assert_eq!(waits(&[(1, None)]), []);
-        // Two come together and end with 9, which waits for nobody.
+        // Two chains meet and end with 9, which waits for no module.
         let joined = waits(&[(3, Some(4)), (4, Some(9)), (5, Some(4))]);
         assert_eq!(joined, [chain(&[3, 4, 9], false), chain(&[5, 4, 9], false)]);
         assert_eq!(waits(&[(7, Some(8)), (8, Some(7))]), [chain(&[7, 8, 7], true)]);
-        // One that leads into a circle tells of it; another circle is told of by itself.
+        // A chain that leads into a cycle includes it; another cycle is a chain of its own.
         let circles = waits(&[(1, Some(2)), (2, Some(3)), (3, Some(2)), (5, Some(6)), (6, Some(5))]);
         assert_eq!(circles, [chain(&[1, 2, 3, 2], true), chain(&[5, 6, 5], true)]);
     }

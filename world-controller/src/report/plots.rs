@@ -1,49 +1,49 @@
-//! Plots as SVG inside a page: rates with intervals, spreads as boxes, values as bars. One row for
-//! each thing compared, labels to the left, numbers on hovering. Colours are the page's, by class.
+//! Plots as SVG in a page: rates with intervals, spreads as boxes, values as bars. One row per item, labels
+//! to the left, numbers on hovering. Colours are the page's, by class.
 
 use crate::console::format::number;
 use crate::console::format::percent;
 use crate::report::statistics::{Rate, Spread};
 use maud::{Markup, html};
 
-/// A row of a plot; a group that begins gets some space above.
+/// A row of a plot.
 #[derive(Clone, Debug)]
 pub struct Row<T> {
-    /// What it is about.
+    /// Its label.
     pub label: String,
-    /// Whether a new group of rows begins here.
+    /// True if a group of rows begins here: extra space above.
     pub begins: bool,
-    /// What is drawn.
+    /// The value drawn.
     pub value: T,
 }
 
-/// Everything is laid out in a picture of this width.
+/// Width of every plot, in pixels.
 pub const WIDTH: f64 = 860.0;
-/// Where the labels end and the plot begins, at most.
+/// Width of the labels at most, in pixels.
 const LABELS: f64 = 300.0;
-/// What is left free on the right for the numbers.
+/// Space for numbers on the right, in pixels.
 const NUMBERS: f64 = 150.0;
-/// The height of a row,
+/// Height of a row, in pixels.
 const ROW: f64 = 22.0;
-/// and of the space between groups.
+/// Space between groups, in pixels.
 const GAP: f64 = 10.0;
-/// What a letter of a label is wide, about.
+/// Approximate width of a letter, in pixels.
 const LETTER: f64 = 6.6;
-/// Longer labels are cut.
+/// Characters of a label shown at most.
 const LONGEST: usize = 44;
 
-/// From numbers to places, and where the ticks are.
+/// A linear scale with ticks.
 pub struct Scale {
-    /// The lowest value,
+    /// The lowest value.
     pub low: f64,
-    /// and the highest.
+    /// The highest value.
     pub high: f64,
     step: f64,
     left: f64,
 }
 
 impl Scale {
-    /// A scale over these values, with round numbers at both ends.
+    /// Creates a scale over these values, with round numbers at both ends.
     pub fn over(low: f64, high: f64, left: f64) -> Scale {
         let step = step(high - low);
         let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
@@ -52,14 +52,14 @@ impl Scale {
     fn at(&self, value: f64) -> f64 {
         self.left + (value - self.low) / (self.high - self.low) * (WIDTH - NUMBERS - self.left)
     }
-    /// Round values at even distances, both ends included.
+    /// Returns round values at equal distances, both ends included.
     pub fn ticks(&self) -> impl Iterator<Item = f64> {
         let n = ((self.high - self.low) / self.step).round() as u32;
         (0..=n).map(|i| self.low + f64::from(i) * self.step)
     }
 }
 
-/// 1, 2 or 5 times a power of ten, so that there are four to ten of them.
+/// Returns 1, 2 or 5 times a power of ten, so that there are four to ten steps.
 fn step(range: f64) -> f64 {
     if range <= 0.0 {
         return 1.0;
@@ -68,7 +68,7 @@ fn step(range: f64) -> f64 {
     [5.0, 2.0].into_iter().map(|n| n * power).find(|step| *step <= range / 4.0).unwrap_or(power)
 }
 
-/// A plot: the frame with ticks, and in each row what `draw` makes of its value at the height given.
+/// Draws the frame with ticks, and in each row the result of `draw` for its value and height.
 fn plot<T>(
     rows: &[Row<T>],
     scale: &Scale,
@@ -102,7 +102,7 @@ fn plot<T>(
     }
 }
 
-/// Rates with their intervals, from 0 to 1.
+/// Plots rates with their intervals, from 0 to 1.
 pub fn intervals(rows: &[Row<Option<Rate>>], about: &str) -> Markup {
     let scale = Scale { low: 0.0, high: 1.0, step: 0.25, left: left(rows) };
     let tick = |share| format!("{:.0} %", share * 100.0);
@@ -120,8 +120,8 @@ pub fn intervals(rows: &[Row<Option<Rate>>], about: &str) -> Markup {
     })
 }
 
-/// Spreads: a line from the smallest to the largest, a thicker one from 5 % to 95 %, a box from the
-/// first to the third quarter, a stroke at the median, and a dot at the mean.
+/// Plots spreads: a line from minimum to maximum, a thicker one from 5 % to 95 %, a box from the first to the
+/// third quartile, a stroke at the median, and a dot at the mean.
 pub fn boxes(rows: &[Row<Option<Spread>>], about: &str) -> Markup {
     let spreads = || rows.iter().filter_map(|row| row.value);
     let low = spreads().map(|s| s.min).fold(f64::INFINITY, f64::min);
@@ -129,7 +129,7 @@ pub fn boxes(rows: &[Row<Option<Spread>>], about: &str) -> Markup {
     if low > high {
         return html! { p.none { "No run was built." } };
     }
-    // A scale that nearly begins at zero might as well do so.
+    // Start at zero if the lowest value is near it.
     let scale = Scale::over(if low < high / 3.0 { 0.0 } else { low }, high, left(rows));
     plot(rows, &scale, about, tick, |spread, y| {
         let Some(s) = *spread else { return nothing(&scale, y) };
@@ -162,7 +162,7 @@ pub fn boxes(rows: &[Row<Option<Spread>>], about: &str) -> Markup {
     })
 }
 
-/// Values as bars from zero.
+/// Plots values as bars from zero.
 pub fn bars(rows: &[Row<Option<f64>>], about: &str) -> Markup {
     let high = rows.iter().filter_map(|row| row.value).fold(0.0, f64::max);
     let scale = Scale::over(0.0, high, left(rows));
@@ -179,7 +179,7 @@ pub fn bars(rows: &[Row<Option<f64>>], about: &str) -> Markup {
     })
 }
 
-/// A number at the scale, as short as it can be.
+/// Formats a tick, as short as possible.
 pub fn tick(value: f64) -> String {
     number(value).trim_end_matches(".0").to_owned()
 }
@@ -200,7 +200,7 @@ fn cut(label: &str) -> String {
     }
 }
 
-/// A coordinate; a tenth of a pixel is as much as anybody sees.
+/// Formats a coordinate to a tenth of a pixel.
 pub fn place(x: f64) -> String {
     format!("{x:.1}")
 }

@@ -1,35 +1,35 @@
-//! Whether a run that stood still could have gone on: what is proved, and not what a reason suggests.
+//! Decides whether a run that stood still could have gone on: what is proved, not what a reason suggests.
 //!
-//! A diagnosis names what one module after the other runs into. Whether all of them together could have
-//! done something is decided by a search, which ends with a proof, with a way, or at its bound.
+//! A diagnosis says what stops each module. Whether all of them together could have made progress is decided
+//! by a search, which ends with a proof, with a plan, or at its bound.
 
 use crate::report::run_result::Question;
 use metamorph_sim_bridge::director::outcome::Stall;
 use metamorph_sim_bridge::director::proof::Within;
 use metamorph_sim_bridge::director::reason::Proves;
 
-/// Whether a run could have gone on from where it stood still.
+/// The result for one standstill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Prospect {
-    /// Whether live modules that can hear of the goal could have filled more of it.
+    /// Whether live modules that can learn of the goal could have filled more of it.
     pub possible: Possible,
-    /// The widest rules within which it is proved that nothing could have been done.
+    /// The widest rules under which progress is proved impossible.
     pub within: Option<Within>,
 }
 
-/// What a search came to.
+/// The result of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Possible {
-    /// There is a way, of so many moves.
+    /// A plan of this many moves exists.
     Yes(usize),
     /// Proved impossible.
     No,
-    /// The search reached its bound, or there was none.
+    /// The search reached its bound, or was not made.
     Undecided,
 }
 
 impl Possible {
-    /// The name in reports.
+    /// Returns the name used in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Possible::Yes(_) => "yes",
@@ -40,17 +40,17 @@ impl Possible {
 }
 
 impl Prospect {
-    /// Nothing is known.
+    /// The result if nothing is known.
     pub const UNDECIDED: Prospect = Prospect { possible: Possible::Undecided, within: None };
 
-    /// Finds out what could have been done; without a search if there is no question.
+    /// Decides what could have been done; without a search if `question` is `None`.
     pub fn of(stall: &Stall, question: Option<&dyn Question>) -> Prospect {
         match question {
-            // Counted: modules that cannot move, or are in goal cells already, fill no others.
+            // A counting argument: modules that cannot move, or are in goal cells already, fill no others.
             _ if stall.reason.proves == Proves::Counted => {
                 Prospect { possible: Possible::No, within: Some(Within::Anything) }
             }
-            // At another place more may be possible.
+            // Another placement of the goal may allow more.
             _ if stall.reason.proves == Proves::NotHere => Prospect::UNDECIDED,
             // The director has searched already.
             _ if stall.proof.is_some() => Prospect { possible: Possible::No, within: Some(Within::Grown) },
@@ -59,7 +59,7 @@ impl Prospect {
         }
     }
 
-    /// For people.
+    /// Describes the result.
     pub fn text(&self) -> String {
         match (self.possible, self.within) {
             (Possible::No, within) => {
@@ -67,11 +67,11 @@ impl Prospect {
                 format!("proved: nothing more can be filled {within}")
             }
             (Possible::Yes(moves), Some(within)) => format!(
-                "proved: nothing more can be filled {within}; otherwise there is a way, of {}",
+                "proved: nothing more can be filled {within}; otherwise a plan exists, of {}",
                 plural(moves)
             ),
             (Possible::Yes(moves), None) => {
-                format!("it could have gone on: there is a way, of {}", plural(moves))
+                format!("it could have gone on: a plan exists, of {}", plural(moves))
             }
             (Possible::Undecided, Some(within)) => {
                 format!("proved: nothing more can be filled {within}; whether otherwise is not decided")

@@ -1,4 +1,4 @@
-//! What the world and the director of a run know when it is over, in the form that reports are made of.
+//! The results of world and director at the end of a run, from which reports are made.
 
 use crate::report::prospect::Prospect;
 use crate::report::schema::{MetamoduleReport, MoveReport, StageReport};
@@ -8,42 +8,42 @@ use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::director::proof::{Found, Within};
 
-/// A standstill as a question for a search: what could still have been done?
+/// A standstill as a search problem: what could still have been done?
 pub trait Question {
     /// Searches for the report of a run.
     fn prospect(&self) -> Prospect;
-    /// The widest rules within which it is proved that nothing could have been done; or else what a search
-    /// found. `misplaced` is whether more may be possible with the goal at another place.
+    /// Returns the widest rules under which progress is proved impossible, or else the search's result.
+    /// `misplaced` says whether more may be possible with the goal at another place.
     fn judge(&self, misplaced: bool) -> Result<Within, Found>;
-    /// Whether modules that nothing has broken are to blame if nothing can be done any more, because they
-    /// have brought themselves there.
+    /// Returns true if intact modules are at fault when nothing can be done any more, because they brought
+    /// themselves there.
     fn blames_whole_modules(&self) -> bool {
         false
     }
 }
 
-/// What director and world of a run know when it is over, whatever the family.
+/// The results of director and world at the end of a run, for any family.
 pub struct RunResult {
-    /// How the run ended; none if it was stopped from outside.
+    /// Time and outcome; `None` if the run was interrupted.
     pub ended: Option<(Time, Outcome)>,
-    /// How far it came.
+    /// The progress at the end.
     pub progress: Progress,
     /// Processes that died.
     pub crashed: u64,
-    /// Processes that were started again.
+    /// Processes that were restarted.
     pub restarted: u64,
-    /// Why it stood still.
+    /// The standstill, if there was one.
     pub stall: Option<Stall>,
-    /// The same as a question for a search.
+    /// The standstill as a search problem.
     pub plight: Option<Box<dyn Question>>,
-    /// What each fault did.
+    /// The effect of each fault.
     pub struck: Vec<Struck>,
     /// Collisions prevented between modules, by negotiation or locks.
     pub prevented: u64,
-    /// Every goal that was begun.
+    /// Every goal that was opened.
     pub stages: Vec<StageReport>,
-    /// What became of what bodies were asked to do.
+    /// Counts of the bodies' actions.
     pub bodies: MoveReport,
-    /// What only metamodules have.
+    /// Additional results of metamodules.
     pub metamodules: Option<MetamoduleReport>,
 }

@@ -1,6 +1,5 @@
-//! The report as it is written to JSON. A field is never renamed, given another meaning or removed
-//! without a new [`SCHEMA`]; new ones may be added. Times end in `_s` and are seconds of scenario
-//! time unless they say otherwise.
+//! The report as written to JSON. A field is never renamed, redefined or removed without a new [`SCHEMA`];
+//! new fields may be added. Times end in `_s` and are seconds of scenario time unless stated otherwise.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,10 +8,10 @@ use std::collections::BTreeMap;
 /// The version of this layout.
 pub const SCHEMA: u32 = 1;
 
-/// What [`FaultReport`] calls something that was done to a process from outside the run.
+/// The name in [`FaultReport`] of what was done to a process from outside the run.
 pub const EXTERNAL: &str = "external";
 
-/// What a run did.
+/// The report of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Report {
     /// The version of this layout.
@@ -23,66 +22,65 @@ pub struct Report {
     pub scenario: String,
     /// The scenario's file as it was typed, or its last part if that was an absolute path.
     pub file: String,
-    /// What was run: `cube` or `metamodule`.
+    /// The family of modules: `cube` or `metamodule`.
     pub family: String,
     /// The seed of the run.
     pub seed: u64,
-    /// What carried the messages: `ipc` or `sim`.
+    /// The link that carried the messages: `ipc` or `sim`.
     pub link: String,
     /// `built`, `deadlock`, `livelock`, `timeout`, `unsafe` or `aborted`.
     pub outcome: String,
-    /// Why, in words.
+    /// The reason of the outcome, as text.
     pub reason: String,
     /// Processes (`ipc`) or agents (`sim`).
     pub agents: Agents,
-    /// The goal that was being built last.
+    /// The last goal that was opened.
     pub goal: GoalReport,
-    /// Every goal that was begun; of metamodules, whose goals replace one another, the one that was being
-    /// built last.
+    /// Every goal that was opened; of metamodules, whose goals replace one another, the last one.
     pub stages: Vec<StageReport>,
     /// The standstill, if the outcome of the run was a deadlock.
     pub deadlocks: Vec<Standstill>,
-    /// What was found, if the outcome of the run was a livelock.
+    /// The standstill, if the outcome of the run was a livelock.
     pub livelocks: Vec<Standstill>,
-    /// Why goal cells are unfilled, whatever the outcome; null if all are filled or nobody looked.
+    /// Why goal cells are unfilled, whatever the outcome; null if all are filled or it was not examined.
     pub unbuilt: Option<Standstill>,
     /// Attempts to use one cell twice; the body of a cube also refuses a move whose support is missing.
     pub collisions: Collisions,
-    /// Moves completed. A move of a metamodule is all that it does between two connections.
+    /// Moves completed. A move of a metamodule is all its actions between two connections.
     pub moves: u64,
-    /// What became of moves; of metamodules, of all steps of joints, connections and releases.
+    /// Results of moves; of metamodules, of all steps of joints, connections and releases.
     pub move_details: MoveReport,
-    /// What only metamodules have; null for other families.
+    /// Additional results of metamodules; null for other families.
     pub metamodules: Option<MetamoduleReport>,
     /// Protocol messages.
     pub messages: Messages,
-    /// Messages between agents, bodies and controller: actions, percepts, contact changes, reports,
-    /// orders. They are no protocol messages.
+    /// Messages between agents, bodies and controller: actions, percepts, contact changes, reports, orders.
+    /// They are not protocol messages.
     pub body_messages: u64,
-    /// How long it took.
+    /// Durations of the run.
     pub time: Times,
-    /// What must always hold.
+    /// Invariant checks and violations.
     pub invariants: Invariants,
-    /// Faults that struck, in order, those from outside the run included.
+    /// Faults that struck, by time, including those from outside the run.
     pub faults: Vec<FaultReport>,
-    /// Faults that the plan contained, those that came too late included.
+    /// Faults of the plan, including those after the end of the run.
     pub faults_planned: u64,
-    /// What else happened that a reader should know.
+    /// Notes for the reader, such as processes that died without a fault.
     pub notes: Vec<String>,
-    /// 16 hexadecimal digits that two runs share if they were the same event by event, by time, module and
-    /// kind; null on `ipc`.
+    /// 16 hexadecimal digits, equal for two runs with the same events by time, module and kind; null on
+    /// `ipc`.
     pub trace_hash: Option<String>,
-    /// 16 hexadecimal digits that two runs share if their agents and bodies were also in the same states, as
-    /// looked at every so many events and at the end; null on `ipc`.
+    /// 16 hexadecimal digits, equal for two runs whose agents and bodies were also in the same states,
+    /// sampled after a fixed number of events and at the end; null on `ipc`.
     pub state_hash: Option<String>,
-    /// The hash of the state of all agents at the end, which `metamorph replay` shows too; null on `ipc`.
+    /// The hash of the state of all agents at the end, also shown by `metamorph replay`; null on `ipc`.
     pub agents_hash: Option<String>,
-    /// The hash of the state of the world at the end, which `metamorph replay` shows too. On `ipc` it says
-    /// when what happened, so no two runs share it. Null in reports of earlier versions.
+    /// The hash of the state of the world at the end, also shown by `metamorph replay`. On `ipc` it includes
+    /// times, so it differs between runs. Null in reports of earlier versions.
     pub world_hash: Option<String>,
     /// The command that repeats the run.
     pub repeat: String,
-    /// What it ran on.
+    /// The machine that ran it.
     pub machine: Machine,
 }
 
@@ -93,13 +91,13 @@ pub struct Agents {
     pub launched: u64,
     /// Alive at the end.
     pub alive: u64,
-    /// Deaths, those before a restart included.
+    /// Deaths, including those followed by a restart.
     pub crashed: u64,
     /// Starts after a death.
     pub restarted: u64,
 }
 
-/// How much of a goal is there.
+/// The progress of a goal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GoalReport {
     /// Cells of the goal; of metamodules, its seeds.
@@ -109,64 +107,64 @@ pub struct GoalReport {
     pub filled: u64,
 }
 
-/// One goal of several.
+/// One goal of the run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageReport {
-    /// What the scenario calls it.
+    /// Its name in the scenario.
     pub name: String,
     /// Cells, or seeds, of the goal.
     pub cells: u64,
     /// Cells, or seeds, filled at the end.
     pub filled: u64,
-    /// When it was begun.
+    /// Time at which it was opened.
     pub opened_s: f64,
-    /// When the last cell was filled; null if never.
+    /// Time at which the last cell was filled; null if never.
     pub built_s: Option<f64>,
-    /// When the swarm itself knew that all cells were filled; null if the run ended before.
+    /// Time at which the swarm itself knew that all cells were filled; null if the run ended before.
     pub known_s: Option<f64>,
-    /// From built to known, 0 if it was known first; null if either is.
+    /// From `built_s` to `known_s`, 0 if it was known first; null if either is null.
     pub detect_lag_s: Option<f64>,
 }
 
-/// Why goal cells stay unfilled.
+/// A standstill, and why goal cells stay unfilled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Standstill {
-    /// Since when nothing went on.
+    /// Time of the last progress.
     pub since_s: f64,
     /// `blocked`, `pinned`, `cut-off`, `material-exhausted`, `no-active-target`, `needs-dead-support`, `no-way`; of
     /// metamodules `material-exhausted`, `seed-blocked`, `no-way`, `misplaced`, `no-better-place`, `no-lock` or
     /// `blocked`.
     pub reason: String,
-    /// Whether it is proved that no protocol could have gone on from here: `possible` is `no`.
+    /// Whether it is proved that no protocol could have made progress from here: `possible` is `no`.
     pub infeasible: bool,
-    /// Whether live modules that can hear of the goal could have filled more of it: `no` if that is proved
-    /// impossible, `yes` if a search found a way, `undecided` if it did not end or was not made (large
-    /// swarms, the published strategies of metamodules, `sweep`).
+    /// Whether live modules that can learn of the goal could have filled more of it: `no` if that is proved
+    /// impossible, `yes` if a search found a plan, `undecided` if the search reached its bound or was not
+    /// made (large swarms, the published strategies of metamodules, `sweep`).
     #[serde(default = "undecided")]
     pub possible: String,
-    /// The widest rules within which it is proved that nothing more could be done: `held` (what may hang on
-    /// a broken module is not let go), `called` (live modules that can hear of the goal), `grown` (all, but
-    /// what is built stays) or `anything`; null if nothing is proved.
+    /// The widest rules under which progress is proved impossible: `held` (connections that may carry a
+    /// broken module are not released), `called` (live modules that can learn of the goal), `grown` (all
+    /// modules, but what is built stays) or `anything`; null if nothing is proved.
     #[serde(default)]
     pub impossible_within: Option<String>,
-    /// The moves of the way that was found; null if there is none.
+    /// The moves of the plan that was found; null if there is none.
     #[serde(default)]
     pub way: Option<u64>,
-    /// The last three in words.
+    /// The last three fields as text.
     #[serde(default)]
     pub prospect: String,
-    /// The reason in words.
+    /// The reason as text.
     pub text: String,
     /// Goal cells that are not filled; of seeds, the cells of their feet.
     pub unfilled: Vec<[i16; 3]>,
-    /// Modules that wait for each other in a circle; empty if none do.
+    /// Modules that wait for each other in a cycle; empty if there is none.
     pub wait_cycle: Vec<u32>,
-    /// Spare modules that have a way to a goal cell and do not take it (the first 20); of metamodules,
-    /// all that are free.
+    /// Spare modules that have a path to a goal cell and do not take it (the first 20); of metamodules, all
+    /// that are free.
     pub waiting: Vec<Waiting>,
-    /// When the swarm itself found out that nobody can go on, if it did (`detector = true`).
+    /// When the swarm itself detected the deadlock, if it did (`detector = true`).
     pub detected: Option<Detected>,
-    /// What is proved of metamodules under `negotiated`; null if nothing is, and for cubes.
+    /// The proof of the standstill under `negotiated`; null if there is none, and for cubes.
     #[serde(default)]
     pub proof: Option<ProofReport>,
 }
@@ -174,45 +172,45 @@ pub struct Standstill {
 /// A proof by exhaustive search that no moves of the free metamodules, in any order, fill one more seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ProofReport {
-    /// The number of arrangements of bodies that can be reached, all of which were looked at.
+    /// The number of reachable arrangements of bodies, all of which were examined.
     pub arrangements: u64,
-    /// With `relocate = true`, the number of places that are clear of everything that stays, at each of which it
-    /// is proved that the goal cannot be built; null if the goal may not be moved.
+    /// With `relocate = true`, the number of placements free of obstacles, at each of which the goal is
+    /// proved unbuildable; null if the goal may not be moved.
     pub places: Option<u64>,
 }
 
-/// What is known where nobody has looked.
+/// The default of reports without a search.
 fn undecided() -> String {
     "undecided".to_owned()
 }
 
-/// What the swarm itself found out.
+/// A deadlock detected by the swarm itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Detected {
-    /// When.
+    /// Time of the detection.
     pub at_s: f64,
-    /// Which module counted all the others.
+    /// The module that counted all the others.
     pub by: u32,
 }
 
 /// A module that waits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Waiting {
-    /// Who.
+    /// Its number.
     pub module: u32,
-    /// For whom, if it said.
+    /// The module it waits for, if it reported one.
     pub waits_for: Option<u32>,
-    /// Why it does not go on, in words to follow its name.
+    /// Why it makes no progress, as text to follow its name.
     pub why: String,
 }
 
 /// Attempts to use one cell twice; the body of a cube also refuses a move whose support is missing.
 ///
-/// Of metamodules, `prevented + refused` is what can be compared with the collisions ("CL") in tables
-/// 4.1 and 4.2 of the thesis, which leaves out those of runs that were not built.
+/// For metamodules, `prevented + refused` is comparable to the collisions ("CL") in tables 4.1 and 4.2 of the
+/// thesis, which leaves out those of runs that were not built.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Collisions {
-    /// All: prevented by negotiation, refused by the body, suffered.
+    /// The sum of prevented, refused and suffered.
     pub attempted: u64,
     /// Prevented between modules: by negotiation, of metamodules by locks.
     pub prevented: u64,
@@ -222,44 +220,43 @@ pub struct Collisions {
     pub suffered: u64,
 }
 
-/// What became of moves.
+/// Results of moves.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MoveReport {
     /// Begun.
     pub started: u64,
-    /// Ended where they should.
+    /// Ended at the intended place.
     pub completed: u64,
     /// Failed, by a stuck joint or a failed connection, and rolled back.
     pub failed: u64,
     /// Refused by the body because a cell was taken or a support missing.
     pub refused_taken: u64,
-    /// Refused by the body because the grants they rest on would have ended before them.
+    /// Refused by the body because the grants would have expired before the end of the move.
     pub refused_late: u64,
     /// Refused by the body because contacts had changed since the decision.
     pub refused_stale: u64,
-    /// Refused by the body because it could not do that from where it was, or was acting already; 0 for
-    /// cubes.
+    /// Refused by the body as impossible from its state, or because it was already acting; 0 for cubes.
     pub refused_impossible: u64,
 }
 
-/// What only metamodules have.
+/// Additional results of metamodules.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MetamoduleReport {
     /// `PAR`, `PER`, `SRS` or `SRZ`.
     pub kind: String,
-    /// How they decided: `greedy`, `slope`, `step` or `negotiated`.
+    /// The strategy: `greedy`, `slope`, `step` or `negotiated`.
     pub strategy: String,
-    /// The levels of the goal that was being built last, from the ground up.
+    /// The levels of the last goal, from the ground up.
     pub levels: Vec<LevelReport>,
-    /// How far that goal was moved along x and y, to where it could be built.
+    /// How far that goal was moved along x and y, to a place where it could be built.
     pub shift: [i16; 2],
     /// Steps of joints.
     pub turns: u64,
     /// Connections made; the same as `moves`.
     pub connections: u64,
-    /// Ends let go.
+    /// Connections released.
     pub releases: u64,
-    /// When the last seed was filled; 0 if none was.
+    /// Time at which the last seed was filled; 0 if none was.
     pub last_fill_s: f64,
 }
 
@@ -268,22 +265,22 @@ pub struct MetamoduleReport {
 pub struct LevelReport {
     /// Its seeds.
     pub seeds: u64,
-    /// Those of them that were filled at the end.
+    /// Seeds of the level filled at the end.
     pub filled: u64,
 }
 
-/// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired +
-/// refused + in_flight`. Both ends of a link count; a run in which no process was killed or stopped and
-/// whose counts do not add up has broken the invariant `messages-balance`.
+/// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired + refused
+/// + in_flight`. Both ends of a link count; if the counts do not add up in a run without killed or stopped
+/// processes, the invariant `messages-balance` is violated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Messages {
     /// Handed to the link.
     pub total: u64,
-    /// Bytes of those, headers included.
+    /// Their bytes, headers included.
     pub bytes: u64,
     /// All classes together.
     pub all: ClassCounts,
-    /// By what messages are for: gradient, seed, connectivity, negotiation, world, liveness.
+    /// Counts by class: gradient, seed, connectivity, negotiation, world, liveness.
     pub by_class: BTreeMap<String, ClassCounts>,
 }
 
@@ -294,9 +291,9 @@ pub struct ClassCounts {
     pub sent: u64,
     /// Handed to agents by the link.
     pub delivered: u64,
-    /// Lost on the way, or cut off by a partition.
+    /// Lost in transit, or cut off by a partition.
     pub lost: u64,
-    /// Extra copies made on the way.
+    /// Extra copies made in transit.
     pub duplicated: u64,
     /// Dropped because an inbox was full.
     pub overflowed: u64,
@@ -304,9 +301,9 @@ pub struct ClassCounts {
     pub expired: u64,
     /// Arrived damaged and refused.
     pub refused: u64,
-    /// Not arrived when the run ended.
+    /// In flight when the run ended.
     pub in_flight: i64,
-    /// Those of them that no process has counted: under way to or from one that was killed, or to one that was
+    /// Messages in flight that no process has counted: to or from a killed process, or to one that was
     /// stopped until the contact had ended; 0 on `sim`.
     #[serde(default)]
     pub uncounted: i64,
@@ -314,27 +311,26 @@ pub struct ClassCounts {
     pub bytes: u64,
 }
 
-/// How long a run took.
+/// Durations of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Times {
     /// Scenario time from the start to the end.
     pub virtual_s: f64,
-    /// The same, in durations of a move; of metamodules, of a step of a joint.
+    /// The same, as a multiple of the time of a move; of metamodules, of a step of a joint.
     pub move_times: f64,
     /// Real time from the first event to the last.
     pub wall_s: f64,
-    /// Real time before that.
+    /// Real time before the first event.
     pub setup_s: f64,
-    /// By how much the clock was slowed because the machine was too busy for the agents to keep up; null on
-    /// `sim`.
+    /// How far the clock was slowed because the machine was too busy for the agents; null on `sim`.
     #[serde(default)]
     pub slowed: Option<SlowedReport>,
 }
 
-/// By how much the clock of a run was slowed.
+/// How far the clock of a run was slowed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SlowedReport {
-    /// The mean speed of scenario time, as a share of `time_scale`: 1 if it was never slowed.
+    /// Mean speed of scenario time, as a share of `time_scale`: 1 if it was never slowed.
     pub factor: f64,
     /// The lowest speed that was set, as a share of `time_scale`.
     pub lowest: f64,
@@ -342,43 +338,44 @@ pub struct SlowedReport {
     pub real_s: f64,
 }
 
-/// What must always hold.
+/// Invariant checks and violations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Invariants {
-    /// How often one was checked.
+    /// Checks made.
     pub checked: u64,
-    /// How often one was broken.
+    /// Violations found.
     pub broken: u64,
-    /// The first hundred of those.
+    /// The first hundred violations.
     pub violated: Vec<ViolationReport>,
 }
 
-/// An invariant that did not hold.
+/// A violation of an invariant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ViolationReport {
-    /// Its name.
+    /// The name of the invariant.
     pub invariant: String,
-    /// When.
+    /// Time of the violation.
     pub at_s: f64,
-    /// What was seen.
+    /// What was observed.
     pub what: String,
 }
 
-/// A fault and what it did.
+/// A fault and its effect.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FaultReport {
-    /// When it struck.
+    /// Time at which it struck.
     pub at_s: f64,
     /// `kill`, `pause`, `resume`, `restart`, `stick`, `unstick`, `block`, `unblock`; `partition` and its
     /// end, `heal`; or `external`: a process killed, stopped or continued by something outside the run.
     pub fault: String,
-    /// Whom it hit; null if it hit a cell or links.
+    /// The module; null if it hit a cell or links.
     pub module: Option<u32>,
-    /// The state it found the module in; of `external` also what was done, of `partition` who is cut off.
+    /// The state of the module when it struck; for `external` also what was done, for `partition` the modules
+    /// cut off.
     pub effect: String,
 }
 
-/// What a run ran on.
+/// The machine of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Machine {
     /// The operating system.

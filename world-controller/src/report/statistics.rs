@@ -1,4 +1,4 @@
-//! Numbers about many runs: intervals of rates, exact tests, and the spread of counts. Plain functions of numbers.
+//! Statistics over many runs: intervals of rates, exact tests, spreads of values. Pure functions.
 
 use crate::console::format::percent;
 use schemars::JsonSchema;
@@ -10,7 +10,7 @@ const Z95: f64 = 1.959_963_984_540_054;
 /// A share of successes with its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Rate {
-    /// Successes by trials.
+    /// Successes divided by trials.
     pub rate: f64,
     /// The lower end of the interval.
     pub low: f64,
@@ -19,9 +19,9 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// The interval of Wilson (1927), without continuity correction. Unlike the interval around the
-    /// rate itself it is never empty and never leaves 0 to 1, also for no or only successes. None
-    /// without trials.
+    /// Computes the interval of Wilson (1927), without continuity correction. Unlike the normal approximation
+    /// it is never empty and stays within 0 to 1, also without failures or without successes. `None` without
+    /// trials.
     pub fn wilson(successes: u64, trials: u64) -> Option<Rate> {
         if trials == 0 {
             return None;
@@ -30,14 +30,14 @@ impl Rate {
         let middle = p + z2 / (2.0 * n);
         let half = Z95 * (p * (1.0 - p) / n + z2 / (4.0 * n * n)).sqrt();
         let scale = 1.0 + z2 / n;
-        // Rounding must not move an end off the bound that it touches exactly.
+        // Rounding must not move an end away from the bound that it equals exactly.
         let low = if successes == 0 { 0.0 } else { (middle - half) / scale };
         let high = if successes == trials { 1.0 } else { (middle + half) / scale };
         Some(Rate { rate: p, low, high })
     }
 }
 
-/// ln 0! to ln n!.
+/// Returns ln 0! to ln n!.
 fn ln_factorials(n: u64) -> Vec<f64> {
     let mut sums = vec![0.0];
     for k in 1..=n {
@@ -46,8 +46,8 @@ fn ln_factorials(n: u64) -> Vec<f64> {
     sums
 }
 
-/// Fisher's exact test of two samples, each as successes and trials: how probable a table with the same sums
-/// is that is as improbable as this one or more so (two-sided). `None` if a sample is empty.
+/// Computes Fisher's exact test (two-sided) of two samples, each as successes and trials: the probability of
+/// all tables with the same sums that are at most as probable as this one. `None` if a sample is empty.
 pub fn fisher(a: (u64, u64), b: (u64, u64)) -> Option<f64> {
     let ((k, n), (other, others)) = (a, b);
     if n == 0 || others == 0 || k > n || other > others {
@@ -63,19 +63,19 @@ pub fn fisher(a: (u64, u64), b: (u64, u64)) -> Option<f64> {
     Some(possible.map(probability).filter(|p| *p <= observed).sum::<f64>().min(1.0))
 }
 
-/// Some independent trials, and the probability of success that is to be tested.
+/// Independent trials, and the probability of success to be tested.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observed {
     /// Successes.
     pub successes: u64,
     /// Trials.
     pub trials: u64,
-    /// The probability.
+    /// The probability of success.
     pub expected: f64,
 }
 
 impl Observed {
-    /// Pearson's X² of so many successes.
+    /// Returns Pearson's X² for this number of successes.
     fn x2(self, successes: u64) -> f64 {
         let (n, p) = (self.trials as f64, self.expected);
         let away = successes as f64 - n * p;
@@ -87,7 +87,7 @@ impl Observed {
         }
     }
 
-    /// X² and probability of each number of successes that is possible.
+    /// Returns X² and probability of each possible number of successes.
     fn results(self) -> Vec<(f64, f64)> {
         let (n, p) = (self.trials, self.expected.clamp(0.0, 1.0));
         let ln = ln_factorials(n);
@@ -99,31 +99,31 @@ impl Observed {
     }
 }
 
-/// How far a result is from what was expected.
+/// The deviation of results from their expectation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Discrepancy {
     /// Pearson's X² over all groups; infinite if something impossible was observed, and then null in JSON.
     pub x2: Option<f64>,
-    /// The probability of an X² at least as large, over all results that were possible.
+    /// The probability of an X² at least as large, over all possible results.
     pub p: f64,
 }
 
 impl Discrepancy {
-    /// Goes through all results of independent groups. Their number is the product of trials + 1, which has
-    /// to be small: the six groups of the thesis have 11 million. `None` without groups.
+    /// Enumerates all results of independent groups. Their number is the product of trials + 1 and has to be
+    /// small: 11 million for the six groups of the thesis. `None` without groups.
     pub fn of(groups: &[Observed]) -> Option<Discrepancy> {
         if groups.is_empty() {
             return None;
         }
         let x2: f64 = groups.iter().map(|g| g.x2(g.successes)).sum();
         let results: Vec<Vec<(f64, f64)>> = groups.iter().map(|g| g.results()).collect();
-        // Rounding must not tell equal results apart.
+        // Rounding must not separate equal results.
         let p = at_least(&results, x2 * (1.0 - 1e-9)).min(1.0);
         Some(Discrepancy { x2: Some(x2).filter(|x| x.is_finite()), p })
     }
 }
 
-/// The probability that independent results come to a sum of at least `bound`.
+/// Returns the probability that independent results sum to at least `bound`.
 fn at_least(groups: &[Vec<(f64, f64)>], bound: f64) -> f64 {
     match groups {
         [] => f64::from(u8::from(bound <= 0.0)),
@@ -132,31 +132,31 @@ fn at_least(groups: &[Vec<(f64, f64)>], bound: f64) -> f64 {
     }
 }
 
-/// How values are spread.
+/// The distribution of values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Spread {
-    /// How many values.
+    /// Number of values.
     pub count: u64,
-    /// Their mean.
+    /// Mean.
     pub mean: f64,
-    /// The smallest.
+    /// Minimum.
     pub min: f64,
-    /// Below this are 5 %.
+    /// 5 % quantile.
     pub p5: f64,
-    /// Below this is a quarter.
+    /// First quartile.
     pub q1: f64,
-    /// Below this is half.
+    /// Median.
     pub median: f64,
-    /// Below this are three quarters.
+    /// Third quartile.
     pub q3: f64,
-    /// Below this are 95 %.
+    /// 95 % quantile.
     pub p95: f64,
-    /// The largest.
+    /// Maximum.
     pub max: f64,
 }
 
 impl Spread {
-    /// The spread of finite values; none without values. Sorts them first, so that the result does
+    /// Returns the spread of finite values; `None` without values. Sorts them first, so that the result does
     /// not depend on their order.
     pub fn of(values: &mut [f64]) -> Option<Spread> {
         values.sort_unstable_by(f64::total_cmp);
@@ -177,8 +177,8 @@ impl Spread {
     }
 }
 
-/// The quantile of sorted values by linear interpolation: type 7 of Hyndman and Fan (1996), which is
-/// what R and NumPy do unless told otherwise. Not empty.
+/// Returns the quantile of sorted values by linear interpolation: type 7 of Hyndman and Fan (1996), the
+/// default of R and NumPy. `sorted` must not be empty.
 fn quantile(sorted: &[f64], q: f64) -> f64 {
     let at = q * (sorted.len() - 1) as f64;
     let below = at.floor() as usize;
@@ -186,7 +186,7 @@ fn quantile(sorted: &[f64], q: f64) -> f64 {
     sorted[below] + (at - below as f64) * (sorted[above] - sorted[below])
 }
 
-/// A rate and its interval, in percent.
+/// Formats a rate and its interval, in percent.
 pub fn rate(rate: Option<Rate>) -> (String, String) {
     match rate {
         Some(r) => (percent(r.rate), format!("{} to {}", percent(r.low), percent(r.high))),
@@ -216,7 +216,7 @@ mod tests {
             close(rate.low, low, 0.000_05);
             close(rate.high, high, 0.000_05);
             close(rate.rate, successes as f64 / trials as f64, 0.0);
-            // What fails is the mirror image of what succeeds.
+            // Failures are the mirror image of successes.
             let mirror = Rate::wilson(trials - successes, trials).unwrap();
             close(mirror.low, 1.0 - rate.high, 1e-12);
             close(mirror.high, 1.0 - rate.low, 1e-12);
@@ -231,12 +231,12 @@ mod tests {
         close(fisher((10, 13), (2, 17)).unwrap(), 0.000_536_724, 1e-8);
         close(fisher((2, 17), (10, 13)).unwrap(), 0.000_536_724, 1e-8);
         assert_eq!((fisher((0, 0), (1, 2)), fisher((5, 5), (9, 9))), (None, Some(1.0)));
-        // As large a sample as `reproduce` compares with.
+        // A sample as large as those of `reproduce`.
         let p = fisher((4, 12), (7_920, 12_000)).unwrap();
         assert!((0.02..0.04).contains(&p), "{p}");
     }
 
-    /// A fair coin: 0, 1, 5 or 6 of 6 are 14 of 64 results. Two coins: by going through all of them.
+    /// A fair coin: 0, 1, 5 or 6 of 6 are 14 of 64 results. Two coins: by enumeration.
     #[test]
     fn discrepancies_count_every_possible_result() {
         let coin = |successes, trials| Observed { successes, trials, expected: 0.5 };
@@ -255,7 +255,7 @@ mod tests {
         assert_eq!(Discrepancy::of(&[]), None);
     }
 
-    /// With nothing but successes the lower end is n / (n + z²): 1 / (1 + 3.8415) for a single one.
+    /// Without failures the lower end is n / (n + z²): 1 / (1 + 3.8415) for a single success.
     #[test]
     fn wilson_intervals_touch_their_bounds() {
         let one = Rate::wilson(1, 1).unwrap();

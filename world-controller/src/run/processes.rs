@@ -1,5 +1,5 @@
-//! Runs a plan with one process per module, over shared memory. What a swarm of processes is, and
-//! how it is supervised, is in `swarm`; here a plan goes in and a report comes out.
+//! Runs a plan with one process per module, over shared memory: a plan goes in and a report comes out. The
+//! swarm of processes and its supervision are in `swarm`.
 
 use crate::console::escape::Shown;
 use crate::console::format::{many, seconds};
@@ -39,11 +39,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 use thiserror::Error;
 
-/// Why processes cannot be run.
+/// The reason why processes cannot be run.
 #[derive(Debug, Error)]
 pub enum ProcessError {
-    /// This program does not know where it is.
-    #[error("cannot find this program's own file, which agents are started from: {0}")]
+    /// The path of this executable is unknown.
+    #[error("cannot find this executable, which agents are started from: {0}")]
     Program(std::io::Error),
     /// The swarm.
     #[error(transparent)]
@@ -54,24 +54,24 @@ pub enum ProcessError {
     /// A journal's scenario cannot be read.
     #[error(transparent)]
     Head(#[from] HeadError),
-    /// There is no run.
+    /// The journal belongs to no run that can be resumed.
     #[error(
-        "{}: there is nothing to go on with: {why}\n  fix: name the journal of a run of processes whose controller was killed",
+        "{}: no run to resume: {why}\n  fix: name the journal of a run of processes whose controller was killed",
         .file.shown()
     )]
     NothingLeft {
         /// The journal.
         file: PathBuf,
-        /// Why.
+        /// The cause.
         why: &'static str,
     },
-    /// A run cannot be gone on with.
+    /// The run cannot be resumed.
     #[error(transparent)]
     NotResumable(#[from] NotResumable),
-    /// A journal does not lead to where the run was.
-    #[error("the run cannot be resumed, because its journal does not lead to where it was: {0}")]
+    /// Carrying the journal out failed.
+    #[error("the run cannot be resumed, because its journal does not reproduce its state: {0}")]
     Recovery(RecoverError),
-    /// What killed runs left behind.
+    /// Cleaning up after killed runs failed.
     #[error(transparent)]
     Clean(#[from] CleanError),
 }
@@ -84,40 +84,40 @@ impl From<RecoverError> for ProcessError {
         }
     }
 }
-/// Agents may be late by this part of a move, or of a step of a joint, before time is slowed: that much later
-/// than usual no answer is given up, and leases and heartbeats are forty and more times as long.
+/// Tolerated lateness of agents before scenario time is slowed, as a divisor of the time of a move or joint
+/// step. No time-out expires from that much delay: leases and heartbeats are at least forty times as long.
 const TOLERATED: u64 = 10;
 
-/// What a run of processes is given besides its plan.
+/// The inputs of a run of processes besides its plan.
 pub struct Processes<'l> {
     /// The progress line.
     pub live: &'l mut Live,
-    /// When the program started.
+    /// Started with the program.
     pub since: Stopwatch,
-    /// The journal, if one is kept.
+    /// The journal, if one is written.
     pub keeping: Option<Keeping>,
-    /// How long agents wait for a controller to come back, if a journal is kept.
+    /// How long agents wait for a controller to come back (real time), if a journal is written.
     pub patience: Duration,
-    /// Where records go for a page, if one is shown.
+    /// The log of the page, if one is shown.
     pub scribe: Option<Log>,
 }
 
 /// A run of processes whose controller was killed.
 pub struct LeftBehind {
-    /// The plan that it was made by.
+    /// The plan of the run.
     pub plan: Plan,
     file: PathBuf,
     run: RunId,
     part: Reader,
 }
 
-/// Finds the run that keeps this journal.
+/// Finds the run that writes this journal.
 pub fn left_behind(families: Families, file: &Path) -> Result<LeftBehind, ProcessError> {
     let file = std::path::absolute(file).map_err(|e| JournalError::Read(file.to_owned(), e))?;
     let parts = parts_of(&file);
     if !parts.is_dir() {
-        let over = "the run is over, and this is all of its journal";
-        let why = if file.is_file() { over } else { "no run keeps its journal there" };
+        let over = "the run is finished and its journal complete";
+        let why = if file.is_file() { over } else { "no run writes its journal there" };
         return Err(ProcessError::NothingLeft { file, why });
     }
     let path = controller_part(&parts);
@@ -125,7 +125,7 @@ pub fn left_behind(families: Families, file: &Path) -> Result<LeftBehind, Proces
     let Head::Run(head) = part.head().clone() else {
         return Err(JournalError::Unfit(path, "this is the part of a module".to_owned()).into());
     };
-    // Taking the run over ends its agents if that fails. Damage is found before.
+    // A takeover that fails ends the run's agents: find damage before.
     for record in Journal::open(&parts)? {
         record.map_err(JournalError::from)?;
     }
@@ -141,7 +141,7 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
         speed: speed(plan.time_scale),
         tolerance: swarm.time_step() / TOLERATED,
         link: plan.link.clone(),
-        // A swarm ends at once if it is interrupted while it is being set up.
+        // An interrupt during the setup ends the swarm at once.
         catch_signals: true,
         watcher: Some((program.clone(), vec![WATCH.into()])),
         journal: parts.cloned(),
@@ -149,7 +149,7 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
     })
 }
 
-/// Runs to the end, or until a signal asks for it.
+/// Runs the plan to its end, or until a signal asks for it.
 pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
     let Processes { live, since, keeping, patience, scribe } = processes;
     let mut world = swarm.world(plan);
@@ -177,7 +177,7 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     Ok(conclude(swarm, plan, world, director.brain, &outcome, before, keeping, Vec::new()))
 }
 
-/// Goes on with a run from its journal.
+/// Resumes a run from its journal.
 pub fn resume<R: Runnable>(
     swarm: &R,
     left: LeftBehind,
@@ -187,20 +187,22 @@ pub fn resume<R: Runnable>(
 ) -> Result<Report, ProcessError> {
     let LeftBehind { plan, file, run, mut part } = left;
     let plan = &plan;
-    // First of all, so that nobody writes to the journal any more while it is read.
+    // Take over first, so that no other controller writes to the journal while it is read.
     let parts = parts_of(&file);
     let adopted = adopt(&parts)?;
     let recovered = recover(swarm, plan, part.by_ref())?;
     let Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted } = recovered;
-    let mut said =
-        vec![format!("the controller was killed; another went on from {}", seconds(until.as_secs_f64()))];
+    let mut said = vec![format!(
+        "the controller was killed; another one resumed the run at {}",
+        seconds(until.as_secs_f64())
+    )];
     said.extend(
         part.torn().map(|torn| {
             format!("the controller's part of the journal was cut off after {} bytes", torn.whole)
         }),
     );
     if let Some(scribe) = &scribe {
-        // Whoever looks on is told what happened before.
+        // The page receives the records from before.
         for record in Reader::open(&controller_part(&parts))? {
             scribe.borrow_mut().put(&record.map_err(JournalError::from)?);
         }
@@ -226,7 +228,7 @@ pub fn resume<R: Runnable>(
     Ok(conclude(swarm, plan, recorded.into_inner(), brain, &outcome, before, Some(keeping), said))
 }
 
-#[allow(clippy::too_many_arguments, reason = "all that is left of a run")]
+#[allow(clippy::too_many_arguments, reason = "all results of a run")]
 fn conclude<R: Runnable>(
     swarm: &R,
     plan: &Plan,
@@ -254,7 +256,7 @@ fn conclude<R: Runnable>(
         body_messages: outcome.body_messages + outcome.control_messages,
         violations: &violations,
         broken: violations.len() as u64,
-        // The message counts are checked once.
+        // The message counts are one more check.
         checked: checked + 1,
         now: outcome.end,
         wall: outcome.wall,
@@ -270,40 +272,40 @@ fn conclude<R: Runnable>(
     })
 }
 
-/// Thousandths are as fine as anybody writes them; the plan keeps the range.
+/// Converts the time scale; thousandths are precise enough, and the plan limits the range.
 fn speed(time_scale: f64) -> Speed {
     let thousandths = (time_scale * 1_000.0).round().clamp(1.0, f64::from(u32::MAX)) as u32;
     Speed::new(thousandths, 1_000).unwrap_or(Speed::REAL)
 }
 
-/// What does not fit the report's numbers, in words.
+/// Lists what has no field in the report, as text.
 fn notes(outcome: &SwarmOutcome) -> Vec<String> {
     let crash = |c: &Crash| {
         let tail = c.stderr_tail.trim();
         let said = if tail.is_empty() { String::new() } else { format!("; it said: {tail}") };
         let at = seconds(c.at.as_secs_f64());
-        format!("module {} {} at {at} although nobody had asked it to{said}", c.id, c.how)
+        format!("module {} {} at {at} without an order{said}", c.id, c.how)
     };
     let mut notes: Vec<String> =
-        outcome.shortage.iter().map(|why| format!("the run was ended: {why}")).collect();
+        outcome.shortage.iter().map(|why| format!("the run was ended early: {why}")).collect();
     notes.extend(outcome.crashes.iter().map(crash));
     notes.extend(
         outcome.missing_ledgers.iter().map(|why| format!("messages are missing from the counts: {why}")),
     );
     if outcome.foreign > 0 {
         let frames = many(outcome.foreign, "frame");
-        notes.push(format!("refused {frames} that no member of the run wrote"));
+        notes.push(format!("refused {frames} from outside the run"));
     }
     notes
 }
 
-/// The director, with somebody watching: draws the progress line.
+/// A director that draws the progress line.
 struct Watched<'a, R: Runnable> {
     brain: R::Director,
     plan: &'a Plan,
     live: &'a mut Live,
     meter: Meter,
-    /// The present speed of the clock, in parts of [`FULL`].
+    /// The current speed of the clock, in parts of [`FULL`].
     share: Arc<AtomicU32>,
 }
 
@@ -345,7 +347,7 @@ impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
     }
 }
 
-/// Removes what killed runs of this user left behind, and says what was removed.
+/// Removes what killed runs of this user left behind, and describes what was removed.
 pub fn clean_up() -> Result<String, ProcessError> {
     let done = clean()?;
     let mut said = match done.runs.len() {

@@ -1,5 +1,5 @@
-//! What drivers and reports need of each family of units: how its world and director are set up, and
-//! what the two know when a run is over.
+//! What drivers and reports need of each family of modules: how to set up its world and director, and the
+//! result of a run.
 //!
 //! Absent: driving (`simulated`, `processes`) and the layout of reports (`report`).
 
@@ -16,7 +16,7 @@ use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;
 
-/// The setup that the agents of a family share.
+/// The setup shared by a family's agents.
 pub type SetupOf<R> = <<<R as Runnable>::World as World>::Agent as Agent>::Setup;
 
 /// A swarm that can be run.
@@ -26,26 +26,26 @@ pub trait Runnable: SwarmPlan {
     /// Its director.
     type Director: Direct<Self::World>;
 
-    /// What all agents share.
+    /// Returns what all agents share.
     fn setup(&self) -> &Arc<SetupOf<Self>>;
-    /// The world at the start.
+    /// Returns the world at the start.
     fn world(&self, plan: &Plan) -> Self::World;
-    /// The director at the start.
+    /// Returns the director at the start.
     fn director(&self, plan: &Plan) -> Self::Director;
-    /// The shortest time in which something can be seen to happen: a move, or a step of a joint.
+    /// Returns the shortest observable time step: a move, or a step of a joint.
     fn time_step(&self) -> Span;
-    /// How often everything is audited in a simulation.
+    /// Returns the time between two complete audits in a simulation.
     fn audit_every(&self) -> Span;
-    /// How far a run has come.
+    /// Returns the progress of the run.
     fn progress(director: &Self::Director) -> Progress;
-    /// What there is to report.
+    /// Returns the result for the report.
     fn account(&self, plan: &Plan, director: &Self::Director, world: &Self::World) -> RunResult;
-    /// Checks the world once more after a run of processes. Returns all that was found broken in the
-    /// run, and how often something was checked.
+    /// Checks the world once more after a run of processes. Returns all violations of the run, and the number
+    /// of checks.
     fn last_check(world: &mut Self::World, now: Time) -> (Vec<Violation>, u64);
 }
 
-/// How a goal ended, for reports.
+/// Describes the end of a goal, for reports.
 pub fn stage(name: &str, stage: &Stage) -> StageReport {
     StageReport {
         name: name.to_owned(),

@@ -1,4 +1,4 @@
-//! Runs a plan on the simulated link: one thread, virtual time, the same every time.
+//! Runs a plan on the simulated link: one thread, virtual time, deterministic.
 
 use crate::console::stopwatch::Stopwatch;
 use crate::record::journal::Keeping;
@@ -16,25 +16,24 @@ use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWor
 use metamorph_sim_bridge::kernel::sim::{Audited, Sim, SimConfig};
 use std::sync::Arc;
 
-/// Asks how to go on, again and again: it is given the scenario time and how far the run has come, and the
-/// run ends when it says no.
+/// A callback with the scenario time and the progress of the run; returning false ends the run.
 pub type Watch<'w> = dyn FnMut(Time, &dyn Fn() -> Progress) -> bool + 'w;
 
-/// What a simulated run is given besides its plan.
+/// The inputs of a simulated run besides its plan.
 pub struct Simulation<'w> {
     /// When the program started.
     pub since: Stopwatch,
-    /// Whether to go on.
+    /// Called between slices of the run.
     pub watch: &'w mut Watch<'w>,
-    /// The journal, if one is kept.
+    /// The journal, if one is written.
     pub keeping: Option<Keeping>,
-    /// Where records go for a page, if one is shown.
+    /// The log of the page, if one is shown.
     pub scribe: Option<Log>,
-    /// Whether it is worth a search to find out if a run that stood still could have gone on.
+    /// Whether a standstill is worth a search for what could still have been built.
     pub search: bool,
 }
 
-/// Runs to the end, or until it is not to go on.
+/// Runs the plan to its end, or until `watch` returns false.
 pub fn run<R: Runnable>(swarm: &R, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) {
     let Simulation { since, watch, keeping, scribe, search } = simulation;
     let config = SimConfig {
@@ -72,7 +71,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
     search: bool,
 ) -> (Report, RunResult) {
     let (setup, running) = (since.elapsed(), Stopwatch::start());
-    // Slices are only for being watched; where they end has no effect on the run.
+    // Slices exist for `watch` only; where they end has no effect on the run.
     while watch(sim.now(), &|| Progress {
         messages: Some(sim.tally().total().sent),
         ..R::progress(director(sim.director()))

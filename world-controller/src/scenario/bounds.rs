@@ -1,45 +1,45 @@
-//! How long a standstill has to last before it is one: from the protocol's own times, and from what the link
-//! does to messages. With a link of usual speed that loses nothing the bounds are what they are without one.
+//! Bounds for standstills: how long the absence of progress must last to count, from the protocol's own times
+//! and from what the link does to messages. A link of usual speed that loses nothing changes no bound.
 //!
-//! A standstill must not be called a deadlock as long as somebody may only be waiting for a message. So a
-//! bound is the longest that one step of progress takes on a link of usual speed, and in addition
+//! A standstill must not be called a deadlock while a module may only be waiting for a message. So a bound is
+//! the longest time of one step of progress on a link of usual speed, and in addition
 //! - for each message that has to arrive before the next one is sent, how much later than usual it can be;
-//! - for each message that may be lost, as many repeats as it takes until all have come through but once in
-//!   [`ONCE_IN`] standstills.
+//! - for each message that may be lost, enough repeats that all but one in [`ONCE_IN`] standstills are
+//!   covered.
 //!
-//! A message that is damaged or overtaken is of no use to whoever waits for it, so it counts as lost; one
-//! that comes twice does no harm. With p the probability of being lost and q = 1 - p:
-//! - *News* goes from one module to the next, each repeating it until something newer is there. For n of
-//!   them in a row the repeats are a sum of n geometric numbers, and by Chernoff's bound (at z = 1/√p) more
-//!   than `m = 2·(n·log(1 + √p) + log(ONCE_IN))/log(1/p)` of them have a probability below 1/ONCE_IN.
-//! - An *exchange* is asked for until an answer comes. Of one with l messages, all of which have to come
-//!   through, `k = log(ONCE_IN)/log(1/(1 - qˡ))` tries fail together with a probability below 1/ONCE_IN.
+//! A damaged or overtaken message is useless to its receiver, so it counts as lost; a duplicate does no harm.
+//! With p the probability of loss and q = 1 - p:
+//! - *News* passes from module to module, each repeating it until something newer is there. For n of them in
+//!   a row the repeats are a sum of n geometric numbers, and by Chernoff's bound (at z = 1/√p) more than `m =
+//!   2·(n·log(1 + √p) + log(ONCE_IN))/log(1/p)` of them have a probability below 1/ONCE_IN.
+//! - An *exchange* is repeated until it is answered. For l messages, all of which have to arrive, `k =
+//!   log(ONCE_IN)/log(1/(1 - qˡ))` tries all fail with a probability below 1/ONCE_IN.
 //!
-//! What does not last (`until`) is not counted: a bound begins to run when it has ended.
+//! Impairments that end (`until`) are not counted: a bound starts to run when they have ended.
 
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Span;
 
-/// A bound that covers what it is meant to would be too short once in so many standstills.
+/// A bound is too short in one of this many standstills at most.
 const ONCE_IN: u64 = 1_000_000;
-/// Tries and repeats counted at most. Where more would be needed, a bound promises nothing.
+/// Tries and repeats counted at most. If more are needed, a bound guarantees nothing.
 const MOST: u64 = 4_096;
 /// Fixed point: 1 for probabilities, and for logarithms.
 pub const ONE: u64 = 1 << 32;
 const LOG_BITS: u32 = 16;
 
-/// What a link does to messages, as bounds count it.
+/// The effect of a link on messages, as bounds count it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Passage {
-    /// How much later than usual a message arrives at most, if it does.
+    /// Delay of a message beyond the usual, at most.
     pub late: Span,
-    /// The probability that a message is of use, in units of 1/[`ONE`].
+    /// The probability that a message is useful, in units of 1/[`ONE`].
     pub arrives: u64,
 }
 
 impl Passage {
-    /// Of this link, where delays of up to `delay` are reckoned with, and up to `usual` are usual.
+    /// Returns the effect of a link with delays of up to `delay`, of which `usual` is usual.
     pub fn of(link: &LinkModel, delay: Span, usual: Span) -> Passage {
         let lasts = link.harmless_from.is_none();
         let harms = [link.loss, link.reorder, link.corrupt].into_iter().filter(|_| lasts);
@@ -49,7 +49,7 @@ impl Passage {
         Passage { late: delay - usual, arrives: harms.fold(ONE, spared) }
     }
 
-    /// Repeats that news needs at most to pass so many modules in a row, and in so many copies.
+    /// Returns the repeats that news needs at most to pass `messages` modules in a row, in `copies` copies.
     pub fn repeats(self, messages: u64, copies: u64) -> u64 {
         let lost = ONE - self.arrives;
         if lost == 0 {
@@ -62,7 +62,8 @@ impl Passage {
         capped(needed, log_inverse(lost))
     }
 
-    /// Tries that an exchange of so many messages needs at most besides the first, for so many at once.
+    /// Returns the tries that an exchange of `messages` messages needs at most after the first, with `copies`
+    /// exchanges at once.
     pub fn more_tries(self, messages: u32, copies: u64) -> u64 {
         let through =
             (0..messages).fold(ONE, |all, _| ((u128::from(all) * u128::from(self.arrives)) >> 32) as u64);
@@ -72,37 +73,37 @@ impl Passage {
         capped(log(ONCE_IN * copies), log_inverse(ONE - through)) - 1
     }
 
-    /// Whether so much is lost that a standstill may be called a deadlock although it is none.
+    /// Returns true if the loss is too high to tell a deadlock from a long wait.
     pub fn is_beyond(self, bounds: &Bounds) -> bool {
         self.more_tries(bounds.legs, bounds.copies) + 1 == MOST
     }
 }
 
-/// What the bounds of a swarm are made of.
+/// The ingredients of a swarm's bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bounds {
-    /// The bound for standing still.
+    /// The bound for a standstill.
     pub stall: Span,
     /// Messages of the longest exchange.
     pub legs: u32,
-    /// How many of them are under way at once.
+    /// Exchanges under way at once.
     pub copies: u64,
 }
 
-/// `needed / each`, rounded up, and at most [`MOST`].
+/// Returns `needed / each`, rounded up, and at most [`MOST`].
 fn capped(needed: u64, each: u64) -> u64 {
     needed.checked_div(each).map_or(MOST, |n| (n + 1).min(MOST))
 }
 
-/// The logarithm of a whole number to base 2, rounded up to a whole number.
+/// Returns the binary logarithm of a whole number, rounded up.
 fn log(n: u64) -> u64 {
     u64::from(64 - n.leading_zeros()) << LOG_BITS
 }
 
-/// The logarithm of `ONE / n` to base 2, rounded down, for `n` from 1 to [`ONE`].
+/// Returns the binary logarithm of `ONE / n`, rounded down, for `n` from 1 to [`ONE`].
 fn log_inverse(n: u64) -> u64 {
     let whole = n.max(1).ilog2();
-    // From 1 to 2 in units of 2⁻³², and squared again and again: each time that it comes to 2 is a bit.
+    // A mantissa from 1 to 2 in units of 2⁻³², squared repeatedly: each time it reaches 2 yields a bit.
     let mut mantissa = u128::from(n.max(1)) << (32 - whole);
     let mut fraction = 0;
     for _ in 0..LOG_BITS {
@@ -138,7 +139,7 @@ mod tests {
         }
     }
 
-    /// Of 20,000 draws none needs more than the formulas allow for, and some need a fifth of it.
+    /// Of 20,000 draws none needs more than the formulas allow, and some need a fifth of it.
     #[test]
     fn draws_stay_within() {
         let mut stream = Stream::named(1, "bounds", 0);

@@ -1,6 +1,6 @@
-//! What reading and planning need of a family of units. A scenario names its family; everything that only
-//! that family has is read, checked and described through these traits. Absent: which families there
-//! are, which is handed in as [`Families`].
+//! What reading and planning need of a family of modules. A scenario names its family; everything particular
+//! to a family is read, checked and described through these traits. Absent: the list of families, which is
+//! passed in as [`Families`].
 
 use super::Plan;
 use super::bounds::{Bounds, Passage};
@@ -18,24 +18,24 @@ use std::sync::Arc;
 #[derive(Clone, Copy)]
 pub struct Families(pub &'static [&'static dyn ScenarioFamily]);
 
-/// How scenarios of one family are read and described.
+/// Reads and describes the scenarios of one family.
 pub trait ScenarioFamily: Sync {
-    /// The name used in scenarios, reports and on command lines.
+    /// Returns the name used in scenarios, reports and on command lines.
     fn name(&self) -> &'static str;
-    /// Reads what belongs to the family. `swarm` is `[swarm]`, begun; it and the others are finished here.
+    /// Reads the family's sections. `swarm` is `[swarm]`, partly read; the method finishes it and the others.
     fn read(
         &self,
         swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,
         problems: &mut Problems,
     ) -> Box<dyn RawSwarm>;
-    /// The family's part of the JSON schema of scenarios.
+    /// Returns the family's part of the JSON schema of scenarios.
     fn schema(&self) -> FamilySchema;
-    /// The kinds of `[[fault]]` that its bodies can suffer, by their keys.
+    /// Returns the keys of the `[[fault]]` kinds that apply to its bodies.
     fn faults(&self) -> &'static [&'static str];
 }
 
-/// The sections, besides `[swarm]`, that mean something else in each family.
+/// The sections, besides `[swarm]`, whose meaning depends on the family.
 pub struct Sections<'d, 'i> {
     /// All `[[goal]]` tables.
     pub goals: Option<&'d Node<'i>>,
@@ -53,28 +53,28 @@ pub struct FamilySchema {
     pub protocol: Value,
     /// The keys of the shape of a goal.
     pub shapes: &'static [&'static str],
-    /// What these refer to, by name.
+    /// Definitions that these refer to, by name.
     pub definitions: Vec<(&'static str, Value)>,
 }
 
-/// The family's parts of a scenario, as written.
+/// The family's parts of a scenario as written.
 pub trait RawSwarm: fmt::Debug {
-    /// The shortest time in which something can be seen to happen, as written, and its key.
+    /// Returns the shortest observable time step as written, and its key.
     fn time_step(&self) -> (&Option<At<Span>>, &'static str);
-    /// Checks everything that needs more than one value, and makes the family's part of a plan.
+    /// Checks what needs more than one value, and creates the family's part of a plan.
     fn draft(&self, context: &DraftContext, problems: &mut Problems) -> Option<Draft>;
-    /// Checks the times that must not lie beyond the end of the run.
+    /// Checks the times that must not be after the end of the run.
     fn check_end(&self, _timeout: Span, _problems: &mut Problems) {}
 }
 
-/// What is known of a run when the family's part of a plan is made.
+/// The properties of a run known when the family's part of a plan is created.
 #[derive(Clone, Copy, Debug)]
 pub struct DraftContext {
-    /// How long a move of a cube or a step of a joint takes.
+    /// The time of a move of a cube or of a step of a joint.
     pub time_step: Span,
-    /// The delay of messages that protocols reckon with.
+    /// The message delay that protocols assume.
     pub usual_delay: Span,
-    /// What the link does to messages.
+    /// The effect of the link on messages.
     pub passage: Passage,
     /// The seed of the run.
     pub seed: u64,
@@ -82,46 +82,47 @@ pub struct DraftContext {
 
 /// A family's part of a plan, before the rest is checked.
 pub struct Draft {
-    /// What runs; none if something is wrong with it.
+    /// The swarm; `None` if something is wrong with it.
     pub swarm: Option<Swarm>,
-    /// How many modules there are; none if that is not known.
+    /// The number of modules; 0 if unknown.
     pub modules: usize,
-    /// What the goals are called.
+    /// The names of the goals.
     pub goals: Vec<String>,
-    /// How long to wait if the scenario does not say.
+    /// The default bounds.
     pub patience: Patience,
 }
 
-/// How long to wait if the scenario does not say.
+/// The default bounds of a run.
 pub struct Patience {
-    /// The bound for standing still, and what it is made of.
+    /// The bound for a standstill, and its ingredients.
     pub bounds: Bounds,
-    /// The bound for moving without progress, in bounds for standing still.
+    /// The bound for moves without progress, as a multiple of the bound for a standstill.
     pub livelock: u64,
-    /// The latest end, in bounds for moving without progress.
+    /// The time-out, as a multiple of the bound for moves without progress.
     pub timeout: u64,
 }
 
-/// A family's part of a plan: what runs.
+/// A family's part of a plan.
 pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
-    /// The name of the family.
+    /// Returns the name of the family.
     fn family(&self) -> &'static str;
-    /// The number of modules.
+    /// Returns the number of modules.
     fn modules(&self) -> usize;
-    /// How modules decide, for tables of many runs: `forest`, `negotiated`.
+    /// Returns the protocol, for tables of many runs: `forest`, `negotiated`.
     fn protocol(&self) -> String;
-    /// The same with what another seed decides; none if the seed decides nothing here.
+    /// Returns the swarm for another seed, or `None` if the seed has no effect on it.
     ///
     /// # Errors
-    /// The places at the start cannot be drawn.
+    ///
+    /// Start places that cannot be drawn.
     fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, Flaw>;
-    /// The defect that a test has switched on.
+    /// Returns the defect that a test has switched on.
     fn defect(&self) -> Option<Sabotage>;
-    /// The same with another defect.
+    /// Returns the swarm with another defect.
     fn with_defect(&self, defect: Option<Sabotage>) -> Swarm;
-    /// Writes what `metamorph check` says of it.
+    /// Writes its description for `metamorph check`.
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result;
-    /// What reports for people call things.
+    /// Returns the family's terms, for reports for people.
     fn words(&self) -> &'static Words;
 }
 
@@ -130,20 +131,20 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
 pub struct Swarm(Arc<dyn SwarmPlan>);
 
 impl Swarm {
-    /// The swarm of a family.
+    /// Wraps a family's swarm.
     pub fn new(plan: impl SwarmPlan) -> Swarm {
         Swarm(Arc::new(plan))
     }
-    /// The swarm, if it is of the family with this type.
+    /// Returns the swarm if it has this type.
     pub fn of<S: SwarmPlan>(&self) -> Option<&S> {
         let any: &dyn Any = &*self.0;
         any.downcast_ref()
     }
-    /// How many modules, or metamodules, it has.
+    /// Returns the number of modules.
     pub fn len(&self) -> usize {
         self.0.modules()
     }
-    /// Whether it has none, which no checked one has.
+    /// Returns true if there are no modules; a checked swarm has some.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -157,41 +158,41 @@ impl std::ops::Deref for Swarm {
     }
 }
 
-/// What a family calls things, in reports for people.
+/// A family's terms, for reports for people.
 #[derive(Clone, Copy, Debug)]
 pub struct Words {
-    /// One of those that move.
+    /// One module.
     pub module: &'static str,
-    /// All of them.
+    /// Several modules.
     pub modules: &'static str,
-    /// A part of a goal.
+    /// One part of a goal.
     pub cell: &'static str,
-    /// The same, for short.
+    /// One part of a goal, short.
     pub part: &'static str,
-    /// Its parts.
+    /// Several parts of a goal.
     pub cells: &'static str,
-    /// What keeps modules out of each other's way.
+    /// What prevents collisions between modules.
     pub negotiation: &'static str,
-    /// What does if that does not.
+    /// What refuses impossible actions.
     pub body: &'static str,
-    /// How one that does nothing is called, if it is needed.
+    /// Describes a spare module that makes no progress.
     pub idle: &'static str,
-    /// What time is counted in, in the singular.
+    /// The unit of time, in the singular.
     pub time_step: &'static str,
-    /// What one thing that a body does is called.
+    /// One action of a body.
     pub action: &'static str,
 }
 
 impl Families {
-    /// The family of this name.
+    /// Returns the family of this name.
     pub fn named(&self, name: &str) -> Option<&'static dyn ScenarioFamily> {
         self.0.iter().copied().find(|family| family.name() == name)
     }
-    /// The names of all.
+    /// Returns the names of all families.
     pub fn names(&self) -> Vec<&'static str> {
         self.0.iter().map(|family| family.name()).collect()
     }
-    /// The family, other than `own`, in whose scenarios this key means something in this section.
+    /// Returns the family, other than `own`, for which this key is valid in this section.
     pub fn owner(&self, section: SectionKind, key: &str, own: &str) -> Option<&'static str> {
         let others = self.0.iter().filter(|family| family.name() != own);
         others.filter(|family| has_key(**family, section, key)).map(|family| family.name()).next()

@@ -1,5 +1,5 @@
-//! Faults as they are written: in `[[fault]]` tables and in options such as `--kill 3@2s`; and how
-//! they become a schedule. Absent: carrying them out.
+//! Faults as written, in `[[fault]]` tables and options such as `--kill 3@2s`, and their schedule. Absent:
+//! injecting them.
 
 use super::family::{ScenarioFamily, SectionKind};
 use super::flaw::Flaw;
@@ -18,15 +18,15 @@ use metamorph_sim_bridge::director::faults::{Fault, Schedule};
 pub enum Verb {
     /// The process is killed; the body stays.
     Kill,
-    /// The process is stopped, and goes on later.
+    /// The process is stopped, and continued later.
     Pause,
-    /// The process is killed and started again without its memory.
+    /// The process is killed and restarted without its memory.
     Restart,
-    /// The joint sticks, for a while or for ever.
+    /// The joint sticks, for a time or for good.
     Stick,
 }
 
-/// How many modules crash at random.
+/// The number of modules that crash at random.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Amount {
     /// This share of the swarm, rounded down.
@@ -40,40 +40,40 @@ pub enum Amount {
 pub enum RawFault {
     /// Named modules.
     Named {
-        /// What happens to them.
+        /// The kind of fault.
         verb: Verb,
         /// The modules.
         modules: Vec<At<u64>>,
-        /// When it happens or begins.
+        /// Start of the fault.
         from: At<Span>,
-        /// When it ends.
+        /// End of the fault.
         until: Option<At<Span>>,
     },
     /// Modules drawn at random are killed at random times.
     Crashes {
-        /// How many.
+        /// The number of modules.
         amount: Amount,
         /// The earliest and the latest time.
         window: At<Window>,
         /// Where it is written.
         place: Place,
     },
-    /// Something foreign is in a cell.
+    /// A foreign object is in a cell.
     Obstacle {
         /// The cell.
         cell: At<Cell>,
-        /// From when on.
+        /// Start of the fault.
         from: At<Span>,
-        /// Until when.
+        /// End of the fault.
         until: Option<At<Span>>,
     },
     /// Modules are cut off from the others.
     Partition {
         /// The modules on one side.
         modules: Vec<At<u64>>,
-        /// From when on.
+        /// Start of the fault.
         from: At<Span>,
-        /// Until when.
+        /// End of the fault.
         until: At<Span>,
     },
 }
@@ -126,7 +126,7 @@ fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, problems: &mut Problem
     fault
 }
 
-/// The keys of the faults that were meant are not to be called unknown as well.
+/// Marks the keys of the fault's times as known, so that they are not reported as well.
 fn ask_for_times(section: &mut Section<'_, '_>) {
     for key in ["at", "from", "until", "memory"] {
         section.node(key);
@@ -161,7 +161,7 @@ fn read_named(
     Some(RawFault::Named { verb, modules: modules?, from: from?, until })
 }
 
-/// One module or several.
+/// Reads one module or several.
 fn module_list(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<At<u64>>> {
     match node.get_ref().as_array() {
         None => Some(vec![At::new(u64::read(node, problems)?, node.span())]),
@@ -233,33 +233,33 @@ pub fn read_option(verb: Verb, name: &str, text: &str, problems: &mut Problems) 
     Some(RawFault::Named { verb, modules, from: At::new(from, place), until })
 }
 
-/// What is known of the run when faults are checked.
+/// The properties of the run that faults are checked against.
 pub struct Bounds {
     /// The number of modules.
     pub modules: usize,
-    /// When the run ends at the latest.
+    /// The latest end of the run.
     pub timeout: Span,
 }
 
 /// A fault that has passed every check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Planned {
-    /// It is known whom it hits and when.
+    /// A fault with known time and target.
     At(Time, Fault),
-    /// Crashes that the seed of the run decides on.
+    /// Crashes drawn with the seed of the run.
     Crashes {
-        /// How many.
+        /// Number of crashes.
         count: usize,
-        /// Of how many modules.
+        /// Number of modules.
         of: usize,
         /// The earliest time.
         from: Span,
-        /// No crash comes as late as this.
+        /// The end of the interval, exclusive.
         until: Span,
     },
 }
 
-/// What is broken when in the run of this seed.
+/// Returns the schedule of faults for this seed.
 pub fn draw(planned: &[Planned], seed: u64) -> Schedule {
     let (mut schedule, mut draws) = (Vec::new(), 0);
     for fault in planned {
@@ -321,7 +321,7 @@ impl Bounds {
     }
 }
 
-/// Checks all faults: what hits processes and bodies, and what cuts links.
+/// Checks all faults: those of processes and bodies, and those of links.
 pub fn compile(
     faults: &[RawFault],
     bounds: &Bounds,
@@ -393,7 +393,7 @@ fn events(verb: Verb, id: ModuleId) -> (Fault, Option<Fault>) {
     }
 }
 
-/// `count` different modules (Fisher and Yates's shuffle, stopped early).
+/// Draws `count` different modules (Fisher-Yates shuffle, stopped early).
 fn draw_modules(modules: usize, count: usize, stream: &mut Stream) -> Vec<ModuleId> {
     let mut ids: Vec<u32> = (0..modules as u32).collect();
     for i in 0..count {

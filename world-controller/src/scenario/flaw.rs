@@ -1,7 +1,7 @@
-//! Everything that can be wrong with a scenario, and what to do about it.
+//! All errors in scenarios, with their fixes.
 //!
-//! One variant per reason, so that tests and callers can tell them apart; the text of a variant is
-//! the reason, [`Flaw::fix`] the way out. Absent: where it was found (see `problems`).
+//! One variant per reason, so that tests and callers can tell them apart; the text of a variant is the
+//! reason, [`Flaw::fix`] says what to do. Absent: the place of the error (see `problems`).
 
 use super::settings::KeyError;
 use crate::scenario::mesh_import::flaw::SolidError;
@@ -14,26 +14,26 @@ use thiserror::Error;
 
 /// The scenario format that this program reads.
 pub const VERSION: u64 = 1;
-/// The most modules of one swarm.
+/// Modules of one swarm at most.
 pub const MAX_MODULES: usize = 1_000_000;
-/// The largest file that is read as a scenario, in bytes.
+/// Bytes of a scenario file at most.
 pub const MAX_BYTES: u64 = 16 << 20;
-/// The most cells of the box around the start and all goals, and of the boxes around each goal together.
+/// Cells of the box around the start and all goals at most, and of the boxes around each goal together.
 pub const MAX_VOLUME: u64 = 64_000_000;
-/// The most cells that the boxes around all parts of all shapes of a scenario may have together.
+/// Cells of the boxes around all parts of all shapes of a scenario together at most.
 pub const MAX_LAID_OUT: u64 = 24_000_000;
-/// How deep unions, differences and intersections may be nested.
+/// Nesting depth of unions, differences and intersections at most.
 pub const MAX_DEPTH: usize = 16;
-/// The most shapes from files in one scenario.
+/// Shapes from files in one scenario at most.
 pub const MAX_FILES: usize = 16;
-/// The most goals of one scenario.
+/// Goals of one scenario at most.
 pub const MAX_GOALS: usize = 32;
 /// The longest move and the longest injected delay.
 pub const LONGEST: Span = Span(3_600_000_000_000);
 /// The shortest move.
 pub const SHORTEST: Span = Span(1_000_000);
 
-/// What is wrong.
+/// An error in a scenario.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum Flaw {
     /// The file cannot be opened or read.
@@ -51,89 +51,89 @@ pub enum Flaw {
     /// The text is not TOML.
     #[error("this is not TOML: {0}")]
     Syntax(String),
-    /// Written for a later program.
+    /// The scenario is for a later version of the program.
     #[error("the scenario has version {found}; this program (metamorph {program}) reads version {VERSION}",
         program = env!("CARGO_PKG_VERSION"))]
     Newer {
         /// The version of the scenario.
         found: i64,
     },
-    /// A key that means nothing here.
+    /// A key that is unknown here.
     #[error("unknown key `{key}` in {section}")]
     UnknownKey {
         /// The key.
         key: String,
-        /// Where it stands.
+        /// Its section.
         section: String,
-        /// The keys that mean something there.
+        /// The keys known there.
         known: Vec<&'static str>,
     },
-    /// A key that means something in scenarios of another family.
+    /// A key of another family.
     #[error("`{key}` in {section} is for the family `{theirs}`; this scenario is of the family `{ours}`")]
     Foreign {
         /// The key.
         key: String,
-        /// Where it stands.
+        /// Its section.
         section: String,
-        /// The family whose it is.
+        /// The family of the key.
         theirs: &'static str,
         /// The family of the scenario.
         ours: &'static str,
     },
-    /// A key that must be there is not.
+    /// A required key is missing.
     #[error("{section} has no `{key}`")]
     Missing {
         /// The key.
         key: &'static str,
-        /// Where it should stand.
+        /// Its section.
         section: String,
-        /// How to write it.
+        /// An example.
         example: &'static str,
     },
     /// A value of the wrong kind.
     #[error("expected {expected}, found {found}")]
     Kind {
-        /// What should be there.
+        /// The expected kind.
         expected: &'static str,
-        /// What is there.
+        /// The kind found.
         found: &'static str,
-        /// How to write it.
+        /// An example.
         example: &'static str,
     },
-    /// A name that is not among those known.
+    /// An unknown name.
     #[error("unknown {what} `{got}`")]
     Name {
-        /// What is named.
+        /// What the name is for.
         what: &'static str,
         /// The name.
         got: String,
-        /// The names that are known.
+        /// The known names.
         known: Vec<&'static str>,
     },
-    /// Known, but not carried out by any link yet; never silently ignored.
-    #[error("{what} is not built in yet")]
+    /// A known feature that no link supports yet; never silently ignored.
+    #[error("{what} is not supported yet")]
     NotYet {
-        /// What was asked for.
+        /// The feature.
         what: String,
-        /// What can be done instead.
+        /// What to do instead.
         instead: &'static str,
     },
     /// A number outside its range.
     #[error("{what} is {got}, which is not between {low} and {high}")]
     Range {
-        /// What the number is.
+        /// What the number is for.
         what: &'static str,
         /// The number.
         got: String,
-        /// The smallest allowed.
+        /// The minimum.
         low: String,
-        /// The largest allowed.
+        /// The maximum.
         high: String,
     },
-    /// No length of time.
+    /// Not a time.
     #[error(transparent)]
     Time(#[from] SpanError),
-    /// No probability.
+    /// Not a probability.
     #[error(transparent)]
     Probability(#[from] RatioError),
     /// Two times in the wrong order.
@@ -144,47 +144,47 @@ pub enum Flaw {
         /// The end.
         until: Span,
     },
-    /// No cell set.
+    /// Not a shape.
     #[error(transparent)]
     Shape(#[from] ShapeError),
-    /// A file that a shape is made of.
+    /// An error in the file of a shape.
     #[error(transparent)]
     Solid(#[from] SolidError),
     /// Too many files.
     #[error("the scenario takes shapes from more than {MAX_FILES} files")]
     TooManyFiles,
-    /// Shapes within shapes within shapes.
+    /// Shapes are nested too deeply.
     #[error("shapes are nested more than {MAX_DEPTH} deep")]
     TooDeep,
-    /// More cells to look at than is sensible.
-    #[error("laying out the shapes up to this one means looking at {0} cells; {MAX_LAID_OUT} is the most")]
+    /// The shapes have too many cells to be laid out.
+    #[error("laying out the shapes up to this one takes {0} cells; {MAX_LAID_OUT} is the maximum")]
     TooMuch(u64),
-    /// A world too wide.
+    /// The world is too wide.
     #[error(
-        "the box around the start and the goals, or those around each goal together, have {0} cells; {MAX_VOLUME} is the most"
+        "the box around the start and the goals, or those around each goal together, have {0} cells; {MAX_VOLUME} is the maximum"
     )]
     TooWide(u64),
-    /// A swarm too large.
-    #[error("the swarm has {0} modules; {MAX_MODULES} is the most")]
+    /// The swarm is too large.
+    #[error("the swarm has {0} modules; {MAX_MODULES} is the maximum")]
     TooMany(usize),
-    /// The start is in pieces.
+    /// The start is not connected.
     #[error("the start is in {count} parts that do not touch; cells of different parts: {examples}")]
     DisconnectedStart {
-        /// How many parts.
+        /// The number of parts.
         count: usize,
         /// A cell of each of the first few.
         examples: String,
     },
-    /// No goal.
+    /// There is no goal.
     #[error("the scenario has no [[goal]]")]
     NoGoal,
-    /// Too many goals.
-    #[error("the scenario has {0} goals; {MAX_GOALS} is the most")]
+    /// There are too many goals.
+    #[error("the scenario has {0} goals; {MAX_GOALS} is the maximum")]
     TooManyGoals(usize),
-    /// The shape cannot be grown.
+    /// The goal cannot be grown.
     #[error(transparent)]
     Goal(#[from] GoalError),
-    /// More cells than modules.
+    /// The goal has more cells than the swarm has modules.
     #[error("the goal has {goal} cells and the swarm has {modules} modules: {} too few", goal - modules)]
     TooFewModules {
         /// Cells of the goal.
@@ -192,59 +192,59 @@ pub enum Flaw {
         /// Modules of the swarm.
         modules: usize,
     },
-    /// Growth has nowhere to begin.
+    /// No goal cell is occupied, so growth cannot start.
     #[error("no cell of the goal is occupied {when}, so that growth has no cell to begin from")]
     NoOverlap {
-        /// At the start or by the goal before.
+        /// At the start or by the previous goal.
         when: &'static str,
     },
-    /// Growth shall begin from nothing.
+    /// The seed is not occupied.
     #[error("the seed {seed} is not occupied {when}")]
     SeedEmpty {
         /// The seed.
         seed: Cell,
-        /// At the start or by the goal before.
+        /// At the start or by the previous goal.
         when: &'static str,
-        /// A cell that would do.
+        /// A cell that would be possible.
         example: Option<Cell>,
     },
-    /// What only one family knows to be wrong.
+    /// An error particular to one family.
     #[error("{reason}")]
     OfFamily {
-        /// What is wrong.
+        /// The reason.
         reason: String,
-        /// What to do about it.
+        /// The fix.
         fix: String,
     },
-    /// A fault hits nobody.
+    /// A fault names a module that does not exist.
     #[error("there is no module {module}; the swarm has modules 0 to {last}")]
     NoSuchModule {
         /// The number named.
         module: u64,
-        /// The last that exists.
+        /// The last number of a module.
         last: usize,
     },
-    /// A fault with no or several verbs.
-    #[error("a [[fault]] does one thing; this one names {0}")]
+    /// A fault with no kind or several.
+    #[error("a [[fault]] has one kind; this one has {0}")]
     OneVerb(String),
-    /// A fault that would never happen.
+    /// A fault after the end of the run.
     #[error("it happens at {at}, but the run ends at {timeout} at the latest")]
     AfterTheEnd {
         /// When the fault is due.
         at: Span,
-        /// When the run ends.
+        /// The end of the run.
         timeout: Span,
     },
-    /// A value for a key that leads nowhere.
+    /// A setting for an invalid key.
     #[error(transparent)]
     Key(#[from] KeyError),
-    /// An option that cannot be taken apart.
+    /// An option of the wrong form.
     #[error("`{0}` is not of the form {1}")]
     Form(String, &'static str),
 }
 
 impl Flaw {
-    /// What to do about it.
+    /// Returns what to do about it.
     pub fn fix(&self) -> String {
         match self {
             Flaw::Unreadable(_) => "check the path and its permissions".into(),
@@ -267,13 +267,13 @@ impl Flaw {
             Flaw::Range { low, high, .. } => format!("write a value from {low} to {high}"),
             Flaw::Time(_) => "write a number and a unit, such as `200ms`, `1.5s` or `2min`".into(),
             Flaw::Probability(_) => "write a value from `0%` to `100%`".into(),
-            Flaw::Order { .. } => "let it end after it begins".into(),
+            Flaw::Order { .. } => "choose an end after the beginning".into(),
             Flaw::Shape(error) => shape_fix(error).into(),
             Flaw::Solid(error) => error.fix().into(),
             Flaw::TooManyFiles => "unite the solids before they are exported".into(),
             Flaw::TooDeep => "a union can hold any number of shapes side by side".into(),
             Flaw::TooMuch(_) | Flaw::TooWide(_) | Flaw::TooMany(_) => "make it smaller".into(),
-            Flaw::DisconnectedStart { .. } => "let every module touch the rest with a face".into(),
+            Flaw::DisconnectedStart { .. } => "connect every module to the rest by a face".into(),
             Flaw::TooManyGoals(_) => "run it in parts".into(),
             Flaw::NoGoal => {
                 "add for example\n    [[goal]]\n    shape = { box = { min = [0, 0, 0], max = [4, 4, 0] } }"
@@ -297,7 +297,7 @@ impl Flaw {
             Flaw::OneVerb(_) => {
                 "write one of kill, pause, restart, stick, crash, partition, obstacle per [[fault]]".into()
             }
-            Flaw::AfterTheEnd { .. } => "let it happen earlier, or raise `timeout` in [stop]".into(),
+            Flaw::AfterTheEnd { .. } => "choose an earlier time, or raise `timeout` in [stop]".into(),
             Flaw::Key(error) => error.fix(),
             Flaw::Form(_, form) => format!("write for example `{}`", option_example(form)),
         }
@@ -321,12 +321,12 @@ fn shape_fix(error: &ShapeError) -> &'static str {
         ShapeError::OutOfRange(_) => "move the shape towards the origin",
         ShapeError::TooLarge => "make it smaller",
         ShapeError::Empty => "describe at least one cell",
-        ShapeError::NoOperand => "list the shapes that shall overlap",
+        ShapeError::NoOperand => "list the shapes that overlap",
         ShapeError::NoMinuend => "list the shape to keep first, then those to take away",
     }
 }
 
-/// The nearest known name, if one is near, and all of them.
+/// Suggests the nearest known name, if one is near, and lists all of them.
 fn did_you_mean(got: &str, known: &[&str]) -> String {
     let lower: String = got.chars().take(64).flat_map(char::to_lowercase).collect();
     let near = known

@@ -1,17 +1,15 @@
-//! Scenarios: what a person writes in TOML, checked and made into a plan that a driver can run.
+//! Scenarios: TOML written by people, checked and turned into a plan that a driver can run.
 //!
-//! `settings` puts values of the command line into the document, `table` and `shapes` read values with
-//! their places, `raw` and `faults` a whole document and the other options on the command line, `plan`
-//! checks what belongs together; `family` is what families have to offer for both; `schema` says
-//! the same to programs; `flaw`
-//! and `problems` say what is wrong, where, and what to do. Everything wrong is collected and shown at
-//! once.
+//! `settings` puts values of the command line into the document; `table` and `shapes` read values with their
+//! places, `raw` and `faults` a whole document and the other options; `plan` checks what depends on several
+//! values; `family` is the interface of families for both; `schema` describes the format to programs; `flaw`
+//! and `problems` say what is wrong, where, and how to fix it. All problems are collected and shown at once.
 //!
-//! Reading is slow and done once; [`Plan::with_seed`] is quick and gives the same plan with other
-//! chance: other places that are drawn, other crashes.
+//! Reading is slow and done once; [`Plan::with_seed`] is fast and returns the same plan with other random
+//! places and crashes.
 //!
-//! *Invariants.* No text makes the reader panic, and none makes it use more memory or time than the
-//! limits in `flaw` allow. Deliberately absent: anything that runs.
+//! *Invariants.* No text makes the reader panic or exceed the memory and time that the limits in `flaw`
+//! allow. Absent: running anything.
 
 pub mod bounds;
 pub mod family;
@@ -49,7 +47,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use toml::de::DeTable;
 
-/// What carries messages.
+/// The link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum LinkKind {
     /// One process per module, over shared memory.
@@ -60,7 +58,7 @@ pub enum LinkKind {
 }
 
 impl LinkKind {
-    /// The name used on the command line and in reports.
+    /// Returns the name used on the command line and in reports.
     pub const fn name(self) -> &'static str {
         match self {
             LinkKind::Ipc => "ipc",
@@ -69,27 +67,27 @@ impl LinkKind {
     }
 }
 
-/// What the command line changes. Texts are checked together with the scenario, so that an option
-/// gets the same quality of complaint as a line of the file.
+/// Overrides of the command line. Texts are checked together with the scenario, so that errors in options are
+/// reported like errors in the file.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Overrides {
     /// The link.
     pub link: LinkKind,
     /// The seed of the run.
     pub seed: Option<u64>,
-    /// `ID@T`, on top of the scenario's faults.
+    /// `ID@T`, in addition to the scenario's faults.
     pub kill: Vec<String>,
-    /// `ID@T..T`, on top of the scenario's faults.
+    /// `ID@T..T`, in addition to the scenario's faults.
     pub pause: Vec<String>,
-    /// `ID@T`, on top of the scenario's faults.
+    /// `ID@T`, in addition to the scenario's faults.
     pub restart: Vec<String>,
     /// Probability of loss.
     pub loss: Option<String>,
-    /// `T` or `T..T`.
+    /// Delay: `T` or `T..T`.
     pub delay: Option<String>,
     /// Probability of duplication.
     pub duplicate: Option<String>,
-    /// Probability of being overtaken.
+    /// Probability of reordering.
     pub reorder: Option<String>,
     /// Scenario seconds per second on the process link.
     pub time_scale: Option<String>,
@@ -98,7 +96,7 @@ pub struct Overrides {
 }
 
 impl Overrides {
-    /// The options, as they would have to be typed to get the same plan.
+    /// Returns the options that give the same plan when typed.
     pub fn options(&self) -> Vec<String> {
         let many = |name: &'static str, texts: &[String]| -> Vec<String> {
             texts.iter().flat_map(|t| [name.to_owned(), t.clone()]).collect()
@@ -120,73 +118,73 @@ impl Overrides {
     }
 }
 
-/// One goal of a plan, as people call it; its cells are in the setup.
+/// One goal of a plan, as shown to people; its cells are in the setup.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StagePlan {
-    /// What it is called.
+    /// Its name.
     pub name: String,
 }
 
-/// A scenario that has passed every check, with what the command line changed.
+/// A checked scenario with the overrides of the command line.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// What the scenario calls itself.
+    /// The scenario's name.
     pub name: Option<String>,
-    /// What it shows.
+    /// The scenario's description.
     pub description: Option<String>,
-    /// The file it comes from, as named by the user.
+    /// The scenario file, as named by the user.
     pub origin: String,
-    /// Other files that it takes shapes from.
+    /// Other files that shapes are read from.
     pub files: Vec<PathBuf>,
     /// The text of the scenario.
     pub text: Arc<str>,
-    /// What the command line changed.
+    /// The overrides of the command line.
     pub overrides: Overrides,
     /// The seed of the run.
     pub seed: u64,
-    /// What runs.
+    /// The family's part.
     pub swarm: Swarm,
-    /// The goals, one built after the other. As many as in the setup.
+    /// The goals, one after the other. As many as in the setup.
     pub stages: Vec<StagePlan>,
-    /// What is done to messages. On the process link it comes on top of the real link.
+    /// The link model. On the process link it is applied on top of the real link.
     pub link: LinkModel,
     /// The probability that a move or a connection fails.
     pub failure: Ratio,
-    /// What is to be broken, before the seed has decided on whom and when.
+    /// The faults before their random targets and times are drawn.
     pub faults: Arc<[Planned]>,
-    /// What is broken when, with this seed.
+    /// The faults with this seed.
     pub schedule: Schedule,
-    /// When the run ends.
+    /// The end conditions of the run.
     pub stop: Stop,
-    /// The link loses so much that the bound for a deadlock may be too short, and nobody has set another.
+    /// True if messages are lost so often that the default bound for a deadlock may be too short.
     pub is_beyond: bool,
     /// Scenario seconds per second on the process link.
     pub time_scale: f64,
 }
 
 impl Plan {
-    /// The name of the scenario, or else of its file.
+    /// Returns the name of the scenario, or of its file.
     pub fn title(&self) -> String {
         self.name.clone().unwrap_or_else(|| self.file())
     }
 
-    /// The file it comes from, in what is written to be passed on.
+    /// Returns the scenario file for output that is passed on.
     pub fn file(&self) -> String {
         portable(Path::new(&self.origin))
     }
 
-    /// The same plan with another seed. Cheap: what does not depend on the seed is shared.
+    /// Returns the same plan with another seed. Cheap: what does not depend on the seed is shared.
     pub fn with_seed(&self, seed: u64) -> Result<Plan, Flaw> {
         let swarm = self.swarm.with_seed(seed)?.unwrap_or_else(|| self.swarm.clone());
         Ok(Plan { seed, schedule: faults::draw(&self.faults, seed), swarm, ..self.clone() })
     }
 
-    /// The command that repeats the run, for what is written to be passed on.
+    /// Returns the command that repeats the run, for output that is passed on.
     pub fn repeat_with(&self) -> String {
         self.repeat(self.file())
     }
 
-    /// The command that repeats the run from the working directory.
+    /// Returns the command that repeats the run from the working directory.
     pub fn repeat_here(&self) -> String {
         self.repeat(self.origin.clone())
     }
@@ -200,7 +198,7 @@ impl Plan {
     }
 }
 
-/// A word of a command as a shell takes it.
+/// Quotes a word for a shell.
 pub fn quote(text: String) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "/._-@%+=:,".contains(c);
     if !text.is_empty() && text.chars().all(plain) {
@@ -211,17 +209,21 @@ pub fn quote(text: String) -> String {
 }
 
 /// Reads and checks a scenario file.
+///
+/// # Errors
+///
+/// All problems of the scenario.
 pub fn read_file(families: Families, path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
     read_text(families, &path.display().to_string(), &load(path)?, overrides)
 }
 
-/// The text of a scenario file.
+/// Reads the text of a scenario file.
 pub fn load(path: &Path) -> Result<String, Problems> {
     let origin = path.display().to_string();
     let unreadable = |error: std::io::Error| Problems::of_file(&origin, Flaw::Unreadable(error.to_string()));
     let descriptor = ["/dev/stdin", "/dev/fd/", "/proc/self/fd/"].iter().any(|d| origin.starts_with(d));
-    // What this process was given by its parent is read, whatever it is; for a name of anything else but
-    // a file one could wait for ever.
+    // Descriptors inherited from the parent process are read, whatever they are; opening another special file
+    // could block for ever.
     let opened = if descriptor { File::open(path) } else { regular_file::open(path) };
     let file = opened.map_err(|error| match error.kind() {
         std::io::ErrorKind::InvalidInput => Problems::of_file(&origin, Flaw::NoFile(error.to_string())),
@@ -235,7 +237,7 @@ pub fn load(path: &Path) -> Result<String, Problems> {
     String::from_utf8(bytes).map_err(|_| Problems::of_file(&origin, Flaw::NotUtf8))
 }
 
-/// Reads and checks the text of a scenario; `origin` is how messages call it.
+/// Reads and checks the text of a scenario; `origin` names it in messages.
 pub fn read_text(
     families: Families,
     origin: &str,
@@ -251,7 +253,7 @@ pub fn read_text(
             None => problems.add(problems::Place::File, flaw),
         }
     }
-    // What a half-read document means cannot be judged.
+    // A partly read document cannot be checked.
     if !problems.is_empty() {
         return Err(problems.sorted());
     }

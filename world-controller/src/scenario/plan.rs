@@ -1,5 +1,5 @@
-//! From a scenario as written to a plan that can be run: what both families share. What belongs to one
-//! of them is checked in its own file.
+//! Turns a scenario as written into a plan: what all families share. What belongs to one family is checked in
+//! its own files.
 
 use super::bounds::Passage;
 use super::family::{DraftContext, Patience};
@@ -16,20 +16,20 @@ use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::progress::Stop;
 use std::sync::Arc;
 
-/// Scenario seconds per second on the process link, if the scenario does not say.
+/// Default scenario seconds per second on the process link.
 pub const TIME_SCALE: f64 = 20.0;
-/// How long a move of a cube or a step of a joint takes, if the scenario does not say.
+/// Default time of a move of a cube or of a step of a joint.
 pub const BEAT: Span = Span::secs(1);
 
-/// The probability of what a scenario does not name.
+/// Default probability.
 pub const NEVER: Ratio = Ratio::ZERO;
-/// Modules of a partition that are named in reports.
+/// Modules of a partition listed in reports at most.
 const LISTED: usize = 8;
 
-/// Checks everything and makes the plan. Without one there is at least one problem.
+/// Checks everything and creates the plan. Returns `None` only after reporting a problem.
 pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option<Plan> {
     let Some(swarm) = raw.swarm.as_deref() else {
-        // The rest is judged all the same.
+        // Check the link all the same.
         link(raw, overrides.link, BEAT, problems);
         time_scale(raw, problems);
         return None;
@@ -90,7 +90,7 @@ fn bounded(
     None
 }
 
-/// When the run ends.
+/// Returns the end conditions of the run.
 fn stop(raw: &Raw, patience: &Patience, problems: &mut Problems) -> Stop {
     let long = Span(u64::MAX / 4);
     let mut get = |span, what, default| bounded(span, what, Span(1), long, problems).unwrap_or(default);
@@ -131,20 +131,20 @@ fn time_scale(raw: &Raw, problems: &mut Problems) -> f64 {
     *value
 }
 
-/// A change of the links that a scenario plans, in the words of reports.
+/// A planned change of the links, as reports describe it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LinkChange {
-    /// When.
+    /// Time of the change.
     pub at: Time,
-    /// What it is called.
+    /// Its name.
     pub name: &'static str,
-    /// Whom it concerns.
+    /// The modules concerned.
     pub effect: String,
 }
 
 impl Plan {
-    /// Beginnings and ends of partitions, in the order of time. Partitions are a property of the link and
-    /// so not in the schedule of faults; reports show both alike.
+    /// Returns beginnings and ends of partitions, by time. Partitions are a property of the link and not in
+    /// the schedule of faults; reports list both.
     pub fn link_changes(&self) -> Vec<LinkChange> {
         let modules = self.swarm.len();
         let of_cut = |cut: &Partition| {

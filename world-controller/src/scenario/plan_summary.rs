@@ -1,4 +1,4 @@
-//! What a plan would do, for `metamorph check`.
+//! The description of a plan, for `metamorph check`.
 
 use crate::console::escape::Shown;
 use crate::console::format::{count, many};
@@ -7,10 +7,10 @@ use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
 
-/// Faults listed; the rest is counted.
+/// Faults listed at most; the rest is counted.
 const SHOWN: usize = 20;
 
-/// The plan in words and numbers.
+/// Describes the plan.
 pub fn overview(plan: &Plan) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -29,13 +29,13 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
     let stop = &plan.stop;
     writeln!(
         out,
-        "  ends      at {} at the latest; standing still {} is a deadlock, nothing new filled for {} a livelock",
+        "  ends      at {} at the latest; no move for {} is a deadlock, nothing new filled for {} a livelock",
         stop.timeout, stop.stall, stop.livelock
     )?;
     if plan.is_beyond {
         writeln!(
             out,
-            "            so much is lost that standing still may be waiting; for a surer verdict set stall in [stop]"
+            "            messages are lost so often that a standstill may only be a wait; set stall in [stop] to be sure"
         )?;
     }
     write_faults(out, plan)?;
@@ -92,7 +92,7 @@ fn write_faults(out: &mut String, plan: &Plan) -> std::fmt::Result {
     }
 }
 
-/// Drawn times have nanoseconds that nobody wants to read.
+/// Rounds a drawn time down to milliseconds, for display.
 fn at_ms(at: Time) -> Time {
     Time(at.0 / 1_000_000 * 1_000_000)
 }

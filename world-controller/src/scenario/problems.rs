@@ -1,4 +1,4 @@
-//! Where flaws were found, and how they are shown: `file:line:column: reason`, the line itself with
+//! The places of errors, and their display: `file:line:column: reason`, the line itself with
 //! a caret, and the fix.
 
 use super::family::{Families, SectionKind};
@@ -9,14 +9,14 @@ use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// At most this many problems are shown; the rest is counted.
+/// Problems shown at most; the rest is counted.
 const SHOWN: usize = 20;
-/// The most characters of a reason that are shown.
+/// Characters of a reason shown at most.
 const LONGEST: usize = 1_000;
-/// Longer lines are cut for display.
+/// Columns of a source line shown at most.
 const WIDTH: usize = 160;
 
-/// Where something is written.
+/// The place of a problem.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Place {
     /// The file as a whole.
@@ -43,32 +43,32 @@ impl From<Range<usize>> for Place {
 pub struct At<T> {
     /// The value.
     pub value: T,
-    /// Where.
+    /// The place.
     pub place: Place,
 }
 
 impl<T> At<T> {
-    /// A value written at a place.
+    /// Combines a value with its place.
     pub fn new(value: T, place: impl Into<Place>) -> At<T> {
         At { value, place: place.into() }
     }
 }
 
-/// One thing that is wrong.
+/// One problem of a scenario.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// Where.
+    /// Its place.
     pub place: Place,
-    /// What.
+    /// The error.
     pub flaw: Flaw,
 }
 
-/// Everything found wrong with one scenario; never empty when returned as an error.
+/// All problems of one scenario; never empty when returned as an error.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problems {
     origin: Box<str>,
     text: Box<str>,
-    /// Values that came from options lie behind the end of the text, at these places.
+    /// Places of values from options: offsets behind the end of the text.
     options: BTreeMap<usize, String>,
     /// Other files that the scenario has named so far.
     files: Vec<PathBuf>,
@@ -79,7 +79,7 @@ pub struct Problems {
 }
 
 impl Problems {
-    /// No problem yet, in a text from a file of this name that may name these families.
+    /// Creates an empty list for a text from the file `origin` that may name these families.
     pub fn new(families: Families, origin: &str, text: &str) -> Problems {
         Problems {
             origin: origin.into(),
@@ -91,12 +91,12 @@ impl Problems {
             list: Vec::new(),
         }
     }
-    /// From now on, what is wrong at this place behind the end of the text is wrong with this option.
+    /// Attributes problems at this offset behind the end of the text to an option.
     pub fn option_at(&mut self, start: usize, option: String) -> Place {
         self.options.insert(start, option.clone());
         Place::Option(option)
     }
-    /// The path of another file that the scenario names, seen from the directory of the scenario.
+    /// Resolves the path of a file that the scenario names, relative to the scenario.
     pub fn file(&mut self, name: &str) -> Result<PathBuf, Flaw> {
         if self.files.len() >= MAX_FILES {
             return Err(Flaw::TooManyFiles);
@@ -105,33 +105,33 @@ impl Problems {
         self.files.push(path.clone());
         Ok(path)
     }
-    /// The files that were named so far.
+    /// Returns the files named so far.
     pub fn files(&self) -> &[PathBuf] {
         &self.files
     }
-    /// A single problem with a file whose text is not known.
+    /// Creates a single problem with a file whose text is not known.
     pub fn of_file(origin: &str, flaw: Flaw) -> Problems {
         let mut problems = Problems::new(Families(&[]), origin, "");
         problems.add(Place::File, flaw);
         problems
     }
-    /// The families that the scenario may name.
+    /// Returns the families that the scenario may name.
     pub fn families(&self) -> Families {
         self.families
     }
-    /// The name of the family of the scenario.
+    /// Returns the name of the scenario's family.
     pub fn family(&self) -> &'static str {
         self.family
     }
-    /// The scenario is of this family.
+    /// Sets the scenario's family.
     pub fn set_family(&mut self, family: &'static str) {
         self.family = family;
     }
-    /// The other family in whose scenarios this key means something in this section.
+    /// Returns the other family for which this key is valid in this section.
     pub fn owner_of(&self, section: SectionKind, key: &str) -> Option<&'static str> {
         self.families.owner(section, key, self.family)
     }
-    /// Notes a flaw.
+    /// Adds a problem.
     pub fn add(&mut self, place: impl Into<Place>, flaw: impl Into<Flaw>) {
         let mut place = place.into();
         if let Place::Text { start, .. } = place
@@ -141,19 +141,19 @@ impl Problems {
         }
         self.list.push(Problem { place, flaw: flaw.into() });
     }
-    /// The value, or the flaw noted.
+    /// Returns the value, or adds the error.
     pub fn note<T, F: Into<Flaw>>(&mut self, place: &Place, result: Result<T, F>) -> Option<T> {
         result.map_err(|flaw| self.add(place.clone(), flaw)).ok()
     }
-    /// Whether nothing is wrong so far.
+    /// Returns true if there is no problem so far.
     pub fn is_empty(&self) -> bool {
         self.list.is_empty()
     }
-    /// What is wrong, in the order of the text.
+    /// Returns the problems found so far.
     pub fn list(&self) -> &[Problem] {
         &self.list
     }
-    /// Puts the problems in the order of the text; call before handing them out.
+    /// Sorts the problems by place; call before handing them out.
     #[must_use]
     pub fn sorted(mut self) -> Problems {
         self.list.sort_by(|a, b| a.place.cmp(&b.place));
@@ -161,7 +161,7 @@ impl Problems {
     }
 
     fn write(&self, f: &mut fmt::Formatter<'_>, problem: &Problem) -> fmt::Result {
-        // Flaws quote what is wrong, whatever that is.
+        // Reasons quote the input, whatever it contains.
         let flaw = line(&problem.flaw.to_string(), LONGEST);
         match &problem.place {
             Place::File => writeln!(f, "{}: {flaw}", self.origin())?,
@@ -182,7 +182,7 @@ impl Problems {
         let number = self.text[..line_start].matches('\n').count() + 1;
         let before = self.text[line_start..start].chars().count();
         writeln!(f, "{}:{number}:{}: {flaw}", self.origin(), before + 1)?;
-        // Tabs and control characters would shift the caret, or play with the terminal.
+        // Tabs and control characters would shift the caret or reach the terminal.
         let shown: String = whole.chars().take(WIDTH).map(|c| if is_control(c) { ' ' } else { c }).collect();
         let marked = self.text[start..floor(&self.text, end).max(start)].lines().next().unwrap_or("");
         let room = shown.chars().count().saturating_sub(before).max(1);
@@ -193,7 +193,7 @@ impl Problems {
     }
 }
 
-/// The nearest character boundary at or before a byte.
+/// Returns the nearest character boundary at or before a byte.
 fn floor(text: &str, at: usize) -> usize {
     let mut at = at.min(text.len());
     while !text.is_char_boundary(at) {

@@ -1,5 +1,4 @@
-//! A scenario as it is written: typed values with their places, before anything is checked that
-//! needs more than one of them.
+//! A scenario as written: typed values with their places, before checks that need more than one of them.
 
 use super::family::{RawSwarm, SectionKind, Sections};
 use super::faults::{self, RawFault, Verb};
@@ -20,24 +19,24 @@ pub struct RawLink {
     pub loss: Option<At<Ratio>>,
     /// The probability of duplication.
     pub duplicate: Option<At<Ratio>>,
-    /// The probability of being overtaken.
+    /// The probability of reordering.
     pub reorder: Option<At<Ratio>>,
     /// The probability of damage.
     pub corrupt: Option<At<Ratio>>,
-    /// When all that but the delay ends.
+    /// The end of all impairments but the delay.
     pub until: Option<At<Span>>,
 }
 
-/// A scenario as written, with what the command line changed.
+/// A scenario as written, with the overrides of the command line.
 #[derive(Debug)]
 pub struct Raw {
-    /// What it is called.
+    /// Its name.
     pub name: Option<String>,
-    /// What it shows.
+    /// Its description.
     pub description: Option<String>,
     /// The seed of the run.
     pub seed: u64,
-    /// What belongs to one family; none if it could not be read.
+    /// The family's part; `None` if it could not be read.
     pub swarm: Option<Box<dyn RawSwarm>>,
     /// The probability that a move or a connection fails.
     pub failed_connections: Option<At<Ratio>>,
@@ -45,27 +44,27 @@ pub struct Raw {
     pub link: RawLink,
     /// Scenario seconds per second on the process link.
     pub time_scale: Option<At<f64>>,
-    /// What is broken when.
+    /// The faults.
     pub faults: Vec<RawFault>,
-    /// The latest end.
+    /// The time-out of the run.
     pub timeout: Option<At<Span>>,
-    /// The bound for standing still.
+    /// The bound for a standstill.
     pub stall: Option<At<Span>>,
-    /// The bound for moving without progress.
+    /// The bound for moves without progress.
     pub livelock: Option<At<Span>>,
 }
 
-/// The seed of a scenario that names none.
+/// Default seed of a run.
 pub const SEED: u64 = 1;
 const SWARM: &str = "[swarm]\n    start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
 
 impl Raw {
-    /// Reads the whole document and the options. Values that cannot be read are noted and left out.
+    /// Reads the whole document and the options. Invalid values are reported and left out.
     pub fn read(document: &DeTable<'_>, overrides: &Overrides, problems: &mut Problems) -> Raw {
         let mut top = Section::new(document, "the scenario", Place::File);
         match top.need::<i64>("version", "version = 1", problems) {
             Some(At { value, place }) if value > VERSION as i64 => {
-                // Nothing else can be judged by the rules of this version.
+                // The rules of this version do not apply to the rest.
                 problems.add(place, Flaw::Newer { found: value });
                 return Raw::empty(overrides);
             }
@@ -163,7 +162,7 @@ impl Raw {
         section.finish(problems);
     }
 
-    /// The command line has the last word; its faults come on top of the scenario's.
+    /// Applies the overrides of the command line; its faults are added to the scenario's.
     fn override_with(&mut self, overrides: &Overrides, problems: &mut Problems) {
         for (verb, name, texts) in [
             (Verb::Kill, "--kill", &overrides.kill),
@@ -197,7 +196,7 @@ impl Raw {
     }
 }
 
-/// The `[[goal]]` tables, as many as are allowed.
+/// Returns the `[[goal]]` tables, at most the allowed number.
 pub fn goal_sections<'d, 'i>(
     node: Option<&'d Node<'i>>,
     example: &'static str,
@@ -218,7 +217,7 @@ pub fn goal_sections<'d, 'i>(
     sections
 }
 
-/// The `[protocol]` table, if there is one.
+/// Returns the `[protocol]` table, if there is one.
 pub fn protocol_section<'d, 'i>(
     node: Option<&'d Node<'i>>,
     example: &'static str,
@@ -229,8 +228,8 @@ pub fn protocol_section<'d, 'i>(
     Some(section)
 }
 
-/// The delay of messages if the scenario names none: on the simulated link from a hundredth to a
-/// tenth of a move; on the process link only the real one.
+/// Returns the default delay: on the simulated link from a hundredth to a tenth of a move; on the process
+/// link none besides the real one.
 pub fn default_delay(link: LinkKind, move_time: Span) -> Delay {
     match link {
         LinkKind::Sim => Delay(move_time / 100, move_time / 10),

@@ -1,12 +1,11 @@
 //! The JSON schema of scenarios (draft 2020-12), for editors and for programs that write scenarios.
 //!
-//! It says which keys there are, where, and of which kind their values are. What belongs together (a
-//! seed in its goal, a module that a fault names) is checked by the reader alone, which is also the one
-//! whose complaints people read. A test asks the reader for the keys and names that it knows at every
-//! place and compares them with these; so neither can change alone.
+//! It lists the keys of each table and the kinds of their values. Consistency between values (a seed in its
+//! goal, the module that a fault names) is checked by the reader only. A test compares the keys and names
+//! that the reader knows at every place with these, so neither can change alone.
 //!
-//! A key that can be left out has a `default`, which is the value that the reader uses then, or its description
-//! says what happens if it is left out.
+//! An optional key has a `default`, which is the value that the reader uses, or its description says what
+//! happens without it.
 
 use super::family::{Families, FamilySchema, ScenarioFamily};
 use super::flaw::{MAX_GOALS, VERSION};
@@ -17,7 +16,7 @@ use super::table::default_of;
 use metamorph_protocol::lattice::Cell;
 use serde_json::{Map, Value, json};
 
-/// The schema of scenarios that may name these families.
+/// Returns the schema of scenarios that may name these families.
 pub fn schema(families: Families) -> Value {
     let own = |family: &dyn ScenarioFamily| {
         let part = |part: &str| of(&definition(family, part));
@@ -42,20 +41,20 @@ pub fn schema(families: Families) -> Value {
         "required": ["version", "swarm", "goal"],
         "properties": {
             "version": said("The version of this format.", json!({ "const": VERSION })),
-            "name": said("What it is called; if left out, its file is named instead.", text()),
-            "description": said("What it shows; may be left out.", text()),
-            "seed": said("The seed of all chance in a run.", or(SEED, natural())),
-            "swarm": said("Who is there, and where.", json!({ "type": "object" })),
-            "goal": said("What is to be built, one after the other.", json!({ "type": "array" })),
+            "name": said("The name of the scenario. Default: the name of its file.", text()),
+            "description": said("A description; may be left out.", text()),
+            "seed": said("The seed of the run's randomness.", or(SEED, natural())),
+            "swarm": said("The modules and where they start.", json!({ "type": "object" })),
+            "goal": said("The goals, one after the other.", json!({ "type": "array" })),
             "protocol": said("How modules decide.", or(json!({}), json!({ "type": "object" }))),
             "link": or(json!({}), of("link")),
             "process": or(json!({}), of("process")),
-            "fault": said("What is broken when.", or(json!([]), json!({ "type": "array" }))),
+            "fault": said("The faults.", or(json!([]), json!({ "type": "array" }))),
             "stop": or(json!({}), of("stop")),
         },
         "$defs": definitions(families),
     });
-    // The first is the family of a scenario that names none.
+    // The first family is the default.
     let default = own(families.0[0]);
     let choice = families.0[1..].iter().fold(
         default,
@@ -67,7 +66,7 @@ pub fn schema(families: Families) -> Value {
     schema
 }
 
-/// The name of the definition of a family's part.
+/// Returns the name of the definition of a family's part.
 fn definition(family: &dyn ScenarioFamily, part: &str) -> String {
     format!("{}{part}", family.name())
 }
@@ -87,15 +86,15 @@ fn definitions(families: Families) -> Value {
     Value::Object(all)
 }
 
-/// What bounds are that follow from the swarm.
-const BOUND: &str = "if left out, it follows from the size of the swarm, and `metamorph check` shows it.";
-/// What goals are called.
+/// Describes a bound with a default that depends on the swarm.
+const BOUND: &str = "the default depends on the size of the swarm; `metamorph check` shows it.";
+/// Describes the default name of a goal.
 pub const NUMBERED: &str = "If left out, `goal 1` and so on.";
 
-/// Definitions by their names.
+/// Definitions by name.
 pub type Definitions = Vec<(&'static str, Value)>;
 
-/// What is written as one value.
+/// Returns the definitions of single values.
 fn values() -> Definitions {
     let coordinate = json!({ "type": "integer", "minimum": -Cell::LIMIT, "maximum": Cell::LIMIT });
     let coordinates = |n: u8| json!({ "type": "array", "items": coordinate, "minItems": n, "maxItems": n });
@@ -113,13 +112,13 @@ fn values() -> Definitions {
     ]
 }
 
-/// What all families have.
+/// Returns the definitions shared by all families.
 fn shared() -> Definitions {
     vec![
         (
             "link",
             table(
-                "What is done to messages.",
+                "Delays and impairments of messages.",
                 &[],
                 json!({
                     "delay": said(
@@ -131,14 +130,14 @@ fn shared() -> Definitions {
                     "duplicate": seldom(),
                     "reorder": seldom(),
                     "corrupt": seldom(),
-                    "until": said("When all that but the delay ends; if left out, it does not.", of("time")),
+                    "until": said("When all of these but the delay end. Default: never.", of("time")),
                 }),
             ),
         ),
         (
             "process",
             table(
-                "What only runs of processes have.",
+                "Settings for runs of processes.",
                 &[],
                 json!({ "time_scale": said(
                     "Scenario seconds per real second.",
@@ -193,7 +192,7 @@ fn shared() -> Definitions {
         (
             "cut",
             table(
-                "Who, and when.",
+                "The modules, and when.",
                 &["modules", "from", "until"],
                 json!({ "modules": of("modules"), "from": of("time"), "until": of("time") }),
             ),
@@ -201,7 +200,7 @@ fn shared() -> Definitions {
         (
             "obstacle",
             fault(
-                "Something foreign comes into a cell.",
+                "A foreign object enters a cell.",
                 "obstacle",
                 &["at"],
                 json!({ "obstacle": of("cell"), "until": for_good() }),
@@ -210,7 +209,7 @@ fn shared() -> Definitions {
     ]
 }
 
-/// Shapes that are sets of cells.
+/// Returns the definitions of shapes that are sets of cells.
 fn shapes() -> Definitions {
     let parts = json!({ "type": "array", "items": of("shape") });
     vec![
@@ -282,68 +281,68 @@ fn shapes() -> Definitions {
                         or(json!(<[i16; 3]>::from(Cell::default())), of("cell")),
                     ),
                     "part": said("Of a configuration.", one_of(&PARTS)),
-                    "thin": said("What becomes of parts thinner than a cell.", one_of(&THIN)),
-                    "voids": said("What becomes of inner voids.", one_of(&VOIDS)),
+                    "thin": said("What to do with parts thinner than a cell.", one_of(&THIN)),
+                    "voids": said("What to do with inner voids.", one_of(&VOIDS)),
                 }),
             ),
         ),
     ]
 }
 
-/// Refers to a definition.
+/// Returns a reference to a definition.
 pub fn of(definition: &str) -> Value {
     json!({ "$ref": format!("#/$defs/{definition}") })
 }
 
-/// Adds a description.
+/// Adds a description to a schema.
 pub fn said(description: &str, mut schema: Value) -> Value {
     schema["description"] = json!(description);
     schema
 }
 
-/// With the value that a key has which is left out.
+/// Adds a default to a schema.
 pub fn or(default: impl Into<Value>, mut schema: Value) -> Value {
     schema["default"] = default.into();
     schema
 }
 
-/// One of the names of a table, whose default is that of its type.
+/// Returns the schema of a name from a table, with the default of its type.
 pub fn one_of<T: Default + PartialEq>(names: &[(&'static str, T)]) -> Value {
     let all: Vec<&str> = names.iter().map(|(name, _)| *name).collect();
     or(default_of(names), json!({ "enum": all }))
 }
 
-/// A probability that is nothing unless it is named.
+/// Returns the schema of a probability that defaults to zero.
 pub fn seldom() -> Value {
     or(NEVER.to_string(), of("probability"))
 }
 
-/// When a fault ends, which it need not.
+/// Returns the schema of the optional end of a fault.
 pub fn for_good() -> Value {
-    said("When it is whole again; if left out, never.", of("time"))
+    said("When it is repaired. Default: never.", of("time"))
 }
 
-/// Any text.
+/// Returns the schema of any text.
 pub fn text() -> Value {
     json!({ "type": "string" })
 }
 
-/// A whole number that is not negative.
+/// Returns the schema of a whole number that is not negative.
 pub fn natural() -> Value {
     json!({ "type": "integer", "minimum": 0 })
 }
 
-/// One of these names.
+/// Returns the schema of one of these names.
 pub fn names(names: &[&str]) -> Value {
     json!({ "enum": names })
 }
 
-/// One of these definitions.
+/// Returns the schema of one of these definitions.
 pub fn any(definitions: &[&str]) -> Value {
     json!({ "oneOf": definitions.iter().map(|name| of(name)).collect::<Vec<_>>() })
 }
 
-/// A table with these keys and no others.
+/// Returns the schema of a table with these keys and no others.
 pub fn table(description: &str, required: &[&str], properties: Value) -> Value {
     json!({
         "description": description,
@@ -354,14 +353,14 @@ pub fn table(description: &str, required: &[&str], properties: Value) -> Value {
     })
 }
 
-/// A table that has exactly one of its keys.
+/// Restricts a table to exactly one of its keys.
 pub fn one_of_its_keys(mut table: Value) -> Value {
     table["minProperties"] = json!(1);
     table["maxProperties"] = json!(1);
     table
 }
 
-/// A fault: whom or what it hits, the times that it needs, and more keys that it may have.
+/// Returns the schema of a fault: its kind and target, required times, and more optional keys.
 fn fault(description: &str, verb: &str, times: &[&str], more: Value) -> Value {
     let mut schema = table(description, &[&[verb], times].concat(), json!({ (verb): of("modules") }));
     for time in times {

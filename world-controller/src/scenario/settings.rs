@@ -1,6 +1,6 @@
-//! Values that the command line puts into a scenario: `--set link.loss=5%` and the variations of a
-//! sweep. They are put into the document before it is read, so that they are checked like lines of
-//! the file; what is wrong with one is shown with the option it came from.
+//! Values that the command line puts into a scenario: `--set link.loss=5%` and the variations of a sweep.
+//! They are inserted before the document is read, so that they are checked like lines of the file; errors are
+//! reported with the option.
 
 use super::flaw::Flaw;
 use super::problems::Problems;
@@ -12,17 +12,17 @@ use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
-/// The most parts of a key.
+/// Parts of a key at most.
 const MAX_PARTS: usize = 32;
 
 /// One value for one key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setting {
-    /// The option that it was given with, for complaints. Read from elsewhere, as if it had been typed.
+    /// The option it was given with, for errors. Deserialized values count as typed.
     #[serde(skip, default = "set")]
     pub option: &'static str,
-    /// `KEY=VALUE`. A key is names joined by dots; an element of a list goes by its number, from 0. A
-    /// value is TOML, or text without quotes.
+    /// `KEY=VALUE`. A key consists of names joined by dots; elements of a list are numbered from 0. A value
+    /// is TOML, or unquoted text.
     pub text: String,
 }
 
@@ -43,32 +43,32 @@ impl fmt::Display for Setting {
     }
 }
 
-/// Why a key leads nowhere.
+/// Why a key is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum KeyError {
-    /// `link..loss`, or nothing at all.
+    /// A part is empty, as in `link..loss`.
     #[error("the key `{0}` has an empty part")]
     EmptyPart(String),
-    /// Deeper than anything in a scenario.
-    #[error("the key has {0} parts; {MAX_PARTS} is the most")]
+    /// Nested more deeply than any scenario.
+    #[error("the key has {0} parts; {MAX_PARTS} is the maximum")]
     TooDeep(usize),
     /// A list has no such element.
     #[error("`{list}` has no element {element}; it has {len}, numbered from 0")]
     NoElement {
         /// The list.
         list: String,
-        /// What was asked for.
+        /// The element.
         element: String,
-        /// How many there are.
+        /// The length of the list.
         len: usize,
     },
-    /// A number or a text has no keys.
+    /// The parent of the key is neither a table nor a list.
     #[error("`{0}` is neither a table nor a list, so nothing can be set in it")]
     NoTable(String),
 }
 
 impl KeyError {
-    /// The way out.
+    /// Returns what to do about it.
     pub fn fix(&self) -> String {
         match self {
             KeyError::EmptyPart(_) => "join the names of tables and keys by dots, such as `link.loss`".into(),
@@ -85,8 +85,8 @@ impl KeyError {
     }
 }
 
-/// Puts all settings into the document. Their places lie behind the end of the text, and are shown as
-/// the options.
+/// Inserts all settings into the document. Their places are offsets behind the end of the text, and are shown
+/// as the options.
 pub fn apply<'i>(document: &mut DeTable<'i>, settings: &'i [Setting], text: &str, problems: &mut Problems) {
     for (i, setting) in settings.iter().enumerate() {
         let at = text.len() + 1 + i;
@@ -97,7 +97,7 @@ pub fn apply<'i>(document: &mut DeTable<'i>, settings: &'i [Setting], text: &str
     }
 }
 
-/// TOML if it is, otherwise the text itself, so that nobody has to quote quotes on a command line.
+/// Parses TOML, or returns the text itself, so that shells need no nested quotes.
 fn value(text: &str) -> Result<DeValue<'_>, Flaw> {
     match DeValue::parse(text) {
         Ok(value) => Ok(value.into_inner()),
@@ -108,7 +108,7 @@ fn value(text: &str) -> Result<DeValue<'_>, Flaw> {
     }
 }
 
-/// The value with everything in it at this place.
+/// Assigns a place to a value and everything in it.
 fn moved<'i>(value: DeValue<'i>, at: &Range<usize>) -> Spanned<DeValue<'i>> {
     let value = match value {
         DeValue::Array(array) => {
@@ -199,7 +199,7 @@ mod tests {
 
     const TEXT: &str = "version = 1\n[[goal]]\nseed = [1, 2, 3]\n[link]\nloss = \"1%\"\n";
 
-    /// What a document looks like with these settings, and what is wrong with it.
+    /// Returns a document with these settings, and its problems.
     fn with(settings: &[&str]) -> (toml::Table, String) {
         let settings: Vec<Setting> =
             settings.iter().map(|text| Setting { option: "--set", text: (*text).into() }).collect();

@@ -1,5 +1,5 @@
-//! Shapes as they are written in a scenario, with the places of their parts. Those from files are cells
-//! from here on (see `solid`).
+//! Shapes as written in a scenario, with the places of their parts. Shapes from files become cells here (see
+//! `mesh_import`).
 
 use super::family::SectionKind;
 use super::flaw::{Flaw, MAX_DEPTH, MAX_LAID_OUT};
@@ -22,11 +22,11 @@ const FILE: &str = "{ file = { path = \"table.stl\", pitch = 10 } }";
 pub const UPS: [(&str, Up); 2] = [("z", Up::Z), ("y", Up::Y)];
 /// Which part of a configuration of VisibleSim is meant.
 pub const PARTS: [(&str, Part); 2] = [("blocks", Part::Blocks), ("targets", Part::Targets)];
-/// Whether what is thinner than a cell may get lost.
+/// What to do with parts thinner than a cell.
 pub const THIN: [(&str, bool); 2] = [("refuse", false), ("drop", true)];
-/// Whether inner voids are filled.
+/// What to do with inner voids.
 pub const VOIDS: [(&str, bool); 2] = [("keep", false), ("fill", true)];
-/// The axis of what is round.
+/// The axis of a round shape.
 pub const AXES: [(&str, Axis); 3] = [("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)];
 
 impl Read for Shape {
@@ -109,7 +109,7 @@ fn parts(node: &Node<'_>, depth: usize, problems: &mut Problems) -> Option<Vec<S
     (parts.len() == array.len()).then_some(parts)
 }
 
-/// Explicit cells. Doubles are found here and not later, so that the second one can be pointed at.
+/// Reads explicit cells. Duplicates are found here and not later, so that the error points at the second one.
 fn cells(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
     let array = elements(node, "[[0, 0, 0], [1, 0, 0]]", problems)?;
     let (mut cells, mut seen) = (Vec::new(), BTreeSet::new());
@@ -124,7 +124,7 @@ fn cells(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
     Some(cells)
 }
 
-/// The cells that a file becomes.
+/// Reads a shape from a file.
 fn file(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
     let mut section = Section::of(node, "a file", FILE, problems)?;
     let path = section.need::<String>("path", "path = \"table.stl\"", problems);
@@ -168,15 +168,15 @@ impl Read for Radius {
     }
 }
 
-/// Lays out the shapes of one scenario, as long as all together do not take too much time or memory.
+/// Lays out the shapes of one scenario, within limits of time and memory for all together.
 #[derive(Debug, Default)]
 pub struct Layout {
-    /// Cells that were looked at.
+    /// Cells visited so far.
     looked_at: u64,
 }
 
 impl Layout {
-    /// The cells of a shape.
+    /// Returns the cells of a shape.
     pub fn cells(&mut self, shape: &Shape) -> Result<Vec<Cell>, Flaw> {
         self.looked_at = self.looked_at.saturating_add(volume(shape));
         if self.looked_at > MAX_LAID_OUT {
@@ -186,10 +186,10 @@ impl Layout {
     }
 }
 
-/// How many cells are looked at to lay a shape out.
+/// Returns the cells visited to lay a shape out.
 fn volume(shape: &Shape) -> u64 {
     let side = |a: i16, b: i16| (i64::from(b) - i64::from(a)).max(0).unsigned_abs() + 1;
-    // A radius tells its length only as a number of cells in text form.
+    // A radius shows its length only as text.
     let diameter =
         |r: &Radius| serde_json::to_value(r).ok().and_then(|v| v.as_f64()).unwrap_or(0.0) as u64 * 2 + 1;
     match shape {

@@ -1,5 +1,5 @@
-//! Reading one TOML table key by key: typed values with their places, and complaints about keys
-//! that nobody asked for. Absent: what the keys mean.
+//! Reads one TOML table key by key: typed values with their places, and errors for unknown keys. Absent: what
+//! the keys mean.
 
 use super::family::SectionKind;
 use super::flaw::Flaw;
@@ -14,18 +14,18 @@ use toml::de::{DeArray, DeTable, DeValue};
 /// A TOML value with its place.
 pub type Node<'i> = Spanned<DeValue<'i>>;
 
-/// A table that is being read.
+/// A table being read.
 pub struct Section<'d, 'i> {
     table: &'d DeTable<'i>,
     name: String,
     place: Place,
     asked: Vec<&'static str>,
-    /// Which section it is, if its keys differ between families.
+    /// The section, if its keys differ between families.
     kind: Option<SectionKind>,
 }
 
 impl<'d, 'i> Section<'d, 'i> {
-    /// Starts reading a table; `name` is how messages call it.
+    /// Starts reading a table; `name` names it in messages.
     pub fn new(table: &'d DeTable<'i>, name: &str, place: impl Into<Place>) -> Section<'d, 'i> {
         Section { table, name: name.to_owned(), place: place.into(), asked: Vec::new(), kind: None }
     }
@@ -46,30 +46,29 @@ impl<'d, 'i> Section<'d, 'i> {
         }
     }
 
-    /// Says which section it is, so that a key that means something in it only in scenarios of another
-    /// family is called that.
+    /// Sets the section, so that keys of other families are reported as such.
     pub fn differs_between_families(&mut self, kind: SectionKind) {
         self.kind = Some(kind);
     }
 
-    /// Where the table is.
+    /// Returns the place of the table.
     pub fn place(&self) -> &Place {
         &self.place
     }
 
-    /// The value of a key, and its place.
+    /// Returns the value of a key with its place.
     pub fn node(&mut self, key: &'static str) -> Option<&'d Node<'i>> {
         self.asked.push(key);
         self.table.get(key)
     }
 
-    /// A typed value of a key, if it is there and well formed.
+    /// Returns a typed value of a key, if it is present and valid.
     pub fn get<T: Read>(&mut self, key: &'static str, problems: &mut Problems) -> Option<At<T>> {
         let node = self.node(key)?;
         T::read(node, problems).map(|value| At::new(value, node.span()))
     }
 
-    /// Like [`Section::get`], and complains if the key is missing.
+    /// Like [`Section::get`], but reports a missing key.
     pub fn need<T: Read>(
         &mut self,
         key: &'static str,
@@ -82,12 +81,12 @@ impl<'d, 'i> Section<'d, 'i> {
         self.get(key, problems)
     }
 
-    /// Complains that a key is missing.
+    /// Reports a missing key.
     pub fn missing(&self, key: &'static str, example: &'static str, problems: &mut Problems) {
         problems.add(self.place.clone(), Flaw::Missing { key, section: self.name.clone(), example });
     }
 
-    /// One of a few names.
+    /// Reads one of several names.
     pub fn choice<T: Copy>(
         &mut self,
         key: &'static str,
@@ -104,12 +103,12 @@ impl<'d, 'i> Section<'d, 'i> {
         found
     }
 
-    /// The keys of the table that are among these.
+    /// Returns those of `keys` that the table has.
     pub fn present(&self, keys: &[&'static str]) -> Vec<&'static str> {
         keys.iter().copied().filter(|k| self.table.get(*k).is_some()).collect()
     }
 
-    /// Complains about every key that was not asked for. Returns whether one of them is for another family.
+    /// Reports every key that was not read. Returns true if one of them is for another family.
     pub fn finish(self, problems: &mut Problems) -> bool {
         let mut is_foreign = false;
         let known: BTreeSet<&str> = self.asked.iter().copied().collect();
@@ -131,13 +130,13 @@ impl<'d, 'i> Section<'d, 'i> {
     }
 }
 
-/// The name that means the same as leaving a key out.
+/// Returns the name that equals leaving the key out.
 pub fn default_of<T: Default + PartialEq>(names: &[(&'static str, T)]) -> &'static str {
     let default = names.iter().find(|(_, value)| *value == T::default());
     default.expect("invariant: a table of names has the default, as a test of the schema asks of each").0
 }
 
-/// The elements of a value that must be an array.
+/// Returns the elements of a value that must be an array.
 pub fn elements<'d, 'i>(
     node: &'d Node<'i>,
     example: &'static str,
@@ -152,7 +151,7 @@ pub fn elements<'d, 'i>(
     }
 }
 
-/// A value of the wrong kind.
+/// Returns the error for a value of the wrong kind.
 pub fn wrong(expected: &'static str, found: &DeValue<'_>, example: &'static str) -> Flaw {
     let found = match found {
         DeValue::String(_) => "text",
@@ -168,11 +167,11 @@ pub fn wrong(expected: &'static str, found: &DeValue<'_>, example: &'static str)
 
 /// A type that can be written in a scenario.
 pub trait Read: Sized {
-    /// Reads a value, or notes what is wrong with it.
+    /// Reads a value, or reports what is wrong with it.
     fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Self>;
 }
 
-/// A whole number that fits 64 bits.
+/// Returns a whole number of 64 bits.
 fn integer(node: &Node<'_>) -> Option<Result<i64, String>> {
     let DeValue::Integer(n) = node.get_ref() else { return None };
     Some(i64::from_str_radix(n.as_str(), n.radix()).map_err(|_| n.to_string()))
@@ -259,22 +258,22 @@ impl Read for f64 {
     }
 }
 
-/// A length of time from text of any length.
+/// Parses a time from text of any length.
 pub fn span(text: &str) -> Result<Span, SpanError> {
-    // Longer numbers than any sensible time are not worth reading.
+    // No sensible time is longer.
     if text.len() > 32 {
         return Err(SpanError::TooLong(text.chars().take(32).chain(['…']).collect()));
     }
     text.parse()
 }
 
-/// Two times `a..b`.
+/// Parses two times `a..b`.
 pub fn span_range(text: &str) -> Result<(Span, Span), Flaw> {
     let (from, until) = text.split_once("..").ok_or_else(|| Flaw::Form(text.into(), "T..T"))?;
     Ok((span(from)?, span(until)?))
 }
 
-/// One time or two.
+/// Parses one time or two.
 pub fn delay(text: &str) -> Result<(Span, Span), Flaw> {
     if text.contains("..") {
         let (min, max) = span_range(text)?;
@@ -286,7 +285,7 @@ pub fn delay(text: &str) -> Result<(Span, Span), Flaw> {
 fn time_text<'d>(node: &'d Node<'_>, example: &'static str, problems: &mut Problems) -> Option<&'d str> {
     match node.get_ref() {
         DeValue::String(text) => Some(text),
-        // A number without a unit is the likeliest slip: say so in the words of times.
+        // A number without a unit is the most likely mistake: report the unit.
         DeValue::Integer(n) => {
             let n = n.as_str();
             let error =
@@ -326,7 +325,7 @@ impl Read for Delay {
     }
 }
 
-/// From when until when: `0s..60s`.
+/// An interval: `0s..60s`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window(pub Span, pub Span);
 
@@ -339,7 +338,7 @@ impl Read for Window {
 
 impl Read for Ratio {
     fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Ratio> {
-        // The digits as written are read exactly; a float in between would round them.
+        // The digits as written are exact; a float would round them.
         let text = match node.get_ref() {
             DeValue::String(text) => text.as_ref(),
             DeValue::Integer(n) if n.radix() == 10 => n.as_str(),

@@ -1,9 +1,9 @@
-//! A busy swarm: tokens go around a ring of processes that share the processors, each of which takes what
-//! has come, passes it on, and waits to be woken. The process link beside a Unix socket.
+//! A busy swarm: tokens circulate in a ring of processes that share the processors; each process receives,
+//! forwards, and waits to be woken. The process link beside a Unix socket.
 //!
-//! With one token nobody has anything to do but to wake the next, and the bare mechanism of waking is
-//! measured. With many, whoever gets to run finds several, and wakes the next one once for all of them; a
-//! socket takes two system calls for each.
+//! With one token, the only work is to wake the next process: the cost of waking is measured. With many, a
+//! process that runs finds several, and wakes the next one once for all of them; a socket takes two system
+//! calls for each.
 
 use super::part::{Peer, command};
 use super::wire::{End, Files, Mechanism, Mode, OursHalf, ask, seqpacket_pair, standard_streams, system};
@@ -20,30 +20,30 @@ use std::time::Duration;
 
 /// Processes of the ring.
 const MEMBERS: u32 = 50;
-/// Tokens that go around.
+/// Tokens in the ring.
 const TOKENS: [u32; 3] = [1, 50, 500];
-/// How long a ring is watched, and how often.
+/// Duration of a measurement, and repetitions.
 const LONG: Duration = Duration::from_secs(1);
 const TIMES: usize = 3;
 
-/// One number of tokens.
+/// The result for one number of tokens.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Processes and tokens.
+    /// Number of processes and of tokens.
     pub members: u32,
     pub tokens: u32,
-    /// Tokens passed on in a second by all members together.
+    /// Tokens forwarded per second by all members together.
     pub ours_per_s: f64,
     pub unix_socket_per_s: f64,
 }
 
-/// All numbers of tokens, as long as `on` lets it.
+/// Measures all numbers of tokens, while `on` permits.
 pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Result<Vec<Row>, BenchError> {
     let mut rows = Vec::new();
     for tokens in TOKENS {
         live.show(|| format!("busy: {MEMBERS} processes, {}", many(u64::from(tokens), "token")));
         let (mut ours, mut socket) = (Vec::new(), Vec::new());
-        // Taken in turns, so that what else the machine does meets both.
+        // Alternating, so that other load affects both.
         for _ in 0..TIMES {
             on()?;
             ours.push(ring(Mechanism::Ours, tokens)?);
@@ -56,7 +56,7 @@ pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Resu
     Ok(rows)
 }
 
-/// Tokens passed on in a second.
+/// Measures the tokens forwarded per second.
 fn ring(mechanism: Mechanism, tokens: u32) -> Result<f64, BenchError> {
     let dir = RunDir::create()?;
     let root = dir.root().to_str().ok_or_else(|| BenchError::Part("has no root".to_owned()))?.to_owned();
@@ -64,7 +64,7 @@ fn ring(mechanism: Mechanism, tokens: u32) -> Result<f64, BenchError> {
     let mut start = |id: u32, from: Stdio, to: Stdio| -> Result<(), BenchError> {
         let (id, next) = (id.to_string(), ((id + 1) % MEMBERS).to_string());
         let mut member = command(&["ring", mechanism.name(), &root, &id, &next])?;
-        // When the ring is broken up, nobody wants to hear about it.
+        // Members that report the end of the ring are ignored.
         let child = member.stdin(from).stdout(to).stderr(Stdio::null()).spawn();
         members.push(Peer(child.map_err(system("start another process of this program"))?));
         Ok(())
@@ -83,7 +83,7 @@ fn ring(mechanism: Mechanism, tokens: u32) -> Result<f64, BenchError> {
         }
         Box::new(Files::new(from.into(), first.0.into(), Mode::Waiting)?)
     };
-    // Once around, so that everybody is up.
+    // Once around, so that all members are up.
     pass(end.as_mut(), 1)?;
     let mut around = 0;
     while around == 0 {
@@ -99,7 +99,7 @@ fn ring(mechanism: Mechanism, tokens: u32) -> Result<f64, BenchError> {
     Ok(passed as f64 * f64::from(MEMBERS) / watch.elapsed().as_secs_f64())
 }
 
-/// A member of the ring, until it is killed.
+/// Runs a member of the ring, until it is killed.
 pub fn member(mechanism: Mechanism, root: &str, id: u32, next: u32) -> Result<(), BenchError> {
     let mut end: Box<dyn End> = match mechanism {
         Mechanism::Ours => Box::new(OursHalf::create(Path::new(root), id)?.join_patiently(next)?),
@@ -111,7 +111,7 @@ pub fn member(mechanism: Mechanism, root: &str, id: u32, next: u32) -> Result<()
     }
 }
 
-/// Waits, then takes what is there; a socket blocks for each.
+/// Waits, then receives all that is there; a socket blocks for each.
 fn take_all(end: &mut dyn End, mechanism: Mechanism) -> Result<u32, BenchError> {
     if mechanism == Mechanism::UnixSocket {
         return Ok(u32::from(end.take()?.is_some()));
@@ -129,7 +129,7 @@ fn take_all(end: &mut dyn End, mechanism: Mechanism) -> Result<u32, BenchError> 
 fn pass(end: &mut dyn End, tokens: u32) -> Result<(), BenchError> {
     for _ in 0..tokens {
         while !end.put(ask::SWALLOW)? {
-            // The next one has to run before there is room.
+            // The next member has to run before there is room.
             end.ring();
             std::thread::yield_now();
         }

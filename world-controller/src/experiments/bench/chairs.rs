@@ -1,7 +1,7 @@
-//! How many runs of the thesis's chair (4.1.3) are simulated in a second on all processors, for each
-//! strategy: all kinds in turn, one start after the other, all invariants checked.
+//! Runs per second of the thesis's chair (4.1.3), simulated on all processors, for each strategy: all kinds
+//! in turn, consecutive starts, all invariants checked.
 //!
-//! Deliberately absent: how the runs end, which `metamorph reproduce` compares in full.
+//! Absent: the outcomes, which `metamorph reproduce` compares in full.
 
 use super::BenchError;
 use super::machine::CpuWatch;
@@ -20,25 +20,25 @@ use std::thread;
 /// Runs of each strategy.
 pub const RUNS: u64 = 4_000;
 
-/// One strategy.
+/// The result for one strategy.
 #[derive(Debug, Serialize)]
 pub struct Row {
     /// Its name.
     pub strategy: String,
-    /// Runs, and how many of them were built.
+    /// Runs, and those that were built.
     pub runs: u64,
     pub built: u64,
-    /// Invariants that broke in all of them.
+    /// Violations of invariants in all runs.
     pub violations: u64,
-    /// Runs at the same time.
+    /// Concurrent runs.
     pub threads: u64,
-    /// By the clock.
+    /// Runs per second of real time.
     pub runs_per_s: f64,
-    /// Processor time of a run.
+    /// Processor time per run in milliseconds.
     pub cpu_ms: f64,
 }
 
-/// What some of the runs came to.
+/// The sum over some of the runs.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     built: u64,
@@ -46,7 +46,7 @@ struct Sum {
     cpu_s: f64,
 }
 
-/// Every strategy.
+/// Measures every strategy.
 pub fn measure(runs: u64, live: &mut Live) -> Result<Vec<Row>, BenchError> {
     let threads = thread::available_parallelism().map_or(1, NonZeroUsize::get);
     let mut rows = Vec::new();
@@ -75,7 +75,7 @@ pub fn measure(runs: u64, live: &mut Live) -> Result<Vec<Row>, BenchError> {
     Ok(rows)
 }
 
-/// What one thread does.
+/// Runs one thread.
 fn labour(strategy: Strategy, runs: u64, next: &AtomicU64) -> Result<Sum, BenchError> {
     let plans: Result<Vec<Plan>, BenchError> =
         Kind::METAMODULES.into_iter().map(|kind| plan(strategy, kind)).collect();

@@ -1,6 +1,6 @@
-//! Deaths in a swarm of processes: one module after the other is killed and started again, seldom and
-//! then often. What is seen is whether the controller keeps up, how long a module is away, and whether
-//! anything that the dead held is lost.
+//! Deaths in a swarm of processes: modules are killed and restarted one by one, first rarely, then often.
+//! Measures whether the controller keeps up, how long a module is away, and whether anything the dead
+//! processes held is lost.
 
 use super::BenchError;
 use super::machine::{children, open_files, proportional_memory, ran};
@@ -26,43 +26,43 @@ use std::time::Duration;
 
 type Body = <CubeWorld as World>::Agent;
 
-/// Deaths in a second, and for how long.
+/// Deaths per second, and the duration.
 const PHASES: [(u32, Span); 2] = [(2, Span::secs(10)), (20, Span::secs(60))];
-/// Between phases everybody comes back.
+/// Pause between phases, in which all modules come back.
 const PAUSE: Span = Span::secs(3);
 
-/// One swarm with deaths.
+/// The result for one swarm.
 #[derive(Debug, Serialize)]
 pub struct Churn {
-    /// Modules, which all run the cube protocol.
+    /// Modules running the cube protocol.
     pub modules: u64,
-    /// Proportional set size of each agent in bytes before anybody died.
+    /// Proportional set size per agent before the first death, in bytes.
     pub pss_per_agent: f64,
     /// A row for each rate.
     pub rows: Vec<Row>,
 }
 
-/// One rate.
+/// The result for one rate.
 #[derive(Debug, Serialize)]
 pub struct Row {
-    /// Deaths in a second that were asked for.
+    /// Deaths per second requested.
     pub wanted_per_s: u32,
     /// Modules killed.
     pub deaths: u64,
-    /// Seconds from the first death until the last one that was killed was back.
+    /// Seconds from the first death until the last killed module was back.
     pub seconds: f64,
-    /// Milliseconds from the order to kill a module until its next life has begun.
+    /// Median time from the order to kill a module until its next incarnation has started, in milliseconds.
     pub away_median_ms: f64,
     pub away_worst_ms: f64,
-    /// Modules that were not back in the end.
+    /// Modules not back at the end.
     pub missing: u64,
-    /// Percent of one processor that the controller took meanwhile, with launches and burials.
+    /// Load of the controller, including launching and reaping, in percent of one processor.
     pub controller_percent: f64,
-    /// Descriptors that the controller had open at the end.
+    /// Descriptors open in the controller at the end.
     pub descriptors: u64,
 }
 
-/// A block of `side`³ modules.
+/// Measures a block of `side`³ modules.
 pub fn measure(side: u16, live: &mut Live) -> Result<Churn, BenchError> {
     let last = side - 1;
     let text = format!(
@@ -95,7 +95,7 @@ pub fn measure(side: u16, live: &mut Live) -> Result<Churn, BenchError> {
     Ok(Churn { modules: world.len() as u64, pss_per_agent: reaper.pss, rows: reaper.rows })
 }
 
-/// Whoever was ordered to die, and when.
+/// Modules ordered to die, with the time of the order.
 #[derive(Debug, Default)]
 struct Toll {
     killed: BTreeMap<ModuleId, Time>,
@@ -104,17 +104,17 @@ struct Toll {
     last_back: Time,
 }
 
-/// A controller that kills and starts again.
+/// A controller that kills and restarts modules.
 struct Reaper {
     modules: u32,
-    /// Which rate, or beyond the last.
+    /// The current rate, or past the last.
     phase: usize,
-    /// When the next one dies, or the next phase begins.
+    /// Time of the next death or phase.
     due: Time,
     until: Time,
     deaths: u32,
     toll: Toll,
-    /// What the controller had run when the phase began.
+    /// Processor time of the controller at the start of the phase.
     ran: Duration,
     commands: VecDeque<Command<<Body as Agent>::Order>>,
     pss: f64,
@@ -139,7 +139,8 @@ impl Reaper {
     }
 
     fn kill_next(&mut self, now: Time) {
-        // Far apart, so that nobody is alone for long; the modules are not a multiple of this.
+        // A large stride, so that no module loses its neighbours for long; the number of modules is no
+        // multiple of it.
         let id = ModuleId(self.deaths.wrapping_mul(387) % self.modules);
         self.deaths += 1;
         if self.toll.killed.contains_key(&id) {

@@ -1,8 +1,8 @@
-//! The simulated link under the smallest agent: hop counts flood a dense block from a corner.
+//! The simulated link with a minimal agent: hop counts flood a dense block from a corner.
 //!
-//! Every size has a process of its own, so that its memory is its own. Beside it, in the same
-//! process, the floor: the same flood over the bare queue, and over the heap of the standard library,
-//! without agents, links, counters or a trace. And the same flood on all processors, with the same trace.
+//! Every size runs in a process of its own, to measure its memory. As lower bounds, the same process also
+//! runs the flood over the bare queue, and over the heap of the standard library, without agents, links,
+//! counters or a trace.
 
 use super::machine::{CpuWatch, peak_memory};
 use super::{BenchError, part};
@@ -29,10 +29,10 @@ use std::sync::Arc;
 const SIDES: [u16; 4] = [10, 22, 47, 100];
 /// Delays differ by less than one part in the number of hops, so that hop counts are exact.
 const DELAY: (Span, Span) = (Span::millis(100), Span(100_300_000));
-/// Small blocks are flooded again until so many messages have been delivered.
+/// Messages delivered at least; small blocks are flooded repeatedly.
 const ENOUGH: u64 = 1_000_000;
 
-/// What one size came to.
+/// The result for one size.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     /// Modules along a side, and in all.
@@ -42,27 +42,27 @@ pub struct Row {
     pub messages: u64,
     /// Floods measured.
     pub floods: u64,
-    /// Nanoseconds of processor time for a message, all told: trace hash, counters, agent.
+    /// Processor time per message in nanoseconds, with trace hash, counters and agent.
     pub ns_per_message: f64,
-    /// The same by the wall clock, which other programs lengthen.
+    /// The same in real time, which other load increases.
     pub wall_ns_per_message: f64,
-    /// Messages in a second of processor time.
+    /// Messages per second of processor time.
     pub messages_per_s: f64,
-    /// Events of the trace in a second of processor time.
+    /// Trace events per second of processor time.
     pub events_per_s: f64,
     /// Processor time to set up, in seconds.
     pub setup_s: f64,
-    /// Memory at its peak, less that of the empty process, and the same for each module.
+    /// Peak memory, minus that of the empty process; and the same per module.
     pub peak_bytes: u64,
     pub bytes_per_module: f64,
-    /// The floors, in nanoseconds of processor time for a message.
+    /// The lower bounds: processor time per message in nanoseconds.
     pub queue_ns: f64,
     pub heap_ns: f64,
-    /// The witness that floods of one size are the same everywhere.
+    /// The trace hash, the same for floods of one size everywhere.
     pub trace_hash: String,
 }
 
-/// All sizes up to `most` modules.
+/// Measures all sizes up to `most` modules.
 pub fn measure(most: u64, live: &mut Live) -> Result<Vec<Row>, BenchError> {
     let sides = SIDES.into_iter().filter(|side| u64::from(*side).pow(3) <= most);
     sides
@@ -75,13 +75,13 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Vec<Row>, BenchError> {
         .collect()
 }
 
-/// One flood, finished.
+/// A finished flood.
 struct Flood {
     setup_s: f64,
     cpu_s: f64,
     wall_s: f64,
     messages: u64,
-    /// Events of the trace.
+    /// Events in the trace.
     events: u64,
     trace: u64,
 }
@@ -104,14 +104,14 @@ fn flood(side: u16) -> Result<Flood, BenchError> {
     let messages = sim.tally()[Class::Gradient].delivered;
     if messages != expected || sim.violations().1 != 0 || !distances_are_exact(&sim) {
         return Err(BenchError::Wrong(format!(
-            "the flood of {side}³ modules came to {messages} messages instead of {expected}, or to wrong distances"
+            "the flood of {side}³ modules had {messages} messages instead of {expected}, or wrong distances"
         )));
     }
     let events = sim.trace().events() - before;
     Ok(Flood { setup_s, cpu_s, wall_s, messages, events, trace: sim.trace().value() })
 }
 
-/// One size, in this process.
+/// Measures one size, in this process.
 pub fn row(side: u16) -> Result<Row, BenchError> {
     let empty = peak_memory();
     let modules = u64::from(side).pow(3);
@@ -151,7 +151,7 @@ where
     sim.agents().iter().all(|(id, agent)| agent.hops() == Some(sim.world().place(id).manhattan(corner)))
 }
 
-/// The heap of the standard library, ordered as the queue is.
+/// The heap of the standard library, in the order of the queue.
 #[derive(Default)]
 struct Heap {
     heap: BinaryHeap<Reverse<(Time, u64, u32)>>,
@@ -168,7 +168,7 @@ impl Heap {
     }
 }
 
-/// Nanoseconds of processor time for a message of a flood over a bare queue.
+/// Measures the processor time per message of a flood over a bare queue, in nanoseconds.
 fn floor<Q>(
     side: u16,
     messages: u64,
@@ -200,7 +200,7 @@ fn floor<Q>(
         }
     }
     black_box(seen);
-    // Without agents nobody knows where a word came from: it goes back there, too.
+    // Without agents the sender of a message is unknown: the flood also goes back there.
     debug_assert!(seen > messages);
     watch.elapsed().as_secs_f64() * 1e9 / seen as f64
 }

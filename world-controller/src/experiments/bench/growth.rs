@@ -1,8 +1,8 @@
-//! Slab to sphere (thesis 4.1.2) at growing sizes on the simulated link, with all invariants checked,
-//! and how time, moves and messages grow with the number of modules.
+//! Slab to sphere (thesis 4.1.2) at growing sizes on the simulated link, with all invariants checked, and how
+//! time, moves and messages grow with the number of modules.
 //!
-//! Beside the moves stands a floor that no protocol can go below (`matching`), computed exactly for each
-//! size. Exponents are fits over the sizes that were run, also that of the floor: they bound nothing.
+//! Beside the moves is a lower bound for every protocol (`matching`), computed exactly for each size.
+//! Exponents are fits over the measured sizes, also that of the lower bound: they bound nothing.
 
 use super::machine::CpuWatch;
 use super::matching::least_moves;
@@ -20,39 +20,38 @@ use std::collections::BTreeMap;
 /// Modules along a side of the slab.
 const SIDES: [u16; 6] = [10, 20, 30, 50, 70, 100];
 
-/// What all sizes came to.
+/// The results for all sizes.
 #[derive(Debug, Serialize)]
 pub struct Growth {
     /// A row for each size.
     pub rows: Vec<Row>,
-    /// How the scenario time until the ball stands grows with the number of modules.
+    /// Growth of the scenario time until the ball is complete.
     pub makespan: Option<Fit>,
-    /// How the moves grow.
+    /// Growth of the moves.
     pub moves: Option<Fit>,
-    /// A fit of how the floor of the moves grows over these sizes. It is not a bound itself.
+    /// Growth of the lower bound of the moves over these sizes. The fit itself is no bound.
     pub least_moves: Option<Fit>,
-    /// How the messages grow.
+    /// Growth of the messages.
     pub messages: Option<Fit>,
 }
 
-/// One size.
+/// The result for one size.
 #[derive(Debug, Serialize)]
 pub struct Row {
     /// Modules of the slab, and cells of the goal.
     pub modules: u64,
     pub goal: u64,
-    /// How it ended, and how many invariants broke.
+    /// The outcome, and the number of violations.
     pub outcome: String,
     pub violations: u64,
-    /// Scenario seconds until the last cell was filled; a move takes one.
+    /// Scenario seconds until the last cell was filled; a move takes one second.
     pub makespan_s: f64,
-    /// Moves completed, and a floor that they cannot be below: the cost of the best assignment of cubes
-    /// to goal cells.
+    /// Moves completed, and their lower bound: the cost of the best assignment of cubes to goal cells.
     pub moves: u64,
     pub least_moves: u64,
-    /// Moves by floor.
+    /// Moves divided by the lower bound.
     pub times_least: f64,
-    /// Messages sent, and the same by class.
+    /// Messages sent, in all and by class.
     pub messages: u64,
     pub by_class: BTreeMap<String, u64>,
     pub messages_per_move: f64,
@@ -61,7 +60,7 @@ pub struct Row {
     pub trace_hash: String,
 }
 
-/// All sizes up to `most` modules.
+/// Measures all sizes up to `most` modules.
 pub fn measure(most: u64, live: &mut Live) -> Result<Growth, BenchError> {
     let mut rows = Vec::new();
     for side in SIDES.into_iter().filter(|side| u64::from(*side).pow(2) <= most) {
@@ -77,7 +76,7 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Growth, BenchError> {
     })
 }
 
-/// A slab and a ball.
+/// Returns a scenario with a slab and a ball.
 fn scenario(side: u16, half_cells: u32) -> String {
     let (last, middle) = (side - 1, side / 2);
     let radius = f64::from(half_cells) / 2.0;
@@ -95,7 +94,7 @@ fn cubes(plan: &Plan) -> Result<&Cubes, BenchError> {
     plan.swarm.of().ok_or_else(|| BenchError::Wrong("the scenario is not one of cubes".to_owned()))
 }
 
-/// The largest ball of at most three quarters of the modules of a slab.
+/// Measures the largest ball of at most three quarters of the modules of a slab.
 fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
     let modules = u64::from(side).pow(2);
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
@@ -106,8 +105,8 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
         Ok::<_, BenchError>((goal, plan))
     };
     let mut best = plan_of(2)?;
-    // A scaffold fills half of a ball, so that a radius of the cube root of the modules is too large.
-    // One that is too thin somewhere is passed over.
+    // A scaffold fills half of a ball, so the cube root of the modules exceeds any radius. Balls that are too
+    // thin somewhere are skipped.
     for half_cells in (3..).take_while(|h| u64::from(*h).pow(3) <= 8 * modules) {
         if let Ok(larger) = plan_of(half_cells)
             && larger.0 * 4 <= modules * 3

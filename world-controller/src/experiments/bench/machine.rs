@@ -1,12 +1,11 @@
-//! The machine on which something was measured, and what processes cost on it, as Linux tells in
-//! /proc.
+//! The machine of a measurement, and the costs of processes on it, from Linux's /proc.
 
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 use std::fs::read_to_string;
 use std::time::Duration;
 
-/// Where numbers come from.
+/// The machine of a measurement.
 #[derive(Debug, Serialize)]
 pub struct Machine {
     /// The processor's name.
@@ -17,13 +16,13 @@ pub struct Machine {
     pub memory_bytes: u64,
     /// The kernel's release.
     pub kernel: String,
-    /// How many threads wanted to run when the measurement began, over the last minute; above
-    /// `processors`, times are those of a busy machine.
+    /// Mean number of runnable threads over the minute before the measurement; above `processors`, times are
+    /// those of a busy machine.
     pub load: f64,
 }
 
 impl Machine {
-    /// This one.
+    /// Returns this machine.
     pub fn this() -> Machine {
         let read = |path| read_to_string(path).unwrap_or_default();
         let after = |text: &str, key: &str| -> Option<String> {
@@ -40,7 +39,7 @@ impl Machine {
     }
 }
 
-/// `1234 kB` in bytes.
+/// Converts `1234 kB` to bytes.
 fn kilobytes(text: &str) -> Option<u64> {
     text.split_ascii_whitespace().next()?.parse::<u64>().ok().map(|kb| kb << 10)
 }
@@ -51,22 +50,22 @@ fn field(path: &str, key: &str) -> Option<u64> {
     kilobytes(line.split_once(':')?.1)
 }
 
-/// The most memory that this process has had resident, in bytes.
+/// Returns the peak resident memory of this process, in bytes.
 pub fn peak_memory() -> u64 {
     field("/proc/self/status", "VmHWM").unwrap_or(0)
 }
 
-/// The memory that new processes can have without anybody else losing theirs, in bytes.
+/// Returns the memory available to new processes without swapping, in bytes.
 pub fn available_memory() -> u64 {
     field("/proc/meminfo", "MemAvailable").unwrap_or(0)
 }
 
-/// The memory of a process in bytes, what it shares divided among those it shares it with.
+/// Returns the proportional set size of a process, in bytes.
 pub fn proportional_memory(pid: u32) -> u64 {
     field(&format!("/proc/{pid}/smaps_rollup"), "Pss").unwrap_or(0)
 }
 
-/// How long all threads of a process have run.
+/// Returns the processor time of all threads of a process.
 pub fn ran(pid: u32) -> Duration {
     let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     let time = |thread: std::fs::DirEntry| -> Option<u64> {
@@ -75,12 +74,12 @@ pub fn ran(pid: u32) -> Duration {
     Duration::from_nanos(threads.filter_map(time).sum())
 }
 
-/// Files that this process has open.
+/// Returns the number of files that this process has open.
 pub fn open_files() -> u64 {
     std::fs::read_dir("/proc/self/fd").map_or(0, |files| files.count() as u64)
 }
 
-/// The processes that this one has started and not yet waited for.
+/// Returns the child processes of this one that have not been waited for.
 pub fn children() -> Vec<u32> {
     let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let text: String =
@@ -88,18 +87,18 @@ pub fn children() -> Vec<u32> {
     text.split_ascii_whitespace().filter_map(|pid| pid.parse().ok()).collect()
 }
 
-/// Processor time of this thread, which other programs do not lengthen by being there.
+/// Processor time of this thread, independent of other load.
 #[derive(Clone, Copy, Debug)]
 pub struct CpuWatch(Duration);
 
 impl CpuWatch {
-    /// Starts.
+    /// Starts the watch.
     pub fn start() -> CpuWatch {
         let t = clock_gettime(ClockId::ThreadCPUTime);
         // Invariant: this clock starts at zero and never goes back.
         CpuWatch(Duration::new(t.tv_sec as u64, t.tv_nsec as u32))
     }
-    /// Since the start.
+    /// Returns the time since the start.
     pub fn elapsed(self) -> Duration {
         CpuWatch::start().0.saturating_sub(self.0)
     }

@@ -1,9 +1,9 @@
-//! `metamorph bench`: what the two links cost, with bare mechanisms measured beside them in the same
-//! run, so that the ratios hold on any machine.
+//! `metamorph bench`: measures what the two links cost, with bare mechanisms beside them in the same run, so
+//! that the ratios hold on any machine.
 //!
-//! `flood`, `growth` and `chairs` measure the simulated link, `wire`, `swarm` and `churn` the process link; `part` is the
-//! other end of a measurement, in a process of its own; `text` shows the results. Deliberately absent:
-//! any judgement. Nothing here fails because a machine is slow.
+//! `flood`, `growth` and `chairs` measure the simulated link, `wire`, `swarm` and `churn` the process link;
+//! `part` is the other process of a measurement; `text` shows the results. Absent: any judgement. Nothing
+//! here fails because a machine is slow.
 
 mod busy;
 mod chairs;
@@ -33,87 +33,87 @@ use serde::Serialize;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Increased whenever a field of `bench.json` changes its meaning or goes.
+/// Version of `bench.json`, increased when a field changes its meaning or is removed.
 const SCHEMA: u32 = 1;
 
-/// What can be measured.
+/// The measurements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum Name {
-    /// Hop counts flood a block of up to a million simulated modules, on one thread and on all processors
+    /// Hop counts flood a block of up to a million simulated modules
     Flood,
     /// A slab becomes a ball, with 100 to 10,000 simulated modules
     Growth,
-    /// Runs of the thesis's chair in a second, on all processors
+    /// Runs of the thesis's chair per second, on all processors
     Chairs,
     /// Round trips and throughput between two processes, beside other mechanisms
     Wire,
     /// Swarms of processes: starting, exchanging, memory, idling
     Swarm,
-    /// Modules of a swarm of processes die and are started again
+    /// Modules of a swarm of processes die and are restarted
     Churn,
 }
 
-/// What was asked for.
+/// The arguments of `metamorph bench`.
 #[derive(Clone, Debug)]
 pub struct Request {
-    /// What to measure; everything if nothing is named.
+    /// The measurements; all if empty.
     pub names: Vec<Name>,
-    /// The largest number of modules or processes in a row of a table; all rows if left out.
+    /// The largest number of modules or processes measured; no limit if `None`.
     pub most: Option<u64>,
-    /// Where the numbers go.
+    /// The destination of the results.
     pub json: PathBuf,
-    /// Whether to say nothing but errors.
+    /// True to print errors only.
     pub quiet: bool,
 }
 
-/// Why something could not be measured.
+/// Why a measurement failed.
 #[derive(Debug, Error)]
 pub enum BenchError {
     /// The numbers cannot be written.
     #[error(transparent)]
     Json(#[from] OutputError),
-    /// Something of the system does not work.
+    /// A system call failed.
     #[error("bench: cannot {0}: {1}")]
     System(&'static str, std::io::Error),
-    /// The other process did not do its part.
+    /// The other process failed.
     #[error("bench: the other process {0}")]
     Part(String),
-    /// A signal came.
+    /// A signal arrived.
     #[error("bench: interrupted; nothing is written to {}", .0.display())]
     Interrupted(PathBuf),
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(std::io::Error),
-    /// A run did not come to what it should have come to, so that its times mean nothing.
+    /// A run had an unexpected result, so that its times are meaningless.
     #[error("bench: {0}")]
     Wrong(String),
-    /// A swarm.
+    /// A swarm failed.
     #[error(transparent)]
     Swarm(#[from] SwarmError),
-    /// Where processes meet.
+    /// The run directory failed.
     #[error(transparent)]
     RunDir(#[from] RunDirError),
-    /// A channel.
+    /// A channel failed.
     #[error(transparent)]
     Channel(#[from] ChannelError),
-    /// A receiving end.
+    /// An inbox failed.
     #[error(transparent)]
     Inbox(#[from] InboxError),
-    /// This program.
+    /// This executable cannot be found.
     #[error(transparent)]
     Process(#[from] ProcessError),
 }
 
-/// `bench.json`.
+/// The contents of `bench.json`.
 #[derive(Debug, Serialize)]
 pub struct Results {
-    /// Tells the file from others.
+    /// Identifies the file format.
     format: &'static str,
     /// The version of its layout.
     schema: u32,
     /// The version of this program.
     version: &'static str,
-    /// Where it was measured.
+    /// The machine.
     machine: Machine,
     /// A row for each size.
     flood: Vec<flood::Row>,
@@ -131,7 +131,7 @@ pub struct Results {
     churn: Option<churn::Churn>,
 }
 
-/// Does what was asked for, and gives the exit code.
+/// Executes the request, and returns the exit code.
 pub fn bench(request: &Request) -> Result<u8, BenchError> {
     let json = Outputs::new().writes("--json", &request.json)?;
     let wanted = |name| request.names.is_empty() || request.names.contains(&name);
@@ -167,7 +167,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         results.chairs = chairs::measure(chairs::RUNS, &mut live)?;
         channel.say(&text::chairs(&results.chairs, paint));
     }
-    // From here on there are processes and shared memory.
+    // From here on there are processes and shared memory to remove.
     interrupt.begin();
     let on = || if interrupt.is_set() { Err(BenchError::Interrupted(request.json.clone())) } else { Ok(()) };
     if wanted(Name::Wire) {
@@ -177,7 +177,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         channel.say(&text::busy(&results.busy, paint));
     }
     if wanted(Name::Swarm) {
-        // A swarm that is interrupted comes to less than it should.
+        // An interrupted swarm reports an unexpected result.
         let swarms = swarm::measure(most, &mut live).or_else(|e| on().and(Err(e)))?;
         channel.say(&text::swarm(&swarms, paint));
         results.swarm = Some(swarms);
@@ -195,7 +195,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
     Ok(0)
 }
 
-/// How `y` grows with `x`: the exponent of the power law that fits best, and how well it fits.
+/// Growth of `y` with `x`: the exponent of the best-fitting power law, and how well it fits.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Fit {
     /// The exponent.
@@ -204,7 +204,7 @@ pub struct Fit {
     pub r_squared: f64,
 }
 
-/// The least-squares line through the logarithms; none for fewer than three points.
+/// Fits a least-squares line through the logarithms; `None` for fewer than three points.
 pub fn fit(points: &[(f64, f64)]) -> Option<Fit> {
     let logs: Vec<(f64, f64)> =
         points.iter().filter(|(x, y)| *x > 0.0 && *y > 0.0).map(|(x, y)| (x.ln(), y.ln())).collect();
@@ -222,7 +222,7 @@ pub fn fit(points: &[(f64, f64)]) -> Option<Fit> {
     Some(Fit { exponent: xy / xx, r_squared: xy * xy / (xx * yy) })
 }
 
-/// The median; zero of nothing.
+/// Returns the median; zero if empty.
 fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)

@@ -17,26 +17,26 @@ pub const SUBCOMMAND: &str = "bench-part";
 /// The role of an agent of a swarm.
 pub const AGENT: &str = "agent";
 
-/// Why a part could not be played.
+/// Why a part failed.
 #[derive(Debug, Error)]
 pub enum PartError {
-    /// Nobody but `bench` starts this.
+    /// Not started by `bench`.
     #[error("bench-part is started by `metamorph bench` only")]
     Role,
-    /// The measurement.
+    /// The measurement failed.
     #[error(transparent)]
     Bench(#[from] BenchError),
-    /// The arguments of an agent.
+    /// The arguments of an agent are invalid.
     #[error(transparent)]
     Args(#[from] ArgsError),
-    /// The agent.
+    /// The agent failed.
     #[error(transparent)]
     Agent(#[from] AgentError),
 }
 
-/// Plays a part.
+/// Runs a part.
 pub fn part(args: &[OsString]) -> Result<(), PartError> {
-    // A part without the measurement that it belongs to would go on for ever.
+    // A part must not outlive its measurement.
     let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL));
     let texts: Vec<&str> = args.iter().filter_map(|a| a.to_str()).collect();
     match texts.as_slice() {
@@ -60,16 +60,16 @@ pub fn part(args: &[OsString]) -> Result<(), PartError> {
     }
 }
 
-/// A process of this program that plays a part.
+/// Returns the command for a process that runs a part.
 pub fn command(args: &[&str]) -> Result<Command, BenchError> {
     let program = std::env::current_exe().map_err(ProcessError::Program)?;
     let mut command = Command::new(program);
-    // Ctrl-C reaches only the measurement, which ends its parts.
+    // Ctrl-C must only reach the measurement, which ends its parts.
     command.arg(SUBCOMMAND).args(args).stdin(Stdio::null()).process_group(0);
     Ok(command)
 }
 
-/// Has a part played, and returns what it said.
+/// Runs a part, and returns its output.
 pub fn output(args: &[&str]) -> Result<String, BenchError> {
     let output = command(args)?.stderr(Stdio::inherit()).output();
     let output = output.map_err(|e| BenchError::System("start another process of this program", e))?;
@@ -79,12 +79,12 @@ pub fn output(args: &[&str]) -> Result<String, BenchError> {
     String::from_utf8(output.stdout).map_err(|_| BenchError::Part("said no text".to_owned()))
 }
 
-/// A process that is ended and waited for when it is dropped.
+/// A child process that is killed and waited for when dropped.
 pub struct Peer(pub Child);
 
 impl Drop for Peer {
     fn drop(&mut self) {
-        // It has ended by itself unless something went wrong before.
+        // It has ended by itself unless an error occurred.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

@@ -1,5 +1,5 @@
-//! Swarms of processes: how long a block of agents takes to start, for a flood to go through it, what
-//! memory each takes, and what they cost while nobody has anything to say.
+//! Swarms of processes: the time to start a block of agents and to flood it, the memory of each, and their
+//! cost when idle.
 
 use super::BenchError;
 use super::machine::{available_memory, children, open_files, proportional_memory, ran};
@@ -23,48 +23,47 @@ use std::time::Duration;
 /// Modules along the sides of a block: 100, 1,000, 2,000, 5,000, 6,000, 8,000 and 12,000 in all.
 const SIDES: [[u16; 3]; 7] =
     [[4, 5, 5], [10, 10, 10], [10, 10, 20], [10, 20, 25], [15, 20, 20], [20, 20, 20], [20, 24, 25]];
-/// Bytes of memory that an agent needs, and what the kernel needs for it.
+/// Memory per agent in bytes, including the kernel's.
 const MEMORY: u64 = 2 << 20;
-/// How long an idle swarm is watched.
+/// Time for which an idle swarm is observed.
 const IDLE: Span = Span::secs(5);
-/// A flood that has not gone through by then never will.
+/// Time after which an incomplete flood has failed.
 const DEADLINE: Time = Time(120_000_000_000);
 
-/// What all sizes came to.
+/// The results for all sizes.
 #[derive(Debug, Serialize)]
 pub struct Swarms {
     /// A row for each size.
     pub rows: Vec<Row>,
-    /// Why larger swarms were not started.
+    /// Why larger swarms were not measured.
     pub ended_by: Option<String>,
-    /// The most descriptors that a process may open here, and how many modules one run may have with
-    /// that.
+    /// The limit of open descriptors per process, and the number of modules that one run may have with it.
     pub descriptors: u64,
     pub modules_by_descriptors: u64,
 }
 
-/// One size.
+/// The result for one size.
 #[derive(Debug, Serialize)]
 pub struct Row {
     pub modules: u64,
     /// Seconds until all processes were up.
     pub setup_s: f64,
-    /// Seconds from the beginning until the flood had reached everybody, and its messages.
+    /// Seconds from the start until the flood was complete, and its messages.
     pub exchange_s: f64,
     pub messages: u64,
-    /// Proportional set size of all agents in bytes, and for each.
+    /// Proportional set size of all agents, and per agent, in bytes.
     pub pss_bytes: u64,
     pub pss_per_agent: f64,
-    /// Percent of one processor that the idle swarm takes: all agents, and the controller.
+    /// Load of the idle swarm in percent of one processor: all agents, and the controller.
     pub idle_agents_percent: f64,
     pub idle_controller_percent: f64,
-    /// Descriptors that the controller had open.
+    /// Descriptors open in the controller.
     pub descriptors: u64,
-    /// Seconds to stop everybody and to remove everything.
+    /// Seconds to stop and remove the swarm.
     pub stop_s: f64,
 }
 
-/// All sizes up to `most` modules, as far as this machine goes.
+/// Measures all sizes up to `most` modules, as far as this machine permits.
 pub fn measure(most: u64, live: &mut Live) -> Result<Swarms, BenchError> {
     let (descriptors, modules_by_descriptors) = descriptor_limit();
     let mut swarms = Swarms { rows: Vec::new(), ended_by: None, descriptors, modules_by_descriptors };
@@ -87,7 +86,7 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Swarms, BenchError> {
         live.clear();
         match row {
             Ok(row) => swarms.rows.push(row),
-            // How far a machine goes is a result.
+            // The limit of a machine is a result.
             Err(BenchError::Swarm(
                 e @ (SwarmError::Descriptors { .. } | SwarmError::Space { .. } | SwarmError::Spawn { .. }),
             )) => {
@@ -119,7 +118,7 @@ fn row(sides: [u16; 3]) -> Result<Row, BenchError> {
     let messages = outcome.tally.total().delivered;
     if messages != expected {
         return Err(BenchError::Wrong(format!(
-            "the flood of {modules} processes came to {messages} messages instead of {expected}: {:?}",
+            "the flood of {modules} processes had {messages} messages instead of {expected}: {:?}",
             outcome.tally.total()
         )));
     }
@@ -138,7 +137,7 @@ fn row(sides: [u16; 3]) -> Result<Row, BenchError> {
     })
 }
 
-/// What the controller saw.
+/// The observations of the controller.
 struct Found {
     exchanged_at: Time,
     agents: Duration,
@@ -148,7 +147,7 @@ struct Found {
     finished: Stopwatch,
 }
 
-/// Where a measurement is.
+/// The phase of a measurement.
 enum Stage {
     Flooding,
     Settling { exchanged_at: Time, until: Time },
@@ -156,7 +155,7 @@ enum Stage {
     Over,
 }
 
-/// A controller that waits for the flood, then looks how its swarm idles.
+/// A controller that waits for the flood, then observes the idle swarm.
 struct Census {
     modules: u64,
     know: u64,
@@ -175,7 +174,7 @@ impl Direct<StillWorld<Flooded>> for Census {
     fn report(&mut self, now: Time, _: ModuleId, _: Hops) {
         self.know += 1;
         if self.know == self.modules {
-            // The last messages are on their way still, for as long as the others took if need be.
+            // The last messages are still in flight, for up to as long as the flood took.
             let until = now + Span::secs(1).max(now.since(Time::ZERO));
             self.stage = Stage::Settling { exchanged_at: now, until };
         }

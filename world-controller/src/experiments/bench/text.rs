@@ -1,4 +1,4 @@
-//! Results as text for the terminal.
+//! Formats results as text for the terminal.
 
 use super::Fit;
 use super::busy;
@@ -14,7 +14,7 @@ use crate::console::format::{bytes, count, many};
 use crate::console::table::Table;
 use crate::console::terminal::Paint;
 
-/// Where it was measured.
+/// Describes the machine.
 pub fn machine(m: &Machine) -> String {
     format!(
         "{}, {}, {}, Linux {}, load {:.1}\n",
@@ -26,7 +26,7 @@ pub fn machine(m: &Machine) -> String {
     )
 }
 
-/// The flood.
+/// Formats the flood.
 pub fn flood(rows: &[flood::Row], paint: Paint) -> String {
     let mut table = Table::new(&["block"]);
     table.head(&["modules", "messages", "ns/message", "messages/s", "events/s", "bytes/module"]);
@@ -57,7 +57,7 @@ pub fn flood(rows: &[flood::Row], paint: Paint) -> String {
     )
 }
 
-/// Slab to sphere.
+/// Formats slab to sphere.
 pub fn growth(g: &Growth, paint: Paint) -> String {
     let mut table = Table::new(&["modules"]);
     table.head(&["goal", "outcome", "violations", "makespan s", "moves", "at least", "times", "messages"]);
@@ -80,7 +80,7 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
             ],
         );
     }
-    // Between the two largest sizes: what is seen at small ones is not what remains.
+    // Between the two largest sizes: small sizes do not show the asymptotic growth.
     let lately = |f: fn(&super::growth::Row) -> f64| match g.rows.as_slice() {
         [.., a, b] => (f(b) / f(a)).ln() / (b.modules as f64 / a.modules as f64).ln(),
         _ => 0.0,
@@ -95,17 +95,17 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
         None => String::new(),
     };
     format!(
-        "{}\nA slab becomes a ball; simulated, all invariants checked; a move takes 1 s. `at least` is a floor for every\nprotocol: the best assignment of cubes to goal cells, each by its shortest way.\n{}  fits over these sizes, which bound nothing (in the end: between the two largest)\n{}{}{}{}",
+        "{}\nA slab becomes a ball; simulated, all invariants checked; a move takes 1 s. `at least` is a lower bound for\nevery protocol: the best assignment of cubes to goal cells, each by its shortest path.\n{}  fits over these sizes, which bound nothing (in the end: between the two largest)\n{}{}{}{}",
         paint.strong("growth"),
         table.text(paint),
         grows("seconds", g.makespan, |r| r.makespan_s),
         grows("moves", g.moves, |r| r.moves as f64),
-        grows("the floor's moves", g.least_moves, |r| r.least_moves as f64),
+        grows("the lower bound of moves", g.least_moves, |r| r.least_moves as f64),
         grows("messages", g.messages, |r| r.messages as f64)
     )
 }
 
-/// Chairs in a second.
+/// Formats the chair.
 pub fn chairs(rows: &[chairs::Row], paint: Paint) -> String {
     let mut table = Table::new(&["strategy"]);
     table.head(&["runs", "built", "violations", "runs/s", "cpu ms a run"]);
@@ -123,7 +123,7 @@ pub fn chairs(rows: &[chairs::Row], paint: Paint) -> String {
     )
 }
 
-/// The process link.
+/// Formats the process link.
 pub fn wire(rows: &[wire::Row], paint: Paint) -> String {
     let mut table = Table::new(&["mechanism"]);
     for mode in ["polling", "waiting"] {
@@ -149,7 +149,7 @@ pub fn wire(rows: &[wire::Row], paint: Paint) -> String {
     )
 }
 
-/// A busy swarm.
+/// Formats the busy swarm.
 pub fn busy(rows: &[busy::Row], paint: Paint) -> String {
     let mut table = Table::new(&["tokens"]);
     table.head(&["metamorph /s", "unix-seqpacket /s", "ours/socket"]);
@@ -166,7 +166,7 @@ pub fn busy(rows: &[busy::Row], paint: Paint) -> String {
     )
 }
 
-/// Swarms of processes.
+/// Formats swarms of processes.
 pub fn swarm(s: &Swarms, paint: Paint) -> String {
     let mut table = Table::new(&["processes"]);
     table.head(&["up s", "flood s", "messages", "PSS kB each", "PSS MB", "idle agents %"]);
@@ -189,7 +189,7 @@ pub fn swarm(s: &Swarms, paint: Paint) -> String {
     }
     let ended = s.ended_by.as_ref().map_or(String::new(), |why| format!("  {why}\n"));
     format!(
-        "{}\nOne process for each module of a block; a flood goes through it, then it idles. Percent of one processor.\n{}{ended}  {} a process are enough for {}; `ulimit -Hn` moves that\n",
+        "{}\nOne process for each module of a block; a flood goes through it, then it idles. Percent of one processor.\n{}{ended}  {} a process are enough for {}; `ulimit -Hn` sets that limit\n",
         paint.strong("swarm"),
         table.text(paint),
         many(s.descriptors, "descriptor"),
@@ -197,7 +197,7 @@ pub fn swarm(s: &Swarms, paint: Paint) -> String {
     )
 }
 
-/// Deaths in a swarm.
+/// Formats deaths in a swarm.
 pub fn churn(c: &Churn, paint: Paint) -> String {
     let mut table = Table::new(&["deaths/s wanted"]);
     table.head(&["deaths", "in s", "away ms: median", "worst", "not back", "controller %", "descriptors"]);

@@ -1,9 +1,9 @@
-//! The process link between two processes, message by message, beside iceoryx2 as it is, a Unix
-//! socket, a pipe and TCP over the loopback: the same messages of 64 bytes, the same two processes.
+//! The process link between two processes, message by message, beside bare iceoryx2, a Unix socket, a pipe
+//! and TCP over the loopback: the same messages of 64 bytes, the same two processes.
 //!
-//! Polling: both ends spin, on two processors if there are. Waiting: both ends block until they are
-//! woken, on one processor, as agents of a large swarm do. Ours is the whole path of an agent: sealing
-//! with a check sum, sending, receiving, checking, decoding.
+//! Polling: both ends spin, on two processors if possible. Waiting: both ends block until they are woken, on
+//! one processor, as agents of a large swarm do. The process link includes an agent's whole path: sealing
+//! with a checksum, sending, receiving, checking, decoding.
 
 use super::part::{Peer, command};
 use super::{BenchError, median};
@@ -32,42 +32,42 @@ use std::time::Duration;
 
 /// Bytes of a message.
 const SIZE: usize = 64;
-/// Round trips timed together, for the clock costs something, too.
+/// Round trips timed together, because reading the clock costs time too.
 const BATCH: u32 = 16;
 /// Messages sent before the receiver is woken.
 const BURST: u32 = 16;
-/// How long round trips are measured, and throughput.
+/// Duration of each measurement.
 const LONG: Duration = Duration::from_secs(1);
-/// Looks after which whoever spins lets others run; the other end may be one of them. Long enough that
-/// on a busy machine both ends run at the same time now and then.
+/// Polls after which a spinning end yields; the other end may need the processor. Enough that on a busy
+/// machine both ends run at the same time now and then.
 const LOOKS: u64 = 50_000;
-/// Looks after which the other process counts as gone: minutes of spinning.
+/// Polls after which the other process counts as gone: minutes of spinning.
 const PATIENCE: u64 = 1 << 36;
-/// The longest wait for the other process to start.
+/// Time to wait for the other process to start, at most.
 const START: Duration = Duration::from_secs(20);
 
-/// What a message asks of the other end.
+/// What a message requests of the other end.
 pub mod ask {
-    /// Send one back.
+    /// Send a message back.
     pub const ECHO: u32 = 1;
-    /// Nothing.
+    /// Discard the message.
     pub const SWALLOW: u32 = 2;
-    /// End.
+    /// End the process.
     pub const STOP: u32 = 3;
 }
 
-/// What carries messages.
+/// The transport of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mechanism {
     /// The process link.
     Ours,
-    /// iceoryx2 with nothing around it.
+    /// Bare iceoryx2.
     Iceoryx,
-    /// A Unix socket of sequential packets.
+    /// A Unix socket of type SEQPACKET.
     UnixSocket,
     /// A pair of pipes.
     Pipe,
-    /// TCP over the loopback, without delay.
+    /// TCP over the loopback, with TCP_NODELAY.
     Tcp,
 }
 
@@ -84,16 +84,16 @@ impl Mechanism {
             Mechanism::Tcp => "tcp-loopback",
         }
     }
-    /// The mechanism of this name.
+    /// Returns the mechanism of this name.
     pub fn named(name: &str) -> Option<Mechanism> {
         Mechanism::ALL.into_iter().find(|m| m.name() == name)
     }
 }
 
-/// How the two ends get to know of a message.
+/// How an end notices a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// By looking again and again.
+    /// By polling.
     Polling,
     /// By being woken.
     Waiting,
@@ -106,41 +106,41 @@ impl Mode {
             Mode::Waiting => "waiting",
         }
     }
-    /// The mode of this name.
+    /// Returns the mode of this name.
     pub fn named(name: &str) -> Option<Mode> {
         [Mode::Polling, Mode::Waiting].into_iter().find(|m| m.name() == name)
     }
 }
 
-/// What one mechanism came to in one mode.
+/// The costs of one mechanism in one mode.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Cost {
-    /// The median of a round trip in nanoseconds.
+    /// Median of a round trip in nanoseconds.
     pub round_trip_ns: f64,
-    /// The same when nobody came between: the fastest of many short series.
+    /// Round trip without disturbance: the fastest of many short series, in nanoseconds.
     pub undisturbed_ns: f64,
-    /// Messages in a second, one way.
+    /// Messages per second, one way.
     pub messages_per_s: f64,
 }
 
-/// What one mechanism came to.
+/// The result for one mechanism.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// Its name.
     pub mechanism: &'static str,
-    /// Both ends look again and again.
+    /// Costs with polling ends.
     pub polling: Cost,
-    /// Both ends are woken.
+    /// Costs with waiting ends.
     pub waiting: Cost,
 }
 
-/// All mechanisms, as long as `on` lets it.
+/// Measures all mechanisms, while `on` permits.
 pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Result<Vec<Row>, BenchError> {
     rendezvous::set_verbosity(false);
     let before = sched_getaffinity(None).ok();
     let roam = || {
         if let Some(before) = &before {
-            // It was this before, so it can be this again.
+            // The former affinity was valid.
             let _ = sched_setaffinity(None, before);
         }
     };
@@ -148,7 +148,7 @@ pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Resu
     for mechanism in Mechanism::ALL {
         let mut cost = |mode: Mode| {
             live.show(|| format!("wire: {}, {}", mechanism.name(), mode.name()));
-            // The other process starts where this one may run.
+            // The other process inherits the affinity of this one.
             roam();
             on()?;
             between_processes(mechanism, mode)
@@ -164,15 +164,15 @@ pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Resu
     Ok(rows)
 }
 
-/// One end of a way between two processes.
+/// One end of a connection between two processes.
 pub trait End {
-    /// Hands over one message; false if there is no room now.
+    /// Sends one message; returns false if there is no room now.
     fn put(&mut self, ask: u32) -> Result<bool, BenchError>;
     /// Wakes the other end.
     fn ring(&mut self);
-    /// Takes one message, if there is one.
+    /// Receives one message, if there is one.
     fn take(&mut self) -> Result<Option<u32>, BenchError>;
-    /// Blocks until there may be one.
+    /// Blocks until there may be a message.
     fn wait(&mut self) -> Result<(), BenchError>;
 }
 
@@ -187,7 +187,7 @@ fn send(end: &mut dyn End, mode: Mode, message: u32) -> Result<(), BenchError> {
             Mode::Polling => look_again(tries),
         }
         if tries > PATIENCE {
-            return Err(BenchError::Part("takes nothing any more".to_owned()));
+            return Err(BenchError::Part("does not receive any more".to_owned()));
         }
         tries += 1;
     }
@@ -208,10 +208,10 @@ fn receive(end: &mut dyn End, mode: Mode) -> Result<u32, BenchError> {
             Mode::Polling => look_again(looks),
         }
     }
-    Err(BenchError::Part("says nothing any more".to_owned()))
+    Err(BenchError::Part("does not answer any more".to_owned()))
 }
 
-/// The other process: sends back what it is asked to.
+/// Runs the other process: returns what it is asked to.
 pub fn echo(mechanism: Mechanism, mode: Mode, root: &str) -> Result<(), BenchError> {
     stay_on(mode, 1);
     rendezvous::set_verbosity(false);
@@ -234,7 +234,7 @@ pub fn echo(mechanism: Mechanism, mode: Mode, root: &str) -> Result<(), BenchErr
     }
 }
 
-/// Standard input and output as an end.
+/// Returns standard input and output as an end.
 pub fn standard_streams(mode: Mode) -> Result<Files, BenchError> {
     let file = |fd: std::io::Result<OwnedFd>| fd.map(File::from).map_err(system("take over a descriptor"));
     let (from, to) = (std::io::stdin(), std::io::stdout());
@@ -326,7 +326,7 @@ fn exchange(end: &mut dyn End, mode: Mode) -> Result<Cost, BenchError> {
     })
 }
 
-/// Two processors for those who spin, one for those who wait.
+/// Pins polling ends to two processors, waiting ends to one.
 fn stay_on(mode: Mode, end: usize) {
     let Ok(allowed) = sched_getaffinity(None) else { return };
     let all: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|cpu| allowed.is_set(*cpu)).collect();
@@ -334,7 +334,7 @@ fn stay_on(mode: Mode, end: usize) {
     if let Some(cpu) = all.get(wanted.min(all.len().saturating_sub(1))) {
         let mut one = CpuSet::new();
         one.set(*cpu);
-        // Without it, the system chooses.
+        // If this fails, the system chooses.
         let _ = sched_setaffinity(None, &one);
     }
 }
@@ -356,7 +356,7 @@ fn tcp_pair() -> std::io::Result<(OwnedFd, OwnedFd)> {
     Ok((ours.into(), theirs.into()))
 }
 
-/// Whatever is read and written.
+/// Two files, or one for both directions.
 pub struct Files {
     from: File,
     to: File,
@@ -409,12 +409,12 @@ impl End for Files {
         }
     }
     fn wait(&mut self) -> Result<(), BenchError> {
-        // Reading blocks.
+        // Reading blocks anyway.
         Ok(())
     }
 }
 
-/// A message that makes a frame of 64 bytes.
+/// A message whose frame has 64 bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Note {
     ask: u32,
@@ -438,7 +438,7 @@ impl Wire for Note {
     }
 }
 
-/// The receiving half of our link.
+/// The receiving half of the process link.
 pub struct OursHalf {
     inbox: Inbox,
     at: Rendezvous,
@@ -450,7 +450,7 @@ impl OursHalf {
         let at = Rendezvous::join(root)?;
         Ok(OursHalf { inbox: Inbox::create(&at, ModuleId(me), Incarnation(0), 1)?, at, me })
     }
-    /// The other end speaks first, once it can be spoken to.
+    /// Waits for the first message of the other end, which it sends once it is connected.
     fn wait_for_hello(&mut self, mode: Mode) -> Result<(), BenchError> {
         let since = Stopwatch::start();
         while self.inbox.receive()?.is_none() {
@@ -463,7 +463,7 @@ impl OursHalf {
         }
         Ok(())
     }
-    /// The same, for waiting ends of which the other may not be there yet.
+    /// Joins a waiting peer that may not have started yet.
     pub fn join_patiently(self, peer: u32) -> Result<Ours, BenchError> {
         let since = Stopwatch::start();
         loop {
@@ -493,7 +493,7 @@ pub struct Ours {
     peer: u32,
     sequence: u32,
     mode: Mode,
-    // Last, so that all ports are gone before the process leaves the run.
+    // Last, so that all ports are dropped before the process leaves the run.
     _at: Rendezvous,
 }
 
@@ -546,7 +546,7 @@ type Bytes = [u8; SIZE];
 type Frames = iceoryx2::service::port_factory::publish_subscribe::PortFactory<Svc, Bytes, ()>;
 type Bell = iceoryx2::service::port_factory::event::PortFactory<Svc>;
 
-/// iceoryx2 with nothing around it, in the same configuration.
+/// Bare iceoryx2, in the configuration of the process link.
 struct RawHalf {
     subscriber: iceoryx2::port::subscriber::Subscriber<Svc, Bytes, ()>,
     listener: iceoryx2::port::listener::Listener<Svc>,
@@ -566,7 +566,7 @@ fn iceoryx<E: std::fmt::Debug>(what: &'static str) -> impl Fn(E) -> BenchError {
 }
 
 impl RawHalf {
-    /// The channel and the bell of one end, in the configuration of the process link.
+    /// Opens the channel and the bell of one end, in the configuration of the process link.
     fn channels(node: &Node<Svc>, end: u32) -> Result<(Frames, Bell), BenchError> {
         let name = |text: String| ServiceName::new(&text).map_err(iceoryx("name a channel"));
         let frames = node
@@ -622,7 +622,7 @@ impl End for Raw {
         Ok(self.publisher.send_copy(message).is_ok_and(|receivers| receivers > 0))
     }
     fn ring(&mut self) {
-        // Whoever is not woken looks again after a second.
+        // An end that is not woken polls again after a second.
         let _ = self.notifier.notify();
     }
     fn take(&mut self) -> Result<Option<u32>, BenchError> {

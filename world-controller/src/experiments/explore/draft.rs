@@ -1,7 +1,7 @@
-//! A drawn scenario as a value: small enough to be taken apart, and written as an ordinary scenario
-//! file. What is broken when is listed fault by fault, so that single faults can be left out.
+//! A generated scenario as a value: easy to reduce, and written as an ordinary scenario file. Faults are
+//! listed one by one, so that single faults can be removed.
 //!
-//! Absent: drawing one (`draw`) and taking one apart (`shrink`).
+//! Absent: generating one (`draw`) and reducing one (`shrink`).
 
 use crate::family::draft::{SwarmDraft, cells};
 use crate::family::read_text;
@@ -15,20 +15,19 @@ use std::fmt;
 /// A scenario as a value.
 #[derive(Clone, Debug)]
 pub struct Draft {
-    /// What it shows.
+    /// Its description.
     pub description: String,
     /// The seed of the run.
     pub seed: u64,
-    /// What runs and what it builds.
+    /// The modules and their goals.
     pub swarm: Box<dyn SwarmDraft>,
-    /// How often a move or connection fails, in percent.
+    /// Rate at which moves or connections fail, in percent.
     pub failed_connections: u8,
-    /// What is done to messages.
+    /// The link.
     pub link: LinkDraft,
-    /// What is broken when.
+    /// The faults.
     pub faults: Vec<FaultDraft>,
-    /// The bounds for standing still and for moving without progress, in seconds, if they are not the
-    /// usual ones.
+    /// The bounds for a standstill and for moves without progress, in seconds; `None` for the defaults.
     pub patience: Option<(u64, u64)>,
 }
 
@@ -37,20 +36,20 @@ pub struct Draft {
 pub struct LinkDraft {
     /// The shortest and the longest delay.
     pub delay: (u64, u64),
-    /// How many messages are lost.
+    /// Messages lost.
     pub loss: u8,
-    /// How many come twice.
+    /// Messages duplicated.
     pub duplicate: u8,
-    /// How many are overtaken.
+    /// Messages reordered.
     pub reorder: u8,
-    /// How many are damaged.
+    /// Messages damaged.
     pub corrupt: u8,
-    /// When all that but the delay ends.
+    /// End of all impairments but the delay.
     pub until: Option<u64>,
 }
 
 impl LinkDraft {
-    /// Whether it does more than delay messages.
+    /// Returns true if it does more than delay messages.
     pub fn harms(&self) -> bool {
         [self.loss, self.duplicate, self.reorder, self.corrupt].iter().any(|evil| *evil > 0)
     }
@@ -59,33 +58,33 @@ impl LinkDraft {
 /// A fault: times in milliseconds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FaultDraft {
-    /// What breaks.
+    /// The kind of fault and its target.
     pub what: Break,
-    /// When it breaks.
+    /// Start of the fault.
     pub at: u64,
-    /// When it is whole again, if it ever is. Stopped processes and cut links always are.
+    /// End of the fault, if there is one. Stopped processes and cut links always have one.
     pub until: Option<u64>,
 }
 
-/// What breaks.
+/// A kind of fault and its target.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Break {
     /// The process of a module dies.
     Kill(u32),
-    /// It dies and is started again.
+    /// The process of a module dies and is restarted.
     Restart(u32),
-    /// It is stopped for a while.
+    /// The process of a module is stopped for a while.
     Pause(u32),
-    /// Its joints stick.
+    /// The joints of a module stick.
     Stick(u32),
-    /// These cannot talk to the others for a while.
+    /// These modules are cut off from the others for a while.
     Partition(Vec<u32>),
-    /// Something foreign is in a cell.
+    /// A foreign object is in a cell.
     Obstacle(Cell),
 }
 
 impl Break {
-    /// The modules it names.
+    /// Returns the modules concerned.
     pub fn modules(&self) -> &[u32] {
         match self {
             Break::Kill(id) | Break::Restart(id) | Break::Pause(id) | Break::Stick(id) => {
@@ -95,7 +94,7 @@ impl Break {
             Break::Obstacle(_) => &[],
         }
     }
-    /// The same about another module.
+    /// Returns the same fault with module `other` instead of `of`.
     pub fn instead(&self, of: u32, other: u32) -> Break {
         let one = |id: &u32| if *id == of { other } else { *id };
         match self {
@@ -108,7 +107,8 @@ impl Break {
             Break::Obstacle(cell) => Break::Obstacle(*cell),
         }
     }
-    /// The same after a module is gone and those behind it have moved up; none if it was about that one.
+    /// Returns the same fault after module `gone` is removed and later ones are renumbered; `None` if only
+    /// that module was concerned.
     pub fn without(&self, gone: u32) -> Option<Break> {
         let up = |id: &u32| (*id != gone).then_some(*id - u32::from(*id > gone));
         Some(match self {
@@ -126,22 +126,22 @@ impl Break {
 }
 
 impl Draft {
-    /// The number of modules.
+    /// Returns the number of modules.
     pub fn modules(&self) -> usize {
         self.swarm.modules()
     }
-    /// The number of goal cells, or seeds, of all goals.
+    /// Returns the number of goal cells or seeds of all goals.
     pub fn goal_cells(&self) -> usize {
         self.swarm.goal_cells()
     }
-    /// The plan to run, with a defect of the protocol if a test wants one.
+    /// Creates the plan, with a defect of the protocol if a test wants one.
     pub fn plan(&self, origin: &str, defect: Option<Sabotage>) -> Result<Plan, Problems> {
         let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
         let mut plan = read_text(origin, &self.to_string(), &overrides)?;
         plan.swarm = plan.swarm.with_defect(defect);
         Ok(plan)
     }
-    /// One line about it.
+    /// Returns a description of one line.
     pub fn summary(&self) -> String {
         let (what, faults) = (self.swarm.summary(), self.faults.len());
         format!("{what}, {} goal cells, {faults} faults", self.goal_cells())
@@ -149,11 +149,11 @@ impl Draft {
 }
 
 impl fmt::Display for Draft {
-    /// As a scenario file.
+    /// Writes the scenario file.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "version = 1")?;
         if !self.description.is_empty() {
-            // A basic string of TOML escapes what a string of JSON escapes.
+            // TOML basic strings use the escapes of JSON strings.
             writeln!(f, "description = {}", serde_json::Value::from(self.description.as_str()))?;
         }
         writeln!(f, "seed = {}\n\n[swarm]", self.seed)?;

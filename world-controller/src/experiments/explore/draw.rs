@@ -1,9 +1,9 @@
-//! From one number to a scenario: world, start, goals, strategy, link and faults. Small worlds, because
-//! what goes wrong among many goes wrong among few, where it can be understood.
+//! Generates a scenario from a seed: world, start, goals, strategy, link and faults. Worlds are small,
+//! because errors among many modules also occur among few, where they can be understood.
 //!
-//! Kinds of faults are left out of a run at random, all together now and then: a fault that strikes
-//! everywhere hides what only happens without it. Absent: the published connection gradient, which is
-//! known to tear bodies when messages are late.
+//! Each kind of fault is left out of some runs at random, sometimes all kinds: a frequent fault hides errors
+//! that only occur without it. Absent: the published connection gradient, which is known to split bodies when
+//! messages are late.
 
 use super::draft::{Break, Draft, FaultDraft, LinkDraft};
 use crate::family::draft::Dice;
@@ -11,10 +11,11 @@ use crate::family::{Family, all};
 use crate::scenario::Plan;
 use metamorph_protocol::rng::Stream;
 
-/// So often something is drawn again that cannot be run, such as more goals than a floor has room for.
+/// Attempts to draw a scenario that can be run; some are invalid, such as one with more goals than the floor
+/// has room for.
 const TRIES: u64 = 40;
 
-/// The scenario of a seed, and what it reads as.
+/// Returns the scenario of a seed, and its plan.
 pub fn draw(seed: u64, family: Option<&'static dyn Family>) -> (Draft, Plan) {
     for attempt in 0..TRIES {
         let mut dice = Dice(Stream::named(seed, "explore", attempt));
@@ -27,7 +28,7 @@ pub fn draw(seed: u64, family: Option<&'static dyn Family>) -> (Draft, Plan) {
         .expect("invariant: the smallest scenario can be read, whatever its seed")
 }
 
-/// Reads a scenario, and writes down what its seed decides on.
+/// Creates the plan, and stores what its seed decides in the draft.
 fn complete(mut draft: Draft) -> Option<(Draft, Plan)> {
     let plan = draft.plan("explored.toml", None).ok()?;
     if draft.swarm.settle(&plan.swarm) {
@@ -37,7 +38,7 @@ fn complete(mut draft: Draft) -> Option<(Draft, Plan)> {
     Some((draft, plan))
 }
 
-/// As little as the family has, with next to nothing to do.
+/// Returns a minimal scenario of the family.
 fn smallest(family: &dyn Family) -> Draft {
     Draft {
         description: String::new(),
@@ -50,11 +51,11 @@ fn smallest(family: &dyn Family) -> Draft {
     }
 }
 
-/// Seeds below this one draw what they always have.
+/// Smaller seeds draw what they did before permanent impairments were added.
 const LASTING_FROM: u64 = 1 << 32;
 
-/// Whether what harms messages goes on for ever: in one of four runs in which something does. The usual
-/// bounds count with what the link does, but not with moves that fail again and again.
+/// Returns true if impairments are permanent: in one of four runs that have any. The default bounds account
+/// for the link, but not for repeated failures of moves.
 fn lasts(draft: &Draft) -> bool {
     let drawn = || Stream::named(draft.seed, "explore, lasting harm", 0).below(4) == 0;
     draft.seed >= LASTING_FROM && draft.link.harms() && draft.failed_connections == 0 && drawn()
@@ -81,7 +82,7 @@ impl Dice {
         draft.link.until = self.end_of_harm(&draft);
         draft.patience = family.patience(draft.failed_connections > 0, draft.link.delay.1);
         if lasts(&draft) {
-            // Bounds for that follow from the link.
+            // The bounds follow from the link.
             (draft.link.until, draft.patience) = (None, None);
         }
         draft
@@ -96,7 +97,7 @@ impl Dice {
             4 | 5 => (10, 800),
             _ => (10, 100),
         };
-        // Each evil is there in one run of three.
+        // Each impairment is present in one of three runs.
         let mut percent = |of: &[u8]| if self.once_in(3) { self.pick(of) } else { 0 };
         LinkDraft {
             delay,
@@ -108,7 +109,7 @@ impl Dice {
         }
     }
 
-    /// What harms messages is a fault like others: it ends with the last of them, or later. Delays stay.
+    /// Draws the end of the impairments: with the last fault or later. Delays are permanent.
     fn end_of_harm(&mut self, draft: &Draft) -> Option<u64> {
         let least = self.pick(&[10_000, 60_000, 150_000, 600_000]);
         draft.link.harms().then(|| draft.faults.iter().map(|f| f.until.unwrap_or(f.at)).fold(least, u64::max))
@@ -118,7 +119,7 @@ impl Dice {
         let (modules, mut faults) = (draft.modules() as u64, Vec::new());
         let most = modules.div_ceil(4).min(4);
         let horizon = self.pick(&[5_000, 20_000, 60_000, 150_000]);
-        // A kind is left out in half of the runs.
+        // Each kind is left out in half of the runs.
         let kinds = self.0.below(64);
         for kind in (0..6).filter(|kind| kinds >> kind & 1 == 1) {
             for _ in 0..self.within(1, most) {
@@ -149,8 +150,8 @@ impl Dice {
         faults
     }
 
-    /// Many processes stop for longer than a lease, or start again, while there is most to do: what rests
-    /// on time, and on what was promised before, is only needed then.
+    /// Draws many stops longer than a lease, or restarts, during the busiest time: what depends on time-outs
+    /// and earlier promises only matters then.
     fn storm(&mut self, modules: u64, faults: &mut Vec<FaultDraft>) {
         let (restarts, lasts) = (self.pick(&[0, 1, 4]), self.pick(&[9_000, 15_000, 55_000]));
         for _ in 0..self.within(4, 12) {
@@ -176,7 +177,7 @@ mod tests {
         }
     }
 
-    /// One seed is one scenario, and what is drawn is what is read.
+    /// A seed determines the scenario, and the draft equals the plan.
     #[test]
     fn a_seed_decides_on_everything() {
         let mut texts = BTreeSet::new();
@@ -193,7 +194,7 @@ mod tests {
         assert_eq!(texts.len(), 60);
     }
 
-    /// Harm that lasts is drawn, with the bounds that follow from it, and earlier seeds draw none.
+    /// Permanent impairments are drawn, with the bounds that follow from them, and smaller seeds draw none.
     #[test]
     fn harm_may_last() {
         let lasting = |seed: u64| {

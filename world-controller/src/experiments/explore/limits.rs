@@ -1,5 +1,4 @@
-//! Until when an exploration goes on: Ctrl-C, and a budget of time that covers drawing, judging and making
-//! failures small.
+//! The end of an exploration: Ctrl-C, and a time budget that covers drawing, judging and shrinking.
 
 use super::Budget;
 use crate::console::interrupt::Interrupt;
@@ -8,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// The end of an exploration. Clones share it.
+/// The limits of an exploration. Clones share them.
 #[derive(Clone, Debug)]
 pub struct Limits {
     interrupt: Interrupt,
@@ -18,7 +17,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// The limits of an exploration that begins now.
+    /// Starts the limits of an exploration.
     pub fn new(budget: Budget, interrupt: Interrupt) -> Limits {
         let time = match budget {
             Budget::Runs(_) => None,
@@ -26,22 +25,22 @@ impl Limits {
         };
         Limits { interrupt, since: Stopwatch::start(), time, failed: Arc::default() }
     }
-    /// How long it has taken so far.
+    /// Returns the time since the start.
     pub fn elapsed(&self) -> Duration {
         self.since.elapsed()
     }
-    /// Something has failed, and is to be made small.
+    /// Notes that a run has failed and is to be shrunk.
     pub fn note_failure(&self) {
         self.failed.store(true, Ordering::Relaxed);
     }
-    /// Whether nothing is drawn any more. Of a budget of time, a quarter is kept for making small what has
-    /// failed.
+    /// Returns true if no more runs are started. A quarter of a time budget is reserved for shrinking
+    /// failures.
     pub fn end_drawing(&self) -> bool {
         let failed = self.failed.load(Ordering::Relaxed);
         let spent = |time: Duration| self.elapsed() >= if failed { time * 3 / 4 } else { time };
         self.interrupt.is_set() || self.time.is_some_and(spent)
     }
-    /// Whether nothing is done any more.
+    /// Returns true if all work ends.
     pub fn end(&self) -> bool {
         self.interrupt.is_set() || self.time.is_some_and(|time| self.elapsed() >= time)
     }

@@ -1,11 +1,11 @@
-//! `metamorph explore`: scenarios drawn from numbers, run on the simulated link until something is
-//! wrong; what is wrong is made small and written as an ordinary scenario file.
+//! `metamorph explore`: runs generated scenarios on the simulated link; failures are shrunk and written as
+//! ordinary scenario files.
 //!
-//! `draw` makes a [`draft`] of a scenario from a seed, `pool` runs many, `verdict` judges each,
-//! `shrink` makes a failing one small, `summary` says what all of them came to.
+//! `draw` creates a [`draft`] of a scenario from a seed, `pool` runs many, `verdict` judges each, `shrink`
+//! reduces failing ones, `summary` collects the results.
 //!
-//! *Invariant.* One seed is one run, whatever runs beside it; the results of so many runs do not depend
-//! on the number of threads. Deliberately absent: the process link, where a run cannot be repeated.
+//! *Invariant.* A seed determines a run, whatever runs beside it; results do not depend on the number of
+//! threads. Absent: the process link, where runs are not deterministic.
 
 pub mod draft;
 pub mod draw;
@@ -42,38 +42,38 @@ use summary::{Found, Summary, Tallies};
 use thiserror::Error;
 use verdict::{Failure, Kind, Verdict, judge};
 
-/// So many kinds of failures are made small; more of them say no more.
+/// Kinds of failures that are shrunk at most.
 const MOST_FOUND: usize = 16;
 
-/// What `metamorph explore` was asked for.
+/// The arguments of `metamorph explore`.
 #[derive(Clone)]
 pub struct Request {
-    /// How much.
+    /// The number of runs or the time.
     pub budget: Budget,
-    /// The first seed; drawn if left out.
+    /// The first seed; drawn if `None`.
     pub seed: Option<u64>,
-    /// One family only.
+    /// The only family, if given.
     pub family: Option<&'static dyn Family>,
-    /// How many threads.
+    /// Number of threads.
     pub jobs: NonZeroUsize,
-    /// Where failing scenarios go.
+    /// The directory for failing scenarios.
     pub out: PathBuf,
-    /// Where the numbers go as JSON.
+    /// The destination of the results as JSON.
     pub json: Option<PathBuf>,
-    /// Whether to say nothing but errors.
+    /// True to print errors only.
     pub quiet: bool,
 }
 
-/// How much is explored.
+/// The amount of exploration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Budget {
-    /// So many runs.
+    /// This many runs.
     Runs(u64),
-    /// This much time, in which failures are made small as well. A run under way at its end is dropped.
+    /// This much time, including shrinking. Runs active at its end are dropped.
     Time(Duration),
 }
 
-/// Why an exploration did not come to an end.
+/// Why an exploration failed.
 #[derive(Debug, Error)]
 pub enum ExploreError {
     /// Signals cannot be caught.
@@ -82,30 +82,30 @@ pub enum ExploreError {
     /// The numbers or a scenario cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// The directory cannot be made.
-    #[error("--out {}: cannot make it: {error}\n  fix: name a directory in one that exists and is yours", .path.shown())]
+    /// The directory cannot be created.
+    #[error("--out {}: cannot create it: {error}\n  fix: name a directory in one that exists and is yours", .path.shown())]
     Directory {
-        /// Which.
+        /// The directory.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         error: io::Error,
     },
 }
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Ran {
-    /// The family, and the protocol in it.
+    /// The protocol, with its family.
     pub protocol: String,
-    /// Why it stood still, in words, if it did.
+    /// The reason of a standstill, if there was one.
     pub reason: Option<&'static str>,
-    /// What it is judged.
+    /// The verdict.
     pub verdict: Verdict,
-    /// How it ended; none if it panicked.
+    /// The outcome; `None` if the run panicked.
     pub outcome: Option<Outcome>,
-    /// Rare paths that it took.
+    /// Coverage points reached.
     pub marks: Marks,
-    /// Messages handed to agents, and what bodies and agents told each other.
+    /// Messages delivered to agents, and messages between bodies and agents.
     pub events: u64,
     /// Moves completed.
     pub moves: u64,
@@ -113,9 +113,9 @@ pub struct Ran {
     pub messages: u64,
 }
 
-/// Runs a plan and judges it. `None` if `stop` was true before that was done.
+/// Runs a plan and judges it. `None` if `stop` returned true before that was done.
 pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
-    // What drawing or an earlier run has set is none of this run's.
+    // Discard coverage points from drawing or an earlier run.
     coverage::take();
     let since = Stopwatch::start();
     let simulated = catch_unwind(AssertUnwindSafe(|| simulate(plan, since, &mut |_, _| !stop())));
@@ -148,20 +148,20 @@ pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
     })
 }
 
-/// A failing scenario, made small.
+/// A shrunk failing scenario.
 #[derive(Clone, Debug)]
 pub struct Small {
     /// The scenario.
     pub draft: Draft,
-    /// How it fails.
+    /// The failure.
     pub failure: Failure,
-    /// How many runs that took.
+    /// Runs needed for shrinking.
     pub runs: u64,
 }
 
-/// Makes a failing scenario small in at most so many runs, and hands over each scenario that is smaller than
-/// those before and fails the same way; first the one that was given. Nothing is handed over if that does not
-/// fail. Ends early when `stop` is true.
+/// Shrinks a failing scenario in at most `budget` runs. Passes each scenario that is smaller than those
+/// before and fails the same way to `take`, beginning with the given one, or nothing if the given one does not
+/// fail. Ends early when `stop` returns true.
 pub fn make_small(
     draft: &Draft,
     kind: &Kind,
@@ -191,14 +191,14 @@ pub fn make_small(
     });
 }
 
-/// The smallest scenario that is found within the limits. The search for it is on a thread of its own, which
-/// is not waited for when the limits have ended.
+/// Returns the smallest failing scenario found within the limits. The search runs on a thread of its own,
+/// which is not waited for at the limits.
 fn smallest(draft: &Draft, kind: &Kind, budget: u64, limits: &Limits) -> Option<Small> {
     let (sender, receiver) = channel();
     let (draft, kind, within) = (draft.clone(), kind.clone(), limits.clone());
     let worker = thread::spawn(move || {
         let take = |small| {
-            // If nobody listens, the limits have ended, which `make_small` sees itself.
+            // If the receiver is gone, the limits have ended, which `make_small` checks itself.
             let _ = sender.send(small);
         };
         make_small(&draft, &kind, None, budget, &|| within.end(), take);
@@ -217,11 +217,11 @@ fn smallest(draft: &Draft, kind: &Kind, budget: u64, limits: &Limits) -> Option<
     smallest
 }
 
-/// Does what was asked for, and gives the exit code.
+/// Executes the request, and returns the exit code.
 pub fn explore(request: &Request) -> Result<u8, ExploreError> {
     let interrupt = Interrupt::listen().map_err(ExploreError::Signals)?;
     interrupt.begin();
-    // Small enough to be typed again, large enough to be new.
+    // Small enough to be retyped, large enough to be new.
     let seed = request.seed.unwrap_or_else(|| RandomState::new().hash_one(0) >> 28);
     let mut outputs = Outputs::new();
     let json = Json::of(request.json.as_deref(), &mut outputs)?;
@@ -234,7 +234,7 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
     let limits = Limits::new(request.budget, interrupt.clone());
     let (mut tallies, mut live) = (Tallies::default(), Live::new(!request.quiet));
     pool::run(seed, request, &limits, |number, ran| {
-        // Now, because making it small can take long, and nothing is known of it if that is interrupted.
+        // Report it now, because shrinking can take long and may be interrupted.
         if let Some(failure) = tallies.add(number, &ran) {
             limits.note_failure();
             live.clear();
@@ -268,7 +268,7 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
     })
 }
 
-/// Makes the first failure of each kind small and writes it down.
+/// Shrinks the first failure of each kind, and writes it to a file.
 fn found(
     request: &Request,
     seed: u64,
@@ -300,8 +300,7 @@ fn found(
         {
             let path = request.out.join(format!("explored-{}.toml", found.seed));
             let repeat = &found.repeat;
-            let description =
-                format!("{kind}: {}. Found with `{repeat}`, then made small.", small.failure.what);
+            let description = format!("{kind}: {}. Found with `{repeat}`, then shrunk.", small.failure.what);
             fs::create_dir_all(&request.out)
                 .map_err(|error| ExploreError::Directory { path: request.out.clone(), error })?;
             let text = Draft { description, ..small.draft.clone() }.to_string();
@@ -317,7 +316,7 @@ fn found(
     Ok(all)
 }
 
-/// The command that repeats the run of a seed.
+/// Returns the command that repeats the run of a seed.
 fn repeat(seed: u64, family: Option<&dyn Family>) -> String {
     let family = family.map_or(String::new(), |f| format!(" --family {}", f.name()));
     format!("metamorph explore --runs 1 --seed {seed}{family}")

@@ -1,7 +1,7 @@
-//! Carries runs out on several threads and hands them over in the order of their numbers.
+//! Executes runs on several threads and delivers the results in the order of their numbers.
 //!
 //! The threads are not waited for when an exploration ends early: the search that judges a run can take many
-//! seconds and belongs to the protocol, which knows no clock. What they find afterwards is dropped.
+//! seconds and belongs to the protocol, which has no clock. Later results are dropped.
 
 use super::draw::draw;
 use super::limits::Limits;
@@ -14,12 +14,12 @@ use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-/// Results under way.
+/// Results queued at most.
 const QUEUE: usize = 1_000;
-/// How often the limits are looked at while nothing comes in.
+/// Interval between checks of the limits while no result arrives.
 pub const LOOK: Duration = Duration::from_millis(50);
 
-/// Runs number 0, 1, 2, … with the seeds from `seed` on, until the budget is used up.
+/// Runs number 0, 1, 2, … with the seeds from `seed` on, until the budget is exhausted.
 pub fn run(seed: u64, request: &Request, limits: &Limits, mut take: impl FnMut(u64, Ran)) {
     let next = Arc::new(AtomicU64::new(0));
     let (sender, receiver) = sync_channel::<(u64, Ran)>(QUEUE);
@@ -37,7 +37,7 @@ pub fn run(seed: u64, request: &Request, limits: &Limits, mut take: impl FnMut(u
             Ok((number, ran)) => drop(early.insert(number, ran)),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => {
-                // Every worker has ended, or is about to.
+                // All workers have ended, or are about to.
                 for worker in workers {
                     worker.join().unwrap_or_else(|panic| resume_unwind(panic));
                 }
@@ -49,7 +49,7 @@ pub fn run(seed: u64, request: &Request, limits: &Limits, mut take: impl FnMut(u
             due += 1;
         }
     }
-    // What had been judged in time, behind runs that were not.
+    // Results judged in time, after runs that were not.
     early.extend(receiver.try_iter());
     early.into_iter().for_each(|(number, ran)| take(number, ran));
 }
@@ -62,7 +62,7 @@ fn work(seed: u64, request: &Request, limits: &Limits, next: &AtomicU64, sender:
         }
         let (draft, plan) = draw(seed.wrapping_add(number), request.family);
         tracing::info!("seed {}: {}", draft.seed, draft.summary());
-        // A run that the limits have ended is dropped; and if nobody listens, nobody wants to know more.
+        // A run cut short by the limits is dropped; workers end when the receiver is gone.
         let Some(ran) = run_one(&plan, &|| limits.end_drawing()) else { break };
         if sender.send((number, ran)).is_err() {
             break;

@@ -1,16 +1,16 @@
-//! From a scenario that fails to a small one that fails the same way: parts are left out, larger ones
-//! first, as long as what is left still fails (Zeller's delta debugging, on structure instead of text).
+//! Reduces a failing scenario to a small one that fails the same way: parts are removed, larger ones first,
+//! while the rest still fails (Zeller's delta debugging, on structure instead of text).
 //!
-//! A change anywhere draws different delays, so every candidate is also tried with a few other seeds.
+//! Any change alters the delays drawn, so every candidate is also tried with a few other seeds.
 
 use super::draft::{Break, Draft, LinkDraft};
 use crate::family::draft::{Smaller, SwarmDraft, parts};
 
-/// Seeds tried besides the present one.
+/// Seeds tried besides the current one.
 const SEEDS: [u64; 3] = [1, 2, 3];
 
-/// Leaves out what can be left out while `fails` says that it still fails, asking it at most `budget`
-/// times. Says how often it was asked.
+/// Removes parts while `fails` returns true, calling it at most `budget` times. Also returns the number of
+/// calls.
 pub fn shrink(draft: &Draft, budget: u64, mut fails: impl FnMut(&Draft) -> bool) -> (Draft, u64) {
     let (mut small, mut asked) = (draft.clone(), 0);
     loop {
@@ -35,8 +35,8 @@ pub fn shrink(draft: &Draft, budget: u64, mut fails: impl FnMut(&Draft) -> bool)
     }
 }
 
-/// Everything that is a little smaller or simpler, what gains most first. No chain of candidates is
-/// endless.
+/// Returns all slightly smaller or simpler drafts, the most effective reductions first. Repeated reduction
+/// terminates.
 fn candidates(draft: &Draft) -> Vec<Draft> {
     let mut found = Vec::new();
     for part in parts(draft.faults.len()) {
@@ -52,7 +52,7 @@ fn candidates(draft: &Draft) -> Vec<Draft> {
     found
 }
 
-/// A draft of another swarm from which these modules are gone.
+/// Returns the draft with another swarm that lacks these modules.
 fn with(draft: &Draft, swarm: Box<dyn SwarmDraft>, gone: std::ops::Range<usize>) -> Draft {
     let mut draft = Draft { swarm, ..draft.clone() };
     for id in gone.rev() {
@@ -67,7 +67,7 @@ fn with(draft: &Draft, swarm: Box<dyn SwarmDraft>, gone: std::ops::Range<usize>)
     draft
 }
 
-/// The same, and another module suffers what this one would have.
+/// Returns the draft with another swarm in which another module takes over the faults of the one removed.
 fn with_another(draft: &Draft, swarm: Box<dyn SwarmDraft>, gone: usize) -> Draft {
     let other = if gone == 0 { 1 } else { gone - 1 };
     let mut draft = draft.clone();
@@ -129,7 +129,7 @@ mod tests {
     use super::*;
     use crate::family::all;
 
-    /// Whatever is asked for, nothing else is left; and what is left can be run.
+    /// Whatever failure is kept, nothing unnecessary remains; and the rest can be run.
     #[test]
     fn leaves_out_what_does_not_matter() {
         let kills = |d: &Draft| d.faults.iter().filter(|f| matches!(f.what, Break::Kill(_))).count();

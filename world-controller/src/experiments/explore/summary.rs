@@ -1,4 +1,4 @@
-//! What an exploration came to: counts, failures by kind, rare paths that never ran.
+//! The results of an exploration: counts, failures by kind, coverage points never reached.
 
 use super::Ran;
 use super::verdict::{Failure, Kind, Verdict};
@@ -16,46 +16,46 @@ use std::path::PathBuf;
 
 /// The version of the layout of [`Summary`].
 pub const SCHEMA: u32 = 4;
-/// Of runs that are alike, so many seeds are named.
+/// Seeds listed per group of similar runs at most.
 const NAMED: usize = 20;
 
 /// Failures of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failures {
-    /// How many runs.
+    /// Number of runs.
     pub count: u64,
-    /// The numbers of the first ones.
+    /// The numbers of the first of them.
     pub first: Vec<u64>,
-    /// What was seen in the first.
+    /// The observation in the first.
     pub what: String,
 }
 
-/// A rule that a protocol keeps, and what that costs.
+/// Runs not built because of a rule of the protocol.
 #[derive(Clone, Debug, Serialize)]
 pub struct Rule {
-    /// Its name.
+    /// The name of the rule.
     pub rule: Within,
-    /// In words.
+    /// Its description.
     pub text: &'static str,
-    /// Runs that were not built because of it.
+    /// Number of runs.
     pub runs: u64,
 }
 
-/// Runs that stood still for one reason, and of which nothing is proved.
+/// Runs that stood still for one reason, undecided by any search.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Undecided {
-    /// The reason in words.
+    /// The reason as text.
     pub text: String,
-    /// How many runs.
+    /// Number of runs.
     pub runs: u64,
-    /// The seeds of the first ones.
+    /// The seeds of the first of them.
     pub seeds: Vec<u64>,
 }
 
 /// Counts over runs.
 #[derive(Clone, Debug, Default)]
 pub struct Tallies {
-    /// How many runs.
+    /// Number of runs.
     pub runs: u64,
     events: u64,
     moves: u64,
@@ -68,7 +68,7 @@ pub struct Tallies {
 }
 
 impl Tallies {
-    /// Counts a run. Gives its failure if it is the first of its kind.
+    /// Counts a run. Returns its failure if it is the first of its kind.
     pub fn add<'a>(&mut self, number: u64, ran: &'a Ran) -> Option<&'a Failure> {
         self.runs += 1;
         self.events += ran.events;
@@ -103,93 +103,92 @@ impl Tallies {
         undecided.runs += 1;
         note(&mut undecided.seeds, number);
     }
-    /// Runs that failed.
+    /// Returns the number of failed runs.
     pub fn failed(&self) -> u64 {
         self.failures.values().map(|f| f.count).sum()
     }
-    /// Failures by kind and protocol.
+    /// Returns the failures by kind and protocol.
     pub fn failures(&self) -> &BTreeMap<(Kind, String), Failures> {
         &self.failures
     }
 }
 
-/// What an exploration came to, as it is written to JSON.
+/// The results of an exploration as written to JSON.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// The version of this layout.
     pub schema: u32,
     /// The version of the program.
     pub version: String,
-    /// The seed of the first run; the next has the next.
+    /// The seed of the first run; later runs have consecutive seeds.
     pub seed: u64,
-    /// The family explored; null for both.
+    /// The family explored; null for all.
     pub family: Option<&'static str>,
-    /// Runs.
+    /// Number of runs.
     pub runs: u64,
-    /// Messages handed to agents, and what bodies and agents told each other.
+    /// Messages delivered to agents, and messages between bodies and agents.
     pub events: u64,
     /// Moves completed.
     pub moves: u64,
     /// Messages sent.
     pub messages: u64,
-    /// How runs ended.
+    /// Number of runs by outcome.
     pub outcomes: BTreeMap<&'static str, u64>,
-    /// Runs that some robot could have built as far as is known: all but those that are impossible or
-    /// undecided.
+    /// Runs whose goal is not known to be unbuildable: all but those that are impossible or undecided.
     pub buildable: u64,
     /// Of these, runs that were built.
     pub built: u64,
-    /// Runs that failed: an invariant broke, there was a way within the rules, or nothing excuses what is
-    /// undecided.
+    /// Failed runs: an invariant was violated, a plan existed within the rules, or an undecided standstill
+    /// had no excuse.
     pub failed: u64,
-    /// Of those that could be built, runs that were not because the protocol keeps a rule; a search proved
-    /// that nothing could be done within it.
+    /// Buildable runs that were not built because the protocol keeps a rule; a search proved that no plan
+    /// exists within it.
     pub rules: Vec<Rule>,
-    /// Runs that no robot could have built, whatever it had done, as a search proved.
+    /// Runs that no protocol could have built, as a search proved.
     pub impossible: u64,
-    /// Runs of which no search decided whether they could have been built, by the reason of the standstill.
+    /// Runs for which no search decided whether they were buildable, by the reason of the standstill.
     pub undecided: BTreeMap<String, Undecided>,
     /// The first failure of each kind.
     pub found: Vec<Found>,
-    /// In how many runs each rare path ran.
+    /// Number of runs that reached each coverage point.
     pub marks: BTreeMap<&'static str, u64>,
-    /// Rare paths that never ran.
+    /// Coverage points never reached.
     pub never: Vec<&'static str>,
 }
 
 /// A kind of failure.
 #[derive(Clone, Debug, Serialize)]
 pub struct Found {
-    /// In what way.
+    /// The kind.
     #[serde(flatten)]
     pub kind: Kind,
-    /// The family that failed, and the protocol in it.
+    /// The protocol that failed, with its family.
     pub protocol: String,
-    /// The seed of the first run that failed so.
+    /// The seed of the first such run.
     pub seed: u64,
-    /// The seeds of the first ones, that one among them.
+    /// The seeds of the first such runs, including that one.
     pub seeds: Vec<u64>,
-    /// In how many runs.
+    /// Number of runs.
     pub runs: u64,
-    /// What was seen.
+    /// The observation.
     pub what: String,
     /// The command that repeats the first.
     pub repeat: String,
-    /// The small scenario that fails the same way; null if none was made.
+    /// The shrunk scenario that fails the same way; null if there is none.
     pub scenario: Option<String>,
-    /// Its file, seen from here.
+    /// Its file, relative to the working directory.
     #[serde(skip)]
     pub here: Option<PathBuf>,
-    /// Modules in it.
+    /// Modules of the shrunk scenario.
     pub agents: usize,
-    /// Faults in it.
+    /// Faults of the shrunk scenario.
     pub faults: usize,
-    /// Runs that making it small took.
+    /// Runs needed for shrinking.
     pub shrinking: u64,
 }
 
 impl Summary {
-    /// From counts and what was found.
+    /// Creates the summary from counts and failures.
     pub fn new(seed: u64, family: Option<&dyn Family>, mut tallies: Tallies, found: Vec<Found>) -> Summary {
         for undecided in tallies.undecided.values_mut() {
             undecided.seeds = seeds(seed, &undecided.seeds);
@@ -199,7 +198,7 @@ impl Summary {
         let undecided: u64 = tallies.undecided.values().map(|u| u.runs).sum();
         let rules = tallies.infeasible.iter();
         let rules = rules.map(|(rule, runs)| Rule { rule: *rule, text: kept(*rule), runs: *runs }).collect();
-        // Paths of a family that was not explored could not run.
+        // Coverage points of families that were not explored cannot be reached.
         let others = all().iter().filter(|other| family.is_some_and(|family| family.name() != other.name()));
         let others: Vec<String> = others.map(|other| format!("{}:", other.name())).collect();
         let explored = |m: &Mark| !others.iter().any(|other| m.name().starts_with(other.as_str()));
@@ -227,17 +226,17 @@ impl Summary {
     }
 }
 
-/// The rule that a protocol keeps if nothing could be done within it, for people.
+/// Describes the rule of the protocol within which no plan exists.
 const fn kept(rule: Within) -> &'static str {
     match rule {
-        Within::Held => "a module lets go of nothing that may hang on it, since that could fall off",
-        Within::Called => "only modules that can hear of the goal, over live ones, set out for it",
+        Within::Held => "a module does not release what may hang on it, because that could fall off",
+        Within::Called => "only modules that can learn of the goal, over live modules, move towards it",
         Within::Grown => "what is built is not taken down again",
         Within::Anything => "nothing is ruled out",
     }
 }
 
-/// For people.
+/// Formats the summary for people.
 pub fn text(summary: &Summary, paint: Paint) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -245,13 +244,16 @@ pub fn text(summary: &Summary, paint: Paint) -> String {
     out
 }
 
-/// What could be built, what was, and why the rest was not.
+/// Writes what could be built, what was, and why the rest was not.
 fn write_shares(out: &mut String, summary: &Summary) -> std::fmt::Result {
     writeln!(out, "  built {} of {} that could be", count(summary.built), count(summary.buildable))?;
     let line = |out: &mut String, n: u64, text: &str| writeln!(out, "    {:>9}  {text}", count(n));
     if !summary.rules.is_empty() {
         let excused = count(summary.rules.iter().map(|rule| rule.runs).sum());
-        writeln!(out, "  {excused} not built where a rule of the protocol leaves no way, proved by search:")?;
+        writeln!(
+            out,
+            "  {excused} not built because a rule of the protocol excludes every plan, proved by search:"
+        )?;
         for rule in &summary.rules {
             line(out, rule.runs, rule.text)?;
         }
@@ -261,7 +263,7 @@ fn write_shares(out: &mut String, summary: &Summary) -> std::fmt::Result {
     }
     if !summary.undecided.is_empty() {
         let undecided = count(summary.undecided.values().map(|u| u.runs).sum());
-        writeln!(out, "  {undecided} undecided: no search shows whether there was a way:")?;
+        writeln!(out, "  {undecided} undecided: no search decided whether a plan existed:")?;
         for undecided in summary.undecided.values() {
             line(out, undecided.runs, &undecided.text)?;
         }
@@ -290,7 +292,7 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
         if let Some(file) = &found.here {
             writeln!(
                 out,
-                "  made small: {}, {} ({})",
+                "  shrunk to: {}, {} ({})",
                 many(*agents as u64, "module"),
                 many(*faults as u64, "fault"),
                 many(found.shrinking, "run")
@@ -310,14 +312,14 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
     Ok(())
 }
 
-/// Notes one of the first.
+/// Records one of the first runs.
 fn note(numbers: &mut Vec<u64>, number: u64) {
     if numbers.len() < NAMED {
         numbers.push(number);
     }
 }
 
-/// The seeds of runs by their numbers.
+/// Returns the seeds of runs by their numbers.
 pub fn seeds(from: u64, numbers: &[u64]) -> Vec<u64> {
     numbers.iter().map(|n| from.wrapping_add(*n)).collect()
 }
@@ -345,7 +347,7 @@ mod tests {
         }
     }
 
-    /// Every run is in one place of the summary, and what was not built says why.
+    /// Every run is in one category of the summary, and unbuilt runs have a reason.
     #[test]
     fn every_run_is_accounted_for() {
         let mut tallies = Tallies::default();
@@ -376,8 +378,8 @@ mod tests {
         for part in [
             "9 runs from seed 10: 2 failed",
             "built 2 of 6 that could be",
-            "3 not built where a rule",
-            "2  only modules that can hear of the goal",
+            "3 not built because a rule",
+            "2  only modules that can learn of the goal",
             "1 that no robot could build",
             "2 undecided:",
             "seeds 17 16",

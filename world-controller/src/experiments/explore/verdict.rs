@@ -1,4 +1,4 @@
-//! What a run came to, judged: safe always; and live, unless what is left cannot build the goal.
+//! Judges a run: safe always; and live, unless the remaining modules cannot build the goal.
 
 use crate::report::run_result::RunResult;
 use crate::report::schema::Report;
@@ -8,35 +8,35 @@ use metamorph_sim_bridge::director::reason::{Excuse, Proves};
 use serde::Serialize;
 use std::fmt;
 
-/// What a run came to.
+/// The verdict on a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// The goal was built.
     Built,
-    /// It was not, and an exhaustive search proved that nothing more could have been built.
+    /// The goal was not built, and an exhaustive search proved that no more of it could be.
     Infeasible(Within),
-    /// It was not, and by the reason that is named that is no fault of the protocol; no search proved it.
+    /// The goal was not built for a reason that is no fault of the protocol; no search proved it.
     Excused(String),
-    /// Something is wrong.
+    /// The run failed.
     Failed(Failure),
 }
 
-/// In what way a run failed. Two runs of one kind fail the same way.
+/// The kind of a failure. Runs of the same kind fail the same way.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "failure", content = "name")]
 pub enum Kind {
     /// The program panicked.
     Panic,
-    /// This invariant broke first.
+    /// This invariant was violated first.
     Unsafe(String),
-    /// There was a way left, and nobody went it: the reason of the standstill.
+    /// A plan was left, and no module carried it out: the reason of the standstill.
     Stuck(String),
-    /// Nobody went on, and no search has decided whether there was a way: the reason of the standstill.
+    /// A standstill, and no search decided whether a plan was left: its reason.
     Undecided(String),
 }
 
 impl Kind {
-    /// Whether something happened that must never happen, instead of something not happening.
+    /// Returns true for a safety failure, false for a liveness failure.
     pub fn is_unsafe(&self) -> bool {
         matches!(self, Kind::Panic | Kind::Unsafe(_))
     }
@@ -56,13 +56,13 @@ impl fmt::Display for Kind {
 /// A failed run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
-    /// In what way.
+    /// The kind of failure.
     pub kind: Kind,
-    /// What was seen.
+    /// The observation.
     pub what: String,
 }
 
-/// Judges a run by its report, and by what a search finds that could still be built.
+/// Judges a run by its report, and by a search for what could still be built.
 pub fn judge(report: &Report, ran: &RunResult) -> Verdict {
     let (reason, question) = (ran.stall.as_ref().map(|stall| stall.reason), ran.plight.as_deref());
     if let Some(first) = report.invariants.violated.first() {
@@ -90,7 +90,7 @@ pub fn judge(report: &Report, ran: &RunResult) -> Verdict {
     let searched = question.map_or(Err(Found::Undecided), |q| q.judge(not_here));
     let reason = stall.reason.clone();
     let (kind, way) = match searched {
-        Err(Found::Way(moves)) => (Kind::Stuck(reason), format!(", with a way of {moves} moves")),
+        Err(Found::Way(moves)) => (Kind::Stuck(reason), format!(", with a plan of {moves} moves")),
         _ if whole => (Kind::Stuck(reason), ", with nothing broken".into()),
         Ok(within) => return Verdict::Infeasible(within),
         _ if excused => return Verdict::Excused(reason),

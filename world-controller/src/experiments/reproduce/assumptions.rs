@@ -1,5 +1,5 @@
-//! What the thesis leaves open and a scenario can set: each assumption varied by itself, as a sweep that can
-//! be repeated with `metamorph sweep`. Absent: assumptions that need code, see [`NOT_OFFERED`].
+//! Assumptions about what the thesis leaves open: each varied alone, as a sweep that can be repeated with
+//! `metamorph sweep`. Absent: assumptions that need code, see [`NOT_OFFERED`].
 
 use super::compare::Runs;
 use super::published::{KINDS, STRATEGIES};
@@ -12,26 +12,26 @@ use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use serde::{Deserialize, Serialize};
 
-/// Most seeds of every combination of kind, strategy and order.
+/// Seeds of every combination of kind, strategy and order at most.
 const MOST_SEEDS: u64 = 25;
-/// A fraction of the seeds of the experiment itself: one in so many.
+/// One in this many of the experiment's seeds is used.
 const FEWER: u64 = 40;
 
-/// What was not varied, because it would need code that the program does not have.
-pub const NOT_OFFERED: &str = "starts that are near, far, in slots, on one side or alike; shut-in starts that are \
-     kept; the farther one goes first; noise on every choice; a random stride after a standstill; distance as the \
-     crow flies; strides around every body and not only around those that stay; open seeds matched to the nearest \
+/// Assumptions that were not varied, because the program does not support them.
+pub const NOT_OFFERED: &str = "starts that are near, far, in slots, on one side or alike; enclosed starts kept; the \
+     farther one goes first; noise on every choice; a random segment after a standstill; distance as the \
+     crow flies; segments around every body and not only around those at rest; open seeds matched to the nearest \
      metamodules";
 
-/// An assumption varied by itself.
+/// An assumption varied alone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Assumption {
-    /// What is taken.
+    /// A description.
     pub what: String,
-    /// The option of `metamorph sweep` that takes it, beside those of the experiment; empty if it is the
+    /// The option of `metamorph sweep` that sets it, in addition to those of the experiment; empty for the
     /// order of the seeds, which the experiment itself varies.
     pub vary: Vec<String>,
-    /// The share that was built, for each goal and strategy.
+    /// The share built, for each goal and strategy.
     pub built: Vec<Built>,
 }
 
@@ -42,13 +42,13 @@ pub struct Built {
     pub goal: String,
     /// `greedy`, `slope` or `step`.
     pub strategy: String,
-    /// How many runs.
+    /// Number of runs.
     pub runs: u64,
     /// The share that was built.
     pub built: Option<Rate>,
 }
 
-/// A key and what it is set to.
+/// A key and its values.
 struct Key {
     key: &'static str,
     values: fn(Goal) -> Vec<(&'static str, &'static str)>,
@@ -118,13 +118,13 @@ const KEYS: [Key; 7] = [
     },
 ];
 
-/// Seeds of every combination, when the experiment has so many.
+/// Returns the seeds of every combination, for an experiment with `of_experiment` seeds.
 pub const fn seeds(of_experiment: u64) -> u64 {
     let fewer = of_experiment.div_ceil(FEWER);
     if fewer < MOST_SEEDS { fewer } else { MOST_SEEDS }
 }
 
-/// Kinds, strategies and orders.
+/// Returns the axes of kinds, strategies and orders.
 pub fn axes(strategies: &[Strategy]) -> Vec<Axis> {
     let axis = |key: &str, values: Vec<&str>| Axis {
         key: key.to_owned(),
@@ -189,7 +189,7 @@ fn of(goal: Goal, strategy: Strategy, built: u64, runs: u64) -> Built {
     }
 }
 
-/// The orders of the seeds, from the experiment itself.
+/// Returns the orders of the seeds, from the experiment itself.
 fn orders(runs: &Runs, goals: &[Goal]) -> Vec<Assumption> {
     let one = |order: SeedOrder| {
         let pairs = goals.iter().flat_map(|g| STRATEGIES.map(|s| (*g, s)));

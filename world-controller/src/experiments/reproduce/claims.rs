@@ -1,9 +1,8 @@
-//! What the thesis says in words about its experiment (4.1.3, 4.1.4, Figure 4.5), each judged twice: by the
-//! tables that it printed, and by how often as many runs of ours show it.
+//! Statements of the thesis about its experiment (4.1.3, 4.1.4, Figure 4.5), each judged twice: by the
+//! printed tables, and by the share of samples of the same size from our runs that show it.
 //!
-//! A statement compares some groups of runs by one number, for the tables and for us by the same code, so
-//! that a statement which contradicts the tables is found and not asserted. Absent: statements that no run
-//! can show.
+//! A statement compares groups of runs by one number. The same code judges tables and runs, so that
+//! contradictions between a statement and the tables are found. Absent: statements that no run can show.
 
 use super::Goal;
 use super::compare::{Claim, Runs};
@@ -15,13 +14,13 @@ use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::roombots::Kind;
 
-/// A statement holds here if at least this share of the experiments drawn shows it, and does not hold if at
-/// most the rest does.
+/// A statement holds if at least this share of the sampled experiments shows it, and fails if at most the
+/// complement does.
 const SURE: f64 = 0.95;
-/// The level of each of the three tests between two orders: 5 % for all of them together.
+/// Significance level of each of the three tests between two orders: 5 % for all of them together.
 const SIGNIFICANT: f64 = 0.05 / 3.0;
 
-/// What runs are grouped by.
+/// The grouping of runs.
 #[derive(Clone, Copy)]
 enum By {
     Goal,
@@ -30,7 +29,7 @@ enum By {
     Order,
 }
 
-/// What groups are compared by: the share that was built, or a mean of those that were.
+/// The number compared: the share built, or a mean of the built runs.
 #[derive(Clone, Copy)]
 enum Metric {
     Built,
@@ -48,9 +47,9 @@ struct Value {
 /// A statement.
 pub struct Statement {
     says: &'static str,
-    /// Of this goal, or of all that were run.
+    /// Its goal; `None` for all that were run.
     goal: Option<Goal>,
-    /// Of this strategy, or of all three.
+    /// Its strategy; `None` for all three.
     strategy: Option<Strategy>,
     by: By,
     metric: Metric,
@@ -70,7 +69,7 @@ const fn says(
 const BOX: Option<Goal> = Some(Goal::Box);
 const CHAIR: Option<Goal> = Some(Goal::Chair);
 
-/// Of the box.
+/// Statements about the box.
 pub const OF_TABLE_4_1: [Statement; 2] = [
     says("greedy tends to dominate for the box (most often built)", BOX, By::Strategy, Metric::Built, |v| {
         above(v, &["greedy"])
@@ -84,7 +83,7 @@ pub const OF_TABLE_4_1: [Statement; 2] = [
     ),
 ];
 
-/// Of the chair, and of both.
+/// Statements about the chair, and about both.
 pub const OF_TABLE_4_2: [Statement; 6] = [
     says(
         "SRS and PER are more successful on average than the other kinds",
@@ -129,7 +128,7 @@ pub const OF_TABLE_4_2: [Statement; 6] = [
     }),
 ];
 
-/// Of the moves.
+/// Statements about the moves.
 pub const OF_FIGURE_4_5: [Statement; 8] = [
     says("the box takes 20 moves on average", BOX, By::Goal, Metric::Moves, |v| {
         v.iter().all(|v| v.value.round() == 20.0)
@@ -154,7 +153,7 @@ pub const OF_FIGURE_4_5: [Statement; 8] = [
     },
 ];
 
-/// SRS and PER are said to be better "than the three other types", of the four that there are.
+/// Judges "than the three other types", said of SRS and PER, of the four that there are.
 pub fn other_types() -> Claim {
     let others = KINDS.iter().filter(|k| ![Kind::Srs, Kind::Per].contains(k)).count();
     Claim {
@@ -166,7 +165,7 @@ pub fn other_types() -> Claim {
     }
 }
 
-/// A probability as printed: with two digits, and never as nothing.
+/// Formats a probability with two digits, and never as zero.
 pub fn probability(p: f64) -> String {
     match p {
         0.0 => "0".to_owned(),
@@ -176,7 +175,7 @@ pub fn probability(p: f64) -> String {
     }
 }
 
-/// Whether all of these groups have more than every other one; not if there is no other one.
+/// Returns true if all of these groups have more than every other one, and there is another.
 fn above(values: &[Value], names: &[&str]) -> bool {
     let of = |named: bool| values.iter().filter(move |v| names.contains(&v.name) == named).map(|v| v.value);
     let least = of(true).min_by(f64::total_cmp);
@@ -184,7 +183,7 @@ fn above(values: &[Value], names: &[&str]) -> bool {
     least.zip(most).is_some_and(|(least, most)| least > most)
 }
 
-/// Whether all of these groups have less than every other one; not if there is no other one.
+/// Returns true if all of these groups have less than every other one, and there is another.
 fn below(values: &[Value], names: &[&str]) -> bool {
     let of = |named: bool| values.iter().filter(move |v| names.contains(&v.name) == named).map(|v| v.value);
     let most = of(true).max_by(f64::total_cmp);
@@ -213,7 +212,7 @@ impl Metric {
 }
 
 impl Statement {
-    /// Judges it by the published runs, by all of ours, and by experiments drawn from ours.
+    /// Judges the statement by the published runs, by all of ours, and by experiments sampled from ours.
     pub fn judge(&self, published: &[Run], all: &Runs, drawn: &[Vec<Run>]) -> Claim {
         let shown: Vec<bool> = drawn.iter().filter_map(|runs| self.shows(&self.of_runs(runs))).collect();
         let chance = (!shown.is_empty())
@@ -232,7 +231,7 @@ impl Statement {
         }
     }
 
-    /// Whether these numbers show it; `None` if some are missing.
+    /// Returns whether these numbers show the statement; `None` if some are missing.
     fn shows(&self, values: &[Value]) -> Option<bool> {
         let enough = match self.by {
             By::Goal => self.goal.map_or(Goal::ALL.len(), |_| 1),

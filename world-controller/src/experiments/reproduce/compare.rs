@@ -1,5 +1,5 @@
-//! The thesis's numbers beside ours, as one value that is printed, drawn and written as JSON. A field
-//! is never renamed, given another meaning or removed without a new [`SCHEMA`]; new ones may be added.
+//! The thesis's numbers beside ours, as one value that is printed, plotted and written as JSON. A field is
+//! never renamed, redefined or removed without a new [`SCHEMA`]; new fields may be added.
 
 use super::assumptions::Assumption;
 use super::claims::{self, Statement};
@@ -25,38 +25,38 @@ pub struct Reproduction {
     pub schema: u32,
     /// The version of the program that ran.
     pub version: String,
-    /// Seeds of every combination of kind, strategy and order: 0 to this, without it.
+    /// Seeds of every combination of kind, strategy and order: 0 to this, exclusive.
     pub seeds: u64,
     /// Runs asked for.
     pub runs_planned: u64,
     /// Runs done; fewer if it was interrupted.
     pub runs: u64,
-    /// Invariants found broken in all runs. Must be 0.
+    /// Violations of invariants in all runs. Must be 0.
     pub violations: u64,
     /// Each experiment.
     pub experiments: Vec<Comparison>,
-    /// What the thesis does not say, and what was taken instead.
+    /// What the thesis leaves open, and the assumption made instead.
     pub unknown: Vec<String>,
-    /// Readings of the text beside the tables, the one that all other numbers are of first.
+    /// Readings of the text beside the tables; all other numbers are of the first.
     #[serde(default)]
     pub fits: Vec<Fit>,
-    /// What the published counts tell apart by themselves.
+    /// Tests of the published counts alone.
     #[serde(default)]
     pub published_tests: Vec<PublishedTest>,
-    /// What each assumption does that a scenario can set.
+    /// The effect of each assumption that a scenario can set.
     #[serde(default)]
     pub assumptions: Vec<Assumption>,
-    /// Starts drawn again because a metamodule was shut in.
+    /// Starts redrawn because a metamodule was enclosed.
     #[serde(default)]
     pub redrawn: Vec<Redrawn>,
-    /// What no reading explains.
+    /// Differences that no reading explains.
     #[serde(default)]
     pub unexplained: Vec<String>,
-    /// Our runs in full: one summary for each goal, whose values are kind, strategy and order.
+    /// Our runs in full: one summary per goal, whose values are kind, strategy and order.
     pub ours: Vec<Summary>,
 }
 
-/// Starts of a kind and goal that were drawn again because a metamodule was shut in.
+/// Starts of a kind and goal redrawn because a metamodule was enclosed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Redrawn {
     /// `box` or `chair`.
@@ -65,7 +65,7 @@ pub struct Redrawn {
     pub kind: String,
     /// Starts drawn.
     pub drawn: u64,
-    /// Those of them that were thrown away.
+    /// Starts rejected.
     pub shut_in: u64,
 }
 
@@ -74,62 +74,62 @@ pub struct Redrawn {
 pub struct Comparison {
     /// Its name on the command line.
     pub name: String,
-    /// What it is.
+    /// Its title.
     pub title: String,
     /// Each kind with each strategy, for each goal.
     pub cells: Vec<Compared>,
-    /// The sums printed in the thesis; none for a figure.
+    /// The sums printed in the thesis; empty for a figure.
     pub sums: Vec<Sum>,
-    /// What the thesis says in words about it, and whether it holds here.
+    /// Statements of the thesis about it, and whether they hold here.
     pub claims: Vec<Claim>,
-    /// What the thesis does not say, and what was taken instead, of this experiment alone.
+    /// What the thesis leaves open in this experiment alone, and the assumption made instead.
     pub unknown: Vec<String>,
 }
 
 /// A kind with a strategy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Compared {
-    /// What is built: `box` or `chair`.
+    /// The goal: `box` or `chair`.
     pub goal: String,
     /// `PAR`, `PER`, `SRS` or `SRZ`.
     pub kind: String,
     /// `greedy`, `slope`, `step` or `negotiated`; the last is ours.
     pub strategy: String,
-    /// The experiments of the thesis; empty where it has none, or did not print them.
+    /// The experiments of the thesis; empty if it has none, or did not print them.
     pub published: Vec<Cell>,
     /// The share of the thesis's experiments that ended in a deadlock.
     pub published_deadlocks: Option<Rate>,
-    /// Collisions by experiment in those that did not.
+    /// Mean collisions of the others.
     pub published_collisions: Option<f64>,
     /// Ours, all orders together.
     pub ours: Ours,
     /// Ours, by the order in which seeds open.
     pub by_order: Vec<(String, Ours)>,
-    /// Whether our rate lies in the interval of the published one; null where that is missing.
+    /// Whether our rate lies in the interval of the published one; null if that is missing.
     pub agrees: Option<bool>,
 }
 
 /// Some of our runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ours {
-    /// How many.
+    /// Number of runs.
     pub runs: u64,
-    /// How many were built.
+    /// Runs that were built.
     pub built: u64,
-    /// The share that was not: deadlock, livelock or timeout.
+    /// The share that was not built: deadlock, livelock or timeout.
     pub not_built: Option<Rate>,
-    /// Mean collisions of those that were built: locks refused, actions refused by the interlock.
+    /// Mean collisions of the built runs: locks refused, actions refused by the interlock.
     pub collisions: Option<f64>,
-    /// Mean moves of those that were built.
+    /// Mean moves of the built runs.
     pub moves: Option<f64>,
 }
 
-/// Something that the thesis says in words.
+/// A statement of the thesis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Claim {
-    /// What it says.
+    /// The statement.
     pub says: String,
-    /// What is found here.
+    /// The finding.
     pub found: String,
     /// Whether the tables of the thesis show it; null if they do not say.
     #[serde(default)]
@@ -137,8 +137,8 @@ pub struct Claim {
     /// The share of experiments of the published size, drawn from our runs, that show it.
     #[serde(default)]
     pub chance: Option<f64>,
-    /// Whether it holds here: nearly all of these experiments show it, or nearly none; null if as few runs
-    /// as the thesis has cannot tell.
+    /// Whether it holds here: nearly all of these experiments show it, or nearly none; null if as few runs as
+    /// those of the thesis cannot tell.
     pub holds: Option<bool>,
 }
 
@@ -162,7 +162,7 @@ impl Ours {
     }
 }
 
-/// Compares one goal's runs with a table, or with nothing.
+/// Compares one goal's runs with a table, if there is one.
 fn cells(goal: Goal, table: Option<&Table>, summary: &Summary) -> Vec<Compared> {
     let mut cells = Vec::new();
     for kind in KINDS {
@@ -199,7 +199,7 @@ fn cells(goal: Goal, table: Option<&Table>, summary: &Summary) -> Vec<Compared> 
     cells
 }
 
-/// Our runs of both goals, those that there are.
+/// Our runs of the goals that were run.
 pub struct Runs {
     /// Goals with their summaries.
     pub of: Vec<(Goal, Summary)>,
@@ -211,7 +211,7 @@ impl Runs {
         found.expect("invariant: what an experiment needs was run")
     }
 
-    /// The runs with the strategies of the thesis, as far as goal, kind, strategy and order are wanted.
+    /// Returns the pooled runs with the strategies of the thesis that match `wanted`.
     pub fn pooled(&self, wanted: impl Fn(Goal, &str, &str, &str) -> bool) -> Ours {
         let published = |strategy: &str| STRATEGIES.iter().any(|s| s.name() == strategy);
         let all = self.of.iter().flat_map(|(goal, s)| s.combinations.iter().map(move |c| (*goal, c)));
@@ -222,7 +222,7 @@ impl Runs {
         Ours::of(&some.map(|(_, c)| c).collect::<Vec<_>>())
     }
 
-    /// The numbers of the experiments that were asked for; what goes beyond a single one is left empty.
+    /// Returns the numbers of the requested experiments; what exceeds a single experiment is left empty.
     pub fn reproduction(self, experiments: &[Experiment], seeds: u64) -> Reproduction {
         let sum = |of: fn(&Summary) -> u64| self.of.iter().map(|(_, s)| of(s)).sum();
         let goals: Vec<Goal> = self.of.iter().map(|(goal, _)| *goal).collect();
@@ -231,7 +231,7 @@ impl Runs {
         let comparison = |e: &Experiment| self.comparison(*e, &published, &drawn);
         let fit = Fit::of(
             "as the text reads",
-            "greedy stands still while another one within 4 connectors is nearer to an open seed; settled ones push",
+            "greedy waits while another metamodule within 4 connectors is nearer to an open seed; settled ones repel",
             &self,
         );
         Reproduction {
@@ -274,7 +274,7 @@ impl Runs {
         }
     }
 
-    /// What the reading leaves unexplained, with the numbers.
+    /// Lists what the reading leaves unexplained, with the numbers.
     fn unexplained(&self, fit: &Fit) -> Vec<String> {
         let mut all = Vec::new();
         let par = fit.kinds.iter().find(|k| k.kind == Kind::Par.name());
@@ -307,39 +307,39 @@ impl Runs {
     }
 }
 
-/// Of all experiments.
+/// Open points of all experiments.
 const UNKNOWN: [&str; 8] = [
     "Start positions: \"randomly shifted\", which are not given. Here they are drawn anew for every seed: any \
      connectors of a floor of 13 × 13 outside the goal, two cells apart, turned in any of four ways. A start in \
-     which a metamodule is shut in is drawn again; how often that happens is counted above.",
+     which a metamodule is enclosed is drawn again; how often that happens is counted above.",
     "Precedence: greedy locks \"modules which are too close from each other before deciding which one should move \
      first\". How close, and which one goes first, is not said. Here: within 4 connectors the one nearer to an open \
      seed, the nearest of the readings that were tried; slope and step have no such sentence and no precedence.",
     "Repulsion: \"the neighboring modules are included in the computation as repulsive sources\", without exception. \
-     So settled ones push as well.",
+     So settled ones repel as well.",
     "Goal cells: figure 4.4 is a drawing without coordinates. Here the box is four L-shapes around a square, \
      and the back of the chair two upright metamodules behind it.",
     "The motion database is not published. Here it is computed from the kinematic model of the Roombots.",
     "Force fields: strength, decay and range of slope and step are not given. The values here are our design, \
-     and so is the pull of a seed, which counts the strides to it around everything that does not move.",
+     and so is the pull of a seed, which counts the segments to it around everything that does not move.",
     "A deadlock is there \"when the MMs were not able to build the final shape\". So every run of ours that was \
      not built counts: deadlock, livelock and timeout.",
     "What counts as a collision is not said. Here: every lock that another metamodule refused, and every action \
      that the interlock of the body refused. The thesis leaves out collisions of deadlocks, and so do we.",
 ];
-/// Of Table 4.1 alone.
+/// Open points of Table 4.1 alone.
 const UNKNOWN_4_1: [&str; 2] = [
     "The three columns of a strategy are three start positions; they cannot be told apart here.",
     "In which order the seeds of the box opened is not said. Here all three orders are run.",
 ];
-/// Of Table 4.2 alone.
+/// Open points of Table 4.2 alone.
 const UNKNOWN_4_2: [&str; 2] = [
     "The four columns of a strategy have \"different seeding orderings\" by the caption and shifted start \
      positions by the text, and the text names three orders. Which column has which is not said, so that \
      columns cannot be compared one by one: the four stand beside all our orders together.",
     "The fourth strategy, negotiated, is ours; the thesis has nothing to compare it with.",
 ];
-/// Of Figure 4.5 alone.
+/// Open points of Figure 4.5 alone.
 const UNKNOWN_FIGURE: [&str; 1] =
     ["The heights of the bars are not printed as numbers; only what the caption says can be compared."];
 
@@ -351,8 +351,8 @@ mod tests {
     use crate::experiments::sweep::row::tests::row;
     use crate::experiments::sweep::summary::Tallies;
 
-    /// Runs with two seeds each that end as `end` says of kind, strategy and order: how many moves, if
-    /// they are built.
+    /// Returns runs with two seeds each; `end` returns the moves for kind, strategy, order and seed, or
+    /// `None` if not built.
     fn summary(end: impl Fn(&str, &str, &str, u64) -> Option<u64>) -> Summary {
         let grid = grid(2, &Strategy::ALL).unwrap();
         let mut tallies = Tallies::new(&grid);
@@ -374,7 +374,7 @@ mod tests {
 
     #[test]
     fn cells_of_the_table_stand_beside_ours() {
-        // PAR with greedy fails in one of two seeds, with the order at-once never.
+        // PAR with greedy fails in one of two seeds, but never with the order at-once.
         let end = |kind: &str, strategy: &str, order: &str, seed| match (kind, strategy, order) {
             ("PAR", "greedy", "at-once") => Some(10 + 20 * seed),
             ("PAR", "greedy", _) => (seed == 0).then_some(40),
@@ -408,14 +408,14 @@ mod tests {
             let runs = Runs { of: vec![(Goal::Box, of_box), (Goal::Chair, of_chair)] };
             let all = runs.reproduction(&[Experiment::Table42, Experiment::Figure45], 2);
             let claims: Vec<&Claim> = all.experiments.iter().flat_map(|e| &e.claims).collect();
-            // What the published tables say is the same whatever ours are.
+            // The result for the published tables does not depend on our runs.
             let by_tables: Vec<Option<bool>> = claims.iter().map(|c| c.by_tables).collect();
             let of_chair = [Some(false), Some(true), Some(false), Some(true), Some(false), None];
             assert_eq!(by_tables[..6], of_chair);
             assert_eq!(by_tables[13], Some(false));
             claims.iter().map(|c| c.holds).collect()
         };
-        // Mostly as the thesis says. What negotiated does must not count.
+        // Mostly as the thesis says. The runs of negotiated must not count.
         let of_box = |kind: &str, strategy: &str, _: &str, _| match (kind, strategy) {
             (_, "negotiated") => Some(1),
             ("PAR", "greedy") => Some(30),
@@ -451,7 +451,7 @@ mod tests {
         let denied = verdicts(summary(of_box), summary(of_chair));
         assert!([0, 3, 5].iter().all(|i| denied[*i] == Some(false)), "{denied:?}");
         assert!(denied[6..].iter().all(|holds| *holds == Some(false)), "{denied:?}");
-        // Slope and step build as often: as few runs as the thesis has cannot tell.
+        // Slope and step build equally often: as few runs as those of the thesis cannot tell.
         assert_eq!(denied[2], None, "{denied:?}");
     }
 }

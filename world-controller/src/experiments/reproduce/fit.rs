@@ -1,5 +1,5 @@
-//! How well a reading of the thesis's text agrees with its tables: exact tests of the share that was built,
-//! by strategy and goal, over all of these together, and over kinds.
+//! How well a reading of the thesis's text agrees with its tables: exact tests of the share built, by
+//! strategy and goal, over all of these together, and over kinds.
 
 use super::Goal;
 use super::compare::Runs;
@@ -12,17 +12,17 @@ use serde::{Deserialize, Serialize};
 /// A reading of the text beside the tables.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
-    /// What it is called.
+    /// Its name.
     pub reading: String,
-    /// What is taken.
+    /// Its description.
     pub says: String,
     /// Each strategy with each goal.
     pub cells: Vec<FitCell>,
-    /// Over all of these, each a sample with our rate as probability.
+    /// The test over all of these, each a sample with our rate as probability.
     pub all_cells: Option<Discrepancy>,
     /// Each kind, over strategies and goals.
     pub kinds: Vec<FitKind>,
-    /// Over the kinds.
+    /// The test over the kinds.
     pub all_kinds: Option<Discrepancy>,
 }
 
@@ -39,9 +39,9 @@ pub struct FitCell {
     pub published_runs: u64,
     /// The share of the thesis's runs that was built, with its interval.
     pub published: Option<Rate>,
-    /// The share of ours, with its interval.
+    /// The share of our runs, with its interval.
     pub ours: Option<Rate>,
-    /// Fisher's exact test of both.
+    /// Fisher's exact test of the two.
     pub p: Option<f64>,
 }
 
@@ -54,22 +54,22 @@ pub struct FitKind {
     pub published_built: u64,
     /// Runs of the thesis.
     pub published_runs: u64,
-    /// The share of ours, goals and strategies in the thesis's proportions.
+    /// The share of our runs, with goals and strategies weighted as in the thesis.
     pub ours: f64,
 }
 
-/// What the published counts say by themselves.
+/// A test of the published counts alone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PublishedTest {
-    /// What is compared.
+    /// The groups compared.
     pub what: String,
-    /// Built, and runs, of the first and of the second.
+    /// Built runs and all runs, of the first and of the second group.
     pub counts: [(u64, u64); 2],
     /// Fisher's exact test.
     pub p: Option<f64>,
 }
 
-/// Published runs that were built, and all of them.
+/// Returns the published runs that were built, and all.
 fn counts(goal: Goal, kinds: &[Kind], strategies: &[Strategy]) -> (u64, u64) {
     let pairs = kinds.iter().flat_map(|k| strategies.iter().map(move |s| (*k, *s)));
     let cells: Vec<_> = pairs.flat_map(|(k, s)| goal.table().cells(k, s)).collect();
@@ -80,7 +80,7 @@ fn add(a: (u64, u64), b: (u64, u64)) -> (u64, u64) {
     (a.0 + b.0, a.1 + b.1)
 }
 
-/// Whether the published counts put strategies and kinds in an order, as far as these goals go.
+/// Tests whether the published counts distinguish strategies and kinds, for these goals.
 pub fn published_tests(goals: &[Goal]) -> Vec<PublishedTest> {
     let test =
         |what: String, a: (u64, u64), b: (u64, u64)| PublishedTest { what, counts: [a, b], p: fisher(a, b) };
@@ -99,7 +99,7 @@ pub fn published_tests(goals: &[Goal]) -> Vec<PublishedTest> {
 }
 
 impl Fit {
-    /// Sets runs beside the tables.
+    /// Compares runs with the tables.
     pub fn of(reading: &str, says: &str, runs: &Runs) -> Fit {
         let goals: Vec<Goal> = runs.of.iter().map(|(goal, _)| *goal).collect();
         let rate = |wanted: &dyn Fn(Goal, &str, &str) -> bool| {
@@ -161,7 +161,7 @@ impl Fit {
 mod tests {
     use super::*;
 
-    /// The figures by hand: R's `fisher.test(matrix(c(10, 6, 8, 8), 2))` gives 0.7224, and PAR with 5 of 21
+    /// Verified by hand: R's `fisher.test(matrix(c(10, 6, 8, 8), 2))` gives 0.7224, and PAR with 5 of 21
     /// against 48 of 63 gives 4e-5.
     #[test]
     fn the_published_counts_order_kinds_and_not_strategies() {

@@ -1,11 +1,11 @@
-//! `metamorph reproduce`: the thesis's experiment with metamodules (4.1.3), many times over, beside
-//! the numbers that it printed.
+//! `metamorph reproduce`: the thesis's experiment with metamodules (4.1.3), repeated many times, beside the
+//! printed numbers.
 //!
-//! It is re-implemented, not reproduced: the text leaves much open, and what is taken is the reading that
-//! comes nearest. `published` holds the numbers of the thesis, `compare` sets ours beside them, `fit` tests
-//! whether they agree, `claims` judges what the thesis says in words by experiments of its own size
-//! (`resample`), `recipe` what it says of seeding, `assumptions` varies what the text leaves open, `text` and
-//! `page` show it all. Everything is a sweep. Deliberately absent: any setting; `metamorph sweep` has them.
+//! It is re-implemented, not reproduced: the text leaves much open, and the nearest reading is used.
+//! `published` holds the numbers of the thesis, `compare` sets ours beside them, `fit` tests whether they
+//! agree, `claims` judges statements of the thesis by experiments of its own size (`resample`), `recipe`
+//! those about seeding, `assumptions` varies what the text leaves open, `text` and `page` show the results.
+//! Everything is a sweep. Absent: any setting; `metamorph sweep` has them.
 
 mod assumptions;
 mod claims;
@@ -40,10 +40,10 @@ use published::{KINDS, STRATEGIES, TABLE_4_1, TABLE_4_2, Table};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
-/// The page, beside the directories of the sweeps.
+/// File name of the page, beside the directories of the sweeps.
 const PAGE: &str = "report.html";
 
-/// What can be reproduced.
+/// The experiments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum Experiment {
     /// Table 4.1: collisions and deadlocks of four metamodules that build the box
@@ -58,7 +58,7 @@ pub enum Experiment {
 }
 
 impl Experiment {
-    /// The name on the command line.
+    /// Returns the name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Experiment::Table41 => "4.1",
@@ -82,7 +82,7 @@ impl Experiment {
     }
 }
 
-/// What is built.
+/// The goal of an experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Goal {
     /// Four metamodules.
@@ -92,17 +92,17 @@ pub enum Goal {
 }
 
 impl Goal {
-    /// Both.
+    /// Both goals.
     pub const ALL: [Goal; 2] = [Goal::Box, Goal::Chair];
 
-    /// The table of the thesis about it.
+    /// Returns its table in the thesis.
     pub const fn table(self) -> &'static Table {
         match self {
             Goal::Box => &TABLE_4_1,
             Goal::Chair => &TABLE_4_2,
         }
     }
-    /// Its name.
+    /// Returns its name.
     pub const fn name(self) -> &'static str {
         match self {
             Goal::Box => "box",
@@ -117,24 +117,24 @@ impl Goal {
     }
 }
 
-/// What was asked for.
+/// The arguments of `metamorph reproduce`.
 #[derive(Clone, Debug)]
 pub struct Request {
-    /// Which experiments.
+    /// The experiments.
     pub experiments: Vec<Experiment>,
     /// Seeds for every kind, strategy and order.
     pub seeds: u64,
-    /// How many threads.
+    /// Number of threads.
     pub jobs: NonZeroUsize,
-    /// Where every run goes.
+    /// The directory for all runs.
     pub out: Option<PathBuf>,
-    /// Where the numbers go; `-` is standard output.
+    /// The destination of the results; `-` is standard output.
     pub json: Option<PathBuf>,
-    /// Whether to say nothing but errors.
+    /// True to print errors only.
     pub quiet: bool,
 }
 
-/// Does what was asked for, and gives the exit code.
+/// Executes the request, and returns the exit code.
 pub fn reproduce(request: &Request) -> Result<u8, SweepError> {
     let mut experiments = request.experiments.clone();
     experiments.sort_unstable();
@@ -163,7 +163,7 @@ pub fn reproduce(request: &Request) -> Result<u8, SweepError> {
     })
 }
 
-/// Runs everything that was asked for.
+/// Runs everything requested.
 fn measure(
     experiments: &[Experiment],
     request: &Request,
@@ -193,7 +193,7 @@ fn measure(
     let mut all = runs.reproduction(experiments, request.seeds);
     all.fits.push(Fit::of(
         "locks on swept cells alone",
-        "no precedence; settled ones do not push (how greedy, slope and step were run before)",
+        "no precedence; settled ones do not repel (how greedy, slope and step were run before)",
         &locks,
     ));
     (all.assumptions, all.redrawn) = (assumptions, redrawn);
@@ -208,12 +208,12 @@ fn measure(
 /// The reading without precedence, as the beginning of `[protocol]`.
 const LOCKS_ONLY: &str = "[protocol]\nprecedence = \"off\"\nsettled_repel = false\n";
 
-/// All kinds with these strategies and all orders.
+/// Returns all kinds with these strategies and all orders.
 fn grid(seeds: u64, strategies: &[Strategy]) -> Result<Grid, SweepError> {
     Ok(Grid::new(Seeds { from: 0, until: seeds }, assumptions::axes(strategies))?)
 }
 
-/// Carries out sweeps, and counts what all of them came to.
+/// Executes sweeps, and adds up their runs.
 struct Sweeper<'a> {
     request: &'a Request,
     outputs: &'a mut Outputs,
@@ -224,8 +224,8 @@ struct Sweeper<'a> {
 }
 
 impl Sweeper<'_> {
-    /// Runs a scenario over a grid. With `kept` and a directory every run goes there, under the name of the
-    /// goal with `kept` behind it.
+    /// Runs a scenario over a grid. With `kept` and a directory all runs are written there, in a directory
+    /// named after the goal and `kept`.
     fn run(
         &mut self,
         goal: Goal,
@@ -236,7 +236,7 @@ impl Sweeper<'_> {
         let Request { out, jobs, quiet, .. } = self.request;
         let name = format!("{}{}", goal.name(), kept.unwrap_or_default());
         let out = out.as_ref().filter(|_| kept.is_some());
-        // With a directory the scenario is a file in it, so that the commands in the results work.
+        // The scenario is also written to the directory, so that the commands in the results work.
         let file = out.map(|dir| dir.join(&name).with_extension("toml"));
         let origin = file.as_ref().map_or_else(|| format!("{name}.toml"), |f| f.display().to_string());
         let scenario = Scenario { origin, text: text.to_owned() };
@@ -259,10 +259,10 @@ impl Sweeper<'_> {
     }
 }
 
-/// Most starts looked at for those that were drawn again.
+/// Starts examined at most to count those redrawn.
 const MOST_STARTS: u64 = 200;
 
-/// Counts the starts of the experiment that were drawn again because a metamodule was shut in.
+/// Counts the starts of the experiment that were redrawn because a metamodule was enclosed.
 fn redrawn(goals: &[Goal], seeds: u64) -> Result<Vec<Redrawn>, SweepError> {
     let mut all = Vec::new();
     for goal in goals {
@@ -272,7 +272,7 @@ fn redrawn(goals: &[Goal], seeds: u64) -> Result<Vec<Redrawn>, SweepError> {
             let plan = read_text(goal.name(), goal.text(), &overrides).map_err(SweepError::Scenario)?;
             let (mut drawn, mut shut_in) = (0, 0);
             for seed in 0..seeds.min(MOST_STARTS) {
-                // A seed without a start has ended the sweep before.
+                // A seed without a start has already ended the sweep.
                 let placed = plan.with_seed(seed);
                 if let Some(m) = placed.as_ref().ok().and_then(|plan| plan.swarm.of::<Metamodules>()) {
                     drawn += 1 + u64::from(m.redrawn);

@@ -1,4 +1,4 @@
-//! A reproduction as one self-contained HTML file, in the dress of a sweep's report.
+//! A reproduction as one self-contained HTML file, in the style of a sweep's report.
 
 use super::assumptions::NOT_OFFERED;
 use super::claims::probability;
@@ -13,7 +13,7 @@ use crate::report::statistics::Rate;
 use crate::report::statistics::rate;
 use maud::{Markup, html};
 
-/// The page.
+/// Returns the page.
 pub fn page(all: &Reproduction) -> String {
     let missing = all.runs_planned - all.runs;
     let title = "Metamodules: the thesis and Metamorph";
@@ -48,7 +48,7 @@ pub fn page(all: &Reproduction) -> String {
     document(title, body)
 }
 
-/// The command that gives the same results.
+/// Returns the command that gives the same results.
 fn command(all: &Reproduction) -> String {
     let names: Vec<&str> = all.experiments.iter().map(|e| e.name.as_str()).collect();
     format!("metamorph reproduce {} --seeds {}", names.join(" "), all.seeds)
@@ -87,7 +87,7 @@ fn not_built(experiment: &Comparison) -> Vec<Row<Option<Rate>>> {
     experiment.cells.iter().map(row).collect()
 }
 
-/// The bars of each goal.
+/// Returns the bars of each goal.
 fn moves(experiment: &Comparison) -> Vec<(&str, Vec<Row<Option<f64>>>)> {
     let mut goals: Vec<(&str, Vec<Row<Option<f64>>>)> = Vec::new();
     let mut before = "";
@@ -149,7 +149,7 @@ fn table(experiment: &Comparison) -> Markup {
     }
 }
 
-/// Deadlocks in one row, collisions in the other, a column for each kind and strategy.
+/// Returns deadlocks in one row, collisions in the other, a column for each kind and strategy.
 fn sums(experiment: &Comparison) -> Markup {
     let mut names: Vec<&str> = Vec::new();
     for (_, name) in experiment.sums.iter().filter_map(|s| s.what.split_once(" of ")) {
@@ -176,7 +176,7 @@ fn sums(experiment: &Comparison) -> Markup {
     }
 }
 
-/// Readings beside the tables.
+/// Returns the readings beside the tables.
 fn readings(all: &Reproduction) -> Markup {
     let cells = all.fits.first().map_or(&[][..], |f| &f.cells);
     html! {
@@ -202,7 +202,7 @@ fn readings(all: &Reproduction) -> Markup {
     }
 }
 
-/// What each assumption does.
+/// Returns the effect of each assumption.
 fn assumptions(all: &Reproduction) -> Markup {
     let columns = columns(all);
     html! {

@@ -1,5 +1,5 @@
-//! What the thesis printed: Tables 4.1 and 4.2, cell by cell and with the sums beside them, and what
-//! the sums of the cells really are. Absent: judging (see `compare`).
+//! The published numbers: Tables 4.1 and 4.2, cell by cell and with the printed sums, and the true sums of
+//! the cells. Absent: judging (see `compare`).
 
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::roombots::Kind;
@@ -15,37 +15,37 @@ pub const STRATEGIES: [Strategy; 3] = Strategy::PUBLISHED;
 pub struct Cell {
     /// Collisions. Those of deadlocks are left out of the sums.
     pub collisions: u32,
-    /// Whether the goal was not built.
+    /// True if the goal was not built.
     pub deadlock: bool,
 }
 
 impl Cell {
-    /// As it is printed.
+    /// Formats it as printed.
     pub fn text(self) -> String {
         format!("{}{}", self.collisions, if self.deadlock { "*" } else { "" })
     }
 }
 
-/// A number printed beside or below the cells, and the same from the cells.
+/// A printed sum, and the sum of its cells.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sum {
-    /// What is summed up: `DL of PAR`, `CL of slope`.
+    /// What is added up: `DL of PAR`, `CL of slope`.
     pub what: String,
-    /// What is printed.
+    /// The printed sum.
     pub printed: u32,
-    /// What the cells add up to.
+    /// The sum of the cells.
     pub cells: u32,
 }
 
 impl Sum {
-    /// Whether both are the same.
+    /// Returns true if the two are equal.
     pub fn agrees(&self) -> bool {
         self.printed == self.cells
     }
 }
 
-/// A table of the thesis. For each kind and strategy some experiments, then deadlocks (DL) and
-/// collisions (CL) of the kind.
+/// A table of the thesis. For each kind and strategy some experiments, then deadlocks (DL) and collisions
+/// (CL) of the kind.
 pub struct Table {
     /// A row of each kind as printed; `|` between strategies.
     rows: [&'static str; 4],
@@ -80,20 +80,21 @@ pub const TABLE_4_2: Table = Table {
 };
 
 impl Table {
-    /// The groups of a row: one for each strategy, and the sums.
+    /// Splits a row into groups: one for each strategy, and the sums.
     fn row(&self, kind: Kind) -> Vec<&'static str> {
         let row = KINDS.iter().position(|k| *k == kind);
         row.map_or(Vec::new(), |i| self.rows[i].split('|').collect())
     }
 
-    /// The experiments with a kind and a strategy; none with a strategy that the thesis does not have.
+    /// Returns the experiments with a kind and a strategy; empty for a strategy that the thesis does not
+    /// have.
     pub fn cells(&self, kind: Kind, strategy: Strategy) -> Vec<Cell> {
         let column = STRATEGIES.iter().position(|s| *s == strategy);
         let group = column.and_then(|i| self.row(kind).get(i).copied()).unwrap_or_default();
         group.split_whitespace().map(cell).collect()
     }
 
-    /// All sums that are printed.
+    /// Returns all printed sums.
     pub fn sums(&self) -> Vec<Sum> {
         let all = |kinds: &[Kind], strategies: &[Strategy]| -> Vec<Cell> {
             let pairs = kinds.iter().flat_map(|k| strategies.iter().map(move |s| (*k, *s)));
@@ -117,12 +118,12 @@ impl Table {
     }
 }
 
-/// How many ended in a deadlock.
+/// Returns the number of deadlocks.
 pub fn deadlocks(cells: &[Cell]) -> u32 {
     cells.iter().filter(|c| c.deadlock).count() as u32
 }
 
-/// The collisions of those that did not.
+/// Returns the collisions of the experiments without a deadlock.
 pub fn collisions(cells: &[Cell]) -> u32 {
     cells.iter().filter(|c| !c.deadlock).map(|c| c.collisions).sum()
 }

@@ -1,5 +1,5 @@
-//! What goes beyond a single experiment, as text for the terminal: readings of the thesis beside its tables,
-//! what each assumption does, what stays unexplained.
+//! Results beyond a single experiment, as text for the terminal: readings of the thesis beside its tables,
+//! the effect of each assumption, what stays unexplained.
 
 use super::assumptions::{self, Assumption, NOT_OFFERED};
 use super::claims::probability;
@@ -13,7 +13,7 @@ use crate::console::terminal::Paint;
 use crate::report::statistics::{Discrepancy, Rate};
 use std::fmt::Write;
 
-/// All of it.
+/// Writes all of it.
 pub fn write_readings(out: &mut String, all: &Reproduction, paint: Paint) -> std::fmt::Result {
     writeln!(out, "{}\n", paint.strong("Built: the thesis, and readings of its text"))?;
     let mut table = Table::new(&["", "", "thesis"]);
@@ -66,7 +66,7 @@ pub fn write_readings(out: &mut String, all: &Reproduction, paint: Paint) -> std
         write_item(
             out,
             &format!(
-                "starts drawn again because a metamodule was shut in: {shut_in} of {drawn}, {share} ({})",
+                "starts redrawn because a metamodule was enclosed: {shut_in} of {drawn}, {share} ({})",
                 each.join(", ")
             ),
         )?;
@@ -78,7 +78,7 @@ pub fn write_readings(out: &mut String, all: &Reproduction, paint: Paint) -> std
     writeln!(out)
 }
 
-/// What a reading takes, and how far it is from the thesis.
+/// Describes a reading, and its deviation from the thesis.
 pub fn described(fit: &Fit) -> String {
     let over = |name: &str, of: Option<Discrepancy>| match of {
         Some(d) => {
@@ -104,19 +104,19 @@ fn interval(rate: Option<Rate>) -> String {
     rate.map_or("–".to_owned(), |r| format!("{} to {}", percent(r.low), percent(r.high)))
 }
 
-/// The strategies and goals that assumptions have numbers for, in the order of the columns.
+/// Returns the strategies and goals that assumptions have numbers for, in the order of the columns.
 pub fn columns(all: &Reproduction) -> Vec<(String, String)> {
     let cells = all.fits.first().map_or(&[][..], |f| &f.cells);
     cells.iter().map(|c| (c.goal.clone(), c.strategy.clone())).collect()
 }
 
-/// The share of a column that was built with an assumption.
+/// Formats the share of a column that was built with an assumption.
 pub fn built(assumption: &Assumption, column: &(String, String)) -> String {
     let found = assumption.built.iter().find(|b| b.goal == column.0 && b.strategy == column.1);
     found.and_then(|b| b.built).map_or("–".to_owned(), |r| percent(r.rate))
 }
 
-/// The command that varies an assumption.
+/// Returns the command that varies an assumption.
 pub fn command(seeds: u64) -> String {
     let axes = assumptions::axes(&STRATEGIES);
     let vary: Vec<String> = axes.iter().map(|a| format!("--vary {a}")).collect();

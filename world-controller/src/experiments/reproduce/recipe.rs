@@ -15,15 +15,15 @@ use metamorph_protocol::metamodule::blueprint::{Seed, chair_of_six};
 use metamorph_protocol::rng::Stream;
 use metamorph_sim_bridge::director::outcome::Outcome;
 
-/// Random orders of each sort.
+/// Random orders of each kind.
 const ORDERS: u64 = 6;
-/// The level of the tests.
+/// Significance level of the tests.
 const SIGNIFICANT: f64 = 0.05;
 
-/// Where the chair of the experiment stands.
+/// The place of the chair in the experiment.
 const CORNER: (i16, i16) = (5, 5);
 
-/// Seeds that open one after the other, as a value of `goal.0.levels`.
+/// Formats seeds that open one after the other, as a value of `goal.0.levels`.
 fn value(seeds: &[Seed]) -> String {
     let one = |s: &Seed| {
         let faces = s.directions.map(|d| format!("\"{}\"", face_name(d))).join(",");
@@ -38,7 +38,7 @@ fn shuffle(seeds: &mut [Seed], stream: &mut Stream) {
     }
 }
 
-/// Random orders, the recipe itself and repetitions left out.
+/// Returns random orders, without the recipe itself and without duplicates.
 fn orders(within_levels: bool) -> Vec<String> {
     let mut orders = vec![recipe()];
     for i in 0..ORDERS * 4 {
@@ -118,7 +118,7 @@ mod tests {
             assert!(!orders.contains(&recipe()));
             for (i, order) in orders.iter().enumerate() {
                 assert!(!orders[..i].contains(order));
-                // The back of the chair comes last as long as levels count.
+                // The back of the chair comes last while levels count.
                 let back = order.find("foot=[5,8]").unwrap().min(order.find("foot=[7,8]").unwrap());
                 let legs = ["foot=[5,5]", "foot=[7,5]", "foot=[7,7]", "foot=[5,7]"];
                 let is_last = legs.iter().all(|leg| order.find(leg).unwrap() < back);

@@ -1,6 +1,6 @@
-//! Experiments of the size of the thesis's, as lists of single runs: the one that it published, and many
-//! that are drawn from our runs. A statement about 84 runs is judged by how often 84 of ours show it, not by
-//! what thousands of ours can tell apart.
+//! Experiments of the size of the thesis's, as lists of single runs: the published one, and many samples of
+//! our runs. A statement about 84 runs is judged by how often 84 of ours show it, not by what thousands of
+//! ours can distinguish.
 
 use super::Goal;
 use super::compare::Runs;
@@ -13,21 +13,21 @@ use metamorph_protocol::rng::Stream;
 use metamorph_protocol::roombots::Kind;
 use metamorph_sim_bridge::director::outcome::Outcome;
 
-/// Experiments drawn.
+/// Experiments sampled.
 pub const DRAWS: u64 = 2_000;
 
 /// One run of an experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Run {
-    /// What was to be built.
+    /// Its goal.
     pub goal: Goal,
-    /// By whom.
+    /// Its kind of metamodules.
     pub kind: Kind,
-    /// How.
+    /// Its strategy.
     pub strategy: Strategy,
-    /// The order of the seeds; the thesis does not say which of its runs had which.
+    /// The order of the seeds; unknown for the runs of the thesis.
     pub order: Option<SeedOrder>,
-    /// Whether it was built.
+    /// True if the goal was built.
     pub built: bool,
     /// Its collisions, if it was built.
     pub collisions: Option<f64>,
@@ -35,7 +35,7 @@ pub struct Run {
     pub moves: Option<f64>,
 }
 
-/// The runs of a published table.
+/// Returns the runs of a published table.
 pub fn published(goal: Goal, table: &Table) -> Vec<Run> {
     let mut runs = Vec::new();
     for kind in KINDS {
@@ -62,8 +62,8 @@ struct Source<'a> {
     orders: Vec<(SeedOrder, &'a Combination)>,
 }
 
-/// Draws experiments with as many runs of each goal, kind and strategy as the thesis has; each draws its
-/// order, whether it is built, and its moves and collisions. Empty if some runs are missing.
+/// Samples experiments with as many runs of each goal, kind and strategy as the thesis has; each run draws
+/// its order, whether it is built, and its moves and collisions. Empty if some runs are missing.
 pub fn draw(runs: &Runs) -> Vec<Vec<Run>> {
     let mut sources = Vec::new();
     for (goal, summary) in &runs.of {
@@ -100,7 +100,7 @@ fn experiment(sources: &[Source<'_>], stream: &mut Stream) -> Vec<Run> {
     runs
 }
 
-/// A value with this spread: by a straight line between the quantiles that are known.
+/// Draws a value with this spread, by linear interpolation between the known quantiles.
 fn value(spread: &Spread, stream: &mut Stream) -> f64 {
     const STEPS: u64 = 1_000;
     let at = stream.below(STEPS) as f64 / STEPS as f64;

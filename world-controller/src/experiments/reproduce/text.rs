@@ -11,12 +11,12 @@ use crate::report::statistics::Rate;
 use crate::report::statistics::rate;
 use std::fmt::Write;
 
-/// The longest bar.
+/// Columns of the longest bar.
 const BAR: f64 = 40.0;
-/// Text is broken before this column.
+/// Columns of a line at most.
 const WIDTH: usize = 100;
 
-/// Everything that was asked for.
+/// Formats everything requested.
 pub fn text(all: &Reproduction, paint: Paint) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -47,7 +47,7 @@ fn write_all(out: &mut String, all: &Reproduction, paint: Paint) -> std::fmt::Re
     Ok(())
 }
 
-/// Two columns of keys, then the thesis's numbers, then ours.
+/// Writes two columns of keys, then the thesis's numbers, then ours.
 fn write_table(out: &mut String, experiment: &Comparison, paint: Paint) -> std::fmt::Result {
     let mut table = Table::new(&["", "", "thesis"]);
     table.head(&["DL", "CL each", "not built here", "95 % interval", "circular", "crosswise", "at-once"]);
@@ -77,20 +77,18 @@ fn write_table(out: &mut String, experiment: &Comparison, paint: Paint) -> std::
             format!(
                 "thesis: collisions of {each} experiments, * for a deadlock; CL each: mean of those without"
             ),
-            format!(
-                "{each} runs of a cell tell next to nothing; tests of what they come to together are below"
-            ),
+            format!("{each} runs of a cell are too few to compare; tests of their sums are below"),
             "collisions and moves are means of the runs that were built".to_owned(),
         ],
     )
 }
 
-/// The experiments as printed.
+/// Formats the experiments as printed.
 pub fn printed(cells: &[Cell]) -> String {
     cells.iter().map(|c| c.text()).collect::<Vec<_>>().join(" ")
 }
 
-/// How many of them ended in a deadlock.
+/// Formats the number of deadlocks.
 pub fn dead(cells: &[Cell]) -> String {
     format!("{} of {}", super::published::deadlocks(cells), cells.len())
 }
@@ -133,7 +131,7 @@ fn write_bars(out: &mut String, experiment: &Comparison) -> std::fmt::Result {
     writeln!(out)
 }
 
-/// A bar of this length by the longest, with its number.
+/// Draws a bar relative to the longest, with its number.
 fn bar(ours: &Ours, longest: f64) -> String {
     let Some(moves) = ours.moves else { return "none was built".to_owned() };
     let eighths = (moves / longest.max(1e-9) * BAR * 8.0).round() as usize;
@@ -161,13 +159,13 @@ fn write_claims(out: &mut String, claims: &[Claim], paint: Paint) -> std::fmt::R
     Ok(())
 }
 
-/// Whether a claim holds, in words.
+/// Says whether a claim holds.
 pub fn verdict(claim: &Claim) -> &'static str {
     match (claim.holds, claim.chance) {
-        (Some(true), _) => "so it is here",
-        (Some(false), _) => "not so here",
-        (None, Some(_)) => "as few runs cannot tell",
-        (None, None) => "cannot be told",
+        (Some(true), _) => "it holds here",
+        (Some(false), _) => "it does not hold here",
+        (None, Some(_)) => "undecided with as few runs",
+        (None, None) => "undecided",
     }
 }
 
@@ -190,7 +188,7 @@ pub fn write_item(out: &mut String, text: &str) -> std::fmt::Result {
     writeln!(out, "{line}")
 }
 
-/// What a cell is about.
+/// Returns the label of a cell.
 pub fn label(cell: &Compared) -> String {
     format!("{} · {}", cell.kind, cell.strategy)
 }

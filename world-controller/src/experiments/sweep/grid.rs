@@ -1,8 +1,8 @@
-//! What a sweep runs: every seed of a range with every combination of varied values, numbered.
+//! The runs of a sweep: every seed of a range with every combination of varied values, numbered.
 //!
 //! Run number `combination * seeds + (seed - first seed)`; the last varied key changes fastest from
-//! combination to combination. Numbers decide the order of results and what is still to be done, so
-//! they must not depend on anything else.
+//! combination to combination. Numbers determine the order of results and which runs remain, so they must not
+//! depend on anything else.
 
 use crate::scenario::settings::Setting;
 use schemars::JsonSchema;
@@ -11,39 +11,39 @@ use std::collections::BTreeSet;
 use std::fmt;
 use thiserror::Error;
 
-/// The most runs of one sweep.
+/// Runs of one sweep at most.
 pub const MAX_RUNS: u64 = 10_000_000;
-/// The most combinations of one sweep.
+/// Combinations of one sweep at most.
 pub const MAX_COMBINATIONS: u64 = 10_000;
 
-/// Why seeds or variations cannot be taken.
+/// Why seeds or variations are invalid.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum GridError {
-    /// Not two numbers.
+    /// Not of the form `A..B`.
     #[error(
         "--seeds {0}: `{0}` is not of the form A..B\n  fix: write for example `0..1000` for the seeds 0 to 999"
     )]
     Seeds(String),
-    /// From the later to the earlier.
+    /// An empty range.
     #[error("--seeds {seeds}: there is no seed in this range; the second number is not included\n  fix: write for example `{from}..{until}`", from = .seeds.from, until = .seeds.from.saturating_add(100))]
     NoSeed {
         /// The range.
         seeds: Seeds,
     },
-    /// No key with values.
+    /// Not of the form `KEY=VALUE,VALUE`.
     #[error(
         "--vary {0}: this is not of the form KEY=VALUE,VALUE\n  fix: write for example `link.loss=0%,1%,5%`"
     )]
     Form(String),
-    /// Two commas in a row.
+    /// An empty value.
     #[error(
         "--vary {0}: one of the values is empty\n  fix: write one value between two commas; an empty text is `\"\"`"
     )]
     EmptyValue(String),
-    /// A line break or the like, which would break the lines of the results.
+    /// A control character, such as a line break, which would break the lines of the results.
     #[error("--vary {}: it contains a control character\n  fix: write it in one line", .0.escape_debug())]
     Control(String),
-    /// The same runs twice.
+    /// A duplicate value.
     #[error("--vary {axis}: the value `{value}` is there twice\n  fix: remove one of them")]
     Twice {
         /// The argument.
@@ -51,7 +51,7 @@ pub enum GridError {
         /// The value.
         value: String,
     },
-    /// A key varied by two arguments, or a table and something in it.
+    /// A key varied by two arguments, or a table and a key in it.
     #[error(
         "--vary {axis}: `{key}` is varied already, by `{by}`\n  fix: write all values of a key in one --vary, and do not vary a table together with keys in it"
     )]
@@ -60,36 +60,36 @@ pub enum GridError {
         axis: String,
         /// Its key.
         key: String,
-        /// The key of the other.
+        /// The key of the other argument.
         by: String,
     },
-    /// The seed is not varied but ranged over.
+    /// A varied seed; seeds are given as a range.
     #[error(
         "--vary {0}: the seed is given with --seeds\n  fix: write for example `--seeds 0..1000` and leave this out"
     )]
     Seed(String),
-    /// More combinations than can be told apart in a report.
+    /// Too many combinations.
     #[error(
-        "--vary: there are {0} combinations; {MAX_COMBINATIONS} is the most\n  fix: vary fewer keys or values at a time"
+        "--vary: there are {0} combinations; {MAX_COMBINATIONS} is the maximum\n  fix: vary fewer keys or values at a time"
     )]
     Combinations(u64),
-    /// More than anybody waits for.
-    #[error("--seeds {seeds}: {combinations} combinations with {each} seeds each are too many runs; {MAX_RUNS} is the most\n  fix: take fewer seeds, such as `{from}..{until}`",
+    /// Too many runs.
+    #[error("--seeds {seeds}: {combinations} combinations with {each} seeds each are too many runs; {MAX_RUNS} is the maximum\n  fix: take fewer seeds, such as `{from}..{until}`",
         each = .seeds.len(), from = .seeds.from, until = .seeds.from.saturating_add(MAX_RUNS / combinations))]
     Runs {
         /// The seeds.
         seeds: Seeds,
-        /// How many combinations there are.
+        /// The number of combinations.
         combinations: u64,
     },
 }
 
-/// A range of seeds, `from..until`, without `until`.
+/// A range of seeds, `from..until`, excluding `until`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Seeds {
-    /// The first.
+    /// The first seed.
     pub from: u64,
-    /// The one after the last.
+    /// The end of the range, exclusive.
     pub until: u64,
 }
 
@@ -103,11 +103,11 @@ impl Seeds {
         let seeds = read().ok_or_else(|| GridError::Seeds(text.to_owned()))?;
         if seeds.is_empty() { Err(GridError::NoSeed { seeds }) } else { Ok(seeds) }
     }
-    /// How many.
+    /// Returns the number of seeds.
     pub const fn len(self) -> u64 {
         self.until.saturating_sub(self.from)
     }
-    /// Whether there is none.
+    /// Returns true if there are no seeds.
     pub const fn is_empty(self) -> bool {
         self.len() == 0
     }
@@ -119,10 +119,10 @@ impl fmt::Display for Seeds {
     }
 }
 
-/// A key and the values that it takes in turn.
+/// A key and its values.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Axis {
-    /// The key, as in `--set`.
+    /// The key, as for `--set`.
     pub key: String,
     /// Its values, as typed.
     pub values: Vec<String>,
@@ -162,7 +162,7 @@ impl fmt::Display for Axis {
     }
 }
 
-/// Cuts at commas outside of brackets and quotes.
+/// Splits at commas outside of brackets and quotes.
 fn split(text: &str) -> Vec<&str> {
     let (mut parts, mut start, mut depth, mut quote) = (Vec::new(), 0, 0usize, None);
     for (i, c) in text.char_indices() {
@@ -188,12 +188,12 @@ fn split(text: &str) -> Vec<&str> {
 pub struct Grid {
     /// The seeds, for every combination the same.
     pub seeds: Seeds,
-    /// What is varied.
+    /// The varied keys.
     pub vary: Vec<Axis>,
 }
 
 impl Grid {
-    /// Checks that all of this can be run together.
+    /// Checks that all of this can be run.
     pub fn new(seeds: Seeds, vary: Vec<Axis>) -> Result<Grid, GridError> {
         for (i, axis) in vary.iter().enumerate() {
             let within = |inner: &str, outer: &str| {
@@ -215,23 +215,23 @@ impl Grid {
         Ok(Grid { seeds, vary })
     }
 
-    /// Combinations of values; one if nothing is varied.
+    /// Returns the number of combinations of values; one if nothing is varied.
     pub fn combinations(&self) -> u64 {
         self.vary.iter().map(|axis| axis.values.len() as u64).product()
     }
-    /// All runs.
+    /// Returns the number of runs.
     pub fn runs(&self) -> u64 {
         self.seeds.len() * self.combinations()
     }
-    /// The combination that a run belongs to.
+    /// Returns the combination of a run.
     pub fn combination(&self, run: u64) -> u64 {
         run / self.seeds.len()
     }
-    /// The seed of a run.
+    /// Returns the seed of a run.
     pub fn seed(&self, run: u64) -> u64 {
         self.seeds.from + run % self.seeds.len()
     }
-    /// The values of a combination, one for each varied key.
+    /// Returns the values of a combination, one for each varied key.
     pub fn values(&self, combination: u64) -> Vec<&str> {
         let mut rest = combination;
         let mut values: Vec<&str> = Vec::with_capacity(self.vary.len());
@@ -243,7 +243,7 @@ impl Grid {
         values.reverse();
         values
     }
-    /// A combination as what is put into the scenario.
+    /// Returns a combination as settings of the scenario.
     pub fn settings(&self, combination: u64) -> Vec<Setting> {
         let text = |(axis, value): (&Axis, &str)| format!("{}={value}", axis.key);
         let values = self.values(combination);

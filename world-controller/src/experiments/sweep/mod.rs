@@ -1,13 +1,11 @@
 //! `metamorph sweep`: one scenario with many seeds and varied values, on the simulated link.
 //!
-//! `grid` says which runs there are, `pool` carries them out, `row` is one of them, `store` keeps them
-//! in a directory, `summary` and `statistics` say what they have in common, `table` and `page` show it
-//! (`plots` draws).
+//! `grid` lists the runs, `pool` executes them, `row` is the result of one, `store` keeps them in a
+//! directory, `summary` and `statistics` aggregate them, `table` and `page` show them (`plots` draws).
 //!
-//! *Invariant.* What is written depends on the scenario, the seeds and the variations alone: not on
-//! the number of threads, the machine, or how often the sweep was interrupted. Deliberately absent:
-//! the process link, where runs can neither be repeated nor crowd one machine without disturbing each
-//! other.
+//! *Invariant.* Results depend on the scenario, the seeds and the variations only: not on the number of
+//! threads, the machine, or interruptions of the sweep. Absent: the process link, where runs are not
+//! deterministic and concurrent runs on one machine disturb each other.
 
 pub mod grid;
 pub mod page;
@@ -41,26 +39,26 @@ use store::{Done, Manifest, Store, StoreError};
 use summary::{Summary, Tallies};
 use thiserror::Error;
 
-/// What the numbers are in.
+/// File name of the summary.
 const SUMMARY: &str = "summary.json";
-/// What one looks at.
+/// File name of the report.
 const PAGE: &str = "report.html";
-/// So much of a sweep is lost, at most, if the program is killed.
+/// Time between two flushes: at most this much of a sweep is lost if the program is killed.
 const FLUSH: Duration = Duration::from_millis(100);
 
-/// Why a sweep did not come to an end.
+/// Why a sweep failed.
 #[derive(Debug, Error)]
 pub enum SweepError {
-    /// The seeds or variations.
+    /// Invalid seeds or variations.
     #[error(transparent)]
     Grid(#[from] GridError),
-    /// The scenario.
+    /// An invalid scenario.
     #[error(transparent)]
     Scenario(Problems),
-    /// The scenario with the values of a combination.
+    /// A scenario that is invalid with the values of a combination.
     #[error("{problems}\n\nin the combination {values}")]
     Combination {
-        /// What is wrong.
+        /// The problems.
         problems: Problems,
         /// The values.
         values: Box<str>,
@@ -68,7 +66,7 @@ pub enum SweepError {
     /// The directory.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The numbers, or a file beside the runs, cannot be written.
+    /// A file beside the runs cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// Signals cannot be caught.
@@ -79,9 +77,9 @@ pub enum SweepError {
     NoStart {
         /// The command for this run alone.
         repeat: String,
-        /// Why.
+        /// The cause.
         error: Flaw,
-        /// The way out.
+        /// What to do about it.
         fix: String,
     },
     /// A panic in a run.
@@ -90,7 +88,7 @@ pub enum SweepError {
 }
 
 impl SweepError {
-    /// Whether what was typed is wrong, and not the program or the machine.
+    /// Returns true if the command line or the scenario is at fault, not the program or the machine.
     pub fn is_input(&self) -> bool {
         match self {
             SweepError::Grid(_)
@@ -104,24 +102,24 @@ impl SweepError {
     }
 }
 
-/// The text of a scenario, to be read with different values in it.
+/// The text of a scenario, to be read with varied values.
 #[derive(Clone, Debug)]
 pub struct Scenario {
-    /// How messages call it.
+    /// Its name in messages.
     pub origin: String,
     /// The text.
     pub text: String,
 }
 
 impl Scenario {
-    /// What a combination runs, for any seed.
+    /// Returns the plan of a combination, for any seed.
     pub fn plan(&self, grid: &Grid, combination: u64) -> Result<Plan, Problems> {
         let settings = grid.settings(combination);
         let overrides = Overrides { link: LinkKind::Sim, settings, ..Overrides::default() };
         read_text(&self.origin, &self.text, &overrides)
     }
 
-    /// Reads it once with every combination.
+    /// Reads the scenario with every combination.
     fn check(&self, grid: &Grid) -> Result<(), SweepError> {
         for combination in 0..grid.combinations() {
             self.plan(grid, combination).map_err(|problems| match grid.values(combination).len() {
@@ -134,17 +132,17 @@ impl Scenario {
         Ok(())
     }
 
-    /// What a sweep of it is known by.
+    /// Returns the manifest that identifies a sweep of this scenario.
     pub fn manifest(&self, grid: &Grid) -> Manifest {
         Manifest::new(&self.name(), &self.text, grid)
     }
 
-    /// How what is passed on calls it.
+    /// Returns the scenario's name for output that is passed on.
     pub fn name(&self) -> String {
         portable(Path::new(&self.origin))
     }
 
-    /// The page that shows what came of it.
+    /// Returns the page of the results.
     fn page(&self, grid: &Grid, summary: &Summary) -> String {
         // Invariant: every combination was read before the first run.
         let plan = self.plan(grid, 0).ok();
@@ -157,7 +155,7 @@ impl Scenario {
         page::page(summary, &context)
     }
 
-    /// The command that gives the same results from the file of this name.
+    /// Returns the command that gives the same results from the file of this name.
     fn command(&self, file: String, grid: &Grid) -> String {
         let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), quote(file)];
         words.extend(["--seeds".to_owned(), grid.seeds.to_string()]);
@@ -165,7 +163,7 @@ impl Scenario {
         words.join(" ")
     }
 
-    /// The command that repeats one run alone.
+    /// Returns the command that repeats one run.
     fn repeat(&self, grid: &Grid, run: u64) -> String {
         let settings = options(grid, grid.combination(run), "--set");
         let space = if settings.is_empty() { "" } else { " " };
@@ -174,32 +172,32 @@ impl Scenario {
     }
 }
 
-/// A combination as it would be typed.
+/// Formats a combination as options.
 fn options(grid: &Grid, combination: u64, option: &str) -> String {
     let settings = grid.settings(combination);
     settings.into_iter().map(|s| format!("{option} {}", quote(s.text))).collect::<Vec<_>>().join(" ")
 }
 
-/// What `metamorph sweep` was asked for, as typed.
+/// The arguments of `metamorph sweep`, as typed.
 #[derive(Clone, Debug)]
 pub struct Request {
-    /// The scenario.
+    /// The scenario file.
     pub scenario: PathBuf,
-    /// `A..B`.
+    /// The seeds: `A..B`.
     pub seeds: String,
-    /// `KEY=VALUE,VALUE`.
+    /// The varied keys: `KEY=VALUE,VALUE`.
     pub vary: Vec<String>,
-    /// How many threads.
+    /// Number of threads.
     pub jobs: NonZeroUsize,
-    /// Where the results go.
+    /// The directory for the results.
     pub out: Option<PathBuf>,
-    /// Whether to go on with what is there.
+    /// True to resume the sweep in the directory.
     pub resume: bool,
-    /// Whether to say nothing but errors.
+    /// True to print errors only.
     pub quiet: bool,
 }
 
-/// Does what was asked for, and gives the exit code.
+/// Executes the request, and returns the exit code.
 pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     let text = load(&request.scenario).map_err(SweepError::Scenario)?;
     let scenario = Scenario { origin: request.scenario.display().to_string(), text };
@@ -254,7 +252,7 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     })
 }
 
-/// Where the results are, and how to go on if they are not all there.
+/// Says where the results are, and how to resume if some are missing.
 fn ending(request: &Request, command: &str, summary: &Summary) -> String {
     let missing = summary.runs_planned - summary.runs;
     match (&request.out, missing) {
@@ -264,7 +262,7 @@ fn ending(request: &Request, command: &str, summary: &Summary) -> String {
         }
         (Some(dir), 0) => format!("  every run and a report are in {}", dir.shown()),
         (Some(dir), n) => format!(
-            "  interrupted: {} still to be done, everything else is kept\n  go on with  {command} --out {} --resume",
+            "  interrupted: {} still to be done, everything else is kept\n  resume with  {command} --out {} --resume",
             many(n, "run"),
             quote(dir.display().to_string())
         ),
@@ -279,38 +277,38 @@ pub struct Results {
 }
 
 impl Results {
-    /// In this directory. Found out now, and not after all the runs, is whether they can be written.
+    /// Registers the files in this directory. Whether they can be written is checked now, not after all the
+    /// runs.
     pub fn of(dir: &Path, outputs: &mut Outputs) -> Result<Results, OutputError> {
         let summary = outputs.writes("--out", &dir.join(SUMMARY))?;
         Ok(Results { summary, page: outputs.writes("--out", &dir.join(PAGE))? })
     }
 
-    /// Writes the numbers and the page.
+    /// Writes the summary and the page.
     pub fn write(&self, scenario: &Scenario, grid: &Grid, summary: &Summary) -> Result<(), OutputError> {
         self.summary.write(json(summary) + "\n")?;
         self.page.write(scenario.page(grid, summary))
     }
 }
 
-/// How far a sweep has come.
+/// The progress of a sweep.
 pub struct Progress {
-    /// Where runs are kept, if they are.
+    /// The store of the runs, if they are kept.
     pub store: Option<Store>,
-    /// What was done before.
+    /// Runs done before.
     pub done: Done,
-    /// The runs counted so far: those at the beginning of `done`.
+    /// Counts of the runs so far: those at the beginning of `done`.
     pub tallies: Tallies,
 }
 
 impl Progress {
-    /// Nothing done so far.
+    /// Returns the progress of a sweep that has not begun.
     pub fn new(grid: &Grid, store: Option<Store>) -> Progress {
         Progress { store, done: Done::default(), tallies: Tallies::new(grid) }
     }
 }
 
-/// Does all runs that are not done yet, or until interrupted. Everything that was done is kept and
-/// counted.
+/// Executes all remaining runs, or until interrupted. Every completed run is kept and counted.
 pub fn run(
     scenario: &Scenario,
     grid: &Grid,
@@ -362,7 +360,7 @@ pub fn run(
         Ok(())
     })?;
     drop(live);
-    // After an interruption, what other threads had done beyond the first run that is missing.
+    // After an interruption, runs that other threads completed after the first missing one.
     for (run, row) in waiting {
         tallies.add(grid.combination(run), &row);
         if let Some(store) = &mut store {
@@ -375,7 +373,7 @@ pub fn run(
     Ok(tallies)
 }
 
-/// One line that says how far a sweep has come.
+/// Formats the progress line of a sweep.
 fn bar(begun: u64, now: u64, all: u64, violations: u64, took: f64) -> String {
     const WIDTH: u64 = 10;
     let filled = (now * WIDTH / all.max(1)) as usize;

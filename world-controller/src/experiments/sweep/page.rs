@@ -1,6 +1,5 @@
-//! A summary as one self-contained HTML file that can be sent to somebody: what was run and how to
-//! repeat it, rates, tables, plots, and the scenario. It loads nothing from anywhere, and everything
-//! that comes from outside is escaped by `maud`.
+//! A summary as one self-contained HTML file: what was run and how to repeat it, rates, tables, plots, and
+//! the scenario. The file loads nothing, and `maud` escapes everything that comes from outside.
 
 use super::summary::{Combination, Summary};
 use crate::console::format::count;
@@ -13,14 +12,14 @@ use maud::{Markup, html};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use std::collections::BTreeSet;
 
-/// Combinations in plots; the tables have them all.
+/// Combinations plotted at most; the tables have them all.
 const PLOTTED: usize = 200;
 
-/// What a page needs besides the summary.
+/// The inputs of a page besides the summary.
 pub struct Context<'a> {
-    /// What the scenario calls itself, or its file.
+    /// The scenario's name, or its file.
     pub title: &'a str,
-    /// What the scenario says it shows.
+    /// The scenario's description.
     pub description: Option<&'a str>,
     /// The text of the scenario.
     pub scenario: &'a str,
@@ -28,7 +27,7 @@ pub struct Context<'a> {
     pub command: &'a str,
 }
 
-/// The page of a sweep.
+/// Returns the page of a sweep.
 pub fn page(summary: &Summary, context: &Context<'_>) -> String {
     let missing = summary.runs_planned - summary.runs;
     let title = format!("Sweep: {}", context.title);
@@ -84,7 +83,7 @@ pub fn page(summary: &Summary, context: &Context<'_>) -> String {
     document(&title, body)
 }
 
-/// What is compared: its name, what it is, and where to find it.
+/// A compared quantity: its name, its description, and its value.
 type Metric = (&'static str, &'static str, fn(&Combination) -> Option<Spread>);
 const METRICS: [Metric; 4] = [
     ("moves", "Moves completed.", |c| c.moves),
@@ -102,7 +101,7 @@ fn rows<T>(summary: &Summary, of: impl Fn(&Combination) -> T) -> Vec<Row<T>> {
     let mut before = None;
     let row = |c: &Combination| {
         let label = if c.values.is_empty() { "all runs".to_owned() } else { c.values.join(" · ") };
-        // With one key only, all rows are of one group.
+        // With one varied key, all rows are one group.
         let group = c.values.first().filter(|_| c.values.len() > 1).cloned();
         Row { label, begins: std::mem::replace(&mut before, group.clone()) != group, value: of(c) }
     };
@@ -127,7 +126,7 @@ fn values(c: &Combination) -> Markup {
 }
 
 fn ends(summary: &Summary) -> Markup {
-    // What did not happen at all needs no column, apart from the most likely.
+    // Outcomes that did not occur need no column, except the most likely one.
     let happened = |o: &Outcome| *o == Outcome::Deadlock || total(summary, *o) > 0;
     let mut ends = vec![Outcome::Deadlock, Outcome::Livelock, Outcome::Timeout, Outcome::Unsafe];
     ends.retain(happened);

@@ -1,8 +1,8 @@
-//! Carries out the runs of a sweep on several threads.
+//! Executes the runs of a sweep on several threads.
 //!
-//! Threads draw run numbers from one counter. A thread keeps the plan of the combination it is in, so
-//! that runs of a millisecond cost little more than themselves. Which thread does which run, and when,
-//! has no effect on any row. Absent: the order of rows, and what becomes of them (see the parent).
+//! Threads take run numbers from one counter. A thread keeps the plan of its current combination, so that
+//! short runs have little overhead. Which thread executes which run, and when, has no effect on any row.
+//! Absent: the order of rows, and what is done with them (see the parent).
 
 use super::Scenario;
 use super::grid::Grid;
@@ -21,42 +21,41 @@ use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-/// When nothing happens, the listener hears so after this time.
+/// Time after which the receiver is notified that nothing happened.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// Rows under way; threads that are faster than the disk wait.
+/// Rows queued at most; threads that are faster than the disk wait.
 const QUEUE: usize = 10_000;
 
-/// What is to be run.
+/// The runs to execute.
 #[derive(Clone, Copy)]
 pub struct Work<'a> {
     /// The scenario.
     pub scenario: &'a Scenario,
     /// All runs.
     pub grid: &'a Grid,
-    /// The first run to do.
+    /// The first run to execute.
     pub first: u64,
-    /// Runs after it that are done already.
+    /// Later runs that are already done.
     pub done: &'a BTreeSet<u64>,
-    /// How many threads do it.
+    /// Number of threads.
     pub jobs: NonZeroUsize,
-    /// Ends it early.
+    /// The request to end early.
     pub interrupt: &'a Interrupt,
 }
 
-/// What the threads have to say.
+/// A message of the threads.
 pub enum News {
     /// This run has ended.
     Row(u64, Box<Row>),
-    /// This run made the program panic: a defect of the program.
+    /// This run panicked: a defect of the program.
     Defect(u64),
-    /// This run finds no places to start from.
+    /// The start places of this run cannot be drawn.
     NoStart(u64, Flaw),
-    /// Nothing new for a moment.
+    /// No news within the interval.
     Nothing,
 }
 
-/// Runs everything, or until interrupted or `take` fails. Runs that were interrupted are not handed
-/// over.
+/// Executes all runs, or until interrupted or `take` fails. Interrupted runs are not delivered.
 pub fn run<E>(work: Work<'_>, mut take: impl FnMut(News) -> Result<(), E>) -> Result<(), E> {
     let next = AtomicU64::new(work.first);
     let (sender, receiver) = sync_channel(QUEUE);
@@ -66,7 +65,7 @@ pub fn run<E>(work: Work<'_>, mut take: impl FnMut(News) -> Result<(), E>) -> Re
             scope.spawn(move || labour(work, next, &sender));
         }
         drop(sender);
-        // On an error the receiver is dropped, and every thread ends when it next hands over.
+        // On an error the receiver is dropped, and every thread ends at its next delivery.
         let receiver = receiver;
         loop {
             match receiver.recv_timeout(PATIENCE) {
@@ -110,7 +109,7 @@ fn labour(work: Work<'_>, next: &AtomicU64, sender: &SyncSender<News>) {
         if matches!(&news, News::Row(_, row) if row.outcome == Outcome::Aborted) {
             break;
         }
-        // If nobody listens any more, nobody wants to know more.
+        // The receiver is gone: end.
         if sender.send(news).is_err() {
             break;
         }

@@ -1,7 +1,7 @@
 //! One run as a line of `runs.csv`.
 //!
-//! A line is the number of the run, the values of its combination, and the fields of [`Row`] in their
-//! order. No field contains a line break.
+//! A line has the number of the run, the values of its combination, and the fields of [`Row`] in their order.
+//! No field contains a line break.
 
 use super::grid::Grid;
 use crate::report::schema::Report;
@@ -12,57 +12,58 @@ use serde::{Deserialize, Serialize};
 use std::io::Write;
 use thiserror::Error;
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// The seed.
     pub seed: u64,
-    /// How it ended.
+    /// The outcome.
     pub outcome: Outcome,
-    /// Why it was not built, in one word: the kind of the standstill, or the first invariant that broke.
+    /// Why the goal was not built, in one word: the reason of the standstill, or the first violated
+    /// invariant.
     pub reason: String,
-    /// Goal cells that were filled, of the goal built last.
+    /// Filled cells of the last goal.
     pub filled: u64,
     /// Goal cells.
     pub cells: u64,
     /// Moves completed.
     pub moves: u64,
-    /// Steps of joints; of metamodules only.
+    /// Steps of joints; for metamodules only.
     pub turns: Option<u64>,
     /// Attempts to use one cell twice that negotiation prevented.
     pub collisions_prevented: u64,
-    /// Those that the body refused.
+    /// Attempts to use one cell twice that the body refused.
     pub collisions_refused: u64,
-    /// Those that happened.
+    /// Attempts to use one cell twice that succeeded.
     pub collisions_suffered: u64,
-    /// Messages sent about the field.
+    /// Messages of class gradient.
     pub sent_gradient: u64,
-    /// About seeds.
+    /// Messages of class seed.
     pub sent_seed: u64,
-    /// About connectivity.
+    /// Messages of class connectivity.
     pub sent_connectivity: u64,
-    /// About space.
+    /// Messages of class negotiation.
     pub sent_negotiation: u64,
-    /// About the world.
+    /// Messages of class world.
     pub sent_world: u64,
-    /// To show that somebody lives.
+    /// Messages of class liveness.
     pub sent_liveness: u64,
-    /// When the last goal cell was filled, in seconds of scenario time, if all were.
+    /// Time at which the last goal cell was filled, in seconds of scenario time, if all were.
     pub makespan_s: Option<f64>,
-    /// When the run ended, in seconds of scenario time.
+    /// End of the run in seconds of scenario time.
     pub end_s: f64,
     /// Faults that struck.
     pub faults_struck: u64,
-    /// Invariants found broken.
+    /// Violations of invariants.
     pub violations: u64,
-    /// What two runs share if they were the same event by event.
+    /// Equal for runs with the same events.
     pub trace_hash: String,
-    /// What they also share if agents and bodies went through the same states.
+    /// Equal for runs whose agents and bodies also went through the same states.
     pub state_hash: String,
 }
 
 impl Row {
-    /// The names of the fields.
+    /// The names of the columns.
     pub const COLUMNS: [&str; 22] = [
         "seed",
         "outcome",
@@ -88,7 +89,7 @@ impl Row {
         "state_hash",
     ];
 
-    /// What a report says, as a row.
+    /// Creates the row of a report.
     pub fn of(report: &Report) -> Row {
         let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
         let outcome = outcome.expect("invariant: reports name an outcome");
@@ -126,7 +127,7 @@ impl Row {
         }
     }
 
-    /// All messages sent.
+    /// Returns the number of messages sent.
     pub fn messages(&self) -> u64 {
         self.sent_gradient
             + self.sent_seed
@@ -135,7 +136,7 @@ impl Row {
             + self.sent_world
             + self.sent_liveness
     }
-    /// All attempts to use one cell twice.
+    /// Returns the number of attempts to use one cell twice.
     pub fn collisions(&self) -> u64 {
         self.collisions_prevented + self.collisions_refused + self.collisions_suffered
     }
@@ -147,20 +148,20 @@ pub enum RowError {
     /// Not the fields of a run.
     #[error("it is not a run: {0}")]
     Fields(#[from] csv::Error),
-    /// Too many or too few fields.
+    /// The number of fields is wrong.
     #[error("it has {found} fields instead of {expected}")]
     Length {
-        /// What is there.
+        /// The number found.
         found: usize,
-        /// What should be.
+        /// The number expected.
         expected: usize,
     },
-    /// Not what its number stands for.
+    /// Its values contradict its number.
     #[error("its number, its seed and its values are not those of a run of this sweep")]
     Other,
 }
 
-/// Writes the first line.
+/// Writes the heading.
 pub fn write_header<W: Write>(out: &mut csv::Writer<W>, grid: &Grid) -> csv::Result<()> {
     let keys = grid.vary.iter().map(|axis| axis.key.as_str());
     out.write_record(["run"].into_iter().chain(keys).chain(Row::COLUMNS))
@@ -195,7 +196,7 @@ pub(crate) mod tests {
     use super::super::grid::{Axis, Seeds};
     use super::*;
 
-    /// A run that was built, with numbers that tell the fields apart.
+    /// Returns the row of a built run whose numbers are all different.
     pub fn row(seed: u64) -> Row {
         Row {
             seed,
@@ -248,7 +249,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// The names in the first line are those of the fields, in their order.
+    /// The columns of the heading are the fields, in their order.
     #[test]
     fn columns_are_the_fields() {
         let mut out = csv::Writer::from_writer(Vec::new());

@@ -1,9 +1,9 @@
-//! The directory of a sweep: what was asked for (`manifest.json`) and every run (`runs.csv`).
+//! The directory of a sweep: its request (`manifest.json`) and every run (`runs.csv`).
 //!
-//! Lines of `runs.csv` stand in the order of the runs. Only behind the first missing one, after an
-//! interruption, others may follow with gaps; they are taken up into memory when the sweep goes on,
-//! and written again in their place. A last line without its end is what a killed program left.
-//! Absent: the summary and the report, which are made from the runs at any time.
+//! Lines of `runs.csv` are in the order of the runs. Only after an interruption may lines with gaps follow
+//! the first missing run; resuming reads them into memory, and writes them again in their place. A last line
+//! without a line end is left by a killed program. Absent: the summary and the report, which are derived from
+//! the runs at any time.
 
 use super::grid::Grid;
 use super::row::{self, Row, RowError};
@@ -22,39 +22,39 @@ use thiserror::Error;
 const FORMAT: &str = "metamorph-sweep";
 /// The version of the directory's layout, `runs.csv` included.
 pub const VERSION: u32 = 1;
-/// What the manifest is called.
+/// File name of the manifest.
 const MANIFEST: &str = "manifest.json";
-/// What the runs are in.
+/// File name of the runs.
 pub const RUNS: &str = "runs.csv";
 
-/// The most bytes of a manifest: a scenario in it, in which every byte is escaped.
+/// Bytes of a manifest at most: it contains a scenario in which every byte may be escaped.
 const LONGEST: u64 = 6 * MAX_BYTES + (1 << 20);
 
 /// Why a directory cannot be used.
 #[derive(Debug, Error)]
 pub enum StoreError {
-    /// Something is there already.
+    /// The directory is not empty.
     #[error("--out {}: the directory is not empty\n  fix: name a new or empty directory{}", .dir.shown(),
-        if *.resumable { ", or add --resume to go on with the sweep in it" } else { "" })]
+        if *.resumable { ", or add --resume to continue the sweep in it" } else { "" })]
     NotEmpty {
-        /// Which.
+        /// The directory.
         dir: PathBuf,
-        /// Whether there is a sweep in it.
+        /// True if it contains a sweep.
         resumable: bool,
     },
-    /// There is no sweep to go on with.
-    #[error("--out {}: there is no sweep to go on with, because {} is missing\n  fix: leave --resume out to start one", .0.shown(), MANIFEST)]
+    /// There is no sweep to resume.
+    #[error("--out {}: there is no sweep to resume, because {} is missing\n  fix: leave --resume out to start one", .0.shown(), MANIFEST)]
     Nothing(PathBuf),
-    /// The manifest is damaged or something else.
+    /// The manifest is damaged or of another kind.
     #[error("{}: this is not the manifest of a sweep: {reason}\n  fix: name another directory with --out and start anew without --resume", .path.shown())]
     Manifest {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         reason: String,
     },
-    /// Another layout.
-    #[error("{}: the sweep has format version {found}; this program (metamorph {program}) reads version {VERSION}\n  fix: go on with the program that began it, or start anew in another directory",
+    /// The manifest has another version.
+    #[error("{}: the sweep has format version {found}; this program (metamorph {program}) reads version {VERSION}\n  fix: resume with the program that started it, or start anew in another directory",
         .path.shown(), program = env!("CARGO_PKG_VERSION"))]
     Version {
         /// The file.
@@ -62,19 +62,19 @@ pub enum StoreError {
         /// Its version.
         found: u32,
     },
-    /// Another sweep.
-    #[error("--out {}: the sweep there has {what}: {theirs}, and not {ours}\n  fix: resume with exactly what it was begun with, or start anew in another directory", .dir.shown())]
+    /// The directory contains another sweep.
+    #[error("--out {}: the sweep there has {what}: {theirs}, not {ours}\n  fix: resume with exactly the options it was started with, or start anew in another directory", .dir.shown())]
     Different {
         /// The directory.
         dir: PathBuf,
-        /// In what they differ.
+        /// The difference.
         what: &'static str,
-        /// What is in the directory.
+        /// The value in the directory.
         theirs: String,
-        /// What was asked for.
+        /// The value requested.
         ours: String,
     },
-    /// Somebody writes there.
+    /// Another process writes to the directory.
     #[error("--out {}: another sweep is writing there\n  fix: wait until it has ended, or name another directory", .0.shown())]
     Busy(PathBuf),
     /// The runs are damaged.
@@ -82,38 +82,38 @@ pub enum StoreError {
     Line {
         /// The file.
         path: PathBuf,
-        /// Which line, from 1.
+        /// The line, from 1.
         line: u64,
-        /// Why.
+        /// The cause.
         reason: String,
     },
     /// A run could not be written.
-    #[error("cannot write {}: {error}; what was written before is kept, and --resume goes on from there", .path.shown())]
+    #[error("cannot write {}: {error}; earlier runs are kept, and --resume continues from there", .path.shown())]
     Write {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         error: io::Error,
     },
     /// The manifest cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// A file cannot be used.
+    /// A file cannot be written.
     #[error("--out: cannot write {}: {error}\n  fix: name a directory on a disk with room that is yours", .path.shown())]
     File {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         error: io::Error,
     },
 }
 
-/// What a sweep was asked for. Two sweeps with the same manifest have the same runs.
+/// The request of a sweep. Sweeps with equal manifests have equal runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
     format: String,
     version: u32,
-    /// The version of the program: another one may run another way.
+    /// The version of the program: another one may give other results.
     program: String,
     /// The file of the scenario, as named by the user.
     scenario: String,
@@ -124,7 +124,7 @@ pub struct Manifest {
     grid: Grid,
 }
 
-/// What is in every manifest, whatever its version.
+/// The part of every manifest that does not depend on its version.
 #[derive(Deserialize)]
 struct Stamp {
     format: String,
@@ -132,7 +132,7 @@ struct Stamp {
 }
 
 impl Manifest {
-    /// The manifest of a sweep of this program.
+    /// Creates the manifest of a sweep of this program.
     pub fn new(scenario: &str, text: &str, grid: &Grid) -> Manifest {
         Manifest {
             format: FORMAT.to_owned(),
@@ -164,7 +164,7 @@ impl Manifest {
         serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))
     }
 
-    /// Where the file of the scenario lies makes no difference.
+    /// The directory of the scenario file does not matter.
     fn must_be(&self, ours: &Manifest, dir: &Path) -> Result<(), StoreError> {
         let differ = |what, theirs: String, ours: String| {
             Err(StoreError::Different { dir: dir.into(), what, theirs, ours })
@@ -198,24 +198,24 @@ pub struct Store {
     out: csv::Writer<File>,
 }
 
-/// What was done before.
+/// Runs done before.
 #[derive(Debug, Default)]
 pub struct Done {
-    /// So many runs from the first on.
+    /// Number of consecutive runs from the first on.
     pub before: u64,
-    /// And these, which are not in the file any more and shall be written in their place.
+    /// Later runs, which are not in the file any more and will be written in their place.
     pub ahead: BTreeMap<u64, Row>,
 }
 
 impl Store {
-    /// Begins a sweep in a directory that is new or empty.
+    /// Creates a sweep in a new or empty directory.
     pub fn create(dir: &Path, manifest: &Manifest) -> Result<Store, StoreError> {
         create_directory(dir)?;
         Outputs::new().writes("--out", &dir.join(MANIFEST))?.write(json(manifest) + "\n")?;
         Store::open(dir, &manifest.grid, |_, _| {}).map(|(store, _)| store)
     }
 
-    /// Goes on with a sweep. `seen` is told of every run that is in the file and stays there.
+    /// Resumes a sweep. `seen` is called with every run that stays in the file.
     pub fn resume(
         dir: &Path,
         manifest: &Manifest,
@@ -230,7 +230,7 @@ impl Store {
         let failed = |error| StoreError::File { path: path.clone(), error };
         let options = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
         let mut file = options.map_err(failed)?;
-        // Reading from a pipe would wait for ever.
+        // Reading from a pipe would block for ever.
         if !file.metadata().map_err(failed)?.is_file() {
             return Err(failed(io::Error::other("it is no regular file")));
         }
@@ -257,7 +257,7 @@ impl Store {
         self.check(written)
     }
 
-    /// Hands everything to the system.
+    /// Passes everything to the operating system.
     pub fn flush(&mut self) -> Result<(), StoreError> {
         self.out.flush().map_err(|error| StoreError::Write { path: self.path.clone(), error })
     }
@@ -268,7 +268,7 @@ impl Store {
     }
 }
 
-/// Makes a directory for results, or takes an empty one.
+/// Creates a directory for results, or accepts an empty one.
 pub fn create_directory(dir: &Path) -> Result<(), StoreError> {
     let failed = |error| StoreError::File { path: dir.into(), error };
     fs::create_dir_all(dir).map_err(failed)?;
@@ -278,7 +278,7 @@ pub fn create_directory(dir: &Path) -> Result<(), StoreError> {
     }
 }
 
-/// Reads the runs that are in the file, and says where the first gap or torn line begins.
+/// Reads the runs of the file. Returns those done, and the offset of the first gap or torn line.
 fn scan(
     file: &File,
     path: &Path,
@@ -296,7 +296,7 @@ fn scan(
         line.clear();
         let read = reader.read_until(b'\n', &mut line);
         let length = read.map_err(|error| StoreError::File { path: path.into(), error })?;
-        // Without its end the line is torn, or the file is at its end.
+        // A line without its end is torn, or the end of the file is reached.
         if line.last() != Some(&b'\n') {
             return Ok((done, end));
         }
@@ -345,7 +345,7 @@ mod tests {
         }
         store.flush().unwrap();
     }
-    /// What a resumed sweep finds: the runs kept, and those ahead.
+    /// Returns the runs that a resumed sweep finds: those kept, and those ahead.
     fn found(dir: &Path) -> (Vec<u64>, Vec<u64>) {
         let mut kept = Vec::new();
         let (_, done) = Store::resume(dir, &manifest(), |run, _| kept.push(run)).unwrap();
@@ -385,7 +385,7 @@ mod tests {
             let lines = ends.iter().filter(|end| **end < length).count();
             let (kept, ahead) = found(dir.path());
             assert_eq!((kept.len(), ahead.len()), (lines.saturating_sub(1), 0), "{length}");
-            // What is left ends with a whole line, the first one at least.
+            // The rest ends with a complete line, at least the heading.
             let left = fs::read(&path).unwrap();
             assert_eq!(left, whole[..=ends[lines.saturating_sub(1)]], "{length}");
         }
@@ -424,9 +424,9 @@ mod tests {
         resume(&Manifest::new("elsewhere/a.toml", "version = 1\n", &grid())).unwrap();
         refused(&Manifest::new("a.toml", "version = 1 \n", &grid()), "another scenario");
         let more = Grid { seeds: Seeds { from: 10, until: 14 }, ..grid() };
-        refused(&Manifest::new("a.toml", "version = 1\n", &more), "other seeds: 10..13, and not 10..14");
+        refused(&Manifest::new("a.toml", "version = 1\n", &more), "other seeds: 10..13, not 10..14");
         let none = Grid { vary: vec![], ..grid() };
-        refused(&Manifest::new("a.toml", "version = 1\n", &none), "--vary link.loss=0%,5%, and not none");
+        refused(&Manifest::new("a.toml", "version = 1\n", &none), "--vary link.loss=0%,5%, not none");
         refused(&Manifest { program: "9.9.9".into(), ..manifest() }, "another version of metamorph");
         let path = dir.path().join(MANIFEST);
         let text = fs::read_to_string(&path).unwrap();
@@ -439,7 +439,7 @@ mod tests {
             refused(&manifest(), part);
         }
         fs::remove_file(&path).unwrap();
-        refused(&manifest(), "no sweep to go on with");
+        refused(&manifest(), "no sweep to resume");
         let error = Store::create(dir.path(), &manifest()).unwrap_err().to_string();
         assert!(error.contains("not empty") && !error.contains("--resume"), "{error}");
     }

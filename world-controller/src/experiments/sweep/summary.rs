@@ -1,6 +1,5 @@
-//! What the runs of each combination have in common: counted while they come in, then as
-//! `summary.json`. A field of the summary is never renamed, given another meaning or removed without a
-//! new [`SCHEMA`]; new ones may be added.
+//! Aggregates the runs of each combination while they come in, then writes `summary.json`. A field of the
+//! summary is never renamed, redefined or removed without a new [`SCHEMA`]; new fields may be added.
 
 use super::grid::{Axis, Grid, Seeds};
 use super::row::Row;
@@ -13,7 +12,7 @@ use std::collections::BTreeMap;
 /// The version of the layout of `summary.json`.
 pub const SCHEMA: u32 = 1;
 
-/// What a sweep came to.
+/// The results of a sweep.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Summary {
     /// The version of this layout.
@@ -22,17 +21,17 @@ pub struct Summary {
     pub version: String,
     /// The scenario's file as it was typed, or its last part if that was an absolute path.
     pub scenario: String,
-    /// The seeds of every combination, without the last.
+    /// The seeds of every combination; the end is exclusive.
     pub seeds: Seeds,
-    /// What was varied.
+    /// The varied keys.
     pub vary: Vec<Axis>,
     /// Runs asked for.
     pub runs_planned: u64,
     /// Runs done; fewer if the sweep was interrupted.
     pub runs: u64,
-    /// Invariants found broken in all runs. Must be 0.
+    /// Violations of invariants in all runs. Must be 0.
     pub violations: u64,
-    /// How sure the intervals of rates are: 0.95.
+    /// The confidence of the intervals of rates: 0.95.
     pub confidence: f64,
     /// Every combination of values, in the order of the runs.
     pub combinations: Vec<Combination>,
@@ -41,7 +40,7 @@ pub struct Summary {
 /// The runs of one combination.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Combination {
-    /// Its values, one for each key that is varied.
+    /// Its values, one for each varied key.
     pub values: Vec<String>,
     /// Runs done.
     pub runs: u64,
@@ -51,9 +50,9 @@ pub struct Combination {
     pub reasons: BTreeMap<String, u64>,
     /// The share of runs that were built, with its interval by Wilson; null without runs.
     pub built_rate: Option<Rate>,
-    /// Invariants found broken. Must be 0.
+    /// Violations of invariants. Must be 0.
     pub violations: u64,
-    /// Moves completed in the runs that were built; null if none was. So the others.
+    /// Moves completed in the runs that were built; null if none was built, as for the other spreads.
     pub moves: Option<Spread>,
     /// Messages sent in the runs that were built.
     pub messages: Option<Spread>,
@@ -64,7 +63,7 @@ pub struct Combination {
 }
 
 impl Combination {
-    /// Runs with this outcome.
+    /// Returns the number of runs with this outcome.
     pub fn ended(&self, outcome: Outcome) -> u64 {
         self.outcomes.get(outcome.name()).copied().unwrap_or(0)
     }
@@ -87,7 +86,7 @@ struct Tally {
 }
 
 impl Tallies {
-    /// No run so far.
+    /// Creates empty counts.
     pub fn new(grid: &Grid) -> Tallies {
         Tallies(vec![Tally::default(); grid.combinations() as usize])
     }
@@ -108,12 +107,12 @@ impl Tallies {
         tally.makespan_s.extend(row.makespan_s);
     }
 
-    /// Runs counted, and invariants found broken in them.
+    /// Returns the number of runs and of violations counted.
     pub fn totals(&self) -> (u64, u64) {
         self.0.iter().fold((0, 0), |(runs, broken), t| (runs + t.runs, broken + t.violations))
     }
 
-    /// Everything that was counted.
+    /// Returns the summary of all counts.
     pub fn summary(self, scenario: &str, grid: &Grid) -> Summary {
         let (runs, violations) = self.totals();
         let combination = |(i, tally): (u64, Tally)| tally.summary(grid.values(i));

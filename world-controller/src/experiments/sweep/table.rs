@@ -1,5 +1,5 @@
-//! A summary as text for the terminal: how the runs of each combination ended, then the numbers of
-//! those that were built.
+//! A summary as text for the terminal: outcomes of the runs of each combination, then statistics of those
+//! that were built.
 
 use super::summary::{Combination, Summary};
 use crate::console::format::{count, many, number};
@@ -8,10 +8,10 @@ use crate::console::terminal::Paint;
 use crate::report::statistics::{Spread, rate};
 use metamorph_sim_bridge::director::outcome::Outcome;
 
-/// Combinations shown; `summary.json` has them all.
+/// Combinations shown at most; `summary.json` has them all.
 const SHOWN: usize = 100;
 
-/// Both tables.
+/// Formats both tables.
 pub fn table(summary: &Summary, paint: Paint) -> String {
     let shown = &summary.combinations[..summary.combinations.len().min(SHOWN)];
     let mut ends = Table::new(&summary.vary.iter().map(|a| a.key.as_str()).collect::<Vec<_>>());
@@ -65,7 +65,7 @@ fn spreads(c: &Combination) -> [Option<Spread>; 4] {
     [c.moves, c.messages, c.collisions, c.makespan_s]
 }
 
-/// Mean, median and 95 % quantile.
+/// Formats mean, median and 95 % quantile.
 fn of_built(spread: Option<Spread>) -> [String; 3] {
     match spread {
         Some(s) => [s.mean, s.median, s.p95].map(number),

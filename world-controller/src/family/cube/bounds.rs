@@ -1,25 +1,25 @@
-//! How long a standstill of cubes has to last before it is one.
+//! Bounds for a standstill of cubes.
 
 use crate::scenario::bounds::{Bounds, Passage};
 use metamorph_protocol::cube::params::{Connectivity, Params};
 
 /// Returns the bounds of a swarm of cubes; `sides` is the sum of the sides of the box around start and goals.
 pub fn bounds(params: &Params, sides: u64, passage: Passage) -> Bounds {
-    // A module may have to walk all around the body before the next cell is filled: three diameters.
+    // A module may have to walk around the whole body before the next cell is filled: three diameters.
     let walk = sides * 3;
-    // Of each of its moves, and of each module that news passes: first words of the new neighbours (1),
-    // and an answer over the longest route (8), before the body moves and it is known (1).
+    // Per move, and per module that news passes: the first messages of the new neighbours (1), an answer over
+    // the longest route (8) before the body moves, and the news of the move (1).
     let late = passage.late * (walk * 10);
     let hops = if params.connectivity == Connectivity::Cycles { 8 } else { 4 };
     let legs = hops * 2;
-    // So many tries fit into an attempt; after it what was granted is given back.
+    // The tries that fit into an attempt; at its end all grants are returned.
     let asks_for = params.usual_delay * u64::from(legs) + params.tick() * 8;
     let tries = (params.start_within().0 / asks_for.0.max(1)).max(1);
     let attempt = params.lease + params.longest_back_off();
     let copies = 6;
     let lost = params.heartbeat * passage.repeats(walk, copies)
         + attempt * passage.more_tries(legs, copies).div_ceil(tries);
-    // At 2.4 moves a cell; and not before anybody may start a cell out of turn.
+    // 2.4 moves per cell, and at least the time until cells may be started out of turn.
     let usual = (params.move_time * (walk * 12 / 5)).max(params.relax + params.relax / 5);
     Bounds { stall: usual + late + lost, legs, copies }
 }
@@ -45,7 +45,7 @@ mod tests {
         bounds(&Params::scaled(MOVE, delay, 60), 17, passage).stall
     }
 
-    /// A link that is not slower than usual and loses nothing for good changes no bound.
+    /// A link that is not slower than usual and loses nothing permanently changes no bound.
     #[test]
     fn the_usual_link_changes_nothing() {
         let ends = LinkModel { loss: Ratio::ONE, harmless_from: Some(Time(1)), ..LinkModel::default() };
@@ -65,14 +65,14 @@ mod tests {
         assert!(delays.map(|d| stall(d, slow(d))).is_sorted_by(|a, b| a < b));
         let losses = ["0%", "1%", "5%", "20%", "30%", "50%"];
         assert!(losses.map(|l| stall(USUAL, losing(l))).is_sorted_by(|a, b| a < b));
-        // No link makes the arithmetic overflow.
+        // No link overflows the arithmetic.
         let worst = Passage { late: LONGEST, arrives: 0 };
         assert!(stall(LONGEST, worst) > stall(LONGEST, slow(LONGEST)));
         let bounds = bounds(&Params::scaled(MOVE, USUAL, 60), 17, losing("0%"));
         assert!(!losing("50%").is_beyond(&bounds) && losing("60%").is_beyond(&bounds));
     }
 
-    /// No delay that a scenario may name makes a protocol wait for less than its messages take.
+    /// With any valid delay, every protocol waits longer than its messages take.
     #[test]
     fn timers_outlast_every_delay() {
         for beat in [SHORTEST, MOVE, LONGEST] {

@@ -1,4 +1,4 @@
-//! What `metamorph check` says of a swarm of cubes.
+//! The description of a swarm of cubes, for `metamorph check`.
 
 use super::Cubes;
 use crate::console::escape::Shown;
@@ -9,7 +9,7 @@ use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
 use std::fmt::Write;
 
-/// Writes it.
+/// Writes the description.
 pub fn describe(out: &mut String, plan: &Plan, Cubes { cells, setup }: &Cubes) -> std::fmt::Result {
     let (min, max) = corners(cells);
     writeln!(

@@ -1,4 +1,4 @@
-//! A drawn swarm of cubes and its goals.
+//! A randomly generated swarm of cubes and its goals.
 
 use super::name_of;
 use crate::family::draft::{Dice, Smaller, SwarmDraft, cells, parts};
@@ -11,13 +11,13 @@ use std::fmt;
 /// A swarm of cubes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CubeDraft {
-    /// Where the modules are at first, in ascending order: their numbers are their places here.
+    /// The start cells, in ascending order: a module's number is its index.
     pub start: Vec<Cell>,
-    /// What is built, one after the other; never empty.
+    /// The goals, one after the other; never empty.
     pub goals: Vec<CubeGoal>,
     /// The connectivity check.
     pub connectivity: Connectivity,
-    /// Whether all neighbours of a cell are asked for it.
+    /// Whether all neighbours of a cell are asked before it is entered.
     pub co_owners: bool,
 }
 
@@ -26,9 +26,9 @@ pub struct CubeDraft {
 pub struct CubeGoal {
     /// Its cells in ascending order.
     pub cells: Vec<Cell>,
-    /// Where it begins.
+    /// The seed of its growth.
     pub seed: Cell,
-    /// How it grows.
+    /// Its growth.
     pub growth: Growth,
 }
 
@@ -86,7 +86,7 @@ impl SwarmDraft for CubeDraft {
             fewer.start.drain(part.clone());
             add(fewer, part);
         }
-        // One module and one goal cell less, where there are no more modules than cells.
+        // One module and one goal cell less, if there are no more modules than cells.
         for (i, goal) in cubes.goals.iter().enumerate().filter(|(_, g)| g.cells.len() >= cubes.start.len()) {
             for (id, cell) in (0..cubes.start.len()).flat_map(|m| (0..goal.cells.len()).map(move |c| (m, c)))
             {

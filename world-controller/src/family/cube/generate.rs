@@ -1,4 +1,4 @@
-//! Draws swarms of cubes and their goals.
+//! Generates random swarms of cubes and their goals.
 
 use super::draft::{CubeDraft, CubeGoal};
 use crate::family::draft::Dice;
@@ -7,7 +7,7 @@ use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::{Cell, Face};
 use std::collections::BTreeSet;
 
-/// Two modules with next to nothing to do.
+/// Returns two modules with a minimal goal.
 pub fn smallest() -> CubeDraft {
     CubeDraft {
         start: vec![Cell::new(0, 0, 0), Cell::new(1, 0, 0)],
@@ -21,9 +21,9 @@ pub fn smallest() -> CubeDraft {
     }
 }
 
-/// The bounds for standing still and for moving without progress, in seconds, if they are not the usual ones,
-/// which are for links that are faster than moves: a cube whose moves have failed again and again rests for
-/// 150 moves. `delay` is the longest, in milliseconds.
+/// Returns the bounds for a standstill and for moves without progress, in seconds, or `None` for the
+/// defaults, which are for links that are faster than moves: a cube whose moves fail repeatedly rests for 150
+/// moves. `delay` is the longest, in milliseconds.
 pub fn patience(fails: bool, delay: u64) -> Option<(u64, u64)> {
     match delay {
         0..500 if !fails => None,
@@ -33,7 +33,7 @@ pub fn patience(fails: bool, delay: u64) -> Option<(u64, u64)> {
 }
 
 impl Dice {
-    /// A block that is thick enough to have an inside, which must be filled before it is closed.
+    /// Draws a block thick enough to have an inside, which must be filled before it is closed.
     fn thick(&mut self) -> CubeDraft {
         let (modules, sides) = (self.within(29, 36) as usize, self.pick(&[[3, 3, 3], [4, 3, 3], [3, 5, 3]]));
         let start = self.blob(Cell::new(0, 0, 0), modules, true);
@@ -48,7 +48,7 @@ impl Dice {
         CubeDraft { start, goals, connectivity: Connectivity::Forest, co_owners: true }
     }
 
-    /// A swarm of cubes and its goals.
+    /// Draws a swarm of cubes and its goals.
     pub fn cubes(&mut self) -> CubeDraft {
         if self.once_in(100) {
             return self.thick();
@@ -62,7 +62,7 @@ impl Dice {
         let start = self.blob(Cell::new(0, 0, 0), modules, flat);
         let mut goals: Vec<CubeGoal> = Vec::new();
         for _ in 0..if self.once_in(6) { 2 } else { 1 } {
-            // A later goal begins where the one before has left somebody.
+            // A later goal grows from a cell filled by the previous one.
             let filled = match goals.last() {
                 None => start.clone(),
                 Some(goal) => Goal::compile(&goal.cells, goal.seed, goal.growth)
@@ -85,7 +85,7 @@ impl Dice {
             let flat = self.once_in(2);
             return CubeGoal { cells: self.blob(seed, size, flat), seed, growth: Growth::Solid };
         }
-        // A box around the seed; scaffolds fill about half of it.
+        // A box around the seed; a scaffold fills about half of it.
         let growth = self.pick(&[Growth::Scaffold, Growth::Solid]);
         let sides = [0; 3].map(|_| self.within(1, 5) as i16);
         let corner = sides.map(|side| self.0.below(side as u64) as i16);
@@ -101,11 +101,11 @@ impl Dice {
         CubeGoal { cells, seed, growth }
     }
 
-    /// Connected cells around one.
+    /// Draws connected cells around `from`.
     fn blob(&mut self, from: Cell, size: usize, flat: bool) -> Vec<Cell> {
         let mut cells = BTreeSet::from([from]);
         let mut list = vec![from];
-        // Straight on from the latest cell makes lines, from any cell makes clumps.
+        // Continuing from the latest cell gives lines, from any cell gives clumps.
         let straight = self.once_in(3);
         let faces = if flat { &Face::ALL[..4] } else { &Face::ALL[..] };
         while list.len() < size {

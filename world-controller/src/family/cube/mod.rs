@@ -74,7 +74,7 @@ impl FamilyParts for CubeFamily {
 /// A swarm of cubes.
 #[derive(Clone, Debug)]
 pub struct Cubes {
-    /// Where the modules are at first; a module's number is its place here.
+    /// The start cells; a module's number is its index.
     pub cells: Arc<[Cell]>,
     /// What all agents share.
     pub setup: Arc<Setup>,
@@ -117,12 +117,12 @@ const WORDS: Words = Words {
     cells: "cells",
     negotiation: "negotiation",
     body: "the body",
-    idle: "has a way",
+    idle: "has a path",
     time_step: "move time",
     action: "move",
 };
 
-/// The name used in scenarios.
+/// Returns the name used in scenarios.
 pub const fn name_of(connectivity: Connectivity) -> &'static str {
     match connectivity {
         Connectivity::Forest => "forest",

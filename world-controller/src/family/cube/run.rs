@@ -1,4 +1,4 @@
-//! How a swarm of cubes is run and accounted for.
+//! Runs a swarm of cubes and collects its results.
 
 use super::Cubes;
 use crate::report::run_result::RunResult;
@@ -65,8 +65,8 @@ impl Runnable for Cubes {
     fn last_check(world: &mut CubeWorld, now: Time) -> (Vec<Violation>, u64) {
         world.check_connected(now);
         let motions = world.motions();
-        // Of a move that begins: its supports, those of others, connection. Of one that ends: space and
-        // support. And the whole body now.
+        // Start of a move: its supports, those of other modules, connection. End of a move: space and
+        // support. And the whole body once at the end.
         let checks = motions.started * 3 + (motions.completed + motions.failed) * 2 + 1;
         (world.take_violations(), checks)
     }

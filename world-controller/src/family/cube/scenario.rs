@@ -1,5 +1,5 @@
-//! The parts of a scenario that only cubes have: shapes to start from and to grow, the protocol's
-//! options; read, checked, and made into what a run of cubes needs.
+//! The parts of a scenario that only cubes have: start and goal shapes, and the protocol's options. Reads and
+//! checks them, and creates the swarm.
 
 use super::Cubes;
 use super::bounds::bounds;
@@ -20,43 +20,42 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 struct RawGoal {
     name: Option<String>,
-    /// None if it could not be read.
+    /// `None` if it could not be read.
     shape: Option<At<Shape>>,
     seed: Option<At<Cell>>,
     growth: Growth,
 }
 
-/// The parts as written.
+/// The family's parts as written.
 #[derive(Clone, Debug, Default)]
 pub struct RawCubes {
-    /// Where the modules are at first; none if it could not be read.
+    /// The start shape; `None` if it could not be read.
     start: Option<At<Shape>>,
-    /// How long a move takes.
+    /// The time of a move.
     move_time: Option<At<Span>>,
     goals: Vec<RawGoal>,
     connectivity: Connectivity,
     co_owners: Option<bool>,
 }
 
-/// Whether all neighbours of a cell are asked for it, if the scenario does not say.
+/// Default of `co_owners`: whether all neighbours of a cell are asked before it is entered.
 pub const CO_OWNERS: bool = true;
 const START: &str = "start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
 const GOAL: &str = "shape = { sphere = { center = [0, 0, 2], radius = 3 } }";
-/// How a goal grows.
+/// The growths of a goal.
 pub const GROWTH: [(&str, Growth); 2] = [("scaffold", Growth::Scaffold), ("solid", Growth::Solid)];
-/// What keeps the body in one piece.
+/// The connectivity checks, which keep the body in one piece.
 pub const CONNECTIVITY: [(&str, Connectivity); 3] = [
     ("forest", Connectivity::Forest),
     ("cycles", Connectivity::Cycles),
     ("gradient", Connectivity::Gradient),
 ];
-/// Whether modules stay with a dead neighbour. Letting go of it could tear the body apart, so that
-/// there is one policy so far; the key is there so that scenarios can say what they rely on. The first is the
-/// default.
+/// Whether modules stay with a dead neighbour. Leaving it could split the body, so only `hold` is supported;
+/// the key exists so that scenarios can state what they rely on. The first is the default.
 pub const DEAD: [(&str, bool); 2] = [("hold", true), ("abandon", false)];
 
 impl RawCubes {
-    /// Reads what belongs to cubes. `swarm` has been begun; it and the others are finished here.
+    /// Reads the sections of cubes. `swarm` is partly read; it and the others are finished here.
     pub fn read(mut swarm: Section<'_, '_>, others: &Sections<'_, '_>, problems: &mut Problems) -> RawCubes {
         let mut raw = RawCubes::default();
         raw.start = swarm.need("start", START, problems);
@@ -154,7 +153,7 @@ fn goal_cells(goal: &RawGoal, layout: &mut Layout, problems: &mut Problems) -> O
     problems.note(&shape.place, layout.cells(&shape.value))
 }
 
-/// The sum of the sides of the box around all cells; none if that box is too large to keep in memory.
+/// Returns the sum of the sides of the box around all cells; `None` if the box is too large for memory.
 fn check_box<'c>(cells: impl Iterator<Item = &'c Cell>, problems: &mut Problems) -> Option<u64> {
     let sides = sides(cells);
     let volume = sides.iter().product();
@@ -165,7 +164,7 @@ fn check_box<'c>(cells: impl Iterator<Item = &'c Cell>, problems: &mut Problems)
     Some(sides.iter().sum())
 }
 
-/// The sides of the box around cells.
+/// Returns the sides of the box around cells.
 fn sides<'c>(cells: impl Iterator<Item = &'c Cell>) -> [u64; 3] {
     let mut bounds: Option<([i16; 3], [i16; 3])> = None;
     for cell in cells {
@@ -180,8 +179,8 @@ fn sides<'c>(cells: impl Iterator<Item = &'c Cell>) -> [u64; 3] {
     [0, 1, 2].map(|axis: usize| u64::from(max[axis].abs_diff(min[axis])) + 1)
 }
 
-/// Compiles one goal after the other. A goal is judged only if the one before could be compiled,
-/// because growth begins from what that one leaves behind.
+/// Compiles the goals in order. A goal is checked only if the previous one could be compiled, because growth
+/// starts from the cells that it fills.
 fn compile_goals(
     raw: &[RawGoal],
     shapes: &[Option<Vec<Cell>>],
@@ -192,7 +191,7 @@ fn compile_goals(
     let mut volume = 0;
     for (goal, shape) in raw.iter().zip(shapes) {
         let (Some(shape), Some(at)) = (shape, &goal.shape) else { break };
-        // A goal has a table of the box around it.
+        // A goal has a table with an entry per cell of its bounding box.
         volume += sides(shape.iter()).iter().product::<u64>();
         if volume > MAX_VOLUME {
             problems.add(at.place.clone(), Flaw::TooWide(volume));
@@ -209,7 +208,7 @@ fn compile_goals(
             None => start.binary_search(cell).is_ok(),
             Some(before) => before.contains(*cell),
         };
-        let when = if before.is_none() { "at the start" } else { "by the goal before" };
+        let when = if before.is_none() { "at the start" } else { "by the previous goal" };
         let middle = nearest_to_middle(shape, occupied);
         let seed = match (&goal.seed, middle) {
             (Some(At { value, place }), example) if !occupied(value) => {
@@ -234,11 +233,11 @@ fn compile_goals(
     goals
 }
 
-/// The occupied cell of a shape that is nearest to the middle of the box around it.
+/// Returns the occupied cell of a shape nearest to the centre of its bounding box.
 fn nearest_to_middle(shape: &[Cell], occupied: impl Fn(&Cell) -> bool) -> Option<Cell> {
     let along = |pick: fn(&Cell) -> i16| {
         let coordinates = || shape.iter().map(pick);
-        // Twice the middle, which is a whole number.
+        // Twice the centre, which is a whole number.
         i64::from(coordinates().min().unwrap_or(0)) + i64::from(coordinates().max().unwrap_or(0))
     };
     let middle = [along(|c| c.x), along(|c| c.y), along(|c| c.z)];

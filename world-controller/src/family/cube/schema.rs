@@ -7,7 +7,7 @@ use crate::scenario::schema::{NUMBERED, of, one_of, or, said, seldom, table, tex
 use crate::scenario::shapes::KINDS;
 use serde_json::json;
 
-/// Returns them.
+/// Returns the schema of the cubes' sections.
 pub fn schema() -> FamilySchema {
     FamilySchema {
         swarm: table(
@@ -27,8 +27,8 @@ pub fn schema() -> FamilySchema {
                 "name": said(NUMBERED, text()),
                 "shape": of("shape"),
                 "seed": said(
-                    "Where growth begins. If left out, the cell of the goal nearest to its middle in which there is \
-                     a module by then.",
+                    "Where growth begins. If left out, the occupied cell of the goal nearest to \
+                     its centre.",
                     of("cell"),
                 ),
                 "growth": one_of(&GROWTH),

@@ -1,4 +1,4 @@
-//! What a cube takes in and puts out, in words.
+//! Describes the inputs and outputs of a cube.
 
 use crate::run::replay::words::{Worded, at, waiting};
 use metamorph_protocol::cube::Cube;
@@ -53,8 +53,8 @@ impl Worded for Cube {
         let flags = [
             (s.attached, "attached"),
             (s.immobile, "cannot move"),
-            (s.pinned, "holds a dead one"),
-            (s.attracted, "knows a way"),
+            (s.pinned, "holds a dead module"),
+            (s.attracted, "knows a path to a target"),
         ];
         let flags: String = flags.iter().filter(|f| f.0).map(|f| format!(", {}", f.1)).collect();
         format!("{role} for goal {}{flags}{}", s.epoch, waiting(s.waits_for))

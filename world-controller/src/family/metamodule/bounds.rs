@@ -1,18 +1,19 @@
-//! How long a standstill of metamodules has to last before it is one.
+//! Bounds for a standstill of metamodules.
 
 use crate::scenario::bounds::{Bounds, Passage};
 use metamorph_protocol::metamodule::params::Params;
 
 /// Returns the bounds of a swarm of metamodules.
 pub fn bounds(params: &Params, passage: Passage) -> Bounds {
-    // The longest motion is some 30 steps, and waits for one other at most; and twelve times its patience
-    // a metamodule may wait: for others to object, to make way, to lead, and to give up.
+    // The longest move has about 30 steps, and waits for one other at most. A metamodule may wait for up to
+    // twelve times its patience: for objections, for others to make way, for the coordinator, and until it
+    // gives up.
     let usual = params.turn_time * 120;
-    // Patience has room for four exchanges.
+    // The patience covers four exchanges.
     let late = passage.late * (12 * 8);
-    // Everybody in hearing has to hear each of the twelve, and to grant what is asked for.
+    // All metamodules in range have to receive each of the twelve, and to grant what is requested.
     let (legs, copies) = (2, 24);
-    // Once by whoever makes way, once by whoever goes.
+    // Once for the metamodule that makes way, once for the one that moves.
     let tries = passage.more_tries(legs, copies) * 2;
     let lost = params.repeat * passage.repeats(12, copies) + params.resend * tries;
     Bounds { stall: usual + late + lost, legs, copies }
@@ -41,7 +42,7 @@ mod tests {
         bounds(&params, passage).stall
     }
 
-    /// A link that is not slower than usual and loses nothing for good changes no bound.
+    /// A link that is not slower than usual and loses nothing permanently changes no bound.
     #[test]
     fn the_usual_link_changes_nothing() {
         let ends = LinkModel { loss: Ratio::ONE, harmless_from: Some(Time(1)), ..LinkModel::default() };
@@ -61,19 +62,19 @@ mod tests {
         assert!(delays.map(|d| stall(d, slow(d))).is_sorted_by(|a, b| a < b));
         let losses = ["0%", "1%", "5%", "20%", "30%", "50%"];
         assert!(losses.map(|l| stall(USUAL, losing(l))).is_sorted_by(|a, b| a < b));
-        // No link makes the arithmetic overflow.
+        // No link overflows the arithmetic.
         let worst = Passage { late: LONGEST, arrives: 0 };
         assert!(stall(LONGEST, worst) > stall(LONGEST, slow(LONGEST)));
     }
 
-    /// No delay that a scenario may name makes a protocol wait for less than its messages take.
+    /// With any valid delay, every protocol waits longer than its messages take.
     #[test]
     fn timers_outlast_every_delay() {
         for beat in [SHORTEST, MOVE, LONGEST] {
             for delay in [Span::ZERO, SHORTEST, MOVE, LONGEST] {
                 let metamodule = Params::scaled(Strategy::Negotiated, beat, delay);
                 assert!(metamodule.resend > delay * 2 && metamodule.patience > delay * 4);
-                // Asking, and a motion of 30 steps.
+                // A request, and a move of 30 steps.
                 assert!(metamodule.lease > delay * 2 + beat * 30);
             }
         }

@@ -1,4 +1,4 @@
-//! What `metamorph check` says of a swarm of metamodules.
+//! The description of a swarm of metamodules, for `metamorph check`.
 
 use super::Metamodules;
 use crate::console::escape::Shown;
@@ -8,10 +8,10 @@ use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, R
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
 
-/// Places listed; the rest is counted.
+/// Start places listed at most; the rest is counted.
 const SHOWN: usize = 20;
 
-/// Writes it.
+/// Writes the description.
 pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt::Result {
     let (setup, all) = (&swarm.setup, swarm.poses.len());
     let (floor, params) = (setup.floor, &setup.params);
@@ -29,13 +29,13 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt:
     let dots = if all > SHOWN { ", …" } else { "" };
     let redrawn = match swarm.redrawn {
         0 => String::new(),
-        1 => " (one draw before had a metamodule that was shut in)".to_owned(),
-        n => format!(" ({n} draws before had a metamodule that was shut in)"),
+        1 => " (one draw rejected: a metamodule was enclosed)".to_owned(),
+        n => format!(" ({n} draws rejected: a metamodule was enclosed)"),
     };
     writeln!(out, "  start     {places}: {}{dots}{redrawn}", feet.join(", "))?;
     writeln!(
         out,
-        "  moves     {} for a step of a joint, {} to connect; {} of connections fail; heard {} connectors away",
+        "  moves     {} for a step of a joint, {} to connect; {} of connections fail; communication range {} connectors",
         params.turn_time, params.connect_time, plan.failure, params.hearing
     )?;
     let begins = std::iter::once(Time::ZERO).chain(swarm.changes.iter().map(|(at, _)| *at));
@@ -54,7 +54,7 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt:
         Teller::Controller => "the controller",
         Teller::Neighbours => "neighbours",
     };
-    let relocates = if swarm.relocate { "; a goal that cannot be built where it is is moved" } else { "" };
+    let relocates = if swarm.relocate { "; a goal that cannot be built in place is moved" } else { "" };
     let detects = if params.detector.is_some() { "; the swarm finds deadlocks by itself" } else { "" };
     writeln!(
         out,
@@ -64,7 +64,7 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt:
     )
 }
 
-/// What varies the force field of the published strategies.
+/// Describes the force field of the published strategies.
 fn field(params: &Params) -> String {
     if params.strategy == Strategy::Negotiated {
         return String::new();
@@ -72,18 +72,18 @@ fn field(params: &Params) -> String {
     let first = match params.precedence {
         None => "no precedence".to_owned(),
         Some(Precedence { within, by: PrecedenceBy::SeedDistance }) => {
-            format!("the one nearer to a seed goes first within {within} connectors")
+            format!("the metamodule nearer to a seed goes first within {within} connectors")
         }
         Some(Precedence { within, by: PrecedenceBy::Id }) => {
             format!("the smaller number goes first within {within} connectors")
         }
     };
     let Repulsion { strength, decay, range } = params.repulsion;
-    let settled = if params.settled_repel { "settled ones too" } else { "settled ones not" };
+    let settled = if params.settled_repel { "also settled ones" } else { "not settled ones" };
     match strength {
-        0 => format!("; {first}; nobody pushes"),
+        0 => format!("; {first}; no repulsion"),
         _ => format!(
-            "; {first}; neighbours within {range} cells push by {strength}/1000, {decay}/1000 of it lost at the edge, {settled}"
+            "; {first}; repulsion within {range} cells by {strength}/1000, {decay}/1000 of it lost at the edge, {settled}"
         ),
     }
 }

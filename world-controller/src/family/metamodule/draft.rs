@@ -1,4 +1,4 @@
-//! A drawn swarm of metamodules and its goals.
+//! A randomly generated swarm of metamodules and its goals.
 
 use super::Metamodules;
 use crate::family::draft::{Dice, Smaller, SwarmDraft};
@@ -14,23 +14,23 @@ use std::fmt;
 /// A swarm of metamodules.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MetamoduleDraft {
-    /// What they are made of.
+    /// The kind of all metamodules.
     pub kind: Kind,
     /// Connectors along each side of the floor.
     pub side: i16,
-    /// Where they stand at first; none if that is still to be drawn, for so many.
+    /// The start places, or the number of metamodules if the places are still to be drawn.
     pub start: Result<Vec<GridState>, usize>,
-    /// What is built, and from when on, in milliseconds; the first from the beginning.
+    /// The goals with their start times in milliseconds; the first starts at 0.
     pub goals: Vec<(u64, MetamoduleGoal)>,
-    /// How they decide.
+    /// The strategy of all metamodules.
     pub strategy: Strategy,
-    /// Who says which seeds are open.
+    /// Which instance opens seeds.
     pub teller: Teller,
-    /// Whether a goal that something is in the way of is moved.
+    /// Whether an obstructed goal is moved.
     pub relocate: bool,
-    /// Which of two close together goes first. `negotiated` has neither this nor the next.
+    /// Which of two metamodules close together goes first. `negotiated` has neither this nor `settled_repel`.
     pub precedence: Option<Precedence>,
-    /// Whether settled ones push.
+    /// Whether settled metamodules repel others.
     pub settled_repel: bool,
 }
 
@@ -39,7 +39,7 @@ pub struct MetamoduleDraft {
 pub struct MetamoduleGoal {
     /// Its seeds, level by level.
     pub levels: Vec<Vec<Seed>>,
-    /// Which seed of a level comes when.
+    /// The order in which the seeds of a level open.
     pub order: SeedOrder,
 }
 
@@ -130,7 +130,7 @@ impl SwarmDraft for MetamoduleDraft {
             }
         }
         let places = metamodules.start.as_ref().map_or(0, Vec::len);
-        // With a seed less one metamodule more can be spared.
+        // With one seed less, one more metamodule can be removed.
         for fewer in [metamodules.clone()].iter().chain(&fewer_seeds) {
             for id in 0..places {
                 let mut fewer = fewer.clone();
@@ -151,7 +151,7 @@ impl SwarmDraft for MetamoduleDraft {
     }
 }
 
-/// The name of a direction in a scenario.
+/// Returns the name of a direction in scenarios.
 pub const fn face_name(face: Face) -> &'static str {
     match face {
         Face::Up => "up",

@@ -1,5 +1,5 @@
 //! The keys of `[protocol]` that vary the force field of the published strategies: `precedence`,
-//! `settled_repel` and `repulsion`. What is left out stays as the strategy has it.
+//! `settled_repel` and `repulsion`. A missing key keeps the strategy's value.
 
 use super::flaw::MetamoduleFlaw;
 use crate::scenario::flaw::Flaw;
@@ -8,9 +8,9 @@ use crate::scenario::table::{Node, Read, Section, wrong};
 use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy};
 use toml::de::DeValue;
 
-/// The largest value, in thousandths, of a part of `repulsion`.
+/// Maximum, in thousandths, of the parts of `repulsion`.
 pub const MAX_THOUSANDTHS: u64 = 10_000;
-/// The largest range of `repulsion` in cells.
+/// Maximum range of `repulsion`, in cells.
 pub const MAX_RANGE: u64 = 64;
 /// An example of `precedence`.
 const PRECEDENCE: &str = "precedence = { within = 4, by = \"seed-distance\" }";
@@ -49,7 +49,7 @@ impl RawField {
         }
     }
 
-    /// Puts what is written into the parameters, and refuses it for a strategy without a force field.
+    /// Applies the keys to the parameters, and refuses them for a strategy without a force field.
     pub fn apply(&self, params: &mut Params, problems: &mut Problems) {
         let RawField { precedence, settled_repel, repulsion } = self;
         if params.strategy == Strategy::Negotiated {

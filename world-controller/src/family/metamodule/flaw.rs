@@ -1,4 +1,4 @@
-//! What can be wrong with the parts of a scenario that only metamodules have, and what to do about it.
+//! All errors in the parts of a scenario that only metamodules have, with their fixes.
 
 use crate::scenario::flaw::Flaw;
 use metamorph_protocol::metamodule::blueprint::BlueprintError;
@@ -8,21 +8,21 @@ use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::time::Span;
 use thiserror::Error;
 
-/// The most metamodules of one swarm.
+/// Metamodules of one swarm at most.
 pub const MAX_METAMODULES: usize = 1_000;
-/// The most connectors of a floor along each side.
+/// Connectors of a floor along each side at most.
 pub const MAX_FLOOR: u16 = 256;
-/// The farthest that metamodules hear. More makes little difference: nobody has ports for as many as there
-/// may be within it.
+/// Communication range at most, in connectors. A larger one makes little difference: a metamodule has too few
+/// ports for all that may be within it.
 pub const MAX_HEARING: u64 = 64;
 
-/// What is wrong.
+/// An error in a metamodule's section.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum MetamoduleFlaw {
-    /// The seeds cannot be.
+    /// The seeds are impossible.
     #[error(transparent)]
     Blueprint(#[from] BlueprintError),
-    /// A seed where nothing can hold on.
+    /// A seed outside the floor.
     #[error("the seed at {at:?} is not on the floor, which goes from {:?} to {:?}", floor.min, floor.max)]
     SeedOffFloor {
         /// The connector of the seed.
@@ -38,7 +38,7 @@ pub enum MetamoduleFlaw {
         /// The kind.
         kind: Kind,
     },
-    /// A metamodule starts where nothing can hold it.
+    /// A start outside the floor.
     #[error("the start at {at:?} is not on the floor, which goes from {:?} to {:?}", floor.min, floor.max)]
     StartOffFloor {
         /// The connector.
@@ -46,7 +46,7 @@ pub enum MetamoduleFlaw {
         /// The floor.
         floor: Floor,
     },
-    /// Two metamodules start in each other.
+    /// Two metamodules start at the same place.
     #[error("metamodules {first} and {second} both start at {at:?}")]
     StartTwice {
         /// One of them.
@@ -56,15 +56,15 @@ pub enum MetamoduleFlaw {
         /// The connector.
         at: (i16, i16),
     },
-    /// Nowhere to start.
+    /// The floor has no room for the start.
     #[error(transparent)]
     NoRoom(#[from] StartError),
-    /// More or fewer places than metamodules.
+    /// `count` differs from the length of `start`.
     #[error("`count` is {count}, but `start` lists {listed} places")]
     Count {
-        /// As counted.
+        /// The value of `count`.
         count: u64,
-        /// As listed.
+        /// The number of places listed.
         listed: usize,
     },
     /// More seeds than metamodules.
@@ -76,33 +76,35 @@ pub enum MetamoduleFlaw {
         /// Metamodules of the swarm.
         metamodules: usize,
     },
-    /// The first goal is there from the beginning.
-    #[error("the first goal has an `at`, but it is the goal from the beginning")]
+    /// The first goal has a start time.
+    #[error("the first goal has an `at`, but it is active from the start")]
     FirstGoalAt,
-    /// Whoever negotiates never only waits.
-    #[error("`negotiated` has no detector: whoever waits tries again after a time, so nobody can know")]
+    /// `negotiated` with a detector.
+    #[error(
+        "`negotiated` has no detector: a waiting metamodule tries again after a time, so none can detect a deadlock"
+    )]
     NoDetector,
     /// A key of the force field with a strategy that has none.
-    #[error("`negotiated` has no force field, so `{0}` means nothing to it")]
+    #[error("`negotiated` has no force field, so `{0}` does not apply to it")]
     NoField(&'static str),
-    /// Goals in the wrong order.
-    #[error("this goal replaces the one before at {at}, which itself comes at {before}")]
+    /// Goals not sorted by time.
+    #[error("this goal replaces the previous one at {at}, but that one starts at {before}")]
     GoalOrder {
-        /// When this one comes.
+        /// The time of this goal.
         at: Span,
-        /// When the one before comes.
+        /// The time of the previous goal.
         before: Span,
     },
 }
 
 impl MetamoduleFlaw {
-    /// What to do about it.
+    /// Returns what to do about it.
     pub fn fix(&self) -> String {
         match self {
             MetamoduleFlaw::Blueprint(error) => blueprint_fix(error).into(),
             MetamoduleFlaw::SeedOffFloor { .. } => "move the goal, or make `floor` in [swarm] larger".into(),
             MetamoduleFlaw::SeedShape { .. } => {
-                "choose other `directions` or another `kind`; `metamorph robot shapes` lists what they take"
+                "choose other `directions` or another `kind`; `metamorph robot shapes` lists the possible shapes"
                     .into()
             }
             MetamoduleFlaw::StartOffFloor { floor: Floor { min, max }, .. } => {
@@ -114,7 +116,7 @@ impl MetamoduleFlaw {
             }
             MetamoduleFlaw::Count { .. } => "leave `count` out; the list says how many there are".into(),
             MetamoduleFlaw::TooFewMetamodules { seeds, .. } => {
-                format!("let there be at least {seeds} in [swarm]")
+                format!("write at least {seeds} in [swarm]")
             }
             MetamoduleFlaw::FirstGoalAt => {
                 "leave `at` out, or move this goal behind the one it replaces".into()
@@ -141,6 +143,6 @@ fn blueprint_fix(error: &BlueprintError) -> &'static str {
         BlueprintError::Empty => "name at least one seed",
         BlueprintError::TooMany(_) => "make the goal smaller",
         BlueprintError::Overlap { .. } => "move one of the two, or choose other `directions`",
-        BlueprintError::Impossible(_) => "let the cells go up from the floor, and never back",
+        BlueprintError::Impossible(_) => "choose cells that go up from the floor, and never back",
     }
 }

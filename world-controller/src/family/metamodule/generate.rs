@@ -1,4 +1,4 @@
-//! Draws swarms of metamodules and their goals.
+//! Generates random swarms of metamodules and their goals.
 
 use super::draft::{MetamoduleDraft, MetamoduleGoal};
 use crate::family::draft::Dice;
@@ -7,7 +7,7 @@ use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder, box_of_four, ch
 use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Strategy, Teller};
 use metamorph_protocol::roombots::Kind;
 
-/// One metamodule with next to nothing to do.
+/// Returns one metamodule with a minimal goal.
 pub fn smallest() -> MetamoduleDraft {
     MetamoduleDraft {
         kind: Kind::Srs,
@@ -22,8 +22,8 @@ pub fn smallest() -> MetamoduleDraft {
     }
 }
 
-/// The bounds for standing still and for moving without progress, in seconds. A metamodule that gets on no
-/// more does so soon, and to watch it for longer is slow. `delay` is the longest, in milliseconds.
+/// Returns the bounds for a standstill and for moves without progress, in seconds. A metamodule that is stuck
+/// is so early, and longer runs are slow. `delay` is the longest, in milliseconds.
 pub fn patience(delay: u64) -> Option<(u64, u64)> {
     Some(if delay < 1_000 { (120, 1_000) } else { (400, 2_000) })
 }
@@ -33,7 +33,7 @@ fn upright(x: i16, y: i16) -> Seed {
 }
 
 impl Dice {
-    /// A swarm of metamodules and its goals.
+    /// Draws a swarm of metamodules and its goals.
     pub fn metamodules(&mut self) -> MetamoduleDraft {
         let mut goals = Vec::new();
         let side = self.within(7, 13) as i16;
@@ -58,7 +58,7 @@ impl Dice {
             settled_repel: true,
         };
         if draft.strategy != Strategy::Negotiated {
-            // The reading of the thesis in half of them, anything else in the others.
+            // The reading of the thesis in half of the runs, random values in the others.
             draft.precedence = draft.strategy.precedence();
             if self.once_in(2) {
                 let by = self.pick(&PrecedenceBy::ALL);

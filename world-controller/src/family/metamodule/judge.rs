@@ -1,4 +1,4 @@
-//! What could still have been done when metamodules stand still.
+//! Decides what could still have been done when metamodules stand still.
 
 use crate::report::prospect::{Possible, Prospect};
 use crate::report::run_result::Question;
@@ -8,7 +8,7 @@ use metamorph_sim_bridge::director::proof::{Found, Within};
 
 impl Question for Standstill {
     fn prospect(&self) -> Prospect {
-        // The published strategies are not meant to find what a search finds.
+        // The published strategies are not expected to find every plan.
         if self.setup.params.strategy != Strategy::Negotiated {
             return Prospect::UNDECIDED;
         }
@@ -27,7 +27,7 @@ impl Question for Standstill {
         }
         match search(self, WORK) {
             Sought::Way(moves) => Err(Found::Way(moves.iter().filter(|m| m.lands).count())),
-            // Where the goal is now; it may have to be moved.
+            // The goal may have to be moved; the search covers its current place only.
             Sought::NoWay(_) if misplaced => Err(Found::Undecided),
             Sought::NoWay(_) => Ok(Within::Grown),
             Sought::Undecided => Err(Found::Undecided),

@@ -71,7 +71,7 @@ impl FamilyParts for MetamoduleFamily {
         generate::patience(delay)
     }
     fn shrinking(&self) -> u64 {
-        // Of runs that take much longer than those of other families.
+        // Runs take much longer than those of other families.
         300
     }
     fn places(&self, swarm: &Metamodules) -> Vec<Pose> {
@@ -82,17 +82,17 @@ impl FamilyParts for MetamoduleFamily {
 /// A swarm of metamodules.
 #[derive(Clone, Debug)]
 pub struct Metamodules {
-    /// Whether the places at the start are drawn from the seed of the run, instead of listed.
+    /// Whether the start places are drawn from the seed of the run.
     pub drawn: bool,
-    /// Where the metamodules are at first; a metamodule's number is its place here.
+    /// The start poses; a metamodule's number is its index.
     pub poses: Vec<Pose>,
-    /// How many drawn starts were thrown away because a metamodule was shut in.
+    /// Random starts rejected because a metamodule was enclosed.
     pub redrawn: u32,
     /// What all agents share.
     pub setup: Arc<Setup>,
-    /// From when on which goal is built instead, in the order of time.
+    /// Times at which goals are replaced, with the new goal, sorted by time.
     pub changes: Arc<[(Time, u8)]>,
-    /// Whether a goal that cannot be built where it is is moved.
+    /// Whether a goal that cannot be built in place is moved.
     pub relocate: bool,
 }
 

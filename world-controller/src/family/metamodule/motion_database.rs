@@ -1,7 +1,6 @@
-//! Keeps the bytes of the motion database between runs, and what is made of it within one.
+//! Caches the bytes of the motion database between runs, and the derived data within one.
 //!
-//! A kept file that is missing, damaged or of another version is built anew; one that cannot be
-//! written is done without.
+//! A cached file that is missing, damaged or of another version is rebuilt; failure to write one is ignored.
 
 use crate::console::output::Outputs;
 use metamorph_module_agent::regular_file;
@@ -14,11 +13,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-/// The most bytes of a kept file; ours have a fifth of that.
+/// Bytes of a cached file at most; the current one has a fifth of that.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// The motions of a kind of metamodule; made once in the life of a thread. Threads that simulate do not
-/// share them: what is kept of earlier searches would be fought over.
+/// Returns the motions of a kind of metamodule, created once per thread. Simulating threads do not share
+/// them, because they would contend for the caches of earlier searches.
 pub fn motions(kind: Kind) -> Result<Motions, MotionsError> {
     static DATABASE: OnceLock<Arc<Database>> = OnceLock::new();
     thread_local! {
@@ -34,7 +33,7 @@ pub fn motions(kind: Kind) -> Result<Motions, MotionsError> {
     })
 }
 
-/// The database, from the kept bytes if `keep` is set and they are good.
+/// Returns the database, from the cached bytes if `keep` is set and they are valid.
 pub fn database(keep: bool) -> Database {
     let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
     match keep.then(|| place(variable)).flatten() {
@@ -43,7 +42,7 @@ pub fn database(keep: bool) -> Database {
     }
 }
 
-/// `$XDG_CACHE_HOME/metamorph`, or `~/.cache/metamorph`.
+/// Returns `$XDG_CACHE_HOME/metamorph`, or `~/.cache/metamorph`.
 fn place(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     let base = match variable("XDG_CACHE_HOME").map(PathBuf::from).filter(|p| p.is_absolute()) {
         Some(base) => base,
@@ -83,7 +82,7 @@ mod tests {
         assert_eq!(place(|_| None), None);
     }
 
-    /// A second run reads what the first wrote; damage is repaired; no place to write is no error.
+    /// A second run reads what the first wrote; damage is repaired; an unwritable cache is no error.
     #[test]
     fn kept_bytes_are_used_and_repaired() {
         let folder = std::env::temp_dir().join(format!("metamorph-cache-{}", std::process::id()));

@@ -1,4 +1,4 @@
-//! How a swarm of metamodules is run and accounted for.
+//! Runs a swarm of metamodules and collects its results.
 
 use super::Metamodules;
 use crate::report::run_result::RunResult;
@@ -39,7 +39,7 @@ impl Runnable for Metamodules {
         self.setup.params.turn_time
     }
     fn audit_every(&self) -> Span {
-        // A handful of bodies is cheap to check; every action is checked besides.
+        // A few bodies are cheap to check; every action is checked as well.
         self.time_step() * 20
     }
     fn progress(director: &MetamoduleDirector) -> Progress {
@@ -88,7 +88,7 @@ impl Runnable for Metamodules {
     fn last_check(world: &mut MetamoduleWorld, now: Time) -> (Vec<Violation>, u64) {
         world.check_all(now);
         let deeds = world.deeds();
-        // Space and grips when an action begins and when it ends, and of every body now.
+        // Space and grips at the start and end of each action, and of every body once at the end.
         let ended = deeds.turns + deeds.moves + deeds.released + deeds.failed;
         let checks = (deeds.started + ended + world.len() as u64) * 2;
         (world.take_violations(), checks)

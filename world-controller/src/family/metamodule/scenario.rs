@@ -1,8 +1,8 @@
-//! The parts of a scenario that only metamodules have: kind, floor and places to start from, seeds in
-//! levels, the strategy; read, checked, and made into what a run of metamodules needs.
+//! The parts of a scenario that only metamodules have: kind, floor and start places, seeds in levels, the
+//! strategy. Reads and checks them, and creates the swarm.
 //!
-//! Coordinates of the floor are those of connectors, two each. Absent: placing them at random, which
-//! the protocol's own library does.
+//! Coordinates of the floor are pairs of connectors. Absent: drawing random places, which the protocol's
+//! library does.
 
 use super::Metamodules;
 use super::bounds::bounds;
@@ -31,13 +31,13 @@ use metamorph_protocol::time::{Span, Time};
 use std::sync::Arc;
 use toml::de::DeValue;
 
-/// Where metamodules stand at first, as written.
+/// The start places as written.
 #[derive(Clone, Debug, Default)]
 enum RawStart {
     /// Drawn from the seed of the run.
     #[default]
     Random,
-    /// On these connectors, turned by so many quarters.
+    /// At these connectors, rotated by quarter turns.
     Listed(Vec<At<GridState>>),
 }
 
@@ -47,18 +47,18 @@ struct RawGoal {
     name: Option<String>,
     place: Place,
     at: Option<At<Span>>,
-    /// The seeds, level by level; none if they could not be read.
+    /// The seeds, level by level; `None` if they could not be read.
     levels: Option<Vec<Vec<At<Seed>>>>,
     order: SeedOrder,
 }
 
-/// The parts as written.
+/// The family's parts as written.
 #[derive(Clone, Debug)]
 pub struct RawMetamodules {
     place: Place,
     kind: Kind,
     count: Option<At<u64>>,
-    /// How long a joint needs for a step, and a connector to connect.
+    /// The time of a step of a joint, and of a connection.
     turn_time: Option<At<Span>>,
     floor: Floor,
     hearing: Option<At<u64>>,
@@ -74,11 +74,11 @@ pub struct RawMetamodules {
 const GOAL: &str = "shape = { box = [5, 5] }";
 const SEED: &str = "{ foot = [5, 5], directions = [\"up\", \"up\", \"east\"] }";
 const LEVELS: &str = "[[{ foot = [5, 5], directions = [\"up\", \"up\", \"east\"] }]]";
-/// The kind of metamodules whose scenario names none.
+/// Default kind of metamodules.
 pub const KIND: Kind = Kind::Srs;
-/// The floor of a scenario that has none: that of the published experiment.
+/// Default floor: that of the published experiment.
 pub const FLOOR: Floor = Floor { min: (0, 0), max: (12, 12) };
-/// The quarter turns of a listed place that names none.
+/// Default number of quarter turns of a listed place.
 pub const CLASS: u64 = 0;
 const FLOOR_EXAMPLE: &str = "{ min = [0, 0], max = [12, 12] }";
 const START: &str = "start = [{ at = [1, 2], class = 0 }]";
@@ -91,17 +91,17 @@ pub const FACES: [(&str, Face); 6] = [
     ("east", Face::East),
     ("west", Face::West),
 ];
-/// Who tells which seeds are open.
+/// Which instance opens seeds.
 pub const TELLERS: [(&str, Teller); 2] =
     [("controller", Teller::Controller), ("neighbours", Teller::Neighbours)];
-/// The goals of the thesis, by name.
+/// A goal of the thesis, by name.
 type Library = (&'static str, fn(i16, i16) -> Vec<Vec<Seed>>);
 /// The names of the goals of the thesis.
 pub const SHAPES: [&str; 2] = ["box", "chair"];
 const LIBRARY: [Library; 2] = [("box", box_of_four), ("chair", chair_of_six)];
 
 impl RawMetamodules {
-    /// Reads what belongs to metamodules. `swarm` has been begun; it and the others are finished here.
+    /// Reads the sections of metamodules. `swarm` is partly read; it and the others are finished here.
     pub fn read(
         mut swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,
@@ -166,12 +166,12 @@ impl RawMetamodules {
         Some(blueprint)
     }
 
-    /// When goals are replaced.
+    /// Returns the times at which goals are replaced.
     fn changes(&self) -> impl Iterator<Item = &At<Span>> {
         self.goals.iter().filter_map(|goal| goal.at.as_ref())
     }
 
-    /// Later goals replace earlier ones at their times.
+    /// Checks that goals are sorted by time.
     fn check_times(&self, problems: &mut Problems) {
         let mut before = Span::ZERO;
         for (i, goal) in self.goals.iter().enumerate() {
@@ -190,7 +190,7 @@ impl RawMetamodules {
         }
     }
 
-    /// How many metamodules there are; `seeds` is what the largest goal needs.
+    /// Returns the number of metamodules; `seeds` is the number that the largest goal needs.
     fn count(&self, seeds: usize, problems: &mut Problems) -> Option<usize> {
         let listed = match &self.start.value {
             RawStart::Random => None,
@@ -284,7 +284,7 @@ impl RawSwarm for RawMetamodules {
     }
 }
 
-/// Upright on each of these connectors.
+/// Returns upright poses at these connectors.
 fn listed(setup: &Setup, places: &[At<GridState>], problems: &mut Problems) -> Vec<Pose> {
     // Invariant: the zero posture stands upright and is in every database.
     let posture = setup.motions.table().find(Posture::zero(setup.kind())).unwrap_or(0);
@@ -301,7 +301,7 @@ fn listed(setup: &Setup, places: &[At<GridState>], problems: &mut Problems) -> V
     places.iter().map(|p| upright(p.value)).collect()
 }
 
-/// Whether some posture, turned in some way, fills the cells of a seed and can be reached.
+/// Returns true if some reachable posture, in some orientation, fills the cells of a seed.
 fn can_fill(motions: &Motions, seed: &Seed) -> bool {
     let (table, goal) = (motions.table(), seed.cells());
     let foot = |class| GridState::new(seed.foot.0, seed.foot.1, class);
@@ -341,7 +341,7 @@ fn read_goal(mut section: Section<'_, '_>, problems: &mut Problems) -> RawGoal {
     RawGoal { name, place, at, levels, order }
 }
 
-/// One of the goals of the thesis, by its name and the corner where it stands.
+/// Reads a goal of the thesis: its name and the corner of its place.
 fn read_shape(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Vec<At<Seed>>>> {
     let mut section = Section::of(node, "the shape of a goal", "{ box = [5, 5] }", problems)?;
     let named = LIBRARY.iter().filter_map(|(name, make)| Some((section.node(name)?, make)));

@@ -11,7 +11,7 @@ use metamorph_protocol::metamodule::params::{HEARING, LEAST_HEARING, PrecedenceB
 use metamorph_protocol::roombots::Kind;
 use serde_json::json;
 
-/// Returns them.
+/// Returns the schema of the metamodules' sections.
 pub fn schema() -> FamilySchema {
     let start = json!({ "anyOf": [{ "const": "random" }, { "type": "array", "items": of("place") }] });
     let seeds = json!({ "type": "array", "minItems": 1, "items": of("seed") });
@@ -21,11 +21,11 @@ pub fn schema() -> FamilySchema {
         &[],
         json!({
             "name": said(NUMBERED, text()),
-            "at": said("When it replaces the one before; left out of the first goal only.", of("time")),
-            "shape": said("If left out, there are `levels`.", of("library")),
-            "levels": said("If left out, there is a `shape`.", json!({ "type": "array", "items": seeds })),
+            "at": said("When it replaces the previous goal; left out in the first goal only.", of("time")),
+            "shape": said("The shape; left out if there are `levels`.", of("library")),
+            "levels": said("The seeds by level; left out if there is a `shape`.", json!({ "type": "array", "items": seeds })),
             "order": said(
-                "Of the seeds in a level.",
+                "The order of the seeds in a level.",
                 or(SeedOrder::default().name(), names(&SeedOrder::ALL.map(SeedOrder::name))),
             ),
         }),
@@ -39,12 +39,12 @@ pub fn schema() -> FamilySchema {
                 "family": { "const": super::NAME },
                 "kind": or(KIND.name(), names(&Kind::METAMODULES.map(Kind::name))),
                 "count": said(
-                    "If left out, as many as are listed in `start`, or one for each seed of the largest goal.",
+                    "Default: the length of `start`, or one for each seed of the largest goal.",
                     json!({ "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES }),
                 ),
                 "floor": or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor")),
                 "hearing": said(
-                    "How many connectors away metamodules hear each other.",
+                    "The communication range in connectors.",
                     or(HEARING, json!({ "type": "integer", "minimum": LEAST_HEARING, "maximum": MAX_HEARING })),
                 ),
                 "start": said("Drawn from the seed of the run, or a list.", or("random", start)),
@@ -59,21 +59,21 @@ pub fn schema() -> FamilySchema {
             json!({
                 "strategy": or(Strategy::default().name(), names(&Strategy::ALL.map(Strategy::name))),
                 "precedence": said(
-                    "Which of two close together goes first, with `greedy`, `slope` and `step`. If it is left out, `greedy` has it within 4 by seed-distance, and the others have none.",
+                    "Which of two close together goes first, with `greedy`, `slope` and `step`. Default: within 4 by seed-distance for `greedy`, `off` for the others.",
                     json!({ "anyOf": [{ "const": "off" }, of("precedence")] }),
                 ),
                 "settled_repel": said(
-                    "Whether settled metamodules push, with `slope` and `step`. If it is left out, they do.",
+                    "Whether settled metamodules repel others, with `slope` and `step`. Default: true.",
                     json!({ "type": "boolean" }),
                 ),
-                "repulsion": said("How neighbours push. If it is left out, as the strategy has it.", of("repulsion")),
+                "repulsion": said("The repulsion by neighbours. Default: that of the strategy.", of("repulsion")),
                 "teller": one_of(&TELLERS),
                 "relocate": said(
-                    "Whether a goal that cannot be built where it is is moved.",
+                    "Whether a goal that cannot be built in place is moved.",
                     or(bool::default(), json!({ "type": "boolean" })),
                 ),
                 "detector": said(
-                    "Whether the swarm finds out by itself that it stands still.",
+                    "Whether the swarm detects deadlocks by itself.",
                     or(bool::default(), json!({ "type": "boolean" })),
                 ),
             }),
@@ -91,7 +91,7 @@ pub fn schema() -> FamilySchema {
             (
                 "place",
                 table(
-                    "Where a metamodule starts, and by how many quarters it is turned.",
+                    "The start of a metamodule: a connector, and quarter turns.",
                     &["at"],
                     json!({
                         "at": of("connector"),
@@ -102,7 +102,7 @@ pub fn schema() -> FamilySchema {
             (
                 "library",
                 one_of_its_keys(table(
-                    "A goal of the thesis, by the corner where it stands.",
+                    "A goal of the thesis, by the corner of its place.",
                     &[],
                     json!({ "box": of("connector"), "chair": of("connector") }),
                 )),
@@ -132,19 +132,19 @@ pub fn schema() -> FamilySchema {
             (
                 "repulsion",
                 table(
-                    "How neighbours push, in thousandths of the attraction and in cells; what is left out is as the strategy has it.",
+                    "The repulsion by neighbours, in thousandths of the attraction and in cells; the defaults are those of the strategy.",
                     &[],
                     json!({
                         "strength": said(
-                            "How much, in thousandths of the attraction. If it is left out, as the strategy has it.",
+                            "The strength, in thousandths of the attraction. Default: that of the strategy.",
                             json!({ "type": "integer", "minimum": 0, "maximum": MAX_THOUSANDTHS }),
                         ),
                         "decay": said(
-                            "How fast it falls with distance. If it is left out, as the strategy has it.",
+                            "The decrease with distance. Default: that of the strategy.",
                             json!({ "type": "integer", "minimum": 0, "maximum": 1000 }),
                         ),
                         "range": said(
-                            "How far it reaches, in cells. If it is left out, as the strategy has it.",
+                            "The range in cells. Default: that of the strategy.",
                             json!({ "type": "integer", "minimum": 1, "maximum": MAX_RANGE }),
                         ),
                     }),

@@ -1,4 +1,4 @@
-//! What a metamodule takes in and puts out, in words.
+//! Describes the inputs and outputs of a metamodule.
 
 use crate::console::format::listed;
 use crate::run::replay::words::{Worded, at, waiting};
@@ -26,7 +26,7 @@ impl Worded for Metamodule {
         let how = match deed {
             Deed::Turn(step) => format!("turn a joint (step {step} of its posture)"),
             Deed::Attach => "grip with its free end".to_owned(),
-            Deed::Detach => "let go with one end".to_owned(),
+            Deed::Detach => "release one end".to_owned(),
         };
         if *not_after == Time::NEVER { how } else { format!("{how}, by {}", at(*not_after).trim_start()) }
     }
@@ -56,18 +56,18 @@ impl Worded for Metamodule {
                 seeds(*filled)
             ),
             MetamoduleOrder::Dead { id, pose } => format!("{id} is dead, at {}", Metamodule::place(pose)),
-            MetamoduleOrder::Alive { id } => format!("{id} lives again"),
-            MetamoduleOrder::Obstacle { cell, there: true } => format!("something foreign is at {cell}"),
+            MetamoduleOrder::Alive { id } => format!("{id} was restarted"),
+            MetamoduleOrder::Obstacle { cell, there: true } => format!("an obstacle is at {cell}"),
             MetamoduleOrder::Obstacle { cell, there: false } => {
-                format!("nothing foreign is at {cell} any more")
+                format!("the obstacle at {cell} is gone")
             }
         }
     }
     fn report(s: &MetamoduleStatus) -> String {
         let does = s.settled.map_or("free".to_owned(), |seed| format!("settled in seed {seed}"));
         let barred =
-            if s.barred.is_empty() { String::new() } else { format!(", no way to {}", seeds(s.barred)) };
-        let stuck = if s.deadlocked { ", nobody can go on" } else { "" };
+            if s.barred.is_empty() { String::new() } else { format!(", no path to {}", seeds(s.barred)) };
+        let stuck = if s.deadlocked { ", deadlock detected" } else { "" };
         format!("{does}, at {}{barred}{stuck}{}", Metamodule::place(&s.pose), waiting(s.waits_for))
     }
 }

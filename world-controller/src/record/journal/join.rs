@@ -1,10 +1,10 @@
-//! Joins the parts of a run's journal: one order in which every cause comes before its effects.
+//! Joins the parts of a run's journal into one order, in which every cause comes before its effects.
 //!
-//! All processes of a run share one clock, so the order of time is nearly it. Within one instant, and
-//! wherever clocks should disagree, a record waits for its cause: a message for the step that sent it,
-//! what the controller told for the controller's record, an action for the step that asked for it. A
-//! cause that will never come, because its file ends earlier, is noted ([`Event::Torn`]) and not waited
-//! for; so is a torn end. Parts of another run, missing parts and damaged ones are errors.
+//! All processes of a run share one clock, so the order of time is nearly right. Within one instant, and if
+//! clocks should disagree, a record waits for its cause: a message waits for the step that sent it, an order
+//! for the controller's record, an action for the step that asked for it. A cause that cannot come, because
+//! its file ends earlier, is noted ([`Event::Torn`]) and not waited for; so is a torn end. Parts of another
+//! run and missing or damaged parts are errors.
 
 use super::{Damage, Event, Flaw, JournalError, Record, RunHead, Taken, Who};
 use metamorph_module_agent::journal_file::{Head, Reader, agent_part, controller_part};
@@ -16,14 +16,14 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// How many of something have come out so far: what is taken may not overtake what is given.
+/// Records emitted so far, of something produced and consumed: consumption must not overtake production.
 #[derive(Default)]
 struct Count {
     given: u32,
     taken: u32,
 }
 
-/// What is known of one life of an agent.
+/// The state of one incarnation of an agent.
 #[derive(Default)]
 struct Life {
     /// Messages sent.
@@ -44,23 +44,23 @@ struct Stream {
 pub struct Join {
     head: RunHead,
     streams: Vec<Stream>,
-    /// Which stream is whose.
+    /// The stream of each writer.
     index: BTreeMap<Who, usize>,
     heap: BinaryHeap<Reverse<(u64, usize)>>,
-    /// Streams whose next record waits for its cause, in the order of time.
+    /// Streams whose next record waits for its cause, by time.
     blocked: Vec<(u64, usize)>,
     lives: BTreeMap<(ModuleId, Incarnation), Life>,
-    /// The life of each module that the controller knows of, while it lasts.
+    /// The current incarnation of each module, as the controller knows it.
     current: BTreeMap<ModuleId, Incarnation>,
     torn: BTreeSet<Who>,
-    /// The time of the latest record so far.
+    /// The time of the latest record.
     last: Time,
     ready: VecDeque<Record>,
-    /// Parts without a head, whose writers were killed while they began.
+    /// Parts without a head: their writers were killed while creating them.
     troubles: Vec<String>,
-    /// The directory.
+    /// The directory of the parts.
     parts: PathBuf,
-    /// The first damage, until it is told.
+    /// The first damage, until it is reported.
     damage: Option<Damage>,
     over: bool,
 }
@@ -99,7 +99,7 @@ impl Join {
             let damage = |flaw| Damage { path: path.clone(), at: 0, flaw };
             let reader = match Reader::open(&path) {
                 Ok(reader) => reader,
-                // Killed while it began: if the controller had started it, its part is missing.
+                // Killed while creating its part; if the controller had started it, the part is missing.
                 Err(JournalError::NoHead(path)) => {
                     join.troubles.push(format!("{}: nothing was written to this part", path.display()));
                     continue;
@@ -123,12 +123,12 @@ impl Join {
         Ok(join)
     }
 
-    /// What the run was.
+    /// Returns the head of the journal.
     pub fn head(&self) -> &RunHead {
         &self.head
     }
 
-    /// What was wrong with the parts, once all is read.
+    /// Returns what was wrong with the parts, once all records are read.
     pub fn troubles(&self) -> Vec<String> {
         let torn = self.streams.iter().filter_map(|s| s.reader.torn()).map(ToString::to_string);
         self.troubles.iter().cloned().chain(torn).collect()
@@ -155,7 +155,7 @@ impl Join {
             self.ready.push_back(Record { at: self.last, who, event: Event::Torn });
         }
         if let Some(record) = &stream.next {
-            // Agents went on for a moment after the end, until they were told.
+            // Agents continue for a moment after the end, until the controller stops them.
             if matches!(record.event, Event::Counted { .. } | Event::Ended { .. }) {
                 self.heap.push(Reverse((u64::MAX, i)));
             } else {
@@ -168,7 +168,7 @@ impl Join {
         self.lives.entry((id, life)).or_default()
     }
 
-    /// Whose record has to come first, if any.
+    /// Returns the writer whose record has to come first, if any.
     fn cause(&self, record: &Record) -> Option<Who> {
         let life = |id, life| self.lives.get(&(id, life));
         match (record.who, &record.event) {
@@ -196,7 +196,7 @@ impl Join {
         }
     }
 
-    /// Whether a record may come now. Notes a cause that will never come.
+    /// Returns true if the record may come now. Notes a cause that cannot come any more.
     fn may_come(&mut self, i: usize) -> bool {
         let Some(record) = &self.streams[i].next else { return false };
         let at = record.at;
@@ -251,7 +251,7 @@ impl Join {
         }
     }
 
-    /// Lets the next record come, or several of one instant. False at the end.
+    /// Emits the next record, or several of one instant. Returns false at the end.
     fn advance(&mut self) -> bool {
         for k in 0..self.blocked.len() {
             let (_, i) = self.blocked[k];
@@ -269,7 +269,7 @@ impl Join {
             let place = self.blocked.partition_point(|b| *b < (at, i));
             self.blocked.insert(place, (at, i));
         }
-        // Everybody waits for somebody, which no run brings about: the earliest comes.
+        // A cycle of causes does not occur in an undamaged run: the earliest record comes.
         if self.blocked.is_empty() {
             return false;
         }
@@ -282,7 +282,7 @@ impl Join {
 impl Iterator for Join {
     type Item = Result<Record, Damage>;
 
-    /// The next record; an error is the last item.
+    /// Returns the next record; an error is the last item.
     fn next(&mut self) -> Option<Result<Record, Damage>> {
         if self.over {
             return None;
@@ -294,7 +294,7 @@ impl Iterator for Join {
     }
 }
 
-/// The module and the life that a part is named by.
+/// Returns the module and incarnation that a part is named after.
 fn named(path: &Path) -> Option<(ModuleId, Incarnation)> {
     let (id, life) = path.file_name()?.to_str()?.split_once('.')?;
     Some((ModuleId(id.parse().ok()?), Incarnation(life.parse().ok()?)))

@@ -18,7 +18,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// A journal that is being kept.
+/// A journal that is being written.
 pub struct Keeping {
     file: PathBuf,
     parts: Option<Parts>,
@@ -26,21 +26,21 @@ pub struct Keeping {
 }
 
 impl Keeping {
-    /// Begins the journal of a simulated run: one file.
+    /// Creates the journal of a simulated run: one file.
     pub fn simulated(file: &Path, plan: &Plan) -> Result<Keeping, JournalError> {
         let writer = Writer::create(file, &Head::Run(head(file, plan)?))?;
         Ok(Keeping { file: file.to_owned(), parts: None, writer: Rc::new(RefCell::new(writer)) })
     }
 
-    /// Begins the journal of a run of processes: a directory of parts.
+    /// Creates the journal of a run of processes: a directory of parts.
     pub fn of_processes(file: &Path, plan: &Plan) -> Result<Keeping, JournalError> {
-        // Agents are told where to write.
+        // Agents receive the path, and may have another working directory.
         let file = std::path::absolute(file).map_err(|e| JournalError::Create(file.to_owned(), e))?;
         let parts = parts_of(&file);
         fs::create_dir(&parts).map_err(|e| {
             let taken = e.kind() == io::ErrorKind::AlreadyExists;
-            let why = "it is left of a run that was not finished, or another run writes it; \
-                       `metamorph replay` reads it, and without it the name is free again";
+            let why = "it belongs to an unfinished run, or another run is writing it; \
+                       `metamorph replay` reads it; remove it to use the name again";
             JournalError::Create(parts.clone(), if taken { io::Error::other(why) } else { e })
         })?;
         let head = head(&file, plan)?;
@@ -50,8 +50,8 @@ impl Keeping {
         Ok(Keeping { file, parts, writer: Rc::new(RefCell::new(writer)) })
     }
 
-    /// Goes on with the journal of a run of processes whose controller was killed, from the end of what is
-    /// whole of the controller's part.
+    /// Continues the journal of a run of processes whose controller was killed, after the intact records of
+    /// the controller's part.
     pub fn going_on(file: &Path, run: RunId, end: End, at: Time) -> Result<Keeping, JournalError> {
         let parts = Parts { dir: parts_of(file), run };
         let mut writer = Writer::go_on(&controller_part(&parts.dir), end)?;
@@ -60,18 +60,18 @@ impl Keeping {
         Ok(Keeping { file: file.to_owned(), parts: Some(parts), writer: Rc::new(RefCell::new(writer)) })
     }
 
-    /// Where records of this process go.
+    /// Returns the log for records of this process.
     pub fn log(&self) -> Log {
         self.writer.clone()
     }
-    /// Where agents write their parts.
+    /// Returns the directory for the agents' parts, if there is one.
     pub fn parts(&self) -> Option<&Parts> {
         self.parts.as_ref()
     }
 
-    /// The run is over. `counts` are those of every life of an agent, where they are known apart, and
-    /// `unrecorded` how many records agents could not write. Returns what a reader of the report should
-    /// know.
+    /// Completes the journal of a finished run. `counts` are those of each incarnation of an agent, where
+    /// known separately; `unrecorded` is the number of records that agents could not write. Returns notes for
+    /// the report.
     pub fn finish(
         self,
         end: Time,
@@ -105,7 +105,7 @@ impl Keeping {
         notes
     }
 
-    /// The run could not be finished; what there is of the journal is kept.
+    /// Abandons the journal of a run that could not be finished; its files are kept.
     pub fn give_up(&self) {
         self.writer.borrow_mut().commit();
         if let Some(parts) = &self.parts
@@ -115,7 +115,7 @@ impl Keeping {
         }
     }
 
-    /// Joins the parts to one file, and removes them.
+    /// Joins the parts into one file, and removes them.
     fn join(&self, parts: &Path) -> Result<(), JournalError> {
         let mut join = Join::open(parts)?;
         let failed = |e: OutputError| JournalError::Create(self.file.clone(), io::Error::other(e));

@@ -1,10 +1,10 @@
-//! Journals of runs: reading them, on whatever link they were written and however the run ended.
+//! Reads the journals of runs, of either link, however the run ended.
 //!
-//! [`Journal::open`] gives the head of a journal and then its records, in an order in which causes come
-//! before effects. A run of processes writes one file for the controller and one for each life of an
-//! agent, in a directory beside the journal (`FILE.parts`), and joins them at its end (`join`); if it
-//! did not come so far, reading joins them. `keep` begins and ends a journal for the drivers. The layout
-//! of files is in `metamorph_module_agent::journal_file`, the records are in `metamorph_protocol::record`.
+//! [`Journal::open`] returns the head of a journal and then its records, in an order in which causes come
+//! before effects. A run of processes writes one file for the controller and one for each incarnation of an
+//! agent, in a directory beside the journal (`FILE.parts`), and joins them at its end (`join`); if the run
+//! was killed before, reading joins them. `keep` creates and completes a journal for the drivers. The file
+//! layout is in `metamorph_module_agent::journal_file`, the records are in `metamorph_protocol::record`.
 
 mod join;
 mod keep;
@@ -22,18 +22,18 @@ use std::hash::{BuildHasher, RandomState};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Why a journal's scenario cannot be read again.
+/// The reason why a journal's scenario cannot be read.
 #[derive(Debug, Error)]
 pub enum HeadError {
-    /// What was changed in the scenario does not make sense to this program.
-    #[error("what the head of the journal says was changed in the scenario is not of this program: {0}")]
+    /// The recorded overrides are invalid.
+    #[error("the overrides of the scenario in the head of the journal are not valid for this program: {0}")]
     Overrides(String),
-    /// The scenario does not make sense to this program.
+    /// The recorded scenario is invalid.
     #[error("the scenario in the head of the journal cannot be read:\n{0}")]
     Scenario(String),
 }
 
-/// A journal that is being read: an iterator over its records that ends with the first damage.
+/// A journal opened for reading: an iterator over its records that ends with the first damage.
 pub struct Journal {
     head: RunHead,
     source: Source,
@@ -45,7 +45,7 @@ enum Source {
     Parts(Box<Join>),
 }
 
-/// The directory in which the parts of a journal lie until they are joined.
+/// Returns the directory that holds the parts of a journal until they are joined.
 pub fn parts_of(file: &Path) -> PathBuf {
     let mut name = file.as_os_str().to_owned();
     name.push(".parts");
@@ -53,7 +53,12 @@ pub fn parts_of(file: &Path) -> PathBuf {
 }
 
 impl Journal {
-    /// Opens a journal. If the run that writes it was killed, or is not over, what is there of it.
+    /// Opens a journal; if its run was killed or is active, the parts that exist.
+    ///
+    /// # Errors
+    ///
+    /// There is no journal, it is of another version, or a part does not belong to it. Damage further on is
+    /// an item of the iterator.
     pub fn open(path: &Path) -> Result<Journal, JournalError> {
         let parts = if path.is_dir() { path.to_owned() } else { parts_of(path) };
         if parts.is_dir() {
@@ -75,20 +80,20 @@ impl Journal {
         }
     }
 
-    /// What the run was.
+    /// Returns the head of the journal.
     pub fn head(&self) -> &RunHead {
         &self.head
     }
 
-    /// What is incomplete about the files, once all records have been read: torn ends, empty parts, a run
-    /// that was not over.
+    /// Returns what is incomplete about the files, once all records have been read: torn ends, empty parts,
+    /// an unfinished run.
     pub fn troubles(&self) -> Vec<String> {
         let mut troubles = match &self.source {
             Source::File(reader) => reader.torn().map(ToString::to_string).into_iter().collect(),
             Source::Parts(join) => join.troubles(),
         };
         if self.unfinished {
-            troubles.push("the run was not over; what its parts hold was joined".to_owned());
+            troubles.push("the run was not finished; its parts were joined".to_owned());
         }
         troubles
     }
@@ -105,11 +110,12 @@ impl Iterator for Journal {
     }
 }
 
-/// What the journal of a run of this plan begins with. Simulated runs of one plan have one identity, so that
-/// their journals are the same; runs of processes each have their own.
+/// Returns the head of the journal of a run of this plan. Simulated runs of one plan have the same identity,
+/// so that their journals are equal; each run of processes has its own.
 ///
 /// # Errors
-/// Says why the plan cannot be written down.
+///
+/// A plan that cannot be recorded.
 pub fn head_of(plan: &Plan) -> Result<RunHead, String> {
     let overrides = Overrides { seed: Some(plan.seed), ..plan.overrides.clone() };
     let mut head = RunHead {
@@ -137,7 +143,7 @@ pub fn head_of(plan: &Plan) -> Result<RunHead, String> {
     Ok(head)
 }
 
-/// The plan that a journal's run was made by.
+/// Reads the plan of a journal's run.
 pub fn plan_of(families: Families, head: &RunHead) -> Result<Plan, HeadError> {
     let overrides: Overrides = head.overrides.read().map_err(HeadError::Overrides)?;
     read_text(families, &head.origin, &head.scenario, &overrides)

@@ -1,9 +1,8 @@
-//! Carries a journal out again: every agent, the world and the director are handed the inputs that were
-//! recorded, in the recorded order, and must say and become what was recorded.
+//! Re-executes a journal: agents, world and director receive the recorded inputs in the recorded order and
+//! must produce the recorded outputs and states.
 //!
-//! Besides, what is taken must have been given: a message heard is one that its sender has sent, an
-//! action is one that its agent has asked for, and what the controller told arrives in order. Absent:
-//! reading files, and printing.
+//! Inputs must also have a source: a message received was sent, an action was asked for by its agent, and
+//! what the controller sent arrives in order. Absent: reading files, and printing.
 
 use crate::record::journal::{Event, MessageName, Record, Taken, Told, Who};
 use crate::run::runnable::Runnable;
@@ -31,20 +30,20 @@ use std::hash::Hasher;
 /// The agents of a family.
 pub type AgentOf<R> = <<R as Runnable>::World as World>::Agent;
 
-/// One life of an agent.
+/// One incarnation of an agent.
 struct Life<A: Agent> {
     agent: Option<AgentHost<A>>,
-    /// The hash of every message sent, by its number.
+    /// The hash of each message sent, indexed by number.
     sent: Vec<u64>,
-    /// What it asked for and reported, as far as the controller has not taken it yet.
+    /// Actions and reports that the controller has not consumed yet.
     told: VecDeque<Told>,
-    /// What the controller told it, as far as it has not taken it yet.
+    /// Contacts, percepts and orders that the agent has not consumed yet.
     letters: VecDeque<Taken>,
     tally: Tally,
     summary: Summary,
-    /// Its records are not complete: from here on it is not followed.
+    /// True if its records are incomplete: it is not followed from here on.
     torn: bool,
-    /// Its process was gone before the run was over.
+    /// True if its process ended before the run.
     died: bool,
 }
 
@@ -63,24 +62,24 @@ impl<A: Agent> Default for Life<A> {
     }
 }
 
-/// How much was carried out.
+/// What was re-executed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Done {
     /// Records.
     pub records: u64,
     /// Inputs of agents.
     pub steps: u64,
-    /// Lives of agents.
+    /// Incarnations of agents.
     pub lives: u64,
     /// Inputs of the world and the director.
     pub controller: u64,
-    /// What could not be checked, because its cause is missing.
+    /// Records not checked, because their cause is missing.
     pub unchecked: u64,
     /// The time of the last record.
     pub until: Time,
 }
 
-/// A run that is carried out again.
+/// A run being re-executed.
 pub struct Engine<'a, R: Runnable> {
     swarm: &'a R,
     plan: &'a Plan,
@@ -90,14 +89,14 @@ pub struct Engine<'a, R: Runnable> {
     current: BTreeMap<ModuleId, Incarnation>,
     struck: usize,
     torn: bool,
-    /// Whether there are no records of agents.
+    /// True if there are no records of agents.
     alone: bool,
     done: Done,
     ended: Option<(String, Tally)>,
 }
 
 impl<'a, R: Runnable> Engine<'a, R> {
-    /// Nothing has happened yet.
+    /// Creates an engine at the start of the run.
     pub fn new(swarm: &'a R, plan: &'a Plan) -> Engine<'a, R> {
         Engine {
             swarm,
@@ -114,23 +113,23 @@ impl<'a, R: Runnable> Engine<'a, R> {
         }
     }
 
-    /// There are records of the controller only; what agents told it is believed.
+    /// Accepts unchecked what agents told the controller: there are records of the controller only.
     pub fn follow_no_agents(&mut self) {
         self.alone = true;
     }
-    /// World and director as they are now, and how many faults were recorded.
+    /// Returns world and director in their current state, and the number of recorded faults.
     pub fn into_parts(self) -> (R::World, R::Director, usize) {
         (self.world, self.director, self.struck)
     }
-    /// How much was carried out so far.
+    /// Returns what was re-executed so far.
     pub fn done(&self) -> Done {
         self.done
     }
-    /// How the run ended, and what it counted, once that has been read.
+    /// Returns the outcome and the counts of the run, once they have been read.
     pub fn ended(&self) -> Option<&(String, Tally)> {
         self.ended.as_ref()
     }
-    /// Where every module stands, and what it is about.
+    /// Returns the place and the state of each module.
     pub fn modules(
         &self,
     ) -> impl Iterator<Item = (ModuleId, bool, <AgentOf<R> as Agent>::Place, Option<&Summary>)> {
@@ -141,8 +140,8 @@ impl<'a, R: Runnable> Engine<'a, R> {
         })
     }
 
-    /// The hashes of all agents and of the world as they are now, as reports have them. None of agents that are
-    /// not followed to here.
+    /// Returns the hashes of all agents and of the world in their current state, as in reports; `None` for
+    /// the agents if not all of them are followed to here.
     pub fn hashes(&self) -> (Option<u64>, u64) {
         let all = || {
             (0..self.world.len() as u32).map(ModuleId).map(|id| {
@@ -159,7 +158,11 @@ impl<'a, R: Runnable> Engine<'a, R> {
         (is_followed.then_some(agents), world_hash(&self.world))
     }
 
-    /// Carries one record out. An error says what is not as recorded.
+    /// Re-executes one record.
+    ///
+    /// # Errors
+    ///
+    /// Says what differs from the record.
     pub fn carry_out(&mut self, record: &Record) -> Result<(), String> {
         self.done.records += 1;
         self.done.until = record.at;
@@ -187,7 +190,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 let life = self.lives.entry(key).or_default();
                 let same = life.agent.as_ref().is_none_or(|a| a.agent().summary(record.at) == *summary);
                 life.summary.clone_from(summary);
-                if same { Ok(()) } else { Err("it is about something else".to_owned()) }
+                if same { Ok(()) } else { Err("it has another summary".to_owned()) }
             }
             Event::Step(step) => self.step(key, record.at, step),
             other => Err(format!("{other:?} is no event of an agent")),
@@ -204,7 +207,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         if !matches!(step.input, Taken::Message { .. } | Taken::Wake) && !take(&mut life.letters, &step.input)
         {
             if !self.torn {
-                return Err(format!("it took {:?}, which the controller had not told it", step.input));
+                return Err(format!("it took {:?}, which the controller had not sent", step.input));
             }
             self.done.unchecked += 1;
         }
@@ -235,14 +238,14 @@ impl<'a, R: Runnable> Engine<'a, R> {
                     counts.bytes += message.wire_len() as u64;
                     life.sent.push(hash(&Blob::of(&message)));
                 }
-                // Which contact changes it knew of is the driver's to say, and told apart.
+                // The contact revision it carries is the driver's, and recorded separately.
                 Output::Act(_) | Output::Report(_) => {}
             }
         }
         life.told.extend(step.told.iter().cloned());
         if digest != step.digest {
             return Err(format!(
-                "after {:?} its state or what it put out is another: {digest:016x}, not {:016x}",
+                "after {:?} its state or output differs: {digest:016x}, not {:016x}",
                 step.input, step.digest
             ));
         }
@@ -254,12 +257,12 @@ impl<'a, R: Runnable> Engine<'a, R> {
         let sender = self.lives.get(&(from, life));
         match sender.and_then(|s| s.sent.get(number as usize)) {
             Some(sent) if *sent == hash(message) => Ok(()),
-            Some(_) => Err(format!("it heard message {number} of module {from} as something else")),
+            Some(_) => Err(format!("it received message {number} of module {from} with other contents")),
             None if sender.is_some_and(|s| s.torn) => {
                 self.done.unchecked += 1;
                 Ok(())
             }
-            None => Err(format!("it heard message {number} of module {from}, which had not sent it")),
+            None => Err(format!("it received message {number} of module {from}, which had not sent it")),
         }
     }
 
@@ -268,11 +271,11 @@ impl<'a, R: Runnable> Engine<'a, R> {
         match event {
             Event::Start { id, life, place } => {
                 if Blob::of(&self.world.place(*id)) != *place {
-                    return Err(format!("module {id} starts elsewhere"));
+                    return Err(format!("module {id} starts at another place"));
                 }
                 self.world.start(at, *id, *life);
                 self.current.insert(*id, *life);
-                // What it is told from now on is for this life.
+                // What the controller sends from now on is for this incarnation.
                 self.lives.entry((*id, *life)).or_default().died = false;
             }
             Event::Act { id, revision, action, .. } => {
@@ -284,7 +287,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 for (id, place) in ended {
                     let got = Blob::of(&self.world.place(*id));
                     if got != *place {
-                        return Err(format!("module {id} is elsewhere: {got:?}, not {place:?}"));
+                        return Err(format!("module {id} is at another place: {got:?}, not {place:?}"));
                     }
                 }
             }
@@ -342,7 +345,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 }
                 self.compare_totals(tally)?;
             }
-            // Found by audits, which are not made again.
+            // Found by audits, which are not repeated.
             Event::Violated { .. } | Event::Resumed => {}
             Event::Torn => self.torn = true,
             other => return Err(format!("{other:?} is no event of the controller")),
@@ -354,7 +357,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         self.current.get(&id).and_then(|life| self.lives.get_mut(&(id, *life)))
     }
 
-    /// The controller tells a module something, if there is a process to tell it.
+    /// Records what the controller sends to a module, if it has a process.
     fn tell(&mut self, id: ModuleId, letter: Taken) {
         if self.alone {
             return;
@@ -385,7 +388,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         let Some(life) = self.lives.get(&(id, incarnation)).filter(|l| !l.torn) else { return Ok(()) };
         for (class, counted) in tally.iter() {
             let (got, counted) = (known(&life.tally[class]), known(counted));
-            // Whoever is killed has written its last steps down, but perhaps not what they add up to.
+            // A killed process may have written its last steps but not their counts.
             let late = life.died && got.iter().zip(counted).all(|(got, counted)| *got >= counted);
             if got != counted && !late {
                 return Err(format!(
@@ -413,7 +416,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         Ok(())
     }
 
-    /// The messages that all agents have sent and heard.
+    /// Returns the counts of messages that all agents have sent and received.
     pub fn tally(&self) -> Tally {
         let mut sum = Tally::default();
         self.lives.values().for_each(|life| sum += life.tally);
@@ -421,12 +424,13 @@ impl<'a, R: Runnable> Engine<'a, R> {
     }
 }
 
-/// What can be counted again; the rest is the link's.
+/// Returns the counts that a replay can reproduce; the others are the link's.
 fn known(counts: &Counts) -> [u64; 3] {
     [counts.sent, counts.delivered, counts.bytes]
 }
 
-/// Takes a letter out. Contact changes that later ones of the same port have overtaken may be missing.
+/// Removes a message of the controller. Contact changes that later ones of the same port have overtaken may
+/// be missing.
 fn take(letters: &mut VecDeque<Taken>, taken: &Taken) -> bool {
     while let Some(letter) = letters.pop_front() {
         if letter == *taken {
@@ -452,7 +456,7 @@ fn read<T: Wire>(blob: &Blob) -> Result<T, String> {
     blob.read().map_err(|e: WireError| format!("{blob:?} cannot be read: {e}"))
 }
 
-/// An input as agents take it.
+/// Converts a recorded input to an agent's input.
 pub fn input<M: Wire, P: Wire, O: Wire>(taken: &Taken) -> Result<Input<M, P, O>, String> {
     Ok(match taken {
         Taken::Contact { port, session } => Input::Contact { port: *port, session: *session },

@@ -1,7 +1,6 @@
-//! `metamorph replay`: carries a journal out again and says whether everything came as recorded, or
-//! where it first did not; and shows what one agent went through, or how things stood at some time.
-//! How records are carried out is in `engine`; `recover` does it for a controller that comes back.
-//! Absent: reading files (`journal`).
+//! `metamorph replay`: re-executes a journal and says whether everything matched the records, or where it
+//! first differed; shows the history of one agent, or the state at some time. `engine` re-executes records;
+//! `recover` does it for a resuming controller. Absent: reading files (`journal`).
 
 mod engine;
 mod recover;
@@ -29,15 +28,15 @@ pub use words::Worded;
 /// What to replay.
 #[derive(Clone, Debug)]
 pub struct Request {
-    /// The journal.
+    /// Path of the journal.
     pub file: PathBuf,
-    /// Up to this time, with everything that happens at it.
+    /// Stop after all records of this time.
     pub until: Option<Time>,
-    /// Show what this agent goes through.
+    /// Show the history of this agent.
     pub agent: Option<ModuleId>,
 }
 
-/// Why a journal cannot be replayed.
+/// The reason why a journal cannot be replayed.
 #[derive(Debug, Error)]
 pub enum ReplayError {
     /// It cannot be read.
@@ -51,41 +50,41 @@ pub enum ReplayError {
     NoSuchAgent(ModuleId, u32),
 }
 
-/// Where a replay is not as it was recorded.
+/// The first place where a replay differs from its journal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
     /// The number of the record, from 1.
     pub number: u64,
-    /// When.
+    /// Time of the record.
     pub at: Time,
-    /// Whose record it is.
+    /// Writer of the record.
     pub who: Who,
     /// What is different.
     pub what: String,
 }
 
-/// What a replay came to.
+/// The result of a replay.
 #[derive(Clone, Debug)]
 pub struct Replayed {
-    /// How much was carried out.
+    /// What was re-executed.
     pub done: Done,
     /// The first difference.
     pub difference: Option<Difference>,
-    /// What the replay ended at, if the journal is damaged.
+    /// The damage that the replay ended at, if any.
     pub damage: Option<Damage>,
     /// What is incomplete about the files.
     pub troubles: Vec<String>,
-    /// Messages sent and delivered, by what agents did.
+    /// Messages sent and delivered, counted by the agents.
     pub tally: Tally,
-    /// How the run ended; none if it was not read so far.
+    /// The recorded outcome; `None` if it was not reached.
     pub ended: Option<String>,
-    /// The hashes of all agents, if all could be followed, and of the world, as reports have them.
+    /// The hashes of all agents, if all could be followed, and of the world, as in reports.
     pub hashes: (Option<u64>, u64),
-    /// What else was asked for, as text.
+    /// The requested history or state, as text.
     pub shown: String,
 }
 
-/// Opens a journal, and checks what was asked for against its plan.
+/// Opens a journal, and checks the request against its plan.
 pub fn open(families: Families, request: &Request) -> Result<(Plan, Journal), ReplayError> {
     let journal = Journal::open(&request.file)?;
     let plan = plan_of(families, journal.head())?;
@@ -144,7 +143,7 @@ where
     }
 }
 
-/// What a replay came to, for people.
+/// Formats the result for people.
 pub fn text(plan: &Plan, replayed: &Replayed) -> String {
     let Replayed { done, difference, damage, troubles, tally, ended, hashes: (agents, world), shown } =
         replayed;
@@ -177,17 +176,17 @@ pub fn text(plan: &Plan, replayed: &Replayed) -> String {
     if done.unchecked > 0 {
         let _ = writeln!(
             text,
-            "note: not checked, as their causes are missing: {}",
+            "note: not checked, because their causes are missing: {}",
             many(done.unchecked, "record")
         );
     }
     let verdict = match (difference, ended) {
-        (None, _) if damage.is_some() => "the same states up to where the journal is damaged".to_owned(),
+        (None, _) if damage.is_some() => "identical states up to the damage in the journal".to_owned(),
         (Some(Difference { number, at, who, what }), _) => {
             format!("different: record {}, at {at}, {who}: {what}", count(*number))
         }
-        (None, Some(outcome)) => format!("the same states and counts; the run ended {outcome}"),
-        (None, None) => "the same states as far as it goes".to_owned(),
+        (None, Some(outcome)) => format!("identical states and counts; the run ended {outcome}"),
+        (None, None) => "identical states up to the end of the journal".to_owned(),
     };
     text + &verdict
 }

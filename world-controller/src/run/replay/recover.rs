@@ -1,7 +1,7 @@
-//! Finds out from the controller's part of a journal how things stood when it was killed: the world and
-//! the director by carrying its records out again, and what every agent had been told.
+//! Recovers the state of a run from the controller's part of its journal: world and director by re-executing
+//! the controller's records, and what each agent was sent.
 //!
-//! What agents wrote down is not needed for that, so only one file is read.
+//! The agents' records are not needed, so only one file is read.
 
 use super::engine::{AgentOf, Engine};
 use crate::record::journal::{Blob, Damage, Event, Record};
@@ -17,47 +17,47 @@ use metamorph_protocol::wire::Wire;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use thiserror::Error;
 
-/// How things stood.
+/// The state of a run at the end of the controller's records.
 pub struct Recovered<R: Runnable> {
     /// The world.
     pub world: R::World,
     /// The director.
     pub director: R::Director,
-    /// Faults that are in the journal already.
+    /// Faults recorded so far.
     pub struck: usize,
     /// Scenario time of the last record.
     pub until: Time,
-    /// Every life that lasted.
+    /// Incarnations alive at that time.
     pub lives: Vec<TakenOver<AgentOf<R>>>,
-    /// The latest life of every module.
+    /// The latest incarnation of each module.
     pub latest: Vec<Incarnation>,
-    /// Modules that are dead and to be started again.
+    /// Modules that are dead and due for a restart.
     pub awaited: BTreeSet<ModuleId>,
-    /// Whether the run was over.
+    /// True if the run was over.
     pub finishing: bool,
-    /// What the controller had counted.
+    /// The controller's counts.
     pub counted: Counted,
 }
 
-/// Why the controller's records do not lead to where the run was.
+/// The reason why the controller's records do not reproduce the state of the run.
 #[derive(Debug, Error)]
 pub enum RecoverError {
     /// They cannot be read.
     #[error(transparent)]
     Damaged(#[from] Damage),
-    /// One of them is not as recorded.
+    /// A record does not match.
     #[error("record {number} of the controller, at {at}: {what}")]
     Different {
         /// The number of the record, from 1.
         number: u64,
-        /// When.
+        /// Time of the record.
         at: Time,
         /// What is different.
         what: String,
     },
 }
 
-/// Carries the controller's records out.
+/// Re-executes the controller's records.
 pub fn recover<R: Runnable>(
     swarm: &R,
     plan: &Plan,
@@ -177,7 +177,7 @@ impl<A: Agent> Notes<A> {
         }
     }
 
-    /// As the conductor does: whoever is to be killed is told nothing more.
+    /// As the controller loop does: nothing is sent to an agent that is about to be killed.
     fn tell(&mut self, id: ModuleId, letter: Letter<A>) -> bool {
         let Some(life) = self.lives.get_mut(&id) else { return false };
         if !life.condemned {

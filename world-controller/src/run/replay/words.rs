@@ -1,4 +1,4 @@
-//! What an agent takes in and puts out, in words: one line for each input, what followed indented below it.
+//! Describes the inputs and outputs of an agent: one line per input, with its effects indented below.
 //! Families implement [`Worded`].
 
 use super::engine::input;
@@ -12,32 +12,31 @@ use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Wire;
 use std::fmt::Write;
 
-/// Agents whose inputs and outputs can be told.
+/// Agents whose inputs and outputs have a description.
 pub trait Worded: Visible {
-    /// Where a body is.
+    /// Describes the place of a body.
     fn place(place: &Self::Place) -> String;
-    /// What a body is asked for, after "asks its body to".
+    /// Describes an action, after "asks its body to".
     fn action(action: &Self::Action) -> String;
-    /// How that went, after "its body".
+    /// Describes a percept, after "its body".
     fn percept(percept: &Self::Percept) -> String;
-    /// What the controller wants or tells.
+    /// Describes an order of the controller.
     fn order(order: &Self::Order) -> String;
-    /// What the controller is told.
+    /// Describes a report to the controller.
     fn report(report: &Self::Report) -> String;
 }
 
-/// A time, always with microseconds, so that one stands below the other.
-/// A time, as wide as all others.
+/// Formats a time with microseconds, at a fixed width, so that times align.
 pub fn at(time: Time) -> String {
     format!("{:>13.6} s", time.as_secs_f64())
 }
 
-/// Tells a record of an agent; a wake-up after which it does nothing is left out.
+/// Describes a record of an agent; a wake-up without effect is left out.
 pub fn tell<A: Worded>(out: &mut String, record: &Record, life: Incarnation) {
     // Writing to a string cannot fail.
     let _ = match &record.event {
         Event::Born { place } => {
-            writeln!(out, "{}  begins life {life} at {}", at(record.at), told(place, A::place))
+            writeln!(out, "{}  starts as incarnation {life} at {}", at(record.at), told(place, A::place))
         }
         Event::State(summary) => writeln!(out, "{}  is now {}", at(record.at), state(summary)),
         Event::Step(step) if is_idle(step) => Ok(()),
@@ -58,7 +57,7 @@ fn write_step<A: Worded>(out: &mut String, time: Time, step: &Step) -> std::fmt:
     writeln!(out, "{}  {what}", at(time))?;
     let indent = " ".repeat(19);
     for (i, sent) in step.sent.iter().enumerate() {
-        let to = sent.to.map_or("to nobody".to_owned(), |id| format!("to {id}"));
+        let to = sent.to.map_or("to no module".to_owned(), |id| format!("to {id}"));
         let number = step.first as usize + i;
         writeln!(out, "{indent}sends {} {to} by port {} (message {number})", sent.class, sent.port)?;
     }
@@ -78,11 +77,11 @@ fn taking<A: Worded>(recorded: &Taken, taken: InputOf<A>) -> String {
         (Taken::Message { name, class, .. }, Input::Message { message, .. }) => {
             format!("hears from {}: {} ({class}, message {})", name.from, A::said(&message), name.number)
         }
-        (_, Input::Message { port, message }) => format!("hears by port {port}: {}", A::said(&message)),
+        (_, Input::Message { port, message }) => format!("hears at port {port}: {}", A::said(&message)),
         (_, Input::Contact { port, session: Some(session) }) => {
             format!("touches a neighbour at port {port} (session {})", session.0)
         }
-        (_, Input::Contact { port, session: None }) => format!("touches nobody at port {port} any more"),
+        (_, Input::Contact { port, session: None }) => format!("touches nothing at port {port} any more"),
         (_, Input::Percept(percept)) => format!("its body {}", A::percept(&percept)),
         (_, Input::Order(order)) => format!("is told by the controller: {}", A::order(&order)),
         (_, Input::Wake) => "wakes".to_owned(),
@@ -93,7 +92,7 @@ fn told<T: Wire>(blob: &Blob, words: fn(&T) -> String) -> String {
     blob.read().map_or_else(|e| format!("something that cannot be read: {e}"), |value| words(&value))
 }
 
-/// What an agent is about.
+/// Describes the state of an agent.
 pub fn state(s: &Summary) -> String {
     let mut text = format!("{}, {}", s.role, s.activity);
     let mut add = |name, value: Option<String>| {
@@ -108,7 +107,7 @@ pub fn state(s: &Summary) -> String {
     text
 }
 
-/// Whom a module waits for, if anybody.
+/// Says which module another waits for; empty if `on` is `None`.
 pub fn waiting(on: Option<ModuleId>) -> String {
     on.map_or(String::new(), |id| format!(", waits for {id}"))
 }

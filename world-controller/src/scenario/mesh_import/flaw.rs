@@ -1,33 +1,33 @@
-//! Everything that can be wrong with a file that a shape is made of, and what to do about it.
+//! All errors in files of shapes, with their fixes.
 //!
-//! One variant per reason; the text is the reason with its place in the file, [`SolidError::fix`] the
-//! way out. Numbers of triangles count from 1, as people do.
+//! One variant per reason; the text is the reason with its place in the file, [`SolidError::fix`] says what
+//! to do. Triangles are numbered from 1.
 
 use metamorph_protocol::lattice::Cell;
 use thiserror::Error;
 
-/// The largest file that a shape is read from, in bytes: two million triangles in a binary STL.
+/// Bytes of a shape file at most: two million triangles in a binary STL.
 pub const MAX_BYTES: u64 = 128 << 20;
-/// The most triangles of one file.
+/// Triangles of one file at most.
 pub const MAX_TRIANGLES: usize = 2_000_000;
-/// The most cells of the box around a mesh.
+/// Cells of the box around a mesh at most.
 pub const MAX_GRID: u64 = 16_000_000;
-/// The most cells of the box around whatever comes out.
+/// Cells of the box around an imported shape at most.
 pub const MAX_BOX: u64 = 64_000_000;
-/// The most pairs of a triangle and a column of cells, or a sample of its surface, that are looked at.
+/// Pairs of a triangle and a column of cells or a surface sample that are examined at most.
 pub const MAX_WORK: u64 = 400_000_000;
-/// The most elements, texts and comments of an XML file.
+/// Elements, texts and comments of an XML file at most.
 pub const MAX_NODES: u32 = 2_000_000;
-/// The most attributes of an XML file.
+/// Attributes of an XML file at most.
 pub const MAX_ATTRIBUTES: usize = 2_000_000;
-/// The most attributes of one element. The parser compares each with each.
+/// Attributes of one element at most. The parser compares each pair.
 pub const MAX_ATTRIBUTES_OF_ONE: usize = 64;
-/// The most namespaces that an XML file may declare. The parser gives every element a list of them.
+/// Namespaces that an XML file may declare at most. The parser lists them for every element.
 pub const MAX_NAMESPACES: usize = 16;
-/// The most groups, objects and materials of an OBJ file.
+/// Groups, objects and materials of an OBJ file at most.
 pub const MAX_GROUPS: usize = 10_000;
 
-/// What is wrong with a file.
+/// An error in a file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum SolidError {
     /// It cannot be opened or read.
@@ -35,31 +35,31 @@ pub enum SolidError {
     Unreadable {
         /// The file.
         file: String,
-        /// Why.
+        /// The cause.
         why: String,
     },
     /// A directory, a pipe or a device.
     #[error("{0}: this is no regular file")]
     NoFile(String),
-    /// More parts of one sort than are read.
+    /// Too many parts of one kind.
     #[error("{file}:{line}: there are more than {most} {what}")]
     TooManyParts {
         /// The file.
         file: String,
-        /// The line of the first that is too much.
+        /// The line of the first excess part.
         line: usize,
-        /// What there are too many of.
+        /// The kind of part.
         what: &'static str,
-        /// The most that are read.
+        /// The maximum.
         most: usize,
     },
     /// Too many bytes.
     #[error("{file}: the file is larger than {} MiB", MAX_BYTES >> 20, file = .0)]
     TooLarge(String),
-    /// Neither a mesh nor a configuration, as far as its name goes.
-    #[error("{0}: the name ends with none of .stl, .obj and .xml")]
+    /// Neither a mesh nor a configuration, by its name.
+    #[error("{0}: the name does not end in .stl, .obj or .xml")]
     Format(String),
-    /// Less than any STL.
+    /// Shorter than any STL.
     #[error(
         "{file}: the file has {bytes} bytes; an STL begins with 84 bytes, or is text that begins with `solid`"
     )]
@@ -76,40 +76,40 @@ pub enum SolidError {
     Truncated {
         /// The file.
         file: String,
-        /// Whole triangles that are there.
+        /// Complete triangles present.
         found: u64,
         /// Triangles that its header promises.
         expected: u64,
         /// Its length.
         bytes: u64,
     },
-    /// Text that is not what its format wants.
+    /// Text that violates its format.
     #[error("{file}:{line}: {why}")]
     Syntax {
         /// The file.
         file: String,
-        /// Which line, from 1.
+        /// The line, from 1.
         line: usize,
-        /// Why.
+        /// The cause.
         why: String,
     },
-    /// An infinite coordinate, or none.
+    /// A coordinate that is not a finite number.
     #[error("{file}: a corner of triangle {triangle} is no finite number")]
     NotFinite {
         /// The file.
         file: String,
-        /// Which triangle.
+        /// The triangle.
         triangle: usize,
     },
     /// No triangle.
     #[error("{0}: there is no triangle in it")]
     Empty(String),
     /// More triangles than [`MAX_TRIANGLES`].
-    #[error("{file}: the mesh has {found} triangles; {MAX_TRIANGLES} is the most")]
+    #[error("{file}: the mesh has {found} triangles; {MAX_TRIANGLES} is the maximum")]
     TooManyTriangles {
         /// The file.
         file: String,
-        /// How many, as far as known.
+        /// The number of triangles, as far as known.
         found: u64,
     },
     /// Edges of one triangle only: the mesh has holes.
@@ -119,9 +119,9 @@ pub enum SolidError {
     Open {
         /// The file.
         file: String,
-        /// How many.
+        /// The number of such edges.
         edges: usize,
-        /// One end of one.
+        /// One end of an example.
         from: String,
         /// The other end.
         to: String,
@@ -135,42 +135,42 @@ pub enum SolidError {
     NonManifold {
         /// The file.
         file: String,
-        /// How many.
+        /// The number of such edges.
         edges: usize,
-        /// Triangles at one of them.
+        /// Triangles at an example.
         triangles: usize,
-        /// One end of it.
+        /// One end of the example.
         from: String,
         /// The other end.
         to: String,
         /// One of the triangles.
         triangle: usize,
     },
-    /// Neighbours that look to different sides.
+    /// Neighbours with opposite orientations.
     #[error(
         "{file}: {edges} edges have triangles that face opposite sides, such as the one from {from} to {to} of triangle {triangle}"
     )]
     Flipped {
         /// The file.
         file: String,
-        /// How many.
+        /// The number of such edges.
         edges: usize,
-        /// One end of one.
+        /// One end of an example.
         from: String,
         /// The other end.
         to: String,
         /// One of its triangles.
         triangle: usize,
     },
-    /// A mesh needs a pitch.
+    /// The pitch of a mesh is missing.
     #[error("{0}: a mesh needs a `pitch`, the edge of a cell in the units of the file")]
     NoPitch(String),
-    /// No length.
+    /// An invalid pitch.
     #[error("the pitch is {0}; it must be a number above 0")]
     Pitch(String),
     /// Too many cells.
     #[error(
-        "{file}: with a pitch of {pitch} the box around the mesh has {x} x {y} x {z} cells; {MAX_GRID} in all is the most"
+        "{file}: with a pitch of {pitch} the box around the mesh has {x} x {y} x {z} cells; {MAX_GRID} in all is the maximum"
     )]
     TooFine {
         /// The file.
@@ -187,8 +187,8 @@ pub enum SolidError {
     /// Triangles that cover too many cells together.
     #[error("{0}: its triangles overlap so often that filling the cells would take too long")]
     TooMuchWork(String),
-    /// The solid fits between the middles of cells.
-    #[error("{file}: no cell has its middle inside the solid, which is {size} large; the pitch is {pitch}")]
+    /// The solid contains no centre of a cell.
+    #[error("{file}: no cell has its middle inside the solid, whose size is {size}; the pitch is {pitch}")]
     Vanished {
         /// The file.
         file: String,
@@ -197,7 +197,7 @@ pub enum SolidError {
         /// The pitch.
         pitch: String,
     },
-    /// Parts that no cell stands for.
+    /// Parts thinner than a cell.
     #[error(
         "{file}: it is thinner than a cell, which is {pitch}, in {samples} of {of} samples of its surface, such as at {at}"
     )]
@@ -206,14 +206,14 @@ pub enum SolidError {
         file: String,
         /// The pitch.
         pitch: String,
-        /// How many.
+        /// Samples without a filled cell.
         samples: u64,
-        /// Of how many.
+        /// Samples in all.
         of: u64,
-        /// Where one is, in the units of the file.
+        /// One such place, in the units of the file.
         at: String,
     },
-    /// Further out than coordinates go.
+    /// A coordinate out of range.
     #[error("{file}: a cell at [{}, {}, {}] is out of range; coordinates go from -{limit} to {limit}", cell[0], cell[1], cell[2], limit = Cell::LIMIT)]
     OutOfRange {
         /// The file.
@@ -221,54 +221,54 @@ pub enum SolidError {
         /// The cell.
         cell: [i64; 3],
     },
-    /// Cells too far apart to be kept in memory.
-    #[error("{file}: the box around its cells has {cells} cells; {MAX_BOX} is the most")]
+    /// Cells too far apart.
+    #[error("{file}: the box around its cells has {cells} cells; {MAX_BOX} is the maximum")]
     TooWide {
         /// The file.
         file: String,
-        /// How many.
+        /// Cells of the box.
         cells: u64,
     },
-    /// A document type could hide entities that grow without bounds.
+    /// A document type, which could contain entities that expand without bounds.
     #[error(
         "{file}:{line}: the file declares a document type, which is refused because entities could be hidden in it"
     )]
     Doctype {
         /// The file.
         file: String,
-        /// Which line.
+        /// The line.
         line: u32,
     },
-    /// The part that was asked for is not in the configuration.
+    /// The configuration lacks the requested part.
     #[error("{file}: the configuration has no {what}")]
     NoPart {
         /// The file.
         file: String,
-        /// What was looked for.
+        /// The part.
         what: &'static str,
     },
-    /// One cell, two modules.
-    #[error("{file}:{line}: the cell {cell} is named a second time")]
+    /// A cell listed twice.
+    #[error("{file}:{line}: the cell {cell} is listed twice")]
     Twice {
         /// The file.
         file: String,
-        /// Which line.
+        /// The line.
         line: u32,
         /// The cell.
         cell: Cell,
     },
-    /// Known, and not read.
-    #[error("{file}:{line}: {what} is not read")]
+    /// A known element that is not supported.
+    #[error("{file}:{line}: {what} is not supported")]
     NotRead {
         /// The file.
         file: String,
-        /// Which line.
+        /// The line.
         line: u32,
-        /// What.
+        /// The element.
         what: String,
     },
     /// An option for another kind of file.
-    #[error("{file}: `{option}` means nothing for {what}")]
+    #[error("{file}: `{option}` does not apply to {what}")]
     Option {
         /// The file.
         file: String,
@@ -280,7 +280,7 @@ pub enum SolidError {
 }
 
 impl SolidError {
-    /// What to do about it.
+    /// Returns what to do about it.
     pub fn fix(&self) -> &'static str {
         match self {
             SolidError::Unreadable { .. } | SolidError::NoFile(_) => {
@@ -302,7 +302,7 @@ impl SolidError {
                 "unite the parts that touch there to one solid, or move them apart"
             }
             SolidError::Flipped { .. } => {
-                "let all faces look outwards, for example with Blender's \"recalculate outside\""
+                "orient all faces outwards, for example with Blender's \"recalculate outside\""
             }
             SolidError::NoPitch(_) => "write for example `pitch = 10`",
             SolidError::Pitch(_) => {
@@ -315,7 +315,7 @@ impl SolidError {
             SolidError::Thin { .. } => {
                 "choose a smaller pitch, make it thicker there, or write `thin = \"drop\"` to do without those parts"
             }
-            SolidError::TooWide { .. } => "let the cells be closer together",
+            SolidError::TooWide { .. } => "move the cells closer together",
             SolidError::OutOfRange { .. } => "move it towards the origin",
             SolidError::Doctype { .. } => "remove the declaration; configurations of VisibleSim need none",
             SolidError::NoPart { .. } => "name the other part, or add it to the configuration",

@@ -1,6 +1,6 @@
-//! Triangles from STL and OBJ files. The crates `stl_io` and `tobj` read the formats; here is what
-//! they leave open: which of the two STL formats a file has, several solids in one file, and the place
-//! of whatever is wrong. Absent: whether the triangles enclose a solid (`voxel` looks at that).
+//! Reads triangles from STL and OBJ files. The crates `stl_io` and `tobj` parse the formats; this module adds
+//! what they leave open: telling the two STL formats apart, several solids in one file, and the places of
+//! errors. Absent: whether the triangles enclose a solid (see `voxel`).
 
 use super::flaw::{MAX_GROUPS, MAX_TRIANGLES, SolidError};
 use std::collections::HashMap;
@@ -9,14 +9,14 @@ use std::io::Cursor;
 /// Three corners, each with three coordinates.
 pub type Triangle = [[f32; 3]; 3];
 
-/// What stands before the first triangle of a binary STL: a text of 80 bytes and a count.
+/// Bytes before the first triangle of a binary STL: a text of 80 bytes and a count.
 const HEADER: usize = 84;
-/// One triangle of a binary STL.
+/// Bytes of a triangle in a binary STL.
 const RECORD: usize = 50;
-/// As much of a complaint of another crate as is shown.
+/// Characters of another crate's error shown at most.
 const SHOWN: usize = 160;
 
-/// The triangles of an STL file, binary or text.
+/// Reads the triangles of an STL file, binary or text.
 pub fn stl(file: &str, mut bytes: Vec<u8>) -> Result<Vec<Triangle>, SolidError> {
     let promised = bytes.get(80..HEADER).and_then(|b| b.try_into().ok()).map_or(0, u32::from_le_bytes);
     let length = HEADER as u64 + u64::from(promised) * RECORD as u64;
@@ -42,11 +42,11 @@ pub fn stl(file: &str, mut bytes: Vec<u8>) -> Result<Vec<Triangle>, SolidError> 
     finite(file, triangles)
 }
 
-/// A text file may hold several solids one after the other; the crate reads one.
+/// Reads a text STL. It may contain several solids; the crate reads one.
 fn stl_text(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
     let mut triangles = Vec::new();
     let (mut start, mut line) = (0, 0);
-    // The solids begin at these bytes and lines.
+    // Bytes and lines at which the solids begin.
     let mut begins = Vec::new();
     for text in bytes.split_inclusive(|b| *b == b'\n') {
         let word = text.trim_ascii_start().split(u8::is_ascii_whitespace).next();
@@ -59,7 +59,7 @@ fn stl_text(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
     let ends = begins.iter().skip(1).map(|(start, _)| *start).chain([bytes.len()]);
     for ((start, line), end) in begins.iter().zip(ends) {
         let solid = bytes[*start..end].trim_ascii_start();
-        // The crate wants a space behind the word, which not every program writes.
+        // The crate requires a space after the word, which some programs do not write.
         let mut text = b"solid ".to_vec();
         text.extend_from_slice(&solid[5..]);
         let before = triangles.len();
@@ -78,8 +78,8 @@ fn stl_text(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
     finite(file, triangles)
 }
 
-/// Appends the triangles of one solid. `flaw` makes an error of how many triangles were read so far
-/// and what is wrong then.
+/// Appends the triangles of one solid. `flaw` creates an error from the number of triangles read so far and
+/// the cause.
 fn read_solid(
     bytes: &[u8],
     triangles: &mut Vec<Triangle>,
@@ -98,7 +98,7 @@ fn read_solid(
     Ok(())
 }
 
-/// The line, from 1, on which the facet behind so many others begins; the last line if none does.
+/// Returns the line, from 1, at which the facet after `before` others begins, or the last line.
 fn line_of_facet(text: &[u8], before: usize) -> usize {
     let lines = || text.split(|b| *b == b'\n');
     let facet = |line: &&[u8]| line.trim_ascii_start().starts_with(b"facet");
@@ -106,7 +106,7 @@ fn line_of_facet(text: &[u8], before: usize) -> usize {
     begins.map_or_else(|| text.trim_ascii_end().split(|b| *b == b'\n').count(), |(i, _)| i + 1)
 }
 
-/// The triangles of an OBJ file; polygons are taken apart, lines, points and materials left out.
+/// Reads the triangles of an OBJ file; polygons are triangulated, lines, points and materials ignored.
 pub fn obj(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
     check_size(file, bytes)?;
     let options = tobj::LoadOptions {
@@ -121,7 +121,7 @@ pub fn obj(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
         let read = &bytes[..(cursor.position() as usize).min(bytes.len())];
         let ended = usize::from(!read.ends_with(b"\n"));
         let line = read.iter().filter(|b| **b == b'\n').count() + ended;
-        // Indices are looked at when a group has ended.
+        // Indices are checked at the end of a group.
         let late = matches!(error, tobj::LoadError::FaceVertexOutOfBounds);
         let why = if late { format!("in a group that ends here: {error}") } else { error.to_string() };
         SolidError::Syntax { file: file.to_owned(), line: line.max(1), why }
@@ -143,14 +143,14 @@ pub fn obj(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
     finite(file, triangles)
 }
 
-/// Counts what an OBJ file has before it is read: the crate keeps a hundred bytes of every corner and a
-/// thousand of every group.
+/// Counts the elements of an OBJ file before it is read: the crate keeps a hundred bytes per corner and a
+/// thousand per group.
 fn check_size(file: &str, bytes: &[u8]) -> Result<(), SolidError> {
     let (mut triangles, mut groups) = (0, 0);
     for (i, line) in bytes.split(|b| *b == b'\n').enumerate() {
         let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
         match words.next() {
-            // Lines and points are read as well before they are left out.
+            // Lines and points are read before they are ignored.
             Some(b"f" | b"l" | b"p") => triangles += words.count().saturating_sub(2).max(1),
             Some(b"g" | b"o" | b"usemtl") => groups += 1,
             _ => {}

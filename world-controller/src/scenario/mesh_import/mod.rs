@@ -1,12 +1,12 @@
-//! Shapes from files: solids that a CAD program has written as STL or OBJ, laid into cells, and
-//! configurations of VisibleSim.
+//! Shapes from files: STL and OBJ solids from CAD programs, converted to cells, and configurations of
+//! VisibleSim.
 //!
-//! `mesh` reads triangles, `voxel` finds the cells that they enclose, `visiblesim` reads
-//! configurations, `survey` says what of a shape cannot be built, `preview` shows it and writes it as a
-//! scenario; `flaw` is what can be wrong with a file. The command is in `shape`.
+//! `mesh` reads triangles, `voxel` finds the cells that they enclose, `visiblesim` reads configurations,
+//! `survey` says what of a shape cannot be built, `preview` shows it and writes it as a scenario, `flaw` has
+//! the errors. The command is in `shape`.
 //!
-//! *Invariant.* No file makes this panic, nor use more memory or time than the limits in `flaw` allow.
-//! Absent: repairing what is broken; a mesh with holes has no inside.
+//! *Invariant.* No file makes this panic or exceed the memory and time that the limits in `flaw` allow.
+//! Absent: repairing broken meshes; a mesh with holes has no inside.
 
 pub mod flaw;
 mod mesh;
@@ -28,42 +28,42 @@ use visiblesim::in_range;
 /// Which axis of a file points up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Up {
-    /// As here.
+    /// As in scenarios.
     #[default]
     Z,
-    /// As in many programs for drawing.
+    /// As in many modelling programs.
     Y,
 }
 
-/// How a file becomes cells.
+/// How to convert a file to cells.
 #[derive(Clone, Debug, Default)]
 pub struct Import {
     /// The edge of a cell in the units of the file. A mesh needs it, a configuration has none.
     pub pitch: Option<f64>,
     /// Which axis points up in a mesh.
     pub up: Option<Up>,
-    /// Of a mesh, the cell of the middle of its lowest layer; of a configuration, its origin.
+    /// Of a mesh, the cell at the centre of its lowest layer; of a configuration, its origin.
     pub at: Cell,
-    /// Of a configuration, which part.
+    /// The part of a configuration.
     pub part: Option<Part>,
-    /// Whether parts of a mesh that are thinner than a cell may get lost.
+    /// Whether parts of a mesh that are thinner than a cell may be lost.
     pub drop_thin: bool,
     /// Whether inner voids are filled.
     pub fill_voids: bool,
 }
 
-/// Cells that were read from a file.
+/// Cells read from a file.
 #[derive(Clone, Debug)]
 pub struct Imported {
     /// In ascending order; at least one.
     pub cells: Vec<Cell>,
-    /// The parts of a mesh that are thinner than a cell and got lost.
+    /// The parts of a mesh lost because they are thinner than a cell.
     pub thin: Option<SolidError>,
     /// The mesh they came from.
     pub mesh: Option<MeshFacts>,
 }
 
-/// What a mesh was like.
+/// Properties of a mesh.
 #[derive(Clone, Debug)]
 pub struct MeshFacts {
     /// Its triangles.
@@ -74,7 +74,7 @@ pub struct MeshFacts {
     pub pitch: f64,
 }
 
-/// Kinds of files, by the ends of their names.
+/// File formats, by the extension of the name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Triangles, binary or as text.
@@ -86,7 +86,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The kind of a file of this name.
+    /// Returns the format of a file with this name.
     pub fn of(path: &Path) -> Result<Format, SolidError> {
         let end = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         match end.as_str() {
@@ -98,7 +98,7 @@ impl Format {
     }
 }
 
-/// Reads a file and lays it into cells. Parts that are too thin are no error here.
+/// Reads a file and converts it to cells. Lost thin parts are no error here.
 pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
     let file = path.shown();
     let refuse = |wrong: bool, option, what| {
@@ -151,7 +151,7 @@ pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
     Ok(imported)
 }
 
-/// The pitch with which a mesh is so many cells long along its longest side.
+/// Returns the pitch at which the longest side of a mesh has `cells` cells.
 pub fn pitch_for(path: &Path, cells: u16) -> Result<f64, SolidError> {
     let file = path.shown();
     let triangles = match Format::of(path)? {
@@ -166,7 +166,7 @@ pub fn pitch_for(path: &Path, cells: u16) -> Result<f64, SolidError> {
 fn place(file: &str, triangles: &[mesh::Triangle], pitch: f64, at: Cell) -> Result<Imported, SolidError> {
     let voxels = voxel::voxelise(file, triangles, pitch)?;
     let (min, max) = voxel::bounds(triangles);
-    // The lowest layer with a cell in it stands on the floor.
+    // The lowest layer with a filled cell stands on the floor.
     let floor = voxels.cells().map(|[_, _, z]| z).min().unwrap_or(0);
     let [nx, ny, _] = voxels.extent;
     let cells: Result<BTreeSet<Cell>, SolidError> = voxels
@@ -187,7 +187,7 @@ fn place(file: &str, triangles: &[mesh::Triangle], pitch: f64, at: Cell) -> Resu
     })
 }
 
-/// The bytes of a regular file that is not too large.
+/// Reads the bytes of a regular file of limited size.
 fn load(path: &Path) -> Result<Vec<u8>, SolidError> {
     let file = path.shown();
     let unreadable =

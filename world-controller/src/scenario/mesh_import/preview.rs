@@ -1,5 +1,4 @@
-//! Cells for people to look at: layer by layer as text, as a drawing, and as a scenario that builds
-//! them.
+//! Shows cells to people: as layers of text, as a drawing, and as a scenario that builds them.
 
 use super::survey::corners;
 use metamorph_protocol::goal::Growth;
@@ -7,13 +6,13 @@ use metamorph_protocol::lattice::{Cell, Face};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Wider layers, and more lines, say nothing to anybody.
+/// Columns of a layer shown at most; the next constant limits the lines.
 const WIDEST: usize = 110;
 const LONGEST: usize = 400;
-/// Layers of the slab that modules start in, if it can be that thin.
+/// Layers of the start slab at most, if possible.
 const THICKEST: usize = 3;
 
-/// The layers from the lowest to the highest, north at the top; none if they are too large.
+/// Returns the layers from lowest to highest, north at the top; `None` if they are too large.
 pub fn layers(cells: &[Cell]) -> Option<String> {
     let (min, max) = corners(cells)?;
     let side = |low: i16, high: i16| usize::from(low.abs_diff(high)) + 1;
@@ -32,18 +31,18 @@ pub fn layers(cells: &[Cell]) -> Option<String> {
     Some(out)
 }
 
-/// A drawing of the cubes, seen from above the south-east corner.
+/// Draws the cubes, seen from above the south-east corner.
 pub fn svg(cells: &[Cell]) -> String {
     const EDGE: f64 = 12.0;
     let filled: BTreeSet<Cell> = cells.iter().copied().collect();
     let project = |x: f64, y: f64, z: f64| [(x + y) * 0.866 * EDGE, (x - y) * 0.5 * EDGE - z * EDGE];
-    // The side, the corners of it in the unit cube, and its shade.
+    // The side, its corners in the unit cube, and its shade.
     let sides: [(Face, [[f64; 3]; 4], &str); 3] = [
         (Face::Up, [[0., 0., 1.], [1., 0., 1.], [1., 1., 1.], [0., 1., 1.]], "#9ecae1"),
         (Face::South, [[0., 0., 0.], [1., 0., 0.], [1., 0., 1.], [0., 0., 1.]], "#4292c6"),
         (Face::East, [[1., 0., 0.], [1., 1., 0.], [1., 1., 1.], [1., 0., 1.]], "#2171b5"),
     ];
-    // Whatever is nearer is drawn later.
+    // Nearer cubes are drawn later.
     let mut order: Vec<&Cell> = cells.iter().collect();
     order.sort_by_key(|c| (i32::from(c.x) - i32::from(c.y) + i32::from(c.z), **c));
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -76,7 +75,7 @@ pub fn svg(cells: &[Cell]) -> String {
     )
 }
 
-/// A slab on the floor of the goal with room for so many modules, as wide as the goal or wider.
+/// Returns a slab on the floor of the goal with room for `modules` modules, at least as wide as the goal.
 pub fn slab(goal: &[Cell], modules: usize) -> Option<(Cell, Cell)> {
     let (mut min, mut max) = corners(goal)?;
     let side = |low: i16, high: i16| usize::from(low.abs_diff(high)) + 1;
@@ -88,21 +87,21 @@ pub fn slab(goal: &[Cell], modules: usize) -> Option<(Cell, Cell)> {
     Some((min, max))
 }
 
-/// A scenario, as it is written to a file.
+/// The contents of a scenario to be written.
 pub struct Written<'a> {
-    /// Where it comes from, in words.
+    /// Its origin, as text.
     pub origin: &'a str,
-    /// What it is called.
+    /// Its name.
     pub name: &'a str,
-    /// Where modules start.
+    /// The start cells.
     pub start: &'a [Cell],
-    /// What they shall become.
+    /// The goal cells.
     pub goal: &'a [Cell],
-    /// How it grows.
+    /// The growth of the goal.
     pub growth: Growth,
 }
 
-/// The text of a scenario that can be run.
+/// Returns the text of a runnable scenario.
 pub fn scenario(written: &Written<'_>) -> String {
     let text = |text: &str| toml::Value::String(text.to_owned()).to_string();
     let growth = match written.growth {
@@ -128,8 +127,8 @@ fn union(cells: &[Cell]) -> String {
     out + "]\n"
 }
 
-/// Boxes that together are these cells and do not overlap: from the first cell that is left as far as
-/// it goes along x, then y, then z.
+/// Splits cells into disjoint boxes: each extends from the first remaining cell as far as possible along x,
+/// then y, then z.
 fn boxes(cells: &[Cell]) -> Vec<(Cell, Cell)> {
     let mut left: BTreeSet<Cell> = cells.iter().copied().collect();
     let mut boxes = Vec::new();

@@ -1,5 +1,5 @@
-//! `metamorph shape`: shows the cells that a file becomes, what of them cannot be built, and writes a
-//! scenario that builds them.
+//! `metamorph shape`: shows the cells of a file, reports what of them cannot be built, and writes a scenario
+//! that builds them.
 
 use super::flaw::SolidError;
 use super::preview::{self, Written};
@@ -19,39 +19,39 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// How many cells the longest side gets if nobody says.
+/// Default length of the longest side in cells.
 const CELLS: u16 = 16;
-/// In a hundred cells of the goal, so many modules are spare in a scenario that is written.
+/// Spare modules in a written scenario, in percent of the goal cells.
 const SPARE: usize = 10;
 
-/// What `shape` takes.
+/// Arguments of `shape`.
 #[derive(Debug, Args)]
 pub struct ShapeArgs {
     /// A solid (.stl, .obj), or a configuration of VisibleSim (.xml)
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// The edge of a cell in the units of the file; left out, the longest side is 16 cells
+    /// The edge of a cell in the units of the file; default: as --cells says
     #[arg(long, value_name = "P", conflicts_with = "cells")]
     pub pitch: Option<f64>,
-    /// How many cells long the longest side is, instead of a pitch; if left out, --pitch says it
+    /// Length of the longest side in cells, instead of --pitch; default: 16
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub cells: Option<u16>,
-    /// Which axis of the file points up; if left out, z
+    /// Which axis of the file points up; default: z
     #[arg(long, value_enum)]
     pub up: Option<UpArg>,
-    /// Where the middle of the lowest layer goes; of a configuration, its origin. If left out, 0,0,0
+    /// Position of the centre of the lowest layer; of a configuration, its origin. Default: 0,0,0
     #[arg(long, value_name = "X,Y,Z", value_parser = cell, allow_hyphen_values = true)]
     pub at: Option<Cell>,
-    /// Of a configuration, which part is shown; if left out, the targets
+    /// The part of a configuration to show; default: targets
     #[arg(long, value_enum)]
     pub part: Option<PartArg>,
-    /// Do without parts that are thinner than a cell
+    /// Accept the loss of parts that are thinner than a cell
     #[arg(long)]
     pub drop_thin: bool,
     /// Fill inner voids
     #[arg(long)]
     pub fill_voids: bool,
-    /// How it shall grow
+    /// The growth of the goal
     #[arg(long, value_enum, default_value_t = GrowthArg::Solid)]
     pub growth: GrowthArg,
     /// Write a drawing to this file
@@ -62,10 +62,10 @@ pub struct ShapeArgs {
     pub write: Option<PathBuf>,
 }
 
-/// Which axis points up, as typed.
+/// The axis that points up, as typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum UpArg {
-    /// z, as here
+    /// z, as in scenarios
     Z,
     /// y
     Y,
@@ -89,13 +89,13 @@ pub enum GrowthArg {
     Scaffold,
 }
 
-/// Why there is nothing to show.
+/// Why a shape cannot be shown.
 #[derive(Debug, Error)]
 pub enum ShapeError {
     /// The file.
     #[error("{0}\n  fix: {fix}", fix = .0.fix())]
     Solid(#[from] SolidError),
-    /// The scenario that would be written has something wrong with it.
+    /// The scenario would be invalid.
     #[error("no scenario was written, because it could not be run:\n{0}")]
     Scenario(Problems),
     /// A file cannot be written.
@@ -104,7 +104,7 @@ pub enum ShapeError {
 }
 
 impl ShapeError {
-    /// Whether what was typed, or the file, is to blame, and not this program or the disk.
+    /// Returns true if the command line or the file is at fault, not the program or the disk.
     pub fn is_input(&self) -> bool {
         match self {
             ShapeError::Output(error) => error.is_input(),
@@ -113,11 +113,11 @@ impl ShapeError {
     }
 }
 
-/// What there is to show.
+/// The result of the command.
 pub struct Shown {
-    /// For people.
+    /// Text for people.
     pub text: String,
-    /// Whether all of it can be built.
+    /// True if all of it can be built.
     pub buildable: bool,
 }
 
@@ -128,7 +128,7 @@ fn cell(text: &str) -> Result<Cell, String> {
     if cell.in_range() { Ok(cell) } else { Err(wrong()) }
 }
 
-/// Reads the file, looks it over, and writes what is asked for.
+/// Reads and checks the file, and writes the requested output.
 pub fn shape(args: &ShapeArgs, families: Families) -> Result<Shown, ShapeError> {
     let format = Format::of(&args.file)?;
     let mut outputs = Outputs::new();
@@ -205,7 +205,7 @@ fn describe(text: &mut String, file: &Path, Imported { cells, mesh, .. }: &Impor
     let _ = writeln!(text, "  cells     {}, from {min} to {max}", count(cells.len() as u64));
 }
 
-/// The cell nearest to the middle of the box around all.
+/// Returns the cell nearest to the centre of the bounding box.
 fn middle(cells: &[Cell]) -> Cell {
     let (min, max) = corners(cells).unwrap_or_default();
     let twice = |c: i16, low: i16, high: i16| (2 * i64::from(c) - i64::from(low) - i64::from(high)).pow(2);
@@ -213,7 +213,7 @@ fn middle(cells: &[Cell]) -> Cell {
     cells.iter().copied().min_by_key(|c| (distance(c), *c)).unwrap_or_default()
 }
 
-/// The text of a scenario that builds what was imported.
+/// Returns the text of a scenario that builds an imported shape.
 fn scenario(
     path: &Path,
     args: &ShapeArgs,
@@ -227,7 +227,7 @@ fn scenario(
         let goal = imported.cells.clone();
         let modules = goal.len() + goal.len() * SPARE / 100 + 1;
         let slab = preview::slab(&goal, modules).map(|(min, max)| Shape::Box { min, max }.cells());
-        // A slab has cells; if it is too far out, reading the scenario says so.
+        // A slab has cells; reading the scenario reports one out of range.
         (slab.and_then(Result::ok).unwrap_or_default(), goal)
     } else {
         (part(Part::Blocks)?, part(Part::Targets)?)

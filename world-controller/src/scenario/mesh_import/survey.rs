@@ -1,6 +1,6 @@
-//! What of a shape cannot be built, and why, as far as that can be said before a run.
+//! Checks before a run what of a shape cannot be built, and why.
 //!
-//! Absent: what a mesh lost on its way to cells (`voxel` knows that).
+//! Absent: what a mesh lost in the conversion (see `voxel`).
 
 use crate::console::format::{count, many};
 use metamorph_protocol::goal::{Goal, GoalError, Growth};
@@ -8,31 +8,31 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::shape::components;
 use std::fmt;
 
-/// Something that cannot be built, or should be known.
+/// A problem of a shape, or a note about it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Finding {
-    /// Parts that do not touch with a face.
+    /// Parts that do not touch by a face.
     Disconnected {
-        /// The largest parts: a cell of each, and how many it has.
+        /// The largest parts: a cell and the size of each.
         parts: Vec<(Cell, usize)>,
     },
-    /// Empty cells without a way out.
+    /// Enclosed empty cells.
     Voids {
-        /// How many separate ones.
+        /// Number of voids.
         count: usize,
-        /// Cells of all.
+        /// Cells of all voids.
         cells: usize,
         /// One of them.
         example: Cell,
-        /// How the shape shall be filled.
+        /// The growth of the goal.
         growth: Growth,
     },
-    /// The growth cannot reach all.
+    /// The growth cannot reach all cells.
     Growth(GoalError),
 }
 
 impl Finding {
-    /// Whether the shape cannot be built with this; otherwise it is good to know.
+    /// Returns true if this makes the shape unbuildable; otherwise it is a note.
     pub fn forbids(&self) -> bool {
         !matches!(self, Finding::Voids { .. })
     }
@@ -59,7 +59,7 @@ impl fmt::Display for Finding {
                     Growth::Scaffold => write!(f, "; the tunnels of the scaffold lead into them"),
                     Growth::Solid => write!(
                         f,
-                        "; such shapes get built, but nothing promises it: whoever is inside one when it closes stays there\n  fix: fill them (`voids = \"fill\"`, --fill-voids), or grow a scaffold"
+                        "; such shapes can be built, but this is not guaranteed: a module inside a void when it closes stays there\n  fix: fill them (`voids = \"fill\"`, --fill-voids), or grow a scaffold"
                     ),
                 }
             }
@@ -68,7 +68,7 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Looks a shape over, given as its cells in ascending order.
+/// Checks a shape, given as cells in ascending order.
 pub fn survey(cells: &[Cell], seed: Cell, growth: Growth) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut parts: Vec<(Cell, usize)> = components(cells).iter().map(|part| (part[0], part.len())).collect();
@@ -86,11 +86,11 @@ pub fn survey(cells: &[Cell], seed: Cell, growth: Growth) -> Vec<Finding> {
     findings
 }
 
-/// The empty cells without a way out, each separate void in ascending order. Takes memory for every
-/// cell of the box around the shape.
+/// Returns the enclosed empty cells, each void in ascending order. Uses memory for every cell of the bounding
+/// box.
 pub fn voids(cells: &[Cell]) -> Vec<Vec<Cell>> {
     let Some((min, max)) = corners(cells) else { return Vec::new() };
-    // One cell of margin, so that all that is outside is one piece.
+    // One cell of margin makes the outside one piece.
     let side = |low: i16, high: i16| (i32::from(high) - i32::from(low)) as usize + 3;
     let (nx, ny, nz) = (side(min.x, max.x), side(min.y, max.y), side(min.z, max.z));
     let place = |cell: &Cell| {
@@ -127,13 +127,13 @@ pub fn voids(cells: &[Cell]) -> Vec<Vec<Cell>> {
     components(&empty)
 }
 
-/// How many cells the box around cells has.
+/// Returns the cells of the bounding box.
 pub fn volume(cells: &[Cell]) -> u64 {
     let side = |low: i16, high: i16| u64::from(low.abs_diff(high)) + 1;
     corners(cells).map_or(0, |(a, b)| side(a.x, b.x) * side(a.y, b.y) * side(a.z, b.z))
 }
 
-/// The corners of the box around cells.
+/// Returns the corners of the bounding box.
 pub fn corners(cells: &[Cell]) -> Option<(Cell, Cell)> {
     let first = *cells.first()?;
     let fold = |f: fn(i16, i16) -> i16| {

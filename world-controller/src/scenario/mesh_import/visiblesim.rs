@@ -1,10 +1,10 @@
-//! Configurations of VisibleSim (XML): the modules of `blockList`, and the cells of `targetList` or the
-//! older `targetGrid`.
+//! Configurations of VisibleSim (XML): the modules of `blockList`, and the cells of `targetList` or the older
+//! `targetGrid`.
 //!
-//! Positions are cells of a simple cubic lattice, as of its sliding cubes, Smart Blocks and Blinky
-//! Blocks. The file does not say which robots it is for: those of the face-centred lattice of 3D Catoms
-//! come out as cells, too, but as a sheared shape. Absent: cameras, lights, colours, orientations, and
-//! descriptions of shapes (`csg`, `blockBox`), which are refused instead of left out.
+//! Positions are cells of a simple cubic lattice, as of its sliding cubes, Smart Blocks and Blinky Blocks.
+//! The file does not name the robot: positions in the face-centred lattice of 3D Catoms are read too, but as
+//! a sheared shape. Ignored: cameras, lights, colours, orientations. Refused: descriptions of shapes (`csg`,
+//! `blockBox`).
 
 use super::flaw::{MAX_ATTRIBUTES, MAX_ATTRIBUTES_OF_ONE, MAX_NAMESPACES, MAX_NODES, SolidError};
 use metamorph_protocol::lattice::Cell;
@@ -21,7 +21,7 @@ pub enum Part {
     Targets,
 }
 
-/// The cells of one part.
+/// Reads the cells of one part.
 pub fn cells(file: &str, text: &str, part: Part) -> Result<BTreeSet<Cell>, SolidError> {
     check_size(file, text)?;
     let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
@@ -60,8 +60,8 @@ pub fn cells(file: &str, text: &str, part: Part) -> Result<BTreeSet<Cell>, Solid
     Ok(reader.cells)
 }
 
-/// Counts attributes before the text is parsed, because the parser compares each attribute of an element
-/// with each. What is not XML is left to the parser.
+/// Counts attributes before parsing, because the parser compares each pair of attributes of an element.
+/// Invalid XML is left to the parser.
 fn check_size(file: &str, text: &str) -> Result<(), SolidError> {
     let (mut rest, mut all, mut namespaces) = (text, 0, 0);
     let too_many = |rest: &str, what, most| {
@@ -77,7 +77,7 @@ fn check_size(file: &str, text: &str) -> Result<(), SolidError> {
             continue;
         }
         let mut of_one = 0;
-        // Each attribute has one value in quotes.
+        // Each attribute has one quoted value.
         loop {
             let Some(at) = rest.find(['"', '\'', '>']) else { return Ok(()) };
             let quote = &rest[at..=at];
@@ -103,7 +103,7 @@ fn check_size(file: &str, text: &str) -> Result<(), SolidError> {
     Ok(())
 }
 
-/// The parser names no place for this one.
+/// Returns the line of the document type, which the parser does not report.
 fn doctype_line(text: &str) -> u32 {
     let before = text.find("<!DOCTYPE").map_or("", |at| &text[..at]);
     before.matches('\n').count() as u32 + 1
@@ -132,7 +132,7 @@ impl Reader<'_> {
         SolidError::NotRead { file: self.file.to_owned(), line: self.line(node), what }
     }
 
-    /// The first target; VisibleSim goes from one to the next, a goal is one shape.
+    /// Reads the first target; VisibleSim has a sequence of targets, a goal is one shape.
     fn targets(&mut self, list: Node<'_, '_>) -> Result<(), SolidError> {
         let mut targets = children(list);
         let Some(target) = targets.next() else { return Ok(()) };
@@ -168,7 +168,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// One character for each cell along x; `1` is a module.
+    /// Reads one character for each cell along x; `1` is a module.
     fn line_of_cells(&mut self, node: Node<'_, '_>) -> Result<(), SolidError> {
         let number = |name| match node.attribute(name) {
             None => Ok(0),
@@ -202,7 +202,7 @@ fn cut(text: &str) -> String {
     text.chars().take(40).collect()
 }
 
-/// `1,2,3`. Whole numbers are also written as `1.0`.
+/// Parses `1,2,3`. Whole numbers may also be written as `1.0`.
 fn coordinates(text: &str) -> Option<[i64; 3]> {
     let mut numbers = text.split(',').map(|part| {
         let number: f64 = part.trim().parse().ok()?;
@@ -212,7 +212,7 @@ fn coordinates(text: &str) -> Option<[i64; 3]> {
     numbers.next().is_none().then_some(cell)
 }
 
-/// The cell at these coordinates.
+/// Returns the cell at these coordinates.
 pub fn in_range(file: &str, at: [i64; 3]) -> Result<Cell, SolidError> {
     let limit = i64::from(Cell::LIMIT);
     if at.iter().any(|c| c.abs() > limit) {

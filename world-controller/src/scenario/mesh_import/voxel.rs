@@ -1,35 +1,35 @@
-//! Which cells a closed mesh fills: those whose middle it encloses.
+//! Finds the cells that a closed mesh fills: those whose centre it encloses.
 //!
-//! Corners are moved to a grid of 1/65,536 of a cell, and everything after that is exact arithmetic on
-//! whole numbers, so that every machine gets the same cells. A middle is inside if the surface winds
-//! around it, so parts may overlap, and a shell that faces inwards is a void. A middle that lies exactly
-//! on the surface, or a ray that meets an edge, is decided as if the middle lay a tiny step further
-//! along x, y and z, the one much smaller than the other; so no triangle is counted twice.
+//! Corners are rounded to a grid of 1/65,536 of a cell; everything after that is exact integer arithmetic, so
+//! that every machine gets the same cells. A centre is inside if the surface winds around it, so parts may
+//! overlap, and a shell that faces inwards is a void. A centre exactly on the surface, or a ray through an
+//! edge, is decided by symbolic perturbation: as if the centre were shifted by infinitesimals along x, y and
+//! z, each much smaller than the previous one. So no triangle is counted twice.
 //!
-//! Absent: repairing meshes. Gaps thinner than a cell are closed without a word.
+//! Absent: repairing meshes. Gaps thinner than a cell are closed silently.
 
 use super::flaw::{MAX_GRID, MAX_WORK, SolidError};
 use super::mesh::Triangle;
 use metamorph_protocol::lattice::Cell;
 use std::collections::HashMap;
 
-/// One cell in units of the fine grid, and half of it.
+/// The edge of a cell in units of the fine grid, and half of it.
 const ONE: i64 = 1 << 16;
 const HALF: i64 = ONE / 2;
 
-/// A mesh that was laid into cells.
+/// A mesh converted to cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Voxels {
     /// Cells along each axis of the box around it.
     pub extent: [usize; 3],
     /// Whether each is filled; z changes fastest, x slowest.
     pub filled: Vec<bool>,
-    /// The part of its surface that is further than a cell away from every filled cell, if any is.
+    /// The part of the surface more than a cell away from every filled cell, if any.
     pub thin: Option<SolidError>,
 }
 
 impl Voxels {
-    /// Filled cells with their places in the box.
+    /// Returns the filled cells with their places in the box.
     pub fn cells(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
         let [_, ny, nz] = self.extent;
         let filled = self.filled.iter().enumerate().filter(|(_, filled)| **filled);
@@ -37,7 +37,7 @@ impl Voxels {
     }
 }
 
-/// Lays a mesh into cells with edges of this length. The box around the mesh is centred on cells.
+/// Converts a mesh to cells with edges of length `pitch`. The box around the mesh is centred on cells.
 pub fn voxelise(file: &str, mesh: &[Triangle], pitch: f64) -> Result<Voxels, SolidError> {
     if !(pitch.is_finite() && pitch > 0.0) {
         return Err(SolidError::Pitch(pitch.to_string()));
@@ -51,7 +51,7 @@ pub fn voxelise(file: &str, mesh: &[Triangle], pitch: f64) -> Result<Voxels, Sol
     if size.iter().all(|length| *length < pitch / 2.0) {
         return Err(vanished());
     }
-    // As far as a u64 goes; larger ones are refused all the same.
+    // Saturates at u64::MAX; such sizes are refused.
     let cells = size.map(|length| ((length / pitch).round() as u64).max(1));
     let volume = cells.iter().try_fold(1u64, |product, n| product.checked_mul(*n));
     let longest = cells.iter().max().is_some_and(|n| *n > u64::from(Cell::LIMIT.unsigned_abs()));
@@ -77,7 +77,7 @@ pub fn voxelise(file: &str, mesh: &[Triangle], pitch: f64) -> Result<Voxels, Sol
     Ok(voxels)
 }
 
-/// The corners of the box around a mesh.
+/// Returns the corners of the box around a mesh.
 pub fn bounds(mesh: &[Triangle]) -> ([f64; 3], [f64; 3]) {
     let fold = |start: f64, f: fn(f64, f64) -> f64| {
         let corners = mesh.iter().flatten();
@@ -90,7 +90,7 @@ fn show([x, y, z]: [f32; 3]) -> String {
     format!("({x}, {y}, {z})")
 }
 
-/// Something that is bounded.
+/// A budget of work.
 struct Work<'a> {
     left: u64,
     file: &'a str,
@@ -110,7 +110,7 @@ impl Work<'_> {
 
 type Point = [i64; 3];
 
-/// A mesh on the fine grid, with corners at one place being one corner.
+/// A mesh on the fine grid, with equal corners merged.
 struct Fine {
     points: Vec<Point>,
     triangles: Vec<[u32; 3]>,
@@ -139,13 +139,13 @@ impl Fine {
         triangle.map(|corner| self.points[corner as usize])
     }
 
-    /// Every edge must belong to two triangles that go along it in opposite directions.
+    /// Checks that every edge belongs to two triangles that traverse it in opposite directions.
     fn check_closed(&self, file: &str, mesh: &[Triangle]) -> Result<(), SolidError> {
-        // Sorted, so that what belongs to one edge stands together: ends, direction, triangle, side.
+        // Sorted, so that entries of one edge are adjacent: ends, direction, triangle, side.
         let mut edges: Vec<(u32, u32, bool, u32, u8)> = Vec::with_capacity(self.triangles.len() * 3);
         for (number, t) in self.triangles.iter().enumerate() {
             if t[0] == t[1] || t[1] == t[2] || t[2] == t[0] {
-                // Too narrow to have a surface; its two long edges are one.
+                // A degenerate triangle has no surface; its two long edges coincide.
                 continue;
             }
             edges.extend([0, 1, 2].map(|side: u8| {
@@ -184,7 +184,7 @@ impl Fine {
         Ok(())
     }
 
-    /// Goes up every column of middles and counts how often the surface is crossed, and which way.
+    /// Sweeps every column of centres and counts the surface crossings with their directions.
     fn fill(&self, [nx, ny, nz]: [usize; 3], work: &mut Work<'_>) -> Result<Vec<bool>, SolidError> {
         let mut crossings = vec![0i32; nx * ny * (nz + 1)];
         for triangle in &self.triangles {
@@ -200,7 +200,7 @@ impl Fine {
             let columns = |axis: usize, n: usize| {
                 let low = a[axis].min(b[axis]).min(c[axis]) - HALF;
                 let high = a[axis].max(b[axis]).max(c[axis]) - HALF;
-                // From the first middle that is not before it to the last that is not behind it.
+                // From the first centre at or after `low` to the last at or before `high`.
                 (-(-low).div_euclid(ONE)).max(0)..(high.div_euclid(ONE) + 1).min(n as i64)
             };
             let (over_x, over_y) = (columns(0, nx), columns(1, ny));
@@ -216,7 +216,7 @@ impl Fine {
                     };
                     let weigh = |weight: i64, corner: Point| i128::from(weight) * i128::from(corner[2]);
                     let height = weigh(of_a, a) + weigh(of_b, b) + weigh(of_c, c);
-                    // The first middle at or above the crossing.
+                    // The first centre at or above the crossing.
                     let above = -(i128::from(HALF) * area - height).div_euclid(i128::from(ONE) * area);
                     let layer = above.clamp(0, nz as i128) as usize;
                     crossings[(x as usize * ny + y as usize) * (nz + 1) + layer] += up;
@@ -233,8 +233,8 @@ impl Fine {
         Ok(filled)
     }
 
-    /// How many samples of the surface have no filled cell in the 27 around them, of how many, and one
-    /// of them. The surface of whatever is a cell thick has one.
+    /// Samples the surface. Returns the number of samples without a filled cell among the 27 around them, the
+    /// number of samples, and one such place. Surfaces of parts at least a cell thick have none.
     fn thin_places(
         &self,
         voxels: &Voxels,
@@ -270,13 +270,13 @@ fn between(a: [f64; 3], b: [f64; 3], share: f64) -> [f64; 3] {
     [0, 1, 2].map(|axis| a[axis] + (b[axis] - a[axis]) * share)
 }
 
-/// Twice the area of the triangle seen from above; positive if it goes round counter-clockwise.
+/// Returns twice the signed area of the triangle seen from above; positive if counter-clockwise.
 fn cross(a: Point, b: Point, c: Point) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// Twice the area of `from`, `to` and a point, if the point, or if it is on the line the point next to
-/// it, is on the left, seen from above.
+/// Returns twice the area of `from`, `to` and `p` if `p`, or its perturbed place if it is on the line, is on
+/// the left, seen from above.
 fn left_of(from: Point, to: Point, p: Point) -> Option<i64> {
     let area = cross(from, to, p);
     let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
@@ -287,8 +287,8 @@ fn left_of(from: Point, to: Point, p: Point) -> Option<i64> {
     left.then_some(area)
 }
 
-/// The corners with the longest side first, and into how many steps that side, and how many lines the
-/// height above it, is divided so that samples are at most half a cell apart.
+/// Returns the corners with the longest side first, and the steps along that side and the lines across it at
+/// which samples are at most half a cell apart.
 fn sampling([a, b, c]: [Point; 3]) -> ([[f64; 3]; 3], u64, u64) {
     let [a, b, c] = [a, b, c].map(|p| p.map(|x| x as f64));
     let square = |p: [f64; 3], q: [f64; 3]| (0..3).map(|axis| (p[axis] - q[axis]).powi(2)).sum::<f64>();
@@ -296,14 +296,14 @@ fn sampling([a, b, c]: [Point; 3]) -> ([[f64; 3]; 3], u64, u64) {
     let sides = turned.map(|[p, q, _]| square(p, q));
     let longest = (0..3).fold(0, |best, i| if sides[i] > sides[best] { i } else { best });
     let ([p, q, r], side) = (turned[longest], sides[longest].max(1.0));
-    // The height is what is left of the way to the third corner without its part along the side.
+    // The height is the distance to the third corner without its component along the side.
     let along = (0..3).map(|axis| (q[axis] - p[axis]) * (r[axis] - p[axis])).sum::<f64>();
     let height = (square(p, r) - along * along / side).max(0.0);
     let parts = |length: f64| (length.sqrt() / HALF as f64).ceil().max(1.0) as u64;
     ([p, q, r], parts(side), parts(height))
 }
 
-/// The filled cells and all that touch them, even with a corner.
+/// Returns the filled cells and all that touch them, also by a corner.
 fn grown(voxels: &Voxels) -> Vec<bool> {
     let [nx, ny, nz] = voxels.extent;
     let mut near = voxels.filled.clone();
@@ -321,7 +321,7 @@ fn grown(voxels: &Voxels) -> Vec<bool> {
 mod tests {
     use super::*;
 
-    /// A box with its faces outwards, or inwards.
+    /// Returns a box with its faces outwards or inwards.
     fn block(min: [f32; 3], max: [f32; 3], outwards: bool) -> Vec<Triangle> {
         let corner = |i: usize| [0, 1, 2].map(|axis| if i >> axis & 1 == 1 { max[axis] } else { min[axis] });
         let sides = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
@@ -336,7 +336,7 @@ mod tests {
         voxelise("test", mesh, pitch).unwrap().cells().count()
     }
 
-    /// Every middle lies on planes through corners and edges here, so that each tie is met.
+    /// Every centre lies on planes through corners and edges, so all ties occur.
     #[test]
     fn boxes_fill_as_many_cells_as_fit() {
         for (x, y, z) in [(1, 1, 1), (2, 3, 4), (5, 1, 2)] {
@@ -346,7 +346,7 @@ mod tests {
                 assert_eq!(count(&mesh, 0.5), x * y * z * 8);
             }
         }
-        // Faces through the middles of cells: one side of each axis belongs to the box.
+        // Faces through the centres of cells: one side of each axis belongs to the box.
         let mut mesh = block([0.0; 3], [4.0; 3], true);
         mesh.extend(block([-8.0, 0.0, 0.0], [-7.5, 0.5, 0.5], true));
         mesh.extend(block([1.0; 3], [2.5; 3], true));
@@ -359,11 +359,11 @@ mod tests {
         let inner = |outwards| block([1.0; 3], [4.0; 3], outwards);
         assert_eq!(count(&[outer.clone(), inner(true)].concat(), 1.0), 125);
         assert_eq!(count(&[outer.clone(), inner(false)].concat(), 1.0), 125 - 27);
-        // A mesh that is inside out as a whole is the same solid.
+        // A mesh with all faces reversed is the same solid.
         assert_eq!(count(&block([0.0; 3], [5.0; 3], false), 1.0), 125);
     }
 
-    /// A ball of triangles and the cells whose middles are in the ball that it approximates.
+    /// A triangulated ball has the cells whose centres are in the ball.
     #[test]
     fn a_ball_has_the_cells_of_a_ball() {
         let (n, m, r) = (96, 48, 8.0f64);
@@ -372,7 +372,7 @@ mod tests {
                 std::f64::consts::PI * j as f64 / m as f64,
                 std::f64::consts::TAU * (i % n) as f64 / n as f64,
             );
-            // The poles are one point each, whatever the angle around them.
+            // The poles are one point each, whatever the angle.
             let wide = if j == 0 || j == m { 0.0 } else { up.sin() };
             [r * wide * round.cos(), r * wide * round.sin(), r * up.cos()].map(|c| c as f32)
         };
@@ -392,7 +392,7 @@ mod tests {
                 for z in 0..16 {
                     let filled = voxels.filled[(x * 16 + y) * 16 + z];
                     let from_middle = distance([x, y, z]);
-                    // The triangles lie a little below the surface of the ball.
+                    // The triangles are slightly inside the ball.
                     assert!(filled || from_middle > r - 0.05, "{x} {y} {z} is missing");
                     assert!(!filled || from_middle <= r, "{x} {y} {z} is too much");
                 }
@@ -408,7 +408,7 @@ mod tests {
         let voxels = voxelise("rod", &mesh, 1.0).unwrap();
         assert_eq!(voxels.cells().count(), 64);
         assert!(matches!(voxels.thin, Some(SolidError::Thin { .. })), "{:?}", voxels.thin);
-        // A corner, and what is a cell thick, are not thin.
+        // Corners and parts a cell thick are not thin.
         for size in [1.0, 1.3, 2.7] {
             let mesh = block([0.1, 0.2, 0.3], [0.1 + size, 0.2 + size, 0.3 + size], true);
             assert_eq!(voxelise("block", &mesh, 1.0).unwrap().thin, None, "{size}");

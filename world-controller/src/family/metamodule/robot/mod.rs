@@ -1,7 +1,6 @@
-//! `metamorph robot`: the kinematic model of the Roombots, to ask and to look at.
+//! `metamorph robot`: queries the kinematic model of the Roombots.
 //!
-//! Answers go to one writer, as text or with `--json` as one JSON value. Absent: anything that runs
-//! a swarm.
+//! Answers are written as text, or as one JSON value with `--json`. Absent: running a swarm.
 
 mod motions;
 mod poses;
@@ -17,7 +16,7 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Ask the exact kinematic model of the Roombots
+/// Query the exact kinematic model of the Roombots
 #[derive(Args, Clone, Debug)]
 pub struct RobotArgs {
     #[command(subcommand)]
@@ -25,32 +24,32 @@ pub struct RobotArgs {
     /// Print one JSON value instead of text
     #[arg(long, global = true)]
     json: bool,
-    /// Build the motion database instead of reading the one kept from before
+    /// Rebuild the motion database instead of reading the cached one
     #[arg(long, global = true)]
     no_cache: bool,
 }
 
 #[derive(Subcommand, Clone, Debug)]
 enum RobotCommand {
-    /// Print a table of the thesis beside what the model gives: 2.2 or 6.1
+    /// Print a table of the thesis beside the results of the model: 2.2 or 6.1
     Table {
         /// Number of the table
         number: String,
     },
-    /// List the shapes that each kind takes
+    /// List the shapes that each kind can take
     Shapes {
-        /// single, PAR, SRS, PER or SRZ; all metamodules if left out
+        /// single, PAR, SRS, PER or SRZ; default: all metamodules
         kind: Option<Kind>,
     },
-    /// List the landings and steps of a kind, or a way to a shape
+    /// List the landings and steps of a kind, or a plan to a shape
     Moves(motions::MovesArgs),
-    /// Where the head is: forward kinematics
+    /// Pose of the head: forward kinematics
     Fk(poses::FkArgs),
     /// Joint angles for a pose of the head: inverse kinematics
     Ik(poses::IkArgs),
     /// Draw a posture with its cells and connectors
     Svg(svg::SvgArgs),
-    /// Build the motion database and say what is in it
+    /// Build the motion database and describe its contents
     Database {
         /// Write its bytes to this file
         #[arg(long)]
@@ -58,13 +57,13 @@ enum RobotCommand {
     },
 }
 
-/// Why a question was not answered.
+/// Why a query was not answered.
 #[derive(Debug, Error)]
 pub enum RobotError {
-    /// The question is wrong.
+    /// The query is invalid.
     #[error("{0}")]
     Usage(String),
-    /// The question is wrong in a way the model knows.
+    /// The query is invalid for the kinematic model.
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
     /// No posture has the pose.
@@ -79,7 +78,7 @@ pub enum RobotError {
 }
 
 impl RobotError {
-    /// What the process should end with: 2 for a wrong question, 1 otherwise.
+    /// Returns the exit code of the process: 2 for an invalid query, 1 otherwise.
     pub fn exit_code(&self) -> u8 {
         match self {
             RobotError::Usage(_) | RobotError::Kinematics(_) => 2,
@@ -98,11 +97,11 @@ impl From<InverseError> for RobotError {
     }
 }
 
-/// What a question was answered with.
+/// The answer to a query.
 struct Answer {
     text: String,
     json: Value,
-    /// Said after the answer, and what makes the command fail.
+    /// An error to report after the answer.
     failure: Option<RobotError>,
 }
 
@@ -112,12 +111,12 @@ impl Answer {
     }
 }
 
-/// Answers on standard output. A reader that stops listening is no error.
+/// Answers a query on standard output. A closed pipe is no error.
 pub fn run(args: RobotArgs) -> Result<(), RobotError> {
     run_to(args, &mut io::stdout().lock())
 }
 
-/// Answers on a writer.
+/// Answers a query on a writer.
 pub fn run_to(args: RobotArgs, out: &mut dyn Write) -> Result<(), RobotError> {
     let database = || crate::family::metamodule::motion_database::database(!args.no_cache);
     let answer = match args.command {

@@ -1,4 +1,4 @@
-//! What the motion database holds.
+//! Queries of the motion database.
 
 use super::{Answer, RobotError};
 use crate::console::output::Outputs;
@@ -17,15 +17,15 @@ use std::path::PathBuf;
 pub struct MovesArgs {
     /// single, PAR, SRS, PER or SRZ
     kind: Kind,
-    /// Show the shortest way to this shape: I, L, S, U or 3D-S
+    /// Show the shortest plan to this shape: I, L, S, U or 3D-S
     #[arg(long)]
     to: Option<String>,
-    /// Where the way starts: lattice angles in degrees, separated by commas; all zero if left out
+    /// Start of the plan: lattice angles in degrees, separated by commas; default: all zero
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, requires = "to")]
     from: Vec<f64>,
 }
 
-/// The shapes of a kind, or of all metamodules.
+/// Lists the shapes of a kind, or of all metamodules.
 pub fn shapes(database: &Database, kind: Option<Kind>) -> Answer {
     let kinds = kind.map_or(Kind::METAMODULES.to_vec(), |k| vec![k]);
     let mut text = String::from("kind   shape  postures  cell chains  example of joint angles\n");
@@ -55,7 +55,7 @@ pub fn shapes(database: &Database, kind: Option<Kind>) -> Answer {
     Answer::new(text, json!({"shapes": list}))
 }
 
-/// The landings and steps of a kind, or a way to a shape.
+/// Lists the landings and steps of a kind, or a plan to a shape.
 pub fn moves(database: &Database, args: &MovesArgs) -> Result<Answer, RobotError> {
     let table = database.table(args.kind);
     match &args.to {
@@ -149,7 +149,7 @@ fn describe(database: &Database, table: &Table, way: &Transition, shape: Shape) 
     Answer::new(text, json)
 }
 
-/// What is in the database; writes its bytes if asked.
+/// Describes the contents of the database, and writes its bytes if asked to.
 pub fn database_summary(database: &Database, out: Option<PathBuf>) -> Result<Answer, RobotError> {
     let bytes = database.to_bytes();
     if let Some(path) = &out {

@@ -1,4 +1,4 @@
-//! Forward and inverse kinematics for people: degrees and cells.
+//! Forward and inverse kinematics, in degrees and cells.
 
 use super::{Answer, RobotError};
 use clap::{Args, ValueEnum};
@@ -24,7 +24,7 @@ pub struct FkArgs {
     /// Joint angles in degrees from the foot on: 3 for a module, 6 for a metamodule
     #[arg(required = true, allow_negative_numbers = true)]
     angles: Vec<f64>,
-    /// Also list where this connector is, such as C1Y or 2:C3X; `all` for all of them
+    /// Also print the pose of this connector, such as C1Y or 2:C3X; `all` for all of them
     #[arg(long)]
     connector: Option<String>,
     /// Mass on the head plate in kilograms, for the torques
@@ -42,10 +42,10 @@ pub struct IkArgs {
     /// Pose of the head frame: the three rows of its 3×4 matrix, 12 numbers, lengths in cells
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, conflicts_with = "grid")]
     matrix: Option<Vec<f64>>,
-    /// The pose that these joint angles in degrees make
+    /// The pose given by these joint angles in degrees
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, conflicts_with_all = ["grid", "matrix"])]
     like: Option<Vec<f64>>,
-    /// How to solve
+    /// The solver
     #[arg(long, value_enum, default_value_t = Solver::All)]
     solver: Solver,
     /// Random starts of the damped solver
@@ -64,7 +64,7 @@ enum Solver {
     Damped,
 }
 
-/// Angles in degrees, as the model takes them.
+/// Converts degrees to the angles of the model.
 pub fn radians(angles: &[f64]) -> Vec<f64> {
     angles.iter().map(|a| a.to_radians()).collect()
 }
@@ -100,7 +100,7 @@ pub fn fk(args: &FkArgs) -> Result<Answer, RobotError> {
     } else {
         "above the floor".to_owned()
     };
-    let own = if touch.own_body { "cubes overlap" } else { "cubes are apart" };
+    let own = if touch.own_body { "cubes overlap" } else { "cubes do not overlap" };
     let _ = writeln!(text, "{floor}, {own}");
 
     let lattice = Posture::from_degrees(kind, &args.angles, 1e-9).ok();
@@ -201,7 +201,7 @@ fn target(args: &IkArgs) -> Result<Pose, RobotError> {
         return Ok(forward(args.kind, &radians(angles))?);
     }
     Err(RobotError::Usage(
-        "say which pose the head should have: --grid X,Y,CLASS, --matrix with 12 numbers, or --like with joint angles"
+        "specify the pose of the head: --grid X,Y,CLASS, --matrix with 12 numbers, or --like with joint angles"
             .to_owned(),
     ))
 }
@@ -260,7 +260,7 @@ fn damped(args: &IkArgs, target: &Pose) -> Result<Found, RobotError> {
         return Ok(Ok(vec![(outcome.q, outcome.residual)]));
     }
     Err(RobotError::OutOfReach(format!(
-        "not reached from {starts} random starts, {:.3} cells and radians are left; the pose may be out of \
+        "not reached from {starts} random starts, with a residual of {:.3} (cells and radians); the pose may be out of \
          reach, which `--solver all` decides",
         outcome.residual
     )))

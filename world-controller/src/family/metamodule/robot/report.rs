@@ -1,4 +1,4 @@
-//! Tables of the thesis beside what the model gives.
+//! Tables of the thesis beside the results of the model.
 
 use super::{Answer, RobotError};
 use metamorph_protocol::roombots::Kind;
@@ -10,16 +10,16 @@ use metamorph_protocol::roombots::reach::{
 use serde_json::json;
 use std::fmt::Write;
 
-/// One of the tables.
+/// Returns one of the tables.
 pub fn table(number: &str) -> Result<Answer, RobotError> {
     match number.trim() {
         "2.2" => Ok(reach()),
         "6.1" => Ok(primitives()),
-        other => Err(RobotError::Usage(format!("there is no table `{other}` here; write `2.2` or `6.1`"))),
+        other => Err(RobotError::Usage(format!("unknown table `{other}`; write `2.2` or `6.1`"))),
     }
 }
 
-/// Why no complete method reproduces the published numbers, for people.
+/// Explains why no complete method reproduces the published numbers.
 const WHY: [&str; 6] = [
     "SRS and SRZ are mirror images, and grid, floor and classes are mirror symmetric: a complete \
      method must give them equal numbers. The thesis has 38 and 35.",
@@ -35,12 +35,12 @@ const WHY: [&str; 6] = [
     "Row `lattice` is what the motion database reaches, row `exact` what continuous angles reach.",
 ];
 
-/// Random starts per state of the incomplete search, and how often it is run. Seeds are fixed, so
-/// that the table is always the same.
+/// Random starts per state of the incomplete search, and its repetitions. Seeds are fixed, so that the table
+/// is deterministic.
 const STARTS: u32 = 4;
 const RUNS: u64 = 6;
 
-/// Mean and standard deviation.
+/// Returns mean and standard deviation.
 fn spread(run: &[usize]) -> String {
     let n = run.len() as f64;
     let mean = run.iter().sum::<usize>() as f64 / n;

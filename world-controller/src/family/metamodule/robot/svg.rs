@@ -1,5 +1,5 @@
-//! A drawing of a posture: its cubes with their halves, plates and connectors, the cells it fills
-//! and the grid it stands on.
+//! Draws a posture: its cubes with their halves, plates and connectors, the cells it fills and the grid it
+//! stands on.
 
 use super::poses::radians;
 use super::{Answer, RobotError};
@@ -64,7 +64,7 @@ fn column(pose: &Pose, c: usize) -> V {
     pose.rows().map(|r| r[c])
 }
 
-/// Parallel projection, seen from the front right and above.
+/// A parallel projection, seen from the front right and above.
 struct View {
     right: V,
     up: V,
@@ -73,7 +73,7 @@ struct View {
 
 /// Pixels per cell.
 const SCALE: f64 = 110.0;
-/// Points of a drawn circle.
+/// Points of a circle.
 const ROUND: u32 = 40;
 
 impl View {
@@ -129,7 +129,7 @@ impl Drawing {
     }
 }
 
-/// The cells that the cubes enter deeper than 2.2 mm.
+/// Returns the cells that the cubes enter by more than 2.2 mm.
 fn cells(bodies: &[Body]) -> BTreeSet<Cell> {
     let mut all = BTreeSet::new();
     for body in bodies {
@@ -147,7 +147,7 @@ fn cells(bodies: &[Body]) -> BTreeSet<Cell> {
     all
 }
 
-/// The drawing as a whole SVG document.
+/// Returns a complete SVG document.
 fn draw(kind: Kind, q: &[f64], title: &str) -> Result<String, RobotError> {
     let bodies = bodies(kind, q)?;
     let halves = hemispheres(kind, q)?;
@@ -261,7 +261,7 @@ fn draw_cube(d: &mut Drawing, kind: Kind, q: &[f64], cube: usize, halves: &[Pose
     };
     d.polygon(arc(1.0, front).chain(arc(-1.0, rim)), &format!("m{}-upper", module + 1));
 
-    // Plates, first those that face away most.
+    // Plates, those facing away most first.
     let mut plates: Vec<(V, V, V, String, &str)> = Vec::new();
     for (half, sign) in [(lower, -1.0), (upper, 1.0)] {
         for c in 0..3 {
