@@ -90,7 +90,7 @@ mod tests {
         let found = Prospect::of(&stall(PINNED), Some(&plight(true, false)));
         assert!(matches!(found.possible, Possible::Yes(1..)), "{found:?}");
         assert_eq!(found.within, Some(Within::Held));
-        assert!(found.text().contains("as long as nobody lets go"), "{}", found.text());
+        assert!(found.text().contains("as long as no module lets go"), "{}", found.text());
     }
 
     #[test]
