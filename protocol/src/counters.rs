@@ -11,17 +11,17 @@ use std::ops::{AddAssign, Index, IndexMut};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Class {
-    /// Attraction: distances and concentrations.
+    /// Attraction: distances.
     Gradient = 0,
     /// Growth: roles, goal cells wanted and filled, progress counts.
     Seed = 1,
-    /// Keeping the structure in one piece.
+    /// Connectivity: keeping the structure in one piece.
     Connectivity = 2,
     /// Asking for and granting space.
     Negotiation = 3,
     /// Between agents and the world-controller.
     World = 4,
-    /// Being alive: repeats that carry nothing new, first contact.
+    /// Liveness: repeats that carry nothing new, first contact.
     Liveness = 5,
 }
 
@@ -36,11 +36,11 @@ impl Class {
         Class::Liveness,
     ];
 
-    /// The class of this number, if there is one.
+    /// Returns the class with this number, if there is one.
     pub const fn from_index(index: u8) -> Option<Class> {
         if (index as usize) < Class::ALL.len() { Some(Class::ALL[index as usize]) } else { None }
     }
-    /// The name used in reports.
+    /// Returns the name used in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Class::Gradient => "gradient",
@@ -51,7 +51,7 @@ impl Class {
             Class::Liveness => "liveness",
         }
     }
-    /// The class's place in arrays of one entry per class.
+    /// Returns the index of the class in arrays of one entry per class.
     pub const fn index(self) -> usize {
         self as usize
     }
@@ -70,13 +70,13 @@ pub struct Counts {
     pub sent: u64,
     /// Handed to an agent by the link.
     pub delivered: u64,
-    /// Lost on the way by the link model, or cut off by a partition.
+    /// Lost by the link model, or cut off by a partition.
     pub lost: u64,
     /// Extra copies that the link made.
     pub duplicated: u64,
     /// Dropped because the receiver's inbox was full.
     pub overflowed: u64,
-    /// Arrived after their contact had ended, or at a module whose process is dead.
+    /// Arrived after their contact had ended, or at a module whose process was dead.
     pub expired: u64,
     /// Arrived damaged, and refused by the decoder.
     pub refused: u64,
@@ -85,7 +85,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Messages that had not met their fate yet.
+    /// Returns the number of messages that are still under way.
     pub fn in_flight(&self) -> i64 {
         let out = self.delivered + self.lost + self.overflowed + self.expired + self.refused;
         (self.sent + self.duplicated) as i64 - out as i64
@@ -112,7 +112,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// The sum over all classes.
+    /// Returns the sum over all classes.
     pub fn total(&self) -> Counts {
         let mut sum = Counts::default();
         for counts in self.by_class {
@@ -120,7 +120,7 @@ impl Tally {
         }
         sum
     }
-    /// Every class with its counts.
+    /// Iterates over the classes and their counts.
     pub fn iter(&self) -> impl Iterator<Item = (Class, &Counts)> {
         Class::ALL.into_iter().zip(&self.by_class)
     }

@@ -1,8 +1,8 @@
-//! Coverage marks: rare paths of the protocols and drivers say that they have run, so that whoever
-//! explores can tell what was never tried.
+//! Coverage points: rare paths of the protocols and drivers note that they have run, so that an exploration
+//! can list the paths that were never taken.
 //!
-//! A mark is set in a bit of the thread that runs the agent, which costs about as much as an addition.
-//! *Invariant.* Nothing in a protocol or driver reads marks, so they cannot influence a run.
+//! A point is a bit in the thread that runs the agent; setting it costs about as much as an addition.
+//! *Invariant.* No protocol and no driver reads points, so they cannot influence a run.
 
 use std::cell::Cell;
 
@@ -14,9 +14,9 @@ macro_rules! marks {
             $(#[doc = $text] $name,)*
         }
         impl Mark {
-            /// All of them.
+            /// All points.
             pub const ALL: &'static [Mark] = &[$(Mark::$name),*];
-            /// The name used in reports; up to the colon it is whose path it is.
+            /// Returns the name used in reports; the part before the colon is the family or the driver.
             pub const fn name(self) -> &'static str {
                 match self { $(Mark::$name => $text,)* }
             }
@@ -27,16 +27,16 @@ macro_rules! marks {
 marks! {
     CubeLockExpired => "cube: a lock ran out",
     CubeRequestRepeated => "cube: a request that came twice was granted again",
-    CubeDeniedNoTerrain => "cube: refused, nobody to stand on",
+    CubeDeniedNoTerrain => "cube: refused, nothing to stand on",
     CubeDeniedBusy => "cube: refused, moving",
     CubeDeniedFull => "cube: refused, too many locks",
     CubeDeniedQuarantined => "cube: refused, just restarted",
     CubeDeniedYounger => "cube: refused, had waited longer itself",
     CubeDeniedOccupied => "cube: refused, the cell is taken",
     CubeDeniedReserved => "cube: refused, the cell is kept for another",
-    CubeYielded => "cube: gave its own attempt up for somebody's request",
+    CubeYielded => "cube: gave its own attempt up for another's request",
     CubeTimedOut => "cube: answers did not come",
-    CubeAskedAgain => "cube: what was not answered was asked again",
+    CubeAskedAgain => "cube: an unanswered request was repeated",
     CubeTooLate => "cube: all was granted too late",
     CubeHeldAtLaunch => "cube: all was granted, but it may not leave any more",
     CubeTooManyRequests => "cube: an attempt needed too many requests",
@@ -52,13 +52,13 @@ marks! {
     CubeWantDropped => "cube: a wanted parent could not be had any more",
     CubeNotAdoptable => "cube: an acknowledged parent was not adopted",
     CubeParentSuspected => "cube: a silent parent was to be replaced",
-    CubeRenewalAsked => "cube: a way to the finalized modules had to be known anew",
+    CubeRenewalAsked => "cube: a path to the finalized modules had to be confirmed anew",
     CubeRootRenewed => "cube: a finalized module vouched for itself anew",
     CubeHangsOnDead => "cube: a dead finalized module became a parent",
-    CubeRebornWaits => "cube: a restarted module waited to hear everybody",
+    CubeRebornWaits => "cube: a restarted module waited to hear all neighbours",
     CubeBeaconLate => "cube: a beacon came late or twice",
-    CubeRelaxed => "cube: a cell was unfilled so long that anybody may start it",
-    CubeWaitsForNews => "cube: somebody was heard again after long, and no cell is started out of turn at once",
+    CubeRelaxed => "cube: a cell was unfilled for so long that any neighbour may start it",
+    CubeWaitsForNews => "cube: a neighbour was heard again after long, and no cell is started out of turn at once",
     CubeEpochAfterMove => "cube: a new goal had to wait for the end of a move",
     CubeSourceForgotten => "cube: a field forgot a source to make room",
     CubeSourcesFull => "cube: a field had no room for another source",
@@ -74,7 +74,7 @@ marks! {
     CubeRefusedLate => "cube: the body refused, too late",
     CubeRefusedStale => "cube: the body refused, contacts had changed",
     CubeCornerSeen => "cube: a walker saw a blocked corner",
-    CubeCarriedOn => "cube: a restarted module heard of an earlier life's move",
+    CubeCarriedOn => "cube: a restarted module heard of an earlier incarnation's move",
     MetaGrantExpired => "metamodule: a grant ran out",
     MetaRequestRepeated => "metamodule: a request that came twice was granted again",
     MetaRequestOver => "metamodule: a request came after its release",
@@ -83,9 +83,9 @@ marks! {
     MetaDeniedYounger => "metamodule: refused, more important itself",
     MetaDeniedQuarantined => "metamodule: refused, just restarted",
     MetaLetFirst => "metamodule: stood still for one that goes before it",
-    MetaYielded => "metamodule: gave its own attempt up for somebody's request",
+    MetaYielded => "metamodule: gave its own attempt up for another's request",
     MetaResent => "metamodule: a request was repeated",
-    MetaCameWhileAsking => "metamodule: somebody came into hearing while it asked",
+    MetaCameWhileAsking => "metamodule: another came into range while it asked",
     MetaLockRanOut => "metamodule: its lock would have run out on the way",
     MetaStaleOnTheWay => "metamodule: contacts changed on the way",
     MetaStaleAtStart => "metamodule: contacts changed before it began",
@@ -93,23 +93,23 @@ marks! {
     MetaStuck => "metamodule: its joints stuck",
     MetaJointsTried => "metamodule: it tried stuck joints",
     MetaEarlierLifeSettled => "metamodule: a restarted one was in a filled seed",
-    MetaEarlierLifeGripped => "metamodule: a restarted one let go for its earlier life",
-    MetaEarlierLifeActed => "metamodule: an action of an earlier life ended",
+    MetaEarlierLifeGripped => "metamodule: a restarted one let go for its earlier incarnation",
+    MetaEarlierLifeActed => "metamodule: an action of an earlier incarnation ended",
     MetaStaysForNewTask => "metamodule: it was right for the new task where it was",
-    MetaCondemnedSpoke => "metamodule: a dead one's last words came late",
+    MetaCondemnedSpoke => "metamodule: the state of a dead one came late",
     MetaStateLate => "metamodule: a state came late or twice",
     MetaDeathTold => "metamodule: a death was told",
     MetaObstacle => "metamodule: an obstacle was told",
     MetaOutranked => "metamodule: its claim was outranked",
     MetaBarred => "metamodule: a seed was barred",
     MetaGaveUpSeed => "metamodule: a claimed seed was given up",
-    MetaLetBy => "metamodule: went where somebody gets past by another way",
-    MetaCornered => "metamodule: no way out of a more important way",
+    MetaLetBy => "metamodule: went where another gets past on another path",
+    MetaCornered => "metamodule: no way out of a more important path",
     MetaMadeWay => "metamodule: it made way",
-    MetaNearest => "metamodule: the nearest seed was claimed, nobody else had",
-    MetaLed => "metamodule: it led, nobody got on",
-    MetaLedInVain => "metamodule: it led and found no way for all together",
-    MetaByLuck => "metamodule: a way for all together was found by luck",
+    MetaNearest => "metamodule: the nearest seed was claimed, no other had claimed it",
+    MetaLed => "metamodule: it led, no other made progress",
+    MetaLedInVain => "metamodule: it led and found no plan for all together",
+    MetaByLuck => "metamodule: a plan for all together was found by random walk",
     MetaCalled => "metamodule: it made a move that it was called to make",
     DriverSleptOver => "driver: a stopped process missed messages and percepts",
     DriverInboxFull => "driver: the inbox of a stopped process was full",
@@ -120,12 +120,12 @@ marks! {
 
 const _: () = assert!(Mark::ALL.len() <= 128, "marks are kept in 128 bits");
 
-/// Which marks were set.
+/// A set of coverage points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Marks(u128);
 
 impl Marks {
-    /// Whether a mark was set.
+    /// Returns true if the point is in the set.
     pub const fn has(self, mark: Mark) -> bool {
         self.0 >> mark as u32 & 1 == 1
     }
@@ -135,18 +135,18 @@ thread_local! {
     static SET: Cell<u128> = const { Cell::new(0) };
 }
 
-/// This path has run.
+/// Notes that this path has run.
 #[inline]
 pub fn hit(mark: Mark) {
     SET.with(|set| set.set(set.get() | 1 << mark as u32));
 }
 
-/// Marks that were set in another thread, for this one.
+/// Adds points that were set in another thread to this one.
 pub fn add(marks: Marks) {
     SET.with(|set| set.set(set.get() | marks.0));
 }
 
-/// The marks set in this thread since the last call. For whoever carries out runs, not for agents.
+/// Returns the points set in this thread since the last call. For drivers, not for agents.
 pub fn take() -> Marks {
     SET.with(|set| Marks(set.take()))
 }

@@ -1,23 +1,23 @@
-//! Defects of the protocols that tests switch on to prove that somebody notices: a harness that cannot
-//! see a broken protocol break proves nothing about a sound one. Never set by a scenario.
+//! Defects of the protocols that tests switch on to prove that the checks find them: a test harness that
+//! cannot find a known defect proves nothing about a sound protocol. Never set by a scenario.
 
 use serde::{Deserialize, Serialize};
 
-/// A defect.
+/// A known defect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[doc(hidden)]
 pub enum Sabotage {
-    /// Both families: messages are delivered whatever session they were sent in.
+    /// Both families: messages are delivered in whatever session they were sent.
     IgnoreSessions,
-    /// Cubes: moves are started without telling the body by when they must have begun.
+    /// Cubes: moves are started without a latest start time for the body.
     NoDeadline,
     /// Cubes: a grant ends long before the mover believes it does.
     ShortLease,
-    /// Cubes: locks and reservations of others are not looked at before leaving.
+    /// Cubes: locks and reservations of others are not checked before leaving.
     IgnoreLocks,
-    /// Cubes: what was locked is never released.
+    /// Cubes: locks are never released.
     KeepLocks,
-    /// Cubes: a cell is kept for everybody who asks.
+    /// Cubes: a cell is reserved for every module that asks.
     ReserveTwice,
     /// Cubes: a silent child is forgotten.
     DropSilentChildren,
@@ -25,7 +25,7 @@ pub enum Sabotage {
     AdoptUnacknowledged,
     /// Cubes: a restarted module takes part at once.
     NoListening,
-    /// Cubes: a neighbour that has said nothing yet does not count.
+    /// Cubes: a neighbour that has not spoken yet does not count.
     IgnoreStrangers,
     /// Cubes: neighbours that a search has not connected count as connected.
     ShallowSearch,
@@ -33,26 +33,26 @@ pub enum Sabotage {
     AcceptStaleValues,
     /// Cubes: solid goals grow by the rule that is enough for scaffolds.
     AnyLowerOnSolids,
-    /// Metamodules: everything asked for is granted.
+    /// Metamodules: every request is granted.
     GrantEverything,
-    /// Metamodules: nobody is asked.
+    /// Metamodules: no neighbour is asked.
     AskNobody,
-    /// Metamodules: locks are forgotten at once, by who holds them and by who has granted them. Either of
-    /// the two is enough to keep others out: a grant that is remembered is planned around.
+    /// Metamodules: locks are forgotten at once, by the holder and by the modules that granted them. Either
+    /// alone is enough to keep others out: a grant that is remembered is planned around.
     ForgetLocks,
     /// Metamodules: a holder goes on after its lock has run out.
     OutstayLease,
-    /// Metamodules: a restarted one grants at once.
+    /// Metamodules: a restarted metamodule grants at once.
     GrantAfterRestart,
-    /// Metamodules: what was said earlier replaces what was said later, even that somebody is dead. Of the
-    /// living the next word makes it good again.
+    /// Metamodules: an earlier state replaces a later one, even a certified death. For a living sender the
+    /// next state corrects it.
     AcceptStaleStates,
-    /// Metamodules: nobody makes way, on its own account or when it is called.
+    /// Metamodules: none makes way, neither by itself nor on a directive.
     StandInTheWay,
 }
 
 impl Sabotage {
-    /// All of them.
+    /// All defects.
     pub const ALL: [Sabotage; 20] = [
         Sabotage::IgnoreSessions,
         Sabotage::NoDeadline,

@@ -2,17 +2,17 @@
 //! of a fixed width, lengths and discriminants as 64 bits. (Slices of wider numbers are hashed as they lie in
 //! memory, which is the same on all little-endian machines.)
 //!
-//! `#[derive(Hash)]` alone hashes native bytes, lengths as `usize`, and fields in the order in which they
-//! happen to be declared. So a digest of an agent or a world names its fields by hand, in an order that stays,
-//! and hashes them through [`Portable`]. It leaves out what follows from the rest: caches, marks that
-//! something has to be looked at again, times to be woken at, and outputs.
+//! `#[derive(Hash)]` alone hashes native bytes, lengths as `usize`, and fields in the order of their
+//! declaration. So a digest of an agent or a world names its fields by hand, in a fixed order, and hashes
+//! them through [`Portable`]. It leaves out what follows from the rest: caches, dirty flags, wake-up times,
+//! and outputs.
 
 use std::hash::Hasher;
 
-/// Bytes gathered before they are handed on: one long write is faster than many short ones.
+/// Size of the buffer in bytes: one long write is faster than many short ones.
 const GATHERED: usize = 512;
 
-/// A hasher that hands numbers on in one form.
+/// A hasher that passes numbers on in one form on every machine.
 pub struct Portable<'a> {
     to: &'a mut dyn Hasher,
     gathered: [u8; GATHERED],
@@ -21,7 +21,7 @@ pub struct Portable<'a> {
 }
 
 impl<'a> Portable<'a> {
-    /// Hands on to this hasher, the last bytes when it is dropped.
+    /// Creates a hasher in front of `to`; the last bytes are passed on when it is dropped.
     pub fn new(to: &'a mut dyn Hasher) -> Portable<'a> {
         Portable { to, gathered: [0; GATHERED], used: 0 }
     }
@@ -48,7 +48,7 @@ impl Drop for Portable<'_> {
 }
 
 impl Hasher for Portable<'_> {
-    /// Of what has been handed on.
+    /// Returns the hash of the bytes that have been passed on.
     fn finish(&self) -> u64 {
         self.to.finish()
     }
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
     use std::hash::Hash;
 
-    /// Keeps what it is given.
+    /// Stores the bytes it is given.
     #[derive(Default)]
     struct Bytes(Vec<u8>);
 
@@ -123,9 +123,9 @@ mod tests {
         assert_eq!(bytes.0, [&[1, 2, 0, 3, 0, 0, 0, 0xFE, 0xFF][..], &length, &some].concat());
     }
 
-    /// Nothing is lost or moved where the bytes gathered are handed on.
+    /// Bytes are neither lost nor reordered when the buffer is passed on.
     #[test]
-    fn what_is_gathered_arrives_in_order() {
+    fn buffered_bytes_arrive_in_order() {
         let (mut bytes, mut expected) = (Bytes::default(), Vec::new());
         let mut portable = Portable::new(&mut bytes);
         for n in 0..300u64 {

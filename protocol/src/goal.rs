@@ -3,11 +3,11 @@
 //! Every goal cell gets a level, its distance from the seed through goal cells (the seed has 1).
 //! Growth goes up the levels, so that no cell is walled in before it is filled. Two modes:
 //!
-//! * **Scaffold** (after Stoy, thesis 4.1.2): of every 2×2×2 cells the corner and the three edges,
-//!   about half of the volume. What is left out are tunnels that always lead outside, so a cell may
-//!   be filled as soon as any lower neighbour is.
-//! * **Solid**: all cells. A cell may be filled only after all its lower neighbours, so that what is
-//!   filled never overhangs what is not.
+//! * **Scaffold** (after Stoy, thesis 4.1.2): of every 2×2×2 cells the corner and the three edges, about half
+//! of the volume. The other cells are tunnels that always lead outside, so a cell may be filled as soon as
+//! any lower neighbour is.
+//! * **Solid**: all cells. A cell may be filled only after all its lower neighbours, so that filled cells
+//! never overhang unfilled ones.
 
 use crate::lattice::{Cell, Face};
 use crate::shape::components;
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
 
-/// How much of the shape is filled, and so which rule growth follows.
+/// The part of the shape that is filled, and the rule that growth follows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Growth {
@@ -47,19 +47,19 @@ pub enum GoalError {
     /// The seed is not a cell of the shape.
     #[error("the seed {0} is not a cell of the goal")]
     SeedOutside(Cell),
-    /// Growth cannot get everywhere.
+    /// Growth cannot reach all cells.
     #[error(
         "{count} goal cells, {example} among them, are not connected to the seed {seed}{hint}",
         hint = if *.scaffold { " by the scaffold; make the shape at least two cells thick there, or use growth = \"solid\"" } else { "" }
     )]
     Disconnected {
-        /// How many cells are cut off.
+        /// The number of cells that are cut off.
         count: usize,
         /// One of them.
         example: Cell,
         /// The seed.
         seed: Cell,
-        /// Whether the scaffold, and not the shape itself, is disconnected.
+        /// True if the scaffold is disconnected and the shape itself is not.
         scaffold: bool,
     },
     /// Levels are 16-bit numbers.
@@ -68,8 +68,12 @@ pub enum GoalError {
 }
 
 impl Goal {
-    /// Compiles a shape, given as its cells in ascending order. In scaffold mode corners of the
-    /// scaffold are the cells at even distances from the seed on all three axes.
+    /// Compiles a shape, given as its cells in ascending order. In scaffold mode corners of the scaffold are
+    /// the cells at even distances from the seed on all three axes.
+    ///
+    /// # Errors
+    /// Refuses a shape that does not contain the seed, that growth from the seed cannot fill, or that is too
+    /// deep.
     pub fn compile(shape: &[Cell], seed: Cell, growth: Growth) -> Result<Goal, GoalError> {
         if shape.binary_search(&seed).is_err() {
             return Err(GoalError::SeedOutside(seed));
@@ -115,8 +119,8 @@ impl Goal {
         Ok(goal)
     }
 
-    /// Where fronts of growth meet at a corner from all six sides, one of its edges may be started
-    /// only by the corner itself, so that the corner stays reachable until it is filled.
+    /// Reserves an edge of each corner where growth fronts meet from all six sides for the corner itself, so
+    /// that the corner stays reachable until it is filled.
     fn keep_meeting_points_open(&mut self, set: &BTreeSet<Cell>) {
         for cell in set {
             let level = self.level(*cell);
@@ -138,31 +142,31 @@ impl Goal {
         Some((x * self.extent[1] + y) * self.extent[2] + z)
     }
 
-    /// The level of a cell; 0 if it is no goal cell.
+    /// Returns the level of a cell; 0 if it is not a goal cell.
     pub fn level(&self, cell: Cell) -> u16 {
         self.index(cell).map_or(0, |i| self.levels[i])
     }
-    /// Whether a cell shall be filled.
+    /// Returns true if the cell is to be filled.
     pub fn contains(&self, cell: Cell) -> bool {
         self.level(cell) != 0
     }
-    /// The number of goal cells.
+    /// Returns the number of goal cells.
     pub fn len(&self) -> usize {
         self.cells
     }
-    /// A goal has at least its seed.
+    /// Returns false: a goal has at least its seed.
     pub fn is_empty(&self) -> bool {
         false
     }
-    /// The cell that growth starts from.
+    /// Returns the cell that growth starts from.
     pub fn seed(&self) -> Cell {
         self.seed
     }
-    /// The rule of growth.
+    /// Returns the rule of growth.
     pub fn growth(&self) -> Growth {
         self.growth
     }
-    /// All goal cells in ascending order.
+    /// Returns all goal cells in ascending order.
     pub fn cells(&self) -> impl Iterator<Item = Cell> + '_ {
         let [nx, ny, nz] = self.extent;
         (0..nx * ny * nz)
@@ -170,8 +174,8 @@ impl Goal {
             .map(move |i| self.min + Cell::new((i / (ny * nz)) as i16, (i / nz % ny) as i16, (i % nz) as i16))
     }
 
-    /// Whether the module in goal cell `from` may start the neighbouring cell outside `face`, as far
-    /// as levels go. What else must be filled first is [`Goal::lower_neighbours`].
+    /// Returns true if the levels allow the module in goal cell `from` to start the neighbouring cell outside
+    /// `face`. Which cells must be filled first is up to [`Goal::lower_neighbours`].
     pub fn may_start(&self, from: Cell, face: Face) -> bool {
         let cell = from.step(face);
         let (mine, its) = (self.level(from), self.level(cell));
@@ -181,7 +185,7 @@ impl Goal {
         }
     }
 
-    /// The faces of a goal cell outside which there is a goal cell of a lower level.
+    /// Returns the faces of a goal cell outside which there is a goal cell of a lower level.
     pub fn lower_neighbours(&self, cell: Cell) -> impl Iterator<Item = Face> + '_ {
         let level = self.level(cell);
         Face::ALL.into_iter().filter(move |f| (1..level).contains(&self.level(cell.step(*f))))
@@ -244,8 +248,8 @@ mod tests {
         assert_eq!(goal.level(Cell::new(-600, 0, 0)), 0);
     }
 
-    /// Lemma 1 of the scaffold: from the seed upwards, whatever the order in which cells are filled
-    /// from lower neighbours, an unfilled goal cell keeps an empty neighbour.
+    /// Lemma 1 of the scaffold: from the seed upwards, in any order in which cells are filled from lower
+    /// neighbours, an unfilled goal cell keeps an empty neighbour.
     #[test]
     fn scaffold_never_encloses_an_unfilled_cell() {
         for seed_cell in [Cell::default(), Cell::new(0, 0, -5), Cell::new(1, 2, 3)] {
@@ -275,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn where_fronts_meet_all_around_the_corner_stays_open() {
+    fn a_corner_where_fronts_meet_stays_open() {
         // A hollow box: growth goes around both sides of the hole and meets behind it.
         let full = Shape::Box { min: Cell::new(0, 0, 0), max: Cell::new(8, 8, 8) };
         let hole = Shape::Box { min: Cell::new(3, 3, 3), max: Cell::new(5, 5, 5) };
@@ -288,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_cannot_grow() {
+    fn refuses_shapes_that_cannot_grow() {
         let line: Vec<Cell> = (0..4).map(|x| Cell::new(x, 0, 0)).collect();
         assert_eq!(
             Goal::compile(&line, Cell::new(9, 0, 0), Growth::Solid),

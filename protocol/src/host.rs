@@ -1,8 +1,7 @@
 //! The host of one incarnation of an agent. Every driver hands inputs to an agent and takes its outputs
-//! through it: the simulator, an agent process, a replay and the model checker. Recording is one hook
-//! here.
+//! through it: the simulator, an agent process, a replay and the model checker. Recording is one hook here.
 //!
-//! Absent: carrying outputs out, which differs between drivers.
+//! Not here: carrying outputs out, which differs between drivers.
 
 use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf, Summary};
 use crate::counters::Class;
@@ -18,7 +17,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct AgentHost<A: Agent> {
     agent: A,
-    /// What only recorded and replayed incarnations need.
+    /// State that only recorded and replayed incarnations need.
     steps: Option<Box<Steps<A>>>,
 }
 
@@ -35,13 +34,13 @@ struct Steps<A: Agent> {
 
 /// What a driver knows of an input besides the input itself, for the record of the step.
 pub struct StepContext<'a> {
-    /// Which message it is, and of what class, if it is one.
+    /// The name and class of the message, if the input is one.
     pub heard: Option<(MessageName, Class)>,
     /// The contact changes that the agent knows of.
     pub revision: Revision,
     /// The module at a port.
     pub peer: &'a dyn Fn(Port) -> Option<ModuleId>,
-    /// Where the record goes.
+    /// The destination of the record.
     pub sink: &'a mut dyn Sink,
 }
 
@@ -58,8 +57,7 @@ impl<A: Agent> AgentHost<A> {
         AgentHost { agent: A::new(setup, birth, now), steps: Some(Box::new(steps)) }
     }
 
-    /// Starts an agent whose inputs are handed in by [`AgentHost::handle_recorded`], and records that it
-    /// starts.
+    /// Starts an agent whose inputs are handed in by [`AgentHost::handle_recorded`], and records the start.
     pub fn recorded(
         setup: &Arc<A::Setup>,
         birth: Birth<A::Place>,
@@ -71,12 +69,12 @@ impl<A: Agent> AgentHost<A> {
         AgentHost::hashed(setup, birth, now)
     }
 
-    /// The agent.
+    /// Returns the agent.
     pub fn agent(&self) -> &A {
         &self.agent
     }
 
-    /// When the agent wants [`Input::Wake`] at the latest.
+    /// Returns the latest time at which the agent wants [`Input::Wake`].
     pub fn wake_at(&self) -> Time {
         self.agent.wake_at()
     }
@@ -122,7 +120,7 @@ impl<A: Agent> AgentHost<A> {
         }
     }
 
-    /// The next output of the last input.
+    /// Returns the next output of the last input.
     pub fn poll(&mut self) -> Option<OutputOf<A>> {
         match &mut self.steps {
             None => self.agent.poll(),
@@ -131,7 +129,7 @@ impl<A: Agent> AgentHost<A> {
     }
 }
 
-/// The input as it is recorded; name and class are of messages only.
+/// Converts an input to its recorded form; name and class belong to messages only.
 fn taken<A: Agent>(input: &InputOf<A>, heard: Option<(MessageName, Class)>) -> Taken {
     match (input, heard) {
         (Input::Contact { port, session }, _) => Taken::Contact { port: *port, session: *session },
@@ -145,7 +143,7 @@ fn taken<A: Agent>(input: &InputOf<A>, heard: Option<(MessageName, Class)>) -> T
     }
 }
 
-/// The hash of an agent's state after these outputs.
+/// Hashes the state of an agent and these outputs.
 fn hash<A: Agent>(agent: &A, outputs: &VecDeque<OutputOf<A>>) -> u64 {
     let mut hasher = SipHasher13::new();
     for output in outputs {

@@ -1,4 +1,4 @@
-//! Names of things: small integer newtypes that cannot be mixed up.
+//! Identifiers: small integer newtypes that cannot be mixed up.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -23,37 +23,37 @@ id!(
     ModuleId(u32)
 );
 id!(
-    /// How many times a module's process has been started; 0 is the first life.
+    /// How often the process of a module has been restarted; 0 for the first incarnation.
     Incarnation(u16)
 );
 id!(
-    /// One unbroken contact between two faces. Every new contact, and every restart of either
-    /// process, gets a new one, so that a late message is never credited to the wrong contact.
+    /// One unbroken contact between two ports. Every new contact, and every restart of either process, gets a
+    /// new one, so that a late message is never credited to the wrong contact.
     Session(u32)
 );
 id!(
-    /// Where a link leaves a module: a face of a cube, a neighbour slot of a metamodule.
+    /// The port that a link leaves a module by: a face of a cube, a neighbour slot of a metamodule.
     Port(u8)
 );
 id!(
-    /// One attempt of one module; unique per module and life.
+    /// One attempt of one module; unique per module and incarnation.
     Token(u32)
 );
 id!(
-    /// How many contact changes a body has seen. A body refuses an action that was decided on an
+    /// The number of contact changes that a body has seen. A body refuses an action that was decided on an
     /// older state of its contacts, which makes sensing as good as synchronous on any transport.
     Revision(u32)
 );
 
 impl ModuleId {
-    /// The module's place in arrays of one entry per module.
+    /// Returns the index of the module in arrays of one entry per module.
     pub const fn index(self) -> usize {
         self.0 as usize
     }
 }
 
 impl Port {
-    /// The port's place in arrays of one entry per port.
+    /// Returns the index of the port in arrays of one entry per port.
     pub const fn index(self) -> usize {
         self.0 as usize
     }

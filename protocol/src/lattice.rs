@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::{Add, Neg};
 
-/// A lattice cell. Coordinates stay within ±16,383 (see [`Cell::LIMIT`]), so that sums of two never
-/// overflow.
+/// A lattice cell. Coordinates stay within ±16,383 (see [`Cell::LIMIT`]), so that the sum of two never
+/// overflows.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
 #[serde(from = "[i16; 3]", into = "[i16; 3]")]
 pub struct Cell {
@@ -21,31 +21,31 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// The largest coordinate, in either direction, that a scenario may name.
+    /// The largest absolute value of a coordinate in a scenario, in cells.
     pub const LIMIT: i16 = 16_383;
 
-    /// The cell at these coordinates.
+    /// Creates a cell from its coordinates.
     pub const fn new(x: i16, y: i16, z: i16) -> Cell {
         Cell { x, y, z }
     }
-    /// The neighbouring cell outside `face`.
+    /// Returns the neighbouring cell outside `face`.
     pub fn step(self, face: Face) -> Cell {
         self + face.offset()
     }
-    /// The six neighbouring cells in the order of the faces.
+    /// Returns the six neighbouring cells in the order of the faces.
     pub fn neighbours(self) -> [Cell; 6] {
         Face::ALL.map(|f| self.step(f))
     }
-    /// The face of this cell that touches `other`, if they are neighbours.
+    /// Returns the face of this cell that touches `other`, if they are neighbours.
     pub fn face_to(self, other: Cell) -> Option<Face> {
         Face::ALL.into_iter().find(|f| self.step(*f) == other)
     }
-    /// The number of steps between two cells along the axes.
+    /// Returns the Manhattan distance of two cells.
     pub fn manhattan(self, other: Cell) -> u32 {
         let d = |a: i16, b: i16| u32::from(a.abs_diff(b));
         d(self.x, other.x) + d(self.y, other.y) + d(self.z, other.z)
     }
-    /// Whether every coordinate is within [`Cell::LIMIT`].
+    /// Returns true if every coordinate is within [`Cell::LIMIT`].
     pub fn in_range(self) -> bool {
         [self.x, self.y, self.z].iter().all(|c| c.unsigned_abs() <= Cell::LIMIT.unsigned_abs())
     }
@@ -84,7 +84,7 @@ impl fmt::Debug for Cell {
     }
 }
 
-/// One of the six faces of a cube, and the direction it looks in.
+/// One of the six faces of a cube, and the direction that it looks in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Face {
@@ -106,19 +106,19 @@ impl Face {
     /// All faces in the order of their numbers.
     pub const ALL: [Face; 6] = [Face::East, Face::West, Face::North, Face::South, Face::Up, Face::Down];
 
-    /// The face of this number, if there is one.
+    /// Returns the face with this number, if there is one.
     pub const fn from_index(index: u8) -> Option<Face> {
         if index < 6 { Some(Face::ALL[index as usize]) } else { None }
     }
-    /// The face's place in arrays of six.
+    /// Returns the index of the face in arrays of six.
     pub const fn index(self) -> usize {
         self as usize
     }
-    /// The face on the other side of the cube.
+    /// Returns the face on the other side of the cube.
     pub const fn opposite(self) -> Face {
         Face::ALL[(self as usize) ^ 1]
     }
-    /// The four faces at right angles to this one, in the order of their numbers.
+    /// Returns the four faces at right angles to this one, in the order of their numbers.
     pub const fn perpendicular(self) -> [Face; 4] {
         use Face::{Down, East, North, South, Up, West};
         match self {
@@ -127,11 +127,11 @@ impl Face {
             Up | Down => [East, West, North, South],
         }
     }
-    /// The place of `self` in `of.perpendicular()`, if the two are at right angles.
+    /// Returns the index of `self` in `of.perpendicular()`, if the two are at right angles.
     pub fn slot_in(self, of: Face) -> Option<usize> {
         of.perpendicular().iter().position(|f| *f == self)
     }
-    /// The unit step in this direction.
+    /// Returns the unit step in this direction.
     pub const fn offset(self) -> Cell {
         match self {
             Face::East => Cell::new(1, 0, 0),
@@ -142,7 +142,7 @@ impl Face {
             Face::Down => Cell::new(0, 0, -1),
         }
     }
-    /// This face as one bit of a mask.
+    /// Returns this face as one bit of a mask.
     pub const fn bit(self) -> u8 {
         1 << self as u8
     }
@@ -158,30 +158,30 @@ pub enum MotionKind {
     Convex = 1,
 }
 
-/// One elementary motion: which way, around what.
+/// One elementary motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Motion {
     /// Slide or convex transition.
     pub kind: MotionKind,
-    /// The side on which the support is.
+    /// The side of the support.
     pub support: Face,
-    /// Where to, at right angles to the support.
+    /// The direction of the motion, at right angles to the support.
     pub heading: Face,
 }
 
 impl Motion {
-    /// The cell the motion ends in, from cell `from`.
+    /// Returns the cell that the motion ends in, from cell `from`.
     pub fn destination(self, from: Cell) -> Cell {
         match self.kind {
             MotionKind::Slide => from.step(self.heading),
             MotionKind::Convex => from.step(self.heading).step(self.support),
         }
     }
-    /// The corner cell that a convex transition sweeps.
+    /// Returns the corner cell that a convex transition sweeps.
     pub fn corner(self, from: Cell) -> Option<Cell> {
         (self.kind == MotionKind::Convex).then(|| from.step(self.heading))
     }
-    /// The side on which the support is at the end of the motion.
+    /// Returns the side of the support at the end of the motion.
     pub fn landing_support(self) -> Face {
         match self.kind {
             MotionKind::Slide => self.support,
@@ -210,7 +210,7 @@ mod tests {
         assert_eq!(Face::from_index(6), None);
     }
 
-    /// Both motions end touching the support they promise.
+    /// Both motions end in contact with the support they name.
     #[test]
     fn motions_end_on_their_support() {
         let from = Cell::new(3, -2, 5);

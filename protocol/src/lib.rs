@@ -1,11 +1,10 @@
-//! Vocabulary and brain of a self-reconfigurable swarm.
+//! Vocabulary and protocols of a self-reconfigurable swarm.
 //!
-//! Here are the ids, units, lattice and messages that every part of Metamorph shares, and the
-//! protocols themselves as sans-IO state machines: inputs and the current time go in, outputs are
-//! polled out, and one call says when to wake up next.
+//! The ids, units, lattice and messages that every part of Metamorph shares, and the protocols themselves as
+//! sans-IO state machines: inputs and the current time go in, outputs are polled out, and one call returns
+//! the next wake-up time.
 //!
-//! Deliberately absent: clock, thread, socket, file, global randomness, and floating point in the
-//! state of an agent.
+//! Not here: clock, thread, socket, file, global randomness, and floating point in the state of an agent.
 
 pub mod agent;
 pub mod counters;

@@ -1,7 +1,7 @@
 //! The link model: what may happen to a message between two modules.
 //!
-//! Sans-IO and shared by the drivers: the simulator schedules what [`LinkModel::carry`] says, an
-//! agent process holds back, drops or doubles what it sends in the same way. Links keep their order
+//! Sans-IO and shared by the drivers: the simulator schedules the arrivals that [`LinkModel::carry`] returns,
+//! and an agent process delays, drops or duplicates what it sends in the same way. Links keep their order
 //! unless a message is drawn to be reordered.
 
 use crate::ids::ModuleId;
@@ -10,12 +10,12 @@ use crate::rng::Stream;
 use crate::time::{Span, Time};
 use serde::{Deserialize, Serialize};
 
-/// Some modules can talk only among themselves for a while.
+/// A split of the swarm into two sides that cannot talk to each other for a while.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Partition {
-    /// From when on.
+    /// The start.
     pub from: Time,
-    /// Until when (the first instant at which messages pass again).
+    /// The end: the first instant at which messages pass again.
     pub until: Time,
     /// The modules on one side, in ascending order; all others are on the other side.
     pub side: Vec<ModuleId>,
@@ -39,26 +39,26 @@ pub struct LinkModel {
     pub loss: Ratio,
     /// Probability that a message arrives twice.
     pub duplicate: Ratio,
-    /// Probability that a message is held back and so overtaken by later ones.
+    /// Probability that a message is delayed so long that later ones overtake it.
     pub reorder: Ratio,
     /// Probability that a bit of a message flips.
     pub corrupt: Ratio,
-    /// From then on messages are delayed and nothing else; never, if left out.
+    /// From this time on messages are delayed and not impaired otherwise; never, if left out.
     pub harmless_from: Option<Time>,
-    /// Times and places at which nothing passes.
+    /// Partitions, during which no message passes between the sides.
     pub partitions: Vec<Partition>,
 }
 
-/// One copy of a message on its way.
+/// One copy of a message under way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Arrival {
-    /// When it arrives.
+    /// The time of arrival.
     pub at: Time,
-    /// Which bit flips on the way (see [`crate::wire::Frame::flip`]).
+    /// The bit that flips under way (see [`crate::wire::Frame::flip`]).
     pub flipped_bit: Option<u64>,
 }
 
-/// What becomes of one message: lost if there is no arrival, duplicated if there are two.
+/// The fate of one message: lost if there is no arrival, duplicated if there are two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fate {
     /// The copies that arrive.
@@ -66,15 +66,15 @@ pub struct Fate {
 }
 
 impl LinkModel {
-    /// Whether messages pass at once and unharmed, so that nothing needs to be drawn.
+    /// Returns true if messages pass at once and unimpaired, so that nothing needs to be drawn.
     pub fn is_transparent(&self) -> bool {
         self.delay_max == Span::ZERO
             && [self.loss, self.duplicate, self.reorder, self.corrupt].iter().all(|p| p.is_zero())
             && self.partitions.is_empty()
     }
 
-    /// Draws the fate of a message sent at `now`. `last` is the link's own memory: the latest
-    /// arrival so far, which later messages do not overtake; start it at zero.
+    /// Draws the fate of a message sent at `now`. `last` is the state of the link: the latest arrival so far,
+    /// which later messages do not overtake; it starts at zero.
     pub fn carry(
         &self,
         now: Time,
@@ -102,7 +102,7 @@ impl LinkModel {
         let spread = self.delay_max - self.delay_min;
         let drawn = now + self.delay_min + Span(stream.below(spread.0 + 1));
         let at = if harms && stream.chance(self.reorder) {
-            // Held back by up to four longest delays, so that several later messages can pass.
+            // Held back by up to four times the longest delay, so that several later messages can pass.
             let hold = self.delay_max.0.max(1_000_000) * 4;
             drawn + Span(1 + stream.below(hold))
         } else {
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn loses_doubles_and_flips_as_often_as_asked() {
+    fn impairs_as_often_as_configured() {
         let tenth: Ratio = "10%".parse().unwrap();
         let model = LinkModel { loss: tenth, duplicate: tenth, corrupt: tenth, ..LinkModel::default() };
         let fates = carry_all(&model, 10_000);
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn harm_ends_when_it_is_said_to() {
+    fn impairments_end_at_harmless_from() {
         let always: Ratio = "100%".parse().unwrap();
         let model = LinkModel { loss: always, harmless_from: Some(Time(500_000)), ..LinkModel::default() };
         let lost = carry_all(&model, 1_000).iter().filter(|f| f.arrivals[0].is_none()).count();
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_partition_cuts_only_across_and_only_while_it_lasts() {
+    fn a_partition_cuts_between_its_sides_while_it_lasts() {
         let cut = Partition { from: Time(10), until: Time(20), side: vec![ModuleId(0), ModuleId(2)] };
         let model = LinkModel { partitions: vec![cut], ..LinkModel::default() };
         let (mut stream, mut last) = (Stream::named(1, "link", 0), Time::ZERO);

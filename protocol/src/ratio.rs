@@ -24,24 +24,24 @@ pub enum RatioError {
 }
 
 impl Ratio {
-    /// Never.
+    /// Probability 0.
     pub const ZERO: Ratio = Ratio { num: 0, den: 1 };
-    /// Always.
+    /// Probability 1.
     pub const ONE: Ratio = Ratio { num: 1, den: 1 };
 
-    /// `num / den`; none if it is not a probability.
+    /// Returns `num / den`; `None` if that is not a probability.
     pub const fn new(num: u32, den: u32) -> Option<Ratio> {
         if den == 0 || num > den { None } else { Some(Ratio { num, den }) }
     }
-    /// The upper number of the ratio.
+    /// Returns the numerator.
     pub const fn num(self) -> u32 {
         self.num
     }
-    /// The lower number of the ratio.
+    /// Returns the denominator.
     pub const fn den(self) -> u32 {
         self.den
     }
-    /// Whether it can never happen.
+    /// Returns true if the probability is 0.
     pub const fn is_zero(self) -> bool {
         self.num == 0
     }
@@ -53,7 +53,7 @@ impl Default for Ratio {
     }
 }
 
-/// A decimal such as `12.5` as an integer and a power of ten.
+/// Reads a decimal such as `12.5` as an integer and a power of ten.
 fn decimal(text: &str) -> Option<(u64, u32)> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
     if (whole.is_empty() && fraction.is_empty()) || fraction.len() > 7 {
@@ -117,7 +117,7 @@ impl Serialize for Ratio {
 }
 
 impl<'de> Deserialize<'de> for Ratio {
-    /// From text (`"5%"`), or from a bare number (`0.05`) where a person writes it.
+    /// Reads text (`"5%"`), or a bare number (`0.05`) in formats for people.
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Ratio, D::Error> {
         use serde::de::Error;
         struct Visitor;

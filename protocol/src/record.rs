@@ -1,9 +1,9 @@
-//! What happens in a run, as records: what a journal holds, whoever writes it.
+//! The events of a run as records: the content of a journal, in every driver.
 //!
-//! An agent's records are its inputs, each with the hash of what followed, so that the same agent can
-//! be handed the same inputs again and must come to the same state. The controller's records are what
-//! reached its world and its director, and what those said. Messages are named by sender, life and
-//! number, so that a message heard leads back to the step that sent it. Absent: files, and their layout.
+//! An agent's records are its inputs, each with the hash of what followed, so that a replay can hand the same
+//! inputs to the same agent and compare the states. The controller's records are the inputs and outputs of
+//! its world and its director. Messages are named by sender, incarnation and number, so that a message
+//! received leads back to the step that sent it. Not here: files, and their layout.
 
 use crate::agent::Summary;
 use crate::counters::Class;
@@ -16,33 +16,33 @@ use crate::wire::{self, Wire, WireError};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A message, action, percept, order, report or place in its wire form. Which type it is of follows
-/// from where it stands and from the family of the run.
+/// A message, action, percept, order, report or place in its wire form. Its type follows from its position in
+/// the record and from the family of the run.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Blob {
-    /// The kind within its type.
+    /// The kind of value within its type.
     pub kind: u8,
     /// The payload.
     pub bytes: Vec<u8>,
 }
 
 impl Blob {
-    /// The wire form of a value.
+    /// Encodes a value.
     pub fn of<W: Wire>(value: &W) -> Blob {
         Blob { kind: value.kind(), bytes: wire::payload(value) }
     }
-    /// The value, every field checked.
+    /// Decodes the value, checking every field.
     pub fn read<W: Wire>(&self) -> Result<W, WireError> {
         wire::from_payload(self.kind, &self.bytes)
     }
 }
 
-/// Whose record it is.
+/// The owner of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Who {
-    /// The world-controller with the world it hosts.
+    /// The world-controller with the world that it hosts.
     Controller,
-    /// One life of an agent.
+    /// One incarnation of an agent.
     Agent(ModuleId, Incarnation),
 }
 
@@ -51,157 +51,157 @@ impl fmt::Display for Who {
         match self {
             Who::Controller => f.write_str("the controller"),
             Who::Agent(id, Incarnation(0)) => write!(f, "module {id}"),
-            Who::Agent(id, life) => write!(f, "module {id} in life {life}"),
+            Who::Agent(id, life) => write!(f, "module {id} in incarnation {life}"),
         }
     }
 }
 
-/// Something that happened.
+/// One recorded event.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Record {
-    /// When, in scenario time.
+    /// The scenario time of the event.
     pub at: Time,
-    /// Whose record it is.
+    /// The owner of the record.
     pub who: Who,
-    /// What happened.
+    /// The event.
     pub event: Event,
 }
 
-/// What happened.
+/// An event of a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Event {
-    /// Agent: it begins, with its body at this place.
+    /// Agent: its process starts, with its body at this place.
     Born {
-        /// Where the body stands.
+        /// The place of the body.
         place: Blob,
     },
     /// Agent: it took one input.
     Step(Step),
-    /// Agent: what it is about is not what it was. Follows from the step before.
+    /// Agent: its summary changed. Follows from the step before.
     State(Summary),
     /// World, input: the process of a module starts.
     Start {
-        /// Which module.
+        /// The module.
         id: ModuleId,
-        /// Which life of it.
+        /// Its incarnation.
         life: Incarnation,
-        /// Where its body stands.
+        /// The place of its body.
         place: Blob,
     },
     /// World, input: a body is asked to act.
     Act {
-        /// Which module.
+        /// The module.
         id: ModuleId,
         /// The contact changes that its agent knew of.
         revision: Revision,
-        /// What it asks for.
+        /// The action.
         action: Blob,
-        /// Whether the body began it. It is over with the [`Event::Advance`] that names the module next.
+        /// True if the body began it. It is over with the next [`Event::Advance`] that names the module.
         begun: bool,
     },
-    /// World, input: what was due has come.
+    /// World, input: an event that was due takes place.
     Advance {
-        /// The bodies whose action ended, in the order of their ends, and where each stands now: elsewhere,
-        /// or where it was if the action failed.
+        /// The bodies whose action ended, in the order of their ends, and the place of each: a new one, or
+        /// the old one if the action failed.
         ended: Vec<(ModuleId, Blob)>,
     },
     /// World, output: what a body senses.
     Sensed {
-        /// Which module.
+        /// The module.
         id: ModuleId,
-        /// What.
+        /// What the body senses.
         sensed: Sensed<Blob>,
     },
     /// World, output: an invariant broke.
     Violated {
         /// The name of the invariant.
         invariant: String,
-        /// What was seen.
+        /// The observation.
         what: String,
     },
     /// Director, input: an agent reports its state.
     Report {
-        /// Which module.
+        /// The module.
         id: ModuleId,
-        /// What it says.
+        /// The report.
         report: Blob,
     },
     /// Director, input: a process is up and its agent has started.
     Started {
-        /// Which module.
+        /// The module.
         id: ModuleId,
     },
-    /// Director, input: a process is gone.
+    /// Director, input: a process has ended.
     Died {
-        /// Which module.
+        /// The module.
         id: ModuleId,
     },
     /// Director, input: it looks at the world and decides.
     Wake,
     /// Director, input: anything else that it has to take into account.
     Input {
-        /// What it is, which says how to read it.
+        /// The kind of input, which defines how to read it.
         kind: String,
         /// Its content.
         bytes: Vec<u8>,
     },
-    /// Director, output: what it wants done.
+    /// Director, output: a command to the driver.
     Command(Command<Blob>),
-    /// Director, output: a fault of the scenario has struck.
+    /// Director, output: a fault of the scenario was injected.
     Struck {
         /// The fault, in the words of reports.
         fault: String,
-        /// Whom it hit, unless it hit a cell.
+        /// The module that it hit; `None` if it hit a cell.
         module: Option<ModuleId>,
         /// The cell that it hit.
         cell: Option<Cell>,
-        /// The state it found.
+        /// The effect, in the words of reports.
         effect: String,
     },
-    /// Driver: the controller was gone, and goes on from here.
+    /// Driver: a controller has taken over the run.
     Resumed,
-    /// Driver: the records of somebody end here although it went on, because its file was torn or its
-    /// disk full. What follows from them cannot be checked.
+    /// Driver: the records of one owner end here although it went on, because its file was torn or its disk
+    /// full. What follows from them cannot be checked.
     Torn,
-    /// Director, input: something outside the run did this to a process.
+    /// Director, input: a process was killed, stopped or continued from outside the run.
     External {
-        /// Which module.
+        /// The module.
         id: ModuleId,
-        /// What.
+        /// What was done to it.
         what: Outside,
     },
-    /// Driver, at the end: what one life of an agent has counted.
+    /// Driver, at the end: the counters of one incarnation of an agent.
     Counted {
-        /// Which module.
+        /// The module.
         id: ModuleId,
-        /// Which life of it.
+        /// Its incarnation.
         life: Incarnation,
-        /// What it counted.
+        /// Its counters.
         tally: Tally,
     },
     /// Driver: the run is over; nothing follows.
     Ended {
-        /// How, in the words of reports.
+        /// The outcome, in the words of reports.
         outcome: String,
-        /// Messages of the whole run.
+        /// The messages of the whole run.
         tally: Tally,
     },
 }
 
-/// What something outside a run, such as a person with `kill`, does to a process of it.
+/// What is done to a process from outside its run, such as by `kill`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Outside {
-    /// Ends it.
+    /// Killed.
     Killed {
         /// The name of the signal, such as `SIGKILL`.
         signal: String,
     },
-    /// Stops it.
+    /// Stopped.
     Stopped {
         /// The name of the signal, such as `SIGSTOP`.
         signal: String,
     },
-    /// Lets a process go on that was stopped from outside.
+    /// Continued after a stop from outside.
     Continued,
 }
 
@@ -224,7 +224,7 @@ pub struct Step {
     pub first: u32,
     /// The messages sent.
     pub sent: Vec<Sent>,
-    /// What was asked of the body and told to the controller, in order.
+    /// The actions and reports, in order.
     pub told: Vec<Told>,
     /// The hash of all outputs and of the state after them.
     pub digest: u64,
@@ -235,71 +235,72 @@ pub struct Step {
 pub enum Taken {
     /// The contact on a port changed.
     Contact {
-        /// Which port.
+        /// The port.
         port: Port,
-        /// The session that holds from now on.
+        /// The session from now on.
         session: Option<Session>,
     },
     /// A message arrived.
     Message {
-        /// The port it came in by.
+        /// The port that it came in by.
         port: Port,
-        /// What it is for.
+        /// Its class.
         class: Class,
-        /// Which message of whom it is.
+        /// Its name.
         name: MessageName,
-        /// What it says.
+        /// Its content.
         message: Blob,
     },
     /// How an action went.
     Percept(Blob),
-    /// What the controller wants.
+    /// An order of the controller.
     Order(Blob),
-    /// The time asked for has come.
+    /// The requested wake-up time has come.
     Wake,
 }
 
-/// Names one message of a run.
+/// The name of one message of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct MessageName {
-    /// Who sent it.
+    /// The sender.
     pub from: ModuleId,
-    /// In which life.
+    /// The incarnation of the sender.
     pub life: Incarnation,
-    /// Its number among all messages of that life, from 0.
+    /// Its number among all messages of that incarnation, from 0.
     pub number: u32,
 }
 
-/// One message sent; what it says is found where it was heard.
+/// One message sent; its content is in the record of its receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sent {
-    /// The port it left by.
+    /// The port that it left by.
     pub port: Port,
-    /// What it is for.
+    /// Its class.
     pub class: Class,
-    /// Who was there; nobody if the contact had ended.
+    /// The module at the port; `None` if the contact had ended.
     pub to: Option<ModuleId>,
 }
 
 /// What an agent told its body or the controller.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Told {
-    /// An action asked for.
+    /// An action.
     Act {
         /// The contact changes that the agent knew of.
         revision: Revision,
-        /// What it asks for.
+        /// The action.
         action: Blob,
     },
     /// A report.
     Report(Blob),
 }
 
-/// Where records go.
+/// The destination of records.
 pub trait Sink {
-    /// Takes one record. Never fails: what cannot be kept is counted where it is lost.
+    /// Takes one record. Never fails: records that cannot be kept are counted where they are lost.
     fn put(&mut self, record: &Record);
-    /// What was put so far is about to be acted on, so it must not be lost with this process.
+    /// Makes the records so far durable: their effects are about to be carried out, so they must not be lost
+    /// with this process.
     fn commit(&mut self);
 }
 

@@ -1,9 +1,9 @@
-//! Named random streams: every source of chance in a run draws from its own, derived from the one
-//! seed of the run, so that adding a draw in one place changes no other.
+//! Named random streams: every source of randomness in a run draws from its own, derived from the seed of the
+//! run, so that an additional draw in one place changes no other.
 //!
-//! SplitMix64 (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", 2014). It is
-//! written out here because its output is part of the determinism contract and its whole state must
-//! be a hashable integer inside an agent's state.
+//! SplitMix64 (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", 2014). It is written out
+//! here because its output is part of the determinism contract and its whole state must be a hashable integer
+//! inside an agent's state.
 
 use crate::ratio::Ratio;
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// The stream of `source` (what draws) and `index` (which one of them) in the run of `seed`.
+    /// Returns the stream number `index` of `source` in the run of `seed`.
     pub fn named(seed: u64, source: &str, index: u64) -> Stream {
         let mut state = mix(seed ^ 0x9E37_79B9_7F4A_7C15);
         for byte in source.bytes() {
@@ -24,18 +24,18 @@ impl Stream {
         Stream { state: mix(state ^ index.wrapping_mul(0xD6E8_FEB8_6659_FD93)) }
     }
 
-    /// 64 random bits.
+    /// Draws 64 random bits.
     pub fn next_u64(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         mix(self.state)
     }
 
-    /// A number below `n`, and 0 for `n = 0`. The bias is below 2^-32 for every `n` in use.
+    /// Draws a number below `n`, and 0 for `n = 0`. The bias is below 2^-32 for every `n` in use.
     pub fn below(&mut self, n: u64) -> u64 {
         ((u128::from(self.next_u64()) * u128::from(n)) >> 64) as u64
     }
 
-    /// Whether something of this probability happens now. Draws nothing if it cannot happen.
+    /// Draws whether an event of this probability happens. Draws nothing if the probability is 0.
     pub fn chance(&mut self, p: Ratio) -> bool {
         !p.is_zero() && self.below(p.den().into()) < p.num().into()
     }

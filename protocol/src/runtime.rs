@@ -5,7 +5,7 @@
 use crate::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use serde::{Deserialize, Serialize};
 
-/// The other end of a contact. Drivers open channels by it; agents only see its session.
+/// The other end of a contact. Drivers open links by it; agents only see its session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Contact {
     /// The session that both ends share.
@@ -19,19 +19,19 @@ pub struct Contact {
     pub peer_port: Port,
 }
 
-/// What a body senses. `P` is how an action went.
+/// What a body senses. `P` is what it tells about an action.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sensed<P> {
     /// The contact on a port changed.
     Contact {
-        /// Which port.
+        /// The port.
         port: Port,
-        /// The count of contact changes of this body, this one included.
+        /// The number of contact changes of this body, including this one.
         revision: Revision,
-        /// What touches the port now.
+        /// The contact from now on.
         contact: Option<Contact>,
     },
-    /// How an action went.
+    /// What the body tells about an action.
     Percept(P),
 }
 
@@ -54,9 +54,9 @@ pub enum Command<O> {
     Kill(ModuleId),
     /// Stop the process of a module (SIGSTOP).
     Pause(ModuleId),
-    /// Let a stopped process go on (SIGCONT).
+    /// Continue a stopped process (SIGCONT).
     Resume(ModuleId),
-    /// Start the process of a dead module again, with an empty memory.
+    /// Restart the process of a dead module, with an empty memory.
     Restart(ModuleId),
     /// Hand an order to an agent. Lost if its process is dead.
     Order(ModuleId, O),

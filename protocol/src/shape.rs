@@ -1,4 +1,4 @@
-//! Shapes as data: where modules start, and what they shall become.
+//! Shapes as data: start bodies and goals.
 
 use crate::lattice::{Cell, Face};
 use serde::de::Error as _;
@@ -6,10 +6,10 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeSet;
 use thiserror::Error;
 
-/// The most cells that one shape may have.
+/// The largest number of cells of one shape.
 pub const MAX_CELLS: usize = 4_000_000;
 
-/// A set of lattice cells, described. Boxes include both corners; a cell belongs to a round shape if
+/// A description of a set of lattice cells. Boxes include both corners; a cell belongs to a round shape if
 /// its centre does.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
@@ -23,26 +23,26 @@ pub enum Shape {
     },
     /// All cells within a distance of a centre.
     Sphere {
-        /// The middle.
+        /// The centre.
         center: Cell,
-        /// In cells; 0 is one cell.
+        /// The radius in cells; 0 is one cell.
         radius: Radius,
     },
     /// A disc one cell thick.
     Disc {
-        /// The middle.
+        /// The centre.
         center: Cell,
-        /// In cells.
+        /// The radius in cells.
         radius: Radius,
-        /// What the disc is at right angles to.
+        /// The normal of the disc.
         #[serde(default)]
         axis: Axis,
     },
     /// A stack of discs.
     Cylinder {
-        /// The middle of the first disc.
+        /// The centre of the first disc.
         base: Cell,
-        /// In cells.
+        /// The radius in cells.
         radius: Radius,
         /// The number of discs, along the positive axis.
         height: u16,
@@ -50,13 +50,13 @@ pub enum Shape {
         #[serde(default)]
         axis: Axis,
     },
-    /// These cells, each named once.
+    /// Listed cells, each named once.
     Cells(Vec<Cell>),
-    /// Every cell of any of these.
+    /// Every cell of any of these shapes.
     Union(Vec<Shape>),
-    /// Every cell of the first that is in none of the others.
+    /// Every cell of the first shape that is in none of the others.
     Difference(Vec<Shape>),
-    /// Every cell that is in all of these.
+    /// Every cell that is in all of these shapes.
     Intersection(Vec<Shape>),
 }
 
@@ -88,7 +88,7 @@ impl Axis {
 pub struct Radius(u32);
 
 impl Radius {
-    /// A whole number of cells.
+    /// Creates a radius of a whole number of cells.
     pub const fn cells(n: u16) -> Radius {
         Radius(n as u32 * 1_000)
     }
@@ -137,19 +137,22 @@ pub enum ShapeError {
     /// More than [`MAX_CELLS`].
     #[error("the shape has more than {MAX_CELLS} cells")]
     TooLarge,
-    /// Nothing left.
+    /// The shape has no cell.
     #[error("the shape has no cell")]
     Empty,
-    /// A difference of nothing.
+    /// A difference without operands.
     #[error("`difference` needs at least one shape, the one to take the others from")]
     NoMinuend,
-    /// An intersection of nothing, which would be everything.
+    /// An intersection without operands.
     #[error("`intersection` needs at least one shape")]
     NoOperand,
 }
 
 impl Shape {
-    /// The cells in ascending order.
+    /// Returns the cells in ascending order.
+    ///
+    /// # Errors
+    /// Refuses a shape that is malformed, empty, too large or out of range.
     pub fn cells(&self) -> Result<Vec<Cell>, ShapeError> {
         let cells = self.collect()?;
         if cells.is_empty() {
@@ -161,8 +164,8 @@ impl Shape {
         }
     }
 
-    /// The cells in ascending order, each once. A list of six bytes a cell: sets of what is nested would
-    /// take many times as much memory.
+    /// Collects the cells in ascending order, each once. A list takes six bytes a cell; sets of nested shapes
+    /// would take many times as much memory.
     fn collect(&self) -> Result<Vec<Cell>, ShapeError> {
         match self {
             Shape::Box { min, max } => {
@@ -223,7 +226,7 @@ impl Shape {
     }
 }
 
-/// Sorts cells and removes doubles.
+/// Sorts cells and removes duplicates.
 fn tidy(cells: &mut Vec<Cell>) -> Result<(), ShapeError> {
     cells.sort_unstable();
     cells.dedup();
@@ -288,7 +291,7 @@ fn cylinder(base: Cell, radius: Radius, height: u16, axis: Axis) -> Result<Vec<C
     })
 }
 
-/// The connected parts of a set of cells in ascending order, each in ascending order.
+/// Returns the connected parts of a set of cells in ascending order, each in ascending order.
 pub fn components(cells: &[Cell]) -> Vec<Vec<Cell>> {
     let mut left: BTreeSet<Cell> = cells.iter().copied().collect();
     let mut parts = Vec::new();
@@ -338,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_no_shape() {
+    fn refuses_invalid_shapes() {
         for (text, part) in [
             (r#"{"cells":[[0,0,0],[0,0,0]]}"#, "twice"),
             (r#"{"cells":[]}"#, "no cell"),

@@ -1,4 +1,4 @@
-//! Scenario time as integer nanoseconds. Absent: any clock.
+//! Scenario time as integer nanoseconds. Not here: any clock.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
@@ -11,7 +11,7 @@ use thiserror::Error;
 #[serde(transparent)]
 pub struct Time(pub u64);
 
-/// A length of time in nanoseconds.
+/// A duration in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Span(pub u64);
 
@@ -21,34 +21,34 @@ impl Time {
     /// Later than every instant of a run.
     pub const NEVER: Time = Time(u64::MAX);
 
-    /// The time since `earlier`, zero if `earlier` is later.
+    /// Returns the time since `earlier`, zero if `earlier` is later.
     pub const fn since(self, earlier: Time) -> Span {
         Span(self.0.saturating_sub(earlier.0))
     }
 
-    /// Seconds, for people.
+    /// Returns the time in seconds, for output.
     pub fn as_secs_f64(self) -> f64 {
         self.0 as f64 / 1e9
     }
 }
 
 impl Span {
-    /// No time at all.
+    /// A duration of zero.
     pub const ZERO: Span = Span(0);
 
-    /// `n` nanoseconds.
+    /// Returns a duration of `n` nanoseconds.
     pub const fn nanos(n: u64) -> Span {
         Span(n)
     }
-    /// `n` milliseconds.
+    /// Returns a duration of `n` milliseconds.
     pub const fn millis(n: u64) -> Span {
         Span(n * 1_000_000)
     }
-    /// `n` seconds.
+    /// Returns a duration of `n` seconds.
     pub const fn secs(n: u64) -> Span {
         Span(n * 1_000_000_000)
     }
-    /// Seconds, for people.
+    /// Returns the duration in seconds, for output.
     pub fn as_secs_f64(self) -> f64 {
         self.0 as f64 / 1e9
     }
@@ -96,13 +96,13 @@ impl Div<u64> for Span {
     }
 }
 
-/// Why a length of time cannot be read.
+/// Why a duration cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum SpanError {
     /// A minus sign in front.
     #[error("`{0}` is negative; times start at 0s")]
     Negative(String),
-    /// No unit, or one that is not known.
+    /// No unit, or an unknown one.
     #[error("`{0}` has no known unit; write a number and one of ns, us, ms, s, min, h, such as `1.5s`")]
     Unit(String),
     /// The part before the unit is not a decimal number.
@@ -182,7 +182,7 @@ impl fmt::Display for Time {
 }
 
 impl Serialize for Span {
-    /// As text where a person reads it (`"1.5s"`), as nanoseconds in binary.
+    /// Writes text in formats for people (`"1.5s"`), nanoseconds in binary ones.
     fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
         if s.is_human_readable() { s.collect_str(self) } else { self.0.serialize(s) }
     }
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn says_what_is_wrong() {
+    fn errors_name_the_reason() {
         for (text, part) in [
             ("-2s", "negative"),
             ("2", "unit"),

@@ -1,8 +1,8 @@
 //! The one message layout, in shared memory, in journals and on networks.
 //!
-//! A [`Frame`] is 128 bytes, `repr(C)`, without pointers or implicit padding, little endian, and
-//! valid for every bit pattern: whatever a killed or foreign writer left in shared memory is
-//! checked by [`Frame::open`] before anything believes it.
+//! A [`Frame`] is 128 bytes, `repr(C)`, without pointers or implicit padding, little endian, and valid for
+//! every bit pattern: bytes that a killed or foreign writer left in shared memory are checked by
+//! [`Frame::open`] before they are used.
 //!
 //! | offset | size | field |
 //! |---|---|---|
@@ -28,14 +28,14 @@ use crate::time::Time;
 use std::fmt::Debug;
 use thiserror::Error;
 
-/// The version of the layout and of every message in it.
+/// The version number of the layout and of every message in it.
 pub const VERSION: u8 = 3;
-/// Bytes of a frame before its payload.
+/// The length of the header in bytes.
 pub const HEADER: usize = 32;
-/// The longest payload in bytes.
+/// The maximum length of a payload in bytes.
 pub const PAYLOAD: usize = 96;
 
-/// Who talks to whom in a frame.
+/// The two ends that a frame goes between.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Channel {
@@ -52,32 +52,32 @@ pub enum Channel {
 /// Why a frame is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum WireError {
-    /// Another version of the layout.
+    /// An unsupported version of the layout.
     #[error("version {0} of the wire format; this program reads version {VERSION}")]
     Version(u8),
-    /// The check sum does not fit.
+    /// The checksum does not match.
     #[error("the check sum does not match the content")]
     Checksum,
-    /// The payload length is impossible, or does not fit the message.
+    /// The payload length is impossible, or does not match the message.
     #[error("the payload length is wrong")]
     Length,
     /// A kind that the channel does not have.
     #[error("unknown message kind {0}")]
     Kind(u8),
-    /// A field holds a value that it cannot have.
+    /// A field with an impossible value.
     #[error("the field `{0}` has an impossible value")]
     Field(&'static str),
 }
 
-/// Something that travels as a payload.
+/// A value that travels as a payload.
 pub trait Wire: Clone + Debug + PartialEq + Eq + Send + Sync {
-    /// The number of this kind of message within its channel.
+    /// Returns the number of this kind of message within its channel.
     fn kind(&self) -> u8;
     /// Writes the payload.
     fn encode(&self, out: &mut Encoder);
     /// Reads a payload of this kind, checking every field.
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Self, WireError>;
-    /// The number of bytes on the wire, header included.
+    /// Returns the number of bytes on the wire, header included.
     fn wire_len(&self) -> usize {
         let mut out = Encoder::new();
         self.encode(&mut out);
@@ -85,7 +85,7 @@ pub trait Wire: Clone + Debug + PartialEq + Eq + Send + Sync {
     }
 }
 
-/// The payload of a message, without a frame around it.
+/// Encodes the payload of a message, without a frame around it.
 pub fn payload<W: Wire>(message: &W) -> Vec<u8> {
     let mut out = Encoder::new();
     message.encode(&mut out);
@@ -99,7 +99,7 @@ pub fn from_payload<W: Wire>(kind: u8, bytes: &[u8]) -> Result<W, WireError> {
     if from.bytes.is_empty() { Ok(message) } else { Err(WireError::Length) }
 }
 
-/// A message that is never sent; for families without, say, orders.
+/// A message that is never sent, for families without, for example, orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Never {}
 
@@ -127,14 +127,14 @@ impl Wire for Cell {
     }
 }
 
-/// Who sends what to whom: everything of a frame but its payload.
+/// All fields of a frame but its payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Who talks to whom.
+    /// The two ends.
     pub channel: Channel,
     /// The kind of message within the channel.
     pub kind: u8,
-    /// What a peer message is for.
+    /// The class of a peer message.
     pub class: Class,
     /// The sender's port.
     pub port: Port,
@@ -146,14 +146,14 @@ pub struct Header {
     pub destination: ModuleId,
     /// Contact session (peer channel) or contact revision (body channel).
     pub session: u32,
-    /// Counts the frames of one sender.
+    /// The number of the frame among those of its sender.
     pub sequence: u32,
 }
 
-/// The world-controller's name in headers.
+/// The id of the world-controller in headers.
 pub const CONTROLLER: ModuleId = ModuleId(u32::MAX);
 
-/// One message as it lies in shared memory.
+/// One message in its fixed layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Frame {
@@ -204,6 +204,9 @@ impl Frame {
     }
 
     /// Checks a frame and reads its header.
+    ///
+    /// # Errors
+    /// Refuses a frame of another version, or one that is damaged or has an impossible field.
     #[inline]
     pub fn open(&self) -> Result<Header, WireError> {
         if self.version != VERSION {
@@ -244,18 +247,18 @@ impl Frame {
         from_payload(self.kind, bytes)
     }
 
-    /// The class that the header claims, for counting a frame that is refused.
+    /// Returns the class that the header claims, for counting a frame that is refused.
     pub fn claimed_class(&self) -> Class {
         Class::from_index(self.class).unwrap_or(Class::Liveness)
     }
 
-    /// The number of bytes that carry something: header and payload.
+    /// Returns the number of bytes in use: header and payload.
     pub fn wire_len(&self) -> usize {
         HEADER + usize::from(self.length)
     }
 
-    /// Flips one bit, as a noisy link would. Bits are counted from the start of the frame; only
-    /// those that are sent are touched.
+    /// Flips one bit, as a noisy link would. Bits are counted from the start of the frame; only bytes in use
+    /// are touched.
     pub fn flip(&mut self, bit: u64) {
         let mut bytes = self.to_bytes();
         let bit = bit as usize % (self.wire_len().min(Frame::SIZE) * 8);
@@ -263,7 +266,7 @@ impl Frame {
         *self = Frame::from_bytes(&bytes);
     }
 
-    /// The frame as bytes, in the layout of this module.
+    /// Returns the frame as bytes, in the layout of this module.
     #[inline]
     pub fn to_bytes(&self) -> [u8; Frame::SIZE] {
         let mut bytes = [0; Frame::SIZE];
@@ -286,7 +289,7 @@ impl Frame {
         bytes
     }
 
-    /// A frame from bytes, unchecked; see [`Frame::open`].
+    /// Creates a frame from unchecked bytes; see [`Frame::open`].
     #[inline]
     pub fn from_bytes(bytes: &[u8; Frame::SIZE]) -> Frame {
         fn part<const N: usize>(bytes: &[u8; Frame::SIZE], at: usize) -> [u8; N] {
@@ -334,44 +337,44 @@ impl Encoder {
         self.bytes[self.len..end].copy_from_slice(bytes);
         self.len = end;
     }
-    /// One byte.
+    /// Writes one byte.
     #[inline]
     pub fn u8(&mut self, v: u8) {
         self.put(&[v]);
     }
-    /// A flag.
+    /// Writes a flag as one byte.
     #[inline]
     pub fn bool(&mut self, v: bool) {
         self.u8(v.into());
     }
-    /// Two bytes.
+    /// Writes two bytes.
     #[inline]
     pub fn u16(&mut self, v: u16) {
         self.put(&v.to_le_bytes());
     }
-    /// Four bytes.
+    /// Writes four bytes.
     #[inline]
     pub fn u32(&mut self, v: u32) {
         self.put(&v.to_le_bytes());
     }
-    /// Eight bytes.
+    /// Writes eight bytes.
     #[inline]
     pub fn u64(&mut self, v: u64) {
         self.put(&v.to_le_bytes());
     }
-    /// Eight bytes.
+    /// Writes a time as eight bytes.
     #[inline]
     pub fn time(&mut self, v: Time) {
         self.u64(v.0);
     }
-    /// Six bytes.
+    /// Writes a cell as six bytes.
     #[inline]
     pub fn cell(&mut self, v: Cell) {
         for c in [v.x, v.y, v.z] {
             self.put(&c.to_le_bytes());
         }
     }
-    /// One byte.
+    /// Writes a face as one byte.
     #[inline]
     pub fn face(&mut self, v: Face) {
         self.u8(v as u8);
@@ -390,12 +393,12 @@ impl Decoder<'_> {
         self.bytes = rest;
         Ok(*head)
     }
-    /// One byte.
+    /// Reads one byte.
     #[inline]
     pub fn u8(&mut self) -> Result<u8, WireError> {
         Ok(self.take::<1>()?[0])
     }
-    /// A flag; anything but 0 and 1 is refused.
+    /// Reads a flag; values other than 0 and 1 are refused.
     #[inline]
     pub fn bool(&mut self, field: &'static str) -> Result<bool, WireError> {
         match self.u8()? {
@@ -404,27 +407,27 @@ impl Decoder<'_> {
             _ => Err(WireError::Field(field)),
         }
     }
-    /// Two bytes.
+    /// Reads two bytes.
     #[inline]
     pub fn u16(&mut self) -> Result<u16, WireError> {
         Ok(u16::from_le_bytes(self.take()?))
     }
-    /// Four bytes.
+    /// Reads four bytes.
     #[inline]
     pub fn u32(&mut self) -> Result<u32, WireError> {
         Ok(u32::from_le_bytes(self.take()?))
     }
-    /// Eight bytes.
+    /// Reads eight bytes.
     #[inline]
     pub fn u64(&mut self) -> Result<u64, WireError> {
         Ok(u64::from_le_bytes(self.take()?))
     }
-    /// Eight bytes.
+    /// Reads a time of eight bytes.
     #[inline]
     pub fn time(&mut self) -> Result<Time, WireError> {
         self.u64().map(Time)
     }
-    /// Six bytes; cells outside [`Cell::LIMIT`] are refused.
+    /// Reads a cell of six bytes; cells outside [`Cell::LIMIT`] are refused.
     #[inline]
     pub fn cell(&mut self) -> Result<Cell, WireError> {
         let mut c = [0i16; 3];
@@ -434,7 +437,7 @@ impl Decoder<'_> {
         let cell = Cell::from(c);
         if cell.in_range() { Ok(cell) } else { Err(WireError::Field("cell")) }
     }
-    /// One byte; anything but a face number is refused.
+    /// Reads a face of one byte; values that are not a face number are refused.
     #[inline]
     pub fn face(&mut self, field: &'static str) -> Result<Face, WireError> {
         Face::from_index(self.u8()?).ok_or(WireError::Field(field))
@@ -506,7 +509,7 @@ mod tests {
     }
 
     proptest! {
-        /// Garbage is refused or read, never a panic.
+        /// Random bytes are refused or read, and never cause a panic.
         #[test]
         fn garbage_never_panics(bytes in proptest::collection::vec(any::<u8>(), Frame::SIZE)) {
             let array: [u8; Frame::SIZE] = bytes.try_into().unwrap();

@@ -1,7 +1,7 @@
 //! Simulated worlds, the simulated network, and the directors of the world-controller.
 //!
-//! `kernel` drives agents in virtual time. `world` and `director` say what the worlds and directors of
-//! all families have in common; `cube` and `metamodule` hold those of one family each.
+//! `kernel` drives agents in virtual time. `world` and `director` hold what the worlds and directors of all
+//! families have in common; `cube` and `metamodule` those of one family each.
 
 pub mod cube;
 pub mod director;

@@ -1,7 +1,7 @@
-//! What a simulated world offers to the drivers: bodies that act and sense.
+//! The interface of a simulated world to the drivers: bodies that act and sense.
 //!
-//! A world is ground truth. Agents never read it; drivers carry actions to it and percepts back.
-//! One implementation per family of units; the runtime does not know which one it runs.
+//! A world is ground truth. Agents never read it; drivers carry actions to it and percepts back. There is one
+//! implementation per family; the runtime does not depend on the family.
 
 pub mod grid;
 pub mod invariants;
@@ -16,45 +16,46 @@ use std::hash::Hasher;
 
 /// A simulated world with the bodies in it.
 ///
-/// Drivers call [`World::advance`] with the current time before anything else they do at that time,
-/// so that what was due earlier has happened before a later action is judged.
+/// Drivers call [`World::advance`] with the current time before anything else they do at that time, so that
+/// events that were due earlier have happened before a later action is judged.
 pub trait World {
     /// The agents whose bodies these are.
     type Agent: Agent;
 
-    /// The number of bodies; their ids are `0..len`.
+    /// Returns the number of bodies; their ids are `0..len`.
     fn len(&self) -> usize;
-    /// Whether there is no body at all.
+    /// Returns true if there is no body.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Where a body stands.
+    /// Returns the place of a body.
     fn place(&self, id: ModuleId) -> <Self::Agent as Agent>::Place;
 
-    /// The process of a module starts (again). Its contacts get new sessions; the module and its
-    /// neighbours hear of them, the module of all it has.
+    /// Starts (or restarts) the process of a module. Its contacts get new sessions; the module hears of all
+    /// of them, each neighbour of its own.
     fn start(&mut self, now: Time, id: ModuleId, incarnation: Incarnation);
 
-    /// A body is asked to act by an agent that had seen its contacts up to `sensed`.
-    /// The answer comes as a percept, at once or later.
+    /// Asks a body to act, for an agent that had seen its contacts up to `sensed`. The answer comes as a
+    /// percept, at once or later.
     fn act(&mut self, now: Time, id: ModuleId, sensed: Revision, action: &<Self::Agent as Agent>::Action);
 
-    /// When something that is under way is due next.
+    /// Returns when the next event is due.
     fn next_event(&self) -> Time;
 
-    /// Completes everything that is due at or before `now`, in the order in which it is due.
+    /// Completes all events that are due at or before `now`, in the order in which they are due.
     fn advance(&mut self, now: Time);
 
-    /// Feeds the state of the bodies into a hash, as [`Agent::digest`] does for an agent. Nothing by default,
-    /// for worlds in which nothing changes.
+    /// Feeds the state of the bodies into a hash, as [`Agent::digest`] does for an agent. Does nothing by
+    /// default, for worlds without changes.
     fn digest(&self, _hasher: &mut dyn Hasher) {}
 
-    /// What bodies sensed, in order.
+    /// Returns what bodies sensed, in order.
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<Self::Agent as Agent>::Percept>)>;
 }
 
-/// What is under way in the order in which it ends, for comparing worlds: not how it lies in the heap.
+/// Returns the pending events in the order in which they end, for comparing worlds independently of the
+/// layout of the heap.
 pub(crate) fn due(heap: &BinaryHeap<Reverse<(Time, u64, ModuleId)>>) -> Vec<(Time, ModuleId)> {
     let mut all: Vec<_> = heap.iter().map(|Reverse(due)| *due).collect();
     all.sort_unstable();

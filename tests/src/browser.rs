@@ -1,8 +1,8 @@
-//! A real browser without a window, driven over the DevTools protocol: opens a page, presses keys,
-//! evaluates expressions, and keeps what the page complained about. Absent: any knowledge of our page.
+//! A real browser without a window, driven over the DevTools protocol: opens a page, presses keys, evaluates
+//! expressions, and collects errors of the page. Not here: any knowledge of our page.
 //!
-//! Nothing waits for a while: conditions are looked at by the page itself, frame by frame, and a
-//! browser that says nothing for [`WATCHDOG`] fails the test.
+//! There are no fixed delays: conditions are checked by the page itself, frame by frame, and a browser that
+//! is silent for [`WATCHDOG`] fails the test.
 
 use rustix::process::{Pid, Signal, geteuid, kill_process_group};
 use serde_json::{Value, json};
@@ -15,20 +15,19 @@ use std::time::Duration;
 use tempfile::TempDir;
 use tungstenite::{Message, WebSocket, client};
 
-/// How long a browser may be silent. Machines that build other things at the same time are slow.
+/// The longest silence of a browser. Machines that build at the same time are slow.
 const WATCHDOG: Duration = Duration::from_secs(240);
-/// What browsers of this protocol are called.
+/// Names of browsers of this protocol.
 const NAMES: [&str; 5] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome"];
 
-/// A browser of this machine, if there is one.
+/// Returns a browser of this machine, if there is one.
 pub fn find() -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
     let directories: Vec<PathBuf> = std::env::split_paths(&path).collect();
     NAMES.iter().flat_map(|name| directories.iter().map(move |d| d.join(name))).find(|file| file.is_file())
 }
 
-/// A browser with one page. Its processes and files are gone when this is dropped, also in a failing
-/// test.
+/// A browser with one page. Its processes and files are removed when this is dropped, also in a failing test.
 pub struct Browser {
     process: Child,
     // Removed after the processes are gone.
@@ -36,9 +35,9 @@ pub struct Browser {
     socket: WebSocket<TcpStream>,
     session: String,
     asked: u64,
-    /// What the page complained about: errors, warnings, exceptions.
+    /// The errors, warnings and exceptions of the page.
     pub complaints: Vec<String>,
-    /// Every address that the page loaded something from.
+    /// Every address that the page loaded from.
     pub loaded: Vec<String>,
 }
 
@@ -48,7 +47,7 @@ impl Browser {
         let profile = TempDir::new().expect("a directory for the browser's profile");
         let mut command = Command::new(program);
         command.args(["--headless", "--remote-debugging-port=0", "--no-first-run", "--window-size=1280,860"]);
-        // Pictures are made by the processor: the same on every machine, and there without a graphics card.
+        // Pictures are rendered by the processor: the same on every machine, and without a graphics card.
         command.args(["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars"]);
         command.arg(format!("--user-data-dir={}", profile.path().display()));
         if geteuid().is_root() {
@@ -66,7 +65,7 @@ impl Browser {
             end(&mut process);
             panic!("the browser did not say where it listens");
         };
-        // What it says later must go somewhere, or it would stop.
+        // Further output must be read, or the browser would block.
         std::thread::spawn(move || lines.map_while(Result::ok).for_each(drop));
         let host = address.trim_start_matches("ws://").split('/').next().unwrap_or_default().to_owned();
         let stream = TcpStream::connect(host).expect("the browser listens");
@@ -135,7 +134,7 @@ impl Browser {
         self.call("Page.navigate", json!({ "url": address }));
     }
 
-    /// The value of an expression; promises are waited for.
+    /// Evaluates an expression and returns its value; promises are awaited.
     pub fn evaluate(&mut self, expression: &str) -> Value {
         let how = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
         let mut answer = self.call("Runtime.evaluate", how);
@@ -143,17 +142,17 @@ impl Browser {
         answer["result"]["value"].take()
     }
 
-    /// Waits until an expression is true. It is looked at in every frame.
+    /// Waits until an expression is true. It is evaluated in every frame.
     pub fn until(&mut self, condition: &str) {
         let look = "const look = () => { let is = false; try { is = ok(); } catch {} \
                     if (is) done(true); else requestAnimationFrame(look); }; look();";
         let promise = format!("new Promise((done) => {{ const ok = () => ({condition}); {look} }})");
         let how = json!({ "expression": promise, "awaitPromise": true, "returnByValue": true });
-        // A page that loads itself anew forgets its promises.
+        // A page that reloads itself forgets its promises.
         while self.try_call("Runtime.evaluate", how.clone()).is_err() {}
     }
 
-    /// Presses a key, as a person would.
+    /// Presses a key, as a user would.
     pub fn press(&mut self, key: &str) {
         let text = if key.chars().count() == 1 { key } else { "" };
         for kind in ["keyDown", "keyUp"] {
@@ -162,7 +161,7 @@ impl Browser {
         }
     }
 
-    /// Clicks at a place of the page.
+    /// Clicks at a position of the page.
     pub fn click(&mut self, x: f64, y: f64) {
         for kind in ["mousePressed", "mouseReleased"] {
             let how = json!({ "type": kind, "x": x, "y": y, "button": "left", "clickCount": 1 });

@@ -1,9 +1,8 @@
-//! Runs of the thesis's experiment by name: goal, kind, strategy, order of seeds, seed, and what is made
-//! difficult. Many are run at once; each that does not come to what it should is printed with the
-//! command that repeats it alone.
+//! Runs of the thesis's experiment by name: goal, kind, strategy, order of seeds, seed, and variation. Many
+//! are run at once; each with a wrong result is printed with the command that repeats it alone.
 //!
-//! What a run must come to depends on the strategy: those of the thesis deadlock, and only have to be
-//! safe and to say why; `negotiated` has to build, unless something is lost for good that it needs.
+//! The expected result depends on the strategy: those of the thesis deadlock, and only have to be safe and to
+//! give a reason; `negotiated` has to build, unless something that it needs is lost for good.
 
 use crate::metamodules::{Assembled, Assembly, Goal};
 use metamorph_protocol::ids::ModuleId;
@@ -21,17 +20,17 @@ use std::str::FromStr;
 use std::sync::Mutex;
 use std::thread;
 
-/// What is made difficult.
+/// A difficulty that is added to a run.
 #[derive(Debug)]
 pub struct Variation {
-    /// Its name.
+    /// The name.
     pub name: &'static str,
-    /// Whether something is lost for good, so that the goal may be beyond any protocol.
+    /// True if something is lost for good, so that the goal may be beyond any protocol.
     pub harms: bool,
     vary: fn(&Case, Assembly) -> Assembly,
 }
 
-/// All of them. Whom and when it hits is drawn from the seed.
+/// All variations. Targets and times are drawn from the seed.
 pub const VARIATIONS: [Variation; 13] = [
     Variation { name: "plain", harms: false, vary: |_, a| a },
     Variation { name: "decentralised", harms: false, vary: |_, a| a.decentralised() },
@@ -40,7 +39,7 @@ pub const VARIATIONS: [Variation; 13] = [
     Variation { name: "restart", harms: false, vary: restart },
     Variation { name: "long-pause", harms: false, vary: long_pause },
     Variation { name: "passing-obstacles", harms: false, vary: |_, a| obstacles(a, 60) },
-    // Longer than the director takes for a standstill.
+    // Longer than the director's limit of a standstill.
     Variation { name: "lasting-obstacles", harms: false, vary: |_, a| obstacles(a, 180) },
     Variation { name: "change", harms: false, vary: change },
     Variation { name: "relocation", harms: false, vary: relocation },
@@ -54,7 +53,7 @@ pub const VARIATIONS: [Variation; 13] = [
 ];
 
 impl Variation {
-    /// The one of this name.
+    /// Returns the variation with this name.
     pub fn named(name: &str) -> Option<&'static Variation> {
         const ALL: &[Variation] = &VARIATIONS;
         ALL.iter().find(|v| v.name == name)
@@ -65,7 +64,7 @@ fn seconds(s: u64) -> Time {
     Time::ZERO + Span::secs(s)
 }
 
-/// Whom a fault hits, and when within the first minute.
+/// Draws the target of a fault, and its time within the first minute.
 fn victim(case: &Case, of: &Assembly) -> (ModuleId, u64) {
     let mut stream = Stream::named(case.seed, "victim", 0);
     (ModuleId(stream.below(of.start.len() as u64) as u32), stream.below(60))
@@ -76,7 +75,7 @@ fn restart(case: &Case, assembly: Assembly) -> Assembly {
     assembly.fault(seconds(at), Fault::Restart(id))
 }
 
-/// Longer than anybody waits for somebody else.
+/// Adds a pause that is longer than any metamodule waits for another.
 fn long_pause(case: &Case, assembly: Assembly) -> Assembly {
     let (id, at) = victim(case, &assembly);
     let patience = assembly.setup.params.patience;
@@ -84,7 +83,7 @@ fn long_pause(case: &Case, assembly: Assembly) -> Assembly {
     assembly.fault(from, Fault::Pause(id)).fault(until, Fault::Resume(id))
 }
 
-/// One obstacle half-way between each start and the goal, and one on a seed, for a while.
+/// Adds an obstacle half-way between each start and the goal, and one on a seed, for a while.
 fn obstacles(assembly: Assembly, stay: u64) -> Assembly {
     let seeds = assembly.setup.goals[0].seeds();
     let seed = seeds[0].foot;
@@ -97,7 +96,7 @@ fn obstacles(assembly: Assembly, stay: u64) -> Assembly {
     cells.iter().fold(there, go)
 }
 
-/// The other goal is built instead, when part of the first one stands.
+/// Replaces the goal when part of the first one stands.
 fn change(case: &Case, assembly: Assembly) -> Assembly {
     let (_, at) = victim(case, &assembly);
     match case.goal {
@@ -106,7 +105,7 @@ fn change(case: &Case, assembly: Assembly) -> Assembly {
     }
 }
 
-/// Something foreign comes to stay on the last seed.
+/// Adds a permanent obstacle on the last seed.
 fn relocation(_: &Case, assembly: Assembly) -> Assembly {
     let seeds = assembly.setup.goals[0].seeds();
     let (x, y) = seeds[seeds.len() - 1].foot;
@@ -127,21 +126,21 @@ fn crash(case: &Case, assembly: Assembly) -> Assembly {
 /// A run by name.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
-    /// What is built.
+    /// The goal.
     pub goal: Goal,
-    /// Of what.
+    /// The kind of metamodules.
     pub kind: Kind,
-    /// How they decide.
+    /// Their strategy.
     pub strategy: Strategy,
-    /// In which order.
+    /// The order of seeds.
     pub order: SeedOrder,
     /// The seed.
     pub seed: u64,
-    /// What is made difficult.
+    /// The variation.
     pub variation: &'static Variation,
 }
 
-/// The variable that names the run that is to be repeated.
+/// The environment variable that names the run to be repeated.
 pub const REPEAT: &str = "METAMORPH_CASE";
 
 impl fmt::Display for Case {
@@ -172,7 +171,7 @@ impl FromStr for Case {
 }
 
 impl Case {
-    /// Every kind and both goals under a variation; the orders take turns over the seeds.
+    /// Returns every kind and both goals under a variation; the orders take turns over the seeds.
     pub fn all(
         strategy: Strategy,
         variation: &'static Variation,
@@ -188,13 +187,13 @@ impl Case {
         seeds.flat_map(of)
     }
 
-    /// The run, to be made.
+    /// Returns the experiment of the run.
     pub fn assembly(&self) -> Assembly {
         let plain = Assembly::new(self.goal, self.kind, self.strategy, self.order, self.seed);
         (self.variation.vary)(self, plain)
     }
 
-    /// What is wrong with what it came to.
+    /// Returns what is wrong with a result.
     fn complaint(&self, ran: &Assembled) -> Option<String> {
         let lost = self.variation.harms && ran.stall.as_ref().is_some_and(|s| s.reason.is_infeasible());
         let must_build = self.strategy == Strategy::Negotiated && !lost;
@@ -211,12 +210,12 @@ impl Case {
         }
     }
 
-    /// The command that repeats it alone.
+    /// Returns the command that repeats the run alone.
     fn command(&self) -> String {
         let release = if cfg!(debug_assertions) { "" } else { "--release " };
         format!(
             "{REPEAT}={self} cargo test {release}-p metamorph-tests --test sim_metamodules -- --ignored --exact \
-             the_run_that_is_named --nocapture"
+             the_named_run --nocapture"
         )
     }
 
@@ -224,7 +223,7 @@ impl Case {
         format!("{self}: {what}\n  {}", self.command())
     }
 
-    /// Runs it, and says what is wrong with what it came to.
+    /// Runs it, and returns the result and what is wrong with it.
     pub fn run(&self) -> (Assembled, Option<String>) {
         let ran = self.assembly().run();
         let complaint = self.complaint(&ran).map(|what| self.with_command(&what));
@@ -232,18 +231,18 @@ impl Case {
     }
 }
 
-/// What runs of one strategy under one variation came to.
+/// Totals of the runs of one strategy under one variation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sum {
-    /// How many there were.
+    /// The number of runs.
     pub runs: u64,
-    /// Those that built.
+    /// The number of runs that built the goal.
     pub built: u64,
-    /// Invariants broken.
+    /// The number of invariants broken.
     pub broken: u64,
-    /// Moves of those that built.
+    /// The moves of the runs that built.
     pub moves: u64,
-    /// Messages of those that built.
+    /// The messages of the runs that built.
     pub messages: u64,
 }
 
@@ -268,24 +267,24 @@ impl fmt::Display for Sum {
     }
 }
 
-/// What runs came to: sums by what is asked for, and complaints.
+/// Results of many runs: totals by strategy and variation, and failures.
 #[derive(Debug, Default)]
 pub struct Came {
-    /// Sums, by strategy and variation.
+    /// The totals, by strategy and variation.
     pub sums: BTreeMap<(Strategy, &'static str), Sum>,
-    /// What is wrong, with the commands that repeat it.
+    /// The failures, with the commands that repeat them.
     pub complaints: Vec<String>,
 }
 
-/// Runs all of them on two threads. What comes out does not depend on which thread runs what.
+/// Runs all cases on two threads. The results do not depend on the assignment to threads.
 pub fn run_all(cases: impl Iterator<Item = Case> + Send) -> Came {
     let (cases, came) = (Mutex::new(cases), Mutex::new(Came::default()));
-    let next = || cases.lock().expect("invariant: nobody panics while it takes a case").next();
+    let next = || cases.lock().expect("invariant: no thread panics while it takes a case").next();
     let work = || {
         while let Some(case) = next() {
-            // A panic has printed where it was; what is missing is which run it was.
+            // A panic has printed its place; what is missing is the name of the run.
             let ran = catch_unwind(|| case.run());
-            let mut came = came.lock().expect("invariant: nobody panics while it adds a result");
+            let mut came = came.lock().expect("invariant: no thread panics while it adds a result");
             match ran {
                 Ok((ran, complaint)) => {
                     came.sums.entry((case.strategy, case.variation.name)).or_default().add(&ran);
@@ -299,15 +298,15 @@ pub fn run_all(cases: impl Iterator<Item = Case> + Send) -> Came {
         scope.spawn(work);
         work();
     });
-    let mut came = came.into_inner().expect("invariant: nobody panics while it adds a result");
+    let mut came = came.into_inner().expect("invariant: no thread panics while it adds a result");
     came.complaints.sort();
     came
 }
 
-/// Runs all of them, prints what they came to, and fails if there is anything to complain about.
+/// Runs all cases, prints the totals, and fails if any run has failed.
 pub fn check_all(cases: impl Iterator<Item = Case> + Send) -> Came {
     let came = run_all(cases);
-    #[allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
+    #[allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
     for ((strategy, variation), sum) in &came.sums {
         println!("{} {variation}: {sum}", strategy.name());
     }
@@ -330,9 +329,9 @@ mod tests {
         assert_eq!(example.parse::<Case>().unwrap().to_string(), example);
     }
 
-    /// Whatever is made difficult, what it came to is judged: nothing passes because nobody looks.
+    /// The result is judged under every variation: no run passes unchecked.
     #[test]
-    fn what_is_not_built_is_complained_about() {
+    fn an_unbuilt_goal_is_a_failure() {
         let case: Case = "box/SRS/negotiated/circular/1/plain".parse().unwrap();
         let (mut ran, complaint) = case.run();
         assert_eq!(complaint, None);

@@ -1,5 +1,5 @@
-//! Breaking swarms of real processes from outside: a controller in a process of its own, and what
-//! it leaves in shared memory.
+//! Breaks swarms of real processes from outside: a controller in a process of its own, and its files in
+//! shared memory.
 
 use metamorph_module_agent::pid_directory;
 use metamorph_module_agent::run_dir::identity::Identity;
@@ -14,9 +14,9 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc;
 use std::time::Duration;
 
-/// No test waits longer for anything.
+/// The longest wait for any condition.
 const WATCHDOG: Duration = Duration::from_secs(120);
-/// How often a condition is looked at that nothing announces.
+/// The interval at which conditions are polled that no event announces.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// Waits until `condition` holds; panics with `what` if it never does.
@@ -27,10 +27,10 @@ pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
         }
         std::thread::park_timeout(LOOK);
     }
-    panic!("waited in vain for {what}");
+    panic!("timed out waiting for {what}");
 }
 
-/// A controller in a process of its own. Killed when dropped, and what it leaves is removed.
+/// A controller in a process of its own. Killed when dropped, and its files are removed.
 #[derive(Debug)]
 pub struct Controller {
     child: Child,
@@ -64,17 +64,17 @@ impl Controller {
         controller
     }
 
-    /// The controller's process.
+    /// Returns the controller's process id.
     pub fn pid(&self) -> i32 {
         self.child.id() as i32
     }
 
-    /// The process of a module.
-    pub fn agent(&self, id: u32, life: u16) -> Identity {
-        agent_of(&self.root, id, life).expect("an agent has a pid file")
+    /// Returns the process of a module.
+    pub fn agent(&self, id: u32, incarnation: u16) -> Identity {
+        agent_of(&self.root, id, incarnation).expect("an agent has a pid file")
     }
 
-    /// All agents that ever said who they are.
+    /// Returns all agents that have written their identity.
     pub fn agents(&self) -> Vec<Identity> {
         let files = fs::read_dir(pid_directory(&self.root)).into_iter().flatten().flatten();
         files.filter_map(|f| fs::read_to_string(f.path()).ok()?.parse().ok()).collect()
@@ -95,7 +95,7 @@ impl Controller {
         status.expect("it was just there")
     }
 
-    /// Asks for a clean end, and returns what the swarm came to.
+    /// Asks for a clean end, and returns the counts of the swarm.
     pub fn finish(mut self) -> BTreeMap<String, u64> {
         self.signal(Signal::TERM);
         assert!(self.wait().success(), "the controller ended well");
@@ -118,17 +118,17 @@ impl Drop for Controller {
     }
 }
 
-/// The directory of the run that a process controls, once there is one.
+/// Returns the directory of the run that a process controls, once there is one.
 pub fn root_of(controller: i32) -> Option<PathBuf> {
     let owner = |root: &Path| fs::read_to_string(root.join("owner")).ok()?.parse::<Identity>().ok();
     let mut roots = fs::read_dir("/dev/shm").ok()?.flatten().map(|e| e.path());
     roots.find(|root| owner(root).is_some_and(|o| o.pid == controller))
 }
 
-/// The process of a module of a run, once it has said who it is.
-pub fn agent_of(root: &Path, id: u32, life: u16) -> Option<Identity> {
-    let (id, life) = (ModuleId(id), Incarnation(life));
-    let path = pid_directory(root).join(format!("{id}.{life}"));
+/// Returns the process of a module of a run, once it has written its identity.
+pub fn agent_of(root: &Path, id: u32, incarnation: u16) -> Option<Identity> {
+    let (id, incarnation) = (ModuleId(id), Incarnation(incarnation));
+    let path = pid_directory(root).join(format!("{id}.{incarnation}"));
     fs::read_to_string(path).ok()?.parse().ok()
 }
 
@@ -138,7 +138,7 @@ pub fn signal_to(pid: i32, signal: Signal) {
     kill_process(pid, signal).expect("the process is there and ours");
 }
 
-/// Everything in shared memory that belongs to a run.
+/// Returns all files in shared memory that belong to a run.
 pub fn left_of(root: &Path) -> Vec<PathBuf> {
     let name = root.file_name().and_then(OsStr::to_str).expect("a run has a name");
     let entries = fs::read_dir("/dev/shm").expect("it can be listed").flatten();

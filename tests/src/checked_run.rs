@@ -1,4 +1,4 @@
-//! Simulated runs with a journal that the independent [`checker`](crate::checker) goes through.
+//! Simulated runs with a journal, checked by the independent [`checker`](crate::checker).
 
 use crate::checker::{Breach, Checked, Geometry, check};
 use metamorph_world_controller::console::interrupt::Interrupt;
@@ -13,7 +13,7 @@ use metamorph_world_controller::scenario::Plan;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// What the checker has to know of the bodies of a plan besides its journal; `None` for cubes.
+/// Returns the geometry of the bodies of a plan, which is not in its journal; `None` for cubes.
 pub fn geometry(plan: &Plan) -> Option<Geometry> {
     static DATABASE: OnceLock<Vec<u8>> = OnceLock::new();
     let metamodules = plan.swarm.of::<Metamodules>()?;
@@ -30,7 +30,7 @@ pub fn record(plan: &Plan, journal: &Path) -> Report {
     run_simulated(plan, &interrupt, &mut live, Stopwatch::start(), Some(keeping), None)
 }
 
-/// Simulates a plan and checks where its bodies were.
+/// Simulates a plan and checks the positions of its bodies.
 ///
 /// # Errors
 /// Returns the first rule that was broken.

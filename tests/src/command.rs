@@ -1,4 +1,4 @@
-//! The command `metamorph` as a user types it, and the scenarios that ship with it.
+//! The command `metamorph` as a user runs it, and the scenarios that ship with it.
 
 use crate::chaos::signal_to;
 use rustix::process::Signal;
@@ -8,18 +8,18 @@ use std::process::{Command, Output, Stdio};
 use std::sync::{OnceLock, mpsc};
 use std::time::{Duration, SystemTime};
 
-/// The root of the workspace.
+/// Returns the root of the workspace.
 pub fn root() -> PathBuf {
     // Invariant: this crate lives one level below the root.
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().map(Path::to_owned).unwrap_or_default()
 }
 
-/// A scenario that ships with the program.
+/// Returns the path of a scenario that ships with the program.
 pub fn scenario(name: &str) -> PathBuf {
     root().join("deploy/scenarios").join(name)
 }
 
-/// All scenarios that ship with the program, in the order of their names.
+/// Returns all scenarios that ship with the program, in the order of their names.
 pub fn scenarios() -> Vec<PathBuf> {
     let entries = fs::read_dir(root().join("deploy/scenarios")).expect("the scenarios are there");
     let mut paths: Vec<PathBuf> = entries
@@ -30,20 +30,20 @@ pub fn scenarios() -> Vec<PathBuf> {
     paths
 }
 
-/// The binary `metamorph` of the profile that these tests are built in.
+/// Returns the binary `metamorph` of the profile that these tests are built in.
 pub fn metamorph() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     BINARY.get_or_init(|| binary("metamorph", "metamorph-world-controller"))
 }
 
-/// The binary `module-agent` of the profile that these tests are built in.
+/// Returns the binary `module-agent` of the profile that these tests are built in.
 pub fn module_agent() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     BINARY.get_or_init(|| binary("module-agent", "metamorph-module-agent"))
 }
 
-/// Building the whole workspace's tests builds its binaries too; where only some tests were built,
-/// they are built here.
+/// Returns a binary, and builds it if it is missing: building the tests of the whole workspace builds its
+/// binaries too, building some tests does not.
 fn binary(name: &str, package: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a running test has an executable");
     let deps = test.parent().expect("test executables are in target/<profile>/deps");
@@ -75,14 +75,14 @@ fn newest_library(deps: &Path) -> Option<SystemTime> {
     entries.filter_map(Result::ok).map(|e| e.path()).filter(|p| is_ours(p)).filter_map(|p| modified(&p)).max()
 }
 
-/// What a command printed and how it ended.
+/// The output and exit code of a command.
 #[derive(Debug)]
 pub struct Ran {
-    /// Its exit code; none if a signal ended it.
+    /// The exit code; `None` if a signal ended it.
     pub code: Option<i32>,
-    /// Its standard output.
+    /// The standard output.
     pub out: String,
-    /// Its standard error.
+    /// The standard error.
     pub err: String,
 }
 
@@ -96,7 +96,7 @@ impl From<Output> for Ran {
     }
 }
 
-/// A command with these arguments, without a terminal, at the root of the workspace.
+/// Returns a command with these arguments, without a terminal, at the root of the workspace.
 pub fn command(args: &[&str]) -> Command {
     let mut command = Command::new(metamorph());
     command.args(args).stdin(Stdio::null()).current_dir(root());
@@ -109,8 +109,8 @@ pub fn run(args: &[&str]) -> Ran {
     command(args).output().expect("metamorph can be started").into()
 }
 
-/// No run of processes in a test takes longer. One that does is asked to end, so that it removes what it
-/// has made.
+/// The longest run of processes in a test. One that takes longer is asked to end, so that it removes its
+/// files.
 const WATCHDOG: Duration = Duration::from_secs(240);
 
 /// Runs `metamorph` with these arguments, which start processes, to its end.

@@ -1,5 +1,5 @@
-//! Cubes growing a sphere out of a slab on the simulated link: the experiment that most tests of the
-//! protocol run, in many variations.
+//! Cubes growing a sphere out of a slab on the simulated link: the experiment of most tests of the protocol,
+//! in many variations.
 
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::cube::params::{Params, Setup};
@@ -24,71 +24,71 @@ use std::sync::Arc;
 
 const MOVE: Span = Span::secs(1);
 
-/// One run to be made.
+/// The configuration of one run.
 #[derive(Clone, Debug)]
 pub struct Experiment {
-    /// Where modules start.
+    /// The initial cells of the modules.
     pub start: Vec<Cell>,
-    /// Parameters and goals.
+    /// The parameters and goals.
     pub setup: Setup,
     /// The link.
     pub link: LinkModel,
-    /// What is broken when.
+    /// The faults and their times.
     pub faults: Vec<(Time, Fault)>,
-    /// Probability that a move fails.
+    /// The probability that a move fails.
     pub failure: Ratio,
-    /// The seed.
+    /// The seed of the run.
     pub seed: u64,
-    /// Messages are taken in whatever session they were sent.
+    /// True if messages are accepted in whatever session they were sent.
     pub ignore_sessions: bool,
-    /// The run ends as soon as an invariant has broken.
+    /// True if the run ends as soon as an invariant has broken.
     pub until_broken: bool,
 }
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Ran {
-    /// How it ended.
+    /// The outcome and its time.
     pub outcome: Option<(Time, Outcome)>,
-    /// Why it stood still, if it did.
+    /// The standstill, if there was one.
     pub stall: Option<Stall>,
-    /// Invariants broken: the first ones, and how many in all.
+    /// The first violations of invariants.
     pub violations: Vec<Violation>,
-    /// How many in all.
+    /// The total number of violations.
     pub broken: u64,
     /// Message counts.
     pub tally: Tally,
-    /// What bodies did.
+    /// The counts of moves.
     pub motions: Motions,
-    /// The stages of the goal.
+    /// The results of the goals.
     pub stages: Vec<Stage>,
     /// The trace hash.
     pub trace: u64,
     /// The hash of the final state of all agents.
     pub digest: u64,
-    /// The hash of the states gone through.
+    /// The hash of the sampled states.
     pub state: u64,
 }
 
 impl Ran {
-    /// Whether the goal was built.
+    /// Returns true if the goal was built.
     pub fn built(&self) -> bool {
         matches!(self.outcome, Some((_, Outcome::Built)))
     }
-    /// Whether this invariant broke.
+    /// Returns true if this invariant broke.
     pub fn broke(&self, invariant: Invariant) -> bool {
         self.violations.iter().any(|v| v.invariant == invariant)
     }
 }
 
-/// A square slab, one module thick.
+/// Returns a square slab, one module thick.
 pub fn slab(side: i16) -> Vec<Cell> {
     Shape::Box { min: Cell::new(0, 0, 0), max: Cell::new(side - 1, side - 1, 0) }
         .cells()
         .expect("invariant: a box has cells")
 }
 
-/// The largest ball around the middle of a slab with a goal of at most three quarters of its modules.
+/// Returns the largest ball around the middle of a slab with a goal of at most three quarters of its modules.
 pub fn ball(side: i16, growth: Growth) -> Goal {
     let (center, most) = (Cell::new(side / 2, side / 2, 0), side as usize * side as usize * 3 / 4);
     (1..)
@@ -103,7 +103,8 @@ pub fn ball(side: i16, growth: Growth) -> Goal {
 }
 
 impl Experiment {
-    /// Slab to sphere with `side²` modules, nothing broken. Links take 50 to 200 ms, a move 1 s.
+    /// Returns the experiment of a slab of `side²` modules that becomes a sphere, without faults. Links take
+    /// 50 to 200 ms, a move 1 s.
     pub fn slab_to_sphere(side: i16, seed: u64) -> Experiment {
         let (delay_min, delay_max) = (Span::millis(50), Span::millis(200));
         let params = Params::scaled(MOVE, delay_max, 4 * (side as u16 * 3));
@@ -119,13 +120,13 @@ impl Experiment {
         }
     }
 
-    /// Messages are lost with this probability.
+    /// Sets the probability that a message is lost.
     pub fn loss(mut self, p: &str) -> Experiment {
         self.link.loss = p.parse().expect("invariant: tests name probabilities");
         self
     }
 
-    /// This share of the modules, drawn from the seed, crashes within the first minute.
+    /// Crashes this share of the modules, drawn from the seed, within the first minute.
     pub fn crashes(mut self, percent: usize) -> Experiment {
         let count = self.start.len() as u64;
         let mut stream = Stream::named(self.seed, "crashes", 0);
@@ -139,7 +140,7 @@ impl Experiment {
         self
     }
 
-    /// Every module is stopped once, at some time of the first minute, for up to `longest`.
+    /// Stops every module once, at some time of the first minute, for up to `longest`.
     pub fn pauses(mut self, longest: Span) -> Experiment {
         let mut stream = Stream::named(self.seed, "pauses", 0);
         for id in (0..self.start.len() as u32).map(ModuleId) {
@@ -150,7 +151,7 @@ impl Experiment {
         self
     }
 
-    /// This share of the modules is restarted without its memory, at some time of the first minute.
+    /// Restarts this share of the modules without their memory, at some time of the first minute.
     pub fn restarts(mut self, percent: u64) -> Experiment {
         let mut stream = Stream::named(self.seed, "restarts", 0);
         for id in (0..self.start.len() as u32).map(ModuleId) {
@@ -161,7 +162,7 @@ impl Experiment {
         self
     }
 
-    /// At its beginning.
+    /// Returns the run at its start.
     pub fn sim(self) -> Sim<CubeWorld, Director> {
         let setup = Arc::new(self.setup);
         let world = CubeWorld::new(&self.start, MOVE, self.seed);
@@ -183,7 +184,7 @@ impl Experiment {
         Sim::new(config, world, director)
     }
 
-    /// Runs it.
+    /// Runs the experiment to its end.
     pub fn run(self) -> Ran {
         let until_broken = self.until_broken;
         let mut sim = self.sim();

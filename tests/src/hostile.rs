@@ -1,9 +1,9 @@
-//! Hostile inputs: a directory with files of every kind, a command in it, and what must hold whatever
-//! the command makes of them. Absent: the inputs themselves.
+//! Hostile inputs: a directory with files of every kind, a command in it, and the conditions that must hold
+//! for all inputs. Not here: the inputs themselves.
 //!
-//! What must hold: the exit code is a documented one, nothing panics, the command ends, it does with
-//! [`MOST_MEMORY_KB`] of address space, no file is changed but those it was to write, no other appears,
-//! no control character is printed, and no run of it stays in /dev/shm.
+//! The conditions: the exit code is a documented one, the command does not panic, it ends, it does with
+//! [`MOST_MEMORY_KB`] of address space, it changes and creates only the files that it was asked to write, it
+//! prints no control character, and it leaves nothing in /dev/shm.
 
 use crate::command::metamorph;
 use metamorph_module_agent::run_dir::identity::Identity;
@@ -22,61 +22,61 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// The most address space of a command, in KiB.
+/// The largest address space of a command, in KiB.
 pub const MOST_MEMORY_KB: u64 = 512 << 10;
-/// A command that takes longer hangs. Machines that build other things at the same time are slow.
+/// The longest duration of a command. Machines that build at the same time are slow.
 const WATCHDOG: Duration = Duration::from_secs(120);
 
-/// Something in the directory of a case.
+/// An entry in the directory of a case.
 #[derive(Clone, Debug)]
 pub enum Thing {
     /// A regular file.
     File(Arc<[u8]>),
     /// A directory.
     Directory,
-    /// A named pipe that no program writes.
+    /// A named pipe that no program writes to.
     Pipe,
     /// A socket.
     Socket,
-    /// A symbolic link to this.
+    /// A symbolic link to this path.
     Link(&'static str),
-    /// Another name of this file.
+    /// A second name of this file.
     HardLink(&'static str),
 }
 
-/// A regular file with this content.
+/// Returns a regular file with this content.
 pub fn file(content: impl AsRef<[u8]>) -> Thing {
     Thing::File(content.as_ref().into())
 }
 
-/// Where standard output goes.
+/// The destination of standard output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Out {
     /// To the test.
     Test,
-    /// To a disk without room.
+    /// To a full disk.
     Full,
 }
 
 /// A command in a directory with files.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// What is there, by name; made in this order.
+    /// The entries by name, created in this order.
     pub things: Vec<(OsString, Thing)>,
-    /// What is typed.
+    /// The arguments.
     pub args: Vec<OsString>,
-    /// Where standard output goes.
+    /// The destination of standard output.
     pub out: Out,
-    /// The exit codes that are right; every documented one if there is none.
+    /// The accepted exit codes; if empty, every documented one.
     pub codes: Vec<i32>,
-    /// What standard error must say.
+    /// The words that standard error must contain.
     pub says: Vec<&'static str>,
-    /// Files that the command may make or change.
+    /// The files that the command may create or change.
     pub makes: Vec<&'static str>,
 }
 
 impl Case {
-    /// A command without files.
+    /// Creates a case without files.
     pub fn new<S: AsRef<[u8]>>(args: &[S]) -> Case {
         let word = |word: &S| OsString::from_vec(word.as_ref().to_vec());
         Case {
@@ -88,32 +88,32 @@ impl Case {
             makes: Vec::new(),
         }
     }
-    /// With this in its directory.
+    /// Adds an entry to the directory.
     #[must_use]
     pub fn with(mut self, name: impl AsRef<[u8]>, thing: Thing) -> Case {
         self.things.push((OsString::from_vec(name.as_ref().to_vec()), thing));
         self
     }
-    /// Refused, with these words.
+    /// Expects a refusal with these words.
     #[must_use]
     pub fn refused(mut self, says: &[&'static str]) -> Case {
         self.codes = vec![2];
         self.says.extend(says);
         self
     }
-    /// With one of these exit codes.
+    /// Expects one of these exit codes.
     #[must_use]
     pub fn ends(mut self, codes: &[i32]) -> Case {
         self.codes = codes.to_vec();
         self
     }
-    /// May write this file.
+    /// Lets the command write this file.
     #[must_use]
     pub fn makes(mut self, name: &'static str) -> Case {
         self.makes.push(name);
         self
     }
-    /// Standard output goes to a disk without room.
+    /// Sends standard output to a full disk.
     #[must_use]
     pub fn full(mut self) -> Case {
         self.out = Out::Full;
@@ -144,7 +144,7 @@ impl Case {
     }
 }
 
-/// Runs all cases, on all processors, and tells of each that did not end as it must.
+/// Runs all cases, on all processors, and reports each that violates a condition.
 pub fn run_all(cases: &[Case]) {
     let documented = documented_codes();
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
@@ -168,7 +168,7 @@ pub fn run_all(cases: &[Case]) {
     assert!(wrong.is_empty(), "{} of {} cases:\n{}", wrong.len(), cases.len(), wrong.join("\n"));
 }
 
-/// What is wrong with how a case ended.
+/// Returns the conditions that a case violates.
 fn check(case: &Case, documented: &BTreeSet<i32>, pids: &Mutex<BTreeSet<i32>>) -> Vec<String> {
     let directory = TempDir::new().expect("a directory");
     let _sockets = case.prepare(directory.path());
@@ -218,7 +218,7 @@ struct Ran {
 }
 
 fn run(case: &Case, directory: &Path, pids: &Mutex<BTreeSet<i32>>) -> Option<Ran> {
-    // The shell becomes the command, so the pid is that of the command.
+    // The shell becomes the command, so its pid is that of the command.
     let mut command = Command::new("sh");
     command.arg("-c").arg(format!("ulimit -v {MOST_MEMORY_KB}; exec \"$0\" \"$@\""));
     command.arg(metamorph()).args(&case.args).current_dir(directory);
@@ -241,7 +241,7 @@ fn run(case: &Case, directory: &Path, pids: &Mutex<BTreeSet<i32>>) -> Option<Ran
     Some(Ran { code: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) })
 }
 
-/// What is in a directory and below, except these files: kinds, permissions and contents.
+/// Returns all entries in a directory and below, except these files: kinds, permissions and contents.
 fn snapshot(directory: &Path, except: &[&str]) -> BTreeMap<PathBuf, (fs::Permissions, Vec<u8>)> {
     let mut all = BTreeMap::new();
     for entry in fs::read_dir(directory).expect("it can be listed").flatten() {
@@ -264,7 +264,7 @@ fn snapshot(directory: &Path, except: &[&str]) -> BTreeMap<PathBuf, (fs::Permiss
     all
 }
 
-/// The exit codes that the help of commands names.
+/// Returns the exit codes that the help of commands names.
 fn documented_codes() -> BTreeSet<i32> {
     let of = |name: &str| {
         let help = crate::command::run(&[name, "--help"]).out;
@@ -280,7 +280,7 @@ fn documented_codes() -> BTreeSet<i32> {
     codes
 }
 
-/// The directories of runs that were controlled by one of these processes.
+/// Returns the directories of runs that were controlled by one of these processes.
 fn runs_of(pids: &BTreeSet<i32>) -> Vec<PathBuf> {
     let owner = |root: &Path| fs::read_to_string(root.join("owner")).ok()?.parse::<Identity>().ok();
     let roots = fs::read_dir("/dev/shm").expect("it can be listed").flatten().map(|e| e.path());

@@ -1,12 +1,11 @@
-//! What the tests across crates share.
+//! Shared parts of the tests across crates.
 //!
-//! [`probe`] is a family of units that does nothing but send what it is told and report what it
-//! sees; [`mod@conformance`] is the one suite that every driver passes, written against it; [`chaos`]
-//! breaks swarms of real processes from outside; [`mod@hostile`] gives commands what they do not expect;
-//! [`growth`] is the experiment that tests of the cube
-//! protocol vary, [`metamodules`] the one of the thesis, whose variations [`cases`] gives names;
-//! [`command`] is `metamorph` as a user types it; [`checker`] reads journals without code of the program
-//! and checks every position; [`statistics`] compares samples.
+//! [`probe`] is a family of modules that only sends what it is told and reports what it senses;
+//! [`mod@conformance`] is the suite that every driver passes, written against it; [`chaos`] breaks swarms of
+//! real processes from outside; [`mod@hostile`] gives hostile inputs to commands; [`growth`] is the
+//! experiment that tests of the cube protocol vary, [`metamodules`] the one of the thesis, whose variations
+//! [`cases`] gives names; [`command`] is `metamorph` as a user runs it; [`checker`] reads journals without
+//! code of the program and checks every position; [`statistics`] compares samples.
 
 pub mod browser;
 pub mod cases;

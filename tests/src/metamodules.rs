@@ -24,7 +24,7 @@ use std::sync::{Arc, OnceLock};
 
 const TURN: Span = Span::secs(1);
 
-/// The motion database, built once per process.
+/// Returns the motion database, built once per process.
 pub fn database() -> Arc<Database> {
     static ONCE: OnceLock<Arc<Database>> = OnceLock::new();
     Arc::clone(ONCE.get_or_init(|| Arc::new(Database::build())))
@@ -34,34 +34,34 @@ fn new_motions(kind: Kind) -> Motions {
     Motions::new(database(), kind).expect("invariant: metamodules have motions")
 }
 
-/// The motions of each kind, made once per process.
+/// Returns the motions of a kind, computed once per process.
 fn motions(kind: Kind) -> Motions {
     static ONCE: OnceLock<Vec<Motions>> = OnceLock::new();
     let all = ONCE.get_or_init(|| Kind::METAMODULES.map(new_motions).into());
     all[Kind::METAMODULES.iter().position(|k| *k == kind).expect("invariant: a metamodule")].clone()
 }
 
-/// What is built.
+/// The goal of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Goal {
     /// Four metamodules.
     Box,
-    /// Six.
+    /// Six metamodules.
     Chair,
 }
 
 impl Goal {
-    /// Both.
+    /// All goals.
     pub const ALL: [Goal; 2] = [Goal::Box, Goal::Chair];
 
-    /// The name used in scenarios.
+    /// Returns the name used in scenarios.
     pub const fn name(self) -> &'static str {
         match self {
             Goal::Box => "box",
             Goal::Chair => "chair",
         }
     }
-    /// Its blueprint, in the middle of the floor.
+    /// Returns its blueprint, in the middle of the floor.
     pub fn blueprint(self, order: SeedOrder) -> Blueprint {
         let levels = match self {
             Goal::Box => box_of_four(5, 5),
@@ -71,79 +71,79 @@ impl Goal {
     }
 }
 
-/// One run to be made.
+/// The configuration of one run.
 #[derive(Clone, Debug)]
 pub struct Assembly {
-    /// What everybody shares.
+    /// The setup that all metamodules share.
     pub setup: Arc<Setup>,
-    /// Where the metamodules start.
+    /// The initial poses.
     pub start: Vec<Pose>,
     /// The link.
     pub link: LinkModel,
-    /// What is broken when.
+    /// The faults and their times.
     pub faults: Vec<(Time, Fault)>,
-    /// Probability that a connection fails.
+    /// The probability that a connection fails.
     pub failure: Ratio,
-    /// When which goal is built instead.
+    /// Changes of the goal and their times.
     pub changes: Vec<(Time, u8)>,
-    /// Whether the goal is moved when something that stays is in its way.
+    /// True if the goal is moved when a permanent obstacle is in its way.
     pub relocate: bool,
-    /// Whether the run ends when the metamodules find out that nobody can go on.
+    /// True if the run ends when the metamodules detect a standstill.
     pub heed: bool,
-    /// The seed.
+    /// The seed of the run.
     pub seed: u64,
 }
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Assembled {
-    /// How it ended, and when.
+    /// The outcome and its time.
     pub outcome: Option<(Time, Outcome)>,
-    /// Why it stood still, if it did.
+    /// The standstill, if there was one.
     pub stall: Option<Stall>,
-    /// When the metamodules found out that nobody can go on, and who did.
+    /// When the metamodules detected a standstill, and which one did.
     pub detected: Option<(Time, ModuleId)>,
-    /// How often somebody said so.
+    /// How often a metamodule has reported a standstill.
     pub alarms: u32,
-    /// Seeds filled.
+    /// The number of seeds filled.
     pub filled: usize,
     /// How far the goal was moved.
     pub shift: (i16, i16),
-    /// What was broken.
+    /// The faults injected.
     pub struck: Vec<Struck>,
-    /// Invariants broken: the first ones.
+    /// The first violations of invariants.
     pub violations: Vec<Violation>,
-    /// How many in all.
+    /// The total number of violations.
     pub broken: u64,
     /// Message counts.
     pub tally: Tally,
-    /// What bodies did.
+    /// The counts of actions.
     pub deeds: Deeds,
-    /// Locks refused because two would have met.
+    /// The number of locks refused because two metamodules would have met.
     pub prevented: u64,
     /// The trace hash.
     pub trace: u64,
     /// The hash of the final state of all agents.
     pub digest: u64,
-    /// Where the bodies are at the end.
+    /// The final poses.
     pub poses: Vec<Pose>,
 }
 
 impl Assembled {
-    /// Whether the goal was built.
+    /// Returns true if the goal was built.
     pub fn built(&self) -> bool {
         matches!(self.outcome, Some((_, Outcome::Built)))
     }
-    /// What is comparable with the thesis's count of collisions: locks refused and actions refused by
-    /// the interlock.
+    /// Returns the number that corresponds to the thesis's count of collisions: locks refused and actions
+    /// refused by the interlock.
     pub fn collisions(&self) -> u64 {
         self.prevented + self.deeds.blocked
     }
 }
 
 impl Assembly {
-    /// As many metamodules as seeds, on a floor of 13 × 13 with the goal in the middle; links take 10
-    /// to 100 ms, a step of a joint and a connection 1 s.
+    /// Creates an experiment with as many metamodules as seeds, on a floor of 13 × 13 with the goal in the
+    /// middle; links take 10 to 100 ms, a step of a joint and a connection 1 s.
     pub fn new(goal: Goal, kind: Kind, strategy: Strategy, order: SeedOrder, seed: u64) -> Assembly {
         let delay = Span::millis(100);
         let setup = Setup {
@@ -167,28 +167,28 @@ impl Assembly {
         }
     }
 
-    /// Messages are lost with this probability.
+    /// Sets the probability that a message is lost.
     pub fn loss(mut self, p: &str) -> Assembly {
         self.link.loss = p.parse().expect("invariant: tests name probabilities");
         self
     }
-    /// Connections fail with this probability.
+    /// Sets the probability that a connection fails.
     pub fn failed_connections(mut self, p: &str) -> Assembly {
         self.failure = p.parse().expect("invariant: tests name probabilities");
         self
     }
-    /// So many metamodules more than seeds.
+    /// Adds spare metamodules.
     pub fn spares(mut self, spares: usize) -> Assembly {
         let count = self.setup.goals[0].seeds().len() + spares;
         self.start = random_start(&self.setup, count, self.seed).expect("invariant: the floor has room");
         self
     }
-    /// The goal is moved when something that stays is in its way.
+    /// Lets the goal be moved when a permanent obstacle is in its way.
     pub fn relocating(mut self) -> Assembly {
         self.relocate = true;
         self
     }
-    /// From then on this is built instead.
+    /// Replaces the goal at this time.
     pub fn change(mut self, at: Time, goal: Goal, order: SeedOrder) -> Assembly {
         let mut setup = (*self.setup).clone();
         setup.goals.push(goal.blueprint(order));
@@ -196,19 +196,19 @@ impl Assembly {
         self.setup = Arc::new(setup);
         self
     }
-    /// Nothing has been worked out before: the motions keep answers, and these have been asked nothing.
+    /// Starts with empty caches: the motions keep answers, and new ones have none.
     pub fn with_new_motions(mut self) -> Assembly {
         let mut setup = (*self.setup).clone();
         setup.motions = new_motions(setup.kind());
         self.setup = Arc::new(setup);
         self
     }
-    /// This fault strikes.
+    /// Adds a fault.
     pub fn fault(mut self, at: Time, fault: Fault) -> Assembly {
         self.faults.push((at, fault));
         self
     }
-    /// Open seeds are learnt from neighbours, not from the controller.
+    /// Lets metamodules learn open seeds from neighbours, not from the controller.
     pub fn decentralised(mut self) -> Assembly {
         let mut setup = (*self.setup).clone();
         setup.params.teller = Teller::Neighbours;
@@ -216,21 +216,21 @@ impl Assembly {
         self
     }
 
-    /// Which of two close together goes first, instead of what the strategy stands for.
+    /// Sets the rule of precedence between close metamodules, instead of that of the strategy.
     pub fn precedence(mut self, precedence: Option<Precedence>) -> Assembly {
         let mut setup = (*self.setup).clone();
         setup.params.precedence = precedence;
         self.setup = Arc::new(setup);
         self
     }
-    /// Whether settled metamodules push.
+    /// Sets whether settled metamodules repel.
     pub fn settled_repel(mut self, settled_repel: bool) -> Assembly {
         let mut setup = (*self.setup).clone();
         setup.params.settled_repel = settled_repel;
         self.setup = Arc::new(setup);
         self
     }
-    /// The metamodules find out among themselves that nobody can go on.
+    /// Lets the metamodules detect a standstill among themselves.
     pub fn detecting(mut self) -> Assembly {
         let mut setup = (*self.setup).clone();
         let metamodules = self.start.len() as u16;
@@ -239,7 +239,7 @@ impl Assembly {
         self
     }
 
-    /// Runs it.
+    /// Runs the experiment to its end.
     pub fn run(self) -> Assembled {
         let world = MetamoduleWorld::new(Arc::clone(&self.setup), &self.start, self.seed);
         let stop = Stop {

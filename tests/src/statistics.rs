@@ -1,9 +1,9 @@
-//! Whether two samples come from one distribution: the two-sample test of Kolmogorov and Smirnov.
+//! Comparison of two samples: the two-sample test of Kolmogorov and Smirnov.
 //!
-//! For counts, where many values are equal, the test is conservative: it finds a difference too seldom
-//! rather than too often.
+//! For counts, where many values are equal, the test is conservative: it finds a difference too rarely rather
+//! than too often.
 
-/// The largest distance between the two empirical distribution functions: 0 if the samples are the
+/// Returns the largest distance between the two empirical distribution functions: 0 if the samples are the
 /// same, 1 if they do not overlap.
 pub fn kolmogorov_smirnov(a: &[u64], b: &[u64]) -> f64 {
     let share = |of: &[u64], at: u64| of.iter().filter(|v| **v <= at).count() as f64 / of.len().max(1) as f64;
@@ -11,14 +11,14 @@ pub fn kolmogorov_smirnov(a: &[u64], b: &[u64]) -> f64 {
     a.iter().chain(b).map(|at| (share(a, *at) - share(b, *at)).abs()).fold(0.0, f64::max)
 }
 
-/// The distance that samples of these sizes from one distribution exceed with a probability of 1 %:
-/// `sqrt(-ln(0.01 / 2) / 2) · sqrt((a + b) / (a · b))`, good from a dozen values on.
+/// Returns the distance that samples of these sizes from one distribution exceed with a probability of 1 %:
+/// `sqrt(-ln(0.01 / 2) / 2) · sqrt((a + b) / (a · b))`, valid from a dozen values on.
 pub fn critical_distance(a: usize, b: usize) -> f64 {
     let (a, b) = (a as f64, b as f64);
     (-(0.005f64.ln()) / 2.0).sqrt() * ((a + b) / (a * b)).sqrt()
 }
 
-/// The mean; 0 of nothing.
+/// Returns the mean; 0 for an empty sample.
 pub fn mean(values: &[u64]) -> f64 {
     values.iter().sum::<u64>() as f64 / values.len().max(1) as f64
 }

@@ -1,5 +1,5 @@
-//! The layout of the sources is the one that ARCHITECTURE.md describes: which crate may use which, which
-//! module of a crate may use which, and a subject for every file.
+//! The layout of the sources is the one that ARCHITECTURE.md describes: dependencies between crates,
+//! dependencies between the modules of a crate, and a subject for every file.
 
 use cargo_metadata::{DependencyKind, MetadataCommand};
 use metamorph_tests::command::root;
@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Which of our crates each of them may use.
+/// Returns for each of our crates the others that it may use.
 fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
     BTreeMap::from([
         ("metamorph-protocol", vec![]),
@@ -38,7 +38,7 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
     ])
 }
 
-/// Crates that a part of the house does without, however they would get there.
+/// Crates that a crate must not use, not even indirectly.
 const ABSENT: [(&str, &[&str]); 4] = [
     ("metamorph-protocol", &["tokio", "iceoryx2", "rustix", "rand", "clap", "toml"]),
     ("metamorph-sim-bridge", &["tokio", "iceoryx2", "rustix", "rand", "clap", "toml"]),
@@ -86,14 +86,14 @@ fn rust_files(directory: &Path, found: &mut Vec<PathBuf>) {
 }
 
 #[test]
-fn every_file_says_what_it_is_for() {
+fn every_file_begins_with_its_subject() {
     let mut files = Vec::new();
     rust_files(&root(), &mut files);
     assert!(files.len() > 20, "the sources were not found");
     for file in files {
         let text = fs::read_to_string(&file).expect("sources are text");
         let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
-        assert!(first.starts_with("//! "), "{} does not begin with what it is for", file.display());
+        assert!(first.starts_with("//! "), "{} does not begin with its subject", file.display());
     }
 }
 
@@ -142,7 +142,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
     ),
 ];
 
-/// The modules that a source names by `crate::`, without its tests and comments.
+/// Returns the modules that a source names by `crate::`, without its tests and comments.
 fn used_modules(text: &str) -> BTreeSet<String> {
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
     let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
@@ -176,7 +176,7 @@ fn modules_use_only_those_below_them() {
     }
 }
 
-/// The folders of families, and what may name a family outside of them: benchmarks and published
+/// The folders of families, and the places outside of them that may name a family: benchmarks and published
 /// experiments are about one family each, and the command line has a command of one.
 const OF_FAMILIES: [&str; 9] = [
     "protocol/src/cube",
@@ -191,7 +191,7 @@ const OF_FAMILIES: [&str; 9] = [
 ];
 
 #[test]
-fn what_belongs_to_a_family_is_named_in_its_folders_only() {
+fn families_are_named_in_their_folders_only() {
     for name in ["protocol", "sim-bridge", "module-agent", "world-controller"] {
         let mut files = Vec::new();
         rust_files(&root().join(name).join("src"), &mut files);
@@ -208,9 +208,9 @@ fn what_belongs_to_a_family_is_named_in_its_folders_only() {
     }
 }
 
-/// What is written down is read back by its own format: journals do not go through the command line.
+/// Journals have a format of their own and do not use the command line.
 #[test]
-fn journals_know_nothing_of_the_command_line() {
+fn journals_do_not_use_the_command_line() {
     let mut files = Vec::new();
     rust_files(&root().join("world-controller/src/record/journal"), &mut files);
     assert!(files.len() > 2, "the sources were not found");
@@ -222,7 +222,7 @@ fn journals_know_nothing_of_the_command_line() {
     }
 }
 
-/// The tests that contributors are told to run are the tests that are run for them.
+/// The test command for contributors is the one of CI.
 #[test]
 fn the_readme_names_the_test_command_of_ci() {
     let ci = fs::read_to_string(root().join(".ci/run")).expect(".ci/run is there");

@@ -1,10 +1,10 @@
-//! `metamorph bench`: what it measures is exact where it can be, and is written down.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! `metamorph bench`: exact figures are right, and files are written.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::run;
 use serde_json::Value;
 
-/// Runs a benchmark and reads what it has written.
+/// Runs a benchmark and reads the file that it has written.
 fn bench(args: &[&str]) -> Value {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("bench.json");
@@ -16,7 +16,7 @@ fn bench(args: &[&str]) -> Value {
 }
 
 #[test]
-fn simulated_runs_come_to_what_they_must() {
+fn simulated_runs_have_the_exact_figures() {
     let results = bench(&["flood", "growth", "--most", "1000"]);
     let flood = &results["flood"];
     assert_eq!(flood.as_array().map(Vec::len), Some(1));
@@ -29,7 +29,7 @@ fn simulated_runs_come_to_what_they_must() {
         assert_eq!((row["outcome"].as_str(), row["violations"].as_u64()), (Some("built"), Some(0)));
         assert!(row["moves"].as_u64() >= row["least_moves"].as_u64(), "{row}");
     }
-    // The floor of the moves: the costs of the best assignments.
+    // The lower bound of the moves: the costs of the best assignments.
     let least: Vec<u64> = rows.iter().filter_map(|row| row["least_moves"].as_u64()).collect();
     assert_eq!(least, [60, 824, 3_096]);
     assert!(results["growth"]["makespan"]["exponent"].is_f64() && results["swarm"].is_null());
@@ -46,7 +46,7 @@ fn a_swarm_of_processes_is_measured() {
 }
 
 #[test]
-fn a_file_that_cannot_be_written_is_complained_about_first() {
+fn a_file_that_cannot_be_written_is_refused_first() {
     let ran = run(&["bench", "flood", "--json", "/nowhere/bench.json"]);
     assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""));
     assert!(ran.err.contains("/nowhere/bench.json") && ran.err.contains("fix:"), "{}", ran.err);

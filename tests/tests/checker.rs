@@ -1,7 +1,7 @@
-//! Where bodies were, by the independent checker of journals: in shipped scenarios on both links, in drawn
-//! ones, and in journals that tell of what cannot be.
-#![allow(clippy::print_stdout, reason = "what was checked is printed for whoever asks with --nocapture")]
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! Positions of bodies, by the independent checker of journals: in shipped scenarios on both links, in drawn
+//! ones, and in journals with impossible events.
+#![allow(clippy::print_stdout, reason = "results are shown with --nocapture")]
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_module_agent::journal_file::{Head, Reader, RunHead, Writer};
 use metamorph_protocol::defects::Sabotage;
@@ -25,7 +25,7 @@ use tempfile::TempDir;
 const CUBE: &dyn Family = &CubeFamily;
 const METAMODULE: &dyn Family = &MetamoduleFamily;
 
-/// The bodies of a scenario that ships with the program are where they can be, on one link.
+/// Checks a run of a shipped scenario on one link.
 fn is_sound(name: &str, link: &str, options: &[&str]) -> Checked {
     let dir = tempfile::tempdir().unwrap();
     let (path, file) = (scenario(name).display().to_string(), dir.path().join("journal"));
@@ -41,7 +41,7 @@ fn is_sound(name: &str, link: &str, options: &[&str]) -> Checked {
 }
 
 #[test]
-fn bodies_of_shipped_scenarios_are_where_they_can_be_in_a_simulation() {
+fn simulated_shipped_scenarios_pass_the_checker() {
     for name in ["arch.toml", "swarm.toml", "swarm-200.toml", "chair.toml"] {
         is_sound(name, "sim", &[]);
     }
@@ -51,13 +51,13 @@ fn bodies_of_shipped_scenarios_are_where_they_can_be_in_a_simulation() {
 }
 
 #[test]
-fn bodies_of_shipped_scenarios_are_where_they_can_be_with_processes() {
+fn shipped_scenarios_pass_the_checker_as_processes() {
     is_sound("swarm.toml", "ipc", &["--time-scale", "20", "--restart", "9@4s"]);
     is_sound("box.toml", "ipc", &["--time-scale", "50"]);
     is_sound("chair-hardware.toml", "ipc", &["--time-scale", "50"]);
 }
 
-/// Checks every tenth scenario of an exploration, so many of each family.
+/// Checks every tenth scenario of an exploration, up to these numbers of each family.
 fn explored(cubes: u64, metamodules: u64) {
     let mut sum = Checked::default();
     for (family, runs) in [(CUBE, cubes), (METAMODULE, metamodules)] {
@@ -78,22 +78,22 @@ fn explored(cubes: u64, metamodules: u64) {
 }
 
 #[test]
-fn bodies_of_drawn_scenarios_are_where_they_can_be() {
+fn drawn_scenarios_pass_the_checker() {
     explored(60, 20);
 }
 
-/// `CHECKED=1000 cargo test --release -p metamorph-tests --test checker -- --ignored --nocapture`; a third
-/// of so many runs are of metamodules.
+/// `CHECKED=1000 cargo test --release -p metamorph-tests --test checker -- --ignored --nocapture`; a third of
+/// the runs are of metamodules.
 #[test]
 #[ignore = "minutes: 1,000 runs, or as many as CHECKED says"]
-fn bodies_of_many_drawn_scenarios_are_where_they_can_be() {
+fn many_drawn_scenarios_pass_the_checker() {
     let runs = std::env::var("CHECKED").map_or(1_000, |text| text.parse().expect("CHECKED is a number"));
     explored(runs - runs / 3, runs / 3);
 }
 
-/// Runs of cubes with a defect, in which the world finds that the body is torn: the checker finds it, too.
+/// Runs of cubes with a defect, in which an invariant finds the body torn: the checker finds it, too.
 #[test]
-fn what_the_invariants_find_the_checker_finds() {
+fn the_checker_finds_violations_of_invariants() {
     let dir = tempfile::tempdir().unwrap();
     let journal = dir.path().join("journal");
     let mut found = 0;
@@ -120,7 +120,7 @@ fn what_the_invariants_find_the_checker_finds() {
     panic!("only {found} runs were unsafe");
 }
 
-/// A true journal without the records of agents, to be changed and written again with right check sums.
+/// A valid journal without the records of agents, to be changed and written again with valid checksums.
 struct Journal {
     dir: TempDir,
     plan: Plan,
@@ -141,7 +141,7 @@ impl Journal {
         let Head::Run(head) = reader.head().clone() else { panic!("the head of a run") };
         let geometry = geometry(&plan);
         let journal = Journal { dir, plan, geometry, head, records };
-        assert_eq!(journal.rule(&journal.records), None, "what was not changed is sound");
+        assert_eq!(journal.rule(&journal.records), None, "an unchanged journal is sound");
         journal
     }
 
@@ -149,13 +149,13 @@ impl Journal {
         self.dir.path().join("changed")
     }
 
-    /// The rule that these records break.
+    /// Returns the rule that these records break.
     fn rule(&self, records: &[Record]) -> Option<Rule> {
         write(&self.path(), &self.head, records);
         check(&self.path(), self.geometry.as_ref()).err().map(|breach| breach.rule)
     }
 
-    /// The journal breaks a rule if one of its events is changed like this, at one place at least.
+    /// Asserts that the journal breaks a rule if one of its events is changed, at one place at least.
     fn breaks(&self, rule: Rule, edit: impl Fn(&mut Event) -> bool) {
         let mut records = self.records.clone();
         for i in 0..records.len() {
@@ -168,7 +168,7 @@ impl Journal {
         panic!("{rule:?} is never broken");
     }
 
-    /// What breaks a rule about actions.
+    /// Asserts the same for a change of an action.
     fn action_breaks(&self, rule: Rule, edit: impl Fn(&mut Blob)) {
         self.breaks(rule, |event| match event {
             Event::Act { action, begun: true, .. } => {
@@ -179,7 +179,7 @@ impl Journal {
         });
     }
 
-    /// The first body stands where another one does.
+    /// Places the first body in another one.
     fn meets(&self) {
         let place_of = |r: &Record| match &r.event {
             Event::Start { id: ModuleId(1), place, .. } => Some(place.clone()),
@@ -195,7 +195,7 @@ impl Journal {
         });
     }
 
-    /// An action ends twice, ends elsewhere, or begins before the last one has ended.
+    /// Makes an action end twice, end elsewhere, or begin before the last one has ended.
     fn does_not_follow(&self) {
         self.breaks(Rule::Follows, |event| match event {
             Event::Advance { ended } if !ended.is_empty() => {
@@ -236,11 +236,11 @@ fn begin(id: u32, action: Blob) -> Record {
 }
 
 #[test]
-fn what_cubes_cannot_do_is_found() {
+fn impossible_events_of_cubes_are_found() {
     let journal = Journal::of("swarm.toml");
     journal.meets();
     journal.does_not_follow();
-    // The bytes of an action are how it bends, its support and its heading.
+    // The bytes of an action are its kind, its support and its heading.
     journal.action_breaks(Rule::Supported, |action| action.bytes[1] ^= 1);
     journal.action_breaks(Rule::Possible, |action| action.bytes[1] = action.bytes[2]);
     journal.action_breaks(Rule::OneBodyPerCell, |action| (action.bytes[1], action.bytes[2]) = (0, 5));
@@ -253,10 +253,10 @@ fn what_cubes_cannot_do_is_found() {
     });
 }
 
-/// Five cubes, of which two stand on a line of three: one moves over the line, and then something else
-/// is done that would be right without it.
+/// Five cubes, of which two stand on a line of three: one moves over the line, and then another event happens
+/// that would be valid without the move.
 #[test]
-fn cubes_do_not_get_in_the_way_of_one_that_moves() {
+fn no_cube_disturbs_a_moving_one() {
     let mut journal = Journal::of("swarm.toml");
     journal.head.modules = 5;
     let cells = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 1], [2, 0, 1]].map(Cell::from);
@@ -271,7 +271,7 @@ fn cubes_do_not_get_in_the_way_of_one_that_moves() {
 }
 
 #[test]
-fn what_metamodules_cannot_do_is_found() {
+fn impossible_events_of_metamodules_are_found() {
     let journal = Journal::of("box.toml");
     journal.meets();
     journal.does_not_follow();
@@ -299,7 +299,7 @@ fn what_metamodules_cannot_do_is_found() {
     };
     let with = |effect| [journal.records.clone(), vec![event(there(effect))]].concat();
     assert_eq!(journal.rule(&with("the obstacle is gone")), None);
-    // The body that is there last is met.
+    // The body that is in the cell last is met.
     let cells = (0..13).flat_map(|x| (0..13).map(move |y| (x, y)));
     let met = cells.filter(|(x, y)| {
         let fault = format!("block [{x}, {y}, 0]");
@@ -312,7 +312,7 @@ fn what_metamodules_cannot_do_is_found() {
 
 /// Two upright metamodules whose steps meet in a cell in which neither is.
 #[test]
-fn metamodules_do_not_get_in_the_way_of_one_that_moves() {
+fn no_metamodule_disturbs_a_moving_one() {
     let mut journal = Journal::of("box.toml");
     journal.head.modules = 2;
     let swarm = journal.plan.swarm.of::<Metamodules>().expect("metamodules");
@@ -344,7 +344,7 @@ fn metamodules_do_not_get_in_the_way_of_one_that_moves() {
     }
 }
 
-/// A file that is not as it was written is no journal to the checker either.
+/// A modified file is not a journal for the checker either.
 #[test]
 fn damaged_files_are_not_checked() {
     let journal = Journal::of("swarm.toml");

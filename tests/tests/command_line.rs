@@ -1,5 +1,5 @@
-//! The command line as a user types it: exit codes, complaints, streams.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! The command line as a user runs it: exit codes, errors, streams.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::{Ran, command, run, scenario};
 use metamorph_world_controller::report::schema::{Report, SCHEMA};
@@ -31,13 +31,13 @@ fn on(text: &str, args: &[&str]) -> Ran {
     run(&args)
 }
 
-/// The text with one line changed; the line must be there.
+/// Returns the text with one line changed; the line must be there.
 fn with(old: &str, new: &str) -> String {
     assert!(SMALL.contains(old), "{old}");
     SMALL.replace(old, new)
 }
 
-/// What is typed wrong, and what the complaint must contain.
+/// Asserts that a command is refused, with these parts in the error.
 fn refused(text: &str, args: &[&str], parts: &[&str]) {
     let ran = on(text, args);
     assert_eq!(ran.code, Some(2), "{args:?}: {ran:?}");
@@ -83,7 +83,7 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
         ),
         (with("[stop]", "[protocol]\ndead = \"bury\"\n[stop]"), &["unknown policy", "hold, abandon"]),
         (with("[swarm]", "[swarm]\nfamily = \"cubes\""), &["unknown family `cubes`", "did you mean `cube`?"]),
-        // A scenario of cubes that is called one of metamodules.
+        // A scenario of cubes declared as one of metamodules.
         (
             with("[swarm]", "[swarm]\nfamily = \"metamodule\""),
             &["expected \"random\" or a list of places, found a table", "two coordinates of a connector"],
@@ -315,7 +315,7 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
             &["unknown direction `upp`", "did you mean `up`?"],
         ),
         (levels(&format!("[{}]", seed(5, 5, "\"up\""))), &["expected three directions"]),
-        // The mirror image of a shape that it takes.
+        // The mirror image of a possible shape.
         (
             levels(&format!("[{}]", seed(5, 5, "\"up\", \"north\", \"west\""))),
             &["scenario.toml:12:12:", "no posture of a metamodule of kind SRS fills the seed at (5, 5)"],
@@ -384,10 +384,9 @@ fn metamodules_are_checked_run_and_reported() {
     assert!(ran.err.contains("seeds filled") && ran.err.contains("the interlock"), "{}", ran.err);
 }
 
-/// The metamodules find out by themselves that they are stuck; the report says who found out, and why each
-/// of them waits.
+/// The metamodules detect their deadlock; the report says which one did, and why each of them waits.
 #[test]
-fn a_deadlock_is_found_by_the_swarm_itself() {
+fn a_deadlock_is_detected_by_the_swarm_itself() {
     let text = METAMODULES.to_owned() + "[protocol]\nstrategy = \"greedy\"\ndetector = true\n";
     let ran = on(&text, &["check", "{}"]);
     assert!(ran.out.contains("the swarm finds deadlocks by itself"), "{ran:?}");
@@ -404,7 +403,7 @@ fn a_deadlock_is_found_by_the_swarm_itself() {
         (ran.code == Some(3)).then_some((seed.to_string(), ran))
     });
     let (standstill_seed, ran) = deadlocked.expect("greedy deadlocks often");
-    let standstill = json(&ran.out).unbuilt.expect("why nothing goes on");
+    let standstill = json(&ran.out).unbuilt.expect("the reason of the standstill");
     assert!(standstill.detected.is_some(), "{standstill:?}");
     assert!(standstill.waiting.iter().all(|w| !w.why.is_empty()) && !standstill.waiting.is_empty());
     assert!(ran.err.contains("found this out"), "{}", ran.err);
@@ -500,7 +499,7 @@ fn bad_options_are_refused_like_lines_of_the_scenario() {
 }
 
 #[test]
-fn bad_usage_is_told_by_its_exit_code() {
+fn bad_usage_has_its_exit_code() {
     for args in
         [&["rnu"][..], &[], &["run"], &["run", "a.toml", "--sead", "1"], &["run", "a.toml", "--seed", "x"]]
     {
@@ -574,7 +573,7 @@ fn help_is_enough_to_use_every_command() {
 }
 
 #[test]
-fn check_says_what_would_run() {
+fn check_prints_the_plan() {
     let ran = on(SMALL, &["check", "{}", "--link", "sim", "--kill", "3@2s", "--loss", "5%"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     for part in ["24 modules", "goal 1: 21 cells", "loss 5%", "at 2s kill 3", "--kill 3@2s --loss 5%"] {
@@ -586,7 +585,7 @@ fn json(text: &str) -> Report {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
 
-/// The fields that scripts lean on, by their names in the file.
+/// The fields that scripts use, by their names in the file.
 #[test]
 fn json_goes_to_standard_output_alone() {
     let ran = on(SMALL, &["run", "{}", "--link", "sim", "--json", "-"]);
@@ -716,7 +715,7 @@ fn an_interrupt_ends_with_a_partial_report() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // It says when it begins; from then on signals are caught.
+    // The command announces the start; from then on signals are caught.
     let mut err = child.stderr.take().unwrap();
     let mut said = Vec::new();
     while !String::from_utf8_lossy(&said).contains("the simulation starts") {
@@ -742,13 +741,13 @@ fn the_same_scenario_runs_as_processes() {
     assert_eq!((report.link.as_str(), report.outcome.as_str()), ("ipc", "built"));
     assert_eq!((report.agents.launched, report.agents.crashed, report.agents.alive), (24, 1, 23));
     assert_eq!((report.trace_hash, report.notes, report.invariants.broken), (None, vec![], 0));
-    // What two runs of processes cannot share is not there to be compared.
+    // What two runs of processes cannot share is left out of the comparison.
     assert_eq!(
         (report.state_hash, report.agents_hash, report.world_hash.map(|h| h.len())),
         (None, None, Some(16))
     );
     assert!(report.messages.all.delivered > 0 && report.body_messages > 0);
-    // Nothing of a run that has ended is left to remove; other tests' runs are none of its business.
+    // A run that has ended leaves nothing to remove; runs of other tests are not touched.
     let ran = run(&["clean"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
 }

@@ -1,6 +1,6 @@
-//! Metamodules that find out among themselves that nobody can go on: never when somebody can, and always
-//! when nobody can, whatever links do.
-#![allow(clippy::print_stdout, reason = "rates are printed for whoever asks with --nocapture")]
+//! Metamodules detect a standstill among themselves: never while one can go on, and always when none can, on
+//! all links.
+#![allow(clippy::print_stdout, reason = "rates are shown with --nocapture")]
 
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
@@ -27,7 +27,7 @@ const LINKS: [(&str, Vary); 4] = [
     }),
 ];
 
-/// What many runs came to.
+/// Totals of many runs.
 #[derive(Default)]
 struct Sum {
     runs: u32,
@@ -37,7 +37,7 @@ struct Sum {
     turns: u64,
 }
 
-/// Runs to their ends, whatever the metamodules find out on the way, and compares.
+/// Runs to the end, regardless of what the metamodules detect, and compares.
 fn agree(kinds: &[Kind], seeds: std::ops::Range<u64>) {
     for (name, vary) in LINKS {
         for strategy in Strategy::PUBLISHED {
@@ -53,7 +53,7 @@ fn agree(kinds: &[Kind], seeds: std::ops::Range<u64>) {
                 }
             }
             let Sum { runs, built, stood_still, found, turns } = sum;
-            // Messages that are lost may cost it more time than the bound allows.
+            // Lost messages may delay the detection beyond the bound.
             assert!(
                 found == stood_still || (name != "plain" && found > 0),
                 "{name}, {strategy:?}: {found} of {stood_still}"
@@ -72,14 +72,14 @@ fn judge(sum: &mut Sum, ran: &Assembled, name: &str) {
     assert_eq!(ran.broken, 0, "{name}");
     match outcome {
         Outcome::Built => {
-            assert_eq!(ran.alarms, 0, "{name}: somebody could go on");
+            assert_eq!(ran.alarms, 0, "{name}: a metamodule could go on");
             sum.built += 1;
         }
         Outcome::Deadlock => {
             sum.stood_still += 1;
             let since = ran.stall.as_ref().expect("a standstill is explained").since;
             if let Some((at, _)) = ran.detected {
-                assert!(since <= at && at <= end, "{name}: somebody went on after {at}");
+                assert!(since <= at && at <= end, "{name}: a metamodule went on after {at}");
                 sum.found += 1;
                 sum.turns += at.since(since).0 / 1_000_000_000;
             }
@@ -100,7 +100,7 @@ fn agrees_with_the_ground_truth_over_many_seeds() {
     agree(&Kind::METAMODULES, 0..50);
 }
 
-/// The run ends with the alarm, and says who waits for what.
+/// The run ends with the alarm, and the report says what each metamodule waits for.
 #[test]
 fn a_deadlock_ends_with_the_alarm() {
     let run = |seed| Assembly::new(Goal::Chair, Kind::Srs, Strategy::Greedy, SeedOrder::Circular, seed);

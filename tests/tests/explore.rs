@@ -1,7 +1,7 @@
-//! Exploration: what is known to be wrong is found and made small, what was wrong once is right, and
-//! new scenarios are tried every time.
-#![allow(clippy::print_stdout, reason = "what it took is printed for whoever asks with --nocapture")]
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! Exploration: known defects are found and reduced to small scenarios, past failures stay fixed, and new
+//! scenarios are drawn every time.
+#![allow(clippy::print_stdout, reason = "the effort is shown with --nocapture")]
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_protocol::coverage::Mark;
 use metamorph_protocol::cube::params::Connectivity;
@@ -25,8 +25,8 @@ use std::path::Path;
 const CUBE: &dyn Family = &CubeFamily;
 const METAMODULE: &dyn Family = &MetamoduleFamily;
 
-/// How a scenario fails with a defect, if it does, and does not without it: where nothing unsafe is done
-/// but not all is built, the sound protocol builds all.
+/// Returns how a scenario fails with a defect and passes without it, if it does: where no invariant breaks
+/// but the goal is not built, the sound protocol builds it.
 fn fails_by(defect: Sabotage, draft: &Draft) -> Option<Kind> {
     let judged = |sabotage| run(&draft.plan("drawn.toml", sabotage).ok()?, &|| false).map(|r| r.verdict);
     let Verdict::Failed(Failure { kind, .. }) = judged(Some(defect))? else { return None };
@@ -38,9 +38,9 @@ fn fails_by(defect: Sabotage, draft: &Draft) -> Option<Kind> {
     by_defect.then_some(kind)
 }
 
-/// Explores with a defect until it is found, within so many runs, and makes what was found small enough
-/// to be read. Explores from seed 1 on, or from a later one where what is found first takes minutes to be
-/// made small.
+/// Explores with a defect until it is found, within a number of runs, and shrinks the failure until it is
+/// small enough to be read. Explores from seed 1 on, or from a later one where the first failure takes
+/// minutes to shrink.
 fn is_found(defect: Sabotage, family: &'static dyn Family, within: u64, from: u64) {
     let found = (1..=within).find_map(|run| {
         let (draft, _) = draw(from + run - 1, Some(family));
@@ -60,7 +60,7 @@ fn is_found(defect: Sabotage, family: &'static dyn Family, within: u64, from: u6
     assert!(agents <= 4 || faults <= 10, "{defect:?} is still large:\n{}", small.draft);
 }
 
-/// A test for each defect, and a list of them.
+/// Declares a test for each defect, and a list of them.
 macro_rules! known_defects {
     ($($(#[$how:meta])? $name:ident: $family:ident, $defect:ident, $within:literal $(, from $from:literal)?;)*) => {
         $(#[test]
@@ -70,7 +70,7 @@ macro_rules! known_defects {
             is_found(Sabotage::$defect, $family, $within, from);
         })*
 
-        /// No defect is without its test.
+        /// Every defect has a test.
         #[test]
         fn every_known_defect_has_a_test() {
             assert_eq!([$(Sabotage::$defect),*], Sabotage::ALL);
@@ -93,7 +93,7 @@ known_defects! {
     finds_stale_distances: CUBE, AcceptStaleValues, 400;
     finds_walled_in_cells: CUBE, AnyLowerOnSolids, 2_000;
     finds_careless_grants: METAMODULE, GrantEverything, 60;
-    finds_those_who_ask_nobody: METAMODULE, AskNobody, 60;
+    finds_moves_without_requests: METAMODULE, AskNobody, 60;
     finds_forgotten_locks: METAMODULE, ForgetLocks, 60;
     finds_outstayed_leases: METAMODULE, OutstayLease, 60;
     #[ignore = "takes minutes"]
@@ -101,7 +101,7 @@ known_defects! {
     #[ignore = "takes minutes"]
     finds_stale_states: METAMODULE, AcceptStaleStates, 60;
     #[ignore = "takes minutes"]
-    finds_those_who_stand_in_the_way: METAMODULE, StandInTheWay, 100, from 300;
+    finds_modules_that_never_make_way: METAMODULE, StandInTheWay, 100, from 300;
 }
 
 /// The published connection gradient, which exploration leaves out, tears bodies.
@@ -118,33 +118,34 @@ fn the_published_gradient_is_found_too() {
     assert!(torn.is_some());
 }
 
-/// What a file comes to.
+/// Simulates a scenario file.
 fn simulated(path: &Path) -> Ran {
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
     let plan = read_file(path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
     run(&plan, &|| false).unwrap()
 }
 
-/// Those who stand in each other's way, and would each stay there, are led out of it; by luck if it takes all of
-/// them.
+/// Metamodules that block each other, and would each stay, are coordinated; by a random walk if that takes
+/// all of them.
 #[test]
-fn who_stands_still_is_led() {
-    for (file, by_luck) in [("metamodule-led-out-of-a-knot", false), ("metamodule-led-by-luck", false)] {
+fn metamodules_at_a_standstill_are_coordinated() {
+    for (file, by_random_walk) in [("metamodule-led-out-of-a-knot", false), ("metamodule-led-by-luck", false)]
+    {
         let ran = simulated(&root().join(format!("tests/corpus/{file}.toml")));
         assert!(!matches!(ran.verdict, Verdict::Failed(_)), "{file}: {:?}", ran.verdict);
         assert!(ran.marks.has(Mark::MetaLed) && ran.marks.has(Mark::MetaCalled), "{file}");
-        assert_eq!(ran.marks.has(Mark::MetaByLuck), by_luck, "{file}");
+        assert_eq!(ran.marks.has(Mark::MetaByLuck), by_random_walk, "{file}");
     }
 }
 
-/// A goal is moved until it is built, not once only.
+/// A goal is moved until it is built, not just once.
 #[test]
 fn a_wedged_goal_is_moved_again() {
     let file = "tests/corpus/metamodule-wedged-on-the-first-seed.toml";
     assert_eq!(simulated(&root().join(file)).verdict, Verdict::Built);
 }
 
-/// What failed once does not fail any more.
+/// Scenarios that failed once do not fail any more.
 #[test]
 fn past_failures_stay_past() {
     let mut replayed = 0;
@@ -160,22 +161,22 @@ fn past_failures_stay_past() {
     assert!(replayed > 0, "the corpus is empty");
 }
 
-/// So many new scenarios of each family are tried every time.
+/// The number of new scenarios of each family.
 const FRESH: u64 = 150;
 
-/// New scenarios every time: no invariant breaks among cubes, whatever is drawn.
+/// New scenarios every time: no invariant breaks among cubes.
 #[test]
 fn new_scenarios_of_cubes_break_no_invariant() {
     assert_eq!(broken_in_new_scenarios(CUBE), [""; 0]);
 }
 
-/// The same of metamodules.
+/// The same for metamodules.
 #[test]
 fn new_scenarios_of_metamodules_break_no_invariant() {
     assert_eq!(broken_in_new_scenarios(METAMODULE), [""; 0]);
 }
 
-/// Runs new scenarios, and says which break an invariant and how to repeat them.
+/// Runs new scenarios, and returns those that break an invariant, with the commands that repeat them.
 fn broken_in_new_scenarios(family: &'static dyn Family) -> Vec<String> {
     let from = RandomState::new().hash_one(0) >> 28;
     println!("new scenarios from seed {from}");
@@ -188,7 +189,7 @@ fn broken_in_new_scenarios(family: &'static dyn Family) -> Vec<String> {
     (from..from + FRESH).filter_map(broken).collect()
 }
 
-/// As a user types it: the same results with any number of threads, in JSON and for people.
+/// As a user runs it: the same results with any number of threads, in JSON and for people.
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let out = tempfile::tempdir().unwrap();
@@ -210,7 +211,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
     assert!(summary["marks"].as_object().unwrap().len() > 10);
 }
 
-/// A budget of time covers everything, also what a search or making failures small would take longer.
+/// A time budget covers everything, also searches and shrinking.
 #[test]
 fn a_budget_of_time_ends_it_all() {
     let dir = tempfile::tempdir().unwrap();
@@ -232,7 +233,7 @@ fn a_budget_of_time_ends_it_all() {
     assert!(ran.out.contains("that could be"), "{ran:?}");
 }
 
-/// One run shows its scenario first, and that scenario is one that can be run.
+/// A single run shows its scenario first, and that scenario can be run.
 #[test]
 fn one_run_shows_its_scenario() {
     let ran = metamorph(&["explore", "--runs", "1", "--seed", "5", "--family", "cube"]);

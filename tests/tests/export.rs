@@ -1,6 +1,6 @@
-//! A journal as an MCAP recording: read back with a reader of the format, every update holds every body,
-//! and the last one shows them where the run left them.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! A journal as an MCAP recording: read with an independent reader of the format, every update holds every
+//! body, and the last one shows the final positions.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::{Ran, run, run_processes, scenario};
 use metamorph_world_controller::family::cube::Cubes;
@@ -13,7 +13,7 @@ use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
 
-/// One update: when, and what is in it by its name.
+/// One update: its time, and its entities by name.
 struct Update {
     at: u64,
     entities: BTreeMap<String, Value>,
@@ -42,8 +42,7 @@ fn cell(cube: &Value) -> [i64; 3] {
     [&at["x"], &at["y"], &at["z"]].map(|c| c.as_f64().unwrap().floor() as i64)
 }
 
-/// What is in a recording: updates, and lines of the log. Every message is valid by the schema that
-/// comes with it.
+/// Reads a recording: updates, and lines of the log. Every message is valid by the schema that comes with it.
 fn read(mcap: &Path) -> (Vec<Update>, Vec<String>) {
     let bytes = fs::read(mcap).unwrap();
     let (mut updates, mut log, mut before) = (Vec::<Update>::new(), Vec::new(), 0);
@@ -85,7 +84,7 @@ struct Exported {
     log: Vec<String>,
 }
 
-/// Runs a scenario and makes a recording of it.
+/// Runs a scenario and exports a recording of it.
 fn exported(name: &str, args: &[&str], options: &[&str]) -> Exported {
     let directory = tempfile::tempdir().unwrap();
     let [journal, mcap] = ["run.journal", "run.mcap"].map(|name| directory.path().join(name));
@@ -100,7 +99,7 @@ fn exported(name: &str, args: &[&str], options: &[&str]) -> Exported {
 }
 
 #[test]
-fn a_recording_of_cubes_shows_everybody_all_the_time_and_ends_as_the_run_did() {
+fn a_recording_of_cubes_shows_all_cubes_and_ends_as_the_run_did() {
     for link in ["sim", "ipc"] {
         let Exported { directory, report, ran, updates, log } =
             exported("arch.toml", &["--link", link, "--kill", "23@1s"], &[]);
@@ -110,7 +109,7 @@ fn a_recording_of_cubes_shows_everybody_all_the_time_and_ends_as_the_run_did() {
         let swarm = plan.swarm.of::<Cubes>().expect("cubes");
         let triple = |cell| <[i16; 3]>::from(cell).map(i64::from);
 
-        // Everybody is in every update, one cube each, and no two are in one cell.
+        // Every cube is in every update, and no two are in one cell.
         assert!(updates.len() > 20, "{}", updates.len());
         for update in &updates {
             assert!(update.entities.values().all(|entity| cubes(entity).len() == 1));
@@ -122,13 +121,13 @@ fn a_recording_of_cubes_shows_everybody_all_the_time_and_ends_as_the_run_did() {
         let missing = swarm.setup.goals[0].cells().map(triple).find(|cell| !filled.contains(cell));
         assert_eq!(missing, None, "on {link}");
 
-        // Not more often than said, but for the last one; never later than the run.
+        // Not more often than configured, but for the last one; never later than the run.
         assert!(updates.windows(2).rev().skip(1).all(|pair| pair[1].at - pair[0].at >= 100_000_000));
         // Agents of processes may write a little after the end.
         let end = (report.time.virtual_s * 1e9) as u64;
         assert!(link == "ipc" || last.at <= end, "{} after {end}", last.at);
 
-        // The killed one is dead from then on, and looks like nobody else.
+        // The killed one is dead from then on, and drawn unlike all others.
         let second = 1_000_000_000;
         let death = updates.iter().position(|u| u.process(23) == "dead").unwrap();
         assert!(updates[death].at >= second && updates[death - 1].at < 2 * second);
@@ -160,7 +159,7 @@ fn metamodules_have_four_cubes_each() {
 }
 
 #[test]
-fn a_journal_that_is_cut_gives_what_there_is_and_says_so() {
+fn a_cut_journal_is_exported_as_far_as_it_goes() {
     let Exported { directory, updates, .. } = exported("arch.toml", &["--link", "sim"], &[]);
     let [journal, cut, mcap] = ["run.journal", "cut.journal", "cut.mcap"].map(|f| directory.path().join(f));
     let whole = fs::read(&journal).unwrap();
@@ -176,12 +175,12 @@ fn a_journal_that_is_cut_gives_what_there_is_and_says_so() {
 }
 
 #[test]
-fn what_is_no_journal_or_an_old_one_is_refused_and_nothing_is_written() {
+fn other_files_and_old_journals_are_refused_and_no_file_is_written() {
     let Exported { directory, .. } = exported("arch.toml", &["--link", "sim"], &[]);
     let [journal, out] = ["run.journal", "out.mcap"].map(|f| directory.path().join(f));
     let (path, target) = (journal.to_str().unwrap(), out.to_str().unwrap());
     let whole = fs::read(&journal).unwrap();
-    // The version stands behind the eight bytes by which a journal is known.
+    // The version follows the eight bytes that identify a journal.
     let old = [&whole[..8], &[0, 0], &whole[10..]].concat();
     for (content, part) in [
         (&b"this is no journal"[..], "is not a journal"),

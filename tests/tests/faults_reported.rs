@@ -1,5 +1,5 @@
-//! What reports say of faults: what is done to processes from outside a run, and what cuts links, as the
-//! faults that a scenario plans; in JSON, in the text, on the page and in the journal.
+//! Faults in reports: signals to processes from outside a run, and partitions, as the faults that a scenario
+//! plans; in JSON, in the text, on the page and in the journal.
 
 use metamorph_module_agent::run_dir::counter_file::Ledger;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -13,7 +13,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 
-/// A run of processes with a journal and a page, slow enough to be interfered with.
+/// A run of processes with a journal and a page, slow enough for interventions.
 struct Run {
     child: Option<Child>,
     directory: tempfile::TempDir,
@@ -45,7 +45,7 @@ impl Run {
             let ledger = Ledger::read(&self.root, ModuleId(id), Incarnation(0)).ok().flatten();
             ledger.is_some_and(|account| account.tally.total().delivered > 0)
         });
-        signal_to(agent_of(&self.root, id, 0).expect("it has said who it is").pid, signal);
+        signal_to(agent_of(&self.root, id, 0).expect("it has written its identity").pid, signal);
     }
 
     /// Waits until the controller's part of the journal holds a text.
@@ -76,7 +76,7 @@ fn report(ran: &Ran) -> Value {
     serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"))
 }
 
-/// Module and effect of the faults of one kind, in order.
+/// Returns module and effect of the faults of one kind, in order.
 fn faults(report: &Value, kind: &str) -> Vec<(Option<u64>, String)> {
     let all = report["faults"].as_array().expect("a list of faults");
     let times: Vec<f64> = all.iter().filter_map(|f| f["at_s"].as_f64()).collect();
@@ -92,7 +92,7 @@ fn replays(journal: &Path) {
 }
 
 #[test]
-fn what_is_done_to_processes_from_outside_is_a_fault() {
+fn signals_from_outside_are_faults() {
     let mut run = Run::start();
     run.signal(30, Signal::STOP);
     run.until_noted("stopped by SIGSTOP from outside");
@@ -122,7 +122,7 @@ fn what_is_done_to_processes_from_outside_is_a_fault() {
 #[test]
 fn a_process_that_ends_by_its_own_error_has_crashed() {
     let mut run = Run::start();
-    // As a panic that aborts would.
+    // Like a panic that aborts.
     run.signal(35, Signal::ABORT);
     let ran = run.end();
     let report = report(&ran);

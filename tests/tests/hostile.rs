@@ -1,13 +1,13 @@
-//! Hostile inputs of every kind: whatever a command is given, it ends with a documented exit code, within
-//! bounds, and destroys and leaves nothing (see `metamorph_tests::hostile`). More than 300 inputs, in
-//! tables; the last test counts them.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! Hostile inputs of every kind: every command ends with a documented exit code, within bounds, and neither
+//! destroys nor leaves files (see `metamorph_tests::hostile`). More than 300 inputs, in tables; the last test
+//! counts them.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::{command, root, run};
 use metamorph_tests::hostile::{Case, Thing, file, run_all};
 use std::fs;
 
-/// Everything that is fine.
+/// A valid scenario.
 const SMALL: &str = r#"version = 1
 name = "small"
 description = "a plate becomes a square"
@@ -36,7 +36,7 @@ until = "3s"
 [stop]
 timeout = "500s"
 "#;
-/// The beginning and the end of a scenario whose start is in between.
+/// The start and the end of a scenario whose initial shape is in between.
 const START: &str = "version = 1\n[swarm]\nstart = ";
 const GOAL: &str = "\n[[goal]]\nshape = { box = { min = [0, 0, 0], max = [1, 1, 0] } }\n";
 
@@ -89,7 +89,7 @@ fn texts() -> Vec<Case> {
         SMALL.replace("\n", "\r").into(),
     ];
     cases.extend(refused.into_iter().map(|text| check(text).refused(&["fix: "])));
-    // What is fine, with names that are not.
+    // A valid scenario with hostile names.
     let names = SMALL.replace("\"small\"", "\"\\u001B[2J\\u009B31m\\u202E\\n\\rBUILT\"");
     let names =
         names.replace("\"one\"", "\"\\u0007\\u2066\\u007F\"").replace("a plate", "\\u001B]0;x\\u0007");
@@ -103,7 +103,7 @@ fn texts() -> Vec<Case> {
     cases
 }
 
-/// Every key with values that it does not expect.
+/// Returns every key with values that it does not expect.
 fn values() -> Vec<Case> {
     let keys = [
         "version",
@@ -211,7 +211,7 @@ fn options() -> Vec<Case> {
     cases
 }
 
-/// What is no file where a file should be: refused at once.
+/// Returns cases with other kinds of entries where a file should be: refused at once.
 fn special_files() -> Vec<Case> {
     let commands: [&[&str]; 9] = [
         &["check", "--link", "sim", "x.toml"],
@@ -263,7 +263,7 @@ fn special_files() -> Vec<Case> {
     cases
 }
 
-/// A journal of a simulated run.
+/// Returns a journal of a simulated run.
 fn journal() -> Vec<u8> {
     let directory = tempfile::tempdir().unwrap();
     let (scenario, journal) = (directory.path().join("a.toml"), directory.path().join("journal"));
@@ -280,7 +280,7 @@ fn journals() -> Vec<Case> {
     for i in 0..24 {
         damaged.push(whole[..whole.len() * i / 24].to_vec());
         let mut flipped = whole.clone();
-        // Every part of the file is met, the head most.
+        // Every part of the file is changed, the head most often.
         let at = if i < 12 { i * 3 } else { whole.len() * (i - 11) / 13 };
         flipped[at] ^= 1 << (i % 8);
         damaged.push(flipped);
@@ -383,7 +383,7 @@ fn solids() -> Vec<Case> {
     cases
 }
 
-/// Files that are no configurations of VisibleSim.
+/// Returns files that are no configurations of VisibleSim.
 fn configurations() -> Vec<String> {
     let targets = |inner: &str| format!("<world><targetList><target>{inner}</target></targetList></world>");
     let attributes = |n: usize| (0..n).map(|i| format!(" a{i}=\"1\"")).collect::<String>();
@@ -417,7 +417,7 @@ fn configurations() -> Vec<String> {
     ]
 }
 
-/// More cells than there is memory for.
+/// Returns shapes with more cells than there is memory for.
 fn large_shapes() -> Vec<Case> {
     let cube = |z: i32| format!("{{ box = {{ min = [0, 0, {z}], max = [150, 150, {}] }} }}", z + 150);
     let nest = |kind: &str, apart: i32| {
@@ -452,7 +452,7 @@ fn large_shapes() -> Vec<Case> {
     cases
 }
 
-/// An output that is an input, or another output: refused, whatever the names are.
+/// Returns outputs that are an input or another output: refused under all names.
 fn outputs() -> Vec<Case> {
     let case = |args: &[&str]| {
         let shaped = SMALL
@@ -504,7 +504,7 @@ fn outputs() -> Vec<Case> {
     cases
 }
 
-/// Standard output goes to a disk without room.
+/// Returns commands whose standard output goes to a full disk.
 fn full_disks() -> Vec<Case> {
     let whole = journal();
     let commands: [&[&str]; 19] = [
@@ -554,7 +554,7 @@ fn keys_and_options() {
 }
 
 #[test]
-fn what_is_no_file() {
+fn other_kinds_of_entries() {
     run_all(&special_files());
 }
 

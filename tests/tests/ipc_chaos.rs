@@ -1,5 +1,5 @@
-//! Swarms of real processes that are broken from outside: whatever happens, what is still alive
-//! goes on, nothing is silent, and nothing is left behind.
+//! Swarms of real processes that are broken from outside: live modules go on, every loss is reported, and no
+//! file is left behind.
 
 use metamorph_module_agent::run_dir::counter_file::Ledger;
 use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
@@ -58,7 +58,7 @@ fn an_agent_killed_from_outside_is_told_apart_and_the_rest_goes_on() {
     });
     let came_to = controller.finish();
     assert_eq!((came_to["alive"], came_to["crashes"], came_to["external"]), (4, 0, 1));
-    assert_eq!(came_to["missing_ledgers"], 0, "what the victim had counted is still there");
+    assert_eq!(came_to["missing_ledgers"], 0, "the counts of the victim are kept");
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn an_agent_that_breaks_down_is_reported_with_its_last_words() {
 }
 
 #[test]
-fn a_stopped_agent_holds_up_nobody_and_goes_on_when_it_is_let() {
+fn a_stopped_agent_blocks_no_other_and_goes_on_when_continued() {
     let controller = start(3, 2);
     let middle = controller.agent(1, 0);
     signal_to(middle.pid, Signal::STOP);
@@ -93,9 +93,9 @@ fn a_stopped_agent_holds_up_nobody_and_goes_on_when_it_is_let() {
     assert_eq!((came_to["alive"], came_to["crashes"], came_to["foreign"]), (3, 0, 0));
 }
 
-/// Who writes garbage, or under a false name, is counted apart and believed nothing.
+/// Garbage, and frames under a false name, are counted separately and have no effect.
 #[test]
-fn what_strangers_write_is_counted_and_changes_nothing() {
+fn foreign_frames_are_counted_and_change_nothing() {
     let controller = start(3, 5);
     let at = Rendezvous::join(&controller.root).unwrap();
     let mut outbox = Outbox::to_agent(&at, ModuleId(1), FIRST).unwrap();
@@ -115,9 +115,9 @@ fn what_strangers_write_is_counted_and_changes_nothing() {
     let mut packets: Vec<Packet> = [
         // A hello to an agent, out of sequence.
         header,
-        // For someone else.
+        // For another module.
         Header { destination: ModuleId(0), ..header },
-        // From a neighbour that is none, in a session that is the right one or none at all.
+        // From a module that is not a neighbour, in a valid session or in none.
         Header { channel: Channel::Peer, source: ModuleId(77), session: 1, ..header },
         Header { channel: Channel::Peer, source: ModuleId(0), session: 999, ..header },
     ]
@@ -143,7 +143,7 @@ fn what_strangers_write_is_counted_and_changes_nothing() {
     assert!(came_to["foreign"] >= 42, "{came_to:?}");
 }
 
-/// Whoever is due in less than a microsecond does not wait for ever.
+/// A wait of less than a microsecond ends.
 #[test]
 fn the_shortest_wait_ends() {
     let controller = start(2, 0);
@@ -163,8 +163,8 @@ fn the_shortest_wait_ends() {
     controller.finish();
 }
 
-/// `kill -9` of the controller, with a stopped agent among the others: no process stays, and one
-/// cleaning removes the rest. Another run, which lives, is not touched.
+/// `kill -9` of the controller, with a stopped agent among the others: no process stays, and one cleanup
+/// removes the rest. Another live run is not touched.
 #[test]
 fn a_killed_controller_leaves_no_process_and_cleaning_removes_the_rest() {
     let other = start(2, 5);
@@ -181,7 +181,7 @@ fn a_killed_controller_leaves_no_process_and_cleaning_removes_the_rest() {
     assert_eq!((came_to["alive"], came_to["crashes"]), (2, 0));
 }
 
-/// Agents whose parent is not the controller are not killed by the kernel with it; they notice.
+/// Agents whose parent is not the controller are not killed by the kernel with it; they detect its end.
 #[test]
 fn agents_behind_a_wrapper_notice_that_their_controller_is_gone() {
     let shell = ["/bin/sh", "-c", "\"$0\" \"$@\"; exit $?", AGENT];
@@ -192,7 +192,7 @@ fn agents_behind_a_wrapper_notice_that_their_controller_is_gone() {
     wait_until("the agents to end by themselves", || agents.iter().all(|a| !a.is_alive()));
 }
 
-/// Agents that do not notice, because they are stopped, are ended by cleaning.
+/// Agents that do not notice, because they are stopped, are ended by a cleanup.
 #[test]
 fn cleaning_ends_agents_that_cannot_end_by_themselves() {
     let shell = ["/bin/sh", "-c", "\"$0\" \"$@\"; exit $?", AGENT];
@@ -214,7 +214,7 @@ fn try_swarm(options: &SwarmOptions) -> Result<(), SwarmError> {
 }
 
 #[test]
-fn a_swarm_that_cannot_start_says_why() {
+fn a_swarm_that_cannot_start_gives_the_reason() {
     let error = try_swarm(&SwarmOptions::new("/no/such/program".into())).unwrap_err();
     assert!(matches!(error, SwarmError::Spawn { .. }), "{error}");
 
@@ -276,14 +276,14 @@ fn a_shutdown_ends_a_swarm_that_is_not_done() {
     let mut script = Script::new(2)
         .command(Command::Pause(ModuleId(1)))
         .world(move |_| shutdown.request())
-        .until("what never comes", |_| false);
+        .until("an event that never comes", |_| false);
     let outcome = run_swarm(&options, &ProbeSetup::default(), &mut ProbeWorld::line(2), &mut script).unwrap();
     assert!(outcome.interrupted && outcome.crashes.is_empty());
     assert_eq!((outcome.alive, outcome.launched), (2, 2));
 }
 
-/// A long series of kills, restarts, pauses and changes of contacts under traffic: nothing breaks
-/// that was not broken on purpose, everyone who should be alive is, and the counts add up.
+/// Runs a long series of kills, restarts, pauses and changes of contacts under traffic: all live modules go
+/// on, and the counts are balanced.
 fn storm(count: u32, rounds: u32, seed: u64) -> ProcessBed {
     let mut random = Stream::named(seed, "storm", 0);
     let chat = ProbeOrder::Chat(metamorph_protocol::time::Span::millis(3));
@@ -291,7 +291,7 @@ fn storm(count: u32, rounds: u32, seed: u64) -> ProcessBed {
     for id in 0..count {
         script = script.order(id, chat);
     }
-    let mut lives = vec![1; count as usize];
+    let mut starts = vec![1; count as usize];
     let mut paused = BTreeSet::new();
     for _ in 0..rounds {
         let id = random.below(count.into()) as u32;
@@ -299,11 +299,11 @@ fn storm(count: u32, rounds: u32, seed: u64) -> ProcessBed {
         script = match random.below(4) {
             0 | 1 => {
                 paused.remove(&id);
-                lives[id as usize] += 1;
-                let times = lives[id as usize];
+                starts[id as usize] += 1;
+                let times = starts[id as usize];
                 script
                     .command(Command::Kill(module))
-                    // Some restarts come before the end is known, some after.
+                    // Some restarts come before the death is known, some after.
                     .command(Command::Restart(module))
                     .until_started(id, times)
                     .order(id, chat)
@@ -317,7 +317,7 @@ fn storm(count: u32, rounds: u32, seed: u64) -> ProcessBed {
                 script.command(Command::Resume(module)).settle(id)
             }
         };
-        // Someone who runs, so that traffic goes on between the blows.
+        // A module that runs, so that traffic goes on between the faults.
         if let Some(runs) = (0..count).find(|i| !paused.contains(i)) {
             script = script.settle(runs);
         }
@@ -329,7 +329,7 @@ fn storm(count: u32, rounds: u32, seed: u64) -> ProcessBed {
     let model = LinkModel { loss: Ratio::new(1, 20).expect("a probability"), ..LinkModel::default() };
     let tally = bed.run(&model, &mut ProbeWorld::line(count), &mut script);
     assert_eq!(script.gave_up, None);
-    let restarts = lives.iter().map(|l| l - 1).sum::<usize>() as u32;
+    let restarts = starts.iter().map(|l| l - 1).sum::<usize>() as u32;
     let outcome = &bed.outcome;
     assert_eq!(outcome.crashes, []);
     assert_eq!((outcome.alive, outcome.restarted, outcome.killed), (count, restarts, restarts));
@@ -355,23 +355,23 @@ fn a_long_storm_over_many() {
     println!("{:#?}", bed.outcome);
 }
 
-/// A neighbour lives far more often than an inbox has places: those of the dead are given back.
+/// A neighbour is restarted far more often than an inbox has places: those of dead incarnations are released.
 #[test]
-fn the_dead_take_no_places_for_ever() {
-    const LIVES: u32 = 40;
+fn dead_incarnations_release_their_places() {
+    const RESTARTS: u32 = 40;
     let module = ModuleId(1);
     let mut script = Script::new(2);
-    for life in 1..=LIVES {
+    for number in 1..=RESTARTS {
         // With the first message the neighbour takes a place.
-        script = script.send(1, 0, life, 1).until_got(0, 1, life as usize);
-        script = script.command(Command::Kill(module)).until_died(1, life as usize);
-        script = script.command(Command::Restart(module)).until_started(1, life as usize + 1);
+        script = script.send(1, 0, number, 1).until_got(0, 1, number as usize);
+        script = script.command(Command::Kill(module)).until_died(1, number as usize);
+        script = script.command(Command::Restart(module)).until_started(1, number as usize + 1);
     }
     let mut script = script.settle(0);
     let mut bed = ProcessBed::new(AGENT);
     bed.run(&LinkModel::default(), &mut ProbeWorld::line(2), &mut script);
     assert_eq!(script.gave_up, None);
-    assert_eq!(script.log.got(ModuleId(0), Port(1)), (1..=LIVES).collect::<Vec<_>>());
-    assert_eq!((bed.outcome.alive, bed.outcome.killed, bed.outcome.restarted), (2, LIVES, LIVES));
+    assert_eq!(script.log.got(ModuleId(0), Port(1)), (1..=RESTARTS).collect::<Vec<_>>());
+    assert_eq!((bed.outcome.alive, bed.outcome.killed, bed.outcome.restarted), (2, RESTARTS, RESTARTS));
     assert_eq!((bed.outcome.crashes.len(), bed.outcome.foreign), (0, 0));
 }

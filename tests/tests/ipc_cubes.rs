@@ -1,4 +1,4 @@
-//! The real thing: cubes as processes build a shape, while some of them are killed and stopped.
+//! Cubes as processes build a shape, while some of them are killed and stopped.
 
 use metamorph_module_agent::clock::Speed;
 use metamorph_protocol::cube::params::{Params, Setup};
@@ -17,7 +17,7 @@ use metamorph_world_controller::report::balance::unbalanced;
 use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_swarm};
 use std::sync::Arc;
 
-/// A slab of `side` by `side` cubes builds a block in its middle.
+/// Lets a slab of `side` by `side` cubes build a block in its middle.
 fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Option<Outcome>, SwarmOutcome) {
     let cells = |min, max| Shape::Box { min, max }.cells().expect("a shape");
     let start = cells(Cell::new(0, 0, 0), Cell::new(side - 1, side - 1, 0));
@@ -43,7 +43,7 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
         ..SwarmOptions::new(module_agent().into())
     };
     let outcome = run_swarm(&options, setup.as_ref(), &mut world, &mut director).expect("the swarm runs");
-    #[allow(clippy::print_stdout, reason = "shown only when the test fails or is asked to")]
+    #[allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
     {
         println!("{:?} {:?} {:?} {outcome:#?}", director.outcome(), director.progress(), director.stall());
     }
@@ -63,9 +63,9 @@ fn thirty_six_cubes_build_a_block_of_processes() {
 }
 
 /// At a thousand times real speed a move takes a millisecond, which is less than a machine takes to wake
-/// sixteen processes: the clock is slowed to what they can follow, and they build all the same.
+/// sixteen processes: the clock is slowed to a rate that they can follow, and they build all the same.
 #[test]
-fn a_clock_that_nobody_can_follow_is_slowed() {
+fn a_clock_that_is_too_fast_is_slowed() {
     let (came_to, swarm) = build(4, 2, 1_000, vec![]);
     assert_eq!(came_to, Some(Outcome::Built));
     assert!(swarm.slowed.lowest < 0.9 && swarm.slowed.factor < 1.0, "{:?}", swarm.slowed);

@@ -1,4 +1,4 @@
-//! What a swarm of processes costs. Not a test of the machine: it only prints.
+//! Costs of a swarm of processes. Not a test: it only prints.
 //!
 //! `cargo test --release --test ipc_measure -- --ignored --nocapture`
 
@@ -15,8 +15,8 @@ use std::time::Duration;
 const AGENT: &str = env!("CARGO_BIN_EXE_probe-agent");
 const CONTROLLER: &str = env!("CARGO_BIN_EXE_probe-controller");
 
-/// Nanoseconds that all threads of a process have run so far. Clock ticks would not do: waking up
-/// for some microseconds once a second falls between them.
+/// Returns the run time of all threads of a process in nanoseconds. Clock ticks would not do: a wake-up of
+/// some microseconds once a second falls between them.
 fn ran(pid: i32) -> u64 {
     let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     let time = |thread: std::fs::DirEntry| -> Option<u64> {
@@ -33,7 +33,7 @@ fn measure(count: u32) {
     let agents = controller.agents();
     let all = || agents.iter().map(|a| ran(a.pid)).sum::<u64>();
     let (own, before) = (ran(controller.pid()), all());
-    // An idle swarm announces nothing; this is the one thing to wait for by the clock.
+    // An idle swarm announces no event, so this waits by the clock.
     std::thread::park_timeout(Duration::from_secs(10));
     let (own, idle) = (ran(controller.pid()) - own, all() - before);
     let stopping = monotonic();
@@ -62,7 +62,7 @@ fn a_thousand_agents() {
     measure(1_000);
 }
 
-/// Orders, reports and messages: how long one round over all of them takes.
+/// Orders, reports and messages: the duration of one round over all of them.
 #[test]
 #[ignore = "prints figures of this machine"]
 fn rounds_between_two_agents() {

@@ -1,5 +1,5 @@
-//! The real thing: metamodules as processes run the thesis's box and chair, as `metamorph run` does.
-#![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
+//! Metamodules as processes build the thesis's box and chair, as `metamorph run` does.
+#![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
 use metamorph_tests::chaos::signal_to;
 use metamorph_tests::command::{Ran, command, scenario};
@@ -10,10 +10,10 @@ use std::process::Stdio;
 use std::sync::mpsc;
 use std::time::Duration;
 
-/// No run takes longer. One that does is asked to end, so that it removes what it has made.
+/// The longest run. One that takes longer is asked to end, so that it removes its files.
 const WATCHDOG: Duration = Duration::from_secs(240);
 
-/// Runs a scenario that ships with the program, and returns what must not be otherwise.
+/// Runs a scenario that ships with the program, and returns its report after the common checks.
 fn run(name: &str, link: &str, options: &[&str]) -> Report {
     let path = scenario(name).display().to_string();
     let fixed = ["run", path.as_str(), "--link", link, "--json", "-"];
@@ -51,8 +51,8 @@ fn a_box_of_four_processes() {
     assert!(report.moves > 0 && report.messages.all.delivered > 0);
 }
 
-/// With all that the scenario breaks: a kill, failed connections, lost messages. With this seed the
-/// fourth connection is the first that fails, and somebody dies long before the chair can be done.
+/// With all faults of the scenario: a kill, failed connections, lost messages. With this seed the fourth
+/// connection is the first that fails, and a metamodule dies long before the chair can be done.
 #[test]
 fn a_chair_of_six_processes_while_things_break() {
     let report = as_processes("chair-hardware.toml", &["--seed", "18"]);
@@ -72,8 +72,8 @@ fn chairs_of_six_processes() {
     }
 }
 
-/// Processes find out among themselves that they are stuck; greedy ones with a chair are, in half of the runs.
-/// By their precedence some of them wait for others only, not for a lock.
+/// Processes detect among themselves that they are at a standstill; greedy ones with a chair are, in half of
+/// the runs. By their precedence some of them wait for others only, not for a lock.
 #[test]
 fn processes_find_their_deadlock() {
     let greedy = ["--set", "protocol.strategy=greedy", "--set", "protocol.detector=true"];
@@ -86,13 +86,12 @@ fn processes_find_their_deadlock() {
     assert!(found.at_s <= 500.0 && waiting.iter().any(|w| w.module == found.by), "{found:?} {waiting:?}");
 }
 
-/// The simulator stands for the real thing: from the same starts, over links with the same delays,
-/// both build, with as many moves. Real processes do not repeat a run event by event, so it is the
-/// distributions that are compared.
+/// Compares the simulator with processes: from the same starts, over links with the same delays, both build,
+/// with as many moves. Processes do not repeat a run event by event, so the distributions are compared.
 ///
-/// At fifty times real speed a millisecond that a process is late counts as 50 ms of scenario time,
-/// which is within the 10 to 100 ms that links are slow by anyway; at ten times that speed the scheduler
-/// would decide who goes first, and slower it would only take longer.
+/// At fifty times real speed a millisecond that a process is late counts as 50 ms of scenario time, which is
+/// within the 10 to 100 ms of the links' delays; at ten times that speed the scheduler would decide which
+/// goes first, and slower runs would only take longer.
 fn compare(name: &str, seeds: std::ops::RangeInclusive<u64>) {
     let (mut real, mut simulated) = (Vec::new(), Vec::new());
     for seed in seeds {

@@ -1,11 +1,11 @@
-//! Swarms of processes that are large for what the system allows: the controller makes do with fewer
-//! descriptors than ways to all agents would cost, and says so when even that is not enough.
+//! Swarms of processes that are large for the limits of the system: the controller works with fewer
+//! descriptors than connections to all agents would need, and reports when even those are too few.
 
 use metamorph_tests::command::{Ran, metamorph, root, scenario};
 use serde_json::Value;
 use std::process::{Command, Stdio};
 
-/// Runs a scenario of 100 modules as processes with at most so many descriptors.
+/// Runs a scenario of 100 modules as processes with at most this many descriptors.
 fn line_to_box(descriptors: u32) -> Ran {
     let mut shell = Command::new("sh");
     shell.args(["-c", &format!("ulimit -n {descriptors}; exec \"$0\" \"$@\"")]).arg(metamorph());
@@ -15,8 +15,8 @@ fn line_to_box(descriptors: u32) -> Ran {
 }
 
 #[test]
-fn ways_to_agents_are_closed_and_opened_again() {
-    // Enough for 64 ways to 100 agents.
+fn connections_to_agents_are_closed_and_opened_again() {
+    // Enough for 64 connections to 100 agents.
     let ran = line_to_box(1_200);
     assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
     let report: Value = serde_json::from_str(&ran.out).expect("a report");
@@ -28,7 +28,7 @@ fn ways_to_agents_are_closed_and_opened_again() {
 }
 
 #[test]
-fn too_few_descriptors_are_complained_about() {
+fn too_few_descriptors_are_refused() {
     let ran = line_to_box(900);
     assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""));
     assert!(ran.err.contains("needs 1196 open files") && ran.err.contains("ulimit -Hn"), "{}", ran.err);

@@ -1,9 +1,9 @@
-//! Real runs in a world that gives them too little, or puts things before them that are not theirs: full
-//! disks, small memories, other runs, strangers who write into inboxes.
+//! Real runs with too few resources or foreign interference: full disks, small memories, other runs, foreign
+//! processes that write into inboxes.
 //!
 //! A small disk or memory is a mount in a namespace of its own, which ends with the run. Where the system
 //! allows none, these tests say so and check nothing.
-#![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
+#![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
 use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_module_agent::transport::iceoryx::outbox::{Handed, Outbox};
@@ -39,8 +39,8 @@ fn notes(report: &Value) -> String {
     report["notes"].to_string()
 }
 
-/// Runs a shell script in a namespace of mounts of its own, with `small` a disk of so many bytes. None if
-/// the system allows none.
+/// Runs a shell script in a namespace of mounts of its own, with `small` a disk of this size. `None` if the
+/// system allows none.
 fn with_small_disk(small: &Path, size: &str, script: &str) -> Option<Ran> {
     module_agent();
     let mount = format!("mount -t tmpfs -o size={size} tmpfs {} || exit 77; {script}", small.display());
@@ -54,7 +54,7 @@ fn with_small_disk(small: &Path, size: &str, script: &str) -> Option<Ran> {
     (!denied).then_some(ran)
 }
 
-/// A disk that is full ends the journal. The run goes on, says what is missing, and what is there replays.
+/// A full disk ends the journal. The run goes on and reports what is missing; the rest replays.
 #[test]
 fn a_full_disk_ends_the_journal_and_not_the_run() {
     let dir = tempfile::tempdir().expect("a directory");
@@ -73,7 +73,7 @@ fn a_full_disk_ends_the_journal_and_not_the_run() {
     assert_eq!((ran.code, report["outcome"].as_str()), (Some(0), Some("built")), "{ran:?}");
     assert!(notes(&report).contains("missing from the journal: "), "{report}");
     assert!(notes(&report).contains("could not be joined, and stay in"), "{report}");
-    // What messages came to is counted elsewhere, and complete.
+    // The fates of messages are counted elsewhere, and complete.
     let all = &report["messages"]["all"];
     let of = |what: &str| all[what].as_i64().expect("a count");
     let met =
@@ -85,9 +85,9 @@ fn a_full_disk_ends_the_journal_and_not_the_run() {
     assert!(replayed.done.steps > 100 && replayed.ended.is_none());
 }
 
-/// Too little shared memory is found before anything is started.
+/// Too little shared memory is detected before any process is started.
 #[test]
-fn too_little_shared_memory_is_said_at_once() {
+fn too_little_shared_memory_is_refused_at_once() {
     let (program, file) = (metamorph().display(), scenario("swarm.toml"));
     let script = format!(
         "timeout 200 {program} run {} --time-scale 20; code=$?; ls -A /dev/shm; exit $code",
@@ -99,9 +99,9 @@ fn too_little_shared_memory_is_said_at_once() {
     assert_eq!(ran.out.trim(), "", "nothing stays: {ran:?}");
 }
 
-/// Something else fills the shared memory while a run is on: the run ends in order and says why.
+/// Another process fills the shared memory during a run: the run ends in order and gives the reason.
 #[test]
-fn what_fills_shared_memory_ends_the_run_with_the_reason() {
+fn full_shared_memory_ends_the_run_with_the_reason() {
     let (program, file) = (metamorph().display(), scenario("swarm.toml"));
     let script = format!(
         "timeout 200 {program} run {} --time-scale 1 --json - & pid=$!; \
@@ -117,9 +117,9 @@ fn what_fills_shared_memory_ends_the_run_with_the_reason() {
     assert!(notes(&report).contains("the run was ended early: shared memory is full"), "{report}");
 }
 
-/// A limit of file sizes is an error, and not the end by a signal.
+/// A limit of file sizes is an error, and does not end the command by a signal.
 #[test]
-fn a_limit_of_file_sizes_is_said_at_once() {
+fn a_limit_of_file_sizes_is_refused_at_once() {
     let (program, file) = (metamorph().display(), scenario("swarm.toml"));
     let script = format!("ulimit -f 1000; exec {program} run {} -q", file.display());
     let ran: Ran = Command::new("sh").args(["-c", &script]).output().expect("a shell can be started").into();
@@ -127,7 +127,7 @@ fn a_limit_of_file_sizes_is_said_at_once() {
     assert!(ran.err.contains("ulimit -f"), "{ran:?}");
 }
 
-/// An agent that dies of a lack of memory is reported so.
+/// An agent that dies from a lack of memory is reported as such.
 #[test]
 fn an_agent_that_dies_of_sigbus_is_reported_so() {
     let dir = tempfile::tempdir().expect("a directory");
@@ -141,7 +141,7 @@ fn an_agent_that_dies_of_sigbus_is_reported_so() {
     let victim = victim.expect("it was just there");
     let pid = Pid::from_raw(victim.pid).expect("a pid is not 0");
     wait_until("it to be dead", || {
-        // The standard library takes the first one, since a fault comes again.
+        // The standard library catches the first signal, since a fault comes again.
         let _ = kill_process(pid, Signal::BUS);
         !victim.is_alive()
     });
@@ -149,13 +149,13 @@ fn an_agent_that_dies_of_sigbus_is_reported_so() {
     assert!(notes(&report).contains("module 20 died of SIGBUS: shared memory"), "{report}");
 }
 
-/// Whether all agents of a run are up: what was held for them is given back.
+/// Returns true if all agents of a run are up: the memory reserved for them is released.
 fn begun(root: &Path) -> bool {
     std::fs::metadata(root.join("reserve")).is_ok_and(|held| held.len() == 1 << 20)
 }
 
-/// Other users can neither read nor write what a run has in shared memory, at any time of it; and nothing of it
-/// has a size without the pages for it, which would end the process that writes there when they run out.
+/// Other users can neither read nor write the files of a run in shared memory, at any time; and no file has a
+/// size without the pages for it, which would end the process that writes there when they run out.
 #[test]
 fn shared_memory_is_private_and_really_there() {
     for file in ["swarm.toml", "chair.toml"] {
@@ -176,7 +176,7 @@ fn shared_memory_is_private_and_really_there() {
                     continue;
                 }
                 assert_eq!(found.mode() & 0o077, 0, "{file} is {:o}", found.mode());
-                // Of what an agent is just making, pages may still be missing.
+                // A file that an agent is just creating may still lack pages.
                 let age = found.modified().ok().and_then(|at| at.elapsed().ok()).unwrap_or_default();
                 if on && found.is_file() && age > Duration::from_secs(1) {
                     segments += 1;
@@ -190,7 +190,7 @@ fn shared_memory_is_private_and_really_there() {
     }
 }
 
-/// A run of the command. Asked to end when it is dropped, so that it removes what it has made.
+/// A run of the command. Asked to end when it is dropped, so that it removes its files.
 struct Run(Option<Child>);
 
 impl Run {
@@ -249,16 +249,16 @@ fn two_runs_side_by_side_do_not_disturb_each_other() {
     assert_eq!(run(&["clean"]).code, Some(0));
     for (ran, journal) in [one.end(), two.end()].iter().zip(&journals) {
         let report = assert_built(ran);
-        assert_eq!(notes(&report), "[]", "nothing foreign, nobody lost");
+        assert_eq!(notes(&report), "[]", "no foreign frames, no module lost");
         let replayed = again(journal);
         assert_eq!((replayed.difference, replayed.done.unchecked), (None, 0));
     }
 }
 
-/// A stranger fills the inbox of a module that is stopped, up to the brim, and lets it go: all of it is
-/// refused and counted, the run is built, and its journal knows nothing of it.
+/// A foreign process fills the inbox of a stopped module, which is then continued: all frames are refused and
+/// counted, the run is built, and its journal has no trace of them.
 #[test]
-fn a_stranger_who_fills_an_inbox_changes_nothing() {
+fn a_foreign_process_that_fills_an_inbox_changes_nothing() {
     let dir = tempfile::tempdir().expect("a directory");
     let journal = dir.path().join("journal");
     let run = Run::start(&journal, &["--time-scale", "5"]);
@@ -268,7 +268,7 @@ fn a_stranger_who_fills_an_inbox_changes_nothing() {
         place.is_some()
     });
     let (victim, root) = place.expect("it was just there");
-    let at = Rendezvous::join(&root).expect("anybody who may can join");
+    let at = Rendezvous::join(&root).expect("any permitted process can join");
     let mut outbox = None;
     wait_until("its inbox to be there", || {
         outbox = Outbox::to_agent(&at, ModuleId(20), Incarnation(0)).ok();

@@ -1,6 +1,6 @@
-//! Journals: what a run writes down can be carried out again, to the same states and counts, on either
-//! link and however the run was broken; what cannot is found and named.
-#![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
+//! Journals: a run can be replayed to the same states and counts, on either link and with all faults;
+//! differences are found and named.
+#![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
 use metamorph_module_agent::journal_file::{Head, Reader, Writer};
 use metamorph_protocol::ids::ModuleId;
@@ -35,14 +35,14 @@ fn report(ran: &Ran) -> serde_json::Value {
     serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"))
 }
 
-/// The replay came to what the run came to, in every state and count, with nothing left out.
+/// Asserts that a replay has the states and counts of the run, with no part left out.
 fn assert_same(ran: &Ran, replayed: &Replayed) {
     let report = report(ran);
     assert_eq!(report["notes"].as_array().map(Vec::len), Some(0), "{report}");
     assert_eq!(replayed.ended.as_deref(), report["outcome"].as_str());
     let (sent, counted) = (replayed.tally.total().sent, report["messages"]["total"].as_u64());
     println!("{sent} messages sent, counted in the run: {counted:?}");
-    // Whoever is killed may have written a step down and not yet counted it.
+    // A killed agent may have recorded a step that it had not counted yet.
     assert!(counted.is_some_and(|counted| sent >= counted && sent <= counted + 50));
     assert_eq!(replayed.difference, None);
     assert_eq!((replayed.troubles.as_slice(), replayed.done.unchecked), (&[] as &[String], 0));
@@ -72,7 +72,7 @@ fn a_simulated_run_is_the_same_with_a_journal_and_in_its_replay() {
     }
 }
 
-/// Faults of all kinds that processes have, at times that the seed decides.
+/// Returns faults of all kinds that processes have, at times drawn from the seed.
 fn broken(seed: u64) -> Vec<String> {
     let mut random = Stream::named(seed, "journal faults", 0);
     let mut ms = |least: u64, span: u64| least + random.below(span);
@@ -139,7 +139,7 @@ fn write(path: &Path, head: &Head, records: &[Record]) {
     records.iter().for_each(|r| writer.put(r));
 }
 
-/// What a journal says and did not happen is found, at the record that says it.
+/// A false record in a journal is found, at that record.
 #[test]
 fn a_changed_journal_is_found_out() {
     let dir = tempfile::tempdir().expect("a directory");
@@ -167,7 +167,7 @@ fn a_changed_journal_is_found_out() {
     });
     assert_eq!((found.number, found.who), (i as u64 + 1, victim));
     assert!(found.what.contains("state"), "{found:?}");
-    // A message that nobody has sent.
+    // A message that was never sent.
     let found = at(i, &|e| {
         if let Event::Step(step) = e
             && let Taken::Message { name, .. } = &mut step.input
@@ -177,7 +177,7 @@ fn a_changed_journal_is_found_out() {
     });
     assert_eq!((found.number, found.who), (i as u64 + 1, victim));
     assert!(found.what.contains("had not sent"), "{found:?}");
-    // A message that says something else.
+    // A message with another content.
     let found = at(i, &|e| {
         if let Event::Step(step) = e
             && let Taken::Message { message, .. } = &mut step.input
@@ -186,7 +186,7 @@ fn a_changed_journal_is_found_out() {
         }
     });
     assert_eq!((found.number, found.who), (i as u64 + 1, victim));
-    // A body somewhere else.
+    // A body at another place.
     let i = find(&|e| matches!(e, Event::Advance { ended } if !ended.is_empty()));
     let found = at(i, &|e| {
         if let Event::Advance { ended } = e {
@@ -211,9 +211,9 @@ fn a_changed_journal_is_found_out() {
     assert!(found.what.contains("ended deadlock, and now it ends built"), "{found:?}");
 }
 
-/// As a user sees it: exit codes, the cut, the refusal by name, and one agent's history.
+/// As a user sees it: exit codes, the cut, the refusal by name, and the history of one agent.
 #[test]
-fn the_command_says_what_it_finds() {
+fn the_command_reports_its_findings() {
     let dir = tempfile::tempdir().expect("a directory");
     let journal = dir.path().join("journal");
     record("swarm.toml", "sim", &[], &journal);
@@ -231,8 +231,8 @@ fn the_command_says_what_it_finds() {
     assert_eq!(agent.out.lines().filter(inside).collect::<Vec<_>>(), Vec::<&str>::new());
     let state = run(&["replay", &file, "--until", "5s"]);
     assert!(state.out.contains("module 41 at") && state.out.contains("dead"), "{state:?}");
-    let nobody = run(&["replay", &file, "--agent", "42"]);
-    assert!(nobody.code == Some(2) && nobody.err.contains("modules 0 to 41"), "{nobody:?}");
+    let unknown = run(&["replay", &file, "--agent", "42"]);
+    assert!(unknown.code == Some(2) && unknown.err.contains("modules 0 to 41"), "{unknown:?}");
 
     let bytes = std::fs::read(&journal).expect("it is there");
     std::fs::write(&journal, &bytes[..bytes.len() / 2]).expect("it can be written");
@@ -248,9 +248,9 @@ fn the_command_says_what_it_finds() {
     assert!(none.code == Some(2) && none.err.contains("no-such-file"), "{none:?}");
 }
 
-/// What a viewer needs is there: the scenario, where bodies are, what agents are about, the faults.
+/// A viewer finds all that it needs: the scenario, the places of bodies, the states of agents, the faults.
 #[test]
-fn a_journal_tells_what_a_viewer_needs() {
+fn a_journal_contains_all_that_a_viewer_needs() {
     let dir = tempfile::tempdir().expect("a directory");
     let journal = dir.path().join("journal");
     record("swarm.toml", "sim", &["--kill", "3@2s"], &journal);

@@ -1,6 +1,6 @@
 //! Damaged journals: an error with an exit code of its own that names the place, in every command that reads
-//! journals. What a killed writer leaves behind is none.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! journals. The traces of a killed writer are not damage.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_module_agent::journal_file::{Head, Reader, RunId, Writer, agent_part, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -29,7 +29,7 @@ fn record(journal: &Path, seed: &str) {
     assert_eq!(ran.code, Some(0), "{ran:?}");
 }
 
-/// The frames of a file.
+/// Returns the frames of a file.
 fn frames(bytes: &[u8]) -> Vec<Range<usize>> {
     let mut at = 10;
     std::iter::from_fn(|| {
@@ -41,7 +41,7 @@ fn frames(bytes: &[u8]) -> Vec<Range<usize>> {
     .collect()
 }
 
-/// The journal as the parts that a run of processes would have left, in the directory beside `file`.
+/// Splits a journal into the parts that a run of processes would have left, in the directory beside `file`.
 fn split(journal: &Path, file: &Path) -> PathBuf {
     let dir = parts_of(file);
     fs::create_dir(&dir).unwrap();
@@ -63,7 +63,7 @@ fn split(journal: &Path, file: &Path) -> PathBuf {
     dir
 }
 
-/// Looks at a file until it is served, and ends that.
+/// Runs `view` on a file until the page is served, and ends it.
 fn view(file: &Path) -> Ran {
     let mut view =
         command(&["view", text(file)]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -82,7 +82,7 @@ fn assert_damaged(ran: &Ran, file: &Path, what: &str) {
     }
 }
 
-/// Every command that reads a journal says that it is damaged, in `file`.
+/// Asserts that every command that reads a journal reports damage in `file`.
 fn assert_found(journal: &Path, file: &Path, what: &str) {
     let replayed = run(&["replay", text(journal)]);
     assert_damaged(&replayed, file, what);
@@ -123,11 +123,11 @@ fn damage_within_a_journal_is_an_error_of_its_own() {
         let replayed = run(&["replay", text(&journal)]);
         assert!(replayed.out.contains("identical states up to the damage"), "{replayed:?}");
     }
-    // What comes before is shown.
+    // The part before the damage is shown.
     let viewed = view(&journal);
     assert_damaged(&viewed, &journal, order);
     assert!(viewed.out.contains("http://"), "{viewed:?}");
-    // Of a damaged head nothing can be.
+    // With a damaged head no part can be shown.
     let mut head = good.clone();
     head[40] ^= 1;
     fs::write(&journal, head).unwrap();
@@ -147,7 +147,7 @@ fn damaged_missing_and_foreign_parts_are_errors() {
         let parts = split(&one, &file);
         let named = tamper(&parts);
         assert_found(&file, &named, what);
-        // A run is not taken over with it either.
+        // Such a run cannot be resumed either.
         let resumed = run(&["resume", text(&file), "--json", "-"]);
         assert_damaged(&resumed, &named, what);
         assert_eq!(resumed.out, "");
@@ -201,7 +201,7 @@ fn torn_ends_are_notes() {
     let whole = run(&["replay", text(&file)]);
     assert_eq!(whole.code, Some(0), "{whole:?}");
     assert!(whole.out.contains("the run ended built"), "{whole:?}");
-    // Killed while it began: the controller does not know of it.
+    // Killed during its start: the controller does not know of it.
     fs::write(agent_part(&parts, ModuleId(7), Incarnation(1)), b"MMJOU").unwrap();
     let part = agent_part(&parts, ModuleId(7), Incarnation(0));
     let cut = |path: &Path| {
@@ -241,7 +241,7 @@ fn identities_follow_from_scenario_and_seed() {
     assert_ne!(id(&one), RunId::default());
 }
 
-/// Inputs of the director go where they came from: this one takes none, and says so.
+/// Recorded inputs of the director are handed to it again: this one takes none, and says so.
 #[test]
 fn inputs_are_handed_to_the_director() {
     let dir = tempfile::tempdir().unwrap();

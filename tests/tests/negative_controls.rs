@@ -1,5 +1,5 @@
-//! Protocols that are known to be wrong, and the invariants that say so: a harness that cannot see a
-//! broken protocol break proves nothing about a sound one.
+//! Protocols with known defects, and the invariants that find them: a test harness that cannot find a known
+//! defect proves nothing about a sound protocol.
 
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
@@ -25,7 +25,7 @@ use metamorph_tests::growth::{Experiment, Ran, ball};
 use std::hash::Hasher;
 use std::sync::Arc;
 
-/// Runs a sabotaged experiment for a few seeds until an invariant breaks.
+/// Runs an experiment with a defect for a few seeds until an invariant breaks.
 fn breaks(invariant: Invariant, seeds: u64, vary: impl Fn(Experiment) -> Experiment) {
     let mut last: Option<Ran> = None;
     for seed in 1..=seeds {
@@ -56,7 +56,7 @@ fn the_published_gradient_tears_the_body() {
 }
 
 #[test]
-fn without_sessions_late_messages_are_believed() {
+fn without_sessions_late_messages_are_accepted() {
     breaks(SESSION_CURRENT, 3, |mut e| {
         e.ignore_sessions = true;
         e
@@ -74,16 +74,16 @@ fn forgetting_silent_children_lets_parents_leave() {
 }
 
 #[test]
-fn leaving_in_spite_of_locks_is_noticed() {
+fn leaving_in_spite_of_locks_is_found() {
     breaks(MOVER_SUPPORTED, 6, |e| sabotage(e, Sabotage::IgnoreLocks));
 }
 
 #[test]
-fn believing_old_distances_makes_circles() {
+fn accepting_old_distances_makes_circles() {
     breaks(FIELD_LOOP_FREE, 3, |e| sabotage(e, Sabotage::AcceptStaleValues));
 }
 
-/// The rule that is enough for scaffolds walls in cells of a solid.
+/// The rule that suffices for scaffolds walls in cells of a solid.
 #[test]
 fn any_lower_neighbour_is_not_enough_for_solids() {
     let walled_in = (1..=3).any(|seed| {
@@ -94,7 +94,7 @@ fn any_lower_neighbour_is_not_enough_for_solids() {
     assert!(walled_in, "every solid was built by the wrong rule");
 }
 
-/// Answers whatever it hears.
+/// Answers every message.
 struct Echo(Option<OutputOf<Echo>>);
 
 impl Agent for Echo {
@@ -127,7 +127,7 @@ impl Agent for Echo {
     fn digest(&self, _: &mut dyn Hasher) {}
 }
 
-/// A controller that does nothing.
+/// A director that does nothing.
 struct Bystander;
 
 impl Direct<StillWorld<Echo>> for Bystander {
@@ -143,7 +143,7 @@ impl Direct<StillWorld<Echo>> for Bystander {
     }
 }
 
-/// Nobody could stop such a run from outside: no time passes in it.
+/// No time passes in such a run, so it could not be stopped from outside.
 #[test]
 fn answers_without_end_end_a_run() {
     let ran = |delay: Span| {

@@ -1,6 +1,6 @@
-//! The example notebook is a notebook, and reads columns that a sweep writes. Absent: running it, which
-//! would need Python.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! The example notebook is valid, and reads columns that a sweep writes. Not here: running it, which would
+//! need Python.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::{root, run, scenario};
 use serde_json::Value;
@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::fs;
 
 #[test]
-fn the_notebook_reads_what_a_sweep_writes() {
+fn the_notebook_reads_columns_of_a_sweep() {
     let text = fs::read_to_string(root().join("deploy/notebooks/runs.ipynb")).unwrap();
     let notebook: Value = serde_json::from_str(&text).unwrap();
     assert_eq!((&notebook["nbformat"], &notebook["nbformat_minor"]), (&4.into(), &5.into()));
@@ -20,7 +20,7 @@ fn the_notebook_reads_what_a_sweep_writes() {
         match cell["cell_type"].as_str().unwrap() {
             "markdown" => {}
             "code" => {
-                // Nothing that somebody's run has left behind.
+                // No results of a run are stored.
                 assert!(cell["execution_count"].is_null() && cell["outputs"].as_array().unwrap().is_empty());
                 code.extend(source);
                 code.push('\n');

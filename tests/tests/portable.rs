@@ -1,5 +1,5 @@
-//! What is written to be passed on says nothing of where it was made.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! Files that are meant to be shared do not contain paths of this machine.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::{command, root, run};
 use serde_json::Value;
@@ -51,7 +51,7 @@ fn no_report_names_a_directory_of_this_machine() {
             assert_eq!(around, None, "{}", file.display());
         }
     }
-    // The command in a report works where the scenario is.
+    // The command in a report works in the directory of the scenario.
     let report: Value = serde_json::from_slice(&fs::read(at("run.json")).unwrap()).unwrap();
     assert_eq!(
         (&report["file"], &report["scenario"]),
@@ -62,7 +62,7 @@ fn no_report_names_a_directory_of_this_machine() {
     let again = command(&args).current_dir(&directory).output().unwrap();
     let again: Value = serde_json::from_slice(&again.stdout).unwrap();
     assert_eq!(again["trace_hash"], report["trace_hash"]);
-    // On the terminal it works where it was typed.
+    // The command on the terminal works in the current directory.
     let ran = run(&["run", &scenario, "--link", "sim"]);
     assert!(ran.out.contains(&format!("repeat with metamorph run '{scenario}' --link sim")), "{}", ran.out);
     let relative =

@@ -1,5 +1,5 @@
-//! `metamorph reproduce` as a user types it.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! `metamorph reproduce` as a user runs it.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::run;
 use metamorph_world_controller::experiments::reproduce::compare::{Reproduction, SCHEMA};
@@ -50,7 +50,7 @@ fn published_and_own_numbers_stand_side_by_side() {
     }
     let page = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("metamorph reproduce 4.1 --seeds 1") && page.contains("4, really 11"));
-    // One of the runs alone, from the scenario that was left there.
+    // One of the runs alone, from the scenario that the command wrote.
     let runs = fs::read_to_string(out.join("box/runs.csv")).unwrap();
     let line = runs.lines().find(|line| line.contains(",SRS,negotiated,crosswise,")).unwrap();
     let scenario = out.join("box.toml").display().to_string();
@@ -77,7 +77,7 @@ fn published_and_own_numbers_stand_side_by_side() {
 }
 
 #[test]
-fn what_is_typed_wrong_is_refused() {
+fn bad_arguments_are_refused() {
     let full = tempfile::tempdir().unwrap();
     fs::write(full.path().join("something"), "").unwrap();
     let full = full.path().display().to_string();

@@ -1,6 +1,6 @@
-//! The controller is killed in the middle of a run, and another goes on: the swarm builds what it was
-//! building, and the journal of both is one that replays.
-#![allow(clippy::print_stdout, reason = "shown only when a test fails or is asked to")]
+//! The controller is killed during a run, and another takes over: the swarm builds its goal, and the journal
+//! of both replays.
+#![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
 use metamorph_protocol::rng::Stream;
 use metamorph_tests::chaos::{signal_to, wait_until};
@@ -16,7 +16,7 @@ use rustix::process::Signal;
 use std::path::Path;
 use std::process::{Child, Stdio};
 
-/// A run whose controller is going to be killed. Whatever happens, no process stays.
+/// A run whose controller is going to be killed. No process stays, even if the test fails.
 struct Victim {
     child: Child,
 }
@@ -30,7 +30,7 @@ impl Victim {
         Victim { child: child.expect("metamorph can be started") }
     }
 
-    /// Kills the controller once so many records of it are in the journal; false if it was over before.
+    /// Kills the controller once `records` of it are in the journal; returns false if it was over before.
     fn kill_at(&mut self, journal: &Path, records: usize) -> bool {
         let parts = parts_of(journal);
         let controller = parts.join("controller");
@@ -50,7 +50,7 @@ impl Victim {
 impl Drop for Victim {
     fn drop(&mut self) {
         if self.child.try_wait().is_ok_and(|ended| ended.is_none()) {
-            // Asked, so that it removes what it has made.
+            // Asked to end, so that it removes its files.
             signal_to(self.child.id() as i32, Signal::TERM);
             let _ = self.child.wait();
         }
@@ -61,13 +61,13 @@ fn count(part: &Path) -> usize {
     metamorph_module_agent::journal_file::Reader::open(part).map_or(0, Iterator::count)
 }
 
-/// Goes on with a run, until nobody kills the controller any more.
+/// Resumes a run, until no controller is killed any more.
 fn resume(journal: &Path) -> (Ran, Report) {
     let html = journal.with_extension("html");
     let (file, page) = (journal.display().to_string(), html.display().to_string());
     let ran = run_processes(&["resume", &file, "--json", "-", "--html", &page]);
     println!("{}", ran.err);
-    // The report has what happened before the first controller was killed, messages included.
+    // The report includes events before the first controller was killed, messages included.
     let page = std::fs::read_to_string(html).expect("the report is written");
     for part in ["built", "another one resumed", "class=\"area moves\"", "class=\"area c-negotiation\""] {
         assert!(page.contains(part), "`{part}` is missing");
@@ -89,14 +89,14 @@ fn assert_one_run(journal: &Path, report: &Report, controllers: usize) {
     let journal = Journal::open(journal).expect("it was just read");
     let seen = journal.filter(|r| resumed(&r.as_ref().expect("it is sound").event)).count();
     assert_eq!(seen, controllers - 1);
-    // Counts of before and after: what was reported is what all of the journal adds up to.
+    // The counts of the report are the totals of the whole journal, before and after.
     assert!(replayed.tally.total().sent >= report.messages.total);
     assert!(replayed.tally.total().sent <= report.messages.total + 50);
     assert_eq!((report.invariants.broken, report.collisions.suffered), (0, 0));
     assert!(report.messages.all.in_flight >= 0);
 }
 
-/// Kills the controller at a moment that the seed decides, and resumes.
+/// Kills the controller at a time drawn from the seed, and resumes.
 fn kill_and_resume(name: &str, most: u64, options: &[&str], seed: u64) -> bool {
     let dir = tempfile::tempdir().expect("a directory");
     let journal = dir.path().join("journal");
@@ -107,12 +107,12 @@ fn kill_and_resume(name: &str, most: u64, options: &[&str], seed: u64) -> bool {
     if !victim.kill_at(&journal, records) {
         return false;
     }
-    // A run that starts meanwhile cleans up, but not what is waited for.
+    // A run that starts meanwhile cleans up, but spares runs that can be resumed.
     clean().expect("cleaning works");
     let (ran, report) = resume(&journal);
     assert_eq!((ran.code, report.outcome.as_str()), (Some(0), "built"), "{}", report.reason);
     assert!(report.notes.iter().any(|n| n.contains("another one resumed")), "{:?}", report.notes);
-    assert_eq!(report.notes.len(), 1, "nobody was lost: {:?}", report.notes);
+    assert_eq!(report.notes.len(), 1, "no module was lost: {:?}", report.notes);
     assert_one_run(&journal, &report, 2);
     true
 }
@@ -143,7 +143,7 @@ fn the_controller_that_came_back_may_be_killed_too() {
 }
 
 #[test]
-fn what_cannot_be_resumed_is_said() {
+fn runs_that_cannot_be_resumed_are_refused() {
     let dir = tempfile::tempdir().expect("a directory");
     let journal = dir.path().join("journal");
     let file = journal.display().to_string();
@@ -156,21 +156,21 @@ fn what_cannot_be_resumed_is_said() {
         "{over:?}"
     );
     std::fs::remove_file(&journal).expect("it is there");
-    // A run that is alive is left alone.
+    // A live run is not taken over.
     let mut victim = Victim::start(&journal, "swarm.toml", &["--time-scale", "2", "--patience", "100ms"]);
     wait_until("the run to begin", || parts_of(&journal).join("run").exists());
     let alive = run(&["resume", &file]);
     assert!(alive.code == Some(1) && alive.err.contains("lives"), "{alive:?}");
     let again = run(&["run", &scenario("swarm.toml").display().to_string(), "--journal", &file]);
     assert!(again.code == Some(2) && again.err.contains("not finished"), "{again:?}");
-    // One that nobody comes for ends by itself, and is cleaned up.
+    // A run that is not resumed ends by itself, and is cleaned up.
     assert!(victim.kill_at(&journal, 100));
     let name = std::fs::read_to_string(parts_of(&journal).join("run")).expect("the run has begun");
     let root = Path::new("/dev/shm").join(name.split(' ').next().unwrap_or_default());
     wait_until("the agents to give up", || clean().is_ok() && !root.exists());
     let late = run(&["resume", &file]);
     assert!(late.code == Some(1) && late.err.contains("waited long enough"), "{late:?}");
-    // What it wrote down until then is not lost.
+    // Its records until then are kept.
     let replayed = run(&["replay", &file]);
     assert!(replayed.code == Some(0) && replayed.out.contains("the run was not finished"), "{replayed:?}");
 }

@@ -1,4 +1,4 @@
-//! No text makes the scenario reader panic, and whatever it refuses comes with a place and a fix.
+//! No text makes the scenario reader panic, and every refusal has a place and a fix.
 
 use metamorph_tests::command::{root, scenarios};
 use metamorph_world_controller::family::cube::Cubes;
@@ -13,7 +13,7 @@ fn sim() -> Overrides {
     Overrides { link: LinkKind::Sim, ..Overrides::default() }
 }
 
-/// Reads, and checks that a refusal can be shown.
+/// Reads a scenario, and checks that a refusal can be shown.
 fn survives(text: &str, overrides: &Overrides) {
     if let Err(problems) = read_text("fuzz.toml", text, overrides) {
         assert!(!problems.list().is_empty());
@@ -157,7 +157,7 @@ fn shipped_scenarios_are_valid_on_both_links() {
     }
 }
 
-/// What README.md shows is what the reader reads.
+/// The examples in README.md are valid.
 #[test]
 fn the_scenarios_of_the_readme_are_valid() {
     let readme = fs::read_to_string(root().join("README.md")).expect("README.md is there");
@@ -213,7 +213,7 @@ fn apply(text: &str, change: &Change) -> String {
         }
         Change::Swap(a, b) if chars.len() > 1 => chars.swap(a % len, b % len),
         Change::Swap(..) => {}
-        // The next number after a place becomes another one.
+        // The next number after a position becomes another one.
         Change::Number(at, n) => {
             let from = at % len;
             if let Some(start) = (from..chars.len()).find(|i| chars[*i].is_ascii_digit()) {
@@ -274,8 +274,8 @@ proptest! {
     }
 }
 
-/// Another seed gives another start and other crashes, and the seed that a plan was read with gives
-/// what reading gave.
+/// Another seed gives another start and other crashes, and the seed that a plan was read with gives the same
+/// plan.
 #[test]
 fn seeds_are_drawn_from_again_without_reading_again() {
     let drawn = METAMODULES.replace("start = [", "# start = [");
@@ -294,9 +294,9 @@ fn seeds_are_drawn_from_again_without_reading_again() {
     assert_eq!(of(4), (4, m.poses.clone(), again.schedule.clone()));
 }
 
-/// Bytes that are no text are refused when the file is read.
+/// Bytes that are not text are refused when the file is read.
 #[test]
-fn bytes_that_are_no_text_are_refused() {
+fn bytes_that_are_not_text_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("bytes.toml");
     for bytes in [&[0xFFu8, 0xFE, 0x00][..], &[0xC3, 0x28], &[0x80; 100]] {

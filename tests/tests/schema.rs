@@ -1,7 +1,7 @@
-//! The JSON schemas say what the program does: scenarios that the reader takes are valid, what it does
-//! not know is not, and neither can be changed without the other. Reports and summaries of real runs
-//! are valid; completions and man pages have every command.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! The JSON schemas agree with the program: scenarios that the reader accepts are valid, unknown keys are
+//! not, and neither can be changed without the other. Reports and summaries of real runs are valid;
+//! completions and man pages have every command.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use clap::CommandFactory;
 use jsonschema::Validator;
@@ -115,18 +115,18 @@ fn overrides(setting: &str) -> Overrides {
     Overrides { link: LinkKind::Sim, settings: vec![setting], ..Overrides::default() }
 }
 
-/// The root of the workspace is where relative paths of these texts begin.
+/// Returns the root of the workspace, to which relative paths of these texts refer.
 fn origin() -> String {
     metamorph_tests::command::root().join("scenario.toml").display().to_string()
 }
 
-/// What the reader finds wrong with a text when a value is put into it.
+/// Returns the errors of the reader for a text with a value put into it.
 fn flaws(text: &str, setting: &str) -> Vec<Flaw> {
     let read = read_text(&origin(), text, &overrides(setting));
     read.err().map_or_else(Vec::new, |problems| problems.list().iter().map(|p| p.flaw.clone()).collect())
 }
 
-/// TOML as the same values in JSON, with a value put into it.
+/// Converts TOML to the same values in JSON, with a value put into it.
 fn document(text: &str, setting: Option<(&str, Value)>) -> Value {
     let mut document: Value = toml::from_str(text).unwrap();
     if let Some((key, value)) = setting {
@@ -141,7 +141,7 @@ fn validator() -> Validator {
     jsonschema::validator_for(&schema(families())).unwrap()
 }
 
-/// Each table of the texts, the definition in the schema that describes it, and keys that the reader
+/// Returns each table of the texts, the definition in the schema that describes it, and keys that the reader
 /// lists there because they would make another kind of table of it.
 fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)> {
     let verbs = ["kill", "pause", "restart", "stick", "crash", "partition", "obstacle", "controller"];
@@ -220,12 +220,12 @@ fn the_reader_and_the_schema_know_the_same_keys() {
         let place = if definition.is_empty() { &schema } else { &schema["$defs"][definition] };
         let properties: BTreeSet<&str> =
             place["properties"].as_object().unwrap().keys().map(String::as_str).collect();
-        assert_eq!(known, properties, "keys of `{table}`: what the reader knows, and the schema");
+        assert_eq!(known, properties, "keys of `{table}`: the reader's, and the schema's");
         assert!(!validator.is_valid(&document(text, Some((&key, Value::from(1))))), "the schema takes {key}");
     }
     let tables = schema["$defs"].as_object().unwrap().iter();
     let tables = tables.filter(|(_, d)| d.get("properties").is_some()).map(|(name, _)| name.as_str());
-    assert_eq!(tables.chain([""]).collect::<BTreeSet<_>>(), described, "a table that nobody compares");
+    assert_eq!(tables.chain([""]).collect::<BTreeSet<_>>(), described, "a table that is not compared");
 }
 
 #[test]
@@ -265,14 +265,14 @@ fn the_reader_and_the_schema_know_the_same_names() {
                 names.as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect()
             }
         };
-        assert_eq!(known, in_schema, "names for {key}: what the reader knows, and the schema");
+        assert_eq!(known, in_schema, "names for {key}: the reader's, and the schema's");
         if !key.ends_with(".0") {
             assert!(!validator.is_valid(&document(text, Some((key, Value::from("zzz"))))), "{key}");
         }
     }
 }
 
-/// Each table that has defaults: where it is in a smallest scenario, and its definition in the schema.
+/// Each table with defaults: its place in a smallest scenario, and its definition in the schema.
 const SMALLEST: [(&str, &str, &str); 15] = [
     (SMALLEST_OF_CUBES, "", ""),
     (SMALLEST_OF_CUBES, "link", "link"),
@@ -291,7 +291,7 @@ const SMALLEST: [(&str, &str, &str); 15] = [
     (LISTED, "swarm.start.0", "place"),
 ];
 
-/// Whatever can be left out is.
+/// A scenario without any optional key.
 const SMALLEST_OF_CUBES: &str = r#"
 version = 1
 [swarm]
@@ -329,7 +329,7 @@ start = [{ at = [0, 0] }, { at = [9, 0] }, { at = [0, 9] }, { at = [9, 9] }]
 shape = { box = [3, 3] }
 "#;
 
-/// What would run, without the text and the options that it comes from.
+/// Returns the plan without the text and the options that it comes from.
 fn plan(text: &str, setting: &str) -> String {
     let mut plan =
         read_text(&origin(), text, &overrides(setting)).unwrap_or_else(|p| panic!("{setting}: {p}"));
@@ -362,7 +362,7 @@ fn the_schema_states_every_default() {
             stated.extend(default.map(|_| (name, key.as_str())));
         }
     }
-    // With what it states as the default a plan is the same as without the key.
+    // With the stated default a plan is the same as without the key.
     for (text, place, definition) in SMALLEST {
         let table = if definition.is_empty() { &schema } else { &schema["$defs"][definition] };
         for (key, property) in table["properties"].as_object().unwrap() {
@@ -385,7 +385,8 @@ fn the_schema_states_every_default() {
     assert_eq!(stated, compared, "defaults that are stated, and those that are compared");
 }
 
-/// An option that takes a value says what happens without it, unless it only adds something: a file, a fault.
+/// The help states the default of every option with a value, unless the option only adds something: a file, a
+/// fault.
 #[test]
 fn the_help_states_every_default() {
     let adds = ["FILE", "FILE|-", "DIR", "KEY=VALUE", "KEY=V1,V2,..", "ID@T", "ID@T..T"];
@@ -407,7 +408,7 @@ fn the_help_states_every_default() {
         }
     }
     assert!(seen > 15, "only {seen} options state a default");
-    // What is stated is what is used.
+    // The stated default is the one in use.
     let printed = run(&["run", "--help"]).out;
     for part in ["the scenario's, or 1", "the scenario's, or 0%", "the scenario's, or 20"] {
         assert!(
@@ -417,7 +418,7 @@ fn the_help_states_every_default() {
     }
 }
 
-/// If a default were another value, the comparison above would see it.
+/// The comparison above would find another default.
 #[test]
 fn another_value_is_another_plan() {
     for (text, other) in [
@@ -434,7 +435,7 @@ fn another_value_is_another_plan() {
     }
 }
 
-/// What a command prints as a schema, and whether a document is valid by it.
+/// Checks a document against the schema that a command prints.
 fn check(of: &str, document: &str) {
     let printed = run(&["schema", of]);
     assert_eq!(printed.code, Some(0), "{printed:?}");
@@ -443,7 +444,7 @@ fn check(of: &str, document: &str) {
     let validator = jsonschema::validator_for(&schema).unwrap();
     let errors: Vec<String> = validator.iter_errors(&document).map(|e| e.to_string()).collect();
     assert!(errors.is_empty(), "{of}: {errors:?}");
-    // A document without one of its fields is not valid, so the schema does say something.
+    // A document without one of its fields is not valid, so the schema is not trivial.
     for key in document.as_object().unwrap().keys() {
         let mut less = document.clone();
         less.as_object_mut().unwrap().remove(key);

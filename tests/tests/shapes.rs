@@ -1,6 +1,6 @@
-//! Shapes from files: solids built end to end, and files that are broken in every way, which must be
-//! refused with place, reason and fix, in bounded time and memory.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! Shapes from files: solids built end to end, and broken files, which must be refused with place, reason and
+//! fix, in bounded time and memory.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_protocol::lattice::Cell;
 use metamorph_tests::command::{Ran, root, run};
@@ -52,9 +52,9 @@ fn processes_build_a_solid_from_a_file_with_a_hole_cut_into_it() {
     assert_eq!(report.invariants.broken, 0);
 }
 
-/// From a file to a scenario that needs the file no more, and to what it builds.
+/// From a file to a scenario that does not need the file any more, and to its structure.
 #[test]
-fn what_shape_writes_is_a_scenario_that_runs() {
+fn shape_writes_a_scenario_that_runs() {
     let directory = tempfile::tempdir().unwrap();
     for (file, args, cells) in [
         ("arch.stl", &["--pitch", "10"][..], 14),
@@ -81,7 +81,8 @@ fn an_obj_whose_y_points_up_is_set_upright() {
     let how = |up| Import { pitch: Some(1.0), up, ..Import::default() };
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("tower.obj");
-    // 1 wide, 3 along y, 2 along z; with a polygon, an index from the end, and a material that is nowhere.
+    // 1 wide, 3 along y, 2 along z; with a polygon, an index from the end, and a material that does not
+    // exist.
     let text = "mtllib none.mtl\nusemtl none\nv 0 0 0\nv 1 0 0\nv 1 3 0\nv 0 3 0\nv 0 0 2\nv 1 0 2\nv 1 3 2\nv 0 3 2\n\
                 f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf -5 -8 -4 -1\n";
     fs::write(&path, text).unwrap();
@@ -150,7 +151,7 @@ fn broken_meshes_are_refused_with_place_reason_and_fix() {
 }
 
 #[test]
-fn what_cannot_be_built_is_said_with_the_reason() {
+fn unbuildable_solids_are_refused_with_the_reason() {
     let path = shapes("rabbit.stl");
     let rabbit = |args: &[&str]| run(&[&["shape", path.to_str().unwrap()], args].concat());
     refused(&rabbit(&["--pitch", "0"]), &["the pitch is 0"]);
@@ -237,7 +238,7 @@ fn broken_configurations_are_refused_with_place_reason_and_fix() {
     refused(&shape("a.xml", far, &[]), &["the box around its cells has"]);
 }
 
-/// What is wrong with the file is said at the place in the scenario that names it.
+/// Errors of a file are reported at the place in the scenario that names it.
 #[test]
 fn scenarios_point_at_the_file_that_is_wrong() {
     let directory = tempfile::tempdir().unwrap();
@@ -271,11 +272,11 @@ fn scenarios_point_at_the_file_that_is_wrong() {
     let mixed = "{ intersection = [{ file = { path = \"arch.stl\", pitch = 10, at = [4, 4, 0] } }, \
                  { difference = [{ box = { min = [0, 0, 0], max = [9, 9, 9] } }, { file = { path = \"case.xml\" } }] }] }";
     let ran = check(mixed);
-    // The arch without what the wall of the configuration takes of it.
+    // The arch without the cells that it shares with the wall of the configuration.
     assert!(ran.code == Some(0) && ran.out.contains("10 cells"), "{ran:?}");
 }
 
-/// A ball of so many slices and layers, as binary STL.
+/// Returns a ball of this number of slices and layers, as binary STL.
 fn ball(slices: usize, layers: usize) -> Vec<u8> {
     use std::f64::consts::{PI, TAU};
     let at = |i: usize, j: usize| {
@@ -316,7 +317,7 @@ fn a_million_triangles_are_laid_into_cells_and_more_than_two_are_refused() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever a few bytes are changed to: cells, or a refusal that says what to do.
+    /// With a few bytes changed, the file gives cells, or a refusal that names a fix.
     #[test]
     fn no_file_makes_the_reader_panic(
         which in 0usize..4,

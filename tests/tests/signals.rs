@@ -1,7 +1,7 @@
-//! What SIGINT, SIGTERM and SIGHUP do, at any moment of any command: each ends it with a message and a documented
-//! exit code, and nothing is left behind: no process, no shared memory, no temporary file, no torn journal.
+//! SIGINT, SIGTERM and SIGHUP at any moment of any command: each ends it with a message and a documented exit
+//! code, and nothing is left behind: no process, no shared memory, no temporary file, no torn journal.
 //!
-//! The only delays are those after which a signal is sent, which is what is tested.
+//! The only delays are those before a signal is sent, which are what is tested.
 
 use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_tests::chaos::wait_until;
@@ -17,22 +17,23 @@ use std::sync::Mutex;
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// Milliseconds after which a signal is sent.
+/// Delays before the signal, in milliseconds.
 const MOMENTS: [u64; 11] = [0, 1, 2, 5, 10, 20, 30, 50, 100, 200, 500];
-/// Milliseconds after the first signal of a pair.
+/// Delay of the second signal of a pair, in milliseconds.
 const SECOND: u64 = 15;
-/// Runs of processes that a command may make until it is interrupted.
+/// The largest number of runs of processes in a command until it is interrupted.
 const RUNS: u64 = 4;
-/// Commands that are tried at the same time.
+/// The number of commands that are tested at the same time.
 const TOGETHER: usize = 4;
-/// What the program ends with when a signal has ended it.
+/// The exit code of the program after a signal.
 const ABORTED: i32 = 7;
 
-/// One command, and how it ends if no signal comes.
+/// One command, and its end without a signal.
 struct Case {
     name: &'static str,
     args: Vec<String>,
-    /// Exit codes of its own: of one that is over before the signal, or for which the signal is the usual end.
+    /// The exit codes of the command itself: if it is over before the signal, or if the signal is its usual
+    /// end.
     usual: &'static [i32],
     /// Files that may be there afterwards.
     outputs: &'static [&'static str],
@@ -80,7 +81,7 @@ fn cases(dir: &Path, journal: &Path) -> Vec<Case> {
     ]
 }
 
-/// What is sent.
+/// The signals of a test.
 #[derive(Clone, Copy, Debug)]
 enum Sent {
     Once(Signal),
@@ -105,11 +106,11 @@ fn name(signal: Signal) -> &'static str {
 }
 
 fn send(child: &Child, signal: Signal) {
-    // It may be over, and is waited for later; until then its number is its own.
+    // It may be over, but its number is reserved until it is waited for.
     let _ = kill_process(Pid::from_child(child), signal);
 }
 
-/// Whether a process has a handler for a signal. One that is over has none.
+/// Returns true if a process has a handler for a signal. One that is over has none.
 fn is_caught(child: &Child, signal: Signal) -> bool {
     let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
     let mask = status.lines().find_map(|l| l.strip_prefix("SigCgt:")).unwrap_or("0");
@@ -126,7 +127,7 @@ fn start(case: &Case) -> Child {
     child.expect("metamorph can be started")
 }
 
-/// Everything of the runs of a process: shared memory, and processes that know its name.
+/// Returns all remains of the runs of a process: shared memory, and processes that know its name.
 fn left_of(controller: Identity) -> Vec<String> {
     let names: Vec<String> = (0..RUNS).map(|n| RunDir::name_of(controller, n).to_string()).collect();
     let is_of = |text: &str| names.iter().any(|name| text.contains(name.as_str()));
@@ -168,7 +169,7 @@ fn check(case: &Case, dir: &Path, sent: Sent, moment: u64) -> Result<(), String>
     let fine = match ran.code {
         Some(ABORTED) => said,
         Some(_) => over,
-        // It had not come as far as `main`.
+        // The process had not reached `main`.
         None => !caught && status.signal() == Some(signal.as_raw()) && ran.err.is_empty(),
     };
     let mut troubles = Vec::new();
@@ -188,7 +189,7 @@ fn check(case: &Case, dir: &Path, sent: Sent, moment: u64) -> Result<(), String>
     if troubles.is_empty() { Ok(()) } else { Err(format!("{}; {ran:?}", troubles.join("; "))) }
 }
 
-/// What is wrong with a journal, if there is one.
+/// Returns the errors of a journal, if there is one.
 fn torn(journal: &Path) -> Vec<String> {
     if fs::metadata(journal).map_or(0, |found| found.len()) == 0 {
         return Vec::new();
@@ -202,7 +203,7 @@ fn torn(journal: &Path) -> Vec<String> {
     }
 }
 
-/// A journal to replay, view and export.
+/// Records a journal to replay, view and export.
 fn a_journal(dir: &TempDir) -> std::path::PathBuf {
     let path = dir.path().join("of-a-run");
     let (file, journal) = (scenario("swarm.toml").display().to_string(), path.display().to_string());
@@ -210,7 +211,7 @@ fn a_journal(dir: &TempDir) -> std::path::PathBuf {
     path
 }
 
-/// Each command of the table, each with its signals and moments, in directories of their own.
+/// Runs each command of the table, each with its signals and moments, in directories of their own.
 fn check_all(wanted: impl Fn(&str) -> bool, table: &[(Sent, u64)]) {
     module_agent();
     let shelf = tempfile::tempdir().expect("a directory");
@@ -221,19 +222,19 @@ fn check_all(wanted: impl Fn(&str) -> bool, table: &[(Sent, u64)]) {
         work.extend(table.iter().map(|(sent, moment)| (i, *name, *sent, *moment)));
     }
     let (work, failed) = (Mutex::new(work), Mutex::new(Vec::new()));
-    let next = || work.lock().expect("nobody panics with it").pop();
+    let next = || work.lock().expect("no thread panics with it").pop();
     let labour = || {
         while let Some((i, name, sent, moment)) = next() {
             let dir = tempfile::tempdir().expect("a directory");
             let case = &cases(dir.path(), &journal)[i];
             if let Err(what) = check(case, dir.path(), sent, moment) {
-                let mut failed = failed.lock().expect("nobody panics with it");
+                let mut failed = failed.lock().expect("no thread panics with it");
                 failed.push(format!("{name}, {sent:?} after {moment} ms: {what}"));
             }
         }
     };
     std::thread::scope(|scope| (0..TOGETHER).for_each(|_| drop(scope.spawn(labour))));
-    let failed = failed.into_inner().expect("nobody panics with it");
+    let failed = failed.into_inner().expect("no thread panics with it");
     assert!(failed.is_empty(), "{} failed:\n{}", failed.len(), failed.join("\n\n"));
 }
 
@@ -256,7 +257,7 @@ fn every_command_ends_cleanly_at_any_moment() {
     check_all(|name| name != "run", &table);
 }
 
-/// A second Ctrl-C does not wait for agents that do not listen.
+/// A second Ctrl-C does not wait for agents that do not respond.
 #[test]
 fn a_second_signal_does_not_wait_for_stopped_agents() {
     module_agent();
@@ -278,7 +279,7 @@ fn a_second_signal_does_not_wait_for_stopped_agents() {
     assert_eq!(left_of(identity), Vec::<String>::new());
 }
 
-/// `nohup` starts programs with SIGHUP ignored, and it stays so.
+/// `nohup` starts programs with SIGHUP ignored, which stays so.
 #[test]
 fn an_ignored_hangup_stays_ignored() {
     let shell = "trap '' HUP; exec \"$0\" explore --seconds 600 -q";
@@ -297,7 +298,7 @@ fn an_ignored_hangup_stays_ignored() {
     assert!(ran.err.contains("SIGTERM") && !ran.err.contains("SIGHUP"), "{ran:?}");
 }
 
-/// Whatever kills a controller, what it left is removed: by a process that watches over it.
+/// The files of a killed controller are removed by a watching process, whatever the signal.
 #[test]
 fn a_killed_controller_leaves_nothing() {
     for (signal, why) in [(Signal::KILL, "was killed"), (Signal::BUS, "died of SIGBUS: shared memory")] {

@@ -15,23 +15,23 @@ fn a_run_repeats_itself_and_seeds_differ() {
     assert_ne!(a.trace, other.trace);
 }
 
-/// One number for debug and release builds, for every machine and every process. It changes with
-/// the protocol; when it changes without that, determinism is broken.
+/// One number for debug and release builds, for every machine and every process. It changes with the
+/// protocol; any other change of it means that determinism is broken.
 #[test]
 fn golden_trace() {
     let ran = eventful(1).run();
     assert_eq!(format!("{:016x}", ran.trace), "9d4e6fe9c0f06606");
 }
 
-/// The same for what agents hold and where bodies are, at every look and at the end.
+/// The same for the sampled states of agents and bodies.
 #[test]
 fn golden_state() {
     let ran = eventful(1).run();
     assert_eq!(format!("{:016x}", ran.state), "99ccde8a2f413620");
 }
 
-/// A grant that is said to last long and ends early is a matter of contents alone, until somebody relies on
-/// it: events are the same, states are not.
+/// A grant that is announced as long and ends early affects contents alone, until a module relies on it:
+/// events are the same, states are not.
 #[test]
 fn contents_are_told_apart_where_events_are_not() {
     let begun = |defect| {

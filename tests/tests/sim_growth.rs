@@ -1,5 +1,5 @@
-//! Growth under faults on the simulated link: whatever breaks, no invariant does; and what is left
-//! builds the goal, or the reason why it cannot is named.
+//! Growth under faults on the simulated link: no invariant breaks; and the remaining modules build the goal,
+//! or the report names the reason why they cannot.
 
 use metamorph_protocol::cube::params::Params;
 use metamorph_protocol::goal::Growth;
@@ -50,8 +50,8 @@ const FURTHER: [Variation; 7] = [
     }),
 ];
 
-/// Dead and stuck modules in the way of the field and of each other: no invariant breaks, but some
-/// runs stand still although an all-knowing planner would find a way.
+/// Dead and stuck modules in the way of the field and of each other: no invariant breaks, but some runs come
+/// to a standstill although an omniscient planner would find a plan.
 const HARSH: [Variation; 1] = [("5% stuck joints, 5% crashes, 10% loss", |mut e| {
     let mut stream = Stream::named(e.seed, "stuck", 0);
     let count = e.start.len() as u64;
@@ -61,8 +61,8 @@ const HARSH: [Variation; 1] = [("5% stuck joints, 5% crashes, 10% loss", |mut e|
     e.crashes(5).loss("10%")
 })];
 
-/// Runs the variations for the seeds, on all cores, and says what was not built. Fails on any broken
-/// invariant and, if they must be built, on any standstill that is the protocol's fault.
+/// Runs the variations for the seeds, on all cores, and prints the goals that were not built. Fails on any
+/// broken invariant and, if they must be built, on any standstill that is the protocol's fault.
 fn check(side: i16, seeds: std::ops::RangeInclusive<u64>, variations: &[Variation], must_build: bool) {
     let excused = |reason: Reason| reason.is_infeasible() || reason == PINNED;
     let jobs: Vec<(u64, &Variation)> =
@@ -72,13 +72,13 @@ fn check(side: i16, seeds: std::ops::RangeInclusive<u64>, variations: &[Variatio
         let mut bad = Vec::new();
         while let Some((seed, (name, vary))) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
             let experiment = vary(Experiment::slab_to_sphere(side, *seed));
-            // Only what is lost for good is an excuse.
+            // Only a permanent loss is an excuse.
             let harmed =
                 experiment.faults.iter().any(|(_, f)| !matches!(f, Fault::Pause(_) | Fault::Resume(_)));
             let ran = experiment.run();
             let fine = ran.built() || harmed && ran.stall.as_ref().is_some_and(|s| excused(s.reason));
             if !ran.built() {
-                #[allow(clippy::print_stdout, reason = "shown only when the test fails or is asked to")]
+                #[allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
                 {
                     println!("{side}x{side}, {name}, seed {seed}: {:?}, {:?}", ran.outcome, ran.stall);
                 }
@@ -101,14 +101,14 @@ fn check(side: i16, seeds: std::ops::RangeInclusive<u64>, variations: &[Variatio
 }
 
 #[test]
-fn a_hundred_modules_build_whatever_breaks() {
+fn a_hundred_modules_build_under_all_faults() {
     check(10, 1..=6, &PUBLISHED, true);
     check(10, 1..=4, &FURTHER, true);
     check(10, 1..=4, &HARSH, false);
 }
 
 #[test]
-fn four_hundred_modules_build_whatever_breaks() {
+fn four_hundred_modules_build_under_all_faults() {
     check(20, 1..=2, &PUBLISHED, true);
 }
 
@@ -123,7 +123,7 @@ fn a_hundred_seeds_of_four_hundred_modules() {
 }
 
 #[test]
-fn solid_goals_are_built_too() {
+fn solid_goals_are_built() {
     for seed in 1..=3 {
         let mut experiment = Experiment::slab_to_sphere(12, seed);
         experiment.setup.goals = vec![ball(12, Growth::Solid)];

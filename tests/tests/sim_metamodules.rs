@@ -1,8 +1,8 @@
-//! The thesis's experiment on the simulated link: whatever happens, no invariant breaks; the same seed
-//! gives the same run; what is built is what was to be built. How often the strategies of the thesis
-//! build is printed, not promised: they deadlock. `negotiated` builds.
-#![allow(clippy::print_stdout, reason = "rates are printed for whoever asks with --nocapture")]
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! The thesis's experiment on the simulated link: no invariant breaks under any variation; the same seed
+//! gives the same run; a structure reported as built is the goal. How often the strategies of the thesis
+//! build is printed, not asserted: they deadlock. `negotiated` builds.
+#![allow(clippy::print_stdout, reason = "rates are shown with --nocapture")]
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Strategy};
@@ -15,7 +15,7 @@ fn variation(name: &str) -> &'static Variation {
     Variation::named(name).unwrap()
 }
 
-/// The runs of these variations, each with so many seeds.
+/// Returns the runs of these variations, each with `seeds` seeds.
 fn varied(strategy: Strategy, names: &[&str], seeds: u64) -> impl Iterator<Item = Case> + Send {
     let variations: Vec<_> = names.iter().map(|n| variation(n)).collect();
     variations.into_iter().flat_map(move |v| Case::all(strategy, v, 0..seeds))
@@ -36,7 +36,7 @@ fn the_strategies_of_the_thesis_break_no_invariant_when_the_goal_moves() {
     }
 }
 
-/// Somebody builds something: the machinery is not only safe by standing still.
+/// Some runs build: the strategies are not only safe by standing still.
 #[test]
 fn the_strategies_of_the_thesis_build_boxes() {
     let run = |seed| Assembly::new(Goal::Box, Kind::Per, Strategy::Step, SeedOrder::Circular, seed).run();
@@ -48,8 +48,8 @@ fn the_strategies_of_the_thesis_build_boxes() {
     }
 }
 
-/// Of two that are close one stands still, whoever tells which seeds are open: greedy ones come past each
-/// other twice as often as without. The order of precedence matters, not only that there is one.
+/// Of two close metamodules one stands still, with either seed authority: greedy ones pass each other twice
+/// as often as without. The order of precedence matters, not only its presence.
 #[test]
 fn precedence_lets_greedy_ones_pass() {
     let built = |precedence: Option<Precedence>, decentralised: bool| {
@@ -75,7 +75,7 @@ fn precedence_lets_greedy_ones_pass() {
     assert!(nearer > id + 4 && nearer > none + 6 && decentralised > none + 6);
 }
 
-/// Settled ones push under the strategies with repulsion; `negotiated` reads neither key.
+/// Settled metamodules repel under the strategies with repulsion; `negotiated` reads neither key.
 #[test]
 fn keys_of_the_field_change_the_published_strategies_alone() {
     let trace = |strategy, varied: bool| {
@@ -96,7 +96,7 @@ fn keys_of_the_field_change_the_published_strategies_alone() {
     assert_ne!(pushed(true), pushed(false));
 }
 
-/// Whoever tells which seeds are open.
+/// With either seed authority.
 #[test]
 fn negotiated_builds() {
     let told = ["plain", "decentralised"].map(variation).into_iter();
@@ -133,7 +133,7 @@ fn negotiated_builds_when_obstacles_have_gone_after_a_long_time() {
     check_all(varied(Strategy::Negotiated, &["lasting-obstacles"], 3));
 }
 
-/// Where it does not get on, it is safe.
+/// Where it makes no progress, it is safe.
 #[test]
 fn negotiated_breaks_no_invariant() {
     for (of, sum) in run_all(varied(Strategy::Negotiated, &["loss", "restart", "lasting-obstacles"], 1)).sums
@@ -142,7 +142,7 @@ fn negotiated_breaks_no_invariant() {
     }
 }
 
-/// What is made difficult does happen: obstacles and whom faults hit are where they matter.
+/// The variations have an effect: obstacles and faults hit where they matter.
 #[test]
 fn variations_vary() {
     let of = |name, seed| Case {
@@ -183,9 +183,9 @@ fn the_same_seed_gives_the_same_run() {
     }
 }
 
-/// What has been worked out before and is kept changes how long a run takes, and nothing else.
+/// Results kept from earlier runs change the duration of a run only.
 #[test]
-fn what_ran_before_makes_no_difference() {
+fn earlier_runs_make_no_difference() {
     for goal in Goal::ALL {
         let run = |seed| Assembly::new(goal, Kind::Per, Strategy::Negotiated, SeedOrder::AtOnce, seed);
         let seen = |ran: Assembled| (ran.trace, ran.digest, ran.poses);
@@ -216,10 +216,10 @@ fn negotiated_builds_whatever_breaks_from_many_starts() {
     check_all(varied(Strategy::Negotiated, &VARIATIONS.map(|v| v.name), 500));
 }
 
-/// Repeats one run: what a failing test prints names it.
+/// Repeats one run, as printed by a failing test.
 #[test]
 #[ignore = "repeats the run that the environment names"]
-fn the_run_that_is_named() {
+fn the_named_run() {
     let name = std::env::var(REPEAT).unwrap_or_else(|_| {
         panic!("no run is named; set {REPEAT}, for example to box/SRS/negotiated/circular/17/plain")
     });

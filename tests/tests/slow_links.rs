@@ -1,5 +1,5 @@
-//! Verdicts on slow and lossy links: whoever only waits for a message is not stuck. Every case is one in
-//! which the bounds of a fast link called runs deadlocked that build their goal if they are let.
+//! Verdicts on slow and lossy links: a module that waits for a message is not at a standstill. In every case
+//! the bounds of a fast link would end a run as deadlocked that builds its goal if it goes on.
 
 use metamorph_tests::command::scenario;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
@@ -30,7 +30,7 @@ fn run(text: &str, delay: &str, loss: &str, seed: u64) -> Report {
     simulate(&plan, Stopwatch::start(), &mut |_, _| true).0
 }
 
-/// Every seed builds, with the bounds that follow from the link.
+/// Asserts that every seed builds, with the bounds that follow from the link.
 fn builds(text: &str, delay: &str, loss: &str, seeds: u64) {
     for seed in 0..seeds {
         let report = run(text, delay, loss, seed);
@@ -63,10 +63,10 @@ fn cubes_build_though_every_other_message_is_lost() {
     builds(CUBES, "10ms..100ms", "50%", 12);
 }
 
-/// A standstill that is one is still found, later.
+/// A real standstill is still found, later.
 #[test]
 fn a_standstill_is_found_on_a_bad_link() {
-    // Nobody is left to fill the goal.
+    // No module is left to fill the goal.
     let kills: String = (1..36).map(|id| format!("[[fault]]\nkill = {id}\nat = \"1s\"\n")).collect();
     let [fast, slow] = [("100ms", "0%"), ("10s", "30%")].map(|(delay, loss)| {
         let report = run(&format!("{CUBES}{kills}"), delay, loss, 1);

@@ -1,5 +1,5 @@
-//! `metamorph sweep` as a user types it: results, resuming, complaints.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! `metamorph sweep` as a user runs it: results, resuming, errors.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::{Ran, command, run};
 use metamorph_world_controller::console::format::many;
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use tempfile::TempDir;
 
-/// A small swarm that is built in some runs only: what crashes is drawn from the seed.
+/// A small swarm that is built in some runs only: crashes are drawn from the seed.
 const SMALL: &str = r#"
 version = 1
 name = "small"
@@ -120,7 +120,7 @@ fn a_run_of_a_sweep_can_be_repeated_alone() {
 }
 
 #[test]
-fn a_sweep_goes_on_where_it_was_cut_off() {
+fn a_cut_sweep_is_resumed() {
     let place = Place::new(SMALL);
     assert_eq!(place.twelve("whole", &[]).code, Some(0));
     let whole = place.read("whole", "runs.csv");
@@ -145,7 +145,7 @@ fn a_sweep_goes_on_where_it_was_cut_off() {
 }
 
 #[test]
-fn only_the_same_sweep_is_gone_on_with() {
+fn only_the_same_sweep_is_resumed() {
     let place = Place::new(SMALL);
     assert_eq!(place.twelve("out", &[]).code, Some(0));
     let out = place.at("out").display().to_string();
@@ -172,11 +172,11 @@ fn only_the_same_sweep_is_gone_on_with() {
     let ran = place.twelve("out", &["--resume"]);
     assert_eq!(ran.code, Some(2), "{ran:?}");
     assert!(ran.err.contains("another scenario"), "{ran:?}");
-    assert_eq!(place.read("out", "runs.csv"), runs, "what was refused was touched");
+    assert_eq!(place.read("out", "runs.csv"), runs, "a refused sweep changed the file");
 }
 
 #[test]
-fn what_is_typed_wrong_is_named_with_its_argument() {
+fn bad_arguments_are_named() {
     let place = Place::new(SMALL);
     let cases: &[(&[&str], &[&str])] = &[
         (&["--vary", "link.lose=1%"], &["--vary link.lose=1%: unknown key `lose`", "did you mean `loss`?"]),
@@ -238,7 +238,7 @@ fn what_is_typed_wrong_is_named_with_its_argument() {
 }
 
 #[test]
-fn quiet_says_nothing_and_help_says_all() {
+fn quiet_prints_nothing_and_help_is_complete() {
     let place = Place::new(SMALL);
     let ran = place.sweep(&["--seeds", "0..2", "--quiet"]);
     assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (Some(0), "", ""));
@@ -258,11 +258,11 @@ fn quiet_says_nothing_and_help_says_all() {
     }
 }
 
-/// An interrupted sweep keeps what it has done, says how to go on, and going on gives what would have
-/// come of it without the interruption.
+/// An interrupted sweep keeps its results, says how to resume, and resuming gives the same results as without
+/// the interruption.
 #[test]
-fn an_interrupt_keeps_what_was_done() {
-    // The one combination ends at once, the other only in a long time.
+fn an_interrupt_keeps_the_results() {
+    // The first combination ends at once, the other only after a long time.
     let text = SMALL
         .replace("timeout = \"300s\"", "timeout = \"300000h\"")
         .replace("stall = \"40s\"", "stall = \"200000h\"");

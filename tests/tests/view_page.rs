@@ -1,6 +1,6 @@
-//! The page of `metamorph view`: who is let in, over plain HTTP; and what a person sees and does in a
-//! real browser. Where there is no browser, the latter says so and is skipped.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+//! The page of `metamorph view`: access, over plain HTTP; and what a user sees and does in a real browser.
+//! Where there is no browser, the latter is skipped with a message.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 #![allow(clippy::print_stdout, reason = "says why something is skipped")]
 
 use metamorph_protocol::metamodule::Metamodule;
@@ -31,7 +31,7 @@ fn record(directory: &Path, name: &str, options: &[&str]) -> String {
     journal
 }
 
-/// A `metamorph view` that runs, ended when dropped.
+/// A running `metamorph view`, ended when dropped.
 struct View {
     process: Child,
     address: String,
@@ -61,18 +61,18 @@ impl View {
             line.split_whitespace().find(|word| word.starts_with("http://")).map(str::to_owned)
         });
         view.address = address.expect("the address is printed");
-        // What it says later must go somewhere.
+        // Further output must be read.
         std::thread::spawn(move || lines.for_each(drop));
         view
     }
 
-    /// Host and port, and the path with the token.
+    /// Returns host and port, and the path with the token.
     fn parts(&self) -> (&str, &str) {
         let rest = self.address.strip_prefix("http://").unwrap();
         rest.split_at(rest.find('/').unwrap())
     }
 
-    /// The answer to a request as it is written here.
+    /// Returns the answer to a raw request.
     fn raw(&self, request: &str) -> (u16, String) {
         let mut stream = TcpStream::connect(self.parts().0).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
@@ -88,7 +88,7 @@ impl View {
         self.raw(&format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n"))
     }
 
-    /// Ctrl-C, and the exit code.
+    /// Sends Ctrl-C, and returns the exit code.
     fn end(mut self) -> Option<i32> {
         kill_process(Pid::from_child(&self.process), Signal::INT).unwrap();
         self.process.wait().unwrap().code()
@@ -104,7 +104,7 @@ impl Drop for View {
 }
 
 #[test]
-fn only_whoever_has_the_address_is_let_in() {
+fn only_the_address_with_the_token_gives_access() {
     let view = View::of("chair.toml", &[]);
     let (host, root) = view.parts();
     assert!(host.starts_with("127.0.0.1:") && root.len() == 34, "{}", view.address);
@@ -121,7 +121,7 @@ fn only_whoever_has_the_address_is_let_in() {
         let (status, answer) = view.get(path, "");
         assert!(status == 404 && !answer.contains("classes"), "{path}: {answer}");
     }
-    // There is nothing but the page behind the token.
+    // Only the page is served behind the token.
     for file in ["../../etc/passwd", "..%2f..%2fetc%2fpasswd", "Cargo.toml", "scene/", "page/main.js", "%00"]
     {
         assert_eq!(view.get(&format!("{root}{file}"), "").0, 404, "{file}");
@@ -146,7 +146,7 @@ fn only_whoever_has_the_address_is_let_in() {
         );
         assert_eq!(view.raw(&request).0, 405, "{method}");
     }
-    // Numbers that make no sense do no harm.
+    // Meaningless numbers have no effect.
     for query in [
         "events?from=99999999999999999999",
         "talk?first=18446744073709551615&count=9",
@@ -166,9 +166,9 @@ fn only_whoever_has_the_address_is_let_in() {
     assert_eq!(view.end(), Some(0));
 }
 
-/// As any program on the machine can do: requests that do not end, and what is no request.
+/// As any program on the machine can send: requests that do not end, and data that is not a request.
 #[test]
-fn the_page_survives_what_is_no_request() {
+fn the_server_survives_invalid_requests() {
     let view = View::of("chair.toml", &[]);
     let (host, root) = view.parts();
     let connect = || {
@@ -176,7 +176,7 @@ fn the_page_survives_what_is_no_request() {
         stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
         stream
     };
-    // The server ends them all; none is waited for.
+    // The server closes them all.
     let closed = |mut stream: TcpStream, about: &str| {
         let ended = stream.read_to_end(&mut Vec::new()).map_err(|error| error.kind());
         assert!(!matches!(ended, Err(ErrorKind::WouldBlock | ErrorKind::TimedOut)), "{about} is still open");
@@ -215,7 +215,7 @@ fn the_page_survives_what_is_no_request() {
     ];
     for request in &requests {
         let mut stream = connect();
-        // It may have been given up before all of it was read.
+        // The server may have closed it before all of it was read.
         let _ = stream.write_all(request).and_then(|()| stream.shutdown(Shutdown::Write));
         closed(stream, &String::from_utf8_lossy(&request[..request.len().min(80)]));
     }
@@ -229,7 +229,7 @@ fn the_page_survives_what_is_no_request() {
 }
 
 #[test]
-fn a_journal_that_is_cut_is_shown_as_far_as_it_goes_and_what_is_none_is_refused() {
+fn a_cut_journal_is_shown_as_far_as_it_goes_and_other_files_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let journal = record(directory.path(), "swarm.toml", &[]);
     let whole = fs::read(&journal).unwrap();
@@ -250,7 +250,7 @@ fn a_journal_that_is_cut_is_shown_as_far_as_it_goes_and_what_is_none_is_refused(
     assert!(ran.code == Some(2) && ran.err.contains("/nowhere/run.journal"), "{ran:?}");
 }
 
-/// A browser with the page of a view in it; none where there is no browser.
+/// Opens a browser with the page of a view; `None` where there is no browser.
 fn open(view: &View) -> Option<Browser> {
     let Some(program) = find() else {
         println!("skipped: there is no chromium or chrome on this machine");
@@ -259,12 +259,12 @@ fn open(view: &View) -> Option<Browser> {
     let mut browser = Browser::start(program);
     browser.open(&view.address);
     browser.until("['paused', 'failed'].includes(document.body.dataset.state)");
-    // The run may still be going on when the page comes.
+    // The run may still be going on when the page is loaded.
     browser.until("window.page.story.over");
     Some(browser)
 }
 
-/// Nothing was complained about, and nothing came from elsewhere.
+/// Asserts that the page had no errors and loaded nothing from elsewhere.
 fn check_clean(browser: &mut Browser, view: &View) {
     browser.evaluate("1");
     assert_eq!(browser.complaints, Vec::<String>::new());
@@ -273,7 +273,7 @@ fn check_clean(browser: &mut Browser, view: &View) {
     assert!(browser.loaded.len() > 10);
 }
 
-/// The moment that is shown.
+/// Returns the time that is shown, in microseconds.
 fn micros(browser: &mut Browser) -> f64 {
     browser.until("!window.page.dirty");
     browser.evaluate("Number(document.getElementById('time').dataset.micros)").as_f64().unwrap()
@@ -283,7 +283,7 @@ fn text(browser: &mut Browser, id: &str) -> String {
     browser.evaluate(&format!("document.querySelector('{id}').textContent")).as_str().unwrap().to_owned()
 }
 
-/// Goes to a moment with the scrubber.
+/// Moves the scrubber to a time.
 fn scrub(browser: &mut Browser, to: f64) {
     let event = "scrub.dispatchEvent(new Event('input', { bubbles: true }))";
     browser.evaluate(&format!(
@@ -309,14 +309,14 @@ fn plays_a_chair_to_its_end() {
     assert_eq!(text(&mut browser, "#outcome"), "built");
     assert_eq!(micros(&mut browser), 0.0);
 
-    // Something is drawn: not all pixels are of one colour.
+    // The canvas is not empty: pixels have several colours.
     let colours = "(() => { const c = document.getElementById('space'); const d = document.createElement('canvas'); \
         d.width = 64; d.height = 64; window.page.show(); const p = d.getContext('2d'); p.drawImage(c, 0, 0, 64, 64); \
         const all = p.getImageData(0, 0, 64, 64).data; const seen = new Set(); \
         for (let i = 0; i < all.length; i += 4) seen.add(all.slice(i, i + 3).join()); return seen.size; })()";
     assert!(browser.evaluate(colours).as_u64().unwrap() > 20);
 
-    // It plays, and pauses.
+    // Plays and pauses.
     browser.press(" ");
     browser.until(
         "document.body.dataset.state === 'playing' && document.getElementById('time').dataset.micros > 0",
@@ -328,7 +328,7 @@ fn plays_a_chair_to_its_end() {
     browser.evaluate(frames);
     assert_eq!(micros(&mut browser), paused);
 
-    // It steps on and back.
+    // Steps forward and back.
     browser.press(".");
     let next = micros(&mut browser);
     assert!(next > paused);
@@ -337,13 +337,13 @@ fn plays_a_chair_to_its_end() {
     browser.press(",");
     assert_eq!(micros(&mut browser), next);
 
-    // It goes where the scrubber is.
+    // Goes to the position of the scrubber.
     scrub(&mut browser, 60_000_000.0);
     assert_eq!(micros(&mut browser), 60_000_000.0);
     let filled = text(&mut browser, "[data-part=numbers] dd");
     assert!(filled.ends_with("/ 6") && !filled.starts_with("6"), "{filled}");
 
-    // It plays to the end and stops there.
+    // Plays to the end and stops there.
     browser.press("Home");
     assert_eq!(micros(&mut browser), 0.0);
     browser.evaluate("{ const s = document.getElementById('speed'); s.value = '128'; s.dispatchEvent(new Event('change')); }");
@@ -362,7 +362,7 @@ fn plays_a_chair_to_its_end() {
         !cubes.some((c) => Math.hypot(c[0] - x, c[1] - y, c[2] - z - 0.5) < 1e-6)).length; })()";
     assert_eq!(browser.evaluate(missing), json!(0));
 
-    // A click chooses what is drawn there.
+    // A click chooses the module that is drawn there.
     browser.press("Escape");
     let place = browser.evaluate(
         "(() => { const { page } = window; const box = document.getElementById('space').getBoundingClientRect(); \
@@ -461,18 +461,18 @@ fn messages_locks_and_gradients_of_a_thousand_modules_are_shown() {
                        [...window.page.picture.layers[0].parts.list.slice(i * 16 + 8, i * 16 + 11)].join())).size";
         browser.until(&format!("{colours} >= 3"));
     }
-    // Modules that wait for each other while others move are no standstill, and no circle is drawn.
+    // Modules that wait for each other while others move are not at a standstill, and no circle is drawn.
     let circle = "[...Array(149).keys()].some((s) => { window.page.seek(s * 1e6, true); window.page.show(); \
                   return document.body.dataset.circle !== ''; })";
     assert_eq!(browser.evaluate(circle), Value::Bool(false));
-    // Dark, if that is what the user's system wants.
+    // Dark, if the user's system asks for that.
     let dark = json!({ "features": [{ "name": "prefers-color-scheme", "value": "dark" }] });
     browser.call("Emulation.setEmulatedMedia", dark);
     browser.until("document.documentElement.dataset.theme === 'dark'");
     check_clean(&mut browser, &view);
 }
 
-/// At the end of a run that stands still the page says why nobody goes on, and draws who waits for whom.
+/// At the end of a run that stands still the page gives the reason, and draws the waiting modules.
 #[test]
 fn a_deadlock_is_drawn_and_explained() {
     let kills = ["--kill", "4@5s", "--kill", "22@5s", "--kill", "30@12s"];
@@ -486,7 +486,7 @@ fn a_deadlock_is_drawn_and_explained() {
         let fixed = ["run", &file, "--link", "sim", "--seed", seed, "--quiet", "--json", "-"];
         waits(&serde_json::from_str(&run(&[&fixed, &kills[..]].concat()).out).unwrap())
     });
-    let seed = seed.expect("whoever holds a dead module waits for ever");
+    let seed = seed.expect("a module that holds a dead one waits for ever");
     let view = View::of("swarm.toml", &[&["--seed", &seed], &kills[..]].concat());
     let Some(mut browser) = open(&view) else { return };
     browser.press("End");
@@ -499,7 +499,7 @@ fn a_deadlock_is_drawn_and_explained() {
     assert!(said.starts_with(first.as_str().unwrap()), "{said}, not {first}");
     assert_ne!(browser.evaluate("window.page.picture.marks.length"), json!(0));
     assert!(text(&mut browser, "[data-part=legend]").contains("waits for"));
-    // Before the end nothing is drawn that was not asked for.
+    // Before the end only chosen items are drawn.
     scrub(&mut browser, 1.0);
     assert_eq!(browser.evaluate("window.page.picture.marks.length"), json!(0));
     check_clean(&mut browser, &view);
@@ -515,13 +515,13 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     let mut browser = Browser::start(program);
     browser.open(&view.address);
     browser.until("window.page.story.modules.some((m) => m.doings.length > 0)");
-    // What modules tell each other is not seen yet, and nothing is claimed of it.
+    // Messages between modules are not known yet, and not claimed.
     let offered =
         "[...document.getElementById('meaning').options].filter((o) => o.disabled).map((o) => o.value)";
     let over = "document.getElementById('outcome').textContent !== ''";
     let seen = browser.evaluate(offered);
     assert!(seen == json!(["gradient", "locks"]) || browser.evaluate(over) == json!(true), "{seen}");
-    // The whole journal takes the place of what was seen, in the same page at the same moment.
+    // The whole journal replaces the partial data, in the same page at the same time.
     browser.evaluate(
         "window.same = 0; window.back = 0; window.last = 0; \
         const look = () => { const { t } = window.page; if (t < window.last) window.back++; \
@@ -534,7 +534,7 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     assert_eq!(browser.evaluate(offered), json!([]));
     browser.press("End");
     browser.until("document.querySelector('[data-part=numbers] dd').textContent === '32 / 32'");
-    // Bodies are drawn where they are: a move that was refused has not taken place.
+    // Bodies are drawn at their places: a refused move has not taken place.
     let filled = "(() => { const { story } = window.page; \
         const middles = new Set(story.scene.goals[0].cells.map(([x, y, z]) => [x, y, z + 0.5].join())); \
         return story.modules.filter((_, id) => \
@@ -547,10 +547,10 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     assert_eq!(view.end(), Some(0));
 }
 
-/// While a run goes on modules wait for each other and get on again: that is no standstill, and drawn as one
-/// only where a run has ended in a deadlock. Colours say what is known, and nothing before it has come.
+/// While a run goes on modules wait for each other and go on again: that is not a standstill, which is drawn
+/// only where a run has ended in a deadlock. Colours show what is known, and nothing before that.
 #[test]
-fn only_what_is_known_is_shown() {
+fn only_known_facts_are_shown() {
     let directory = tempfile::tempdir().unwrap();
     let view = View::start(&["view", &record(directory.path(), "swarm.toml", &[])]);
     let Some(mut browser) = open(&view) else { return };
@@ -564,7 +564,7 @@ fn only_what_is_known_is_shown() {
         goal: true, chosen: null, classes: [] }; const seen = page.picture.build(10e6, options); \
         return [seen.circle.size, page.picture.marks.length, seen.arrows]; })()";
     assert_eq!(browser.evaluate(seen), json!([0, 0, false]));
-    // Before a module has told anything, nothing is said of its state.
+    // Before a module has reported, its state is not shown.
     scrub(&mut browser, 2e6);
     let legend = text(&mut browser, "[data-part=legend]");
     assert!(legend.contains("not heard of yet"), "{legend}");
@@ -588,8 +588,8 @@ fn only_what_is_known_is_shown() {
     check_clean(&mut browser, &view);
 }
 
-/// How quickly a thousand modules are drawn, without a graphics card. Prints and judges nothing:
-/// `cargo test -p metamorph-tests --test view_page frame_rate -- --ignored --nocapture`
+/// Prints the frame rate of a thousand modules, without a graphics card, and asserts nothing: `cargo test -p
+/// metamorph-tests --test view_page frame_rate -- --ignored --nocapture`
 #[test]
 #[ignore = "measures, and judges nothing"]
 fn frame_rate_of_a_thousand_modules() {
@@ -600,7 +600,7 @@ fn frame_rate_of_a_thousand_modules() {
     let size = json!({ "width": 1280, "height": 720, "deviceScaleFactor": 1, "mobile": false });
     browser.call("Emulation.setDeviceMetricsOverride", size);
     browser.until("window.innerHeight === 720 && !window.page.dirty");
-    // Pictures as they come, then each of them waited for, so that the processor's share is known.
+    // Frames as they come, then each of them awaited, so that the processor's share is known.
     let measure = "(async (move) => { const { page } = window; const { gl } = page.drawing; \
         const next = () => new Promise(requestAnimationFrame); const [gaps, js, drawn] = [[], [], []]; \
         const middle = (list) => [...list].sort((a, b) => a - b)[list.length >> 1].toFixed(1); \

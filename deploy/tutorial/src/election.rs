@@ -1,5 +1,5 @@
-//! The controller's side of the tutorial: listens to what modules report and ends the run when all
-//! agree. It gives no orders.
+//! The director of the tutorial: takes the reports of modules and ends the run when all agree. It
+//! gives no orders.
 
 use crate::leader::{Leader, Lowest};
 use metamorph_protocol::ids::ModuleId;
@@ -9,19 +9,19 @@ use metamorph_protocol::wire::Never;
 use metamorph_sim_bridge::director::port::Direct;
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
 
-/// Who says what, and when all said the same.
+/// The last report of each module, and the result.
 #[derive(Clone, Debug)]
 pub struct Election {
     heard: Vec<Option<ModuleId>>,
     deadline: Time,
     ended: bool,
     finish: Option<Command<Never>>,
-    /// Whom all agreed on, and when.
+    /// The module that all agreed on, and the time.
     pub leader: Option<(ModuleId, Time)>,
 }
 
 impl Election {
-    /// Among so many modules, until this time at the latest.
+    /// Creates an election among `modules` that ends at `deadline` at the latest.
     pub fn new(modules: usize, deadline: Time) -> Election {
         Election { heard: vec![None; modules], deadline, ended: false, finish: None, leader: None }
     }
@@ -36,7 +36,7 @@ impl Election {
 impl Direct<StillWorld<Leader>> for Election {
     fn report(&mut self, now: Time, id: ModuleId, Lowest(lowest): Lowest) {
         self.heard[id.index()] = Some(lowest);
-        // The one with the lowest number of all is the only one that all can agree on.
+        // All modules can agree only on the one with the lowest number of all.
         let all = self.heard.iter().all(|heard| *heard == Some(ModuleId(0)));
         if all && !self.ended {
             self.leader = Some((ModuleId(0), now));

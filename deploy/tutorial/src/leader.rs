@@ -1,7 +1,7 @@
 //! The protocol of the tutorial: modules agree on a leader, the living one with the lowest number.
 //!
-//! Every module tells its neighbours the lowest number it has heard of, and again and again, because
-//! messages get lost. Absent: noticing that the leader has died, which is left to the reader.
+//! Every module tells its neighbours the lowest number it has heard of, repeatedly, because messages
+//! get lost. Not here: detecting that the leader has died, which is left to the reader.
 
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
@@ -14,14 +14,14 @@ use std::collections::VecDeque;
 use std::hash::Hasher;
 use std::sync::Arc;
 
-/// What all modules share and nobody changes.
+/// What all modules share and what never changes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setup {
-    /// How often a module repeats what it knows.
+    /// The time between two repetitions of what a module knows.
     pub repeat: Span,
 }
 
-/// The lowest number that somebody has heard of: what modules tell each other, and the controller.
+/// The message between modules, and the report to the controller: the lowest number heard of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lowest(pub ModuleId);
 
@@ -37,7 +37,7 @@ impl Wire for Lowest {
     }
 }
 
-/// One module: its whole state is integers, so it does the same on every machine.
+/// The agent of one module. Its whole state is integers, so it behaves the same on every machine.
 #[derive(Debug)]
 pub struct Leader {
     setup: Arc<Setup>,

@@ -1,7 +1,7 @@
-//! A protocol of one's own, outside the crates of the runtime: see README.md beside this crate.
+//! A protocol outside the crates of the runtime: see README.md of this crate.
 //!
-//! [`leader`] is the protocol, [`election`] the controller's side; here both are run, in virtual time
-//! and as processes. Absent: anything that the two drivers would have to know about it.
+//! [`leader`] is the protocol, [`election`] the director; here both are run, in virtual time and as
+//! processes. The two drivers need no knowledge of the protocol.
 
 pub mod election;
 pub mod family;
@@ -20,20 +20,20 @@ use metamorph_world_controller::swarm::{SwarmError, SwarmOptions, run_swarm};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outcome {
-    /// Whom all agreed on, and when; none if they did not within a minute.
+    /// The module that all agreed on, and the time; `None` if they did not within a minute.
     pub leader: Option<(ModuleId, Time)>,
-    /// Messages sent.
+    /// The number of messages sent.
     pub sent: u64,
-    /// The hash of everything that happened; only in virtual time can a run be repeated.
+    /// The trace hash; `None` for processes, whose runs do not repeat exactly.
     pub trace: Option<u64>,
 }
 
 const MINUTE: Time = Time(60_000_000_000);
 
-/// A square plate.
+/// Returns a square plate.
 fn plate(side: u16) -> StillWorld<Leader> {
     StillWorld::new([side, side, 1])
 }
@@ -42,7 +42,7 @@ fn setup() -> Setup {
     Setup { repeat: Span::millis(500) }
 }
 
-/// A plate of `side` times `side` modules in virtual time.
+/// Runs a plate of `side` times `side` modules in virtual time.
 pub fn simulate(side: u16, loss: Ratio, seed: u64) -> Outcome {
     let world = plate(side);
     let director = Election::new(plate(side).len(), MINUTE);
@@ -64,7 +64,7 @@ pub fn simulate(side: u16, loss: Ratio, seed: u64) -> Outcome {
     }
 }
 
-/// The same plate with one process for each module. `program` is started as `program agent …`.
+/// Runs the same plate with one process for each module, started as `program agent …`.
 pub fn processes(program: PathBuf, side: u16, loss: Ratio) -> Result<Outcome, SwarmError> {
     let mut world = plate(side);
     let mut director = Election::new(plate(side).len(), MINUTE);

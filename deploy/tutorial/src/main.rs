@@ -1,7 +1,7 @@
 //! The program of the tutorial: `tutorial sim` and `tutorial processes` run the protocol, `tutorial
 //! agent` is one module and is started by the latter.
 
-#![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is a program that prints what it found")]
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that prints its result")]
 
 use metamorph_module_agent::AgentArgs;
 use metamorph_protocol::ratio::Ratio;

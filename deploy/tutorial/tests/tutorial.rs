@@ -1,6 +1,6 @@
-//! The protocol of the tutorial does what the tutorial says, on both links, and the tutorial shows the
+//! The protocol of the tutorial behaves as described, on both links, and the tutorial shows the
 //! code that is compiled.
-#![allow(clippy::unwrap_used, reason = "what cannot be done here fails the test")]
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_protocol::ids::ModuleId;
 use metamorph_tutorial::{processes, simulate};
@@ -23,7 +23,7 @@ fn processes_agree_although_messages_are_lost() {
     assert_eq!(outcome.leader.unwrap().0, ModuleId(0));
 }
 
-/// Every piece of Rust in the text stands in a source file, line by line.
+/// Every piece of Rust in the text is in a source file, line by line.
 #[test]
 fn the_tutorial_shows_the_code_that_is_compiled() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));

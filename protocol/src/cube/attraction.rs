@@ -1,9 +1,9 @@
 //! The attraction field: for each face, how many moves it is from the cell outside to the nearest target.
 //!
-//! A distance is followed only if it is *feasible*: closer to the source than everything advertised
-//! here for the same version of that source. So the successors of one version never form a loop,
-//! whatever is late, lost or doubled, and a source that is gone is forgotten with its last version
-//! instead of being counted to infinity.
+//! A distance is followed only if it is *feasible*: closer to the source than everything advertised here for
+//! the same version of that source. So the successors of one version never form a loop, even if messages are
+//! late, lost or duplicated, and a source that is gone is forgotten with its last version instead of being
+//! counted to infinity.
 
 use super::message::{Entry, Role};
 use super::view::View;
@@ -15,9 +15,9 @@ use crate::lattice::Face;
 use crate::time::{Span, Time};
 use std::hash::Hash;
 
-/// Marks an offer that comes from another face of the same module.
+/// `via` of an offer that comes from another face of the same module.
 pub(super) const OWN: u8 = 6;
-/// Marks an offer of a module one further out, which touches the same cell.
+/// Added to `via` for an offer of a module one further out, which touches the same cell.
 pub(super) const SAME_CELL: u8 = 12;
 /// Rounds in which the faces of a module settle: distances only fall within one settling, and no path over
 /// one module is longer than its six faces.
@@ -28,12 +28,12 @@ const ROUNDS: usize = 6;
 pub enum Successor {
     /// To another face of the same module.
     Own(Face),
-    /// Along the neighbour in this direction: to its face of the same name or, if a further module
-    /// stands out from it and touches the same cell, to that one's.
+    /// Along the neighbour in this direction: to its face of the same name or, if a further module stands out
+    /// from it and touches the same cell, to the face of that module.
     Beside {
-        /// Where the neighbour is.
+        /// The direction of the neighbour.
         heading: Face,
-        /// Whether a further module touches the same cell.
+        /// True if a further module touches the same cell.
         same_cell: bool,
     },
 }
@@ -42,12 +42,12 @@ pub enum Successor {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Attraction {
     faces: [FaceField; 6],
-    /// Directions in which the corner over each face was found blocked, and until when to mind.
+    /// Directions in which the corner over each face was found blocked, and until when they are avoided.
     corners: [u8; 6],
     corners_until: [Time; 6],
     /// Since when the goal cell outside each face has been unfilled, as seen by a finalized module.
     unfilled_since: [Option<Time>; 6],
-    /// Something that the field follows from may have changed.
+    /// True if something that the field follows from may have changed.
     stale: bool,
 }
 
@@ -62,12 +62,12 @@ impl Attraction {
         }
     }
 
-    /// The module starts over with another goal.
+    /// Starts over with another goal.
     pub fn on_goal(&mut self) {
         self.unfilled_since = [None; 6];
         self.faces = std::array::from_fn(|_| FaceField::new());
     }
-    /// Has the field worked out anew in this step.
+    /// Makes the next step recompute the field.
     pub fn touch(&mut self) {
         self.stale = true;
     }
@@ -83,11 +83,12 @@ impl Attraction {
     pub fn value(&self, face: Face) -> Entry {
         self.faces[face.index()].value()
     }
-    /// The smallest distance on any face.
+    /// Returns the smallest distance on any face.
     pub fn nearest(&self) -> Option<u16> {
         self.faces.iter().map(|f| f.value().distance).min()
     }
-    /// Where following the field leads from a face, and when the version of its value was first heard of.
+    /// Returns where following the field leads from a face, and when the version of its value was first
+    /// heard.
     pub fn successor(&self, face: Face) -> (Option<Successor>, Time) {
         let field = &self.faces[face.index()];
         let (heading, kind) = (Face::from_index(field.via % 6), field.via / 6 * 6);
@@ -100,7 +101,7 @@ impl Attraction {
         (successor, field.heard())
     }
 
-    /// Notes what a walker found out about the corners over a face.
+    /// Notes the corners over a face that a walker found blocked.
     pub fn note_corners(&mut self, v: View<'_>, face: Face, corners: u8) {
         if corners != 0 {
             self.corners[face.index()] |= corners;
@@ -108,9 +109,8 @@ impl Attraction {
         }
     }
 
-    /// Puts off starting cells out of turn, after a missed neighbour has spoken again. A cell that has long
-    /// been unfilled may only have been out of hearing: there has to be time for distances to come from
-    /// there.
+    /// Delays starting cells out of turn, after a missed neighbour has spoken again. A cell that has long
+    /// been unfilled may only have been out of reach of messages, and distances need time to come from there.
     pub fn wait_for_news(&mut self, v: View<'_>) {
         hit(Mark::CubeWaitsForNews);
         let earliest = v.now + v.params().hold - v.params().relax;
@@ -120,12 +120,12 @@ impl Attraction {
         self.stale = true;
     }
 
-    /// Whether this finalized module wants the cell outside a face filled.
+    /// Returns true if this finalized module wants the cell outside a face filled.
     pub fn wants(&self, v: View<'_>, face: Face) -> bool {
         self.target(v, face).is_some()
     }
 
-    /// Faces outside which this finalized module wants the cell filled.
+    /// Returns the faces outside which this finalized module wants the cell filled.
     pub fn wanted(&self, v: View<'_>) -> u8 {
         if v.own.role != Role::Final || v.own.masks.cells == 0 {
             return 0;
@@ -133,9 +133,9 @@ impl Attraction {
         Face::ALL.into_iter().filter(|f| self.wants(v, *f)).fold(0, |mask, f| mask | f.bit())
     }
 
-    /// The distance at which the cell outside a face attracts, if this finalized module wants it filled:
-    /// zero by rules G1 and G2, and far if it has only been unfilled for long. Filled before its turn it may
-    /// wall in another, so that is for when no other is heard of.
+    /// Returns the distance at which the cell outside a face attracts, if this finalized module wants it
+    /// filled: zero by rules G1 and G2, and far if it has only been unfilled for long. Filled out of turn it
+    /// may wall in another cell, so it attracts only when no other target is known.
     fn target(&self, v: View<'_>, face: Face) -> Option<u16> {
         let masks = &v.own.masks;
         if v.own.role != Role::Final
@@ -164,8 +164,8 @@ impl Attraction {
         })
     }
 
-    /// Works the field of all faces out anew from what the neighbours said last, if anything it follows from
-    /// may have changed. Returns whether any value changed.
+    /// Recomputes the field of all faces from the last messages of the neighbours, if anything it follows
+    /// from may have changed. Returns true if any value changed.
     pub fn tend(&mut self, v: View<'_>) -> bool {
         let due =
             self.expires(v.params().hold) <= v.now || (v.own.role == Role::Final && self.targets_are_old(v));
@@ -192,7 +192,7 @@ impl Attraction {
 
     fn tend_face(&mut self, v: View<'_>, face: Face) -> bool {
         let i = face.index();
-        // A walker is traffic, not terrain: no route leads over it.
+        // A walker is traffic, not a support: no route leads over it.
         if !v.sides.is_open(face) || v.own.role == Role::Walker {
             return self.faces[i].set(Entry::NONE);
         }
@@ -203,7 +203,7 @@ impl Attraction {
             return self.faces[i].set(Entry { distance, source, version: version(v) });
         }
         let (mut offers, n) = self.offers(v, face);
-        // What comes back of this face's own announcement is no news of a target.
+        // An echo of this face's own announcement is no news of a target.
         let is_own = |e: Entry| e.source == source || may_be_own(v, e);
         for offer in offers.iter_mut().filter(|o| is_own(o.entry)) {
             offer.entry = Entry::NONE;
@@ -216,7 +216,7 @@ impl Attraction {
         self.faces[i].choose(v.now, limits, &offers[..n])
     }
 
-    /// Whether a face that is a target does not say so, in the present version.
+    /// Returns true if a face that is a target does not announce itself in the present version.
     fn targets_are_old(&self, v: View<'_>) -> bool {
         let version = version(v);
         Face::ALL.into_iter().filter(|f| !v.sides.is_touching(*f)).any(|f| {
@@ -236,7 +236,7 @@ impl Attraction {
         }
     }
 
-    /// The distances that the cell outside `face` can be given: along neighbouring modules, and
+    /// Returns the distances that the cell outside `face` can be given: along neighbouring modules, and
     /// around the edges of this one.
     fn offers(&self, v: View<'_>, face: Face) -> ([Offer; 4], usize) {
         let mut offers = [Offer { entry: Entry::NONE, cost: 0, via: 0 }; 4];
@@ -247,8 +247,8 @@ impl Attraction {
         };
         for heading in face.perpendicular() {
             if let Some(beacon) = v.terrain(heading) {
-                // What was known of another goal's targets was forgotten with that goal, so that their
-                // distances could lead in circles.
+                // Targets of another goal were forgotten with that goal, so their distances could lead in
+                // circles.
                 if beacon.epoch != v.own.epoch {
                     continue;
                 }
@@ -273,7 +273,7 @@ impl Attraction {
         one_way(a, b) || one_way(b, a)
     }
 
-    /// What a walker on `face` would find in each of its four headings.
+    /// Returns what a walker on `face` would find in each of its four headings.
     pub fn advertised(&self, v: View<'_>, face: Face) -> [Entry; 4] {
         if v.own.role == Role::Walker {
             return [Entry::NONE; 4];
@@ -291,19 +291,19 @@ impl Attraction {
         })
     }
 
-    /// When the first value ceases to be usable unless it is renewed.
+    /// Returns when the first value ceases to be usable unless it is renewed.
     pub fn expires(&self, hold: Span) -> Time {
         self.faces.iter().map(|f| f.expires(hold)).min().unwrap_or(Time::NEVER)
     }
 }
 
-/// Applies rule G2: every lower neighbour of the cell outside a face is finalized, as far as the common
-/// neighbours that can see it say.
+/// Applies rule G2: returns true if every lower neighbour of the cell outside a face is finalized, as far as
+/// the common neighbours that can see it say.
 fn lower_are_filled(v: View<'_>, face: Face) -> bool {
     let lower = v.own.masks.lower[face.index()];
     Face::ALL.into_iter().filter(|toward| lower & toward.bit() != 0).all(|toward| {
         if toward == face.opposite() || toward == face || v.own.masks.cells & toward.bit() == 0 {
-            // The cell itself, opposite fronts, or no module in between: nothing to go by.
+            // The cell itself, opposite fronts, or no module in between: nothing is known.
             return true;
         }
         // The lower cell lies beside ours, seen by the module that both touch.
@@ -311,8 +311,8 @@ fn lower_are_filled(v: View<'_>, face: Face) -> bool {
     })
 }
 
-/// The version of a module's own targets: it counts the refresh periods of this module, whose phase is its
-/// own so that not all sources flood at once. Versions go on after a restart.
+/// Returns the version of the module's own targets: the number of refresh periods of this module, whose phase
+/// is its own so that not all sources flood at once. Versions go on after a restart.
 fn version(v: View<'_>) -> u16 {
     version_of(v, v.own.id.0, v.now)
 }
@@ -325,13 +325,13 @@ fn phased(v: View<'_>, id: u32, at: Time) -> u64 {
 fn refresh(v: View<'_>) -> u64 {
     v.params().refresh.0.max(1)
 }
-/// When the module's own targets get their next version.
+/// Returns when the module's own targets get their next version.
 pub(super) fn next_refresh(v: View<'_>) -> Time {
     v.now + Span(refresh(v) - phased(v, v.own.id.0, v.now) % refresh(v))
 }
 
-/// Whether an earlier life of this module may have announced this version: it may come back by way of
-/// others, and lead in a circle.
+/// Returns true if an earlier incarnation of this module may have announced this version: it may come back
+/// from others, and lead in a circle.
 fn may_be_own(v: View<'_>, entry: Entry) -> bool {
     v.own.restarted
         && entry.is_known()
@@ -339,7 +339,7 @@ fn may_be_own(v: View<'_>, entry: Entry) -> bool {
         && !newer(entry.version, version_of(v, entry.source >> 3, v.own.settled))
 }
 
-/// Sources remembered per face.
+/// The largest number of sources remembered per face.
 const MAX_RECORDS: usize = 16;
 
 /// What is remembered of one source.
@@ -358,11 +358,11 @@ struct Record {
 /// A distance offered by a neighbour, or by another face of the same module.
 #[derive(Clone, Copy, Debug)]
 struct Offer {
-    /// What is offered.
+    /// The offered value.
     pub entry: Entry,
-    /// How much farther it is from here; at least 1.
+    /// How much farther the source is from here; at least 1.
     pub cost: u16,
-    /// Names who offers it, among those who can.
+    /// Identifies the origin of the offer, among the possible ones.
     pub via: u8,
 }
 
@@ -383,7 +383,7 @@ struct FaceField {
     records: Vec<Record>,
 }
 
-/// Whether version `a` is newer than `b`, modulo 2¹⁶.
+/// Returns true if version `a` is newer than `b`, modulo 2¹⁶.
 fn newer(a: u16, b: u16) -> bool {
     (1..0x8000).contains(&a.wrapping_sub(b))
 }
@@ -404,7 +404,7 @@ impl FaceField {
         changed
     }
 
-    /// Chooses the nearest feasible offer. Says whether the value changed.
+    /// Chooses the nearest feasible offer. Returns true if the value changed.
     fn choose(&mut self, now: Time, limits: Limits, offers: &[Offer]) -> bool {
         let mut best: Option<(u16, Offer)> = None;
         for offer in offers {
@@ -447,7 +447,7 @@ impl FaceField {
         current && fresh && closer
     }
 
-    /// Notes the choice; false if there is no room to remember its source.
+    /// Notes the choice; returns false if there is no room to remember its source.
     fn remember(&mut self, now: Time, limits: Limits, distance: u16, offer: &Offer) -> bool {
         let (source, version) = (offer.entry.source, offer.entry.version);
         if let Some(record) = self.records.iter_mut().find(|r| r.source == source) {
@@ -476,12 +476,12 @@ impl FaceField {
         true
     }
 
-    /// When the version of the current value was first heard of.
+    /// Returns when the version of the current value was first heard.
     fn heard(&self) -> Time {
         self.records.iter().find(|r| r.source == self.value.source).map_or(Time::NEVER, |r| r.first)
     }
 
-    /// When the current value ceases to be usable unless it is renewed.
+    /// Returns when the current value ceases to be usable unless it is renewed.
     fn expires(&self, hold: Span) -> Time {
         if !self.value.is_known() || self.via == u8::MAX {
             return Time::NEVER;
@@ -504,14 +504,14 @@ mod tests {
     }
 
     #[test]
-    fn follows_only_what_is_closer_than_anything_it_said() {
+    fn follows_only_offers_closer_than_all_it_has_advertised() {
         let mut face = FaceField::new();
         assert!(face.choose(Time(0), LIMITS, &[offer(4, 1, 1, 0)]));
         assert_eq!(face.value().distance, 5);
-        // The neighbour's neighbour that follows us offers 6 when our own source has gone: refused.
+        // The neighbour's neighbour that follows this one offers 6 when the source has gone: refused.
         face.choose(Time(1), LIMITS, &[offer(6, 1, 1, 1)]);
         assert!(!face.value().is_known());
-        // The next version of the source is believed again.
+        // The next version of the source is accepted again.
         face.choose(Time(2), LIMITS, &[offer(6, 1, 2, 1)]);
         assert_eq!(face.value().distance, 7);
         // An older version is not.
@@ -542,7 +542,7 @@ mod tests {
             face.choose(Time(u64::from(source)), LIMITS, &[offer(1, source, 1, 0)]);
         }
         face.choose(Time(20), LIMITS, &[offer(1, 99, 1, 0)]);
-        assert!(!face.value().is_known(), "no room yet");
+        assert!(!face.value().is_known(), "no room for another source");
         face.choose(Time(201), LIMITS, &[offer(1, 99, 1, 0)]);
         assert!(face.value().is_known() && face.records.len() == MAX_RECORDS);
         assert!(face.records.iter().all(|r| r.source != 0));

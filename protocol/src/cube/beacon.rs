@@ -1,4 +1,4 @@
-//! Beacons: when a module tells its neighbours about itself, and what each beacon is counted as.
+//! Beacons: when a module tells its neighbours about itself, and the class of each beacon.
 //!
 //! State is soft: everything is repeated, so that a lost beacon costs only time.
 
@@ -8,7 +8,7 @@ use crate::counters::Class;
 use crate::lattice::Face;
 use crate::time::{Span, Time};
 
-/// A distance that falls by this part of itself is told at once.
+/// A distance that falls by more than this fraction of itself (one in `MUCH_CLOSER`) is sent at once.
 const MUCH_CLOSER: u16 = 8;
 
 /// What has been sent over one face.
@@ -18,7 +18,7 @@ struct Sender {
     sent: Option<Beacon>,
     sent_at: Time,
     sequence: u32,
-    /// Something may have changed since.
+    /// True if something may have changed since.
     stale: bool,
     /// When news that can wait is sent.
     later: Option<Time>,
@@ -27,7 +27,7 @@ struct Sender {
 impl Sender {
     const NEW: Sender = Sender { sent: None, sent_at: Time::ZERO, sequence: 0, stale: true, later: None };
 
-    /// When a beacon is due at the latest.
+    /// Returns the latest time at which a beacon is due.
     fn due_at(&self, advertise: Span, heartbeat: Span) -> Time {
         if self.sent.is_none() {
             return Time::ZERO;
@@ -47,16 +47,16 @@ impl Beacons {
     pub fn new() -> Beacons {
         Beacons { senders: [Sender::NEW; 6] }
     }
-    /// The number of beacons sent in the present session of a face.
+    /// Returns the number of beacons sent in the present session of a face.
     pub fn sequence(&self, face: Face) -> u32 {
         self.senders[face.index()].sequence
     }
-    /// A new session begins on a face, or none.
+    /// Begins a session on a face, or ends it.
     pub fn on_contact(&mut self, face: Face) {
         let sender = &mut self.senders[face.index()];
         *sender = Sender { sent_at: sender.sent_at, ..Sender::NEW };
     }
-    /// Has all beacons compared with what was sent.
+    /// Makes the next step compare all beacons with those sent last.
     pub fn touch(&mut self) {
         for sender in &mut self.senders {
             sender.stale = true;
@@ -132,7 +132,7 @@ impl Cube {
         }
     }
 
-    /// Whether this is a walker without any neighbour to walk over: its supports have died.
+    /// Returns true if this is a walker without any neighbour to walk over: its supports have died.
     fn is_stranded(&self, now: Time) -> bool {
         self.own.role == Role::Walker
             && self.moving.is_none()
@@ -140,7 +140,8 @@ impl Cube {
             && self.sides.terrain_mask() == 0
     }
 
-    /// Finalized modules that this one stands for: itself and those it made finalized, and so on.
+    /// Returns the number of finalized modules that this one counts for: itself, those that it made
+    /// finalized, and so on.
     pub(super) fn subtree(&self, now: Time) -> u32 {
         let v = self.view(now);
         let below: u32 = Face::ALL
@@ -153,7 +154,7 @@ impl Cube {
         below + 1
     }
 
-    /// When the next beacon is due.
+    /// Returns when the next beacon is due.
     pub(super) fn beacons_due(&self) -> Time {
         let p = self.own.params();
         let touching = Face::ALL.into_iter().filter(|f| self.sides.is_touching(*f));
@@ -166,9 +167,9 @@ impl Cube {
     }
 }
 
-/// How long after the beacon before news of the field is sent. A target that comes much closer is told
-/// of at once. All else is worth the less the farther the target is: a module that stands `n` moves away
-/// gets there `n` moves later at the earliest, by when the news will have changed again.
+/// Returns the delay of news of the field after the beacon before. A target that comes much closer is sent at
+/// once. Other news matters less the farther the target is: a module `n` moves away gets there `n` moves
+/// later at the earliest, and by then the news will have changed again.
 fn news_delay(before: &Beacon, after: &Beacon, advertise: Span) -> Span {
     let changed = before.field.iter().zip(&after.field).filter(|(b, a)| a != b);
     let moves = changed.map(|(b, a)| {
@@ -179,7 +180,7 @@ fn news_delay(before: &Beacon, after: &Beacon, advertise: Span) -> Span {
     advertise + advertise * u64::from(moves.min().unwrap_or(0))
 }
 
-/// What a beacon is for, judged by what is new in it; connectivity first, gradient last.
+/// Returns the class of a beacon, judged by what is new in it; connectivity first, gradient last.
 fn class_of_news(before: &Beacon, after: &Beacon) -> Class {
     let connectivity = |b: &Beacon| {
         (b.attached, b.rank, b.renew, b.claim, b.ack, b.anchored_here, b.quarantined, b.final_hops)

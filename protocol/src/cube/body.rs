@@ -1,15 +1,15 @@
-//! What a cube asks of its body, and what the body answers.
+//! Actions that a cube asks of its body, and percepts that the body returns.
 
 use crate::lattice::{Cell, Motion, MotionKind};
 use crate::time::Time;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
-/// What a cube asks of its body.
+/// The action of a cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Move {
-    /// Which way.
+    /// The motion.
     pub motion: Motion,
-    /// The body must refuse to start later than this.
+    /// The latest start: the body must refuse to begin later.
     pub not_after: Time,
 }
 
@@ -46,20 +46,20 @@ impl Wire for Move {
 pub enum Refusal {
     /// A cell that the move needs free is not free, or a support is missing.
     Blocked = 0,
-    /// It was asked too late.
+    /// The request came too late.
     Late = 1,
-    /// The contacts had changed since the agent looked.
+    /// The contacts had changed since the agent decided.
     Stale = 2,
     /// The body is moving already.
     Moving = 3,
 }
 
-/// How a move went.
+/// The outcome of a move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Percept {
-    /// The module is at a new cell now.
+    /// The module has arrived at a new cell.
     Arrived(Cell),
-    /// The move was tried and failed; the module is where it was.
+    /// The move was tried and failed; the module is at its old cell.
     Failed,
     /// The move was not started.
     Refused(Refusal),

@@ -1,26 +1,27 @@
-//! What the world-controller asks of a cube, and what a cube reports to it.
+//! Orders of the world-controller to a cube, and reports of a cube to it.
 
-use super::message::{NOBODY, Role};
+use super::message::{NO_MODULE, Role};
 use crate::ids::{ModuleId, Port, Session};
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
-/// What the world-controller asks of a cube.
+/// An order of the world-controller to a cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Order {
     /// Work for this goal from now on.
     Goal {
-        /// The place of the goal in the list of goals.
+        /// The index of the goal in the list of goals.
         epoch: u16,
     },
-    /// Whoever is behind this contact is certified dead: fenced off, not merely silent.
+    /// The module at this contact is certified dead: its process has been stopped for good, it is not merely
+    /// silent.
     Condemn {
         /// The port of the contact.
         port: Port,
-        /// Its session.
+        /// The session of the contact.
         session: Session,
         /// The latest goal that it can have worked for.
         epoch: u16,
-        /// In that goal it was finalized: it is for good, and so is all that it hangs on.
+        /// True if it was finalized in that goal: it stays for good, and so does all that it hangs on.
         finalized: bool,
     },
 }
@@ -57,28 +58,28 @@ impl Wire for Order {
     }
 }
 
-/// What a cube tells the world-controller when it changes.
+/// The report of a cube to the world-controller when it changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status {
-    /// Which goal it works for.
+    /// The goal that it works for.
     pub epoch: u16,
-    /// Its part in the growth.
+    /// Its role in the growth.
     pub role: Role,
-    /// It is finalized or has a parent.
+    /// True if it is finalized or has a parent.
     pub attached: bool,
-    /// It cannot move any more.
+    /// True if it cannot move any more.
     pub immobile: bool,
-    /// It holds a child that it believes dead, and so cannot leave.
+    /// True if it holds a child that it believes dead, and so cannot leave.
     pub pinned: bool,
-    /// It knows a way to a target.
+    /// True if it knows a route to a target.
     pub attracted: bool,
-    /// Faces behind which it wants a cell filled.
+    /// Faces outside which it wants a cell filled.
     pub wants: u8,
-    /// Finalized modules that it stands for; at the seed, all of them.
+    /// The number of finalized modules that it counts for; at the seed, all of them.
     pub subtree: u32,
-    /// How often another module held the cell it wanted, so that it did not collide.
+    /// How often another module held the cell that it wanted, so that a collision was prevented.
     pub prevented: u32,
-    /// Whom it waits for, if it does.
+    /// The module that it waits for.
     pub waits_for: Option<ModuleId>,
 }
 
@@ -95,7 +96,7 @@ impl Wire for Status {
         out.u8(self.wants);
         out.u32(self.subtree);
         out.u32(self.prevented);
-        out.u32(self.waits_for.map_or(NOBODY, |id| id.0));
+        out.u32(self.waits_for.map_or(NO_MODULE, |id| id.0));
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
         if kind != 0 {
@@ -111,7 +112,7 @@ impl Wire for Status {
             wants: from.u8()?,
             subtree: from.u32()?,
             prevented: from.u32()?,
-            waits_for: Some(from.u32()?).filter(|id| *id != NOBODY).map(ModuleId),
+            waits_for: Some(from.u32()?).filter(|id| *id != NO_MODULE).map(ModuleId),
         })
     }
 }

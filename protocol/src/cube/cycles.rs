@@ -1,9 +1,9 @@
-//! Connecting cycles (thesis 4.2.2, after Fitch and Butler): a module may leave if its neighbours
-//! stay connected without it, over modules that it has locked until it is gone.
+//! Connecting cycles (thesis 4.2.2, after Fitch and Butler): a module may leave if its neighbours stay
+//! connected without it, over modules that it has locked until it is gone.
 //!
-//! Neighbours count as connected over a module that touches both, over finalized modules (which
-//! never leave and hang together), or over a way that a search has found. Every way is locked; locks
-//! are refused rather than waited for, so they cannot deadlock.
+//! Neighbours count as connected over a module that touches both, over finalized modules (which never leave
+//! and hang together), or over a route that a search has found. Every route is locked; locks are refused
+//! rather than waited for, so they cannot deadlock.
 
 use super::Cube;
 use super::message::{Ask, Beacon, Message, RequestId, Role};
@@ -14,23 +14,23 @@ use crate::defects::Sabotage;
 use crate::lattice::Face;
 use crate::time::Time;
 
-/// How far searches go, one after the other.
+/// Depths of successive searches, in hops.
 const DEPTHS: [u8; 4] = [4, 8, 14, 22];
-/// Searches remembered, so that each is passed on once.
+/// The number of searches remembered, so that each is passed on once.
 const MAX_SEEN: usize = 64;
-/// The finalized structure, as one more node beside the six faces.
+/// Index of the finalized structure, a node beside the six faces.
 const ROOT: usize = 6;
 
-/// Which neighbours are known to be connected without the mover.
+/// The neighbours that are known to be connected without the mover.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct SearchState {
-    /// For each face, and for the finalized structure, a name of its part.
+    /// For each face, and for the finalized structure, the number of its part.
     part: [u8; 7],
     /// Faces with a neighbour.
     nodes: u8,
     depth: usize,
-    /// What will have to be locked. Nothing is before all is found: whoever may search in vain for long
-    /// must not keep others from leaving.
+    /// The routes to be locked. They are locked only when all are found: a module that searches for long
+    /// without success must not keep others from leaving.
     routes: Vec<Route>,
 }
 
@@ -44,7 +44,7 @@ impl SearchState {
         }
         keep != drop
     }
-    /// Whether all neighbours are of one part.
+    /// Returns true if all neighbours belong to one part.
     fn is_whole(&self) -> bool {
         let mut parts =
             Face::ALL.into_iter().filter(|f| self.nodes & f.bit() != 0).map(|f| self.part[f.index()]);
@@ -54,15 +54,15 @@ impl SearchState {
 }
 
 impl Cube {
-    /// Asks for the locks that keep the neighbours connected. False if a search has to come first.
+    /// Asks for the locks that keep the neighbours connected. Returns false if a search has to come first.
     pub(super) fn ask_for_cycles(&mut self, now: Time) -> bool {
         let mut state = SearchState { part: [0, 1, 2, 3, 4, 5, 6], nodes: 0, depth: 0, routes: Vec::new() };
         let neighbours: Vec<(Face, Role, u8, u8)> = Face::ALL
             .into_iter()
             .filter_map(|f| match (self.sides.terrain(f), self.sides.peer(f)) {
                 (Some(b), _) => Some((f, b.role, b.terrain, b.finals)),
-                // A dead finalized module stays where it is, and what hangs on it must not be cut off
-                // from it; but it answers no more.
+                // A dead finalized module stays where it is, and what hangs on it must not be cut off from
+                // it; but it answers no more.
                 (None, Some(b)) if b.role == Role::Final => Some((f, b.role, 0, 0)),
                 (None, _) if self.view(now).died_finalized(f) => Some((f, Role::Final, 0, 0)),
                 _ => None,
@@ -104,9 +104,9 @@ impl Cube {
         }
     }
 
-    /// Floods a search from every neighbour that is not known to hang on the finalized ones: a flood ends
-    /// with whoever touches the mover, and beyond may be what another finds. Each flood has its own name:
-    /// what one has passed, the others may have to pass too.
+    /// Floods a search from every neighbour that is not known to hang on the finalized modules. A flood ends
+    /// at each module that touches the mover, and another flood may have to go on beyond. Each flood has a
+    /// name of its own, since several may have to pass the same modules.
     fn search(&mut self, now: Time) {
         let Some(attempt) = &mut self.attempt else { return };
         let Some(state) = &attempt.search else { return };
@@ -125,7 +125,8 @@ impl Cube {
         }
     }
 
-    /// Searches farther when nothing was found; false if there is no farther, or no search.
+    /// Searches farther when nothing was found; returns false if the depth is at its limit, or there is no
+    /// search.
     pub(super) fn widen_search(&mut self, now: Time) -> bool {
         let Some(state) = self.attempt.as_mut().and_then(|a| a.search.as_mut()) else { return false };
         if state.depth + 1 == DEPTHS.len() {
@@ -140,7 +141,7 @@ impl Cube {
 
     pub(super) fn on_search(&mut self, now: Time, from: Face, id: RequestId, ttl: u8, route: Route) {
         let last = route.hop(route.hop_count() - 1).map(Face::opposite);
-        // Only those who are finalized for one and the same goal hang together.
+        // Only modules that are finalized for the same goal hang together.
         let same_goal = |f: Face| self.sides.terrain(f).is_some_and(|b| b.epoch == self.own.epoch);
         let passes = last == Some(from)
             && id.origin != self.own.id
@@ -224,7 +225,7 @@ impl Cube {
             return;
         }
         if let Some(state) = attempt.search.take() {
-            // Leases begin now; nothing has been asked for before.
+            // Leases begin now; no lock has been asked for before.
             attempt.deadline = now + self.own.params().start_within();
             self.lock(now, state);
             self.ask_for_destination(now);
@@ -245,7 +246,8 @@ mod tests {
     use crate::time::Span;
     use std::sync::Arc;
 
-    /// A module in reserve at the origin with a live neighbour in the east and one that died in the west.
+    /// Returns a module in reserve at the origin with a live neighbour in the east and a dead one in the
+    /// west.
     fn between(west_was_final: bool) -> Cube {
         let seed = Cell::new(-2, 0, 0);
         let setup = Setup {
@@ -287,11 +289,11 @@ mod tests {
 
     /// A module that may let go of a dead neighbour asks whether the others stay connected with it.
     #[test]
-    fn what_hangs_on_dead_strangers_is_not_cut_off() {
+    fn modules_that_hang_on_dead_strangers_are_not_cut_off() {
         let now = Time::ZERO;
-        assert!(between(false).may_leave(now).is_err(), "nobody knows what hangs on whom");
+        assert!(between(false).may_leave(now).is_err(), "the dead neighbour may carry modules");
         let mut cube = between(true);
-        assert_eq!(cube.may_leave(now), Ok(()), "it hangs on nobody");
+        assert_eq!(cube.may_leave(now), Ok(()), "it carries no module");
         assert!(!cube.ask_for_cycles(now), "the east is connected over this module alone");
     }
 }

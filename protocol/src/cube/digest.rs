@@ -1,5 +1,5 @@
-//! The state of a cube as a hash: what the protocol knows and has promised, in an order that stays. Absent:
-//! what is derived from it, what only says when to look again, and what has been sent already.
+//! The state of a cube as a hash: what the protocol knows and has promised, in a fixed order. Not here: state
+//! derived from it, wake-up times, and outputs that have been sent.
 
 use super::Cube;
 use super::motion_planner::DigestPart;
@@ -10,7 +10,7 @@ use std::hash::{Hash, Hasher};
 
 impl Cube {
     pub(super) fn digest_state(&self, hasher: &mut dyn Hasher) {
-        // Taken apart in full, so that a new part has to be put where it belongs.
+        // Destructured in full, so that the compiler asks for the place of a new part.
         let Cube {
             own,
             sides,

@@ -1,27 +1,28 @@
-//! What a module has granted to others: to stay where it is, and to keep a cell free, each with a lease.
+//! Grants to other modules: to stay, and to keep a cell free, each with a lease.
 
 use super::message::RequestId;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Face;
 use crate::time::Time;
 
-/// Locks that one module grants at the same time.
+/// The largest number of locks that one module grants at the same time.
 const MAX_LOCKS: usize = 16;
 
-/// A grant: this module stays, and perhaps keeps a cell free.
+/// A grant: this module stays, and may keep a cell free.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Lock {
     pub id: RequestId,
     pub expires: Time,
-    /// Where the request went on to.
+    /// The face that the request went on to.
     pub next: Option<Face>,
     /// The face outside which the cell is kept free.
     pub reserved: Option<Face>,
-    /// All that come after on the route have granted it too: the co-owners that the last one named.
+    /// The co-owners that the last module of the route named; `None` until all modules further on have
+    /// granted.
     pub beyond: Option<u8>,
 }
 
-/// A release that has to be passed on: over which face, and whose attempt it is about.
+/// A release that has to be passed on: the face, and the attempt by its origin and token.
 pub(super) type Forward = (Face, ModuleId, Token);
 
 /// The locks that a module has granted.
@@ -40,15 +41,15 @@ impl LockTable {
     pub fn is_full(&self) -> bool {
         self.locks.len() == MAX_LOCKS
     }
-    /// For which other module the cell outside a face is kept free.
+    /// Returns another module that the cell outside a face is kept free for.
     pub fn reserved_for_other(&self, face: Face, origin: ModuleId) -> Option<ModuleId> {
         self.locks.iter().find(|l| l.reserved == Some(face) && l.id.origin != origin).map(|l| l.id.origin)
     }
-    /// A module that this one has promised to stay for.
+    /// Returns a module that this one has promised to stay for.
     pub fn holder(&self, now: Time) -> Option<ModuleId> {
         self.locks.iter().find(|l| l.expires > now).map(|l| l.id.origin)
     }
-    /// When the first lease ends.
+    /// Returns when the first lease ends.
     pub fn next_expiry(&self) -> Time {
         self.locks.iter().map(|l| l.expires).min().unwrap_or(Time::NEVER)
     }
@@ -61,7 +62,7 @@ impl LockTable {
     pub fn withdraw(&mut self, id: RequestId) {
         self.locks.retain(|l| l.id != id);
     }
-    /// Notes that the rest of a request's route has granted it, and which co-owners the last one named.
+    /// Notes that the rest of a request's route has granted it, and the co-owners that the last module named.
     pub fn granted_beyond(&mut self, id: RequestId, co_owners: u8) {
         if let Some(lock) = self.locks.iter_mut().find(|l| l.id == id) {
             lock.beyond = Some(co_owners);
@@ -70,7 +71,7 @@ impl LockTable {
     pub fn clear(&mut self) {
         self.locks.clear();
     }
-    /// Drops locks whose lease has ended. Returns whether there were any.
+    /// Drops locks whose lease has ended. Returns true if there were any.
     pub fn expire(&mut self, now: Time) -> bool {
         let before = self.locks.len();
         self.locks.retain(|l| l.expires > now);
@@ -78,7 +79,7 @@ impl LockTable {
     }
 
     /// Drops all locks of the attempts that one of these locks belongs to, since such an attempt is over.
-    /// Returns the releases to pass on to where the requests went.
+    /// Returns the releases to pass on.
     pub fn release(&mut self, which: impl Fn(&Lock) -> bool) -> Vec<Forward> {
         let mut forwards: Vec<Forward> = Vec::new();
         let attempts: Vec<(ModuleId, Token)> =

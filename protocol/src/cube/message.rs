@@ -1,4 +1,4 @@
-//! What cubes say to each other.
+//! Messages between cubes.
 
 use super::route::Route;
 use crate::coverage::Mark;
@@ -8,14 +8,14 @@ use crate::time::{Span, Time};
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 use std::fmt;
 
-/// What a module is in the growth of the goal (thesis 4.1.2: wandering, finalized; a module of the
+/// The role of a module in the growth of the goal (thesis 4.1.2: wandering, finalized; a module of the
 /// initial body that has not been recruited yet is in reserve).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Role {
     /// Part of the initial body.
     Reserve = 0,
-    /// Wandering over the surface, carried by one anchor.
+    /// Walks over the surface, carried by one support.
     Walker = 1,
     /// Finalized: fills a goal cell for good.
     Final = 2,
@@ -32,13 +32,13 @@ impl Role {
     }
 }
 
-/// A place in the parent forest: since when the way to the finalized modules is known, and how long it
-/// is. It never gets worse while the module stays, and a parent's is always better than its child's: so
-/// nobody is its own forebear, whatever is late or forgotten. Sequence numbers do the same for routes in
-/// radio networks (RFC 3561, section 6; RFC 8966, section 2.4).
+/// A place in the parent forest: since when the path to the finalized modules is known, and how long it is.
+/// It never gets worse while the module stays, and a parent's is always better than its child's: so no module
+/// is its own ancestor, even if messages are late or modules forget. Sequence numbers do the same for routes
+/// in radio networks (RFC 3561, section 6; RFC 8966, section 2.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Rank {
-    /// The parents led to a finalized module at this time or later; zero for since the goal was given.
+    /// The parents led to a finalized module at this time or later; zero stands for the start of the goal.
     pub rooted: Time,
     /// Depth in the forest, 0 if finalized.
     pub label: u16,
@@ -51,17 +51,17 @@ impl fmt::Display for Rank {
 }
 
 impl Rank {
-    /// Whether whoever has this rank may be the parent of whoever has the other.
+    /// Returns true if a module of this rank may be the parent of one of rank `other`.
     pub fn is_above(self, other: Rank) -> bool {
         self.rooted > other.rooted || (self.rooted == other.rooted && self.label < other.label)
     }
-    /// The rank of a child.
+    /// Returns the rank of a child.
     pub(super) fn below(self) -> Rank {
         Rank { label: self.label.saturating_add(1), ..self }
     }
 }
 
-/// What a module wants of the neighbour it tells this, as to staying connected.
+/// What a module wants of a neighbour in order to stay connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Claim {
     /// Nothing.
@@ -72,12 +72,12 @@ pub enum Claim {
     Parent(Token),
 }
 
-/// Where an unfilled goal cell is: how far, and which face of which module offers it.
+/// The nearest unfilled goal cell: its distance, and the face of the module that offers it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Entry {
-    /// The way to the target, [`Entry::MOVE`] per move and 1 for each time the word of it was passed
-    /// on between modules that touch the same cell; [`Entry::FAR`] if no target is known. Without the
-    /// latter part two such modules could each believe that the other knows a way.
+    /// The distance of the target: [`Entry::MOVE`] per move, and 1 for each time it was passed on between
+    /// modules that touch the same cell; [`Entry::FAR`] if no target is known. Without the additional 1 two
+    /// such modules could each believe that the other knows a route.
     pub distance: u16,
     /// Module and face that the target touches, packed as `module·8 + face`.
     pub source: u32,
@@ -90,44 +90,44 @@ impl Entry {
     pub const FAR: u16 = u16::MAX;
     /// The distance of one move.
     pub const MOVE: u16 = 16;
-    /// The farthest that distances reach, in moves.
+    /// The largest distance, in moves.
     pub const MAX_MOVES: u16 = Entry::FAR / Entry::MOVE - 1;
     /// No target known.
     pub const NONE: Entry = Entry { distance: Entry::FAR, source: 0, version: 0 };
 
-    /// The distance in moves.
+    /// Returns the distance in moves.
     pub fn moves(self) -> u16 {
         self.distance / Entry::MOVE
     }
-    /// Whether a target is known.
+    /// Returns true if a target is known.
     pub fn is_known(self) -> bool {
         self.distance != Entry::FAR
     }
 }
 
-/// Everything a module tells the neighbour on one face about itself; repeated, so that losing one
-/// costs only time.
+/// All that a module tells the neighbour on one face about itself; repeated, so that a lost message costs
+/// only time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Beacon {
     /// The sender.
     pub id: ModuleId,
-    /// Counts the beacons of a session in one direction.
+    /// The number of the beacon in its session and direction.
     pub sequence: u32,
-    /// Which goal the sender works for.
+    /// The goal that the sender works for.
     pub epoch: u16,
-    /// The sender's part in the growth.
+    /// The sender's role in the growth.
     pub role: Role,
-    /// The sender is finalized or has a parent.
+    /// True if the sender is finalized or has a parent.
     pub attached: bool,
-    /// The sender cannot move any more.
+    /// True if the sender cannot move any more.
     pub immobile: bool,
-    /// A walker hangs on the receiver; a finalized module was started by the receiver.
+    /// True if the receiver supports the sender, a walker, or made it finalized.
     pub anchored_here: bool,
-    /// The sender wants the receiver's cell filled, for good.
+    /// True if the sender wants the receiver's cell filled, for good.
     pub wants_you: bool,
-    /// The sender has restarted and grants nothing yet.
+    /// True if the sender has restarted and grants nothing yet.
     pub quarantined: bool,
-    /// Over so many modules that do not know any more what they were somebody finalized is reached; if
+    /// The number of modules without memory of their role between the sender and a finalized one; if
     /// [`Beacon::NO_FINAL`], the sender was not finalized.
     pub final_hops: u8,
     /// Faces behind which the sender knows live modules that can carry a walker.
@@ -136,7 +136,7 @@ pub struct Beacon {
     pub finals: u8,
     /// The sender's place in the parent forest.
     pub rank: Rank,
-    /// The sender needs the receiver's way to the finalized modules to be known anew, no earlier than
+    /// The sender needs the receiver's path to the finalized modules to be confirmed anew, no earlier than
     /// this; zero if it does not.
     pub renew: Time,
     /// What the sender wants of the receiver.
@@ -145,33 +145,33 @@ pub struct Beacon {
     pub ack: Option<Token>,
     /// Directions in which a walker found the corner over the receiver blocked.
     pub corners: u8,
-    /// Finalized modules that the sender stands for, itself included.
+    /// The number of finalized modules that the sender counts for, including itself.
     pub subtree: u32,
     /// Distances for the four headings at right angles to the shared face.
     pub field: [Entry; 4],
 }
 
 impl Beacon {
-    /// Nobody finalized is reached, not even over modules that have forgotten what they were.
+    /// No finalized module is reached, not even over modules that have forgotten their role.
     pub const NO_FINAL: u8 = u8::MAX;
 }
 
 /// What the last module of a route is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Ask {
-    /// Stay where you are.
+    /// Stay at its cell.
     Lock,
-    /// Stay, and keep the cell outside this face free for me.
+    /// Stay, and keep the cell outside this face free for the origin.
     Reserve(Face),
 }
 
-/// Why a request is turned down.
+/// Why a request is denied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Denial {
     /// The cell is occupied.
     Occupied = 1,
-    /// The cell is kept for somebody else.
+    /// The cell is reserved for another module.
     Reserved = 2,
     /// A module of the route is leaving.
     Busy = 3,
@@ -184,7 +184,7 @@ pub enum Denial {
 }
 
 impl Denial {
-    /// Whether granting would have let two modules into one cell.
+    /// Returns true if granting would have let two modules into one cell.
     pub fn is_collision(self) -> bool {
         matches!(self, Denial::Occupied | Denial::Reserved)
     }
@@ -212,10 +212,10 @@ impl Denial {
     }
 }
 
-/// Names one request: who asks, in which attempt, and which of its requests.
+/// The name of one request: its origin, the attempt, and the number within it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RequestId {
-    /// Who asks.
+    /// The module that asks.
     pub origin: ModuleId,
     /// The origin's attempt.
     pub token: Token,
@@ -234,72 +234,72 @@ impl RequestId {
     }
 }
 
-/// What cubes say to each other.
+/// A message between cubes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[allow(clippy::large_enum_variant, reason = "all travel in frames of one size")]
 pub enum Message {
-    /// State of the sender.
+    /// The state of the sender.
     Beacon(Beacon),
     /// Asks the modules along a route to stay, and the last one for more.
     Request {
-        /// Which request.
+        /// The request.
         id: RequestId,
-        /// For how long the origin has been waiting; the longer wins.
+        /// How long the origin has been waiting; the longer wins.
         age: Span,
         /// Hops already taken, at least 1.
         hop: u8,
         /// What the last module is asked for.
         ask: Ask,
-        /// The way.
+        /// The route.
         route: Route,
     },
     /// The answer, on the way back.
     Response {
-        /// Which request.
+        /// The request.
         id: RequestId,
         /// Hops left to the origin.
         hop: u8,
-        /// Why not; nothing if granted.
+        /// The reason of a denial; `None` if granted.
         denial: Option<Denial>,
-        /// Who is in the way, if somebody is.
+        /// The module in the way, if there is one.
         blocker: Option<ModuleId>,
         /// Directions from the last module in which a further module touches the reserved cell.
         co_owners: u8,
-        /// The way.
+        /// The route.
         route: Route,
     },
     /// The origin needs none of an attempt's locks any more.
     Release {
-        /// Who asked.
+        /// The module that asked.
         origin: ModuleId,
-        /// In which attempt.
+        /// Its attempt.
         token: Token,
     },
-    /// Looks for a way around a module that wants to leave.
+    /// Searches for a route around a module that wants to leave.
     Search {
-        /// Who wants to leave, and which of its searches.
+        /// The module that wants to leave, and which of its searches this is.
         id: RequestId,
         /// Hops still allowed.
         ttl: u8,
-        /// The way so far.
+        /// The route so far.
         route: Route,
     },
-    /// A search has come to another neighbour of its origin, or to a finalized module.
+    /// A search has reached another neighbour of its origin, or a finalized module.
     Found {
-        /// Which search.
+        /// The search.
         id: RequestId,
         /// Hops left to the origin.
         hop: u8,
-        /// By which face the last module of the route touches the origin; none if it is, or touches,
-        /// a finalized module.
+        /// The face by which the last module of the route touches the origin; `None` if it is, or touches, a
+        /// finalized module.
         back: Option<Face>,
-        /// The way.
+        /// The route.
         route: Route,
     },
 }
 
 /// Stands for no module on the wire.
-pub(super) const NOBODY: u32 = u32::MAX;
+pub(super) const NO_MODULE: u32 = u32::MAX;
 
 impl Wire for Message {
     fn kind(&self) -> u8 {
@@ -359,7 +359,7 @@ impl Wire for Message {
                 id.encode(out);
                 out.u8(*hop);
                 out.u8(denial.map_or(0, |d| d as u8));
-                out.u32(blocker.map_or(NOBODY, |b| b.0));
+                out.u32(blocker.map_or(NO_MODULE, |b| b.0));
                 out.u8(*co_owners);
                 route.encode(out);
             }
@@ -449,7 +449,7 @@ impl Wire for Message {
             2 => {
                 let (id, hop) = (RequestId::decode(from)?, from.u8()?);
                 let denial = Denial::decode(from.u8()?)?;
-                let blocker = Some(from.u32()?).filter(|b| *b != NOBODY).map(ModuleId);
+                let blocker = Some(from.u32()?).filter(|b| *b != NO_MODULE).map(ModuleId);
                 let (co_owners, route) = (mask(from.u8()?)?, Route::decode(from)?);
                 inside(hop, &route, 0)?;
                 Ok(Message::Response { id, hop, denial, blocker, co_owners, route })
@@ -683,10 +683,10 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever lies in shared memory, decoding it refuses or yields a message that encodes to
-        /// the very same bytes: nothing is lost, nothing is trusted blindly.
+        /// Decoding any bytes in shared memory refuses them or returns a message that encodes to the very
+        /// same bytes: no content is lost or accepted unchecked.
         #[test]
-        fn garbage_is_refused_or_means_itself(kind in 0u8..8, payload in proptest::collection::vec(any::<u8>(), 0..=96)) {
+        fn garbage_is_refused_or_encodes_to_the_same_bytes(kind in 0u8..8, payload in proptest::collection::vec(any::<u8>(), 0..=96)) {
             let mut frame = Frame::seal(header(), &Message::Release { origin: ModuleId(0), token: Token(0) }).to_bytes();
             frame[2] = kind;
             frame[5] = payload.len() as u8;
@@ -701,7 +701,7 @@ mod tests {
             let _ = Frame::from_bytes(&frame).message::<Move>();
         }
 
-        /// The same with one flipped bit of a real message.
+        /// The same with one flipped bit of a valid message.
         #[test]
         fn a_flipped_bit_never_panics(sample in 0usize..10, bit in 0u64..1024) {
             let mut frame = Frame::seal(header(), &samples()[sample]);

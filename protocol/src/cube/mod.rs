@@ -1,9 +1,9 @@
 //! The cube: a module of the sliding-cube model with local messages only.
 //!
-//! Growth after Stoy (thesis 4.1.2) made safe for late, lost and doubled messages and for crashes. An
-//! agent is made of parts, each with a state of its own that no other part writes:
+//! Growth after Stoy (thesis 4.1.2) made safe against late, lost and duplicated messages and against crashes.
+//! An agent is made of parts, each with a state of its own that no other part writes:
 //!
-//! * `sides` — the six contacts, and what the neighbours said last;
+//! * `sides` — the six contacts, and the last beacon of each neighbour;
 //! * `attraction` — the field towards unfilled goal cells, on faces of empty surface cells;
 //! * `parent_forest`, `cycles` — the connectivity checks;
 //! * `lock_table`, `negotiation` — locks and reservations along routes, with leases;
@@ -11,9 +11,9 @@
 //! * `beacon` — telling the neighbours; `reporter` — telling the world-controller;
 //! * `view` — what the parts read: the module itself, its neighbours, the time of the step.
 //!
-//! This file holds them together: what an input means for which part, and in which order the parts work
-//! in a step; `queries` is what audits and viewers may ask. Deliberately absent: any knowledge of the world
-//! beyond contacts, messages and the own cell.
+//! This file holds them together: which parts an input concerns, and in which order the parts work in a step;
+//! `queries` answers audits and viewers. Not here: any knowledge of the world beyond contacts, messages and
+//! the module's own cell.
 
 mod attraction;
 mod beacon;
@@ -74,19 +74,19 @@ pub struct Cube {
     attempt: Option<Attempt>,
     /// The attempt whose motion the body has been asked for.
     moving: Option<Attempt>,
-    /// Searches seen lately, so that each is passed on once.
+    /// The searches seen last, so that each is passed on once.
     searches: VecDeque<RequestId>,
-    /// Reservations turned down because another module had the cell.
+    /// The number of reservations denied because another module had the cell.
     prevented: u32,
-    /// A goal heard of during a move, taken up after it.
+    /// A goal received during a move, taken up after it.
     next_epoch: Option<u16>,
     beacons: Beacons,
     reporter: Reporter,
     rng: Stream,
     tokens: Tokens,
-    /// Faces outside which this finalized module wants the cell filled; worked out in every step.
+    /// Faces outside which this finalized module wants the cell filled; computed in every step.
     wanted: u8,
-    /// Faces behind which live finalized modules of the same goal are; worked out in every step.
+    /// Faces behind which live finalized modules of the same goal are; computed in every step.
     finals: u8,
     wake: Time,
     out: Outbox,
@@ -108,7 +108,7 @@ impl Outbox {
     }
 }
 
-/// What an agent waits for.
+/// An event that an agent waits for.
 #[derive(Clone, Copy, Debug)]
 enum Timer {
     /// The next decision whether to move.
@@ -250,7 +250,7 @@ impl Cube {
         self.attempt.is_none() && self.moving.is_none()
     }
 
-    /// Finalizes the module in the seed cell, in every incarnation: everything else grows from there.
+    /// Finalizes the module in the seed cell, in every incarnation: growth starts from it.
     fn take_root(&mut self, now: Time) {
         if self.own.masks.seed
             && self.own.role != Role::Final
@@ -264,7 +264,7 @@ impl Cube {
 
     /// Becomes finalized if it stands in a goal cell that a finalized neighbour wants filled.
     fn finalize_if_wanted(&mut self, now: Time) {
-        // A module that has just restarted may be on its way elsewhere without knowing.
+        // A module that has just restarted may be moving elsewhere without knowing it.
         let settled = self.own.role != Role::Final && self.moving.is_none() && !self.own.is_quarantined(now);
         if !settled || !self.own.masks.own {
             return;
@@ -284,7 +284,7 @@ impl Cube {
         self.touch();
     }
 
-    /// Everything may look different now.
+    /// Marks all derived state as out of date.
     fn touch(&mut self) {
         self.attraction.touch();
         self.beacons.touch();
@@ -303,8 +303,7 @@ impl Cube {
             let own = &mut self.own;
             own.activator = own.activator.filter(|f| *f != face);
             own.anchor = own.anchor.filter(|f| *f != face);
-            // What a restarted neighbour was granted stays until the lease is up: the body may be on
-            // its way.
+            // Locks granted to a restarted neighbour last until their lease ends: its body may be moving.
             if let Some(id) = lost {
                 if self.locks.iter().any(|lock| lock.id.origin == id) {
                     hit(Mark::CubeReleasedByLoss);
@@ -313,7 +312,7 @@ impl Cube {
             }
         }
         if self.own.role == Role::Reserve && self.own.params().connectivity == Connectivity::Cycles {
-            // A module that has come may hang on this one alone, and has not been asked.
+            // A new neighbour may hang on this module alone, and has not been asked.
             self.abort_attempt(now, None);
         }
         self.touch();
@@ -339,7 +338,7 @@ impl Cube {
     fn on_beacon(&mut self, now: Time, face: Face, beacon: Beacon) {
         let suspect = self.own.params().suspect;
         if let Some(before) = self.sides.peer(face) {
-            // One session has one neighbour; anything else is garbage.
+            // One session has one neighbour; any other sender is garbage.
             if before.sequence >= beacon.sequence || before.id != beacon.id {
                 return hit(Mark::CubeBeaconLate);
             }
@@ -361,7 +360,7 @@ impl Cube {
         if beacon.epoch > self.own.epoch {
             self.follow_epoch(now, beacon.epoch);
         }
-        // A walker that has arrived needs its reservation no more: it is anchored by contact now.
+        // A walker that has arrived needs its reservation no more: it is held by contact now.
         self.release_locks(|lock| lock.id.origin == beacon.id && lock.reserved == Some(face));
         let (is_idle, v) = (self.is_idle(), View { now, own: &self.own, sides: &self.sides });
         self.forest.register_child(v, is_idle, face, &beacon);
@@ -393,8 +392,8 @@ impl Cube {
         }
     }
 
-    /// Takes up a later goal. All modules start over in reserve, unattached; until they are attached
-    /// again none leaves, so the body is as safe as at the start of a run.
+    /// Takes up a later goal. All modules start over in reserve, unattached; until they are attached again
+    /// none leaves, so the body is as safe as at the start of a run.
     fn follow_epoch(&mut self, now: Time, epoch: u16) {
         if epoch <= self.own.epoch || usize::from(epoch) >= self.own.setup.goals.len() {
             return;
@@ -414,8 +413,8 @@ impl Cube {
         self.touch();
     }
 
-    /// Whether a module in reserve may leave the body, as far as it knows: it is attached, has promised
-    /// nobody to stay, and no neighbour hangs on it.
+    /// Checks whether a module in reserve may leave the body, as far as it knows: it is attached, no other
+    /// module holds a lock on it, and no neighbour hangs on it.
     fn may_leave(&self, now: Time) -> Result<(), Held> {
         let v = self.view(now);
         if !self.forest.is_attached(v) || v.is_quarantined() || v.may_be_final() {
@@ -426,8 +425,7 @@ impl Cube {
         self.forest.may_leave(v)
     }
 
-    /// Brings everything that depends on time and on what was heard up to date, and plans the next
-    /// wake-up.
+    /// Brings all that depends on time and on messages up to date, and plans the next wake-up.
     fn step(&mut self, now: Time) {
         if self.locks.expire(now) {
             hit(Mark::CubeLockExpired);
@@ -455,7 +453,7 @@ impl Cube {
         self.tend_beacons(now);
         self.tend_report(now);
         let next = Timer::ALL.into_iter().map(|timer| self.due(timer, now)).min();
-        // Never now: all that was due has been done, so this cannot spin.
+        // Never now: all that was due has been done, so this cannot loop without progress.
         self.wake = next.unwrap_or(Time::NEVER).max(now + Span(1));
     }
 
@@ -474,7 +472,7 @@ impl Cube {
         }
     }
 
-    /// When what a timer stands for is due.
+    /// Returns when the event of a timer is due.
     fn due(&self, timer: Timer, now: Time) -> Time {
         match timer {
             Timer::Decision => self.planner.decide_at,

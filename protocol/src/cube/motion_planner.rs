@@ -1,5 +1,5 @@
-//! Where to go: which motion leads towards a target, when a module leaves for it, and what a walker does
-//! that hears of none.
+//! Where to go: the motion that leads towards a target, when a module leaves for it, and the random walk of a
+//! walker without a target.
 
 use super::Cube;
 use super::attraction::Attraction;
@@ -19,36 +19,36 @@ use crate::rng::Stream;
 use crate::time::Time;
 use std::hash::Hash;
 
-/// Decisions for which a module waits for its outer neighbours to leave first.
+/// Number of decisions for which a module waits for its outer neighbours to leave first.
 const OUTERMOST_FIRST: u16 = 6;
 /// The same with connecting cycles.
 const OUTERMOST_FIRST_IN_CYCLES: u16 = 200;
-/// Decisions after which a walker accepts one move of detour.
+/// Number of decisions after which a walker accepts one move of detour.
 const DETOUR: u16 = 12;
-/// Decisions after which a walker sometimes accepts two moves of detour.
+/// Number of decisions after which a walker sometimes accepts two moves of detour.
 const WIDE_DETOUR: u16 = 40;
 
-/// Moves that a walker without a target tries at once. After that it waits twice as long every
-/// time, or a swarm with nothing left to do would not come to rest; where it has stopped it may be in the way.
+/// Number of moves that a walker without a target tries at once. After that it waits twice as long every
+/// time, so that a swarm without work comes to rest; where it has stopped it may be in the way.
 const ROAMING: u8 = 100;
-/// Doublings of that wait, at most.
+/// The largest number of doublings of that wait.
 const LONGEST_ROAMING: u8 = 30;
-/// Targets remembered by a module in reserve.
+/// The largest number of targets that a module in reserve remembers.
 const MAX_TARGETS: usize = 24;
 
-/// The random walk of a walker that hears of no target. Distances go from module to module along the
-/// surface, and where a dead one stands in the corner between two they end, though a walker gets past.
+/// The random walk of a walker without a target. Distances go from module to module along the surface, and
+/// end where a dead module stands in the corner between two, though a walker gets past.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Roaming {
     since: Time,
     tries: u8,
-    /// Where it was when it last tried.
+    /// Its cell when it last tried.
     from: Cell,
 }
 
-/// A target that a module in reserve has heard of. A module leaves for a target only when it has been
-/// there for half as long as a nearer module would have needed to fill it; so each target recruits an ever
-/// wider circle, and few more modules wander than there is work for.
+/// A target known to a module in reserve. A module leaves for a target only when the target has been there
+/// for half as long as a nearer module would have needed to fill it; so each target recruits in a growing
+/// circle, and few more modules walk than are needed.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Target {
     source: u32,
@@ -60,10 +60,10 @@ struct Target {
 struct Course {
     moves: u16,
     source: u32,
-    /// Not over a finalized module, which would be the steadier support.
+    /// True if the support is not finalized; a finalized one is steadier.
     over_loose: bool,
     motion: Motion,
-    /// The walker that stands in the way.
+    /// The walker in the way.
     behind: Option<ModuleId>,
 }
 
@@ -80,7 +80,7 @@ pub(super) enum DigestPart {
 struct Courses {
     /// Motions towards a target, over every live support.
     known: Vec<Course>,
-    /// Motions of which it is not known where they lead.
+    /// Motions of which the destination's distance is not known.
     blind: Vec<Motion>,
     /// For each support, headings whose corner is blocked.
     corners: [u8; 6],
@@ -94,13 +94,13 @@ pub(super) struct MotionPlanner {
     pub back_off_until: Time,
     /// Since when this module has been wanting to move.
     pub waiting_since: Option<Time>,
-    /// The module that is in the way, as far as is known.
+    /// The module in the way, if it is known.
     pub waits_for: Option<ModuleId>,
-    /// Decisions put off since the last move.
+    /// The number of decisions put off since the last move.
     deferrals: u16,
-    /// Attempts that failed in a row.
+    /// The number of attempts that failed in a row.
     denied: u8,
-    /// Actions of the body that failed in a row.
+    /// The number of actions of the body that failed in a row.
     failed: u8,
     corners_seen: [u8; 6],
     /// Targets heard of while in reserve.
@@ -145,29 +145,29 @@ impl MotionPlanner {
             DigestPart::Targets => (corners_seen, targets, roaming).hash(hasher),
         }
     }
-    /// Directions in which the corner over a support was found blocked.
+    /// Returns the directions in which the corner over a support was found blocked.
     pub fn corners_seen(&self, support: Face) -> u8 {
         self.corners_seen[support.index()]
     }
-    /// The module is finalized.
+    /// Resets the state of a module that is finalized.
     pub fn on_finalized(&mut self) {
         self.stop_waiting();
     }
-    /// The module starts over with another goal.
+    /// Starts over with another goal.
     pub fn on_goal(&mut self) {
         (self.deferrals, self.waiting_since, self.roaming) = (0, None, None);
     }
-    /// The module stands at a new cell, whether it went there itself or was carried on.
+    /// Notes that the module stands at a new cell, by a move of its own or of an earlier incarnation.
     pub fn on_arrival(&mut self) {
         self.corners_seen = [0; 6];
     }
-    /// A move of this module's own has ended well.
+    /// Notes that a move of this incarnation has succeeded.
     pub fn on_moved(&mut self, decide_at: Time) {
         self.stop_waiting();
         (self.deferrals, self.denied, self.failed) = (0, 0, 0);
         self.decide_at = decide_at;
     }
-    /// The body has failed to move. Returns whether the module counts as immobile now.
+    /// Notes that the body has failed to move. Returns true if the module counts as immobile now.
     pub fn on_failed(&mut self, now: Time, p: &Params, rng: &mut Stream) -> bool {
         self.failed = self.failed.saturating_add(1);
         let immobile = self.failed >= p.immobile_after;
@@ -180,7 +180,7 @@ impl MotionPlanner {
         }
         immobile
     }
-    /// An attempt was in vain.
+    /// Notes that an attempt has failed.
     pub fn count_denial(&mut self) {
         self.denied = self.denied.saturating_add(1);
         self.deferrals = self.deferrals.saturating_add(1);
@@ -196,7 +196,7 @@ impl MotionPlanner {
         self.back_off_until = now + p.tick() * ticks;
         self.decide_at = self.back_off_until;
     }
-    /// Something changed that may change a decision; but a back-off is waited out.
+    /// Schedules a decision since something has changed; a back-off is waited out.
     pub fn decide_soon(&mut self, now: Time) {
         self.decide_at = self.decide_at.min(self.back_off_until.max(now));
     }
@@ -205,12 +205,12 @@ impl MotionPlanner {
         self.decide_at = now + p.advertise;
     }
 
-    /// Whether a module in reserve waits for an outer neighbour to leave first.
+    /// Returns true if a module in reserve waits for an outer neighbour to leave first.
     fn waits_for_outer(&self, v: View<'_>, label: u16) -> bool {
         let outer = |b: &Beacon| b.role == Role::Reserve && b.rank.label > label;
         let has_outer = Face::ALL.into_iter().any(|f| v.terrain(f).is_some_and(outer));
         let deferrals = match v.params().connectivity {
-            // What leaves from the middle leaves a mesh of loops too long for any search.
+            // A module that leaves from the middle leaves a mesh of loops too long for any search.
             Connectivity::Cycles => OUTERMOST_FIRST_IN_CYCLES,
             Connectivity::Forest | Connectivity::Gradient => OUTERMOST_FIRST,
         };
@@ -251,7 +251,7 @@ impl MotionPlanner {
         Some(best.motion)
     }
 
-    /// Goes anywhere but back, after having heard of no target for long.
+    /// Moves anywhere but back, after no target has been known for long.
     fn roam(&mut self, v: View<'_>, ways: &[Motion], rng: &mut Stream) -> Option<Motion> {
         if v.own.role != Role::Walker {
             return None;
@@ -295,7 +295,7 @@ impl MotionPlanner {
     }
 }
 
-/// The best course that is free and no longer than `longest`; one of the equally good by chance.
+/// Returns the best course that is free and no longer than `longest`; of equally good ones, a random one.
 fn best_of<'a>(courses: &'a [Course], longest: u16, rng: &mut Stream) -> Option<&'a Course> {
     let key = |o: &Course| (o.moves, o.over_loose);
     let mut best: Option<&Course> = None;
@@ -316,7 +316,7 @@ fn best_of<'a>(courses: &'a [Course], longest: u16, rng: &mut Stream) -> Option<
 }
 
 impl Courses {
-    /// Looks at the motions over every live support.
+    /// Evaluates the motions over every live support.
     fn around(v: View<'_>) -> Courses {
         let mut courses = Courses::default();
         for support in Face::ALL {
@@ -334,7 +334,7 @@ impl Courses {
         let behind = match (v.sides.is_touching(heading), v.peer(heading)) {
             (false, _) => None,
             (true, Some(peer)) if v.sides.is_open(heading) => Some(peer.id),
-            // A module that has just come there will say what it is.
+            // A module that has just come there will send its state.
             (true, None) if !v.sides.is_certified_dead(heading) => return,
             (true, _) => {
                 self.corners[support.index()] |= if is_edge { heading.bit() } else { 0 };
@@ -353,7 +353,7 @@ impl Courses {
 }
 
 impl Cube {
-    /// Something changed that may change a decision.
+    /// Schedules a decision since something has changed.
     pub(super) fn decide_soon(&mut self, now: Time) {
         if self.own.role != Role::Final {
             self.planner.decide_soon(now);
@@ -375,8 +375,8 @@ impl Cube {
             return;
         }
         if self.own.immobile {
-            // Joints come free again; half as many failures are enough to give up for another while, but not
-            // one, which may be bad luck.
+            // Joints can come free again. After a pause, half as many failures suffice to give up again, but
+            // one does not: it may be a coincidence.
             self.own.immobile = false;
             self.planner.failed = self.own.params().immobile_after / 2;
             self.touch();
@@ -413,14 +413,14 @@ impl Cube {
         if let Percept::Arrived(cell) = percept {
             self.arrive(now, cell);
         }
-        // A restarted module hears of a move that its earlier life began: it has been carried
+        // A restarted module hears of a move that its earlier incarnation began: it has been carried
         // elsewhere, and goes on listening there.
         let Some(attempt) = attempt else { return hit(Mark::CubeCarriedOn) };
         match percept {
             Percept::Arrived(_) => {
                 self.own.role = Role::Walker;
                 self.own.anchor = Some(attempt.motion.landing_support());
-                // A little time for the first beacons at a new place.
+                // Allows some time for the first beacons at a new place.
                 self.planner.on_moved(now + self.own.params().usual_delay);
             }
             Percept::Failed => {

@@ -1,9 +1,9 @@
 //! Local negotiation for a cell: requests along routes, consent, leases and deadlines.
 //!
-//! A mover asks the modules it needs to stay where they are, and the last one to keep its
-//! destination free. Nobody waits while holding something: a request is granted or turned down at
-//! once, so locks cannot deadlock. Every grant ends by itself after the lease, and the mover's
-//! deadline is earlier than the end of every grant, whatever the delay of the request was.
+//! A mover asks the modules it needs to stay where they are, and the last one to keep its destination free.
+//! No module waits while it holds a lock: a request is granted or denied at once, so locks cannot deadlock.
+//! Every grant ends by itself after the lease, and the mover's deadline is earlier than the end of every
+//! grant, whatever the delay of the request was.
 
 use super::Cube;
 use super::lock_table::Lock;
@@ -17,7 +17,7 @@ use crate::ids::{ModuleId, Token};
 use crate::lattice::{Cell, Face, Motion};
 use crate::time::{Span, Time};
 
-/// Requests of one attempt.
+/// The largest number of requests of one attempt.
 const MAX_REQUESTS: usize = 24;
 
 /// One request of an attempt.
@@ -28,17 +28,17 @@ pub(super) struct Request {
     pub granted: bool,
 }
 
-/// A module asking for what it needs to move.
+/// The attempt of a module to get what it needs to move.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Attempt {
     pub token: Token,
     pub motion: Motion,
-    /// Not later than this may the move start.
+    /// The latest start of the move.
     pub deadline: Time,
     /// When to give up waiting for answers.
     pub timeout: Time,
     pub requests: Vec<Request>,
-    /// What is still being searched for before locks are asked for (connecting cycles only).
+    /// The search that has to end before locks are asked for (connecting cycles only).
     pub search: Option<super::cycles::SearchState>,
 }
 
@@ -76,7 +76,7 @@ impl Cube {
         self.ask(now, route, Ask::Reserve(face));
     }
 
-    /// How long an answer over a route takes, if nothing is lost.
+    /// Returns how long an answer over a route takes, if no message is lost.
     fn answers_within(&self, route: Route) -> Span {
         let p = self.own.params();
         p.usual_delay * (2 * route.hop_count() as u64) + p.tick() * 8
@@ -108,8 +108,8 @@ impl Cube {
         }
     }
 
-    /// Asks once more what has not been answered, if an answer could still be in time. Whoever has
-    /// granted it says so again, and keeps it as long as before. Without this all of an attempt's messages
+    /// Repeats requests that have not been answered, if an answer could still be in time. A module that has
+    /// granted one confirms it, and keeps it as long as before. Without this all of an attempt's messages
     /// would have to come through at once.
     fn ask_again(&mut self, now: Time) -> bool {
         let Some(attempt) = &self.attempt else { return false };
@@ -153,7 +153,7 @@ impl Cube {
             return;
         }
         let next = route.hop(depth);
-        // Asked again because an answer was lost on the way back from here.
+        // A repeated request: an answer was lost on the way back from here.
         if let Some(co_owners) = self.locks.find(id).and_then(|l| l.beyond) {
             hit(Mark::CubeRequestRepeated);
             return self.answer(from, id, hop - 1, None, None, co_owners, route);
@@ -183,7 +183,7 @@ impl Cube {
         }
     }
 
-    /// Grants a request (again) or says why not.
+    /// Grants a request (again) or returns the reason of a denial.
     fn consider(
         &mut self,
         now: Time,
@@ -210,7 +210,7 @@ impl Cube {
         }
         if let Some(attempt) = &self.attempt {
             let mine = now.since(self.planner.waiting_since.unwrap_or(now));
-            // A search may take long and be in vain; whoever knows its way goes first.
+            // A search may take long and fail; a module that knows its route goes first.
             let theirs_first =
                 attempt.search.is_some() || age > mine || (age == mine && id.origin < self.own.id);
             if !theirs_first {
@@ -236,7 +236,7 @@ impl Cube {
             }
             (None, Ask::Lock) => {}
         }
-        // Whoever stays for somebody else does not leave itself.
+        // A module that stays for another does not leave itself.
         if self.attempt.is_some() {
             hit(Mark::CubeYielded);
         }
@@ -250,7 +250,7 @@ impl Cube {
         Ok(())
     }
 
-    /// Directions from here in which a further module touches the cell outside `face`.
+    /// Returns the directions from here in which a further module touches the cell outside `face`.
     fn co_owners(&self, face: Face) -> u8 {
         let touches = |u: &Face| self.sides.terrain(*u).is_some_and(|b| b.terrain & face.bit() != 0);
         face.perpendicular().into_iter().filter(touches).fold(0, |mask, u| mask | u.bit())
@@ -360,7 +360,7 @@ impl Cube {
         }
     }
 
-    /// Gives an attempt up: returns what was granted and tries again later.
+    /// Gives an attempt up: releases its grants and tries again later.
     pub(super) fn abort_attempt(&mut self, now: Time, blocker: Option<ModuleId>) {
         if let Some(attempt) = self.attempt.take() {
             self.give_back(&attempt);

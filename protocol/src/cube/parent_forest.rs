@@ -1,15 +1,15 @@
 //! The parent forest: the connection gradient (thesis 4.1.2) made safe for any message delay.
 //!
-//! Every module in reserve has one registered parent, closer to the finalized modules than itself; a
-//! module with a registered child does not leave. A child changes parents only after the new one
-//! has acknowledged it, and a parent forgets a child only when the child says so, in the same
-//! contact session. So whatever is late, lost or doubled, a parent is never a leaver.
+//! Every module in reserve has one registered parent, closer to the finalized modules than itself; a module
+//! with a registered child does not leave. A child changes parents only after the new one has acknowledged
+//! it, and a parent forgets a child only when the child says so, in the same contact session. So a parent
+//! never leaves, even if messages are late, lost or duplicated.
 //!
-//! A module that has forgotten its parent keeps all its neighbours from leaving, since one of them may
-//! have been it, and takes another only on proof that the way to the finalized modules does not lead over
-//! itself: the way must be known anew since it forgot ([`Rank`]), and a module without a parent does not
-//! pass that on. A module that has lost its parent and would fall back asks for the same proof. Finalized
-//! modules give it when they are asked ([`Beacon::renew`]), so it costs nothing while nothing fails.
+//! A module that has forgotten its parent keeps all its neighbours from leaving, since any may have been its
+//! parent. It takes another only on proof that the path to the finalized modules does not lead over itself:
+//! the path must be confirmed anew since it forgot ([`Rank`]), and a module without a parent does not pass a
+//! confirmation on. A module that has lost its parent and would fall back asks for the same proof. Finalized
+//! modules give it when they are asked ([`Beacon::renew`]), so it costs nothing while no module fails.
 //!
 //! Also here: the published rule without registration, for comparison.
 
@@ -28,14 +28,14 @@ use std::hash::Hash;
 pub(super) const UNLABELLED: u16 = u16::MAX;
 /// The rank of a module that has never had a parent: any module qualifies as its parent.
 const UNRANKED: Rank = Rank { rooted: Time::ZERO, label: UNLABELLED };
-/// Claims to a parent need not be told apart from each other, only from claims to candidates.
+/// The token of claims to a parent, which differ only from claims to candidates.
 const PARENT_TOKEN: Token = Token(u32::MAX);
 
-/// Why a module may not leave, and which module is in the way, if it is known.
+/// Why a module may not leave: the module in the way, if it is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Held(pub Option<ModuleId>);
 
-/// Gives every attempt and every candidate parent a number of its own.
+/// Gives every attempt and every candidate parent a unique number.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Tokens(pub u32);
 
@@ -59,10 +59,10 @@ pub(super) enum Effect {
 /// A module's place in the forest.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct ParentForest {
-    /// The place; without a parent, what a parent's has to be better than.
+    /// The rank; without a parent, a parent's must be better than this.
     rank: Rank,
-    /// Neighbours are asked for ways to the finalized modules that are known anew, no earlier than this;
-    /// zero if none is needed.
+    /// The earliest time of confirmation that neighbours are asked for, of their path to the finalized
+    /// modules; zero if none is needed.
     renew: Time,
     parent: Option<Face>,
     /// The neighbour asked to be the next parent.
@@ -72,9 +72,9 @@ pub(super) struct ParentForest {
 }
 
 impl ParentForest {
-    /// A module that has never had a parent or, if it has restarted, one that has forgotten it at this
-    /// time: modules that an earlier life carried may still hang on it, and only a way that is known anew
-    /// since certainly does not lead over it.
+    /// Creates the state of a module that has never had a parent or, if it has restarted, has forgotten it at
+    /// this time. Modules that hung on an earlier incarnation may still hang on it, and only a path that is
+    /// confirmed after the restart cannot lead over it.
     pub fn new(restarted: Option<Time>) -> ParentForest {
         let rank = restarted.map_or(UNRANKED, |rooted| Rank { rooted, label: 0 });
         ParentForest { rank, renew: Time::ZERO, parent: None, want: None, children: [None; 6] }
@@ -91,7 +91,7 @@ impl ParentForest {
     pub fn parent(&self) -> Option<Face> {
         self.parent
     }
-    /// The neighbour's claim to be a child, if it is registered.
+    /// Returns the neighbour's claim to be a child, if it is registered.
     pub fn child(&self, face: Face) -> Option<Token> {
         self.children[face.index()]
     }
@@ -99,34 +99,34 @@ impl ParentForest {
         self.children.iter().flatten().count()
     }
 
-    /// A new session begins on a face, or none.
+    /// Begins a session on a face, or ends it.
     pub fn on_contact(&mut self, face: Face, is_gone: bool) {
         self.children[face.index()] = None;
         if is_gone && self.parent == Some(face) {
-            // Nothing touches this face any more. A restarted neighbour is a new session instead,
-            // and what hangs on it stays so.
+            // The contact has ended. A restarted neighbour is a new session instead, and what hangs on it
+            // stays so.
             hit(Mark::CubeParentLost);
             self.parent = None;
             self.rank.label = 0;
         }
         self.want = self.want.filter(|(f, _)| *f != face);
     }
-    /// The module is finalized.
+    /// Resets the state of a module that is finalized.
     pub fn on_finalized(&mut self) {
         self.rank.label = 0;
         (self.renew, self.parent, self.want) = (Time::ZERO, None, None);
     }
-    /// The module starts over with another goal.
+    /// Starts over with another goal.
     pub fn on_goal(&mut self) {
         self.rank = if self.rank.rooted > Time::ZERO { Rank { label: 0, ..self.rank } } else { UNRANKED };
         (self.renew, self.parent, self.want) = (Time::ZERO, None, None);
         self.children = [None; 6];
     }
-    /// The module has arrived at another cell.
+    /// Resets the state of a module that has arrived at another cell.
     pub fn on_arrival(&mut self) {
         (self.rank, self.parent, self.want, self.children) = (UNRANKED, None, None, [None; 6]);
     }
-    /// A neighbour is certified to have died finalized: it hangs on nothing.
+    /// Forgets a neighbour that is certified to have died finalized: it hangs on no module.
     pub fn forget_child(&mut self, face: Face) {
         self.children[face.index()] = None;
     }
@@ -136,10 +136,10 @@ impl ParentForest {
         let can_adopt = v.own.role != Role::Walker && self.is_attached(v) && is_idle && !v.is_quarantined();
         let child = match beacon.claim {
             _ if beacon.role != Role::Reserve || beacon.epoch != v.own.epoch => None,
-            // What it said before that came late.
+            // A beacon sent before its death came late.
             _ if v.died_finalized(face) => None,
             Claim::None => None,
-            // Also how a restarted parent learns of its children again.
+            // This is also how a restarted parent learns of its children again.
             Claim::Parent(token) => Some(token),
             Claim::Want(token) if can_adopt => Some(token),
             Claim::Want(_) => self.child(face),
@@ -147,7 +147,8 @@ impl ParentForest {
         self.children[face.index()] = child;
     }
 
-    /// Whether the module is finalized or connected to a finalized one, as far as the rule in use knows.
+    /// Returns true if the module is finalized or connected to a finalized one, as far as the rule in use
+    /// knows.
     pub fn is_attached(&self, v: View<'_>) -> bool {
         match v.params().connectivity {
             _ if v.own.role == Role::Final => true,
@@ -157,13 +158,13 @@ impl ParentForest {
         }
     }
 
-    /// The rank that the neighbours are told.
+    /// Returns the rank that the neighbours are told.
     pub fn told_rank(&self, v: View<'_>) -> Rank {
         let is_lost = v.params().connectivity == Connectivity::Forest && !self.is_attached(v);
         if is_lost { Rank { label: UNLABELLED, ..self.rank } } else { self.rank }
     }
 
-    /// What a neighbour is told that this module wants of it.
+    /// Returns the claim that a neighbour is told.
     pub fn claim(&self, v: View<'_>, face: Face) -> Claim {
         match (v.params().connectivity, v.own.role) {
             (_, Role::Final | Role::Walker) | (Connectivity::Cycles, _) => Claim::None,
@@ -176,8 +177,8 @@ impl ParentForest {
         }
     }
 
-    /// Adopts the wanted parent once it has acknowledged, follows the parent's rank, and looks for a
-    /// better parent.
+    /// Adopts the wanted parent once it has acknowledged, follows the parent's rank, and looks for a better
+    /// parent.
     pub fn tend(&mut self, v: View<'_>, is_idle: bool, tokens: &mut Tokens) -> Effect {
         match v.own.role {
             Role::Reserve => {}
@@ -193,8 +194,8 @@ impl ParentForest {
         if is_same { Effect::None } else { Effect::TellAndDecide }
     }
 
-    /// A dead finalized neighbour, if there is one, and the parent rather than another. It never leaves, and
-    /// hangs together with all that is finalized.
+    /// Returns a dead finalized neighbour, preferably the parent. It never leaves, and is connected with all
+    /// finalized modules.
     fn dead_root(&self, v: View<'_>) -> Option<Face> {
         let is_root = |f: &Face| {
             v.died_finalized(*f)
@@ -203,8 +204,8 @@ impl ParentForest {
         self.parent.into_iter().chain(Face::ALL).find(is_root)
     }
 
-    /// Takes a dead finalized module as the parent: it needs no acknowledgement, and the module vouches
-    /// for it.
+    /// Takes a dead finalized module as the parent: it needs no acknowledgement, and the module confirms the
+    /// path in its place.
     fn hang_on_dead(&mut self, v: View<'_>, face: Face) {
         if self.parent != Some(face) {
             hit(Mark::CubeHangsOnDead);
@@ -245,8 +246,9 @@ impl ParentForest {
         };
         let is_worth_it = self.is_worth_it(v, b, self.needs_parent(v));
         if !(b.rank.is_above(self.rank) && is_worth_it) {
-            // It was relabelled meanwhile, or the old parent has spoken again. To go on asking would keep
-            // the candidate from leaving, which may be a child by now: both would wait for each other.
+            // The candidate was relabelled meanwhile, or the old parent has spoken again. Asking further
+            // would keep the candidate from leaving, which may be a child by now: both would wait for each
+            // other.
             hit(Mark::CubeNotAdoptable);
             self.want = None;
         } else if b.ack == Some(token) || v.has(Sabotage::AdoptUnacknowledged) {
@@ -259,7 +261,7 @@ impl ParentForest {
         }
     }
 
-    /// Vouches for the module anew if it is asked to: it is finalized, or hangs on a dead finalized one.
+    /// Confirms the module's path anew if asked to: it is finalized, or hangs on a dead finalized one.
     fn renew_root(&mut self, v: View<'_>) -> bool {
         let asked = self.asked(v, None);
         let renews = asked > self.rank.rooted && asked <= v.now;
@@ -270,21 +272,21 @@ impl ParentForest {
         renews
     }
 
-    /// The latest time at which the neighbours, all but one, need the way to be known anew.
+    /// Returns the latest time of confirmation that any neighbour but one asks for.
     fn asked(&self, v: View<'_>, except: Option<Face>) -> Time {
         let others = Face::ALL.into_iter().filter(|f| Some(*f) != except);
         let renew = others.filter_map(|f| v.peer(f)).filter(|b| b.epoch == v.own.epoch).map(|b| b.renew);
         renew.max().unwrap_or(Time::ZERO)
     }
 
-    /// What a neighbour is asked for, as [`Beacon::renew`]: what this module itself needs, or what it has
-    /// been asked for and does not have. The latter is for its parent; but if it was the parent that has
-    /// asked, another neighbour has to know.
+    /// Returns what a neighbour is asked for, as [`Beacon::renew`]: what this module itself needs, or what it
+    /// has been asked for and does not have. The latter goes to its parent; if the parent itself has asked,
+    /// to the other neighbours.
     pub fn renewal(&self, v: View<'_>, face: Face) -> Time {
         if v.own.role != Role::Reserve || v.params().connectivity != Connectivity::Forest {
             return Time::ZERO;
         }
-        // Those that hang on it know last.
+        // Modules that hang on it know last.
         let is_last_resort = self.child(face).is_some();
         let own = if is_last_resort && v.now.since(v.own.settled) <= v.params().suspect {
             Time::ZERO
@@ -299,17 +301,18 @@ impl ParentForest {
         own.max(if passed_on > self.rank.rooted { passed_on } else { Time::ZERO })
     }
 
-    /// Whether any parent is better than none, or than the present one: that is silent, or asks itself.
+    /// Returns true if any parent is better than none, or than the present one: that is silent, or asks
+    /// itself.
     fn needs_parent(&self, v: View<'_>) -> bool {
         self.parent.is_none_or(|f| {
-            // A module with children stays anyhow, and leaves its parent only for their sake.
+            // A module with children stays in any case, and leaves its parent only for their sake.
             let is_missed = self.child_count() == 0 || self.asked(v, None) > self.rank.rooted;
             (is_missed && v.live(f).is_none()) || v.peer(f).is_some_and(|b| b.renew > self.rank.rooted)
         })
     }
 
-    /// Whether a neighbour would be the better parent. A module that may be finalized stays for good, and
-    /// had better hang on one that stays as well.
+    /// Returns true if a neighbour would be the better parent. A module that may be finalized stays for good,
+    /// and should hang on one that stays as well.
     fn is_worth_it(&self, v: View<'_>, b: &Beacon, needs_parent: bool) -> bool {
         let stays = |f: Face| v.peer(f).is_none_or(|p| p.final_hops != Beacon::NO_FINAL);
         let is_steadier =
@@ -362,7 +365,7 @@ impl ParentForest {
             .filter(|b| b.epoch == v.own.epoch && b.attached)
             .map(|b| b.rank.label)
             .min();
-        // Without a bound labels of a part that has lost its source would count up for ever.
+        // Without a bound the labels of a part that has lost its source would count up for ever.
         let label =
             least.map(|l| l.saturating_add(1)).filter(|l| *l < v.params().range).unwrap_or(UNLABELLED);
         let label = if v.own.role == Role::Reserve { label } else { UNLABELLED };
@@ -373,20 +376,21 @@ impl ParentForest {
         Effect::TellAndDecide
     }
 
-    /// The claim of the published rule: a module depends on a neighbour if no other has a lower label.
+    /// Returns the claim of the published rule: a module depends on a neighbour if no other has a lower
+    /// label.
     fn gradient_claim(&self, v: View<'_>, face: Face) -> Claim {
         let lower = |f: Face| v.terrain(f).is_some_and(|b| b.attached && b.rank.label < self.rank.label);
         let others = Face::ALL.into_iter().any(|f| f != face && lower(f));
         if lower(face) && !others { Claim::Parent(PARENT_TOKEN) } else { Claim::None }
     }
 
-    /// Whether a module in reserve may leave the body, as far as the forest knows: it is attached and has
-    /// no children, and every neighbour is known to hold on to something else.
+    /// Checks whether a module in reserve may leave the body, as far as the forest knows: it is attached and
+    /// has no children, and every neighbour is known to be connected without it.
     pub fn may_leave(&self, v: View<'_>) -> Result<(), Held> {
         Face::ALL.into_iter().find_map(|face| self.held_by(v, face)).map_or(Ok(()), Err)
     }
 
-    /// Whether the neighbour on a face may hang on this module, as far as it has said.
+    /// Returns why the neighbour on a face may hang on this module, as far as it has said.
     fn held_by(&self, v: View<'_>, face: Face) -> Option<Held> {
         if !v.sides.is_touching(face) || v.died_finalized(face) {
             return None;
@@ -410,7 +414,7 @@ impl ParentForest {
         (!free).then_some(Held(Some(b.id)))
     }
 
-    /// Whether a neighbour that seems dead keeps this module from ever leaving.
+    /// Returns true if a neighbour that seems dead keeps this module from ever leaving.
     pub fn is_pinned(&self, v: View<'_>) -> bool {
         let is_gone = |f: Face| v.sides.is_certified_dead(f) || (v.peer(f).is_some() && v.live(f).is_none());
         // A dead finalized neighbour would have to say whether this one was finalized.
@@ -419,9 +423,9 @@ impl ParentForest {
     }
 }
 
-/// Whether every neighbour has been heard since a restart, however long it takes, as it must before a
-/// parent is chosen: one that is silent may be a child in a later goal than this module knows of. The dead
-/// are no more than the goal that their certificate names.
+/// Returns true if every neighbour has been heard since a restart, which is required before a parent is
+/// chosen, however long it takes: a silent one may be a child in a later goal than this module knows of. Dead
+/// neighbours count for the goal that their certificate names.
 fn all_heard(v: View<'_>) -> bool {
     let is_last_goal = usize::from(v.own.epoch) + 1 == v.own.setup.goals.len();
     !v.own.restarted || is_last_goal || !v.sides.any_unheard()

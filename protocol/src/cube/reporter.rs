@@ -1,5 +1,4 @@
-//! What the world-controller is told of a module: at once what matters for the outcome, the rest now and
-//! then.
+//! Reports to the world-controller: changes that matter for the outcome at once, the rest now and then.
 
 use super::Cube;
 use super::control::Status;
@@ -22,7 +21,7 @@ impl Reporter {
 }
 
 impl Cube {
-    /// Reports when something that the world-controller counts on has changed.
+    /// Sends a report when something has changed that the world-controller depends on.
     pub(super) fn tend_report(&mut self, now: Time) {
         let own = &self.own;
         let is_seed = own.role == Role::Final && own.masks.seed;

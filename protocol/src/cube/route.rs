@@ -1,12 +1,12 @@
-//! A way over faces, as requests and searches take it.
+//! A path over faces, taken by requests and searches.
 
 use crate::lattice::Face;
 use crate::wire::{Decoder, Encoder, WireError};
 
-/// The longest way a request can take.
+/// The largest number of hops of a request.
 pub const MAX_HOPS: usize = 26;
 
-/// A way over faces, from the module that asks.
+/// A path over faces, from the module that asks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Route {
     len: u8,
@@ -14,7 +14,7 @@ pub struct Route {
 }
 
 impl Route {
-    /// A route of at least one and at most [`MAX_HOPS`] hops.
+    /// Creates a route of at least one and at most [`MAX_HOPS`] hops.
     pub fn new(hops: &[Face]) -> Option<Route> {
         if hops.is_empty() || hops.len() > MAX_HOPS {
             return None;
@@ -25,19 +25,19 @@ impl Route {
         }
         Some(route)
     }
-    /// The number of hops.
+    /// Returns the number of hops.
     pub fn hop_count(&self) -> usize {
         self.len.into()
     }
-    /// The face to leave by on hop `i`.
+    /// Returns the face to leave by on hop `i`.
     pub fn hop(&self, i: usize) -> Option<Face> {
         self.hops[..self.hop_count()].get(i).and_then(|f| Face::from_index(*f))
     }
-    /// All hops in order.
+    /// Iterates over the hops in order.
     pub fn faces(&self) -> impl Iterator<Item = Face> + '_ {
         (0..self.hop_count()).filter_map(|i| self.hop(i))
     }
-    /// This route and one hop more.
+    /// Returns this route with one more hop.
     pub fn then(&self, face: Face) -> Option<Route> {
         let mut next = *self;
         *next.hops.get_mut(self.hop_count())? = face as u8;

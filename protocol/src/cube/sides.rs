@@ -1,8 +1,8 @@
-//! The six contacts of a cube: the session of each, and what its neighbour said last.
+//! The six contacts of a cube: the session of each, and the last beacon of its neighbour.
 //!
-//! Questions such as "which neighbours are alive" are asked dozens of times a step, so the answers are
-//! kept as masks of faces. *Invariant.* Masks follow from the other fields and the time of the step; a
-//! debug build works them out anew after every change of either.
+//! Questions such as "which neighbours are alive" are asked dozens of times a step, so the answers are kept
+//! as masks of faces. *Invariant.* Masks follow from the other fields and the time of the step; a debug build
+//! recomputes them after every change of either.
 
 use super::message::{Beacon, Role};
 use crate::digest::Portable;
@@ -37,8 +37,7 @@ pub(super) struct Sides {
     heard_at: [Time; 6],
     /// The first instant at which a live neighbour has been silent for too long.
     silent_at: Time,
-    /// The goal in which a neighbour is certified to have been finalized, as it may never have been heard
-    /// itself.
+    /// The goal in which a neighbour is certified to have been finalized; it need not have been heard.
     died_final: [Option<u16>; 6],
     /// The last beacon of each neighbour in this session.
     peers: [Option<Beacon>; 6],
@@ -69,11 +68,11 @@ impl Sides {
     pub fn is_touching(&self, face: Face) -> bool {
         self.masks.touching & face.bit() != 0
     }
-    /// The neighbour on a face, if it has been heard in this session.
+    /// Returns the neighbour on a face, if it has been heard in this session.
     pub fn peer(&self, face: Face) -> Option<&Beacon> {
         self.peers[face.index()].as_ref()
     }
-    /// When the neighbour on a face was last heard; zero if it was not.
+    /// Returns when the neighbour on a face was last heard; zero if it was not.
     pub fn heard_at(&self, face: Face) -> Time {
         self.heard_at[face.index()]
     }
@@ -86,33 +85,33 @@ impl Sides {
     fn among(&self, mask: u8, face: Face) -> Option<&Beacon> {
         if mask & face.bit() != 0 { self.peers[face.index()].as_ref() } else { None }
     }
-    /// The neighbour on a face, if it is believed alive.
+    /// Returns the neighbour on a face, if it is believed alive.
     pub fn live(&self, face: Face) -> Option<&Beacon> {
         self.among(self.masks.live, face)
     }
-    /// The neighbour on a face, if it is a live module that can carry a walker.
+    /// Returns the neighbour on a face, if it is a live module that can carry a walker.
     pub fn terrain(&self, face: Face) -> Option<&Beacon> {
         self.among(self.masks.terrain, face)
     }
-    /// Faces with a live neighbour that can carry a walker.
+    /// Returns the faces with a live neighbour that can carry a walker.
     pub fn terrain_mask(&self) -> u8 {
         self.masks.terrain
     }
-    /// Whether the cell outside a face can hold a walker: it is empty, or holds one that moves on.
+    /// Returns true if the cell outside a face can hold a walker: it is empty, or holds one that moves on.
     pub fn is_open(&self, face: Face) -> bool {
         self.masks.open & face.bit() != 0
     }
-    /// Faces whose neighbour has fallen silent and is not certified dead: modules behind it cannot be
-    /// heard either.
+    /// Returns the faces whose neighbour has fallen silent and is not certified dead: modules behind it
+    /// cannot be heard either.
     pub fn missed(&self) -> u8 {
         self.masks.heard & !self.masks.live & !self.certified_dead
     }
-    /// Whether a neighbour has not been heard yet, and is not certified dead.
+    /// Returns true if a neighbour has not been heard yet, and is not certified dead.
     pub fn any_unheard(&self) -> bool {
         self.masks.touching & !self.masks.heard & !self.certified_dead != 0
     }
 
-    /// Starts a session, or none; forgets all that belonged to the one before.
+    /// Begins a session or ends it; forgets all that belonged to the one before.
     pub fn begin(&mut self, face: Face, session: Option<Session>) {
         let i = face.index();
         self.sessions[i] = session;
@@ -126,7 +125,7 @@ impl Sides {
         self.update(face);
     }
 
-    /// Notes what the neighbour on a face says.
+    /// Stores the beacon of the neighbour on a face.
     pub fn hear(&mut self, now: Time, suspect: Span, face: Face, beacon: Beacon) {
         self.peers[face.index()] = Some(beacon);
         self.heard_at[face.index()] = now;
@@ -159,7 +158,7 @@ impl Sides {
         debug_assert_eq!(self.masks, self.masks_anew(now, suspect));
     }
 
-    /// The masks of one face, from whether its neighbour is silent.
+    /// Recomputes the masks of one face.
     fn update(&mut self, face: Face) {
         let (bit, m) = (face.bit(), &mut self.masks);
         m.live &= m.heard & !self.certified_dead;

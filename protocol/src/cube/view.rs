@@ -1,4 +1,4 @@
-//! What the parts of a cube read: the module itself, its neighbours, and the time of the step.
+//! The state that the parts of a cube read: the module itself, its neighbours, and the time of the step.
 
 use super::message::{Beacon, Role};
 use super::params::{Params, Setup};
@@ -32,8 +32,8 @@ impl Hash for Shared {
     fn hash<H: Hasher>(&self, _: &mut H) {}
 }
 
-/// What a goal says of one cell and its six neighbours, as masks of faces. Derived from the goal and the
-/// cell; the goal's grid is looked up once per cell instead of in every step.
+/// The cell and its six neighbours in the goal, as masks of faces. Derived from the goal and the cell; the
+/// goal's grid is looked up once per cell instead of in every step.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
 pub(super) struct GoalMasks {
     /// The cell itself belongs to the goal.
@@ -44,7 +44,7 @@ pub(super) struct GoalMasks {
     pub cells: u8,
     /// Neighbouring goal cells that may be started from here, by rule G1 ([`Goal::may_start`]).
     pub next: u8,
-    /// For each neighbouring goal cell, the sides on which its lower neighbours are.
+    /// For each neighbouring goal cell, the faces towards its lower neighbours.
     pub lower: [u8; 6],
 }
 
@@ -76,14 +76,14 @@ pub(super) struct Own {
     /// The goal that it works for.
     pub epoch: u16,
     pub role: Role,
-    /// It has lost its memory at this cell and cannot know what it was before.
+    /// True if it has lost its memory at this cell and cannot know its former role.
     pub restarted: bool,
     pub quarantine_until: Time,
     /// The neighbour that made this module finalized.
     pub activator: Option<Face>,
-    /// The support a walker hangs on.
+    /// The support that carries a walker.
     pub anchor: Option<Face>,
-    /// Too many actions of its body have failed in a row.
+    /// True if too many actions of its body have failed in a row.
     pub immobile: bool,
     /// Derived from goal and cell.
     pub masks: GoalMasks,
@@ -97,7 +97,7 @@ impl Own {
     pub fn params(&self) -> &Params {
         &self.setup.params
     }
-    /// Whether a test has switched this defect on.
+    /// Returns true if a test has switched this defect on.
     pub fn has(&self, defect: Sabotage) -> bool {
         self.setup.params.sabotage == Some(defect)
     }
@@ -107,7 +107,7 @@ impl Own {
     pub fn grows_as(&self) -> Growth {
         self.goal().growth()
     }
-    /// Looks up what the goal says of the cell, after either has changed.
+    /// Looks up the cell in the goal, after either has changed.
     pub fn look_up(&mut self) {
         self.masks = GoalMasks::of(self.goal(), self.cell);
     }
@@ -131,35 +131,35 @@ impl<'a> View<'a> {
     pub fn is_quarantined(self) -> bool {
         self.own.is_quarantined(self.now)
     }
-    /// The neighbour on a face, if it has been heard in this session.
+    /// Returns the neighbour on a face, if it has been heard in this session.
     pub fn peer(self, face: Face) -> Option<&'a Beacon> {
         self.sides.peer(face)
     }
-    /// The neighbour on a face, if it is believed alive.
+    /// Returns the neighbour on a face, if it is believed alive.
     pub fn live(self, face: Face) -> Option<&'a Beacon> {
         self.sides.live(face)
     }
-    /// The neighbour on a face, if it is a live module that can carry a walker.
+    /// Returns the neighbour on a face, if it is a live module that can carry a walker.
     pub fn terrain(self, face: Face) -> Option<&'a Beacon> {
         self.sides.terrain(face)
     }
-    /// Whether the neighbour on a face is certified to have died finalized in the present goal.
+    /// Returns true if the neighbour on a face is certified to have died finalized in the present goal.
     pub fn died_finalized(self, face: Face) -> bool {
         self.sides.died_final(face) == Some(self.own.epoch)
     }
-    /// Whether a beacon is of a finalized module of the present goal.
+    /// Returns true if a beacon is from a finalized module of the present goal.
     pub fn is_final(self, b: &Beacon) -> bool {
         b.role == Role::Final && b.epoch == self.own.epoch
     }
-    /// Whether a neighbour that has not spoken yet may want this very cell filled, or know a shorter way.
-    /// One that has been silent for longer than first beacons take has nothing to say, or cannot.
+    /// Returns true if a neighbour that has not spoken yet may want this very cell filled, or know a shorter
+    /// route. One that has been silent for longer than first beacons take has nothing to say, or cannot.
     pub fn may_hear_more(self) -> bool {
         self.now.since(self.own.settled) < self.params().first_words() && self.sides.any_unheard()
     }
-    /// The number of hops to a finalized module over modules that have restarted ([`Beacon::final_hops`]).
-    /// A finalized module touches another one, and neither leaves: so one of its neighbours is finalized
-    /// still, or has forgotten it as well, or has not been heard, and so on up to the seed. Modules that
-    /// only think so because of each other count up, and see it.
+    /// Returns the number of hops to a finalized module over modules that have restarted
+    /// ([`Beacon::final_hops`]). A finalized module touches another one, and neither leaves: so one of its
+    /// neighbours is finalized still, or has forgotten it as well, or has not been heard, and so on up to the
+    /// seed. Modules that believe so only because of each other count up to [`Beacon::NO_FINAL`].
     pub fn final_hops(self) -> u8 {
         let hops = |b: &Beacon| if b.epoch == self.own.epoch { b.final_hops } else { 0 };
         if self.own.role == Role::Final {
@@ -175,8 +175,8 @@ impl<'a> View<'a> {
         let nearest = touched.map(|f| self.peer(f).map_or(0, hops)).min();
         nearest.map_or(Beacon::NO_FINAL, |n| n.saturating_add(1))
     }
-    /// Whether this module may have been finalized in an earlier life, so that finalized ones may hang on
-    /// it.
+    /// Returns true if this module may have been finalized in an earlier incarnation, so that finalized ones
+    /// may hang on it.
     pub fn may_be_final(self) -> bool {
         self.own.role != Role::Final && self.final_hops() != Beacon::NO_FINAL
     }

@@ -12,16 +12,16 @@ use nalgebra::Vector3;
 /// A cube of a robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body {
-    /// Its centre, in cells.
+    /// The centre, in cells.
     pub centre: Vector3<f64>,
-    /// Outward normals of its six plates.
+    /// The outward normals of the six plates.
     pub normals: [Vector3<f64>; 6],
     /// 1, or less for a body shrunk towards its centre.
     pub scale: f64,
 }
 
 impl Body {
-    /// The cube made of a lower hemisphere (H0, H2) and an upper one (H1, H3).
+    /// Returns the cube made of a lower hemisphere (H0, H2) and an upper one (H1, H3).
     pub fn of_hemispheres(lower: &Pose, upper: &Pose) -> Body {
         let column = |p: &Pose, i: usize| -> Vector3<f64> { p.rotation.column(i).into() };
         let normals = [
@@ -35,19 +35,19 @@ impl Body {
         Body { centre: lower.origin, normals, scale: 1.0 }
     }
 
-    /// A cube that fills a cell of the lattice; the twist of its halves does not show.
+    /// Returns a cube that fills a cell of the lattice; the twist of its halves has no effect.
     pub fn aligned(centre: Vector3<f64>) -> Body {
         let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
         Body { centre, normals: [-x, -y, -z, x, y, z], scale: 1.0 }
     }
 
-    /// The same body shrunk towards its centre.
+    /// Returns the same body shrunk towards its centre.
     pub fn scaled(mut self, scale: f64) -> Body {
         self.scale = scale;
         self
     }
 
-    /// How far the body reaches from its centre in a unit direction.
+    /// Returns how far the body reaches from its centre in a unit direction.
     pub fn extent(&self, u: &Vector3<f64>) -> f64 {
         let cosine = self.normals.iter().map(|n| n.dot(u)).fold(f64::MIN, f64::max);
         let flat = HALF_EDGE / OUTER_RADIUS;
@@ -59,13 +59,13 @@ impl Body {
         reach * self.scale
     }
 
-    /// The lowest point of the body.
+    /// Returns the height of the lowest point of the body.
     pub fn lowest(&self) -> f64 {
         self.centre.z - self.extent(&-Vector3::z())
     }
 }
 
-/// Radius of the flat circular plates in cells: 32.68 mm.
+/// Returns the radius of the flat circular plates in cells: 32.68 mm.
 pub fn plate_radius() -> f64 {
     (OUTER_RADIUS * OUTER_RADIUS - HALF_EDGE * HALF_EDGE).sqrt()
 }
@@ -97,7 +97,7 @@ impl Convex for Body {
     }
 }
 
-/// The bodies of all cubes of a robot, angles in radians.
+/// Returns the bodies of all cubes of a robot, angles in radians.
 pub fn bodies(kind: Kind, q: &[f64]) -> Result<Vec<Body>, KinematicsError> {
     let all = hemispheres(kind, q)?;
     Ok(all.chunks_exact(2).map(|h| Body::of_hemispheres(&h[0], &h[1])).collect())

@@ -10,40 +10,40 @@ use std::f64::consts::PI;
 /// A rigid pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// How the frame is turned.
+    /// The rotation of the frame.
     pub rotation: Matrix3<f64>,
-    /// Where its origin is, in cells.
+    /// The position of its origin, in cells.
     pub origin: Vector3<f64>,
 }
 
 impl Pose {
-    /// The foot frame itself.
+    /// Returns the foot frame itself.
     pub fn identity() -> Pose {
         Pose { rotation: Matrix3::identity(), origin: Vector3::zeros() }
     }
-    /// The pose of these rows of a 3×4 matrix. Whether it is rigid is for [`Pose::checked`] to say.
+    /// Creates a pose from the rows of a 3×4 matrix. [`Pose::checked`] tells whether it is rigid.
     pub fn from_rows(rows: [[f64; 4]; 3]) -> Pose {
         Pose { rotation: Matrix3::from_fn(|r, c| rows[r][c]), origin: Vector3::from_fn(|r, _| rows[r][3]) }
     }
-    /// The rows of the 3×4 matrix of the pose.
+    /// Returns the rows of the 3×4 matrix of the pose.
     pub fn rows(&self) -> [[f64; 4]; 3] {
         let m = &self.rotation;
         [0, 1, 2].map(|r| [m[(r, 0)], m[(r, 1)], m[(r, 2)], self.origin[r]])
     }
-    /// Where a point given in this frame is.
+    /// Transforms a point from this frame to the frame outside.
     pub fn point(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * p + self.origin
     }
-    /// The pose of `inner`, given in this frame, in the frame outside.
+    /// Returns the pose of `inner`, given in this frame, in the frame outside.
     pub fn compose(&self, inner: &Pose) -> Pose {
         Pose { rotation: self.rotation * inner.rotation, origin: self.point(&inner.origin) }
     }
-    /// The pose back.
+    /// Returns the inverse pose.
     pub fn inverse(&self) -> Pose {
         let rotation = self.rotation.transpose();
         Pose { rotation, origin: -(rotation * self.origin) }
     }
-    /// The small motion from this pose to `target`: the difference of the origins and the rotation
+    /// Returns the small motion from this pose to `target`: the difference of the origins and the rotation
     /// vector, both in the outer frame; cells and radians.
     pub fn error_to(&self, target: &Pose) -> Vector6<f64> {
         let turn = rotation_vector(&(target.rotation * self.rotation.transpose()));
@@ -67,7 +67,7 @@ impl From<LatticePose> for Pose {
     }
 }
 
-/// The axis of a rotation times its angle, 0..π.
+/// Returns the axis of a rotation times its angle, 0..π.
 pub fn rotation_vector(r: &Matrix3<f64>) -> Vector3<f64> {
     let twice_sine = Vector3::new(r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)]);
     let sine = twice_sine.norm() / 2.0;
@@ -87,7 +87,7 @@ pub fn rotation_vector(r: &Matrix3<f64>) -> Vector3<f64> {
     if axis.dot(&twice_sine) < 0.0 { -axis * angle } else { axis * angle }
 }
 
-/// The rotation by `angle` about the unit vector `axis` (Rodrigues).
+/// Returns the rotation by `angle` about the unit vector `axis` (Rodrigues).
 pub fn rotation(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     let (s, c) = angle.sin_cos();
     let k = axis.cross_matrix();
@@ -104,7 +104,7 @@ pub struct Joint {
 }
 
 impl Joint {
-    /// The motion of what is behind the joint when it turns by `angle`.
+    /// Returns the motion of the part behind the joint when it turns by `angle`.
     pub fn exp(&self, angle: f64) -> Pose {
         let rotation = rotation(&self.axis, angle);
         Pose { rotation, origin: self.pivot - rotation * self.pivot }
@@ -121,13 +121,13 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// The chain of a module or metamodule, foot to head plate.
+    /// Returns the chain of a module or metamodule, foot to head plate.
     pub fn of(kind: Kind) -> Chain {
         let second = (kind.modules() == 2).then(|| kind.quarter_turns());
         Chain::of_modules(std::iter::once(0).chain(second))
     }
 
-    /// A chain of any number of modules, each given by the quarter turns by which it is turned
+    /// Returns a chain of any number of modules, each given by the quarter turns by which it is turned
     /// against the one before it (the first against the foot frame).
     pub fn of_modules(turns: impl IntoIterator<Item = u8>) -> Chain {
         let mut joints = Vec::new();
@@ -157,7 +157,7 @@ impl Chain {
         }
     }
 
-    /// The motions of the parts of the robot: entry i moves what lies between joints i−1 and i, the
+    /// Returns the motions of the parts of the robot: entry i moves the part between joints i−1 and i, the
     /// last one the head. Angles beyond the joints are ignored, missing ones count as zero.
     pub fn motions(&self, q: &[f64]) -> Vec<Pose> {
         let mut motion = Pose::identity();
@@ -170,7 +170,7 @@ impl Chain {
         all
     }
 
-    /// Where the head is.
+    /// Returns the pose of the head.
     pub fn head(&self, q: &[f64]) -> Pose {
         let mut motion = Pose::identity();
         for (joint, angle) in self.joints.iter().zip(q) {
@@ -179,8 +179,8 @@ impl Chain {
         motion.compose(&self.home)
     }
 
-    /// The head, and for every joint how the head moves per radian: velocity of its origin above,
-    /// angular velocity below, in the outer frame.
+    /// Returns the head and, for every joint, the motion of the head per radian: velocity of its origin
+    /// above, angular velocity below, in the outer frame.
     pub fn head_and_jacobian(&self, q: &[f64]) -> (Pose, Vec<Vector6<f64>>) {
         let mut motion = Pose::identity();
         let mut axes = Vec::with_capacity(self.joints.len());
@@ -200,18 +200,18 @@ impl Chain {
     }
 }
 
-/// The unit vector along (1,1,1), at 54.7356° to the long axis.
+/// Returns the unit vector along (1,1,1), at 54.7356° to the long axis.
 pub fn diagonal() -> Vector3<f64> {
     Vector3::repeat(1.0 / 3f64.sqrt())
 }
 
-/// The head frame of a robot, angles in radians (thesis equation A.1).
+/// Returns the head frame of a robot, angles in radians (thesis equation A.1).
 pub fn forward(kind: Kind, q: &[f64]) -> Result<Pose, KinematicsError> {
     Chain::checked(kind, q)?;
     Ok(Chain::of(kind).head(q))
 }
 
-/// The frames of the hemispheres, four per module, H0 H1 H2 H3: rotation and centre of the cube.
+/// Returns the frames of the hemispheres, four per module, H0 H1 H2 H3: rotation and centre of the cube.
 pub fn hemispheres(kind: Kind, q: &[f64]) -> Result<Vec<Pose>, KinematicsError> {
     Chain::checked(kind, q)?;
     let chain = Chain::of(kind);
@@ -229,33 +229,33 @@ pub fn hemispheres(kind: Kind, q: &[f64]) -> Result<Vec<Pose>, KinematicsError> 
     Ok(all)
 }
 
-/// An angle brought into (−π, π].
+/// Brings an angle into (−π, π].
 pub fn wrapped(angle: f64) -> f64 {
     let turned = angle.rem_euclid(2.0 * PI);
     if turned > PI { turned - 2.0 * PI } else { turned }
 }
 
-/// The largest difference between two joint vectors, angles taken modulo a full turn.
+/// Returns the largest difference between two joint vectors, angles taken modulo a full turn.
 pub fn joint_distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| wrapped(x - y).abs()).fold(0.0, f64::max)
 }
 
-/// x' = −y, y' = −x, z' = −z, the matrix that turns the foot frame into a head frame.
+/// Returns the matrix that turns the foot frame into a head frame: x' = −y, y' = −x, z' = −z.
 pub fn flip() -> Matrix3<f64> {
     LatticeRotation::FLIP.matrix()
 }
 
-/// Joint angles of a robot, each drawn evenly from (−π, π].
+/// Draws the joint angles of a robot, each evenly from (−π, π].
 pub fn random_angles(kind: Kind, stream: &mut Stream) -> Vec<f64> {
     (0..kind.joints()).map(|_| random_angle(stream)).collect()
 }
 
-/// An angle drawn evenly from (−π, π].
+/// Draws an angle evenly from (−π, π].
 pub fn random_angle(stream: &mut Stream) -> f64 {
     PI - stream.below(1 << 32) as f64 * (2.0 * PI / (1u64 << 32) as f64)
 }
 
-/// The matrix of the mirror x↔y.
+/// Returns the matrix of the mirror x↔y.
 pub fn mirror() -> Matrix3<f64> {
     Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 }

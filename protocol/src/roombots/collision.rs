@@ -1,25 +1,25 @@
-//! Whether a posture is free: exact bodies against each other and against the floor z = 0.
+//! Collision checks of a posture: exact bodies against each other and against the floor z = 0.
 
 use super::body::{Body, bodies};
 use super::convex::overlap;
 use super::{Kind, KinematicsError, OUTER_RADIUS};
 
-/// Both bodies are shrunk by 1 % before they are compared, so that flush plates and contacts below
-/// 1.3 mm do not count; the connectors tolerate 4 mm (thesis 2.2.1).
+/// Scale of bodies in comparisons: both are shrunk by 1 %, so that flush plates and contacts below 1.3 mm do
+/// not count; the connectors tolerate 4 mm (thesis 2.2.1).
 pub const SHRINK: f64 = 0.99;
 
-/// Pairs of cubes that are not direct neighbours in the chain.
+/// Iterates over the pairs of cubes that are not direct neighbours in the chain.
 pub fn distant_pairs(cubes: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..cubes).flat_map(move |a| (a + 2..cubes).map(move |b| (a, b)))
 }
 
-/// Whether two cubes overlap after both are shrunk.
+/// Returns true if two cubes overlap after both are shrunk.
 pub fn cubes_collide(a: &Body, b: &Body, shrink: f64) -> bool {
     (a.centre - b.centre).norm() < 2.0 * OUTER_RADIUS * shrink
         && overlap(&a.scaled(shrink), &b.scaled(shrink))
 }
 
-/// How deep two cubes overlap, in cells, measured by how far both must shrink to come apart.
+/// Returns how deep two cubes overlap, in cells, measured by how far both must shrink to come apart.
 pub fn overlap_depth(a: &Body, b: &Body) -> f64 {
     let (mut apart, mut together) = (0.5, 1.0);
     if !cubes_collide(a, b, together) {
@@ -32,21 +32,21 @@ pub fn overlap_depth(a: &Body, b: &Body) -> f64 {
     (1.0 - together) * 2.0 * OUTER_RADIUS
 }
 
-/// Whether cubes of a robot that are not neighbours overlap.
+/// Returns true if cubes of a robot that are not neighbours overlap.
 pub fn self_collision(bodies: &[Body], shrink: f64) -> bool {
     distant_pairs(bodies.len()).any(|(a, b)| cubes_collide(&bodies[a], &bodies[b], shrink))
 }
 
-/// What a posture with any angles runs into.
+/// The contacts of a posture with any angles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// How deep the deepest cube is below the floor, in cells; negative if all are above.
+    /// Depth of the lowest cube below the floor, in cells; negative if all are above.
     pub floor: f64,
-    /// Whether cubes overlap that are not neighbours.
+    /// True if cubes overlap that are not neighbours.
     pub own_body: bool,
 }
 
-/// Looks for contacts of a posture.
+/// Finds the contacts of a posture.
 pub fn contact(kind: Kind, q: &[f64]) -> Result<Contact, KinematicsError> {
     let bodies = bodies(kind, q)?;
     let floor = bodies.iter().map(|b| -b.lowest()).fold(f64::MIN, f64::max);

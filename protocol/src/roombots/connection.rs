@@ -1,10 +1,9 @@
 //! Whether a connection succeeds: bending, misalignment, and chance.
 //!
-//! The mechanism makes up for about 13° about the normal and 4 mm of shift (thesis 2.2.1). On a
-//! horizontal grid 1 of 20 connections failed (thesis 6.3.1); on walls more did, but no number is
-//! given, so it is for the user of the model to raise it there. How far a robot bends under its
-//! weight was studied without a usable result (thesis 2.2.2): the compliance of the joints is a
-//! parameter, and zero unless set.
+//! The mechanism makes up for about 13° about the normal and 4 mm of shift (thesis 2.2.1). On a horizontal
+//! grid 1 of 20 connections failed (thesis 6.3.1); on walls more did, but no number is given, so the user of
+//! the model raises it there. The bending of a robot under its weight was studied without a usable result
+//! (thesis 2.2.2): the compliance of the joints is a parameter, zero by default.
 //!
 //! Verdicts are drawn from integers only, so that a body that uses them is the same on every machine.
 
@@ -16,7 +15,7 @@ use crate::rng::Stream;
 use nalgebra::{Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
-/// How far a plate is from where it should be.
+/// The deviation of a plate from its target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Misalignment {
     /// Distance of the plate centres in micrometres.
@@ -27,17 +26,17 @@ pub struct Misalignment {
     pub tilt_mdeg: u32,
 }
 
-/// What a connection tolerates and how often it fails all the same.
+/// The tolerances of connections and their failure rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ConnectionModel {
     /// Largest shift in micrometres.
     pub shift_um: u32,
     /// Largest angle about the normal in thousandths of a degree.
     pub twist_mdeg: u32,
-    /// Largest angle between the normals in thousandths of a degree. The thesis gives none; a tilt
-    /// at which the rim of a plate is 4 mm off is taken.
+    /// Largest angle between the normals in thousandths of a degree. The thesis gives none; this is the tilt
+    /// at which the rim of a plate is 4 mm off.
     pub tilt_mdeg: u32,
-    /// How often a connection within the tolerances fails.
+    /// Probability that a connection within the tolerances fails.
     pub failure: Ratio,
     /// Further shift drawn evenly from 0 to this for every attempt, in micrometres.
     pub shift_noise_um: u32,
@@ -45,7 +44,7 @@ pub struct ConnectionModel {
     pub twist_noise_mdeg: u32,
 }
 
-/// How an attempt to connect ended.
+/// The outcome of an attempt to connect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Attempt {
     /// The grippers hold.
@@ -57,7 +56,7 @@ pub enum Attempt {
 }
 
 impl ConnectionModel {
-    /// The hardware of the thesis on a horizontal grid, without further noise.
+    /// Returns the hardware of the thesis on a horizontal grid, without further noise.
     pub fn thesis() -> ConnectionModel {
         ConnectionModel {
             shift_um: 4_000,
@@ -68,17 +67,17 @@ impl ConnectionModel {
             twist_noise_mdeg: 0,
         }
     }
-    /// A mechanism that always holds.
+    /// Returns a mechanism that always holds.
     pub fn perfect() -> ConnectionModel {
         ConnectionModel { failure: Ratio::ZERO, ..ConnectionModel::thesis() }
     }
 
-    /// Whether the mechanism makes up for it.
+    /// Returns true if the mechanism makes up for the misalignment.
     pub fn tolerates(&self, m: &Misalignment) -> bool {
         m.shift_um <= self.shift_um && m.twist_mdeg <= self.twist_mdeg && m.tilt_mdeg <= self.tilt_mdeg
     }
 
-    /// Tries to connect. Draws the same number of random numbers whatever the outcome.
+    /// Tries to connect. Draws the same number of random numbers for every outcome.
     pub fn attempt(&self, m: &Misalignment, stream: &mut Stream) -> Attempt {
         let mut noise = |most: u32| stream.below(u64::from(most) + 1) as u32;
         let noisy = Misalignment {
@@ -96,10 +95,10 @@ impl ConnectionModel {
 }
 
 impl Misalignment {
-    /// How a plate at `actual` misses one at `wanted`; both with +z along their normal.
+    /// Returns the deviation of a plate at `actual` from one at `wanted`; both with +z along their normal.
     pub fn between(actual: &Pose, wanted: &Pose) -> Misalignment {
         let shift = (actual.origin - wanted.origin).norm() * CELL_METRES * 1e6;
-        // Tilt first takes one normal to the other, what remains turns about the normal.
+        // Tilt first takes one normal to the other; the remaining rotation is about the normal.
         let normal: Vector3<f64> = wanted.rotation.column(2).into();
         let other: Vector3<f64> = actual.rotation.column(2).into();
         let tilt = normal.cross(&other).norm().atan2(normal.dot(&other));
@@ -110,7 +109,7 @@ impl Misalignment {
     }
 }
 
-/// How the head of a robot is displaced by its weight, to first order: every joint gives by its
+/// Returns the pose of the head under the weight of the robot, to first order: every joint gives by its
 /// torque times `compliance`, in radians per Nm.
 pub fn bent_head(kind: Kind, q: &[f64], load: &Load, compliance: f64) -> Result<Pose, KinematicsError> {
     let torques = torques(kind, q, load)?;
@@ -130,7 +129,7 @@ pub fn bent_head(kind: Kind, q: &[f64], load: &Load, compliance: f64) -> Result<
     Ok(Pose { rotation, origin: head.origin + Vector3::new(motion[0], motion[1], motion[2]) })
 }
 
-/// How far bending takes the head plate from where it should be.
+/// Returns how far bending takes the head plate from its target.
 pub fn bending(kind: Kind, q: &[f64], load: &Load, compliance: f64) -> Result<Misalignment, KinematicsError> {
     let wanted = super::chain::forward(kind, q)?;
     Ok(Misalignment::between(&bent_head(kind, q, load, compliance)?, &wanted))
@@ -174,7 +173,7 @@ mod tests {
         assert_eq!(run(2_000)[1..], run(9_000)[1..]);
     }
 
-    /// A robot straight out of a wall sags downwards, one that stands upright does not bend.
+    /// A robot straight out of a wall sags downwards, an upright one does not bend.
     #[test]
     fn weight_bends_the_lever() {
         let wall = Load { gravity: -Vector3::x(), payload: 0.0 };

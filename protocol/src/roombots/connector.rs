@@ -9,8 +9,7 @@ use std::str::FromStr;
 
 /// A connector of a module (thesis 2.2). Only C0X and C3X carry an active mechanism.
 ///
-/// Which side face of a hemisphere is called Y and which Z is a convention; the thesis shows it in
-/// a figure only.
+/// The assignment of side faces to Y and Z is a convention; the thesis shows it in a figure only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 #[repr(u8)]
@@ -40,10 +39,10 @@ pub enum Connector {
 use Connector::{C0X, C0Y, C0Z, C1Y, C1Z, C2Y, C2Z, C3X, C3Y, C3Z};
 
 impl Connector {
-    /// All ten, by hemisphere.
+    /// All connectors, by hemisphere.
     pub const ALL: [Connector; 10] = [C0X, C0Y, C0Z, C1Y, C1Z, C2Y, C2Z, C3X, C3Y, C3Z];
 
-    /// The hemisphere it belongs to, 0..3.
+    /// Returns the hemisphere that it belongs to, 0..3.
     pub const fn hemisphere(self) -> usize {
         match self {
             C0X | C0Y | C0Z => 0,
@@ -52,7 +51,7 @@ impl Connector {
             C3X | C3Y | C3Z => 3,
         }
     }
-    /// Whether it can grip.
+    /// Returns true if it can grip.
     pub const fn is_active(self) -> bool {
         matches!(self, C0X | C3X)
     }
@@ -60,9 +59,9 @@ impl Connector {
     pub const fn name(self) -> &'static str {
         ["C0X", "C0Y", "C0Z", "C1Y", "C1Z", "C2Y", "C2Z", "C3X", "C3Y", "C3Z"][self as usize]
     }
-    /// The position index of report chapter 4.1, which counts left-back, left-end, left-up,
-    /// left-down, left-front, right-front, right-down, right-end, right-up, right-back. It names
-    /// positions of the posture with the middle joint at 180°, the report's default.
+    /// Returns the position index of report chapter 4.1, which counts left-back, left-end, left-up,
+    /// left-down, left-front, right-front, right-down, right-end, right-up, right-back. It names positions of
+    /// the posture with the middle joint at 180°, the report's default.
     pub const fn report_index(self) -> u8 {
         match self {
             C0Y => 0,
@@ -77,7 +76,7 @@ impl Connector {
             C3Y => 9,
         }
     }
-    /// The connector that this one is when the module is seen from its other end.
+    /// Returns the corresponding connector of the module seen from its other end.
     pub const fn reversed(self) -> Connector {
         match self {
             C0X => C3X,
@@ -92,9 +91,9 @@ impl Connector {
             C3Z => C0Y,
         }
     }
-    /// The frame of the connector in the frame of its hemisphere, without the shift to the plate:
-    /// +z points into the module. C0X has the foot frame, C3X the head frame, and the connectors of
-    /// a hemisphere follow each other by +120° about the diagonal.
+    /// Returns the frame of the connector in the frame of its hemisphere, without the shift to the plate: +z
+    /// points into the module. C0X has the foot frame, C3X the head frame, and the connectors of a hemisphere
+    /// follow each other by +120° about the diagonal.
     pub fn frame(self) -> LatticeRotation {
         let end = match self.hemisphere() {
             0 | 2 => LatticeRotation::IDENTITY,
@@ -109,7 +108,7 @@ impl Connector {
     }
 }
 
-/// The report's label of a connection between two positions: `40 source + 4 target + rotation`,
+/// Returns the report's label of a connection between two positions: `40 source + 4 target + rotation`,
 /// rotation in quarter turns (report chapter 4.1).
 pub const fn report_label(source: Connector, target: Connector, rotation: u8) -> u16 {
     40 * source.report_index() as u16 + 4 * target.report_index() as u16 + (rotation % 4) as u16
@@ -126,18 +125,18 @@ impl fmt::Display for Connector {
 pub struct Site {
     /// 0 for the module at the foot, 1 for the second one.
     pub module: u8,
-    /// Which of its connectors.
+    /// The connector of that module.
     pub connector: Connector,
 }
 
 impl Site {
-    /// All connectors of a robot, in order.
+    /// Iterates over the connectors of a robot, in order.
     pub fn all(kind: Kind) -> impl Iterator<Item = Site> {
         (0..kind.modules() as u8)
             .flat_map(|module| Connector::ALL.map(|connector| Site { module, connector }))
     }
-    /// Whether nothing of the robot itself is plugged in here: all but C3X of the first and C0X of
-    /// the second module of a metamodule.
+    /// Returns true if the connector is not used by the robot itself: all but C3X of the first and C0X of the
+    /// second module of a metamodule.
     pub fn is_free(self, kind: Kind) -> bool {
         let joint = match self.module {
             0 => C3X,
@@ -174,7 +173,7 @@ impl FromStr for Site {
     }
 }
 
-/// Where a connector is: origin in the centre of its plate, +z into the module.
+/// Returns the pose of a connector: origin in the centre of its plate, +z into the module.
 pub fn connector_pose(kind: Kind, q: &[f64], site: Site) -> Result<Pose, KinematicsError> {
     if usize::from(site.module) >= kind.modules() {
         return Err(KinematicsError::NoSecondModule);
@@ -217,7 +216,7 @@ mod tests {
         assert!(head.error_to(&chain::forward(Kind::Single, &q).unwrap()).norm() < 1e-12);
     }
 
-    /// Seen from the head, the module with reversed joints has its connectors where this one has.
+    /// Seen from the head, the module with reversed joints has its connectors in the same places.
     #[test]
     fn reversal_maps_connectors_onto_connectors() {
         let q = [0.7, -0.4, 1.9];

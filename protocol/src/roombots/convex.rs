@@ -1,19 +1,19 @@
-//! Whether two convex bodies overlap (Gilbert, Johnson and Keerthi, 1988), from support points only.
+//! Overlap of two convex bodies (Gilbert, Johnson and Keerthi, 1988), from support points only.
 
 use nalgebra::Vector3;
 
-/// A convex body that can say which of its points is farthest in a direction.
+/// A convex body, given by its support points.
 pub trait Convex {
-    /// A point of the body that is farthest in `direction`, which need not be of unit length.
+    /// Returns a point of the body that is farthest in `direction`, which need not be of unit length.
     fn support(&self, direction: &Vector3<f64>) -> Vector3<f64>;
-    /// Some point inside.
+    /// Returns some point inside.
     fn centre(&self) -> Vector3<f64>;
 }
 
 /// A box with faces along the axes: a lattice cell, possibly shrunk.
 #[derive(Clone, Copy, Debug)]
 pub struct Cuboid {
-    /// Its centre.
+    /// The centre.
     pub centre: Vector3<f64>,
     /// Half of its edge.
     pub half: f64,
@@ -28,12 +28,12 @@ impl Convex for Cuboid {
     }
 }
 
-/// Below this distance, in cells, bodies count as touching.
+/// Distance in cells below which bodies count as touching.
 const TOUCH: f64 = 1e-7;
-/// Smooth bodies converge geometrically; pairs that need more than this are touching.
+/// Largest number of iterations: smooth bodies converge geometrically; pairs that need more are touching.
 const MAX_ITERATIONS: usize = 60;
 
-/// Whether two bodies have a point in common.
+/// Returns true if two bodies have a point in common.
 pub fn overlap(a: &impl Convex, b: &impl Convex) -> bool {
     let mut v = a.centre() - b.centre();
     if v.norm_squared() < TOUCH * TOUCH {
@@ -59,7 +59,7 @@ pub fn overlap(a: &impl Convex, b: &impl Convex) -> bool {
     true
 }
 
-/// The point of the simplex closest to the origin; points it does not depend on are dropped. Four
+/// Finds the point of the simplex closest to the origin; points it does not depend on are dropped. Four
 /// points remain only if the origin is inside.
 fn reduce_to_closest(points: &mut Vec<Vector3<f64>>) -> Vector3<f64> {
     let (closest, used) = match points[..] {

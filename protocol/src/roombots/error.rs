@@ -1,10 +1,10 @@
-//! What can be wrong with a question put to the kinematic model.
+//! Errors of questions to the kinematic model.
 
 use super::Kind;
 use thiserror::Error;
 
-/// Why a question to the kinematic model has no answer. Unreachable poses are not errors of this
-/// kind: the solvers report them in their result.
+/// Why a question to the kinematic model has no answer. Unreachable poses are not errors of this kind: the
+/// solvers report them in their result.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum KinematicsError {
     /// The name of a kind that does not exist.
@@ -22,9 +22,9 @@ pub enum KinematicsError {
     /// Too few or too many joint angles.
     #[error("{kind} has {} joints, but {got} angles were given", kind.joints())]
     JointCount {
-        /// The kind asked about.
+        /// The kind of robot.
         kind: Kind,
-        /// How many angles there were.
+        /// The number of angles given.
         got: usize,
     },
     /// NaN or infinity.
@@ -32,7 +32,7 @@ pub enum KinematicsError {
     NotFinite {
         /// The joint, counted from 1 at the foot.
         joint: usize,
-        /// What was given.
+        /// The angle given.
         value: f64,
     },
     /// An angle that is not one of the lattice.
@@ -43,7 +43,7 @@ pub enum KinematicsError {
     OffLattice {
         /// The joint, counted from 1 at the foot.
         joint: usize,
-        /// What was given.
+        /// The angle given.
         degrees: f64,
     },
     /// A pose whose numbers are not finite.

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Where a plate is attached to the grid: the connector's cell and the connection class, the number
-/// of quarter turns of the attached frame about +z (the four ways of thesis 5.1.3, level 3).
+/// The attachment of a plate to the grid: the connector's cell and the connection class, the number of
+/// quarter turns of the attached frame about +z (the four ways of thesis 5.1.3, level 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
 #[serde(from = "(i16, i16, u8)", into = "(i16, i16, u8)")]
 pub struct GridState {
@@ -17,38 +17,38 @@ pub struct GridState {
     pub x: i16,
     /// Along +y.
     pub y: i16,
-    /// Quarter turns, 0..3.
+    /// The connection class: quarter turns, 0..3.
     pub class: u8,
 }
 
 impl GridState {
-    /// The state at this connector with this class, taken modulo 4.
+    /// Creates the state at this connector with this class, taken modulo 4.
     pub const fn new(x: i16, y: i16, class: u8) -> GridState {
         GridState { x, y, class: class % 4 }
     }
-    /// The state reached from this one by a landing given in the foot frame.
+    /// Returns the state reached from this one by a landing given in the foot frame.
     pub fn then(self, landing: GridState) -> GridState {
         let [dx, dy, _] = LatticeRotation::QUARTER.power(self.class).apply([landing.x, landing.y, 0]);
         GridState::new(self.x + dx, self.y + dy, self.class + landing.class)
     }
-    /// The landing that leads back.
+    /// Returns the landing that leads back.
     pub fn inverse(self) -> GridState {
         let class = (4 - self.class) % 4;
         let [x, y, _] = LatticeRotation::QUARTER.power(class).apply([-self.x, -self.y, 0]);
         GridState::new(x, y, class)
     }
-    /// The mirror image x↔y.
+    /// Returns the mirror image x↔y.
     pub const fn mirrored(self) -> GridState {
         GridState::new(self.y, self.x, (4 - self.class) % 4)
     }
-    /// The pose of the attached frame.
+    /// Returns the pose of the attached frame.
     pub fn pose(self) -> LatticePose {
         LatticePose {
             rotation: LatticeRotation::QUARTER.power(self.class),
             half: [2 * self.x, 2 * self.y, 0],
         }
     }
-    /// The state of a frame that lies on the grid with +z up.
+    /// Returns the state of a frame that lies on the grid with +z up.
     pub fn of_pose(pose: LatticePose) -> Option<GridState> {
         let [x, y, z] = pose.half;
         let class = pose.rotation.class()?;
@@ -72,7 +72,7 @@ impl fmt::Display for GridState {
     }
 }
 
-/// The landing of a posture: its head plate lies on a connector of the floor and no cube is below.
+/// Returns the landing of a posture: its head plate lies on a connector of the floor and no cube is below.
 pub fn landing(posture: Posture) -> Option<GridState> {
     let placement = posture.placement();
     let last = placement.directions[posture.kind().cubes() - 1];
@@ -82,7 +82,7 @@ pub fn landing(posture: Posture) -> Option<GridState> {
     GridState::of_pose(placement.head)
 }
 
-/// Every landing of a kind with the postures that make it, in order.
+/// Returns every landing of a kind with the postures that have it, in order.
 pub fn landings(kind: Kind) -> BTreeMap<GridState, Vec<Posture>> {
     let mut all: BTreeMap<GridState, Vec<Posture>> = BTreeMap::new();
     for posture in Posture::all(kind) {
@@ -93,12 +93,12 @@ pub fn landings(kind: Kind) -> BTreeMap<GridState, Vec<Posture>> {
     all
 }
 
-/// The fewest landings that lead to every state within `radius` cells of the start on the open
-/// grid, all connectors free. States that are not reached are missing.
+/// Returns the fewest landings that lead to every state within `radius` cells of the start on the open grid,
+/// all connectors free. States that are not reached are missing.
 pub fn fewest_moves(kind: Kind, radius: i16) -> BTreeMap<GridState, u32> {
     let landings: Vec<GridState> = landings(kind).into_keys().collect();
-    // Every process that moves metamodules asks for this: moves are turned once for each class, and
-    // what has been seen is an array.
+    // Every process that moves metamodules computes this, so moves are turned once for each class, and states
+    // are marked in an array.
     let turned = |class| landings.iter().map(move |m| GridState::new(0, 0, class).then(*m));
     let moves: [Vec<GridState>; 4] = [0, 1, 2, 3].map(|class| turned(class).collect());
     // Paths may leave the square they end in; four cells more are enough for moves of three cells.

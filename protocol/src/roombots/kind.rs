@@ -27,28 +27,28 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// All five.
+    /// All kinds.
     pub const ALL: [Kind; 5] = [Kind::Single, Kind::Par, Kind::Srs, Kind::Per, Kind::Srz];
     /// The four metamodules.
     pub const METAMODULES: [Kind; 4] = [Kind::Par, Kind::Srs, Kind::Per, Kind::Srz];
 
-    /// The kind of this number, if there is one.
+    /// Returns the kind with this number, if there is one.
     pub fn from_index(index: u8) -> Option<Kind> {
         Kind::ALL.get(usize::from(index)).copied()
     }
-    /// How many modules are in it.
+    /// Returns the number of modules.
     pub const fn modules(self) -> usize {
         if matches!(self, Kind::Single) { 1 } else { 2 }
     }
-    /// How many joints it has.
+    /// Returns the number of joints.
     pub const fn joints(self) -> usize {
         3 * self.modules()
     }
-    /// How many cubes it has, which is how many cells it fills on the lattice.
+    /// Returns the number of cubes, which is the number of cells filled on the lattice.
     pub const fn cubes(self) -> usize {
         2 * self.modules()
     }
-    /// Quarter turns of the second module; 0 for a single module.
+    /// Returns the quarter turns of the second module; 0 for a single module.
     pub const fn quarter_turns(self) -> u8 {
         match self {
             Kind::Single | Kind::Par => 0,
@@ -57,7 +57,7 @@ impl Kind {
             Kind::Srz => 3,
         }
     }
-    /// The kind that a mirror makes of this one.
+    /// Returns the mirror image of this kind.
     pub const fn mirrored(self) -> Kind {
         match self {
             Kind::Srs => Kind::Srz,
@@ -65,7 +65,7 @@ impl Kind {
             other => other,
         }
     }
-    /// Its name as the thesis writes it.
+    /// Returns the name as the thesis writes it.
     pub const fn name(self) -> &'static str {
         match self {
             Kind::Single => "single",

@@ -24,14 +24,14 @@ impl LatticeRotation {
     /// The foot frame seen from the other end: x' = −y, y' = −x, z' = −z.
     pub const FLIP: LatticeRotation = LatticeRotation([[0, -1, 0], [-1, 0, 0], [0, 0, -1]]);
 
-    /// The rotation of these rows, if it is one.
+    /// Returns the rotation with these rows, if it is one.
     pub fn from_rows(rows: [[i8; 3]; 3]) -> Option<LatticeRotation> {
         let unit = |v: [i8; 3]| v.iter().map(|x| i32::from(*x).pow(2)).sum::<i32>() == 1;
         let columns = [0, 1, 2].map(|c| [rows[0][c], rows[1][c], rows[2][c]]);
         let r = LatticeRotation(rows);
         (rows.into_iter().all(unit) && columns.into_iter().all(unit) && r.determinant() == 1).then_some(r)
     }
-    /// The rows of the matrix.
+    /// Returns the rows of the matrix.
     pub const fn rows(self) -> [[i8; 3]; 3] {
         self.0
     }
@@ -40,38 +40,38 @@ impl LatticeRotation {
         m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0])
             + m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0])
     }
-    /// The rotation back.
+    /// Returns the inverse rotation.
     pub fn inverse(self) -> LatticeRotation {
         let m = self.0;
         LatticeRotation([0, 1, 2].map(|r| [0, 1, 2].map(|c| m[c][r])))
     }
-    /// This rotation done `n` times.
+    /// Returns this rotation applied `n` times.
     pub fn power(self, n: u8) -> LatticeRotation {
         (0..n).fold(LatticeRotation::IDENTITY, |r, _| r * self)
     }
-    /// The image of a vector.
+    /// Returns the image of a vector.
     pub fn apply(self, v: Half) -> Half {
         self.0.map(|r| i16::from(r[0]) * v[0] + i16::from(r[1]) * v[1] + i16::from(r[2]) * v[2])
     }
-    /// The face that the side `f` looks at after this rotation.
+    /// Returns the face that the side `f` looks at after this rotation.
     pub fn face(self, f: Face) -> Face {
         let o: [i16; 3] = f.offset().into();
         let image = Cell::from(self.apply(o));
         Cell::default().face_to(image).expect("a rotation of the cube maps faces to faces")
     }
-    /// Where z points after this rotation.
+    /// Returns the direction of z after this rotation.
     pub fn up(self) -> Face {
         self.face(Face::Up)
     }
-    /// The class 0..3 of a rotation about +z, if it is one.
+    /// Returns the class 0..3 of a rotation about +z, if it is one.
     pub fn class(self) -> Option<u8> {
         (0..4).find(|c| LatticeRotation::QUARTER.power(*c) == self)
     }
-    /// The same rotation as a matrix of floating-point numbers, exactly.
+    /// Returns the same rotation as an exact matrix of floating-point numbers.
     pub fn matrix(self) -> Matrix3<f64> {
         Matrix3::from_fn(|r, c| f64::from(self.0[r][c]))
     }
-    /// The rotation nearest to a matrix, if every entry is within `tolerance` of it.
+    /// Returns the rotation nearest to a matrix, if every entry is within `tolerance` of it.
     pub fn nearest(m: &Matrix3<f64>, tolerance: f64) -> Option<LatticeRotation> {
         let near = m.iter().all(|x| (x - x.round()).abs() <= tolerance && x.abs() < 1.5);
         if !near {
@@ -93,9 +93,9 @@ impl Mul for LatticeRotation {
 /// A pose of the lattice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct LatticePose {
-    /// How the frame is turned.
+    /// The rotation of the frame.
     pub rotation: LatticeRotation,
-    /// Where its origin is, in half cells.
+    /// The position of its origin, in half cells.
     pub half: Half,
 }
 
@@ -103,11 +103,11 @@ impl LatticePose {
     /// The foot frame itself.
     pub const IDENTITY: LatticePose = LatticePose { rotation: LatticeRotation::IDENTITY, half: [0; 3] };
 
-    /// The position in cells.
+    /// Returns the position in cells.
     pub fn origin(self) -> Vector3<f64> {
         Vector3::from(self.half.map(|h| f64::from(h) / 2.0))
     }
-    /// The pose of `inner`, given in this frame, in the frame outside.
+    /// Returns the pose of `inner`, given in this frame, in the frame outside.
     pub fn compose(self, inner: LatticePose) -> LatticePose {
         let moved = self.rotation.apply(inner.half);
         LatticePose {
@@ -115,7 +115,7 @@ impl LatticePose {
             half: [0, 1, 2].map(|i| self.half[i] + moved[i]),
         }
     }
-    /// The pose back.
+    /// Returns the inverse pose.
     pub fn inverse(self) -> LatticePose {
         let rotation = self.rotation.inverse();
         LatticePose { rotation, half: rotation.apply(self.half).map(|x| -x) }

@@ -8,8 +8,8 @@
 //! exponentials, [`chain`]) and an integer one for the angles of the lattice ([`lattice_pose`],
 //! [`posture`]). Everything the motion database stores is an integer.
 //!
-//! Deliberately absent: dynamics, friction, motor control and any file. Citations "thesis" are to
-//! S. Bonardi, EPFL thesis, 2014; "report" is J. Lotfi, EPFL report, 2009.
+//! Not here: dynamics, friction, motor control and any file. Citations "thesis" are to S. Bonardi, EPFL
+//! thesis, 2014; "report" is J. Lotfi, EPFL report, 2009.
 
 pub mod body;
 pub mod chain;

@@ -4,16 +4,16 @@ use super::lattice_pose::{LatticePose, LatticeRotation};
 use super::{Kind, KinematicsError};
 use crate::lattice::{Cell, Face};
 
-/// The most joints a robot of this model has.
+/// The largest number of joints of a robot.
 pub const MAX_JOINTS: usize = 6;
 
-/// Whether joint `joint` (from 0) is a middle joint, which turns by 90° about the long axis; the
+/// Returns true if joint `joint` (from 0) is a middle joint, which turns by 90° about the long axis; the
 /// others turn by 120° about a diagonal.
 pub const fn is_middle(joint: usize) -> bool {
     joint % 3 == 1
 }
 
-/// How many lattice values joint `joint` (from 0) has.
+/// Returns the number of lattice values of joint `joint` (from 0).
 pub const fn values(joint: usize) -> u8 {
     if is_middle(joint) { 4 } else { 3 }
 }
@@ -28,10 +28,10 @@ pub struct Posture {
     steps: [u8; MAX_JOINTS],
 }
 
-/// Where everything is in a lattice posture.
+/// The cells and frames of a lattice posture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Placement {
-    /// The cells of the cubes from the foot on; those a single module lacks repeat its last.
+    /// The cells of the cubes from the foot on; a single module repeats its last one.
     pub cells: [Cell; 4],
     /// The directions between the cubes and, last, the outward normal of the head plate.
     pub directions: [Face; 4],
@@ -42,12 +42,12 @@ pub struct Placement {
 }
 
 impl Posture {
-    /// The posture with all joints at zero.
+    /// Returns the posture with all joints at zero.
     pub const fn zero(kind: Kind) -> Posture {
         Posture { kind, steps: [0; MAX_JOINTS] }
     }
 
-    /// The posture of these numbers of steps; taken modulo a full turn.
+    /// Creates the posture with these numbers of steps, taken modulo a full turn.
     pub fn from_steps(kind: Kind, steps: &[u8]) -> Result<Posture, KinematicsError> {
         if steps.len() != kind.joints() {
             return Err(KinematicsError::JointCount { kind, got: steps.len() });
@@ -59,7 +59,7 @@ impl Posture {
         Ok(Posture { kind, steps: all })
     }
 
-    /// The posture of these angles in degrees, which must be lattice angles to within `tolerance`.
+    /// Creates the posture with these angles in degrees, which must be lattice angles to within `tolerance`.
     pub fn from_degrees(kind: Kind, degrees: &[f64], tolerance: f64) -> Result<Posture, KinematicsError> {
         if degrees.len() != kind.joints() {
             return Err(KinematicsError::JointCount { kind, got: degrees.len() });
@@ -79,15 +79,15 @@ impl Posture {
         Ok(Posture { kind, steps })
     }
 
-    /// Every posture of a kind: 36 for a module, 1296 for a metamodule, in order.
+    /// Iterates over the postures of a kind in order: 36 for a module, 1296 for a metamodule.
     pub fn all(kind: Kind) -> impl Iterator<Item = Posture> {
         (0..Posture::count(kind)).map(move |code| Posture::from_code(kind, code))
     }
-    /// How many postures a kind has.
+    /// Returns the number of postures of a kind.
     pub const fn count(kind: Kind) -> u16 {
         if kind.modules() == 1 { 36 } else { 1296 }
     }
-    /// The posture of a number below [`Posture::count`]; taken modulo that count.
+    /// Returns the posture with a number below [`Posture::count`], taken modulo that count.
     pub fn from_code(kind: Kind, code: u16) -> Posture {
         let mut rest = code;
         let mut steps = [0; MAX_JOINTS];
@@ -98,20 +98,20 @@ impl Posture {
         }
         Posture { kind, steps }
     }
-    /// The number of this posture.
+    /// Returns the number of this posture.
     pub fn code(self) -> u16 {
         (0..self.kind.joints()).fold(0, |code, j| code * u16::from(values(j)) + u16::from(self.steps[j]))
     }
 
-    /// What has this posture.
+    /// Returns the kind of robot.
     pub const fn kind(self) -> Kind {
         self.kind
     }
-    /// The joint values in steps.
+    /// Returns the joint values in steps.
     pub fn steps(&self) -> &[u8] {
         &self.steps[..self.kind.joints()]
     }
-    /// The joint values in degrees: 0, ±120 and 0, ±90, 180.
+    /// Returns the joint values in degrees: 0, ±120 and 0, ±90, 180.
     pub fn degrees(self) -> Vec<i16> {
         self.steps()
             .iter()
@@ -119,22 +119,22 @@ impl Posture {
             .map(|(joint, s)| if is_middle(joint) { [0, 90, 180, -90] } else { [0, 120, -120, 0] }[usize::from(*s)])
             .collect()
     }
-    /// The joint values in radians.
+    /// Returns the joint values in radians.
     pub fn radians(self) -> Vec<f64> {
         self.degrees().into_iter().map(|d| f64::from(d).to_radians()).collect()
     }
-    /// The posture after joint `joint` (from 0) has turned by one step of +120° or +90°.
+    /// Returns the posture after joint `joint` (from 0) has turned by one step of +120° or +90°.
     pub fn turned(mut self, joint: usize) -> Posture {
         self.steps[joint] = (self.steps[joint] + 1) % values(joint);
         self
     }
-    /// The same robot seen from its other end.
+    /// Returns the same robot seen from its other end.
     pub fn reversed(mut self) -> Posture {
         let joints = self.kind.joints();
         self.steps[..joints].reverse();
         self
     }
-    /// The mirror image x↔y: every angle negated, SRS becomes SRZ and the other way round.
+    /// Returns the mirror image x↔y: every angle negated, SRS becomes SRZ and the other way round.
     pub fn mirrored(mut self) -> Posture {
         for (joint, s) in self.steps.iter_mut().enumerate() {
             *s = (values(joint) - *s) % values(joint);
@@ -142,7 +142,7 @@ impl Posture {
         Posture { kind: self.kind.mirrored(), steps: self.steps }
     }
 
-    /// Where the cubes and the head are, in integers.
+    /// Computes the cells of the cubes and the frames, in integers.
     pub fn placement(self) -> Placement {
         let mut rotation = LatticeRotation::IDENTITY;
         let mut rotations = [rotation; MAX_JOINTS + 1];
@@ -185,7 +185,7 @@ impl Posture {
 }
 
 impl Placement {
-    /// Whether every cube is at or above the floor.
+    /// Returns true if every cube is at or above the floor.
     pub fn above_floor(&self) -> bool {
         self.cells.iter().all(|c| c.z >= 0)
     }

@@ -1,4 +1,4 @@
-//! How many connectors of a regular grid a robot reaches: what thesis table 2.2 counts.
+//! The number of connectors of a regular grid that a robot reaches, as counted in thesis table 2.2.
 //!
 //! The table gives one number per kind without saying how it was computed. Numbers above 28 can
 //! only count states (connector and connection class): a head at most three cells away from the
@@ -17,7 +17,7 @@ use super::{HALF_EDGE, Kind};
 use crate::rng::Stream;
 use std::collections::BTreeSet;
 
-/// What counts as reaching a state.
+/// The conditions under which a state counts as reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Assumptions {
     /// Lattice angles and all cubes above the floor. The states that the motion database reaches.
@@ -26,7 +26,7 @@ pub enum Assumptions {
     AnyAngles,
     /// Any angles, no cube centre lower than that of a cube standing on the floor.
     AboveFloor,
-    /// And the exact bodies of the robot do not overlap. For planners with continuous angles.
+    /// As above, and the exact bodies of the robot do not overlap. For planners with continuous angles.
     ExactBodies,
     /// As above with the spheres of thesis 5.1.4, this many per rib, instead of the exact bodies.
     Spheres(u32),
@@ -46,7 +46,7 @@ impl Assumptions {
         Assumptions::HighMiddle,
     ];
 
-    /// What it says in a table.
+    /// Returns the text of a table row.
     pub fn describe(self) -> String {
         match self {
             Assumptions::Lattice => "lattice angles, cells above the floor".to_owned(),
@@ -75,16 +75,16 @@ impl Assumptions {
     }
 }
 
-/// Heights closer than this are equal, in cells: the plain search ends up to 0.1 mm off.
+/// Difference of heights, in cells, below which they are equal: the plain search ends up to 0.1 mm off.
 const SLACK: f64 = 1e-3;
-/// A posture at rest may touch itself but not overlap: the bodies are shrunk by 0.26 mm only. With
-/// the 1 % allowed during a step, SRS and SRZ would have one state more, in which their rims
+/// Scale of the bodies of a posture at rest, which may touch itself but not overlap: they are shrunk by 0.26
+/// mm only. With the 1 % allowed during a step, SRS and SRZ would have one state more, in which their rims
 /// overlap by 0.9 mm.
 const RESTING_SHRINK: f64 = 0.998;
 /// The numbers of thesis table 2.2, in the order of [`Kind::ALL`].
 pub const PUBLISHED: [u32; 5] = [2, 19, 38, 43, 35];
 
-/// The states of the grid a head may reach by its distance.
+/// Iterates over the states of the grid that a head may reach by its distance.
 pub fn candidate_states() -> impl Iterator<Item = GridState> {
     (-3i16..=3).flat_map(|x| {
         (-3i16..=3)
@@ -93,12 +93,12 @@ pub fn candidate_states() -> impl Iterator<Item = GridState> {
     })
 }
 
-/// The states a kind reaches under a set of assumptions.
+/// Returns the states a kind reaches under a set of assumptions.
 pub fn reachable(kind: Kind, assumptions: Assumptions) -> BTreeSet<GridState> {
     reachable_each(kind, &[assumptions]).pop().unwrap_or_default()
 }
 
-/// The same for several sets at once, solving every state once.
+/// Does the same for several sets at once, solving every state once.
 pub fn reachable_each(kind: Kind, sets: &[Assumptions]) -> Vec<BTreeSet<GridState>> {
     let mut found = vec![BTreeSet::new(); sets.len()];
     if sets.iter().any(|s| *s != Assumptions::Lattice) {
@@ -119,17 +119,16 @@ pub fn reachable_each(kind: Kind, sets: &[Assumptions]) -> Vec<BTreeSet<GridStat
     found
 }
 
-/// The number of connectors among states.
+/// Returns the number of connectors among states.
 pub fn positions(states: &BTreeSet<GridState>) -> usize {
     states.iter().map(|s| (s.x, s.y)).collect::<BTreeSet<_>>().len()
 }
 
-/// An incomplete search as the thesis may have used one: plain damped least squares from `starts`
+/// Repeats an incomplete search as the thesis may have used one: plain damped least squares from `starts`
 /// random starts per state; a state counts if an outcome is free with the thesis spheres.
 ///
-/// With four starts each number of thesis table 2.2 is within the spread of such searches. Number of
-/// starts and step rule are not in the thesis, so this shows that the table is plausible and
-/// does not show how it was made.
+/// With four starts each number of thesis table 2.2 is within the spread of such searches. Number of starts
+/// and step rule are not in the thesis, so this shows that the table is plausible, and not how it was made.
 pub fn incomplete_search(kind: Kind, starts: u32, seed: u64) -> BTreeSet<GridState> {
     let chain = Chain::of(kind);
     let mut stream = Stream::named(seed, "incomplete search", kind as u64);

@@ -1,4 +1,4 @@
-//! The shapes a metamodule takes on the lattice.
+//! Shapes of a metamodule on the lattice.
 
 use crate::lattice::{Cell, Face};
 use serde::{Deserialize, Serialize};
@@ -25,7 +25,7 @@ impl Shape {
     /// All shapes in the order of their numbers.
     pub const ALL: [Shape; 5] = [Shape::I, Shape::L, Shape::S, Shape::U, Shape::Twisted];
 
-    /// The shape of three directions; none if the chain folds back onto itself.
+    /// Returns the shape of three directions; `None` if the chain folds back onto itself.
     pub fn of(d: [Face; 3]) -> Option<Shape> {
         let bend = |a: Face, b: Face| a != b && a != b.opposite();
         match (d[0] == d[1], d[1] == d[2]) {
@@ -38,7 +38,7 @@ impl Shape {
             _ => Some(Shape::Twisted),
         }
     }
-    /// The shape of this number, if there is one.
+    /// Returns the shape with this number, if there is one.
     pub fn from_index(index: u8) -> Option<Shape> {
         Shape::ALL.get(usize::from(index)).copied()
     }
@@ -60,7 +60,7 @@ impl fmt::Display for Shape {
     }
 }
 
-/// d1·(d2 × d3) of three directions: +1 or −1 for a twisted shape, 0 for a flat one.
+/// Returns d1·(d2 × d3) of three directions: +1 or −1 for a twisted shape, 0 for a flat one.
 pub fn hand(d: [Face; 3]) -> i8 {
     let [a, b, c] = d.map(|f| {
         let Cell { x, y, z } = f.offset();

@@ -1,10 +1,10 @@
 //! The sphere model of thesis 5.1.4: fast and coarse, for comparison with the thesis.
 //!
-//! A hemisphere is one sphere tangent to its plates and small spheres of 9 mm diameter on its ribs,
-//! tangent from inside to the sphere of 128 mm diameter around the cube. The thesis gives the main
-//! sphere a *diameter* of 0.055 m; tangent to the plates it must have that *radius*, which is used
-//! here. Where along a rib the small spheres sit is shown in a figure only (figure 5.6) and is a
-//! convention here: evenly from one end of the rib to the other.
+//! A hemisphere is one sphere tangent to its plates and small spheres of 9 mm diameter on its ribs, tangent
+//! from inside to the sphere of 128 mm diameter around the cube. The thesis gives the main sphere a
+//! *diameter* of 0.055 m; tangent to the plates it must have that *radius*, which is used here. The positions
+//! of the small spheres along a rib are in a figure only (figure 5.6) and are a convention here: evenly from
+//! one end of the rib to the other.
 
 use super::collision::distant_pairs;
 use super::{CELL_METRES, HALF_EDGE, Kind, KinematicsError, OUTER_RADIUS, chain};
@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 
 /// Radius of the small spheres in cells.
 const RIB_RADIUS: f64 = 0.0045 / CELL_METRES;
-/// Spheres that overlap by less than this, in cells, only touch: 0.2 mm.
+/// Overlap in cells below which spheres only touch: 0.2 mm.
 const TOLERANCE: f64 = 0.0002 / CELL_METRES;
 
 /// A sphere of the model.
@@ -24,7 +24,7 @@ pub struct Sphere {
     pub radius: f64,
 }
 
-/// The spheres of every cube of a robot, with `per_rib` small ones on each of the three ribs of a
+/// Returns the spheres of every cube of a robot, with `per_rib` small ones on each of the three ribs of a
 /// hemisphere (the thesis has five).
 pub fn spheres(kind: Kind, q: &[f64], per_rib: u32) -> Result<Vec<Vec<Sphere>>, KinematicsError> {
     let hemispheres = chain::hemispheres(kind, q)?;
@@ -41,7 +41,8 @@ pub fn spheres(kind: Kind, q: &[f64], per_rib: u32) -> Result<Vec<Vec<Sphere>>, 
     Ok(cubes.collect())
 }
 
-/// Where the ribs of an upper hemisphere carry spheres: each lies between two plates.
+/// Returns the directions of the spheres on the ribs of an upper hemisphere: each rib lies between two
+/// plates.
 fn rib_directions(per_rib: u32) -> Vec<Vector3<f64>> {
     // A rib runs from the corner (1,1,1) to the corner (1,1,−1): 35.26° to either side.
     let half_length = (1.0 / 3f64.sqrt()).asin();
@@ -58,7 +59,7 @@ fn rib_directions(per_rib: u32) -> Vec<Vector3<f64>> {
     all
 }
 
-/// Whether spheres of cubes that are not neighbours overlap.
+/// Returns true if spheres of cubes that are not neighbours overlap.
 pub fn self_collision(cubes: &[Vec<Sphere>]) -> bool {
     distant_pairs(cubes.len()).any(|(a, b)| {
         let apart = (cubes[a][0].centre - cubes[b][0].centre).norm();
@@ -73,7 +74,7 @@ pub fn self_collision(cubes: &[Vec<Sphere>]) -> bool {
     })
 }
 
-/// Whether a sphere is below the floor.
+/// Returns true if a sphere is below the floor.
 pub fn floor_collision(cubes: &[Vec<Sphere>]) -> bool {
     cubes.iter().flatten().any(|s| s.centre.z - s.radius < -TOLERANCE)
 }
@@ -83,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spheres_touch_what_they_should() {
+    fn spheres_are_tangent_to_plates_and_outer_sphere() {
         let all = spheres(Kind::Per, &[0.3, 0.2, -0.4, 1.0, 2.0, 3.0], 5).unwrap();
         assert_eq!(all.iter().map(Vec::len).collect::<Vec<_>>(), [31; 4]);
         for cube in all {

@@ -1,4 +1,4 @@
-//! What a single step of a joint sweeps: cells entered, contact with the floor, contact with itself.
+//! The cells that a single step of a joint sweeps, and its contacts with the floor and with the robot itself.
 //!
 //! All steps of a joint look alike in the frame of the joint: an outer joint turns by 120° about
 //! (1,1,1), a middle joint by 90° about z, and every cube behind it starts on a lattice place. So
@@ -21,16 +21,16 @@ use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Cells entered deeper than this are core cells: 11 mm.
+/// Depth of entry, in cells, above which cells are core cells: 11 mm.
 pub const CORE_DEPTH: f64 = 0.1;
-/// Cells entered deeper than this, but not core, are graze cells: 2.2 mm.
+/// Depth of entry, in cells, above which cells are graze cells unless they are core cells: 2.2 mm.
 pub const GRAZE_DEPTH: f64 = 0.02;
 
-/// How a step touches the floor. The depths that occur are 0, 3.2, 9.0 and more than 25 mm.
+/// Contact of a step with the floor. The depths that occur are 0, 3.2, 9.0 and more than 25 mm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum FloorContact {
-    /// Not at all (below 0.3 mm).
+    /// None (below 0.3 mm).
     Free = 0,
     /// A plate pushes 3.2 mm into it at the start or the end, within the 4 mm that connectors give.
     Plate = 1,
@@ -41,7 +41,7 @@ pub enum FloorContact {
 }
 
 impl FloorContact {
-    /// The class of a depth in cells.
+    /// Returns the class of a depth in cells.
     pub fn of_depth(depth: f64) -> FloorContact {
         match depth * CELL_METRES * 1000.0 {
             mm if mm < 0.3 => FloorContact::Free,
@@ -50,7 +50,7 @@ impl FloorContact {
             _ => FloorContact::Deep,
         }
     }
-    /// The contact of this number, if there is one.
+    /// Returns the contact of this number, if there is one.
     pub fn from_index(index: u8) -> Option<FloorContact> {
         [FloorContact::Free, FloorContact::Plate, FloorContact::Rib, FloorContact::Deep]
             .get(usize::from(index))
@@ -58,12 +58,12 @@ impl FloorContact {
     }
 }
 
-/// What a single step does.
+/// The cells and contacts of a single step.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StepSweep {
     /// Contact with the floor.
     pub floor: FloorContact,
-    /// Whether cubes that are not neighbours collide.
+    /// True if cubes that are not neighbours collide.
     pub own_body: bool,
     /// Cells entered deeper than 11 mm, and all cells of the start and the end; sorted.
     pub core: Vec<Cell>,
@@ -71,7 +71,7 @@ pub struct StepSweep {
     pub graze: Vec<Cell>,
 }
 
-/// Deeper than this a cell is core beyond doubt, and its depth is not determined: 14 mm.
+/// Depth in cells above which a cell is certainly core, and its depth is not determined: 14 mm.
 const CERTAIN_DEPTH: f64 = 14.0 / 110.0;
 
 /// The two ways a joint turns.
@@ -92,7 +92,7 @@ impl Turn {
     }
 }
 
-/// A cube as the joint sees it: place in half cells from the pivot.
+/// A cube in the frame of the joint: place in half cells from the pivot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     /// In front of the joint.
@@ -118,7 +118,7 @@ impl Part {
     }
 }
 
-/// The sweep of one cube in the frame of the joint.
+/// The cells swept by one cube in the frame of the joint.
 #[derive(Clone, Debug)]
 struct PartSweep {
     /// How far it reaches from the pivot towards each face.
@@ -127,7 +127,7 @@ struct PartSweep {
     entered: Vec<(Half, f64)>,
 }
 
-/// Samples per step: one every degree or less.
+/// Number of samples per step: one every degree or less.
 const SAMPLES: u32 = 120;
 
 /// Sweeps of all places met so far.
@@ -140,12 +140,12 @@ pub struct Sweeper {
 }
 
 impl Sweeper {
-    /// An empty store.
+    /// Creates an empty store.
     pub fn new() -> Sweeper {
         Sweeper::default()
     }
 
-    /// The sweep of the step of joint `joint` (from 0) by +120° or +90° from `posture`.
+    /// Returns the sweep of the step of joint `joint` (from 0) by +120° or +90° from `posture`.
     pub fn step(&mut self, posture: Posture, joint: usize) -> StepSweep {
         let kind = posture.kind();
         let start = posture.placement();
@@ -207,20 +207,20 @@ impl Sweeper {
         }
     }
 
-    /// The depths in millimetres at which cells were entered so far; for tests of how well the
-    /// classes are separated. Depths beyond 14 mm are not exact.
+    /// Returns the depths in millimetres at which cells were entered, for tests of how well the classes are
+    /// separated. Depths beyond 14 mm are not exact.
     pub fn depths_of_entry(&self) -> Vec<f64> {
         let all = self.parts.values().flat_map(|s| &s.entered);
         all.map(|(_, d)| d * CELL_METRES * 1000.0).collect()
     }
 
-    /// How deep cubes went into the floor during the steps so far, in millimetres; negative for
-    /// cubes that stayed above it.
+    /// Returns how deep cubes went into the floor during the steps so far, in millimetres; negative for cubes
+    /// that stayed above it.
     pub fn depths_into_floor(&self) -> Vec<f64> {
         self.floor_depths.iter().map(|d| f64::from(*d) / 1000.0).collect()
     }
 
-    /// How deep cubes that are not neighbours overlapped during the steps so far, in millimetres.
+    /// Returns how deep cubes that are not neighbours overlapped during the steps so far, in millimetres.
     pub fn own_contacts(&self) -> Vec<f64> {
         let contact = |(turn, a, b): &(Turn, Part, Part)| {
             let depth = (0..=SAMPLES).map(|i| {
@@ -303,7 +303,7 @@ fn sweep_part(turn: Turn, part: Part) -> PartSweep {
         let centre = Vector3::from(place.map(|x| f64::from(x) / 2.0));
         let mut best = (GRAZE_DEPTH / 2.0, None);
         for (i, b) in bodies.iter().enumerate() {
-            // Deep enough for the verdict; how deep does not matter.
+            // Deep enough for the verdict; the exact depth is not needed.
             if best.0 > CERTAIN_DEPTH {
                 break;
             }
@@ -320,7 +320,7 @@ fn sweep_part(turn: Turn, part: Part) -> PartSweep {
     PartSweep { reach, entered }
 }
 
-/// The places of cells that a cube centred here may enter.
+/// Returns the places of cells that a cube centred here may enter.
 fn near_places(turn: Turn, centre: &Vector3<f64>) -> Vec<Half> {
     // For an outer joint the pivot is a cell centre, for a middle one a face centre along z.
     let offset = [0.0, 0.0, if turn == Turn::Middle { 0.5 } else { 0.0 }];
@@ -338,8 +338,8 @@ fn near_places(turn: Turn, centre: &Vector3<f64>) -> Vec<Half> {
     all
 }
 
-/// How deep a body enters the cell centred at `cell`: the largest d such that it meets the cell
-/// shrunk by d on every side; none if it is not deeper than `than`.
+/// Returns how deep a body enters the cell centred at `cell`: the largest d such that it meets the cell
+/// shrunk by d on every side; `None` if it is not deeper than `than`.
 pub fn entry_depth(body: &Body, cell: &Vector3<f64>, than: f64) -> Option<f64> {
     const RESOLUTION: f64 = 1e-5;
     let meets = |d: f64| overlap(body, &Cuboid { centre: *cell, half: HALF_EDGE - d });
@@ -360,7 +360,7 @@ fn maximum(values: impl Iterator<Item = f64>) -> (f64, usize) {
     values.enumerate().fold((f64::MIN, 0), |best, (i, v)| if v > best.0 { (v, i) } else { best })
 }
 
-/// The maximum of `f` near sample `i`, where it is `best`, by golden section.
+/// Refines the maximum of `f` near sample `i`, where it is `best`, by golden section.
 fn refined(best: f64, i: usize, f: impl Fn(f64) -> f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let step = 1.0 / f64::from(SAMPLES);

@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 /// Standard gravity in m/s².
 pub const GRAVITY: f64 = 9.81;
 
-/// What is carried and what is allowed.
+/// The load of a robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
     /// Direction of gravity in the foot frame, of unit length; −z for a robot on the floor.
@@ -26,13 +26,13 @@ pub struct Load {
 }
 
 impl Load {
-    /// A robot on the floor that carries nothing.
+    /// Returns the load of a robot on the floor without payload.
     pub fn floor() -> Load {
         Load { gravity: -Vector3::z(), payload: 0.0 }
     }
 }
 
-/// The torque each kind of joint may take.
+/// The largest torques of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Of the outer, diagonal joints in Nm.
@@ -44,12 +44,12 @@ pub struct Limits {
 impl Limits {
     /// The nominal torques of thesis table 2.1.
     pub const NOMINAL: Limits = Limits { outer: 4.9, middle: 3.6 };
-    /// What the torque experiment of thesis 5.1.4 calls nominal.
+    /// The nominal limits of the torque experiment of thesis 5.1.4.
     pub const EXPERIMENT: Limits = Limits { outer: 5.0, middle: 2.5 };
     /// The low limit of that experiment.
     pub const EXPERIMENT_LOW: Limits = Limits { outer: 4.0, middle: 2.0 };
 
-    /// The limit of joint `joint`, counted from 0.
+    /// Returns the limit of joint `joint`, counted from 0.
     pub fn of(&self, joint: usize) -> f64 {
         if super::posture::is_middle(joint) { self.middle } else { self.outer }
     }
@@ -71,7 +71,7 @@ pub struct Torque {
     pub signed: f64,
 }
 
-/// The torques on all joints of a posture.
+/// Returns the torques on all joints of a posture.
 pub fn torques(kind: Kind, q: &[f64], load: &Load) -> Result<Vec<Torque>, KinematicsError> {
     let all = hemispheres(kind, q)?;
     let chain = Chain::of(kind);
@@ -105,7 +105,7 @@ pub fn torques(kind: Kind, q: &[f64], load: &Load) -> Result<Vec<Torque>, Kinema
     Ok(result.collect())
 }
 
-/// The first joint, counted from 0, whose exact torque is above its limit.
+/// Returns the first joint, counted from 0, whose exact torque is above its limit.
 pub fn overloaded(
     kind: Kind,
     q: &[f64],

@@ -1,4 +1,4 @@
-//! The invariants of cubes that only agents and world together show.
+//! Invariants of cubes that involve agents and the world.
 
 use crate::cube::invariants::{
     self, FIELD_LOOP_FREE, FINAL_GROWS, MOVER_HAS_NO_DEPENDANTS, PARENT_DESCENDS, RESERVED_ONCE,
@@ -32,8 +32,8 @@ impl CubeWorld {
         }
         let Some(face) = cube.parent() else { return Ok(()) };
         let Some(parent) = self.neighbour(id, face).and_then(|p| agents.get(p)) else { return Ok(()) };
-        // A restarted parent, or one of another goal, has to learn of its children again; until then
-        // it does not leave. A finalized one never does.
+        // A restarted parent, or one of another goal, has to learn of its children again; until then it does
+        // not leave. A finalized one never does.
         let learning = parent.is_listening(now)
             || parent.is_unlabelled()
             || parent.epoch() != cube.epoch()
@@ -48,8 +48,8 @@ impl CubeWorld {
         if cube.role() != Role::Final {
             return Ok(());
         }
-        // A dead neighbour may have been finalized, and so may one that has gone on to a later goal; what
-        // it was is not known any more.
+        // A dead neighbour may have been finalized, and so may one that has gone on to a later goal; its
+        // former role is not known any more.
         let may_be = |a: &Cube| a.role() == Role::Final || a.has_restarted() || a.epoch() > cube.epoch();
         let finals = Face::ALL
             .into_iter()
@@ -59,11 +59,10 @@ impl CubeWorld {
         invariants::final_grows(cube.is_root(), finals)
     }
 
-    /// Follows the attraction field from a face, as long as the successor has the same source and
-    /// version.
+    /// Follows the attraction field from a face, as long as the successor has the same source and version.
     fn field_loop_free(&self, id: ModuleId, face: Face, agents: &Agents<'_, Cube>) -> Result<(), String> {
-        // A stopped process does not know yet that its body has arrived elsewhere: its distances are of the
-        // place where it was.
+        // A stopped process does not know yet that its body has arrived elsewhere: its distances are those of
+        // its old cell.
         let settled = |id: ModuleId| agents.get(id).filter(|a| a.cell() == self.cell(id));
         let next = |(id, face): (ModuleId, Face)| {
             let (entry, successor, heard) = settled(id)?.attraction(face);
@@ -82,7 +81,7 @@ impl CubeWorld {
                 }
             };
             let agent = settled(successor.0)?;
-            // Whoever came later is not the one that was followed, which is gone.
+            // A module that came later is not the one that was followed, which has left.
             if agent.settled() > heard {
                 return None;
             }
@@ -121,14 +120,14 @@ impl Audited for CubeWorld {
     }
 
     fn audit_action(&self, now: Time, id: ModuleId, agents: &Agents<'_, Cube>, found: &mut Vec<Violation>) {
-        // Only moves that have begun are of interest.
+        // Only moves that have begun are checked.
         let (Some(cube), Some(landing)) = (agents.get(id), self.landing(id)) else { return };
         if cube.role() == Role::Reserve {
             let check = invariants::mover_has_no_dependants(cube.children());
             note(found, MOVER_HAS_NO_DEPENDANTS, now, id, check);
         }
         if let Some(grantor) = agents.get(landing)
-            // Finalized modules stay anyway, restarted ones until they have listened long enough.
+            // Finalized modules stay in any case, restarted ones until they have listened long enough.
             && grantor.role() != Role::Final
             && !grantor.is_listening(now)
         {
@@ -153,7 +152,7 @@ impl Audited for CubeWorld {
     }
 }
 
-/// How often everything is audited, unless a run says otherwise.
+/// Returns the default interval of full audits.
 pub fn audit_every(move_time: Span) -> Span {
     move_time * 20
 }

@@ -1,5 +1,5 @@
-//! Why a swarm of cubes stands still: judged on the ground truth, with the agents' own reports as
-//! evidence of what they wait for.
+//! Why a swarm of cubes stands still: judged on the ground truth; the agents' own reports show what they wait
+//! for.
 
 use crate::cube::reachability::{Plight, Standing};
 use crate::cube::reasons::{
@@ -23,9 +23,9 @@ use std::collections::{BTreeMap, BTreeSet};
 /// What the controller knows of a module.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Known {
-    /// Whether its process lives.
+    /// True if its process lives.
     pub alive: bool,
-    /// It has been started again, and knows nothing of what it was before.
+    /// True if it has been restarted, and has lost its memory.
     pub restarted: bool,
     /// Its last report.
     pub status: Option<Status>,
@@ -40,7 +40,7 @@ impl Known {
     }
 }
 
-/// Names the reason for a standstill in the building of a goal, the `stage`th.
+/// Returns the reason for a standstill in the building of goal number `stage`.
 pub fn diagnose(
     world: &mut CubeWorld,
     known: &[Known],
@@ -53,7 +53,7 @@ pub fn diagnose(
         world.body_at(cell).is_some_and(|id| known[id.index()].is_final(stage) || !known[id.index()].alive)
     };
     let unfilled: Vec<Cell> = goal.cells().filter(|c| !filled(*c)).collect();
-    // Once it has waited long enough, any live finalized neighbour starts an unfilled cell.
+    // An unfilled cell that has waited long enough is started by any live finalized neighbour.
     let starts = |id: ModuleId| known[id.index()].alive && known[id.index()].is_final(stage);
     let targets: BTreeSet<Cell> = unfilled
         .iter()
@@ -107,7 +107,7 @@ pub fn diagnose(
     stall
 }
 
-/// The standstill as a question for a search: what could still be done?
+/// Returns the standstill as a question for a reachability search.
 pub fn plight(
     world: &CubeWorld,
     known: &[Known],
@@ -123,7 +123,7 @@ pub fn plight(
             stuck: world.is_stuck(id),
             walker: of.is_walker(),
             finalized: of.is_final(stage),
-            // Whoever was started again in a goal cell may have been part of what is built: it stays.
+            // A module restarted in a goal cell may have been finalized: it stays.
             pinned: of.alive
                 && (is_pinned(world, known, id)
                     || (of.restarted && !of.is_walker() && goal.contains(world.cell(id)))),
@@ -138,8 +138,8 @@ pub fn plight(
     }
 }
 
-/// Who can hear of a target: whoever is connected over modules that pass messages on to one that starts
-/// it. Walkers hear, but pass nothing on.
+/// Returns the modules that can hear of a target: those connected over modules that pass messages on to one
+/// that starts it. Walkers hear, but pass no message on.
 fn called(
     world: &CubeWorld,
     known: &[Known],
@@ -160,7 +160,7 @@ fn called(
     called
 }
 
-/// Whether the neighbours of a module are connected without it over modules that live.
+/// Returns true if the neighbours of a module are connected without it over live modules.
 fn is_spared(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
     let beside = |of: ModuleId| {
         let bodies = world.cell(of).neighbours().into_iter().filter_map(|n| world.body_at(n));
@@ -194,8 +194,8 @@ fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
     known.get(id.index())?.status?.waits_for
 }
 
-/// Whether a module is pinned by one that cannot move any more: itself, along whom it waits for, or
-/// because its neighbours have no place in the parent forest either and one of them never will.
+/// Returns true if a module is pinned by one that cannot move any more: itself, one that it waits for
+/// (directly or through others), or a neighbour outside the parent forest that will never have a place in it.
 fn is_pinned(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
     let is_loose = |of: &Known| of.status.is_some_and(|s| s.role == Role::Reserve && !s.attached);
     let (mut front, mut seen) = (vec![id], BTreeSet::from([id]));
@@ -214,7 +214,7 @@ fn is_pinned(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
     false
 }
 
-/// Modules that wait for each other in a circle.
+/// Returns the modules that wait for each other in a circle.
 fn wait_cycle(known: &[Known]) -> Vec<ModuleId> {
     let mut graph = DiGraph::<ModuleId, ()>::new();
     let nodes: Vec<_> = (0..known.len()).map(|i| graph.add_node(ModuleId(i as u32))).collect();
@@ -232,7 +232,7 @@ fn wait_cycle(known: &[Known]) -> Vec<ModuleId> {
     cycle
 }
 
-/// Spare modules that could walk over the surface to a target, if everybody else stood still and
+/// Returns the spare modules that could walk over the surface to a target, if all others stood still and
 /// walkers made room.
 fn walkers_with_a_way(
     world: &mut CubeWorld,
@@ -288,7 +288,7 @@ fn motions() -> impl Iterator<Item = Motion> {
     })
 }
 
-/// Every free cell from which a walker could come to a target. Motions can be undone, so this
+/// Returns every free cell from which a walker could come to a target. Motions can be undone, so this
 /// searches from the targets outwards.
 fn surface(
     targets: &BTreeSet<Cell>,
@@ -334,7 +334,7 @@ mod tests {
         }
     }
 
-    /// A row of three on the ground, the seed in the west, a goal of two: east of... the second cell.
+    /// Checks the reason for a swarm on the ground: bodies, what is known of them, and the goal.
     fn check(bodies: &[[i16; 3]], known: &[(bool, Status)], goal: &[[i16; 3]], expected: Reason) -> Stall {
         let cells = |list: &[[i16; 3]]| {
             let mut cells: Vec<Cell> = list.iter().copied().map(Cell::from).collect();
@@ -369,7 +369,7 @@ mod tests {
         check(&row, &[(true, root), (false, spare), (true, spare)], &tower, NEEDS_DEAD_SUPPORT);
         let pinned = status(Role::Reserve, 0, Some(1), true);
         check(&row, &[(true, root), (true, spare), (true, pinned)], &tower, PINNED);
-        // Over the gap beside the dead middle there is a way, but no message comes over it.
+        // A path leads over the gap beside the dead middle, but no message passes there.
         let bent = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]];
         let states = [(true, root), (false, spare), (true, spare), (true, spare), (true, spare)];
         check(&bent, &states, &[[0, 0, 0], [0, 0, 1], [0, 1, 0]], BLOCKED);
@@ -382,13 +382,13 @@ mod tests {
     }
 
     #[test]
-    fn shows_who_waits_for_whom() {
+    fn lists_the_waiting_modules() {
         let root = status(Role::Final, UP, None, false);
         let (a, b) = (status(Role::Reserve, 0, Some(2), false), status(Role::Reserve, 0, Some(1), false));
         let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         let stall = check(&row, &[(true, root), (true, a), (true, b)], &[[0, 0, 0], [0, 0, 1]], BLOCKED);
         assert_eq!(stall.wait_cycle, [ModuleId(1), ModuleId(2)]);
-        // The one in the middle holds the row together, and so has no way.
+        // The module in the middle holds the row together, and so has no path.
         assert_eq!(stall.waiting, [Waiter { module: ModuleId(2), on: Some(ModuleId(1)), why: Why::WAITS }]);
     }
 }

@@ -1,5 +1,5 @@
-//! The world-controller's brain for cubes: opens goals, injects faults, certifies deaths, watches
-//! progress and decides how the run ends. Sans-IO; both drivers carry out what it commands.
+//! The director of cubes: opens goals, injects faults, certifies deaths, watches progress and decides how the
+//! run ends. Sans-IO; both drivers carry out its commands.
 
 use crate::cube::diagnosis::{Known, diagnose, plight};
 use crate::cube::reachability::Plight;
@@ -22,7 +22,7 @@ use metamorph_protocol::time::Time;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-/// The controller's brain for cubes.
+/// The director of a swarm of cubes.
 pub struct Director {
     setup: Arc<Setup>,
     faults: Injector,
@@ -38,7 +38,7 @@ pub struct Director {
     moves: u64,
     last_move: Time,
     last_fault: Time,
-    /// Collisions prevented in lives that have ended.
+    /// Collisions prevented in incarnations that have ended.
     prevented_before: u64,
     last_fill: Time,
     next_check: Time,
@@ -47,7 +47,7 @@ pub struct Director {
 }
 
 impl Director {
-    /// A director for a swarm of `modules` cubes.
+    /// Creates a director for a swarm of `modules` cubes.
     pub fn new(
         setup: Arc<Setup>,
         modules: usize,
@@ -86,40 +86,40 @@ impl Director {
         }
     }
 
-    /// How the run ended, and when; none while it goes on.
+    /// Returns how the run ended, and when; `None` while it goes on.
     pub fn outcome(&self) -> Option<(Time, Outcome)> {
         self.outcome
     }
-    /// The standstill that ended the run, if one did.
+    /// Returns the standstill that ended the run, if one did.
     pub fn stall(&self) -> Option<&Stall> {
         self.stall.as_ref()
     }
-    /// How everybody stands, as a question for a search.
+    /// Returns the current state of the swarm as a question for a reachability search.
     pub fn plight(&self, world: &CubeWorld) -> Plight {
         plight(world, &self.known, self.goal(), self.setup.params.connectivity, self.stage)
     }
-    /// What each fault did.
+    /// Returns the effects of the faults so far.
     pub fn struck(&self) -> &[Struck] {
         self.faults.struck()
     }
-    /// All stages so far.
+    /// Returns all goals so far.
     pub fn stages(&self) -> &[Stage] {
         &self.stages
     }
-    /// How many processes died, and how many were started again.
+    /// Returns how many processes died, and how many were restarted.
     pub fn crashed_and_restarted(&self) -> (u64, u64) {
         self.faults.crashed_and_restarted()
     }
-    /// Collisions that negotiation has prevented, as reported.
+    /// Returns the number of collisions that negotiation has prevented, as reported.
     pub fn prevented(&self) -> u64 {
         let now: u64 = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum();
         self.prevented_before + now
     }
-    /// Modules whose process is alive.
+    /// Returns the number of modules whose process is alive.
     pub fn alive(&self) -> usize {
         self.known.iter().filter(|k| k.alive).count()
     }
-    /// How far the run has come.
+    /// Returns the progress of the run.
     pub fn progress(&self) -> Progress {
         Progress {
             stage: self.stage,
@@ -131,7 +131,7 @@ impl Director {
             messages: None,
         }
     }
-    /// What is known of each module.
+    /// Returns what is known of each module.
     pub fn known(&self) -> &[Known] {
         &self.known
     }
@@ -145,11 +145,11 @@ impl Director {
     }
 
     fn goal(&self) -> &Goal {
-        // Invariant: stages only advance while there is a next goal.
+        // Invariant: the stage only advances while there is a next goal.
         &self.setup.goals[usize::from(self.stage)]
     }
 
-    /// Says in which state a fault finds a module.
+    /// Describes the state of a module at the moment of a fault.
     fn found(&self, id: ModuleId, world: &CubeWorld) -> String {
         let known = self.known[id.index()];
         let role = match known.status.map(|s| s.role) {
@@ -178,8 +178,8 @@ impl Director {
         }
     }
 
-    /// Tells everybody who touches a dead module that it is dead: its process is gone, so it cannot
-    /// come back in that contact session.
+    /// Tells all modules that touch a dead one that it is dead: its process has ended, so it cannot come back
+    /// in that contact session.
     fn certify_deaths(&mut self, world: &CubeWorld) {
         for (victim, told) in &mut self.dead {
             let finalized = self.known[victim.index()].is_final(self.stage);
@@ -198,7 +198,7 @@ impl Director {
         let goal = self.goal();
         let is_filled = |id: ModuleId| {
             let k = &self.known[id.index()];
-            // A dead body that is still on its way fills nothing.
+            // A dead body that still moves fills no cell.
             (!k.alive && !world.is_moving(id))
                 || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == self.stage)
         };
@@ -257,7 +257,7 @@ impl Director {
             self.stall = Some(self.explain(world, idle_since));
             self.finish(now, Outcome::Timeout);
         } else if planned {
-            // Something will still happen.
+            // Further events are planned.
         } else if now.since(idle_since) > self.stop.stall {
             self.stall = Some(self.explain(world, idle_since));
             self.finish(now, Outcome::Deadlock);
@@ -297,7 +297,7 @@ impl Direct<CubeWorld> for Director {
         self.known[id.index()].alive = false;
         self.dead.insert(id, BTreeSet::new());
         self.recount = true;
-        // Deaths are certified as soon as the world can be looked at.
+        // Deaths are certified as soon as the world can be read.
         self.next_check = Time::ZERO;
     }
 

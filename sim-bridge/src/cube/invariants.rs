@@ -1,5 +1,5 @@
-//! What must hold in every run of cubes, besides what must hold in all runs. Sources: protocol
-//! specification, invariants I1 to I8; thesis 4.1.2 for connectivity.
+//! Invariants of all runs of cubes, besides those of all runs. Sources: protocol specification, invariants I1
+//! to I8; thesis 4.1.2 for connectivity.
 
 use crate::world::invariants::Invariant;
 use metamorph_protocol::cube::message::Rank;
@@ -9,7 +9,7 @@ use std::fmt;
 
 /// The body without all movers is connected.
 pub const BODY_CONNECTED: Invariant = Invariant::new("body-connected");
-/// A mover has a support that stays, where it starts and where it lands.
+/// A mover has a support that stays, at its start and at its destination.
 pub const MOVER_SUPPORTED: Invariant = Invariant::new("mover-supported");
 /// A parent has the better rank in the forest, and knows its child.
 pub const PARENT_DESCENDS: Invariant = Invariant::new("parent-descends");
@@ -19,11 +19,11 @@ pub const FINAL_GROWS: Invariant = Invariant::new("final-grows");
 pub const MOVER_HAS_NO_DEPENDANTS: Invariant = Invariant::new("mover-has-no-dependants");
 /// Following the attraction field of one version never leads in a circle.
 pub const FIELD_LOOP_FREE: Invariant = Invariant::new("field-loop-free");
-/// A cell is kept for one module at a time by each module that touches it.
+/// Each module keeps a cell for at most one other.
 pub const RESERVED_ONCE: Invariant = Invariant::new("reserved-once");
 
-/// [`PARENT_DESCENDS`] for one child: its rank, its parent's rank, and whether the
-/// parent has registered it.
+/// Checks [`PARENT_DESCENDS`] for one child: its rank, its parent's rank, and whether the parent has
+/// registered it.
 pub fn parent_descends(child: Rank, parent: Rank, registered: bool) -> Result<(), String> {
     match (parent.is_above(child), registered) {
         (true, true) => Ok(()),
@@ -32,18 +32,18 @@ pub fn parent_descends(child: Rank, parent: Rank, registered: bool) -> Result<()
     }
 }
 
-/// [`FINAL_GROWS`] for one finalized module.
+/// Checks [`FINAL_GROWS`] for one finalized module.
 pub fn final_grows(is_seed: bool, final_neighbours: usize) -> Result<(), String> {
     if is_seed || final_neighbours > 0 { Ok(()) } else { Err("it touches no finalized module".into()) }
 }
 
-/// [`MOVER_HAS_NO_DEPENDANTS`] for one mover in reserve.
+/// Checks [`MOVER_HAS_NO_DEPENDANTS`] for one mover in reserve.
 pub fn mover_has_no_dependants(children: usize) -> Result<(), String> {
     if children == 0 { Ok(()) } else { Err(format!("it has {children} children")) }
 }
 
-/// [`FIELD_LOOP_FREE`]: `next` leads from a node to its successor; a path of more than
-/// `bound` steps is a circle.
+/// Checks [`FIELD_LOOP_FREE`]: `next` leads from a node to its successor; a path of more than `bound` steps
+/// is a circle.
 pub fn field_loop_free<N: Copy + fmt::Debug>(
     start: N,
     bound: usize,
@@ -59,7 +59,7 @@ pub fn field_loop_free<N: Copy + fmt::Debug>(
     Err(format!("more than {bound} steps from {start:?} without an end"))
 }
 
-/// [`RESERVED_ONCE`] for the reservations of one module.
+/// Checks [`RESERVED_ONCE`] for the reservations of one module.
 pub fn reserved_once(reservations: &[(Face, ModuleId)]) -> Result<(), String> {
     for (i, (face, origin)) in reservations.iter().enumerate() {
         if let Some((_, other)) = reservations[..i].iter().find(|(f, o)| f == face && o != origin) {
@@ -139,7 +139,7 @@ mod tests {
         assert_eq!(fired(&mut world(&[[0, 0, 0], [0, 0, 0]])), [ONE_MODULE_PER_CELL]);
     }
 
-    /// The middle of a row of three slides up: the outer two are no longer connected.
+    /// The middle of a row of three slides up: the outer two are disconnected.
     #[test]
     fn body_connected_fires() {
         let mut row = world(&[[0, 0, 0], [1, 0, 0], [2, 0, 0]]);
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(fired(&mut apart), [BODY_CONNECTED]);
     }
 
-    /// A module leaves over a neighbour that is itself on its way.
+    /// A module moves over a neighbour that is moving itself.
     #[test]
     fn mover_supported_fires() {
         let mut stack = world(&[[0, 0, 0], [0, 0, 1], [1, 0, 0], [2, 0, 0]]);

@@ -1,4 +1,4 @@
-//! Sliding cubes: their world, the director that owns their goals, and what is checked of them.
+//! Sliding cubes: their world, the director of their goals, and their invariants.
 
 pub mod audit;
 pub mod diagnosis;

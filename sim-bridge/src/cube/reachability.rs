@@ -1,59 +1,59 @@
-//! Whether cubes that stand still could have gone on: an exhaustive search over the arrangements that the
-//! broken robot can reach, up to a bound. What is broken stays broken.
+//! Whether cubes at a standstill could have gone on: an exhaustive search over the arrangements that the
+//! broken robot can reach, up to a bound. Broken modules stay broken.
 //!
-//! Four sets of rules are tried, from what the protocol allows itself to what any robot could do. Each
-//! allows every motion that the one before allows. Within the first two it is asked whether one goal cell
-//! more could have been filled; within the others, whether the goal could have been built. Where a search
-//! ends without a way, nothing within its rules could have done it: that is a proof, because every motion
-//! that the rules allow is among those that are searched. Moves at the same time are no more than moves one
-//! after the other: each needs the body connected without all movers.
+//! Four sets of rules are tried, from those of the protocol to those of any robot. Each allows every motion
+//! that the one before allows. Within the first two the search asks whether one more goal cell could have
+//! been filled; within the others, whether the goal could have been built. A search that ends without a plan
+//! proves that there is none within its rules, because it covers every motion that the rules allow.
+//! Simultaneous moves are covered by moves one after the other: each needs the body connected without all
+//! movers.
 //!
-//! Absent: when and by whom a module is told to go; only that word can reach it at all.
+//! Not here: when and by which neighbour a module is recruited; only that the message can reach it at all.
 
 use crate::director::proof::{Found, Within};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
-/// A module as it stands when nothing goes on.
+/// One module at a standstill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Standing {
-    /// Where it is.
+    /// The cell of the module.
     pub cell: Cell,
-    /// Its process lives.
+    /// True if its process lives.
     pub alive: bool,
-    /// Its joints stick for good.
+    /// True if its joints stick for good.
     pub stuck: bool,
-    /// It is on its way: nobody moves over it, or hears of anything from it, while it is.
+    /// True if it is a walker: until it is finalized, no module moves over it or hears from it.
     pub walker: bool,
-    /// It is part of what has been built.
+    /// True if it is part of the finalized structure.
     pub finalized: bool,
-    /// It holds on to what is broken, or waits for somebody that does.
+    /// True if it holds a broken module, or waits for one that does.
     pub pinned: bool,
 }
 
-/// A standstill as a question: who stands where, and what is to be built.
+/// A standstill as a question: the modules and the goal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plight {
-    /// Every module.
+    /// All modules.
     pub modules: Vec<Standing>,
     /// The goal cells.
     pub goal: Vec<Cell>,
-    /// How many of them are filled.
+    /// The number of goal cells that are filled.
     pub filled: usize,
-    /// Who leaves asks live modules only whether the body holds without it (connecting cycles).
+    /// True if only live modules need to stay connected without a module that leaves (connecting cycles).
     pub spared_by_live: bool,
 }
 
-/// The widest rules within which it is proved that nothing could have been done; or what the search found
-/// within the narrowest. At most `bound` arrangements are looked at within what a swarm that grows could
-/// do, and much fewer within the others, which only say how much is proved.
+/// Returns the widest rules within which it is proved that no plan exists; or the result of the search within
+/// the narrowest. The search looks at no more than `bound` arrangements within the rules of a growing swarm,
+/// and at far fewer within the others, which only widen the proof.
 pub fn widest_proof(plight: &Plight, bound: usize) -> Result<Within, Found> {
     let mut proved = None;
     for within in Within::ALL {
         let bound = if within <= Within::Called { bound } else { bound / 40 };
         match search(plight, within, bound) {
-            // What is impossible whatever is done is often plain to see.
+            // A goal that is impossible in principle is often easy to detect.
             Found::Impossible(_) if plight.is_short_of_modules() => return Ok(Within::Anything),
             Found::Impossible(_) => proved = Some(within),
             other => return proved.ok_or(other),
@@ -62,7 +62,7 @@ pub fn widest_proof(plight: &Plight, bound: usize) -> Result<Within, Found> {
     proved.ok_or(Found::Undecided)
 }
 
-/// Searches within the rules, what looks nearest to the goal first.
+/// Searches within the rules, arrangements nearest to the goal first.
 pub fn search(plight: &Plight, within: Within, bound: usize) -> Found {
     let board = Board::new(plight, within);
     let start = board.movers.clone();
@@ -96,7 +96,7 @@ impl Plight {
         };
         module.alive && !module.stuck && !stays
     }
-    /// There are fewer modules that can move than goal cells without one that cannot.
+    /// Returns true if there are fewer modules that can move than goal cells without one that cannot.
     fn is_short_of_modules(&self) -> bool {
         let mut others = self.modules.iter().filter(|m| !self.moves(m, Within::Anything));
         let held = others.clone().filter(|m| self.goal.contains(&m.cell)).count();
@@ -104,22 +104,21 @@ impl Plight {
     }
 }
 
-/// What does not change while a search goes on.
+/// The constant part of a search.
 struct Board {
     within: Within,
     spared_by_live: bool,
     goal: Vec<Cell>,
-    /// So many goal cells must be filled.
+    /// The number of goal cells that must be filled.
     enough: usize,
-    /// Where those start who can move.
+    /// The initial cells of the modules that can move.
     movers: Vec<Cell>,
-    /// Who lives and does not move.
+    /// Cells of live modules that do not move.
     fixed_live: BTreeSet<Cell>,
     dead: BTreeSet<Cell>,
-    /// Where nobody stands who carries others: who is on its way carries nobody before it is part of what is
-    /// built.
+    /// Initial cells of walkers, which carry no module before they are finalized.
     walkers: BTreeSet<Cell>,
-    /// Live modules of what is built.
+    /// Live modules of the finalized structure.
     roots: BTreeSet<Cell>,
 }
 
@@ -144,7 +143,7 @@ impl Board {
         }
     }
 
-    /// Only live modules are walked over, and hear.
+    /// Returns true if only live modules carry others and hear.
     fn needs_live(&self) -> bool {
         matches!(self.within, Within::Held | Within::Called)
     }
@@ -152,8 +151,8 @@ impl Board {
     fn is_live(&self, at: &[Cell], cell: Cell) -> bool {
         at.binary_search(&cell).is_ok() || self.fixed_live.contains(&cell)
     }
-    /// Whether others can move over whoever is in a cell, and hear from it: it has not set out, or is part
-    /// of what is built.
+    /// Returns true if others can move over the module in a cell, and hear from it: it has not left its
+    /// initial cell, or is part of the finalized structure.
     fn carries(&self, at: &[Cell], grown: &BTreeSet<Cell>, cell: Cell) -> bool {
         let has_not_set_out = self.fixed_live.contains(&cell)
             || (at.binary_search(&cell).is_ok() && self.movers.binary_search(&cell).is_ok());
@@ -163,12 +162,13 @@ impl Board {
         self.is_live(at, cell) || self.dead.contains(&cell)
     }
 
-    /// What is built, grown over live modules in goal cells.
+    /// Returns the finalized structure, grown over live modules in goal cells.
     fn grown(&self, at: &[Cell]) -> BTreeSet<Cell> {
         spread(self.roots.iter().copied(), &|c| self.goal.contains(c) && self.is_live(at, *c))
     }
 
-    /// Whether enough goal cells are filled; where growth matters, grown from what is built.
+    /// Returns true if enough goal cells are filled; where growth matters, grown from the finalized
+    /// structure.
     fn is_enough(&self, at: &[Cell]) -> bool {
         let grown = self.needs_live().then(|| self.grown(at));
         let is_filled = |c: &&Cell| match &grown {
@@ -178,11 +178,11 @@ impl Board {
         self.goal.iter().filter(is_filled).count() >= self.enough
     }
 
-    /// Whether nobody comes to a goal cell that could be filled next, even if everybody else made way and
-    /// carried at the same time. Most swarms that are cut off from the goal are seen to be at once.
+    /// Returns true if no module comes to a goal cell that could be filled next, even if all others made way
+    /// and carried at the same time. This detects most swarms that are cut off from the goal at once.
     fn is_out_of_reach(&self, at: &[Cell]) -> bool {
         let grown = self.grown(at);
-        // Of a goal cell that somebody leaves, too.
+        // This covers a goal cell that a module leaves, too.
         let heard = spread(grown.iter().copied(), &|c| self.carries(at, &grown, *c));
         let is_wall = |c: &Cell| self.fixed_live.contains(c) || self.dead.contains(c);
         let carries = |c: Cell| self.carries(at, &grown, c) || self.goal.contains(&c);
@@ -205,16 +205,16 @@ impl Board {
         !self.goal.iter().any(|c| is_next(&c))
     }
 
-    /// Who can hear of an unfilled goal cell: whoever is connected over live modules with part of what is
-    /// built that touches one.
+    /// Returns the cells whose modules can hear of an unfilled goal cell: those connected over live modules
+    /// with a part of the finalized structure that touches one.
     fn heard(&self, at: &[Cell], grown: &BTreeSet<Cell>) -> BTreeSet<Cell> {
         let is_free = |c: &Cell| self.goal.contains(c) && !self.is_taken(at, *c);
         let starts = |c: &Cell| c.neighbours().iter().any(is_free);
         spread(grown.iter().copied().filter(starts), &|c| self.carries(at, grown, *c))
     }
 
-    /// The faces at which is known how far an unfilled goal cell is, at most: that spreads along the surface,
-    /// from live module to live module, and ends where somebody dead stands in a corner.
+    /// Returns the faces at which the distance to an unfilled goal cell can be known: distances spread along
+    /// the surface, from live module to live module, and end where a dead module stands in a corner.
     fn surface(&self, at: &[Cell], grown: &BTreeSet<Cell>) -> BTreeSet<(Cell, Face)> {
         let carries = |c: Cell| self.carries(at, grown, c);
         let is_free = |c: Cell| self.goal.contains(&c) && !self.dead.contains(&c) && !grown.contains(&c);
@@ -241,7 +241,8 @@ impl Board {
         reached
     }
 
-    /// Whether whoever has not set out from a cell hears of an unfilled goal cell from its neighbours.
+    /// Returns true if a module that has not left its initial cell hears of an unfilled goal cell from its
+    /// neighbours.
     fn is_attracted(
         &self,
         at: &[Cell],
@@ -257,21 +258,22 @@ impl Board {
         })
     }
 
-    /// Unfilled goal cells, and how far they are from somebody who could come.
+    /// Returns the distance of the unfilled goal cells from modules that could come.
     fn distance(&self, at: &[Cell]) -> u32 {
         let free = self.goal.iter().filter(|c| !self.is_taken(at, **c));
         let spare = || at.iter().filter(|c| !self.goal.contains(c));
         free.map(|goal| 4 + spare().map(|c| c.manhattan(*goal)).min().unwrap_or(100)).sum()
     }
 
-    /// Every arrangement after one move.
+    /// Returns every arrangement after one move.
     fn moves(&self, at: &[Cell]) -> Vec<Vec<Cell>> {
         let grown = if self.needs_live() { self.grown(at) } else { BTreeSet::new() };
         let heard = self.needs_live().then(|| (self.heard(at, &grown), self.surface(at, &grown)));
         let mut found = Vec::new();
         for (i, from) in at.iter().copied().enumerate() {
-            // Whoever has set out and hears nothing may still come to where it hears. On that is counted only
-            // where all that lies between lives: behind the dead only luck finds the way.
+            // A module that has left its cell and hears of no target may still come to a place where it does.
+            // That is assumed only where all modules in between live: behind dead ones only a random walk
+            // finds the path.
             let has_set_out = self.movers.binary_search(&from).is_err() || self.walkers.contains(&from);
             let hears = |(heard, surface): &(BTreeSet<Cell>, BTreeSet<(Cell, Face)>)| {
                 (heard.contains(&from) || from.neighbours().iter().any(|n| heard.contains(n)))
@@ -310,7 +312,7 @@ impl Board {
             && motion.corner(from).is_none_or(|c| !self.is_taken(rest, c))
     }
 
-    /// Whether the neighbours of a cell hang together without whoever leaves it.
+    /// Returns true if the neighbours of a cell are connected without the module that leaves it.
     fn holds_without(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell) -> bool {
         let together = |counts: &dyn Fn(&Cell) -> bool| {
             let beside: Vec<Cell> = from.neighbours().into_iter().filter(|c| counts(c)).collect();
@@ -326,7 +328,7 @@ impl Board {
     }
 }
 
-/// Everything that is connected with the first cells over cells that count.
+/// Returns everything that is connected with the first cells over cells that count.
 fn spread(from: impl Iterator<Item = Cell>, counts: &dyn Fn(&Cell) -> bool) -> BTreeSet<Cell> {
     let mut reached: BTreeSet<Cell> = from.collect();
     let mut front: Vec<Cell> = reached.iter().copied().collect();
@@ -373,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn finds_a_way_where_there_is_one() {
+    fn finds_a_plan_where_there_is_one() {
         let row = plight(&[root(0, 0, 0), at(1, 0, 0), at(2, 0, 0)], &[[0, 0, 0], [0, 0, 1]]);
         // The end of the row goes over the middle: two moves.
         assert_eq!(search(&row, Within::Held, 1_000), Found::Way(2));
@@ -383,35 +385,36 @@ mod tests {
 
     #[test]
     fn a_mover_can_make_way_for_another() {
-        // The one above the root is on its way; the goal is where it stands and one beside.
+        // The module above the root is a walker; the goal is its cell and one beside.
         let stack = [root(0, 0, 0), at(0, 0, 1), at(0, 0, 2)];
         let tower = plight(&stack, &[[0, 0, 0], [1, 0, 0], [0, 0, 1]]);
         assert!(matches!(search(&tower, Within::Held, 1_000), Found::Way(_)));
     }
 
     #[test]
-    fn says_within_which_rules_nothing_could_be_done() {
+    fn names_the_rules_within_which_no_plan_exists() {
         let tower = [[0, 0, 0], [0, 0, 1]];
-        // Nobody is left.
+        // No module is left.
         let few = plight(&[root(0, 0, 0), dead(1, 0, 0)], &tower);
         assert_eq!(widest_proof(&few, 1_000), Ok(Within::Anything));
-        // The end could go over the dead middle, but nothing reaches it; nor does what is built beside it,
-        // where nothing is missing, tell of what is missing elsewhere.
+        // The end could go over the dead middle, but no message reaches it; and the structure beside it,
+        // where no cell is unfilled, does not tell of cells elsewhere.
         let cut_off = plight(&[root(0, 0, 0), dead(1, 0, 0), at(2, 0, 0)], &tower);
         assert_eq!(widest_proof(&cut_off, 1_000), Ok(Within::Called));
         let row = [root(0, 0, 0), dead(1, 0, 0), root(2, 0, 0), at(3, 0, 0)];
         let cut_off = plight(&row, &[[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 1]]);
         assert_eq!(widest_proof(&cut_off, 1_000), Ok(Within::Called));
-        // Nor does it pass whoever is stuck on its way.
+        // A stuck walker on its path does not let it pass either.
         let stuck = Standing { stuck: true, walker: true, ..at(1, 0, 0) };
         let cut_off = plight(&[root(0, 0, 0), stuck, at(2, 0, 0)], &tower);
         assert_eq!(widest_proof(&cut_off, 1_000), Ok(Within::Called));
-        // The end holds somebody that is dead.
+        // The end holds a dead module.
         let holds = Standing { pinned: true, ..at(1, 0, 0) };
         let side = [root(0, 0, 0), holds, dead(1, 1, 0), root(0, 1, 0)];
         let pinned = plight(&side, &[[0, 0, 0], [0, 1, 0], [0, 0, 1]]);
         assert_eq!(widest_proof(&pinned, 1_000), Ok(Within::Held));
-        // The bridge is what is built: whoever took it down could build the rest, but growth does not.
+        // The bridge is the finalized structure: taking it down would allow the rest to be built, but growth
+        // does not.
         let bridge = [root(0, 0, 0), root(1, 0, 0), dead(2, 0, 0)];
         let built = plight(&bridge, &[[1, 0, 0], [1, 0, 1]]);
         assert_eq!(widest_proof(&built, 1_000), Ok(Within::Grown));
@@ -432,7 +435,8 @@ mod tests {
         assert_eq!(standstill(false), Found::Impossible(1));
     }
 
-    /// What is impossible within wider rules is impossible within narrower ones: on every small example.
+    /// A plan that is impossible within wider rules is impossible within narrower ones: on every small
+    /// example.
     #[test]
     fn wider_rules_allow_more() {
         use metamorph_protocol::rng::Stream;

@@ -1,33 +1,33 @@
-//! Why cubes do not go on.
+//! Reasons for a standstill of cubes.
 
 use crate::director::reason::{Excuse, Reason, Why};
 
 /// Every spare module that could walk holds a dead or stuck one and must stay, or waits for one that does.
-/// Holding on to what is broken is what keeps it from falling off.
+/// Holding on to a broken module keeps it from falling off.
 pub const PINNED: Reason = Reason::new(
     "pinned",
     Excuse::IfBroken,
     "pinned: every spare module that has a way holds a dead or stuck module, or waits for one that does",
 );
-/// Every spare module that could walk is cut off from the growth by dead ones, since messages pass only
-/// between neighbours that live.
+/// Every spare module that could walk is cut off from the growth by dead modules, since messages pass only
+/// between live neighbours.
 pub const CUT_OFF: Reason = Reason::new(
     "cut-off",
     Excuse::IfDead,
     "cut off: dead modules separate every spare module that has a way from those that could call it",
 );
-/// The only ways to goal cells lead over dead modules.
+/// The only paths to goal cells lead over dead modules.
 pub const NEEDS_DEAD_SUPPORT: Reason = Reason::new(
     "needs-dead-support",
     Excuse::Always,
     "needs dead support: every way that a module could walk to a goal cell leads over dead ones",
 );
 
-/// Its joints do not turn.
+/// The joints of the module do not turn.
 pub const IMMOBILE: Why = Why("cannot turn its joints");
-/// It has no parent that it could leave.
+/// The module has no parent that it could leave.
 pub const UNATTACHED: Why = Why("has no parent in the forest");
-/// It holds a module that seems dead.
+/// The module holds one that seems dead.
 pub const HOLDS_DEAD: Why = Why("holds a module that seems dead");
-/// No distance to a goal cell reaches it.
+/// No distance to a goal cell reaches the module.
 pub const HEARS_OF_NO_TARGET: Why = Why("hears of no goal cell");

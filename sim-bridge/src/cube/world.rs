@@ -1,8 +1,8 @@
-//! The world of cubes: who is where, what touches what, which moves are under way.
+//! The world of cubes: occupied cells, contacts, and moves under way.
 //!
-//! The world is the interlock: a move starts only if all cells it needs are free, the agent had seen
-//! the present contacts, and it is not too late. What it does *not* check is whether moving is wise;
-//! that the structure stays connected is the protocol's promise, and an invariant here (`safety`).
+//! The world is the interlock: a move starts only if all cells it needs are free, the agent had seen the
+//! present contacts, and it is not too late. It does *not* check whether a move is safe for the structure:
+//! the protocol keeps the structure connected, and an invariant here (`safety`) checks that.
 
 mod safety;
 
@@ -40,7 +40,7 @@ struct Body {
     stuck: bool,
 }
 
-/// What bodies did.
+/// Counts of the bodies' moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Motions {
     /// Moves begun.
@@ -71,13 +71,13 @@ pub struct CubeWorld {
     joints: Stream,
     motions: Motions,
     violations: Vec<Violation>,
-    /// Marks of the last search for connections, by module, and its number.
+    /// Marks of the last search for connections, by module, and the number of the search.
     marks: Vec<(u64, u32)>,
     search: u64,
 }
 
 impl CubeWorld {
-    /// A world with a module in each cell; their ids are the places in the list.
+    /// Creates a world with a module in each cell; their ids are the indices in the list.
     pub fn new(cells: &[Cell], move_time: Span, seed: u64) -> CubeWorld {
         let mut world = CubeWorld {
             grid: Grid::default(),
@@ -115,41 +115,41 @@ impl CubeWorld {
         world
     }
 
-    /// From now on each move fails with this probability (a failed connection).
+    /// Sets the probability with which each later move fails (a failed connection).
     pub fn set_failure(&mut self, p: Ratio) {
         self.failure = p;
     }
-    /// Whether its joint sticks.
+    /// Returns true if the joint of a module sticks.
     pub fn is_stuck(&self, id: ModuleId) -> bool {
         self.bodies[id.index()].stuck
     }
-    /// From now on this module's moves fail (a stuck joint), or work again.
+    /// Makes this module's moves fail (a stuck joint), or succeed again.
     pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
         self.bodies[id.index()].stuck = stuck;
     }
-    /// What bodies did so far.
+    /// Returns the counts of moves so far.
     pub fn motions(&self) -> Motions {
         self.motions
     }
-    /// Where a module's body is; during a move, where it came from.
+    /// Returns the cell of a module's body; during a move, its start.
     pub fn cell(&self, id: ModuleId) -> Cell {
         self.bodies[id.index()].cell
     }
-    /// The module whose body is in a cell.
+    /// Returns the module whose body is in a cell.
     pub fn body_at(&self, cell: Cell) -> Option<ModuleId> {
         self.grid.body(cell)
     }
-    /// Whether a module is moving.
+    /// Returns true if a module is moving.
     pub fn is_moving(&self, id: ModuleId) -> bool {
         self.bodies[id.index()].under_way.is_some()
     }
-    /// The module that a mover lands on.
+    /// Returns the module that a mover lands on.
     pub fn landing(&self, id: ModuleId) -> Option<ModuleId> {
         let body = &self.bodies[id.index()];
         let motion = body.under_way?.motion;
         self.grid.body(motion.destination(body.cell).step(motion.landing_support()))
     }
-    /// Whether the body stays connected without a module, if everybody else stands still.
+    /// Returns true if the body stays connected without a module, if all others stand still.
     pub fn is_removable(&mut self, id: ModuleId) -> bool {
         let body = &mut self.bodies[id.index()];
         let cell = body.cell;
@@ -159,15 +159,15 @@ impl CubeWorld {
         self.bodies[id.index()].under_way = before;
         connected
     }
-    /// How long a move takes.
+    /// Returns the duration of a move.
     pub fn move_time(&self) -> Span {
         self.move_time
     }
-    /// What touches a face of a module.
+    /// Returns the contact on a face of a module.
     pub fn contact(&self, id: ModuleId, face: Face) -> Option<Contact> {
         self.bodies[id.index()].contacts[face.index()]
     }
-    /// Invariants broken since the last call.
+    /// Returns the invariants broken since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
         std::mem::take(&mut self.violations)
     }
@@ -192,7 +192,7 @@ impl CubeWorld {
         for face in Face::ALL {
             let Some(peer) = self.grid.body(cell.step(face)) else { continue };
             if !tell && peer > id {
-                continue; // At the beginning each pair meets once.
+                continue; // At the start each pair meets once.
             }
             self.sessions += 1;
             let session = Session(self.sessions);
@@ -276,7 +276,7 @@ impl CubeWorld {
     }
 }
 
-/// What a world can do from now on depends on this; counts and scratch space are left out.
+/// The state that later events depend on; counts and scratch space are left out.
 impl Hash for CubeWorld {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.bodies.hash(state);
@@ -299,7 +299,7 @@ impl World for CubeWorld {
     fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
         let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
         if before == incarnation {
-            // First life: the sessions are as old as the contacts, only this module must hear of them.
+            // First incarnation: the sessions are as old as the contacts, only this module must hear of them.
             let body = &self.bodies[id.index()];
             let revision = body.revision;
             for (i, contact) in body.contacts.iter().enumerate().filter(|(_, c)| c.is_some()) {

@@ -1,5 +1,5 @@
-//! Carries a schedule of faults out: what hits processes becomes commands, what hits bodies is done
-//! by whoever has the world. The same for every family of units.
+//! Carries out a schedule of faults: faults of processes become commands, faults of bodies are left to the
+//! owner of the world. The same for every family.
 
 use crate::director::faults::{Fault, Schedule, Struck};
 use metamorph_protocol::ids::ModuleId;
@@ -8,7 +8,7 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use std::collections::{BTreeSet, VecDeque};
 
-/// A schedule on its way through.
+/// A schedule and the position in it.
 #[derive(Clone, Debug, Default)]
 pub struct Injector {
     schedule: Schedule,
@@ -20,25 +20,26 @@ pub struct Injector {
 }
 
 impl Injector {
-    /// Nothing has struck yet.
+    /// Creates an injector at the start of a schedule.
     pub fn new(schedule: Schedule) -> Injector {
         Injector { schedule, ..Injector::default() }
     }
-    /// The next fault that is due.
+    /// Returns the next fault that is due.
     pub fn due(&mut self, now: Time) -> Option<Fault> {
         let (_, fault) = self.schedule.get(self.next).filter(|(at, _)| *at <= now)?;
         self.next += 1;
         Some(fault)
     }
-    /// When the next fault is due.
+    /// Returns when the next fault is due.
     pub fn next_at(&self) -> Time {
         self.schedule.get(self.next).map_or(Time::NEVER, |(at, _)| at)
     }
-    /// Whether something is still to come: a fault, or the end of a pause.
+    /// Returns true if an event is still to come: a fault, or the end of a pause.
     pub fn is_pending(&self) -> bool {
         self.next < self.schedule.len() || !self.paused.is_empty()
     }
-    /// A fault strikes, and finds what `effect` says; `alive` is whether the process it hits lives.
+    /// Injects a fault; `effect` describes the state it finds, and `alive` is true if the process it hits
+    /// lives.
     pub fn strike<O>(
         &mut self,
         now: Time,
@@ -73,21 +74,21 @@ impl Injector {
             | Fault::External(_) => {}
         }
     }
-    /// Something outside the run has done this to a process, and found it in the state that `found` says.
+    /// Notes that a process was killed, stopped or continued from outside; `found` describes its state.
     pub fn external(&mut self, now: Time, id: ModuleId, what: &Outside, found: &str) {
         let effect = format!("{what}; {found}");
         self.struck.push(Struck { at: now, fault: Fault::External(id), effect });
     }
-    /// A process is gone.
+    /// Notes that a process has ended.
     pub fn died(&mut self, id: ModuleId) {
         self.crashed += 1;
         self.paused.remove(&id);
     }
-    /// What each fault did.
+    /// Returns the effects of the faults so far.
     pub fn struck(&self) -> &[Struck] {
         &self.struck
     }
-    /// How many processes died, and how many were started again.
+    /// Returns how many processes died, and how many were restarted.
     pub fn crashed_and_restarted(&self) -> (u64, u64) {
         (self.crashed, self.restarted)
     }

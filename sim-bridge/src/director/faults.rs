@@ -1,5 +1,5 @@
-//! Faults as data: what is broken when. A fault schedule is a value of its own, apart from the run
-//! that it is injected into, so that it can be printed, repeated and shrunk.
+//! Faults as data. A fault schedule is a value of its own, separate from the run that it is injected into, so
+//! that it can be printed, repeated and shrunk.
 
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
@@ -17,22 +17,22 @@ pub enum Fault {
     Pause(ModuleId),
     /// A stopped process goes on.
     Resume(ModuleId),
-    /// A dead process is started again without its memory; a living one is killed first.
+    /// A dead process is restarted without its memory; a living one is killed first.
     Restart(ModuleId),
     /// The joint sticks: moves fail from now on.
     Stick(ModuleId),
     /// The joint is free again.
     Unstick(ModuleId),
-    /// Something foreign comes into a cell.
+    /// A foreign object comes into a cell.
     Block(Cell),
-    /// It is taken away.
+    /// The foreign object is removed.
     Unblock(Cell),
-    /// Something outside the run killed, stopped or continued the process; no schedule contains it.
+    /// A process was killed, stopped or continued from outside the run; no schedule contains this.
     External(ModuleId),
 }
 
 impl Fault {
-    /// Whom it hits, unless it hits a cell.
+    /// Returns the module that it hits; `None` if it hits a cell.
     pub const fn module(self) -> Option<ModuleId> {
         Some(match self {
             Fault::Kill(id)
@@ -45,7 +45,7 @@ impl Fault {
             Fault::Block(_) | Fault::Unblock(_) => return None,
         })
     }
-    /// Whether it makes things worse, rather than ending another fault.
+    /// Returns true if it makes things worse, rather than ending another fault.
     pub const fn harms(self) -> bool {
         !matches!(self, Fault::Resume(_) | Fault::Unstick(_) | Fault::Unblock(_))
     }
@@ -67,14 +67,14 @@ impl fmt::Display for Fault {
     }
 }
 
-/// What a fault did, as far as can be seen at the moment it struck.
+/// A fault and its visible effect at the moment of injection.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Struck {
-    /// When.
+    /// The time.
     pub at: Time,
-    /// What.
+    /// The fault.
     pub fault: Fault,
-    /// The state it found the module in.
+    /// The state of the module or cell.
     pub effect: String,
 }
 
@@ -85,24 +85,24 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// A schedule of these faults; those of one instant keep their order.
+    /// Creates a schedule of these faults; those of one instant keep their order.
     pub fn new(mut faults: Vec<(Time, Fault)>) -> Schedule {
         faults.sort_by_key(|(at, _)| *at);
         Schedule { faults }
     }
-    /// All faults in order.
+    /// Iterates over the faults in order.
     pub fn iter(&self) -> impl Iterator<Item = &(Time, Fault)> {
         self.faults.iter()
     }
-    /// The number of faults.
+    /// Returns the number of faults.
     pub fn len(&self) -> usize {
         self.faults.len()
     }
-    /// Whether nothing is broken.
+    /// Returns true if there are no faults.
     pub fn is_empty(&self) -> bool {
         self.faults.is_empty()
     }
-    /// The fault at a place of the order.
+    /// Returns the fault with this index in the order.
     pub fn get(&self, i: usize) -> Option<(Time, Fault)> {
         self.faults.get(i).copied()
     }

@@ -1,4 +1,4 @@
-//! What the directors of all families share: the port to the driver, faults, and how a run can end.
+//! The common parts of the directors of all families: the port to the driver, faults, and outcomes.
 
 pub mod fault_injector;
 pub mod faults;

@@ -1,4 +1,4 @@
-//! How a run ended, in the words used by reports and exit codes.
+//! Outcomes of a run, in the words of reports and exit codes.
 
 use crate::director::reason::{Reason, Why};
 use metamorph_protocol::ids::ModuleId;
@@ -7,13 +7,13 @@ use metamorph_protocol::time::Time;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// How a run ended.
+/// The outcome of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Outcome {
     /// Every goal cell is filled.
     Built,
-    /// Nobody can make progress, goals are unfilled, and nothing under way can change that.
+    /// No module can make progress, goals are unfilled, and no planned event can change that.
     Deadlock,
     /// Modules move, but no goal cell has been filled for longer than the scenario's bound.
     Livelock,
@@ -26,7 +26,7 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// All of them.
+    /// All outcomes.
     pub const ALL: [Outcome; 6] = [
         Outcome::Built,
         Outcome::Deadlock,
@@ -36,7 +36,7 @@ impl Outcome {
         Outcome::Aborted,
     ];
 
-    /// The name used in reports.
+    /// Returns the name used in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Outcome::Built => "built",
@@ -47,7 +47,7 @@ impl Outcome {
             Outcome::Aborted => "aborted",
         }
     }
-    /// The exit code of the command. 1 is left for failures of the program itself, 2 for bad usage.
+    /// Returns the exit code of the command. 1 is for failures of the program itself, 2 for bad usage.
     pub const fn exit_code(self) -> u8 {
         match self {
             Outcome::Built => 0,
@@ -69,42 +69,42 @@ impl fmt::Display for Outcome {
 /// A module that does not go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Waiter {
-    /// Which.
+    /// The module.
     pub module: ModuleId,
-    /// For whom it waits, if it does.
+    /// The module that it waits for, if any.
     pub on: Option<ModuleId>,
-    /// Why.
+    /// The reason.
     pub why: Why,
 }
 
-/// What exhaustive searches have shown of metamodules at a standstill: all that are free have no moves, in any
-/// order, after which one more seed is filled.
+/// The result of exhaustive searches for metamodules at a standstill: the free ones have no sequence of moves
+/// after which one more seed is filled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Proof {
-    /// The number of arrangements of bodies that can be reached.
+    /// The number of reachable arrangements of bodies.
     pub arrangements: usize,
-    /// The number of places at which the goal cannot be built either, all that there are; none if the goal may
-    /// not be moved.
+    /// The number of places at which the goal cannot be built either, which are all places; `None` if the
+    /// goal may not be moved.
     pub places: Option<usize>,
 }
 
 /// A standstill, with the evidence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stall {
-    /// Since when.
+    /// Its start.
     pub since: Time,
-    /// Why.
+    /// The reason.
     pub reason: Reason,
-    /// Why, in words.
+    /// The reason in words.
     pub text: &'static str,
     /// Goal cells that are not filled.
     pub unfilled: Vec<Cell>,
     /// Modules that wait for each other in a circle, if they do.
     pub wait_cycle: Vec<ModuleId>,
-    /// Spare modules that have a way to a goal cell and do not take it; of metamodules, all that are free.
+    /// Spare modules that have a path to a goal cell and do not take it; of metamodules, all that are free.
     pub waiting: Vec<Waiter>,
-    /// When the swarm itself found out that nobody can go on, and who did; none if it did not.
+    /// When the swarm itself detected the standstill, and which module did; `None` if it did not.
     pub detected: Option<(Time, ModuleId)>,
-    /// What is proved of it; none if nothing is, or if it is one of cubes.
+    /// What is proved; `None` if nothing is, or if the modules are cubes.
     pub proof: Option<Proof>,
 }

@@ -1,7 +1,7 @@
-//! The seam between a driver and the world-controller's brain.
+//! The interface between a driver and the director.
 //!
-//! The controller is a state machine like the agents: drivers tell it what happened and carry out
-//! the commands it gives, with events in virtual time or with real signals to real processes.
+//! The director is a state machine like the agents: drivers hand it events and carry out its commands, with
+//! events in virtual time or with real signals to real processes.
 
 use crate::director::faults::Struck;
 use crate::world::World;
@@ -11,36 +11,38 @@ use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 
-/// The controller's brain, as drivers see it.
+/// The director, as drivers see it.
 pub trait Direct<W: World> {
-    /// An agent reports.
+    /// Takes the report of an agent.
     fn report(&mut self, now: Time, id: ModuleId, report: <W::Agent as Agent>::Report);
-    /// A process is gone, for whatever reason.
+    /// Notes that a process has ended, for any reason.
     fn died(&mut self, now: Time, id: ModuleId);
-    /// Something outside the run did this to a process. A death is told by [`Direct::died`] as well, after
-    /// this.
+    /// Notes that a process was killed, stopped or continued from outside the run. For a death,
+    /// [`Direct::died`] is called as well, after this.
     fn external(&mut self, _now: Time, _id: ModuleId, _what: &Outside, _world: &W) {}
-    /// A process is up and its agent has started.
+    /// Notes that a process is up and its agent has started.
     fn started(&mut self, now: Time, id: ModuleId);
-    /// The time of [`Direct::wake_at`] has come, or bodies have moved. `world` has been advanced.
+    /// Notes that the time of [`Direct::wake_at`] has come, or that bodies have moved. `world` has been
+    /// advanced.
     fn wake(&mut self, now: Time, world: &mut W);
-    /// Takes an input that is neither a report nor a change of a process: a command of a person, or
-    /// anything else that is not decided by scenario and seed. `kind` says how to read `bytes`.
+    /// Takes an input that is neither a report nor a change of a process: a command of a person, or anything
+    /// else that is not determined by scenario and seed. `kind` defines how to read `bytes`.
     ///
     /// # Errors
-    /// Says what is wrong with it. A director takes no kind unless it says so.
+    /// Returns what is wrong with the input. By default a director takes no kind.
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
         let _ = (now, bytes);
         Err(format!("this director takes no input of kind `{kind}`"))
     }
-    /// When to wake the controller at the latest.
+    /// Returns the latest time at which to wake the director.
     fn wake_at(&self) -> Time;
-    /// The next command, in order. Asked after every other call.
+    /// Returns the next command, in order. Polled after every other call.
     fn poll(&mut self) -> Option<Command<<W::Agent as Agent>::Order>>;
-    /// What each fault of the scenario did, as far as they have struck.
+    /// Returns the effects of the faults injected so far.
     fn struck(&self) -> &[Struck] {
         &[]
     }
-    /// What was decided so far is about to be carried out. Whoever keeps a journal makes it safe now.
+    /// Makes the decisions so far durable, as they are about to be carried out: a recording director commits
+    /// its journal.
     fn commit(&mut self) {}
 }

@@ -1,51 +1,51 @@
-//! When a run ends, and how far it has come.
+//! The conditions that end a run, and its progress.
 
 use metamorph_protocol::time::{Span, Time};
 
-/// When a run ends.
+/// The conditions that end a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stop {
-    /// At this time, whatever happens.
+    /// The time at which it ends in any case.
     pub timeout: Time,
-    /// Standing still for this long, with nothing planned, is a deadlock.
+    /// Without moves for this long, and without planned events, a run is a deadlock.
     pub stall: Span,
-    /// Moving for this long without filling a goal cell is a livelock.
+    /// With moves but without a filled goal cell for this long, a run is a livelock.
     pub livelock: Span,
-    /// Until then something is planned that may get a standstill going again, besides faults of the
-    /// schedule: the end of the last partition, and of what harms messages.
+    /// The end of planned events that may resolve a standstill, besides faults of the schedule: the last
+    /// partition, and impairments of messages.
     pub planned_until: Time,
 }
 
-/// How far a run has come.
+/// The progress of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// Which goal is being built, from 0.
+    /// The goal that is being built, from 0.
     pub stage: u16,
-    /// How many goals there are.
+    /// The number of goals.
     pub stages: u16,
-    /// Cells of this goal.
+    /// The number of cells of this goal.
     pub goal: usize,
-    /// Cells of it that are filled.
+    /// The number of its cells that are filled.
     pub filled: usize,
-    /// Processes alive.
+    /// The number of live processes.
     pub alive: usize,
-    /// Moves completed.
+    /// The number of moves completed.
     pub moves: u64,
-    /// Messages sent so far, if the driver can tell; the director cannot.
+    /// The number of messages sent so far, if the driver counts them.
     pub messages: Option<u64>,
 }
 
-/// How a stage ended.
+/// The result of building one goal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stage {
-    /// Cells of the goal.
+    /// The number of cells of the goal.
     pub cells: usize,
-    /// Cells of it that were filled at the end.
+    /// The number of its cells that were filled at the end.
     pub filled: usize,
-    /// When it was opened.
+    /// When the goal was opened.
     pub opened: Time,
     /// When the last cell was filled, by the ground truth.
     pub built: Option<Time>,
-    /// When the seed knew, by the swarm's own count.
+    /// When the seed knew that, by the swarm's own count.
     pub known: Option<Time>,
 }

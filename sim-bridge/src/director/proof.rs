@@ -1,27 +1,27 @@
-//! What a search of a standstill can prove: within which rules nothing could have been done.
+//! What a search of a standstill can prove: the rules within which no plan exists.
 
 use serde::Serialize;
 use std::fmt;
 
-/// Within which rules nothing could have been done.
+/// The rules within which no plan exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Within {
-    /// What the protocol holds on to stays: nobody can know that it is safe to let go.
+    /// Modules do not let go of what may hang on them: they cannot know that it is safe.
     Held,
-    /// Modules move over live ones that can hear of the goal, and what is built stays.
+    /// Modules move over live ones that can hear of the goal, and the finalized structure stays.
     Called,
-    /// What is built stays.
+    /// The finalized structure stays.
     Grown,
-    /// Whatever is done.
+    /// No restrictions.
     Anything,
 }
 
 impl Within {
-    /// All of them, the narrowest first.
+    /// All rules, the narrowest first.
     pub const ALL: [Within; 4] = [Within::Held, Within::Called, Within::Grown, Within::Anything];
 
-    /// The name in reports.
+    /// Returns the name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Within::Held => "held",
@@ -30,10 +30,10 @@ impl Within {
             Within::Anything => "anything",
         }
     }
-    /// For people: what was proved.
+    /// Returns the proof in words, for reports.
     pub const fn text(self) -> &'static str {
         match self {
-            Within::Held => "as long as nobody lets go of what may hang on it",
+            Within::Held => "as long as no module lets go of what may hang on it",
             Within::Called => "by live modules that can hear of it",
             Within::Grown => "without taking down what is built",
             Within::Anything => "whatever is done",
@@ -47,12 +47,12 @@ impl fmt::Display for Within {
     }
 }
 
-/// What a search came to.
+/// The result of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Found {
-    /// There is a way, of so many moves.
+    /// There is a plan of this number of moves.
     Way(usize),
-    /// Every arrangement that can be reached was seen, so many, and none is the goal.
+    /// All reachable arrangements were seen, of which this is the number, and none is the goal.
     Impossible(usize),
     /// The bound was reached first.
     Undecided,

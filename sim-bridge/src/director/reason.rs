@@ -1,21 +1,22 @@
-//! Why nothing goes on: descriptors, of which each family declares its own besides those here.
+//! Reasons for a standstill: descriptors, of which each family declares its own besides those here.
 
 use std::fmt;
 
-/// Why nothing goes on.
+/// The reason for a standstill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reason {
     /// The name used in reports.
     pub name: &'static str,
-    /// For people.
+    /// The reason in words, for reports.
     pub text: &'static str,
-    /// When a run that ended for this reason is no fault of the protocol, without further proof.
+    /// The condition under which a run that ended for this reason is no fault of the protocol, without
+    /// further proof.
     pub excuse: Excuse,
     /// What the reason itself proves.
     pub proves: Proves,
 }
 
-/// When a standstill is no fault of the protocol, without further proof.
+/// The condition under which a standstill is no fault of the protocol, without further proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Excuse {
     /// Never: a module could have gone on.
@@ -24,30 +25,30 @@ pub enum Excuse {
     IfDead,
     /// If a process has died or a joint sticks.
     IfBroken,
-    /// Always, as the price of what the protocol is: published strategies have local minima.
+    /// Always, by design of the protocol: published strategies have local minima.
     ByDesign,
     /// Always: no module could have gone on as the others stand.
     Always,
 }
 
-/// What a reason proves of what could have been built.
+/// What a reason proves about what could have been built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Proves {
     /// Nothing.
     Nothing,
-    /// Nothing more can be filled, whatever is done, because it has been counted.
+    /// No more cells can be filled in any way, by counting.
     Counted,
     /// Nothing, and a search shows nothing either: at another place of the goal more may be possible.
     NotHere,
 }
 
 impl Reason {
-    /// A reason that proves nothing.
+    /// Creates a reason that proves nothing.
     pub const fn new(name: &'static str, excuse: Excuse, text: &'static str) -> Reason {
         Reason { name, text, excuse, proves: Proves::Nothing }
     }
-    /// Whether no module could have gone on as the others stand, so that it is no fault of a module that it
-    /// did not. That nothing could be done at all takes a search to prove.
+    /// Returns true if no module could have gone on as the others stand, so that the standstill is no fault
+    /// of a module. That no plan exists at all takes a search to prove.
     pub fn is_infeasible(self) -> bool {
         matches!(self.excuse, Excuse::Always) || self == NO_ACTIVE_TARGET
     }
@@ -59,7 +60,7 @@ impl fmt::Display for Reason {
     }
 }
 
-/// A spare module could walk to a goal cell, but does not: the protocol's fault.
+/// A spare module could walk to a goal cell, but does not: a fault of the protocol.
 pub const BLOCKED: Reason = Reason::new(
     "blocked",
     Excuse::Never,
@@ -74,7 +75,7 @@ pub const MATERIAL_EXHAUSTED: Reason = Reason {
         "material exhausted: fewer live spare modules than goal cells to fill",
     )
 };
-/// No way leads to a goal cell, even over dead modules.
+/// No path leads to a goal cell, even over dead modules.
 pub const NO_WAY: Reason = Reason::new(
     "no-way",
     Excuse::Always,
@@ -87,15 +88,15 @@ pub const NO_ACTIVE_TARGET: Reason = Reason::new(
     "no active target: no live finalized module can start one of the unfilled goal cells",
 );
 
-/// Why a module that is free does not go on, as far as it has told: for people, after its name.
+/// Why a free module does not go on, as far as it has reported: in words, after its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Why(pub &'static str);
 
 impl Why {
-    /// It waits for a module that is dead.
+    /// The module waits for a dead one.
     pub const WAITS_FOR_DEAD: Why = Why("waits for a dead module");
-    /// It waits for a module: its child, one that has locked it or refused it, or one in its way.
+    /// The module waits for another: its child, one that has locked it or refused it, or one in its path.
     pub const WAITS: Why = Why("waits");
-    /// Nothing that it has told holds it.
+    /// Nothing that the module has reported holds it.
     pub const UNKNOWN: Why = Why("does not move, for no reason that it has told");
 }

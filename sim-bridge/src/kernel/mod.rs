@@ -1,5 +1,5 @@
-//! The discrete-event simulator that drives agents, links and a world, whatever the family: event queue,
-//! trace hash, state hash and recording.
+//! The discrete-event simulator that drives agents, links and a world of any family: event queue, trace hash,
+//! state hash and recording.
 
 pub mod queue;
 pub mod recording;

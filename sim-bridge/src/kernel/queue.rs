@@ -1,35 +1,34 @@
-//! The queue of the event kernel: what is due first comes first, and of what is due at the same
-//! instant, what was scheduled first.
+//! The queue of the event kernel: ordered by due time, and at the same instant by the order of scheduling.
 //!
-//! A calendar of two wheels (Varghese and Lauck, 1987; Brown, 1988), because delays of messages are
-//! bounded: the near wheel has a slot for every part of a block of time, the far wheel one for each
-//! of the blocks that follow, and a heap holds the few events beyond. Scheduling is a push to the end
-//! of a slot. A slot is sorted when its turn comes, by time alone: the sort is stable, and everything
-//! enters a slot in the order in which it was scheduled, so no entry has to carry its number.
-//! Deliberately absent: taking events back; whoever schedules one knows whether it still counts.
+//! A calendar of two wheels (Varghese and Lauck, 1987; Brown, 1988), because delays of messages are bounded:
+//! the near wheel has a slot for every part of a block of time, the far wheel one for each of the blocks that
+//! follow, and a heap holds the few events beyond. Scheduling is a push to the end of a slot. A slot is
+//! sorted when its turn comes, by time alone: the sort is stable, and entries are in a slot in the order in
+//! which they were scheduled, so no entry has to carry its number. Not here: cancelling events; the caller
+//! knows whether an event still counts.
 
 use metamorph_protocol::time::{Span, Time};
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-/// Slots of a block, a power of two.
+/// Number of slots of a block, a power of two.
 const SLOTS: usize = 1 << SLOT_BITS;
 const SLOT_BITS: u32 = 10;
-/// Blocks of the far wheel, the present one included; a power of two.
+/// Number of blocks of the far wheel, including the present one; a power of two.
 const BLOCKS: u64 = 256;
-/// Blocks last at least this long, however short the delays: timers are longer.
+/// The least duration of a block, however short the delays: timers are longer.
 const SHORTEST_BLOCK: Span = Span::millis(200);
 
 /// An event in the queue.
 #[derive(Clone, Copy)]
 pub struct Entry<T> {
-    /// When it is due.
+    /// The due time.
     pub at: Time,
-    /// What happens.
+    /// The event.
     pub what: T,
 }
 
-/// An entry of a heap, which does not keep the order of what is equal by itself.
+/// An entry of a heap, which does not keep the order of equal entries by itself.
 struct Numbered<T> {
     number: u64,
     entry: Entry<T>,
@@ -59,18 +58,18 @@ impl<T> Ord for Numbered<T> {
 
 /// A queue of events.
 pub struct Queue<T> {
-    /// A slot lasts 2^shift nanoseconds. Slots are numbered from time zero, blocks as well.
+    /// Logarithm of the duration of a slot in nanoseconds. Slots are numbered from time zero, blocks as well.
     shift: u32,
-    /// All slots before this one have been opened; what is scheduled for them is late.
+    /// All slots before this one have been opened; entries scheduled for them are late.
     opened: u64,
     /// The block whose slots are the near wheel.
     block: u64,
-    /// The slot opened last, sorted, and how much of it has been taken.
+    /// The slot opened last, sorted, and the number of its entries that have been taken.
     current: Vec<Entry<T>>,
     taken: usize,
     late: BinaryHeap<Reverse<Numbered<T>>>,
     near: Vec<Vec<Entry<T>>>,
-    /// Which slots of the near wheel hold anything, a bit each.
+    /// The slots of the near wheel that hold anything, a bit each.
     occupied: [u64; SLOTS / 64],
     blocks: Vec<Vec<Entry<T>>>,
     in_blocks: usize,
@@ -81,7 +80,7 @@ pub struct Queue<T> {
 }
 
 impl<T: Copy> Queue<T> {
-    /// An empty queue, laid out for delays of up to `longest`; others are only slower.
+    /// Creates an empty queue, laid out for delays of up to `longest`; longer ones are only slower.
     pub fn new(longest: Span) -> Queue<T> {
         let block = (longest * 4).max(SHORTEST_BLOCK).0.checked_next_power_of_two().unwrap_or(1 << 63);
         Queue {
@@ -119,18 +118,18 @@ impl<T: Copy> Queue<T> {
         }
     }
 
-    /// When the next event is due; [`Time::NEVER`] if there is none.
+    /// Returns when the next event is due; [`Time::NEVER`] if there is none.
     pub fn next_at(&mut self) -> Time {
         self.open_next();
         let current = self.current.get(self.taken).map_or(Time::NEVER, |e| e.at);
         self.late.peek().map_or(current, |Reverse(l)| l.entry.at.min(current))
     }
 
-    /// What comes next, unless something is scheduled before it; as far as it is sorted already.
+    /// Returns the next events as far as they are sorted, unless others are scheduled before them.
     pub fn coming(&self) -> &[Entry<T>] {
         &self.current[self.taken..]
     }
-    /// How many of them have been taken since they were sorted.
+    /// Returns how many of them have been taken since they were sorted.
     pub fn taken(&self) -> usize {
         self.taken
     }
@@ -139,7 +138,7 @@ impl<T: Copy> Queue<T> {
     pub fn pop(&mut self) -> Option<(Time, T)> {
         self.open_next();
         let current = self.current.get(self.taken).copied();
-        // What is late was scheduled after everything in the slot.
+        // A late entry was scheduled after all entries of the slot.
         let late = self.late.peek().is_some_and(|Reverse(l)| current.is_none_or(|c| l.entry.at < c.at));
         let entry = if late {
             self.late.pop().map(|Reverse(l)| l.entry)
@@ -171,9 +170,9 @@ impl<T: Copy> Queue<T> {
         self.in_blocks += 1;
     }
 
-    /// Opens slots until there is something to take, or nothing at all.
+    /// Opens slots until there is an entry to take, or none at all.
     fn open_next(&mut self) {
-        // Whatever is late is due before every slot that is still closed.
+        // Late entries are due before every slot that is still closed.
         while self.taken == self.current.len() && self.late.is_empty() {
             if let Some(i) = self.first_occupied() {
                 self.occupied[i / 64] &= !(1 << (i % 64));
@@ -189,14 +188,14 @@ impl<T: Copy> Queue<T> {
         }
     }
 
-    /// The first slot of the block, not yet opened, that holds anything.
+    /// Returns the first slot of the block, not yet opened, that holds anything.
     fn first_occupied(&self) -> Option<usize> {
-        // Opened slots are empty, so all bits may be looked at.
+        // Opened slots are empty, so all bits may be read.
         let word = self.occupied.iter().position(|w| *w != 0)?;
         Some(word * 64 + self.occupied[word].trailing_zeros() as usize)
     }
 
-    /// Goes on to the next block that holds anything; false if there is none.
+    /// Advances to the next block that holds anything; returns false if there is none.
     fn next_block(&mut self) -> bool {
         let holds = |b: &u64| !self.blocks[(b % BLOCKS) as usize].is_empty();
         let beyond = self.beyond.peek().map(|Reverse(b)| self.block_of(b.entry.at));
@@ -207,7 +206,7 @@ impl<T: Copy> Queue<T> {
         let Some(next) = next else { return false };
         self.block = next;
         self.opened = next << SLOT_BITS;
-        // First what comes into reach, so that it lies before what is scheduled from now on.
+        // Entries that come into reach go first, so that they lie before those scheduled from now on.
         while let Some(Reverse(first)) = self.beyond.peek()
             && self.block_of(first.entry.at) - next < BLOCKS
         {
@@ -233,7 +232,7 @@ mod tests {
     use super::*;
     use metamorph_protocol::rng::Stream;
 
-    /// The same pushes and pops as a heap by time and number, whatever is scheduled how far ahead.
+    /// The same pushes and pops as a heap by time and number, for all delays.
     #[test]
     fn behaves_like_a_heap() {
         for (seed, reach) in [(1, 40), (2, 30), (3, 26), (4, 20), (5, 0)] {
@@ -261,9 +260,9 @@ mod tests {
         }
     }
 
-    /// A look at what is next does not shut out what is scheduled before it.
+    /// Asking for the next time does not exclude entries that are scheduled before it.
     #[test]
-    fn what_is_scheduled_late_is_in_time() {
+    fn late_entries_come_in_time() {
         let mut queue = Queue::new(Span::ZERO);
         queue.push(Time(1 << 50), 1);
         assert_eq!(queue.next_at(), Time(1 << 50));

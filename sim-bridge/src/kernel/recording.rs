@@ -1,7 +1,7 @@
-//! Records what reaches a world and a director, and what they say: wrappers of both that write a
-//! journal, for any driver. Runs without a journal do without the wrappers.
+//! Records the inputs and outputs of a world and a director: wrappers of both that write a journal, for any
+//! driver. Runs without a journal do without the wrappers.
 //!
-//! Absent: what agents do (drivers record that, where inputs are handed in), and files.
+//! Not here: steps of agents (the agent host records those), and files.
 
 use crate::director::faults::{Fault, Struck};
 use crate::director::port::Direct;
@@ -18,14 +18,14 @@ use std::collections::VecDeque;
 use std::hash::Hasher;
 use std::rc::Rc;
 
-/// Where all records of a driver go.
+/// The destination of all records of a driver.
 pub type Log = Rc<RefCell<dyn Sink>>;
 
 fn put(log: &Log, at: Time, event: Event) {
     log.borrow_mut().put(&Record { at, who: Who::Controller, event });
 }
 
-/// A fault that has struck, as it is recorded.
+/// Converts the record of a fault to an event.
 pub fn struck(struck: &Struck) -> Event {
     let cell = match struck.fault {
         Fault::Block(cell) | Fault::Unblock(cell) => Some(cell),
@@ -39,29 +39,29 @@ pub fn struck(struck: &Struck) -> Event {
     }
 }
 
-/// A world that writes down what happens to it.
+/// A world that records its inputs and outputs.
 pub struct RecordedWorld<W: World> {
     inner: W,
     log: Log,
     now: Time,
-    /// What bodies sensed, taken from the world to see which actions ended, and not polled yet.
+    /// What bodies sensed, taken from the world in order to see which actions ended, and not polled yet.
     sensed: VecDeque<Told<W>>,
 }
 
 type Told<W> = (ModuleId, Sensed<<<W as World>::Agent as Agent>::Percept>);
 
 impl<W: World> RecordedWorld<W> {
-    /// Records everything from here on.
+    /// Starts recording.
     pub fn new(inner: W, log: Log) -> RecordedWorld<W> {
         let mut world = RecordedWorld { inner, log, now: Time::ZERO, sensed: VecDeque::new() };
         world.collect();
         world
     }
-    /// The world itself.
+    /// Returns the world itself.
     pub fn inner(&self) -> &W {
         &self.inner
     }
-    /// The world itself, when the run is over.
+    /// Returns the world itself, at the end of the run.
     pub fn into_inner(self) -> W {
         self.inner
     }
@@ -69,7 +69,7 @@ impl<W: World> RecordedWorld<W> {
     fn put(&self, event: Event) {
         put(&self.log, self.now, event);
     }
-    /// Takes everything sensed from the world, and returns whose actions ended, in order.
+    /// Takes everything sensed from the world, and returns the modules whose actions ended, in order.
     fn collect(&mut self) -> Vec<ModuleId> {
         let first = self.sensed.len();
         self.sensed.extend(std::iter::from_fn(|| self.inner.poll()));
@@ -102,7 +102,7 @@ impl<W: World> World for RecordedWorld<W> {
         self.now = now;
         self.collect();
         self.inner.act(now, id, revision, action);
-        // What is refused is answered at once.
+        // A refused action is answered at once.
         let begun = !self.collect().contains(&id);
         self.put(Event::Act { id, revision, action: Blob::of(action), begun });
     }
@@ -112,7 +112,7 @@ impl<W: World> World for RecordedWorld<W> {
     fn advance(&mut self, now: Time) {
         self.now = now;
         self.collect();
-        // Without anything due, this changes nothing.
+        // If no event is due, this changes nothing.
         let due = self.inner.next_event() <= now;
         self.inner.advance(now);
         if due {
@@ -168,7 +168,7 @@ impl<W: Audited> Audited for RecordedWorld<W> {
     }
 }
 
-/// A director that writes down what it hears and wants.
+/// A director that records its inputs and outputs.
 pub struct RecordedDirector<D> {
     inner: D,
     log: Log,
@@ -177,19 +177,19 @@ pub struct RecordedDirector<D> {
 }
 
 impl<D> RecordedDirector<D> {
-    /// Records everything from here on.
+    /// Starts recording.
     pub fn new(inner: D, log: Log) -> RecordedDirector<D> {
         RecordedDirector::after(inner, log, 0)
     }
-    /// The same for one of whose faults so many have been recorded.
+    /// Starts recording for a director of which the first `struck` faults have been recorded.
     pub fn after(inner: D, log: Log, struck: usize) -> RecordedDirector<D> {
         RecordedDirector { inner, log, now: Time::ZERO, struck }
     }
-    /// The director itself.
+    /// Returns the director itself.
     pub fn inner(&self) -> &D {
         &self.inner
     }
-    /// The director itself, when the run is over.
+    /// Returns the director itself, at the end of the run.
     pub fn into_inner(self) -> D {
         self.inner
     }
@@ -198,7 +198,7 @@ impl<D> RecordedDirector<D> {
         self.now = now;
         put(&self.log, now, event);
     }
-    /// Records the faults that have struck since the last call.
+    /// Records the faults injected since the last call.
     fn put_struck<W: World>(&mut self, now: Time)
     where
         D: Direct<W>,
@@ -233,7 +233,7 @@ impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
         self.put_struck::<W>(now);
     }
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
-        // What is refused has no effect, so it is no part of the run.
+        // A refused input has no effect, so it is no part of the run.
         self.inner.input(now, kind, bytes)?;
         self.put(now, Event::Input { kind: kind.to_owned(), bytes: bytes.to_owned() });
         Ok(())
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn inputs_that_are_taken_are_recorded() {
+    fn accepted_inputs_are_recorded() {
         let log = Rc::new(RefCell::new(Kept::default()));
         let mut director = RecordedDirector::new(Listening(Vec::new()), log.clone());
         assert_eq!(director.input(Time(1), "known", &[1, 2]), Ok(()));
@@ -307,10 +307,10 @@ mod tests {
         assert_eq!(log.borrow().0, [Event::Input { kind: "known".into(), bytes: vec![1, 2] }]);
     }
 
-    /// What begins and ends is told by the records of inputs, in the order of the world, whenever it is
+    /// Starts and ends of actions are in the records of inputs, in the order of the world, whenever it is
     /// polled.
     #[test]
-    fn beginnings_and_ends_of_actions_are_recorded() {
+    fn starts_and_ends_of_actions_are_recorded() {
         let log = Rc::new(RefCell::new(Kept::default()));
         let cells = [[0, 0, 0], [1, 0, 0], [0, 0, 1]].map(Cell::from);
         let mut world = RecordedWorld::new(CubeWorld::new(&cells, Span::secs(1), 1), log.clone());

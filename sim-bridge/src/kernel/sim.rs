@@ -3,8 +3,8 @@
 //! One queue, ordered by time and then by the order of scheduling; one named random stream per
 //! sender. Same setup and seed, same events, on every machine and build.
 //!
-//! What every module has lies in flat arrays, and messages under way in one slab, so that a message
-//! costs no allocation and a module a few hundred bytes.
+//! The state of all modules lies in flat arrays, and messages under way in one slab, so that a message costs
+//! no allocation and a module a few hundred bytes.
 
 use crate::director::port::Direct;
 use crate::kernel::queue::Queue;
@@ -31,14 +31,15 @@ use slab::Slab;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-/// Messages that a stopped process can have waiting, as in a real inbox.
+/// The largest number of messages that wait for a stopped process, as in a real inbox.
 const INBOX: usize = 32;
-/// Events for which the kernel looks ahead at a time.
+/// The number of events that the kernel looks ahead at a time.
 const AT_HAND: usize = 16;
-/// Violations kept; a broken protocol makes many, and the first ones tell the story.
+/// The largest number of violations kept; a broken protocol makes many, and the first ones suffice for a
+/// diagnosis.
 const MAX_VIOLATIONS: usize = 100;
 
-/// A world whose agents can be audited: the invariants that only agents and world together show.
+/// A world whose agents can be audited: the invariants that involve agents and the world.
 pub trait Audited: World {
     /// Checks what one agent's last input may have broken.
     fn audit_agent(
@@ -56,17 +57,17 @@ pub trait Audited: World {
         agents: &Agents<'_, Self::Agent>,
         found: &mut Vec<Violation>,
     );
-    /// Checks everything, now and then.
+    /// Checks everything, at intervals.
     fn audit_all(&mut self, now: Time, agents: &Agents<'_, Self::Agent>, found: &mut Vec<Violation>);
-    /// Takes what the world itself has found broken.
+    /// Takes the violations that the world itself has found.
     fn take_violations(&mut self) -> Vec<Violation>;
 }
 
-/// Whoever drives agents and lets audits look at them.
+/// A driver that lets audits read its agents.
 pub trait Swarm<A> {
-    /// How many modules there are.
+    /// Returns the number of modules.
     fn modules(&self) -> usize;
-    /// The agent of the module with this number, if its process lives.
+    /// Returns the agent of the module with this number, if its process lives.
     fn living(&self, index: usize) -> Option<&A>;
 }
 
@@ -76,15 +77,15 @@ pub struct Agents<'a, A> {
 }
 
 impl<'a, A> Agents<'a, A> {
-    /// The agents of a swarm.
+    /// Creates access to the agents of a swarm.
     pub fn of(swarm: &'a dyn Swarm<A>) -> Agents<'a, A> {
         Agents { swarm }
     }
-    /// The agent of a module, if its process lives.
+    /// Returns the agent of a module, if its process lives.
     pub fn get(&self, id: ModuleId) -> Option<&A> {
         self.swarm.living(id.index())
     }
-    /// All living agents.
+    /// Iterates over all living agents.
     pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {
         (0..self.swarm.modules() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
     }
@@ -99,22 +100,22 @@ impl<A: Agent> Swarm<A> for Vec<Module<A>> {
     }
 }
 
-/// What a simulated run starts from, besides its world and its director.
+/// The configuration of a simulated run, besides its world and its director.
 pub struct SimConfig<A: Agent> {
-    /// What the agents share.
+    /// The setup that the agents share.
     pub setup: Arc<A::Setup>,
-    /// The link.
+    /// The link model.
     pub link: LinkModel,
     /// The seed of the run.
     pub seed: u64,
-    /// How often everything is audited; every action and every input is audited anyway.
+    /// The interval of full audits; every action and every input is audited anyway.
     pub audit_every: metamorph_protocol::time::Span,
-    /// Messages are delivered whatever session they were sent in. For tests that show why not to.
+    /// Delivers messages in whatever session they were sent. For tests that show why not to.
     #[doc(hidden)]
     pub ignore_sessions: bool,
 }
 
-/// A module's process.
+/// The process of a module.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Process {
     Dead,
@@ -122,17 +123,17 @@ enum Process {
     Stopped,
 }
 
-/// What a module has besides its links.
+/// The state of a module besides its links.
 struct Module<A: Agent> {
     stream: Stream,
     /// The time of the wake-up that is in the queue.
     wake: Time,
     revision: Revision,
-    /// Messages sent in this life.
+    /// The number of messages sent in this incarnation.
     sent: u32,
     incarnation: Incarnation,
     process: Process,
-    /// The agent, or what it was when its process died; none before the start.
+    /// The agent, or its last state if its process died; `None` before the start.
     agent: Option<AgentHost<A>>,
 }
 
@@ -141,7 +142,7 @@ impl<A: Agent> Module<A> {
         self.process != Process::Dead
     }
 
-    /// The wake-up to schedule, if the agent wants another one than the one that is in the queue.
+    /// Returns the wake-up to schedule, if the agent wants another one than the one that is in the queue.
     fn plan_wake(&mut self, now: Time) -> Option<Time> {
         let at = self.agent.as_ref().map(AgentHost::wake_at)?;
         if at == self.wake {
@@ -151,7 +152,7 @@ impl<A: Agent> Module<A> {
         (at != Time::NEVER).then_some(self.wake)
     }
 
-    /// Draws what becomes of a message, counts it, and puts on its way whatever arrives.
+    /// Draws the fate of a message, counts it, and schedules its arrivals.
     fn send(
         &mut self,
         on: &LinkModel,
@@ -200,7 +201,7 @@ struct Link {
     last_arrival: Time,
 }
 
-/// What waits for a stopped process, in order.
+/// The inputs that wait for a stopped process, in order.
 struct Backlog<A: Agent> {
     waiting: VecDeque<Waiting<A>>,
     messages: usize,
@@ -212,7 +213,7 @@ impl<A: Agent> Default for Backlog<A> {
     }
 }
 
-/// What reaches a stopped process.
+/// An input to a stopped process.
 enum Waiting<A: Agent> {
     Sensed(Sensed<A::Percept>),
     Message(Parcel<A::Message>),
@@ -221,12 +222,12 @@ enum Waiting<A: Agent> {
 
 #[derive(Clone, Copy)]
 enum Event {
-    /// A message arrives; its place in the slab.
+    /// A message arrives; its index in the slab.
     Arrive(u32),
     Wake(ModuleId),
 }
 
-/// A message on a port, before its fate is known.
+/// A message at its port, before its fate is known.
 struct Sent<M> {
     from: ModuleId,
     port: Port,
@@ -240,7 +241,7 @@ struct Parcel<M> {
     session: Session,
     port: Port,
     class: Class,
-    /// Its number among all messages of its sender's life.
+    /// Its number among all messages of its sender's incarnation.
     number: u32,
     message: M,
 }
@@ -272,12 +273,12 @@ pub struct Sim<W: Audited, D: Direct<W>> {
 }
 
 impl<W: Audited, D: Direct<W>> Sim<W, D> {
-    /// A run at time zero, with all agents started.
+    /// Creates a run at time zero, with all agents started.
     pub fn new(config: SimConfig<W::Agent>, world: W, director: D) -> Self {
         Sim::with_journal(config, world, director, None)
     }
 
-    /// The same, writing down what agents do. World and director are the recorded ones then.
+    /// Creates a run that records what agents do. World and director are the recorded ones then.
     pub fn with_journal(config: SimConfig<W::Agent>, world: W, director: D, log: Option<Log>) -> Self {
         let modules: Vec<Module<W::Agent>> = (0..world.len())
             .map(|i| Module {
@@ -321,45 +322,46 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         sim
     }
 
-    /// The present.
+    /// Returns the current time.
     pub fn now(&self) -> Time {
         self.now
     }
-    /// The world.
+    /// Returns the world.
     pub fn world(&self) -> &W {
         &self.world
     }
-    /// The controller's brain.
+    /// Returns the director.
     pub fn director(&self) -> &D {
         &self.director
     }
-    /// The living agents.
+    /// Returns the living agents.
     pub fn agents(&self) -> Agents<'_, W::Agent> {
         Agents::of(&self.modules)
     }
-    /// Message counts.
+    /// Returns the message counts.
     pub fn tally(&self) -> &Tally {
         &self.tally
     }
-    /// Actions, percepts and contact changes carried between agents and bodies, reports and orders.
+    /// Returns the number of actions, percepts and contact changes carried between agents and bodies, and of
+    /// reports and orders.
     pub fn body_messages(&self) -> u64 {
         self.body_messages
     }
-    /// The trace so far.
+    /// Returns the trace so far.
     pub fn trace(&self) -> &Trace {
         &self.trace
     }
-    /// Invariants found broken: the first hundred, and how many in all.
+    /// Returns the first violations, at most a hundred, and their total number.
     pub fn violations(&self) -> (&[Violation], u64) {
         (&self.violations, self.broken)
     }
-    /// How often an invariant was checked.
+    /// Returns how often an invariant was checked.
     pub fn checked(&self) -> u64 {
         self.checked
     }
 
-    /// Runs until the director finishes the run, nothing is left to happen, or `until` has come.
-    /// Says whether the run is over.
+    /// Runs until the director finishes the run, no event is left, or `until` has come. Returns true if the
+    /// run is over.
     pub fn run_until(&mut self, until: Time) -> bool {
         while !self.finished {
             let event = self.queue.next_at();
@@ -397,8 +399,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         true
     }
 
-    /// Reads what the next events will need. Changes nothing; but in a large swarm all of it is far away
-    /// in memory, and a processor waits for many places at once as long as for one.
+    /// Reads the memory that the next events will need. Changes nothing; but in a large swarm all of it is
+    /// far away in memory, and a processor waits for many reads at once as long as for one.
     fn look_ahead(&self) {
         let coming = self.queue.coming();
         if coming.len() < AT_HAND {
@@ -417,7 +419,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }
         for parcel in parcels(0) {
             let first = parcel.to.index() * W::Agent::PORTS;
-            // Every other one, for two lie within a line of the cache.
+            // Every other one, since two lie within a line of the cache.
             for link in self.links[first..first + W::Agent::PORTS].iter().step_by(2) {
                 read ^= link.last_arrival.0 as u32;
             }
@@ -430,7 +432,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         match event {
             Event::Wake(id) => {
                 let module = &mut self.modules[id.index()];
-                // Only the latest wake-up asked for counts; earlier plans may have been given up.
+                // Only the latest wake-up asked for counts; earlier ones may have been given up.
                 if module.wake != at {
                     return;
                 }
@@ -488,12 +490,13 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         &mut self.links[id.index() * W::Agent::PORTS + port.index()]
     }
 
-    /// Hands one input to an agent and carries out what it does.
+    /// Hands one input to an agent and carries out its outputs.
     fn feed(&mut self, id: ModuleId, input: InputOf<W::Agent>) {
         self.feed_heard(id, input, None);
     }
 
-    /// Hands one input to an agent and carries out what it does; `heard` names the message that it is.
+    /// Hands one input to an agent and carries out its outputs; `heard` is the name of the message, if it is
+    /// one.
     fn feed_heard(&mut self, id: ModuleId, input: InputOf<W::Agent>, heard: Option<(MessageName, Class)>) {
         let now = self.now;
         let Module { agent: Some(agent), revision, .. } = &mut self.modules[id.index()] else { return };
@@ -518,7 +521,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         found.into_iter().for_each(|v| self.note(v));
     }
 
-    /// A run in which time stands still would go on for ever, and nobody outside could stop it.
+    /// Ends a run in which time stands still: it would go on for ever, and could not be stopped from outside.
     fn count_input(&mut self) {
         let (at, inputs) = self.instant;
         self.instant = (self.now, if at == self.now { inputs + 1 } else { 1 });
@@ -574,8 +577,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         module.send(&self.config.link, self.now, sent, link, &mut self.tally, put);
     }
 
-    /// Carries what bodies sensed to their agents, and the controller's commands out, until nothing
-    /// more happens at this instant.
+    /// Carries what bodies sensed to their agents, and the controller's commands out, until no more happens
+    /// at this instant.
     fn settle(&mut self) {
         let mut bodies_moved = false;
         while self.time_passes().is_ok() {
@@ -645,7 +648,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
             Command::Resume(id) => self.resume(id),
             Command::Restart(id) => {
                 let module = &self.modules[id.index()];
-                // A module has 65,535 lives; after that it stays dead.
+                // A module has 65,536 incarnations; after the last it stays dead.
                 if let Some(next) = module.incarnation.0.checked_add(1).filter(|_| !module.is_alive()) {
                     self.start(id, Incarnation(next));
                 }
@@ -719,7 +722,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         found.into_iter().for_each(|v| self.note(v));
     }
 
-    /// Messages of each class that are on their way, or unread at a module that is stopped.
+    /// Returns the number of messages of each class that are under way, or unread at a stopped module.
     fn under_way(&self) -> invariants::PerClass {
         let mut of = invariants::PerClass::default();
         self.parcels.iter().for_each(|(_, parcel)| of[parcel.class.index()] += 1);
@@ -731,7 +734,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         of
     }
 
-    /// The hash of the state of all agents now.
+    /// Returns the hash of the current state of all agents.
     pub fn agents_hash(&self) -> u64 {
         state::agents_hash(self.modules.iter().map(|m| Held {
             is_alive: m.is_alive(),
@@ -740,8 +743,8 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }))
     }
 
-    /// The hashes of the states now, and of all that the run has gone through, as far as they were looked at.
-    /// Where slices of a run end has no effect on them.
+    /// Returns the hashes of the current state and of the sampled states. Independent of how the run was
+    /// sliced.
     pub fn hashes(&self) -> Hashes {
         let (agents, world) = (self.agents_hash(), state::world_hash(&self.world));
         let mut states = self.states.clone();
@@ -755,7 +758,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     }
 }
 
-/// A message after a bit of its frame has flipped: refused almost always.
+/// Returns a message after a bit of its frame has flipped: refused almost always.
 fn damaged<M: Wire>(
     from: ModuleId,
     contact: Contact,

@@ -1,5 +1,5 @@
-//! Hashes of what agents hold and of where bodies are. The trace hash tells runs apart by what happened
-//! when; these do by contents: what beacons said, what has been promised, where everybody stands.
+//! Hashes of the states of agents and bodies. The trace hash tells runs apart by time and kind of events;
+//! these do by contents: beacons, grants, positions.
 
 use crate::world::World;
 use metamorph_protocol::agent::Agent;
@@ -10,8 +10,8 @@ use std::hash::Hasher;
 /// Increased whenever the meaning of the hashes changes.
 const STATE_VERSION: u64 = 1;
 
-/// Events between two looks at all agents and the world: so many for each module, and at least so many. A
-/// look costs about as much as three events of every module, so looks cost about a hundredth of a run.
+/// The number of events between two state hashes: per module, and at least. A hash costs about as much as
+/// three events of every module, so hashes cost about a hundredth of a run.
 const PER_MODULE: u64 = 256;
 const AT_LEAST: u64 = 4_096;
 
@@ -21,10 +21,10 @@ fn hasher() -> SipHasher13 {
     hasher
 }
 
-/// What a simulated run comes to.
+/// The state hashes of a simulated run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hashes {
-    /// Of all states gone through, as far as they were looked at, and of those at the end.
+    /// Of the sampled states, including those at the end.
     pub states: u64,
     /// Of all agents at the end.
     pub agents: u64,
@@ -34,15 +34,15 @@ pub struct Hashes {
 
 /// One agent of many, for [`agents_hash`].
 pub struct Held<'a, A> {
-    /// Whether its process lives.
+    /// True if its process lives.
     pub is_alive: bool,
-    /// Which life of it this is.
+    /// Its incarnation.
     pub incarnation: Incarnation,
-    /// The agent, or what it was when its process died; none before its first start.
+    /// The agent, or its last state if its process died; `None` before its first start.
     pub agent: Option<&'a A>,
 }
 
-/// The hash of the state of all agents, in the order of their modules.
+/// Returns the hash of the state of all agents, in the order of their modules.
 pub fn agents_hash<'a, A: Agent + 'a>(agents: impl Iterator<Item = Held<'a, A>>) -> u64 {
     let mut hasher = hasher();
     for Held { is_alive, incarnation, agent } in agents {
@@ -55,15 +55,15 @@ pub fn agents_hash<'a, A: Agent + 'a>(agents: impl Iterator<Item = Held<'a, A>>)
     hasher.finish()
 }
 
-/// The hash of the state of a world.
+/// Returns the hash of the state of a world.
 pub fn world_hash<W: World>(world: &W) -> u64 {
     let mut hasher = hasher();
     world.digest(&mut hasher);
     hasher.finish()
 }
 
-/// The rolling hash of the states that a simulated run goes through: looked at every so many events, and at
-/// the end.
+/// The rolling hash of the states of a simulated run: sampled at regular event counts ([`States::is_due`])
+/// and at the end.
 #[derive(Clone)]
 pub struct States {
     hasher: SipHasher13,
@@ -72,23 +72,23 @@ pub struct States {
 }
 
 impl States {
-    /// For a run of so many modules.
+    /// Creates the hash for a run of `modules`.
     pub fn new(modules: usize) -> States {
         let every = (modules as u64 * PER_MODULE).max(AT_LEAST);
         States { hasher: hasher(), every, next: every }
     }
-    /// Whether it is time to look again, after so many events.
+    /// Returns true if the next sample is due after `events`.
     pub fn is_due(&self, events: u64) -> bool {
         events >= self.next
     }
-    /// Folds in how things stand after so many events.
+    /// Adds the hashes of agents and world after `events`.
     pub fn fold(&mut self, events: u64, agents: u64, world: u64) {
         for n in [events, agents, world] {
             self.hasher.write(&n.to_le_bytes());
         }
         self.next = events - events % self.every + self.every;
     }
-    /// The hash so far.
+    /// Returns the hash so far.
     pub fn value(&self) -> u64 {
         self.hasher.finish()
     }
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_came_between_counts() {
+    fn intermediate_states_count() {
         let hash = |states: &[(u64, u64, u64)]| {
             let mut all = States::new(3);
             states.iter().for_each(|(events, agents, world)| all.fold(*events, *agents, *world));
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn is_due_every_so_many_events() {
+    fn is_due_at_regular_event_counts() {
         let mut states = States::new(100);
         assert!(!states.is_due(25_599) && states.is_due(25_600));
         states.fold(25_603, 0, 0);

@@ -1,7 +1,7 @@
 //! A world in which nothing moves: a dense block of modules, each touching its six neighbours.
 //!
-//! For agents that only talk, and for measuring the kernel: it keeps nothing per module, not even
-//! contacts, which follow from the number of a module. Absent: actions and whatever they change.
+//! For agents that only communicate, and for measuring the kernel: it stores nothing per module, not even
+//! contacts, which follow from the number of a module. Not here: actions and their effects.
 
 use crate::kernel::sim::{Agents, Audited};
 use crate::world::World;
@@ -17,19 +17,19 @@ use std::marker::PhantomData;
 /// A block of modules, numbered along z, then y, then x. `A` is the agent in each.
 pub struct StillWorld<A> {
     sides: [u32; 3],
-    /// Modules started so far, in the order of their numbers, and how many contacts were told of.
+    /// The number of modules started so far, in the order of their ids, and of contacts sent.
     started: u32,
     told: u32,
     agent: PhantomData<A>,
 }
 
 impl<A> StillWorld<A> {
-    /// A block with so many modules along x, y and z; at most 1,000 along each.
+    /// Creates a block with this number of modules along x, y and z; at most 1,000 along each.
     pub fn new(sides: [u16; 3]) -> StillWorld<A> {
         StillWorld { sides: sides.map(|n| n.min(1_000).into()), started: 0, told: 0, agent: PhantomData }
     }
 
-    /// The number of contacts between two modules.
+    /// Returns the number of contacts between two modules.
     pub fn contacts(&self) -> u64 {
         let [x, y, z] = self.sides.map(u64::from);
         let along = |n: u64, area: u64| n.saturating_sub(1) * area;

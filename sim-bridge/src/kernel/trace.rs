@@ -1,5 +1,5 @@
-//! The rolling hash of what happens when in a simulated run: one number that two runs share if their events
-//! were the same, by time, module and kind. What was said and held is told apart by `state`.
+//! The rolling hash of the events of a simulated run: equal if the events were the same, by time, module and
+//! kind. Contents are hashed by `state`.
 
 use metamorph_protocol::time::Time;
 use siphasher::sip::SipHasher13;
@@ -8,7 +8,8 @@ use std::hash::Hasher;
 /// Increased whenever the meaning of the hash changes.
 const TRACE_VERSION: u64 = 1;
 
-/// Bytes of an event, and events gathered before they are hashed: one long write is faster than many.
+/// The size of an event in bytes, and the number of events gathered before they are hashed: one long write is
+/// faster than many short ones.
 const EVENT: usize = 24;
 const GATHERED: usize = 32;
 
@@ -31,7 +32,7 @@ impl Default for Trace {
 }
 
 impl Trace {
-    /// Adds one event: when, what kind, and up to two numbers that tell it from others.
+    /// Adds one event: its time, its kind, and up to two numbers that tell it from others.
     pub fn event(&mut self, at: Time, kind: u8, who: u32, what: u64) {
         self.events += 1;
         let numbers = [at.0, u64::from(kind) << 32 | u64::from(who), what];
@@ -44,13 +45,13 @@ impl Trace {
             self.used = 0;
         }
     }
-    /// The hash so far.
+    /// Returns the hash so far.
     pub fn value(&self) -> u64 {
         let mut hasher = self.hasher;
         hasher.write(&self.gathered[..self.used]);
         hasher.finish()
     }
-    /// The number of events so far.
+    /// Returns the number of events so far.
     pub fn events(&self) -> u64 {
         self.events
     }

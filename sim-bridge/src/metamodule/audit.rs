@@ -1,4 +1,4 @@
-//! The invariants of metamodules that only agents and world together show.
+//! Invariants of metamodules that involve agents and the world.
 
 use crate::kernel::sim::{Agents, Audited};
 use crate::metamodule::invariants::{ONE_HOLDER_PER_LOCK, one_holder_per_lock};
@@ -10,8 +10,8 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::time::Time;
 
-/// What others hold: the cells of their locks, and those that their bodies are in. A body may go on with
-/// what the process was asked to do before it died, and holds what it sweeps until it has done it.
+/// Returns what each metamodule holds: the cells of its locks, and those of its body. A body may complete an
+/// action that its process asked for before it died, and holds the swept cells until then.
 fn locks(
     world: &MetamoduleWorld,
     now: Time,
@@ -47,7 +47,7 @@ impl Audited for MetamoduleWorld {
         found: &mut Vec<Violation>,
     ) {
         locks(self, now, id, agents, found);
-        // What was refused has not begun.
+        // A refused action has not begun.
         if let Some((agent, until)) = agents.get(id).zip(self.acting_until(id)) {
             let takes = until.since(now);
             if let Err(what) = move_within_lease(now, takes, agent.locked_until()) {

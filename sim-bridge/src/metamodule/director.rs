@@ -1,5 +1,5 @@
-//! The world-controller's brain for metamodules: opens seeds level by level in the order of the
-//! blueprint, injects faults, tells of deaths, watches progress and decides how the run ends.
+//! The director of metamodules: opens seeds level by level in the order of the blueprint, injects faults,
+//! certifies deaths, watches progress and decides how the run ends.
 
 mod diagnosis;
 
@@ -30,54 +30,54 @@ struct Known {
     status: Option<Status>,
 }
 
-/// What a run is to go through.
+/// The course of a run.
 #[derive(Clone, Debug)]
 pub struct MetamodulePlan {
-    /// What is broken when.
+    /// The faults and their times.
     pub schedule: Schedule,
-    /// When the run ends. `stall` counts from the last thing that a body completed, `livelock` from the
-    /// last seed filled.
+    /// The conditions that end the run. `stall` counts from the last completed action of a body, `livelock`
+    /// from the last seed filled.
     pub stop: Stop,
-    /// Probability that a connection fails.
+    /// The probability that a connection fails.
     pub failure: Ratio,
-    /// From when on which goal is built instead, in the order of time.
+    /// Changes of the goal: the time and the number of the new goal, in the order of time.
     pub changes: Vec<(Time, u8)>,
-    /// Whether the goal is moved to where it can be built when a dead body or an obstacle is in the way
-    /// of a seed.
+    /// True if the goal is moved to a place where it can be built when a dead body or an obstacle is in a
+    /// seed.
     pub relocate: bool,
-    /// Whether the run ends when the swarm itself has found out that nobody can go on, and nothing is
-    /// planned that may change that. It does so only if its parameters say so.
+    /// True if the run ends when the swarm itself has detected a standstill, and no event is planned that may
+    /// change that. The swarm detects only if its parameters say so.
     pub heed: bool,
 }
 
-/// The controller's brain for metamodules.
+/// The director of a swarm of metamodules.
 pub struct MetamoduleDirector {
     setup: Arc<Setup>,
     faults: Injector,
     changes: VecDeque<(Time, u8)>,
     relocate: bool,
     trials: Trials,
-    /// Whether the goal has been moved.
+    /// True if the goal has been moved.
     moved: bool,
-    /// What looking for another place came to, at the last standstill.
+    /// The result of the last search for another place, at the last standstill.
     elsewhere: Option<Elsewhere>,
-    /// What was built where when everybody was last found to be barred.
+    /// The task and the filled seeds at which all metamodules were last found to be barred.
     out_of_reach: Option<(Task, SeedSet)>,
     stop: Stop,
     failure: Ratio,
     task: Task,
-    /// A stage for every goal so far, the last one under way.
+    /// An entry for every goal so far, the current one last.
     stages: Vec<Stage>,
     known: Vec<Known>,
-    /// Cells with something foreign in them, as told.
+    /// Cells with a foreign object in them, as announced.
     obstacles: BTreeSet<Cell>,
-    /// The dead whose death is still to be told.
+    /// Dead metamodules whose death has not been announced yet.
     untold: BTreeSet<ModuleId>,
     dead: BTreeSet<ModuleId>,
     commands: VecDeque<Command<Order>>,
     filled: SeedSet,
     told: Option<(Task, SeedSet)>,
-    /// Locks refused in lives that have ended.
+    /// Locks refused in incarnations that have ended.
     prevented_before: u64,
     done: u64,
     moves: u64,
@@ -91,13 +91,13 @@ pub struct MetamoduleDirector {
     alarms: u32,
 }
 
-/// Nobody in the swarm counts seeds, so none is ever known to be built.
+/// Creates the entry of a new goal. No agent counts seeds, so none is ever known to be built.
 fn opened(goal: &Blueprint, now: Time) -> Stage {
     Stage { cells: goal.seeds().len(), filled: 0, opened: now, built: None, known: None }
 }
 
 impl MetamoduleDirector {
-    /// A director for a swarm of this many metamodules.
+    /// Creates a director for a swarm of this many metamodules.
     pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
         let MetamodulePlan { schedule, stop, failure, changes, relocate, heed } = plan;
         let stages = vec![opened(setup.goal(Task::default()), Time::ZERO)];
@@ -135,57 +135,57 @@ impl MetamoduleDirector {
         }
     }
 
-    /// How the run ended, and when; none while it goes on.
+    /// Returns how the run ended, and when; `None` while it goes on.
     pub fn outcome(&self) -> Option<(Time, Outcome)> {
         self.outcome
     }
-    /// The standstill that ended the run, if one did.
+    /// Returns the standstill that ended the run, if one did.
     pub fn stall(&self) -> Option<&Stall> {
         self.stall.as_ref()
     }
-    /// When the swarm itself found out that nobody can go on, and who did; none while it has not, or if
-    /// somebody went on after all.
+    /// Returns when the swarm itself detected a standstill, and which metamodule did; `None` if it has not,
+    /// or if one went on after all.
     pub fn detected(&self) -> Option<(Time, ModuleId)> {
         self.detected
     }
-    /// The standstill as a question for a search.
+    /// Returns the standstill as a question for a search.
     pub fn plight(&self, world: &MetamoduleWorld) -> Standstill {
         self.standstill(world, |known| known.status.is_none_or(|s| s.settled.is_none()))
     }
-    /// How often somebody said so.
+    /// Returns how often a metamodule has reported a standstill.
     pub fn alarms(&self) -> u32 {
         self.alarms
     }
-    /// Faults that have struck.
+    /// Returns the faults injected so far.
     pub fn struck(&self) -> &[Struck] {
         self.faults.struck()
     }
-    /// Processes that have died, and those that were started again.
+    /// Returns how many processes died, and how many were restarted.
     pub fn crashed_and_restarted(&self) -> (u64, u64) {
         self.faults.crashed_and_restarted()
     }
-    /// When the last seed was filled.
+    /// Returns when the last seed was filled.
     pub fn last_fill(&self) -> Time {
         self.last_fill
     }
-    /// Locks refused because two would have met.
+    /// Returns the number of locks refused because two metamodules would have met.
     pub fn prevented(&self) -> u64 {
         let now: u64 = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum();
         self.prevented_before + now
     }
-    /// What is being built, and where.
+    /// Returns the goal that is being built, and its place.
     pub fn task(&self) -> Task {
         self.task
     }
-    /// All stages so far. A goal that has been moved is the same stage.
+    /// Returns all goals so far. A goal that has been moved is the same one.
     pub fn stages(&self) -> &[Stage] {
         &self.stages
     }
-    /// The seeds that are filled.
+    /// Returns the seeds that are filled.
     pub fn filled(&self) -> SeedSet {
         self.filled
     }
-    /// How far the run has come. Seeds stand for cells.
+    /// Returns the progress of the run. Seeds stand for cells.
     pub fn progress(&self) -> Progress {
         Progress {
             stage: u16::from(self.task.goal),
@@ -205,7 +205,7 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Says in which state a fault finds a metamodule.
+    /// Describes the state of a metamodule at the moment of a fault.
     fn found(&self, id: ModuleId, world: &MetamoduleWorld) -> String {
         let known = self.known[id.index()];
         let doing = match known.status {
@@ -218,7 +218,7 @@ impl MetamoduleDirector {
     }
 
     fn strike(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
-        // What is broken or mended may get a standstill going again.
+        // A fault or its end may resolve a standstill.
         self.last_deed = now;
         let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
         let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
@@ -256,20 +256,20 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Cells that nobody who lives can clear.
+    /// Returns the cells that no living metamodule can clear.
     fn foreign(&self, world: &MetamoduleWorld) -> BTreeSet<Cell> {
         let dead = self.dead.iter().flat_map(|id| world.cells(*id));
         dead.chain(world.obstacles()).copied().collect()
     }
 
-    /// Whether something that stays is in a cell of a seed that is not filled.
+    /// Returns true if an immovable body or obstacle is in a cell of a seed that is not filled.
     fn is_seed_blocked(&self, foreign: &BTreeSet<Cell>) -> bool {
         let mut unfilled = self.setup.seeds(self.task).filter(|(s, _)| !self.filled.has(*s));
         unfilled.any(|(_, seed)| seed.cells().iter().any(|c| foreign.contains(c)))
     }
 
-    /// Moves the goal if something that stays is in the way of a seed, to the nearest place that is
-    /// clear of all that stays, with a cell's width around it if there is room for that.
+    /// Moves the goal if an immovable body or obstacle is in a seed, to the nearest clear place, with a
+    /// cell's width around it if there is room for that.
     fn relocate(&mut self, now: Time, world: &MetamoduleWorld) {
         self.trials.forget();
         self.count_filled(now, world);
@@ -282,7 +282,7 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Whether an open seed is barred to everybody who could fill it.
+    /// Returns true if an open seed is barred to every metamodule that could fill it.
     fn is_out_of_reach(&self, world: &MetamoduleWorld) -> bool {
         let free = || {
             let all = (0..).map(ModuleId).zip(&self.known).filter(|(id, k)| k.alive && !world.is_stuck(*id));
@@ -292,7 +292,8 @@ impl MetamoduleDirector {
         free().next().is_some() && open.iter().any(|seed| free().all(|s| s.barred.has(seed)))
     }
 
-    /// Everybody who can move, and nothing built: what a goal could be built from at another place.
+    /// Returns the standstill with all metamodules that can move free and no seed filled: the material for a
+    /// goal at another place.
     fn all_free(&self, world: &MetamoduleWorld) -> Standstill {
         Standstill { filled: SeedSet::default(), ..self.standstill(world, |_| true) }
     }
@@ -302,7 +303,7 @@ impl MetamoduleDirector {
         for (id, known) in (0..).map(ModuleId).zip(&self.known) {
             let pose = world.pose(id);
             if known.alive && !world.is_stuck(id) && is_free(known) {
-                // Whoever is held at both ends lets go of the older one first.
+                // A metamodule held at both ends lets go of the older one first.
                 let around = self.setup.motions.turned_around(pose).filter(|_| pose.both);
                 free.push(around.unwrap_or(pose));
             } else {
@@ -313,8 +314,8 @@ impl MetamoduleDirector {
         Standstill { setup, task: self.task, filled: self.filled, free, fixed }
     }
 
-    /// Moves the goal after a standstill: for `negotiated` to where a search builds it or may, for the others,
-    /// whose local minima no search foresees, once to a place that is clear. Says whether it has been moved.
+    /// Moves the goal after a standstill: for `negotiated` to a place where a search builds it or may; for the
+    /// others, whose local minima no search predicts, once to a clear place. Returns true if it has been moved.
     fn move_away(&mut self, now: Time, world: &MetamoduleWorld) -> bool {
         if !self.relocate {
             return false;
@@ -343,7 +344,7 @@ impl MetamoduleDirector {
         self.begin(now, self.task.goal, shift);
     }
 
-    /// Something else is built from now on.
+    /// Starts another task.
     fn begin(&mut self, now: Time, goal: u8, shift: (i16, i16)) {
         if goal != self.task.goal {
             self.stages.push(opened(self.setup.goal(Task { goal, ..self.task }), now));
@@ -359,7 +360,7 @@ impl MetamoduleDirector {
         self.next_check = now;
     }
 
-    /// Tells everybody where the dead stay, once their bodies have come to rest.
+    /// Tells all metamodules the cells of the dead, once their bodies have come to rest.
     fn tell_deaths(&mut self, now: Time, world: &MetamoduleWorld) {
         let still: Vec<ModuleId> = self.untold.iter().copied().filter(|id| !world.is_acting(*id)).collect();
         for dead in &still {
@@ -434,7 +435,7 @@ impl MetamoduleDirector {
             self.stall = Some(self.explain(idle_since, world));
             self.finish(now, Outcome::Timeout);
         } else if planned {
-            // Something will still happen.
+            // Further events are planned.
         } else if now.since(idle_since) > self.stop.stall || (self.heed && self.detected.is_some()) {
             self.stand_still(now, idle_since, Outcome::Deadlock, world);
         } else if now.since(self.last_fill.max(self.stop.planned_until)) > self.stop.livelock {
@@ -450,8 +451,8 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Whether everybody is barred from an open seed, and all together have no way either. Asked once for what
-    /// is built, as the answer takes a search.
+    /// Returns true if all metamodules are barred from an open seed, and no cooperative plan exists either.
+    /// Computed once per state of the structure, as it takes a search.
     fn is_stranded(&mut self, world: &MetamoduleWorld) -> bool {
         let built = (self.task, self.filled);
         if !self.relocate || self.out_of_reach == Some(built) || !self.is_out_of_reach(world) {
@@ -504,7 +505,8 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         }
         let there = |cell: &Cell| Command::Order(id, Order::Obstacle { cell: *cell, there: true });
         self.commands.extend(self.obstacles.iter().map(there));
-        // Who has lost its memory has to be told again who is dead; the others do not mind.
+        // A metamodule that has lost its memory has to be told the deaths again; repeating them to the others
+        // is harmless.
         self.untold.extend(self.dead.iter().copied());
     }
 
@@ -512,7 +514,7 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         if self.outcome.is_some() {
             return;
         }
-        // Real processes are not up at time zero.
+        // Processes on the process link are not up at time zero.
         world.set_failure(self.failure);
         while let Some(fault) = self.faults.due(now) {
             self.strike(now, fault, world);

@@ -1,4 +1,4 @@
-//! What must hold in every run of metamodules, besides what must hold in all runs.
+//! Invariants of all runs of metamodules, besides those of all runs.
 
 use crate::world::invariants::Invariant;
 use metamorph_protocol::lattice::Cell;
@@ -8,8 +8,7 @@ pub const ATTACHED: Invariant = Invariant::new("attached");
 /// A cell is locked by one metamodule at a time.
 pub const ONE_HOLDER_PER_LOCK: Invariant = Invariant::new("one-holder-per-lock");
 
-/// [`ATTACHED`] for one metamodule: the ends that grip, each with whether it lies on a
-/// connector.
+/// Checks [`ATTACHED`] for one metamodule: for each end that grips, whether it lies on a connector.
 pub fn attached(grips: &[bool]) -> Result<(), String> {
     match (grips.is_empty(), grips.iter().all(|on| *on)) {
         (true, _) => Err("no end grips".into()),
@@ -18,7 +17,7 @@ pub fn attached(grips: &[bool]) -> Result<(), String> {
     }
 }
 
-/// [`ONE_HOLDER_PER_LOCK`] for two metamodules: the cells that each holds locked, `mine` sorted.
+/// Checks [`ONE_HOLDER_PER_LOCK`] for two metamodules: the cells that each holds locked, `mine` sorted.
 pub fn one_holder_per_lock(mine: &[Cell], mut theirs: impl Iterator<Item = Cell>) -> Result<(), String> {
     match theirs.find(|c| mine.binary_search(c).is_ok()) {
         Some(cell) => Err(format!("both hold {cell}")),

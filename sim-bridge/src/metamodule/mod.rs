@@ -1,4 +1,4 @@
-//! Metamodules of Roombots: their world, the director that owns their goals, and what is checked of them.
+//! Metamodules of Roombots: their world, the director of their goals, and their invariants.
 
 pub mod audit;
 pub mod director;

@@ -1,8 +1,8 @@
-//! Why metamodules do not go on.
+//! Reasons for a standstill of metamodules.
 
 use crate::director::reason::{Excuse, Proves, Reason, Why};
 
-/// Something that stays is in a cell of an unfilled seed.
+/// An immovable body or obstacle is in a cell of an unfilled seed.
 pub const SEED_BLOCKED: Reason = Reason::new(
     "seed-blocked",
     Excuse::Always,
@@ -14,14 +14,14 @@ pub const NO_BETTER_PLACE: Reason = Reason::new(
     Excuse::ByDesign,
     "deadlock: no free metamodule can get to a place that the force field prefers to its own",
 );
-/// A free metamodule has a better place to go to, but does not get the way.
+/// A free metamodule has a better place to go to, but is refused the path.
 pub const NO_LOCK: Reason = Reason::new(
     "no-lock",
     Excuse::ByDesign,
     "deadlock: a free metamodule is refused the way to a better place",
 );
-/// Nothing more is built where the goal is, which may be moved, and it is not proved that it could not be
-/// built elsewhere.
+/// Nothing more is built at the present place of the goal, which may be moved, and it is not proved that the
+/// goal cannot be built elsewhere.
 pub const MISPLACED: Reason = Reason {
     proves: Proves::NotHere,
     ..Reason::new(
@@ -31,7 +31,7 @@ pub const MISPLACED: Reason = Reason {
     )
 };
 
-/// It knows no way to any open seed.
+/// The metamodule knows no path to any open seed.
 pub const BARRED: Why = Why("knows no way to an open seed");
-/// No place that it can get to is better than its own.
+/// No place within reach is better than the present one.
 pub const HAS_NO_BETTER_PLACE: Why = Why("has no better place to go to");

@@ -1,11 +1,11 @@
-//! Where else a goal of metamodules can be built: the places that are clear of everything that stays, what a
-//! search shows of each, and which of them have been tried.
+//! Other places for a goal of metamodules: places that are clear of all immovable objects, what a search
+//! shows of each, and which of them have been tried.
 //!
-//! Two questions are kept apart. [`clear_places`] looks at cells only and is quick: it answers what to do when
-//! something comes to stay in a seed. [`prospect`] searches for a way to build the whole goal with the bodies
-//! where they are: it answers what to do at a standstill, and what is proved when nothing can be done.
+//! Two questions are kept apart. [`clear_places`] looks at cells only and is fast: it is used when an
+//! immovable object appears in a seed. [`prospect`] searches for a plan to build the whole goal with the
+//! bodies at their present places: it is used at a standstill, and to prove that the goal cannot be built.
 //!
-//! Absent: telling the swarm, which the director does.
+//! Not here: telling the swarm, which the director does.
 
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
@@ -16,17 +16,18 @@ use std::rc::Rc;
 
 /// The free width around a goal that is moved, in cells, where the floor has room for it.
 const ROOM: i16 = 3;
-/// The work of the search that proves that no seed of a place can be the first; [`search`] says what a unit is.
+/// The budget of the search that proves that no seed of a place can be the first, in units of [`search`].
 const WORK_FOR_THE_FIRST: usize = WORK / 20;
-/// The work of the search for a way to each of the others, where several have to move for it. What takes more
-/// leaves the prospect of a place open.
+/// The budget of the search for a plan for each of the other seeds, where several bodies have to move. A
+/// search beyond it leaves the prospect of a place open.
 const WORK_FOR_A_SEED: usize = WORK / 200;
-/// The largest number of places whose prospects stay open that one survey looks at: each of them may take the
-/// whole work of its searches.
+/// The largest number of places with open prospects that one survey looks at: each may use the whole budget
+/// of its searches.
 const MOST_OPEN: usize = 12;
-/// How often a place is tried at which a search builds the whole goal. The bodies are elsewhere the second time.
+/// The largest number of tries of a place at which a search builds the whole goal. The bodies are elsewhere
+/// the second time.
 const MOST_TRIES: u8 = 2;
-/// How many places are tried in a run whose prospects are open.
+/// The largest number of places with open prospects that are tried in a run.
 const MOST_HOPES: u8 = 8;
 
 /// A distance along x and y that a goal is moved by.
@@ -35,32 +36,33 @@ pub type Shift = (i16, i16);
 /// The cells that a body can come to rest in, from the attached end on.
 pub type Reach = BTreeSet<[Cell; 4]>;
 
-/// What a search shows of a place.
+/// The result of a search at a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Prospect {
     /// The whole goal can be built: every move is known.
     Whole,
-    /// Neither that nor the contrary is shown.
+    /// Neither that nor the opposite is shown.
     Open,
-    /// The goal cannot be built: even if each body were alone, there is not one for each seed that could fill it;
-    /// or no seed can be the first.
+    /// The goal cannot be built: even if each body were alone, there is not a separate body for each seed; or
+    /// no seed can be the first.
     Barred,
 }
 
-/// The cells that each of the bodies could come to rest in if it were alone with what stays.
+/// Returns the cells that each of the bodies could come to rest in if it were alone with the immovable
+/// objects.
 pub fn reaches(bodies: &Standstill) -> Vec<Rc<Reach>> {
     let mut all: Vec<Rc<Reach>> = Vec::new();
     for (i, pose) in bodies.free.iter().enumerate() {
         let cells = bodies.setup.motions.cells(*pose);
-        // Motions can be undone, so bodies that get to each other's places get to the same places.
+        // Motions can be undone, so bodies that reach each other's places reach the same places.
         let same = all.iter().find(|reach| reach.contains(&cells)).cloned();
         all.push(same.unwrap_or_else(|| Rc::new(reach(bodies, i, true))));
     }
     all
 }
 
-/// What can be built at the place of a task by bodies that are all free, from where they are. `reaches` is where
-/// each of them gets alone.
+/// Returns what can be built at the place of a task by bodies that are all free, from their present places.
+/// `reaches` are the places that each of them reaches alone.
 pub fn prospect(bodies: &Standstill, reaches: &[Rc<Reach>]) -> Prospect {
     let (setup, task) = (&bodies.setup, bodies.task);
     let goal = setup.goal(task).all();
@@ -73,7 +75,7 @@ pub fn prospect(bodies: &Standstill, reaches: &[Rc<Reach>]) -> Prospect {
         return Prospect::Barred;
     }
     let mut built = Standstill { filled: SeedSet::default(), ..bodies.clone() };
-    // Every round fills one seed more.
+    // Every round fills one more seed.
     while !built.filled.holds(goal) {
         if let Some((body, seed)) = fill_alone(&built, &able) {
             built.fill(body, seed);
@@ -93,8 +95,8 @@ pub fn prospect(bodies: &Standstill, reaches: &[Rc<Reach>]) -> Prospect {
     Prospect::Whole
 }
 
-/// A body that fills an open seed while all others stay where they are; of several, one that could fill the fewest
-/// others.
+/// Returns a body that fills an open seed while all others stay, and the seed; of several, the one that could
+/// fill the fewest others.
 fn fill_alone(bodies: &Standstill, able: &[SeedSet]) -> Option<(usize, u8)> {
     let open = bodies.setup.goal(bodies.task).open(bodies.filled);
     let mut order: Vec<usize> = (0..bodies.free.len()).collect();
@@ -106,8 +108,9 @@ fn fill_alone(bodies: &Standstill, able: &[SeedSet]) -> Option<(usize, u8)> {
     })
 }
 
-/// Whether there is a body of its own for each seed of a goal, where each body can fill only some. Every body of a
-/// way that fills a seed also goes its way alone, so where there is none, no order of filling helps.
+/// Returns true if there is a separate body for each seed of a goal, where each body can fill only some.
+/// Every body of a plan that fills a seed could also do so alone, so if there is none, no order of filling
+/// helps.
 fn can_all_be_filled(goal: SeedSet, able: &[SeedSet]) -> bool {
     fn give(seed: u8, able: &[SeedSet], given: &mut [Option<u8>], asked: &mut [bool]) -> bool {
         for body in (0..able.len()).filter(|body| able[*body].has(seed)) {
@@ -125,9 +128,9 @@ fn can_all_be_filled(goal: SeedSet, able: &[SeedSet]) -> bool {
     goal.iter().all(|seed| give(seed, able, &mut given, &mut vec![false; able.len()]))
 }
 
-/// The places of a goal at which no seed needs a cell that is taken for good. Those with the most free width
-/// around them come first, to the edge of the floor too; of these the nearest to where the goal is now, which is
-/// one of them.
+/// Returns the places of a goal at which no seed needs a cell that is taken for good. Those with the most
+/// free width around them come first, counting to the edge of the floor too; of these the nearest to the
+/// present place of the goal, which is one of them.
 pub fn clear_places(setup: &Setup, task: Task, stays: &BTreeSet<Cell>) -> Vec<Shift> {
     let floor = setup.floor;
     let rim = |shift: &Shift| {
@@ -155,7 +158,7 @@ pub fn clear_places(setup: &Setup, task: Task, stays: &BTreeSet<Cell>) -> Vec<Sh
     places
 }
 
-/// All shifts that keep the feet of a goal on the floor.
+/// Returns all shifts that keep the feet of a goal on the floor.
 fn shifts(setup: &Setup, task: Task, floor: Floor) -> Vec<Shift> {
     let feet = || setup.goal(task).seeds().iter().map(|s| s.foot);
     let along = |least: Option<i16>, most: Option<i16>, min: i16, max: i16| {
@@ -166,18 +169,18 @@ fn shifts(setup: &Setup, task: Task, floor: Floor) -> Vec<Shift> {
     xs.flat_map(|x| ys.clone().map(move |y| (x, y))).collect()
 }
 
-/// What looking at all places came to.
+/// The result of a survey of all places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Elsewhere {
-    /// Here the goal can be built, or may be.
+    /// The goal can be built here, or may be.
     Place(Shift),
-    /// At none of the clear places, so many, can it be built; proved for each.
+    /// The goal can be built at none of the clear places, of which this is the number; proved for each.
     Barred(usize),
     /// No place is left to be tried, and it is not proved of each that it is barred.
     Unproved,
 }
 
-/// Which places a goal has been tried at since what stays has last changed.
+/// The places that a goal has been tried at since the immovable objects last changed.
 #[derive(Clone, Debug, Default)]
 pub struct Trials {
     tried: BTreeMap<Shift, u8>,
@@ -185,13 +188,14 @@ pub struct Trials {
 }
 
 impl Trials {
-    /// Something that stays has changed, or what is to be built: a place that was no good may be now.
+    /// Forgets all trials: the immovable objects or the goal have changed, so a barred place may be usable
+    /// now.
     pub fn forget(&mut self) {
         self.tried.clear();
     }
 
-    /// The place to go to next. `bodies` are all free, and none of the goal is built; the goal has come to a
-    /// standstill where its task says.
+    /// Returns the place to go to next. `bodies` are all free, and no seed of the goal is filled; the goal
+    /// has come to a standstill at the place of its task.
     pub fn next(&mut self, bodies: &Standstill) -> Elsewhere {
         let tries = self.tried.entry(bodies.task.shift).or_default();
         *tries = (*tries + 1).min(MOST_TRIES);
@@ -238,7 +242,7 @@ mod tests {
     use metamorph_protocol::time::Span;
     use std::sync::Arc;
 
-    /// Upright seeds at these feet, and an upright body in a corner, on a floor of 9 × 9.
+    /// Returns upright seeds at these feet, and an upright body in a corner, on a floor of 9 × 9.
     fn bodies(feet: &[(i16, i16)], fixed: Vec<Cell>) -> Standstill {
         let level = feet.iter().map(|foot| Seed { foot: *foot, directions: [Face::Up; 3] }).collect();
         let setup = Setup {
@@ -253,7 +257,7 @@ mod tests {
         Standstill { setup: Arc::new(setup), task, filled, free, fixed }
     }
 
-    /// Walls around the corner, higher than a body is long.
+    /// Returns walls around the corner, higher than the length of a body.
     fn walls() -> Vec<Cell> {
         let columns = (0..3).flat_map(|x| (0..3).map(move |y| (x, y))).filter(|column| *column != (0, 0));
         columns.flat_map(|(x, y)| (0..6).map(move |z| Cell::new(x, y, z))).collect()
@@ -277,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_is_as_good_as_what_can_be_built_there() {
+    fn a_prospect_is_what_can_be_built_at_the_place() {
         let free = bodies(&[(4, 4)], Vec::new());
         assert_eq!(seen(&free), Prospect::Whole);
         let shut_in = bodies(&[(4, 4)], walls());
@@ -287,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_clear_of_what_stays_and_roomy_ones_come_first() {
+    fn places_are_clear_of_obstacles_and_roomy_ones_come_first() {
         let shut_in = bodies(&[(4, 4)], walls());
         let stays: BTreeSet<Cell> = shut_in.fixed.iter().copied().collect();
         let places = clear_places(&shut_in.setup, shut_in.task, &stays);
@@ -295,7 +299,7 @@ mod tests {
         assert_eq!(places[0], (0, 1), "three cells from the edge, two from the walls, and the nearest such");
     }
 
-    /// The only place where the goal can be built is found; it is tried twice, and then nothing is claimed.
+    /// The only place where the goal can be built is found and tried twice; after that no result is claimed.
     #[test]
     fn the_only_good_place_is_found() {
         let (shut_in, mut trials) = (bodies(&[(4, 4)], walls()), Trials::default());
@@ -308,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_can_be_built_that_is_proved_of_every_place() {
+    fn an_impossible_goal_is_proved_for_every_place() {
         let too_few = bodies(&[(4, 4), (6, 4)], walls());
         let stays: BTreeSet<Cell> = too_few.fixed.iter().copied().collect();
         let places = clear_places(&too_few.setup, too_few.task, &stays).len();

@@ -1,9 +1,9 @@
-//! The world of metamodules: who stands where, what each end grips, which steps are under way.
+//! The world of metamodules: poses, grips, and steps under way.
 //!
 //! The world is the interlock: a joint turns only if all cells that the step sweeps, core and graze
-//! (`roombots::sweep`), are free of other bodies and of the steps of other bodies; an end grips only
-//! a connector of the floor; the last end does not let go. Ports are links to whoever stands within
-//! hearing. Deliberately absent: gravity, torque, bending; walls; gripping other metamodules.
+//! (`roombots::sweep`), are free of other bodies and of the steps of other bodies; an end grips only a
+//! connector of the floor; the last end does not let go. Ports are links to metamodules within communication
+//! range. Not here: gravity, torque, bending; walls; gripping other metamodules.
 
 mod safety;
 
@@ -32,7 +32,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug, Hash)]
 struct UnderWay {
     to: Pose,
-    /// Everything the body may be in while it acts.
+    /// All cells that the body may be in during the action.
     claimed: Vec<Cell>,
     deed: Deed,
     fails: bool,
@@ -41,7 +41,7 @@ struct UnderWay {
 #[derive(Clone, Debug, Hash)]
 struct Body {
     pose: Pose,
-    /// Whether the foot and the head grip.
+    /// True for the foot and the head if it grips.
     grips: [bool; 2],
     cells: [Cell; 4],
     incarnation: Incarnation,
@@ -57,14 +57,14 @@ impl Body {
     }
 }
 
-/// What bodies did.
+/// Counts of the bodies' actions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Deeds {
     /// Actions begun.
     pub started: u64,
     /// Steps of joints completed.
     pub turns: u64,
-    /// Moves: all between two connections is one (thesis 5.1.4), so this counts connections made.
+    /// Moves: all actions between two connections are one (thesis 5.1.4), so this counts connections made.
     pub moves: u64,
     /// Ends let go.
     pub released: u64,
@@ -76,7 +76,7 @@ pub struct Deeds {
     pub late: u64,
     /// Actions refused because the neighbourhood had changed.
     pub stale: u64,
-    /// Actions refused because the body could not do that, or was busy.
+    /// Actions refused because the body was not able to, or was busy.
     pub impossible: u64,
 }
 
@@ -85,10 +85,10 @@ pub struct Deeds {
 pub struct MetamoduleWorld {
     setup: Arc<Setup>,
     bodies: Vec<Body>,
-    /// Cells with something foreign in them.
+    /// Cells with a foreign object in them.
     obstacles: BTreeSet<Cell>,
-    /// Who is in a cell, or may be in it while it acts: the account that the safety checks keep by
-    /// themselves. The interlock does not look at it.
+    /// The body that is in a cell, or may be in it during its action: the record of the safety checks, which
+    /// the interlock does not read.
     claims: Grid,
     due: BinaryHeap<Reverse<(Time, u64, ModuleId)>>,
     order: u64,
@@ -101,7 +101,7 @@ pub struct MetamoduleWorld {
 }
 
 impl MetamoduleWorld {
-    /// A world with a metamodule in each pose; their ids are the places in the list.
+    /// Creates a world with a metamodule in each pose; their ids are the indices in the list.
     pub fn new(setup: Arc<Setup>, poses: &[Pose], seed: u64) -> MetamoduleWorld {
         let body = |pose: &Pose| Body {
             pose: *pose,
@@ -137,19 +137,19 @@ impl MetamoduleWorld {
         world
     }
 
-    /// From now on each connection fails with this probability.
+    /// Sets the probability with which each later connection fails.
     pub fn set_failure(&mut self, p: Ratio) {
         self.failure = p;
     }
-    /// Whether its joints are stuck.
+    /// Returns true if the joints of a metamodule are stuck.
     pub fn is_stuck(&self, id: ModuleId) -> bool {
         self.bodies[id.index()].stuck
     }
-    /// From now on this metamodule's joints do not turn (stuck), or turn again.
+    /// Makes the joints of this metamodule stick, or turn again.
     pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
         self.bodies[id.index()].stuck = stuck;
     }
-    /// Something foreign comes into a cell, unless a body is there or about to be; whether it did.
+    /// Puts a foreign object into a cell, unless a body is there or about to be; returns true if it did.
     pub fn block(&mut self, cell: Cell) -> bool {
         let free = !self.bodies.iter().any(|b| b.taken().contains(&cell));
         if free {
@@ -157,43 +157,43 @@ impl MetamoduleWorld {
         }
         free
     }
-    /// It is taken away; whether it was there.
+    /// Removes a foreign object; returns true if it was there.
     pub fn unblock(&mut self, cell: Cell) -> bool {
         self.obstacles.remove(&cell)
     }
-    /// Cells with something foreign in them.
+    /// Returns the cells with a foreign object in them.
     pub fn obstacles(&self) -> &BTreeSet<Cell> {
         &self.obstacles
     }
-    /// What bodies did so far.
+    /// Returns the counts of actions so far.
     pub fn deeds(&self) -> Deeds {
         self.deeds
     }
-    /// Where a body is; during an action, where it was before.
+    /// Returns the pose of a body; during an action, the one before.
     pub fn pose(&self, id: ModuleId) -> Pose {
         self.bodies[id.index()].pose
     }
-    /// The four cells of a body, from the attached end on.
+    /// Returns the four cells of a body, from the attached end on.
     pub fn cells(&self, id: ModuleId) -> &[Cell] {
         &self.bodies[id.index()].cells
     }
-    /// Everything that a body is in, or may be in while it acts.
+    /// Returns all cells that a body is in, or may be in during its action.
     pub fn taken(&self, id: ModuleId) -> &[Cell] {
         self.bodies[id.index()].taken()
     }
-    /// When the action that a body is about ends, if it acts.
+    /// Returns when the current action of a body ends, if it acts.
     pub fn acting_until(&self, id: ModuleId) -> Option<Time> {
         self.due.iter().find(|Reverse((_, _, of))| *of == id).map(|Reverse((at, _, _))| *at)
     }
-    /// Whether a body is acting.
+    /// Returns true if a body is acting.
     pub fn is_acting(&self, id: ModuleId) -> bool {
         self.bodies[id.index()].under_way.is_some()
     }
-    /// What everybody shares.
+    /// Returns the setup that all metamodules share.
     pub fn setup(&self) -> &Setup {
         &self.setup
     }
-    /// Invariants broken since the last call.
+    /// Returns the invariants broken since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
         std::mem::take(&mut self.violations)
     }
@@ -224,7 +224,8 @@ impl MetamoduleWorld {
         }
     }
 
-    /// Opens links to all who have come into hearing, and closes those to whoever has left it.
+    /// Opens links to all metamodules that have come into communication range, and closes those to
+    /// metamodules that have left it.
     fn hear(&mut self, id: ModuleId, tell: bool) {
         let foot = self.bodies[id.index()].pose.foot();
         for peer in (0..self.bodies.len() as u32).map(ModuleId).filter(|p| *p != id) {
@@ -240,7 +241,7 @@ impl MetamoduleWorld {
 
     fn connect(&mut self, id: ModuleId, peer: ModuleId, tell: bool) {
         let free = |of: &Body| of.contacts.iter().position(Option::is_none).map(|p| Port(p as u8));
-        // Whoever has no port left does not hear the other; the interlock is all that is between them.
+        // Without a free port one does not hear the other; only the interlock keeps them apart.
         let (Some(mine), Some(theirs)) = (free(&self.bodies[id.index()]), free(&self.bodies[peer.index()]))
         else {
             return;
@@ -269,7 +270,7 @@ impl MetamoduleWorld {
         self.sensed.push_back((id, Sensed::Percept(Percept::Refused(why))));
     }
 
-    /// What an action leads to and which cells it needs, if the body can do it at all.
+    /// Returns the pose that an action leads to and the cells that it needs, if the body is able to do it.
     fn judge(&self, id: ModuleId, deed: Deed) -> Option<(Pose, Vec<Cell>)> {
         let (body, motions) = (&self.bodies[id.index()], &self.setup.motions);
         let pose = body.pose;
@@ -329,7 +330,7 @@ impl MetamoduleWorld {
     }
 }
 
-/// What a world can do from now on depends on this; counts are left out.
+/// The state that later events depend on; counts are left out.
 impl Hash for MetamoduleWorld {
     fn hash<H: Hasher>(&self, state: &mut H) {
         (&self.bodies, &self.obstacles).hash(state);
@@ -354,7 +355,7 @@ impl World for MetamoduleWorld {
         let body = &self.bodies[id.index()];
         let contacts = body.contacts.clone();
         if before == incarnation {
-            // First life: the sessions are as old as the world, only this module must hear of them.
+            // First incarnation: the sessions are as old as the world, only this module must hear of them.
             let revision = body.revision;
             for (i, contact) in contacts.into_iter().enumerate().filter(|(_, c)| c.is_some()) {
                 self.sensed.push_back((id, Sensed::Contact { port: Port(i as u8), revision, contact }));
@@ -470,7 +471,7 @@ mod tests {
         }
     }
 
-    /// Every landing there is, from upright, step by step; then the other end holds.
+    /// Every landing, from upright, step by step; then the other end holds.
     #[test]
     fn makes_every_landing() {
         let setup = setup();
@@ -515,7 +516,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_foreign_stays_out_of_bodies_and_bodies_out_of_it() {
+    fn obstacles_and_bodies_exclude_each_other() {
         let setup = setup();
         let from = upright(&setup, 6, 6);
         let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
@@ -534,7 +535,7 @@ mod tests {
     }
 
     #[test]
-    fn hears_only_whoever_is_near() {
+    fn hears_only_metamodules_in_range() {
         let setup = setup();
         let far = setup.params.hearing as i16;
         let poses = [upright(&setup, 0, 0), upright(&setup, far, 0), upright(&setup, far + 1, 0)];

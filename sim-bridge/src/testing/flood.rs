@@ -1,9 +1,9 @@
-//! The smallest useful agent: module 0 floods its distance in hops; every other takes the first word
-//! it hears, passes it on once to everybody else, and reports. What is left of a run's cost is the
-//! driver's, which is what this is for.
+//! The smallest useful agent: module 0 floods its distance in hops; every other takes the first message,
+//! passes it on once to all other neighbours, and reports. The cost of a run is almost only that of the
+//! driver, which this measures.
 //!
-//! The number of messages is `2E − (N − 1)`. On links whose delays differ by less than one part in the
-//! number of hops, the first word comes over a shortest way, and distances are exact.
+//! The number of messages is `2E − (N − 1)`. On links whose delays differ by less than one part in the number
+//! of hops, the first message takes a shortest path, and distances are exact.
 
 use crate::director::port::Direct;
 use crate::world::World;
@@ -17,7 +17,7 @@ use metamorph_protocol::wire::{Decoder, Encoder, HEADER, Never, Wire, WireError}
 use std::hash::Hasher;
 use std::sync::Arc;
 
-/// How far the sender is from where the flood began.
+/// The distance of the sender from the start of the flood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hops(pub u32);
 
@@ -40,7 +40,7 @@ impl Wire for Hops {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flooded {
     hops: u32,
-    /// Faces that touch somebody, and faces still to be told, a bit each.
+    /// Faces with a contact, and faces still to be told, a bit each.
     faces: u8,
     untold: u8,
     unreported: bool,
@@ -49,7 +49,7 @@ pub struct Flooded {
 const UNKNOWN: u32 = u32::MAX;
 
 impl Flooded {
-    /// The distance, once it is known.
+    /// Returns the distance, once it is known.
     pub fn hops(&self) -> Option<u32> {
         (self.hops != UNKNOWN).then_some(self.hops)
     }
@@ -78,7 +78,7 @@ impl Agent for Flooded {
                 (self.faces, self.untold) = (self.faces & !bit, self.untold & !bit);
                 if session.is_some() {
                     self.faces |= bit;
-                    // Whoever knows already tells whoever comes.
+                    // A module that knows its distance tells every new neighbour.
                     self.untold |= if self.hops == UNKNOWN { 0 } else { bit };
                 }
             }
@@ -110,10 +110,10 @@ impl Agent for Flooded {
     }
 }
 
-/// A controller that only counts who knows; the run ends when nothing is left to happen.
+/// A director that only counts reports; the run ends when no event is left.
 #[derive(Debug, Default)]
 pub struct Onlooker {
-    /// Modules that know their distance.
+    /// The number of modules that know their distance.
     pub know: u64,
 }
 
@@ -141,8 +141,8 @@ mod tests {
     use metamorph_protocol::time::Span;
 
     #[test]
-    fn everybody_learns_the_distance_and_tells_it_once() {
-        // A lone module is never told anything, and so never says what it knows.
+    fn each_module_learns_the_distance_and_tells_it_once() {
+        // A lone module receives no message, and so never reports.
         for sides in [[2, 1, 1], [2, 2, 2], [5, 5, 5], [2, 9, 5]] {
             let link = LinkModel {
                 delay_min: Span::millis(100),

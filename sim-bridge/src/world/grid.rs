@@ -1,4 +1,4 @@
-//! Which cell is occupied by what: a dense box of cells that grows as bodies wander.
+//! The occupant of each cell: a dense box of cells that grows as bodies move.
 
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
@@ -6,13 +6,13 @@ use metamorph_protocol::lattice::Cell;
 /// How a module occupies a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Occupant {
-    /// It is there, at rest or about to be away.
+    /// Its body is in the cell, at rest or about to leave.
     Body(ModuleId),
-    /// It is on its way there, or sweeps it on its way.
+    /// It moves into the cell, or sweeps it.
     Path(ModuleId),
 }
 
-/// Occupied cells. Looking up is an array access; memory is a box around all cells ever occupied.
+/// Occupied cells. A lookup is an array access; memory is a box around all cells ever occupied.
 #[derive(Clone, Debug, Default)]
 pub struct Grid {
     min: [i32; 3],
@@ -34,7 +34,7 @@ impl Grid {
         Some(index)
     }
 
-    /// What occupies a cell.
+    /// Returns the occupant of a cell.
     pub fn get(&self, cell: Cell) -> Option<Occupant> {
         match self.slots[self.index(cell)?] {
             0 => None,
@@ -43,7 +43,7 @@ impl Grid {
         }
     }
 
-    /// The module whose body is in a cell.
+    /// Returns the module whose body is in a cell.
     pub fn body(&self, cell: Cell) -> Option<ModuleId> {
         match self.get(cell) {
             Some(Occupant::Body(id)) => Some(id),
@@ -51,7 +51,7 @@ impl Grid {
         }
     }
 
-    /// Sets what occupies a cell.
+    /// Sets the occupant of a cell.
     pub fn set(&mut self, cell: Cell, occupant: Option<Occupant>) {
         let value = match occupant {
             None => 0,
@@ -76,7 +76,7 @@ impl Grid {
         for (i, at) in at.into_iter().enumerate() {
             let low = if empty { at } else { old.min[i].min(at) };
             let high = if empty { at } else { (old.min[i] + old.extent[i] as i32 - 1).max(at) };
-            // Room on the side that had to grow, so that growing is rare.
+            // Extra room on the side that had to grow, so that growing is rare.
             let room = MARGIN + (high - low) / 4;
             self.min[i] = if empty || at <= old.min[i] { low - room } else { low };
             let top = if empty || high == at { high + room } else { high };
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
     use std::collections::BTreeMap;
 
-    /// The grid behaves like a map, wherever it has to grow.
+    /// The grid behaves like a map, on whichever side it has to grow.
     #[test]
     fn behaves_like_a_map() {
         let mut stream = metamorph_protocol::rng::Stream::named(3, "grid", 0);

@@ -1,8 +1,8 @@
-//! What must hold in every run, one named check each.
+//! Invariants of every run, one named check each.
 //!
-//! The checks are functions of plain values, so that each can be shown to fire on a made-up
-//! violation; worlds and audits call them on the real thing. Sources: protocol specification,
-//! invariants I1 to I8; thesis 4.1.2 for connectivity.
+//! The checks are functions of plain values, so that each can be shown to fire on a constructed violation;
+//! worlds and audits call them on the real values. Sources: protocol specification, invariants I1 to I8;
+//! thesis 4.1.2 for connectivity.
 
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
@@ -10,17 +10,17 @@ use metamorph_protocol::ids::Session;
 use metamorph_protocol::time::{Span, Time};
 use std::fmt;
 
-/// Something that must always hold. Each family declares its own besides those here.
+/// A condition that must always hold. Each family declares its own besides those here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Invariant {
     /// The name used in reports.
     pub name: &'static str,
-    /// Whether breaking it is a collision of bodies.
+    /// True if a violation is a collision of bodies.
     pub is_collision: bool,
 }
 
 impl Invariant {
-    /// An invariant that is not about collisions.
+    /// Creates an invariant that is not about collisions.
     pub const fn new(name: &'static str) -> Invariant {
         Invariant { name, is_collision: false }
     }
@@ -36,21 +36,21 @@ impl fmt::Display for Invariant {
 pub const ONE_MODULE_PER_CELL: Invariant = Invariant { name: "one-module-per-cell", is_collision: true };
 /// An action ends before the grants it rests on.
 pub const MOVE_WITHIN_LEASE: Invariant = Invariant::new("move-within-lease");
-/// A message is only taken in the contact session that exists.
+/// A message is only accepted in the contact session that exists.
 pub const SESSION_CURRENT: Invariant = Invariant::new("session-current");
 /// Message counts add up.
 pub const MESSAGES_BALANCE: Invariant = Invariant::new("messages-balance");
-/// Time goes on: at one instant there is an end to what modules hear, feel and are told.
+/// Time advances: the inputs that modules are handed at one instant come to an end.
 pub const TIME_PASSES: Invariant = Invariant::new("time-passes");
 
-/// An invariant that did not hold.
+/// One violation of an invariant.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Violation {
-    /// Which one.
+    /// The invariant.
     pub invariant: Invariant,
-    /// When.
+    /// The time.
     pub at: Time,
-    /// What was seen.
+    /// The observation.
     pub what: String,
 }
 
@@ -60,7 +60,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// [`MOVE_WITHIN_LEASE`]: until when the grantor of the landing stays, if it granted.
+/// Checks [`MOVE_WITHIN_LEASE`]: `granted_until` is the end of the grant of the landing, if it granted.
 pub fn move_within_lease(now: Time, move_time: Span, granted_until: Option<Time>) -> Result<(), String> {
     match granted_until {
         Some(until) if now + move_time <= until => Ok(()),
@@ -69,7 +69,7 @@ pub fn move_within_lease(now: Time, move_time: Span, granted_until: Option<Time>
     }
 }
 
-/// [`SESSION_CURRENT`] for a message taken in a session.
+/// Checks [`SESSION_CURRENT`] for a message accepted in a session.
 pub fn session_current(taken_in: Session, real: Option<Session>) -> Result<(), String> {
     if real == Some(taken_in) {
         Ok(())
@@ -78,24 +78,24 @@ pub fn session_current(taken_in: Session, real: Option<Session>) -> Result<(), S
     }
 }
 
-/// At one instant modules are handed this much each, on average, and no more.
+/// The largest number of inputs per module, on average, at one instant.
 const MOST_AT_ONCE: u64 = 1_000;
 
-/// [`TIME_PASSES`] for the inputs that so many modules have been handed at one instant. Where
-/// messages take no time, two who answer each other would go on for ever.
+/// Checks [`TIME_PASSES`] for `inputs` handed to `modules` at one instant. Where messages take no time, two
+/// modules that answer each other would go on for ever.
 pub fn time_passes(inputs: u64, modules: usize) -> Result<(), String> {
     if inputs <= MOST_AT_ONCE * modules as u64 {
         return Ok(());
     }
     Err(format!(
-        "{modules} modules had {inputs} inputs at one instant; what they do takes no time and has no end"
+        "{modules} modules had {inputs} inputs at one instant; their exchange takes no time and has no end"
     ))
 }
 
 /// A count for each class of messages.
 pub type PerClass = [u64; Class::ALL.len()];
 
-/// [`MESSAGES_BALANCE`]: what was sent in each class has met one fate each, or is under way.
+/// Checks [`MESSAGES_BALANCE`]: every message sent has met exactly one fate, or is under way.
 pub fn messages_balance(tally: &Tally, under_way: &PerClass) -> Result<(), String> {
     let left = |class| tally[class].in_flight();
     match Class::ALL.into_iter().find(|class| left(*class) != under_way[class.index()] as i64) {
@@ -137,7 +137,7 @@ mod tests {
         let mut tally = Tally::default();
         tally[Class::Seed].sent = 3;
         tally[Class::Gradient].delivered = 2;
-        // All classes together add up, and neither does for itself.
+        // The sum over all classes is balanced, the classes are not.
         let under_way = |seed, gradient| {
             let mut of = [0; Class::ALL.len()];
             (of[Class::Seed.index()], of[Class::Gradient.index()]) = (seed, gradient);

@@ -1,5 +1,5 @@
-//! The bytes of a journal, read by themselves: version 4 of the format, and of its records those that tell
-//! of bodies.
+//! The bytes of a journal, read independently of the program: version 4 of the format, and of its records
+//! those about bodies.
 
 use super::Cell;
 
@@ -8,43 +8,43 @@ const HEADER: usize = 12;
 
 /// A record.
 pub struct Entry {
-    /// Its number, from 1.
+    /// The number, from 1.
     pub record: usize,
-    /// Nanoseconds of scenario time.
+    /// The time, in nanoseconds of scenario time.
     pub at: u64,
-    /// What happened.
+    /// The event.
     pub event: Event,
 }
 
-/// What happened to bodies.
+/// An event that concerns bodies.
 pub enum Event {
     /// A process starts.
     Start {
-        /// Whose.
+        /// The module.
         id: u32,
-        /// How many have been before.
+        /// The number of its earlier incarnations.
         life: u64,
-        /// Where the body is.
+        /// The place of the body.
         place: Vec<u8>,
     },
     /// A body is asked to act.
     Act {
-        /// Which.
+        /// The module.
         id: u32,
         /// The kind of action.
         kind: u8,
-        /// Which action of the kind.
+        /// The action of that kind.
         action: Vec<u8>,
-        /// Whether the body began it.
+        /// True if the body began it.
         begun: bool,
     },
-    /// Actions have ended: whose, and where the bodies are.
+    /// Actions have ended: the modules, and the places of their bodies.
     Advance(Vec<(u32, Vec<u8>)>),
     /// A cell is blocked, or free again.
     Obstacle {
-        /// Which.
+        /// The cell.
         cell: Cell,
-        /// Whether something is there.
+        /// True if an obstacle is there.
         there: bool,
     },
     /// Anything else.
@@ -55,14 +55,14 @@ pub enum Event {
 pub struct Journal {
     /// The family of its agents.
     pub family: String,
-    /// How many there are.
+    /// The number of modules.
     pub modules: u32,
-    /// Its records.
+    /// The records.
     pub entries: Vec<Entry>,
 }
 
 impl Journal {
-    /// Reads all bytes of a file.
+    /// Reads a journal from the bytes of a file.
     pub fn read(bytes: &[u8]) -> Result<Journal, String> {
         if bytes.len() < START || bytes[..START] != *b"MMJOURNL\x04\0" {
             return Err("this is no journal of version 4".into());
@@ -83,7 +83,7 @@ impl Journal {
     }
 }
 
-/// Takes a frame that follows the one with the check sum `sum`.
+/// Takes a frame that follows the one with the checksum `sum`.
 fn frame<'a>(rest: &mut &'a [u8], sum: &mut u32) -> Result<&'a [u8], String> {
     let number = |i: usize| -> Option<u32> { Some(u32::from_le_bytes(*rest.get(4 * i..)?.first_chunk()?)) };
     let (Some(length), Some(previous), Some(own)) = (number(0), number(1), number(2)) else {
@@ -100,7 +100,7 @@ fn frame<'a>(rest: &mut &'a [u8], sum: &mut u32) -> Result<&'a [u8], String> {
     Ok(content)
 }
 
-/// What is left of some bytes in the encoding of bincode 2: numbers of variable length, lists with their
+/// The rest of a sequence of bytes in the encoding of bincode 2: numbers of variable length, lists with their
 /// length in front, variants by their numbers.
 struct Bytes<'a>(&'a [u8]);
 
@@ -135,7 +135,7 @@ impl<'a> Bytes<'a> {
     fn text(&mut self) -> Option<String> {
         String::from_utf8(self.list()?.to_vec()).ok()
     }
-    /// A value in its wire form, and its kind.
+    /// Reads a value in its wire form: its kind and its bytes.
     fn blob(&mut self) -> Option<(u8, Vec<u8>)> {
         Some((self.byte()?, self.list()?.to_vec()))
     }
@@ -153,7 +153,7 @@ fn read_head(bytes: &mut Bytes<'_>) -> Option<(String, u32)> {
 
 fn read_record(bytes: &mut Bytes<'_>) -> Option<(u64, Event)> {
     let at = bytes.number()?;
-    // Records of agents tell nothing of bodies.
+    // Records of agents do not concern bodies.
     if bytes.number()? != 0 {
         return Some((at, Event::Other));
     }

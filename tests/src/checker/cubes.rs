@@ -1,4 +1,4 @@
-//! Cubes that slide over each other: the rules of the sliding-cube model, written down a second time.
+//! Cubes that slide over each other: a second implementation of the rules of the sliding-cube model.
 
 use super::{Bodies, Broken, Cell, Rule, demand, plus};
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,16 +10,16 @@ const DIRECTIONS: [Cell; 6] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0,
 struct Move {
     to: Cell,
     corner: Option<Cell>,
-    /// What it moves over.
+    /// The cubes that it moves over.
     supports: [u32; 2],
 }
 
-/// All cubes.
+/// The positions of all cubes.
 pub struct Cubes {
     cells: Vec<Option<Cell>>,
-    /// Who is in a cell.
+    /// The cube in each cell.
     at: BTreeMap<Cell, u32>,
-    /// Who is on the way into a cell, or through it.
+    /// The cube that moves into a cell, or through it.
     reserved: BTreeMap<Cell, u32>,
     moving: BTreeMap<u32, Move>,
 }
@@ -32,7 +32,7 @@ fn cell(place: &[u8]) -> Result<Cell, Broken> {
 }
 
 impl Cubes {
-    /// Cubes without places.
+    /// Creates cubes without places.
     pub fn new(count: usize) -> Cubes {
         let (at, reserved) = (BTreeMap::new(), BTreeMap::new());
         Cubes { cells: vec![None; count], at, reserved, moving: BTreeMap::new() }
@@ -43,7 +43,7 @@ impl Cubes {
         known.ok_or_else(|| (Rule::Follows, format!("module {id} has no place")))
     }
 
-    /// The cube in a cell, if it rests.
+    /// Returns the cube in a cell, if it rests.
     fn resting(&self, cell: Cell) -> Option<u32> {
         self.at.get(&cell).copied().filter(|id| !self.moving.contains_key(id))
     }

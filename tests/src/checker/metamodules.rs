@@ -1,12 +1,12 @@
-//! Metamodules of two Roombots that walk over a floor: integer kinematics of their own, and what the steps
-//! of joints sweep from the bytes of the motion database.
+//! Metamodules of two Roombots that walk over a floor: an independent integer kinematics, and the cells that
+//! steps of joints sweep from the bytes of the motion database.
 
 use super::{Bodies, Broken, Cell, Rule, demand, plus};
 use std::collections::BTreeSet;
 
 /// Angles in lattice steps, from the foot on.
 type Joints = [u8; 6];
-/// Values of each joint.
+/// The number of values of each joint.
 const VALUES: Joints = [3, 4, 3, 3, 4, 3];
 
 /// A rotation of the lattice, by rows.
@@ -27,7 +27,7 @@ fn turned(a: Rotation, by: Rotation, steps: u8) -> Rotation {
     (0..steps).fold(a, |a, _| times(a, by))
 }
 
-/// Where something is attached to the floor: the connector, and quarter turns.
+/// An attachment to the floor: the connector, and quarter turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Foot {
     x: i32,
@@ -46,9 +46,9 @@ impl Foot {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Pose {
     foot: Foot,
-    /// Whether it is the head that holds.
+    /// True if the head holds.
     head: bool,
-    /// Whether the other end holds as well.
+    /// True if the other end holds as well.
     both: bool,
     joints: Joints,
 }
@@ -57,12 +57,12 @@ struct Pose {
 struct Step {
     from: u16,
     joint: u8,
-    /// Whether it stays clear of the floor.
+    /// True if it stays clear of the floor.
     clear: bool,
     swept: Vec<Cell>,
 }
 
-/// What a kind of metamodule is made of, and where it walks.
+/// The geometry of a kind of metamodule and of its floor.
 pub struct Geometry {
     /// Quarter turns between the two Roombots.
     twist: u8,
@@ -73,7 +73,7 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// Takes from the bytes of a motion database what belongs to the kind of this name.
+    /// Reads the part of a motion database that belongs to the kind with this name.
     pub fn read(database: &[u8], kind: &str, floor: [(i16, i16); 2]) -> Option<Geometry> {
         let wanted = ["PAR", "SRS", "PER", "SRZ"].iter().position(|k| *k == kind)? as u8;
         let mut rest = database.strip_prefix(b"MMRBDB\x01\0")?.iter().copied();
@@ -116,8 +116,8 @@ impl Geometry {
         }
     }
 
-    /// The cells of a body in the frame of its foot, and the foot that its other end is, if that lies on
-    /// the floor.
+    /// Returns the cells of a body in the frame of its foot, and the foot that its other end is, if that lies
+    /// on the floor.
     fn chain(&self, joints: Joints) -> ([Cell; 4], Option<Foot>) {
         let (mut rotation, mut cell, mut cells) = (NONE, [0; 3], vec![[0; 3]]);
         for (joint, steps) in joints.into_iter().enumerate() {
@@ -145,7 +145,7 @@ impl Geometry {
         self.chain(pose.joints).0.map(|c| pose.foot.to_world(c)).to_vec()
     }
 
-    /// The connector that the free end lies on, and how it is turned there.
+    /// Returns the connector that the free end lies on, and its rotation there.
     fn landing(&self, pose: Pose) -> Option<Foot> {
         let by = self.chain(pose.joints).1?;
         let [x, y, _] = pose.foot.to_world([by.x, by.y, 0]);
@@ -172,7 +172,7 @@ fn word(byte: &mut impl FnMut() -> Option<u8>) -> Option<u16> {
     Some(u16::from_le_bytes([byte()?, byte()?]))
 }
 
-/// The joints of a code, in which the last joint counts least.
+/// Returns the joints of a code, in which the last joint is the least significant.
 fn joints(code: u16) -> Joints {
     let (mut rest, mut joints) = (code, [0; 6]);
     for (joint, values) in joints.iter_mut().zip(VALUES).rev() {
@@ -184,13 +184,13 @@ fn joints(code: u16) -> Joints {
 
 struct Body {
     pose: Pose,
-    /// What an action under way leads to.
+    /// The result of the action under way.
     to: Option<Pose>,
-    /// Where the body is, or may be while it acts.
+    /// The cells of the body, including those it may be in while it acts.
     taken: BTreeSet<Cell>,
 }
 
-/// All metamodules.
+/// The positions of all metamodules.
 pub struct Metamodules<'a> {
     geometry: &'a Geometry,
     bodies: Vec<Option<Body>>,
@@ -198,7 +198,7 @@ pub struct Metamodules<'a> {
 }
 
 impl<'a> Metamodules<'a> {
-    /// Metamodules without places.
+    /// Creates metamodules without places.
     pub fn new(count: usize, geometry: &'a Geometry) -> Metamodules<'a> {
         let bodies = std::iter::repeat_with(|| None).take(count).collect();
         Metamodules { geometry, bodies, obstacles: BTreeSet::new() }
@@ -209,7 +209,7 @@ impl<'a> Metamodules<'a> {
         known.ok_or_else(|| (Rule::Follows, format!("metamodule {id} has no place")))
     }
 
-    /// Whether no other body is in these cells or on its way through them.
+    /// Checks that no other body is in these cells or moves through them.
     fn check_free(&self, id: u32, cells: &BTreeSet<Cell>) -> Result<(), Broken> {
         for (other, body) in self.bodies.iter().enumerate() {
             let Some(body) = body.as_ref().filter(|_| other != id as usize) else { continue };
@@ -233,7 +233,7 @@ impl<'a> Metamodules<'a> {
         demand(above, Rule::Possible, || format!("{id} is below the floor: {pose:?}"))
     }
 
-    /// What an action leads to, and what it sweeps.
+    /// Returns the result of an action, and the cells that it sweeps.
     fn outcome(&self, id: u32, pose: Pose, kind: u8, action: &[u8]) -> Result<(Pose, Vec<Cell>), Broken> {
         let impossible = |why: &str| Err((Rule::Possible, format!("{id} in {pose:?} {why}")));
         match (kind, action) {

@@ -1,12 +1,12 @@
-//! An independent checker of journals: reconstructs from the bytes of a journal where every body was at
-//! every instant, and checks that it could be there.
+//! An independent checker of journals: reconstructs from the bytes of a journal the position of every body at
+//! every instant, and checks that it is possible.
 //!
-//! It shares nothing with the worlds, nor with the lattice and the kinematics of the protocol: `bytes`
-//! reads files and records by itself, `cubes` and `metamodules` have rules of their own. Only what a step
-//! of a metamodule's joint sweeps comes from the bytes of the motion database, because it takes minutes of
-//! geometry to work out; which postures there are is checked against integer kinematics of its own.
+//! It shares no code with the worlds, nor with the lattice and the kinematics of the protocol: `bytes` reads
+//! files and records, `cubes` and `metamodules` have rules of their own. Only the cells that a step of a
+//! metamodule's joint sweeps come from the bytes of the motion database, because their geometry takes minutes
+//! to compute; the postures are checked against an independent integer kinematics.
 //!
-//! Absent: what agents say and decide, and whether the goal was built.
+//! Not here: messages and decisions of agents, and whether the goal was built.
 
 mod bytes;
 mod cubes;
@@ -19,7 +19,7 @@ use std::fmt;
 use std::fs;
 use std::path::Path;
 
-/// What a body may not do.
+/// A rule about journals and bodies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rule {
     /// The file is a whole journal of this version.
@@ -30,28 +30,28 @@ pub enum Rule {
     Reserved,
     /// All cubes that rest are connected with each other.
     Connected,
-    /// A cube moves over cubes that are there, and at rest.
+    /// A cube moves over cubes that are present and at rest.
     Supported,
     /// A cube that another one moves over stays where it is.
     SupportStays,
     /// A metamodule holds on to a connector of the floor with at least one end.
     Attached,
-    /// A body can do what it does from where it is.
+    /// A body is able to do its action from its place.
     Possible,
-    /// An action begins where the last one has ended, and ends where it leads to or where it began.
+    /// An action begins where the last one has ended, and ends at its destination or where it began.
     Follows,
 }
 
-/// A rule that was broken.
+/// A violation of a rule.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Breach {
     /// The rule.
     pub rule: Rule,
     /// The number of the record, from 1; 0 is the file.
     pub record: usize,
-    /// When, in nanoseconds of scenario time.
+    /// The time, in nanoseconds of scenario time.
     pub at: u64,
-    /// What was seen.
+    /// The observation.
     pub what: String,
 }
 
@@ -62,16 +62,16 @@ impl fmt::Display for Breach {
     }
 }
 
-/// What a sound journal holds.
+/// The counts of a valid journal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Checked {
-    /// Bodies.
+    /// The number of bodies.
     pub bodies: usize,
-    /// Actions begun.
+    /// The number of actions begun.
     pub begun: u64,
-    /// Actions that ended elsewhere or in another posture.
+    /// The number of actions that ended at another place or in another posture.
     pub done: u64,
-    /// Actions that ended where they began.
+    /// The number of actions that ended where they began.
     pub failed: u64,
 }
 
@@ -82,7 +82,7 @@ fn plus(a: Cell, b: Cell) -> Cell {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// A rule that is broken, and how.
+/// A rule that was broken, and the observation.
 type Broken = (Rule, String);
 
 fn demand(holds: bool, rule: Rule, what: impl FnOnce() -> String) -> Result<(), Broken> {
@@ -91,19 +91,19 @@ fn demand(holds: bool, rule: Rule, what: impl FnOnce() -> String) -> Result<(), 
 
 /// The bodies of a run.
 trait Bodies {
-    /// A body stands here at first. Later lives begin where the body is.
+    /// Notes the initial place of a body. Later incarnations begin at the present place.
     fn place(&mut self, id: u32, place: &[u8]) -> Result<(), Broken>;
-    /// All bodies have their places.
+    /// Notes that all bodies have their places.
     fn settle(&mut self) -> Result<(), Broken>;
-    /// A body begins an action.
+    /// Notes that a body begins an action.
     fn begin(&mut self, id: u32, kind: u8, action: &[u8]) -> Result<(), Broken>;
-    /// The actions of these bodies end one after the other. Returns how many ended elsewhere.
+    /// Notes that the action of a body ends. Returns true if it has moved.
     fn end(&mut self, id: u32, place: &[u8]) -> Result<bool, Broken>;
-    /// Something foreign comes into a cell, or is taken away.
+    /// Notes that an obstacle comes into a cell, or is removed.
     fn obstacle(&mut self, cell: Cell, there: bool) -> Result<(), Broken>;
 }
 
-/// Checks a whole journal of one file. `geometry` is of metamodules only.
+/// Checks a whole journal of one file. `geometry` is for metamodules only.
 ///
 /// # Errors
 /// Returns the first rule that is broken.
@@ -121,7 +121,7 @@ pub fn check(journal: &Path, geometry: Option<&Geometry>) -> Result<Checked, Bre
 
 fn run(mut bodies: impl Bodies, journal: &Journal) -> Result<Checked, Breach> {
     let mut checked = Checked { bodies: journal.modules as usize, ..Checked::default() };
-    // Bodies are there before their processes, so the first lives come first.
+    // Bodies exist before their processes, so the first incarnations come first.
     for entry in &journal.entries {
         if let Event::Start { id, life: 0, place } = &entry.event {
             bodies.place(*id, place).map_err(|broken| entry.breach(broken))?;

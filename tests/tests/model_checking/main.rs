@@ -1,8 +1,8 @@
-//! Small swarms of cubes, checked exhaustively within stated bounds: the real agents in the real world,
-//! and every run with a given number of faults. What that covers and what not is said in `model.rs`.
+//! Small swarms of cubes, checked exhaustively within stated bounds: the real agents in the real world, and
+//! every run with a given number of faults. `model.rs` states what that covers.
 //!
 //! The quick tests take seconds; the larger ones are run with `cargo test -p metamorph-tests --test
-//! model_checking -- --ignored --nocapture`. Each prints how many states it has seen.
+//! model_checking -- --ignored --nocapture`. Each prints the number of states visited.
 
 mod model;
 
@@ -28,11 +28,11 @@ use stateright::{Checker, HasDiscoveries, Model};
 use std::hash::Hash;
 use std::sync::Arc;
 
-/// Times are in units of a twentieth of a move.
+/// The duration of a move in units of a twentieth of a move, which is the unit of all times here.
 const MOVE: Span = Span(20);
 const DELAY: Span = Span(4);
 
-/// So many metamodules on a small floor, and as many upright seeds in a row.
+/// Returns a model of `count` metamodules on a small floor, and as many upright seeds in a row.
 fn metamodules_of(count: u8, strategy: Strategy, budget: Budget) -> SwarmModel<MetamoduleWorld> {
     let seed = |i: u8| Seed { foot: (2, 1 + 2 * i16::from(i)), directions: [Face::Up; 3] };
     let levels: Vec<Vec<Seed>> = (0..count).map(|i| vec![seed(i)]).collect();
@@ -59,7 +59,8 @@ fn metamodules_of(count: u8, strategy: Strategy, budget: Budget) -> SwarmModel<M
     }
 }
 
-/// Cubes in these cells are to fill these; the first one is the seed.
+/// Returns a model of cubes in the start cells that are to fill the goal cells; the first of these is the
+/// seed.
 fn cubes(start: &[[i16; 3]], goal: &[[i16; 3]], budget: Budget) -> SwarmModel<CubeWorld> {
     let seed = Cell::from(goal[0]);
     let mut cells: Vec<Cell> = goal.iter().copied().map(Cell::from).collect();
@@ -86,7 +87,7 @@ fn cubes(start: &[[i16; 3]], goal: &[[i16; 3]], budget: Budget) -> SwarmModel<Cu
     }
 }
 
-/// What was found, as far as it matters here.
+/// The relevant results of an exploration.
 struct Found {
     complete: bool,
     unsafe_run: Option<String>,
@@ -94,8 +95,8 @@ struct Found {
     built: bool,
 }
 
-/// Explores breadth first, so that a run that is found is a shortest one; up to so many states.
-#[allow(clippy::print_stdout, reason = "the counts are what the test is asked for")]
+/// Explores breadth first, so that the run found is a shortest one; up to `most` states.
+#[allow(clippy::print_stdout, reason = "the counts are a result of the test")]
 fn explore<W>(name: &str, model: SwarmModel<W>, most: usize) -> Found
 where
     W: Audited + Clone + Hash + Send + Sync + 'static,
@@ -127,7 +128,7 @@ where
     found
 }
 
-/// Every run within the budget is safe, and builds the goal in time unless somebody crashed.
+/// Asserts that every run within the budget is safe, and builds the goal in time unless a module crashed.
 fn holds<W>(name: &str, model: SwarmModel<W>)
 where
     W: Audited + Clone + Hash + Send + Sync + 'static,
@@ -142,7 +143,7 @@ where
 }
 
 const PAIR: [[i16; 3]; 2] = [[0, 0, 0], [1, 0, 0]];
-/// Two on either side of the seed, for one cell above it.
+/// Two modules on either side of the seed, for one cell above it.
 const RIVALS: [[i16; 3]; 3] = [[0, 0, 0], [1, 0, 0], [-1, 0, 0]];
 const ROW: [[i16; 3]; 3] = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
 const PLATE: [[i16; 3]; 4] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]];
@@ -183,7 +184,7 @@ fn stopped_and_crashed_processes() {
     holds("rivals", cubes(&RIVALS, &TWO_HIGH, budget(|b| (b.crashed, b.restarted) = (1, 1))));
 }
 
-/// Metamodules and as many seeds, told by nobody but each other.
+/// Metamodules and as many seeds, without a controller.
 #[test]
 fn metamodules() {
     let negotiated = |count, budget| metamodules_of(count, Strategy::Negotiated, budget);
@@ -193,7 +194,7 @@ fn metamodules() {
     holds("three metamodules", negotiated(3, budget(|b| b.lost = 1)));
 }
 
-/// The thesis's strategies promise safety only; they may come to stand still.
+/// The thesis's strategies guarantee safety only; they may come to a standstill.
 #[test]
 fn the_force_field_is_safe() {
     for strategy in Strategy::PUBLISHED {
@@ -213,7 +214,7 @@ fn the_published_gradient_is_found_wrong() {
     holds("the same with the forest", cubes(&PLATE, &TOWER, budget(|b| b.crashed = 1)));
 }
 
-/// A stopped module that moves when the grants it rests on have ended.
+/// A stopped module moves after the grants that it relies on have ended.
 #[test]
 fn a_missing_deadline_is_found() {
     let model =

@@ -2,17 +2,17 @@
 //! allows, at every moment.
 //!
 //! *What is explored.* Time is exact and passes from event to event, as on the simulated link. A message
-//! takes [`Bounds::delay`], always. Whenever messages of several senders are due at one module, every
-//! order of them is tried. Besides, a run may depart from that as often as [`Budget`] says, and **every**
-//! run with so many departures is explored: any message may be lost, delivered twice, or late by any
-//! of [`Bounds::late`]; any module may crash, start again or stop for any of [`Bounds::pauses`], before
-//! and after every event. Late messages overtake and are overtaken. All invariants of the simulator
-//! are checked after every step, with its own audits.
+//! always takes [`Bounds::delay`]. Whenever messages of several senders are due at one module, every order of
+//! them is tried. In addition a run may deviate from that as often as [`Budget`] says, and **every** run with
+//! that number of deviations is explored: any message may be lost, delivered twice, or late by any of
+//! [`Bounds::late`]; any module may crash, restart or stop for any of [`Bounds::pauses`], before and after
+//! every event. Late messages overtake and are overtaken. All invariants of the simulator are checked after
+//! every step, with its own audits.
 //!
-//! *What is not.* More departures than the budget; other delays than those named; timers that ring late
-//! without a pause; what happens after the goal is built or after [`Bounds::horizon`]. What agents draw
-//! at random is what they draw for [`SwarmModel::seed`]. Two modules that act at one instant do so in the
-//! order of their numbers. There is no controller, so nobody is told of deaths or of later goals.
+//! *What is not.* More deviations than the budget; other delays than those named; timers that fire late
+//! without a pause; events after the goal is built or after [`Bounds::horizon`]. Agents draw their random
+//! numbers for [`SwarmModel::seed`] only. Two modules that act at one instant do so in the order of their
+//! numbers. There is no controller, so no module is told of deaths or of later goals.
 
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output};
 use metamorph_protocol::host::AgentHost;
@@ -25,35 +25,35 @@ use std::fmt;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
-/// How often a run may depart from one in which nothing goes wrong.
+/// The number of deviations of a run from one without faults.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Budget {
-    /// Messages lost.
+    /// The number of messages lost.
     pub lost: u8,
-    /// Messages delivered twice, the second time late.
+    /// The number of messages delivered twice, the second time late.
     pub doubled: u8,
-    /// Messages late.
+    /// The number of late messages.
     pub late: u8,
-    /// Processes stopped for a while.
+    /// The number of processes stopped for a while.
     pub paused: u8,
-    /// Processes killed.
+    /// The number of processes killed.
     pub crashed: u8,
-    /// Dead processes started again.
+    /// The number of dead processes restarted.
     pub restarted: u8,
 }
 
-/// What is explored, besides the budget.
+/// The bounds of an exploration.
 #[derive(Clone, Debug)]
 pub struct Bounds {
-    /// What a run starts with.
+    /// The budget of deviations at the start.
     pub budget: Budget,
-    /// How long a message takes.
+    /// The delay of a message.
     pub delay: Span,
-    /// By how much a message can be late.
+    /// The additional delays of late messages.
     pub late: Vec<Span>,
-    /// For how long a process can be stopped.
+    /// The durations of stops.
     pub pauses: Vec<Span>,
-    /// Where exploration ends, unless the goal is built before.
+    /// The end of the exploration, unless the goal is built before.
     pub horizon: Time,
 }
 
@@ -63,7 +63,7 @@ pub struct SwarmModel<W: Audited> {
     pub world: W,
     pub seed: u64,
     pub bounds: Bounds,
-    /// Whether an agent is done, and how many have to be.
+    /// Returns true if an agent has finished; [`SwarmModel::needed`] agents have to.
     pub done: fn(&W::Agent) -> bool,
     pub needed: usize,
 }
@@ -71,21 +71,21 @@ pub struct SwarmModel<W: Audited> {
 /// One step that the environment can choose.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// The next thing that nobody chooses: time passes, bodies arrive, timers ring.
+    /// The next event without a choice: time passes, bodies arrive, timers fire.
     Advance,
     /// A message that is due arrives.
     Deliver(usize),
-    /// It is lost.
+    /// The message is lost.
     Lose(usize),
-    /// It arrives, and once more later.
+    /// The message arrives, and once more later.
     Double(usize, Span),
-    /// It comes later instead.
+    /// The message comes later instead.
     Delay(usize, Span),
     /// A process stops until then.
     Pause(ModuleId, Time),
     /// A process is killed.
     Crash(ModuleId),
-    /// A dead process is started again, with an empty memory.
+    /// A dead process is restarted, with an empty memory.
     Restart(ModuleId),
 }
 
@@ -100,14 +100,14 @@ struct Parcel<M> {
     message: Arc<M>,
 }
 
-/// What reaches a stopped process.
+/// An input to a stopped process.
 #[derive(Clone, Debug)]
 enum Waiting<P, M> {
     Sensed(Sensed<P>),
     Message(Port, Session, Arc<M>),
 }
 
-/// A module's process. Agents are large and most steps change one, so states share them.
+/// The process of a module. Agents are large and most steps change one, so states share them.
 struct Process<A: Agent> {
     agent: Arc<AgentHost<A>>,
     alive: bool,
@@ -116,7 +116,7 @@ struct Process<A: Agent> {
     revision: Revision,
     paused: Option<Time>,
     waiting: Vec<Waiting<A::Percept, A::Message>>,
-    /// Of everything above.
+    /// The digest of all fields above.
     digest: u64,
 }
 
@@ -139,7 +139,7 @@ impl<A: Agent + Hash> Process<A> {
     fn seal(&mut self) {
         let mut hasher = DefaultHasher::new();
         if self.alive {
-            // All of it: what a digest leaves out decides when something happens.
+            // The whole state: fields that a digest leaves out decide when events happen.
             self.agent.agent().hash(&mut hasher);
         }
         (self.alive, self.incarnation, &self.contacts, self.revision, self.paused).hash(&mut hasher);
@@ -148,7 +148,7 @@ impl<A: Agent + Hash> Process<A> {
     }
 }
 
-/// A moment of a run.
+/// A state of a run.
 pub struct Moment<W: Audited> {
     now: Time,
     world: Arc<W>,
@@ -269,8 +269,8 @@ where
         AgentHost::new(&self.setup, Birth { id, incarnation, place, seed: self.seed }, now)
     }
 
-    /// Messages that are due at the first module that has any: those of one sender in their order.
-    /// What others do at the same instant does not depend on it.
+    /// Returns the messages that are due at the first module that has any: those of one sender in their
+    /// order. Events of other modules at the same instant do not depend on them.
     fn due(&self, moment: &Moment<W>) -> Vec<usize> {
         let mut due: Vec<usize> = Vec::new();
         let is_due = |i: &usize| moment.under_way[*i].due <= moment.now;
@@ -326,7 +326,7 @@ where
         steps
     }
 
-    /// Goes on as long as there is nothing to choose.
+    /// Advances as long as there is no choice.
     fn hurry(&self, mut moment: Moment<W>) -> Moment<W> {
         while let [only] = &self.choices(&moment)[..] {
             moment = self.take(&moment, only);
@@ -383,7 +383,7 @@ where
         next
     }
 
-    /// Passes on to the next event.
+    /// Advances to the next event.
     fn advance(&self, moment: &mut Moment<W>) {
         let running =
             |p: &Process<W::Agent>| if p.alive { p.paused.unwrap_or(p.agent.wake_at()) } else { Time::NEVER };
@@ -491,14 +491,14 @@ where
         self.settle(moment);
     }
 
-    /// Carries to agents what their bodies sensed.
+    /// Hands agents what their bodies sensed.
     fn settle(&self, moment: &mut Moment<W>) {
         while let Some((id, sensed)) = Arc::make_mut(&mut moment.world).poll() {
             self.sense(moment, id, sensed);
         }
     }
 
-    /// Judges a moment that is complete.
+    /// Checks the properties of a complete state.
     fn conclude(&self, moment: &mut Moment<W>) {
         let mut found = Arc::make_mut(&mut moment.world).take_violations();
         Arc::make_mut(&mut moment.world).audit_all(moment.now, &Agents::of(&moment.processes), &mut found);
@@ -509,18 +509,18 @@ where
     }
 }
 
-/// Adds a message where it belongs: by time, then in the order of sending.
+/// Inserts a message in its order: by time, then in the order of sending.
 fn post<M>(under_way: &mut Vec<Parcel<M>>, parcel: Parcel<M>) {
     let at = under_way.partition_point(|p| p.due <= parcel.due);
     under_way.insert(at, parcel);
 }
 
-/// No invariant is broken.
+/// The name of the property that no invariant is broken.
 pub const SAFE: &str = "safe";
-/// The goal can be built.
+/// The name of the property that the goal can be built.
 pub const BUILT: &str = "built";
-/// Whatever the budget was spent on, the goal is built by the horizon. Not expected after a crash, which may
-/// take the last module there is for a cell.
+/// The name of the property that the goal is built by the horizon under all deviations. Not expected after a
+/// crash, which may take the last module for a cell.
 pub const BUILT_IN_TIME: &str = "built in time";
 
 impl<W> Model for SwarmModel<W>

@@ -69,7 +69,7 @@ fn table(draft: Draft, database: &Database) -> Table {
     table
 }
 
-/// The shape of a chain of cells; two cells are straight.
+/// Returns the shape of a chain of cells; two cells are straight.
 pub(super) fn shape_of(cells: &[Cell]) -> Shape {
     let direction = |i: usize| cells[i].face_to(cells[i + 1]);
     match cells.len() {
@@ -91,7 +91,7 @@ impl Table {
         }
     }
 
-    /// Steps away by strict steps from the nearest of `starts`; `u8::MAX` where there is no way.
+    /// Returns the number of strict steps from the nearest of `starts`; `u8::MAX` where there is no path.
     fn distances(&self, starts: &[u16]) -> Vec<u8> {
         let mut distance = vec![NOT_CONNECTED; self.postures.len()];
         let mut queue: VecDeque<u16> = starts.iter().copied().collect();

@@ -1,4 +1,4 @@
-//! The bytes of the database: little-endian, versioned, with a checksum, checked when read.
+//! The bytes of the database: little-endian, versioned, with a checksum, validated on reading.
 //!
 //! ```text
 //! "MMRBDB"  u16 version  u16 cells  cells × 3 i8
@@ -9,7 +9,7 @@
 //! u32 CRC-32 of all before
 //! ```
 //!
-//! What follows from the joint values (cells, shapes, landings) is not stored but computed.
+//! Data that follows from the joint values (cells, shapes, landings) is not stored but computed.
 
 use super::build::shape_of;
 use super::{CellChain, CellSet, Database, Landing, PostureEntry, Step, Table};
@@ -21,14 +21,14 @@ use crate::roombots::sweep::FloorContact;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// Raised with every change of the bytes, be it of the format or of what the generator finds.
+/// The version of the bytes, raised with every change of the format or of the generator's results.
 pub const VERSION: u16 = 1;
 const MAGIC: &[u8; 6] = b"MMRBDB";
 
 /// Why bytes are not a database.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DatabaseError {
-    /// Something else.
+    /// The bytes are not a motion database.
     #[error("this is not a motion database")]
     NotADatabase,
     /// Written by another version of the generator.
@@ -42,18 +42,18 @@ pub enum DatabaseError {
     /// Cut off or changed.
     #[error("the motion database is damaged (its checksum is wrong); build it anew")]
     Checksum,
-    /// The checksum is right, but the content cannot be.
+    /// The checksum is right, but the content is impossible.
     #[error("the motion database is damaged at byte {at}: {what}; build it anew")]
     Content {
-        /// Where.
+        /// The position in bytes.
         at: usize,
-        /// What is wrong.
+        /// The defect.
         what: &'static str,
     },
 }
 
 impl Database {
-    /// The bytes, the same on every machine.
+    /// Returns the bytes, the same on every machine.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = Vec::with_capacity(1 << 19);
         out.extend(MAGIC);
@@ -86,7 +86,10 @@ impl Database {
         out
     }
 
-    /// Reads what [`Database::to_bytes`] wrote; refuses everything else.
+    /// Reads the bytes of [`Database::to_bytes`].
+    ///
+    /// # Errors
+    /// Refuses all other bytes, with the position of the first defect.
     pub fn from_bytes(bytes: &[u8]) -> Result<Database, DatabaseError> {
         let rest = bytes.strip_prefix(MAGIC).ok_or(DatabaseError::NotADatabase)?;
         let found = rest.first_chunk().map(|b| u16::from_le_bytes(*b)).ok_or(DatabaseError::NotADatabase)?;
@@ -213,7 +216,7 @@ impl Reader<'_> {
     }
 }
 
-/// A table of these postures with the chains and landings that follow from them.
+/// Creates a table of these postures with the chains and landings that follow from them.
 pub(super) fn with_places(kind: Kind, mut postures: Vec<PostureEntry>) -> Table {
     let mut chains: BTreeMap<Vec<Cell>, Vec<u16>> = BTreeMap::new();
     let mut landings: BTreeMap<GridState, Vec<u16>> = BTreeMap::new();

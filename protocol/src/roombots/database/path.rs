@@ -1,51 +1,51 @@
-//! Shortest ways through the database.
+//! Shortest paths through the database.
 
 use super::{CellSet, Table};
 use crate::roombots::shape::Shape;
 use crate::roombots::sweep::FloorContact;
 use std::collections::VecDeque;
 
-/// Which way a step of the database is done.
+/// The direction in which a step of the database is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// As stored: the joint turns by +120° or +90°.
     Forward,
-    /// The other way.
+    /// Reversed.
     Backward,
 }
 
-/// A way through the database and all it sweeps.
+/// A path through the database and all cells that it sweeps.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Transition {
-    /// The postures on the way, the first and the last included.
+    /// The postures of the path, including the first and the last.
     pub postures: Vec<u16>,
-    /// The steps: places in [`Table::steps`] and which way they are done.
+    /// The steps: indices into [`Table::steps`], and their directions.
     pub steps: Vec<(u16, Direction)>,
     /// All cells that must be free.
     pub core: CellSet,
-    /// The cells besides those that must be free in the strict model.
+    /// The further cells that must be free in the strict model.
     pub graze: CellSet,
 }
 
-/// Every posture that can be got to from one posture, and how.
+/// The postures that are reachable from one posture, and the steps to them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reach {
-    /// By which step each posture was first come to: the posture before and the step.
+    /// The step by which each posture was first reached: the posture before and the step.
     came_by: Vec<Option<(u16, u16)>>,
-    /// All postures that can be got to, the first one included, nearest first.
+    /// All reachable postures, including the first, nearest first.
     order: Vec<(u16, u8)>,
 }
 
 impl Reach {
-    /// The postures that can be got to with the number of steps, nearest first; those equally near in
-    /// the order of the steps.
+    /// Iterates over the reachable postures with the number of steps, nearest first; equally near ones in the
+    /// order of the steps.
     pub fn postures(&self) -> impl Iterator<Item = (u16, u8)> + '_ {
         self.order.iter().copied()
     }
 }
 
 impl Table {
-    /// Everything that strict steps lead to from a posture without sweeping a cell of `blocked`.
+    /// Finds all postures that strict steps lead to without sweeping a cell of `blocked`.
     pub fn reach(&self, from: u16, blocked: &CellSet) -> Reach {
         let mut reach = Reach { came_by: vec![None; self.postures.len()], order: Vec::new() };
         if usize::from(from) >= self.postures.len() {
@@ -70,16 +70,16 @@ impl Table {
         reach
     }
 
-    /// The way to a posture of a [`Reach`] that began at `from`; none if it is not in it.
+    /// Returns the path to a posture of a [`Reach`] that began at `from`; `None` if it is not in it.
     pub fn way_within(&self, reach: &Reach, from: u16, to: u16) -> Option<Transition> {
         let known = from == to || reach.came_by.get(usize::from(to)).copied().flatten().is_some();
         known.then(|| self.trace(from, to, &reach.came_by))
     }
 
-    /// The shortest way by strict steps from a posture to the nearest one that `goal` accepts,
-    /// through steps that sweep no cell of `blocked`, core or graze. None if there is no way.
+    /// Finds the shortest path by strict steps from a posture to the nearest one that `goal` accepts, through
+    /// steps that sweep no cell of `blocked`, core or graze. `None` if there is no path.
     ///
-    /// Among ways of the same length the one that comes first in the order of the steps is taken.
+    /// Among paths of the same length the first in the order of the steps is taken.
     pub fn shortest_way(
         &self,
         from: u16,
@@ -110,7 +110,7 @@ impl Table {
         None
     }
 
-    /// The shortest way to a posture of a shape.
+    /// Finds the shortest path to a posture of a shape.
     pub fn way_to_shape(&self, from: u16, shape: Shape) -> Option<Transition> {
         let is = |p: u16| self.chains[usize::from(self.postures[usize::from(p)].chain)].shape == shape;
         self.shortest_way(from, &CellSet::default(), is)

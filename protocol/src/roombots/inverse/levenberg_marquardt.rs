@@ -8,10 +8,10 @@ use crate::roombots::chain::{Chain, Pose, random_angle, wrapped};
 use nalgebra::{Matrix3x6, Matrix6, Vector3, Vector6};
 use std::f64::consts::PI;
 
-/// When to stop.
+/// The conditions to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Steps tried at most, accepted or not.
+    /// The largest number of steps tried, accepted or not.
     pub iterations: u32,
     /// Residual at which the target counts as reached, in cells and radians.
     pub tolerance: f64,
@@ -25,17 +25,17 @@ impl Default for Options {
     }
 }
 
-/// Where the search ended.
+/// The end of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// The best angles found, brought into (−π, π].
     pub q: Vec<f64>,
-    /// What is left between the head and the target.
+    /// The distance between the head and the target.
     pub residual: f64,
-    /// Steps tried.
+    /// The number of steps tried.
     pub iterations: u32,
-    /// Whether the residual is within the tolerance. If not, this start does not lead to the
-    /// target; the target may be out of reach or another start may do.
+    /// True if the residual is within the tolerance. If not, this start does not lead to the target; the
+    /// target may be out of reach, or another start may lead to it.
     pub reached: bool,
 }
 
@@ -52,7 +52,7 @@ pub fn solve(chain: &Chain, target: &Pose, start: &[f64], options: &Options) -> 
     while iterations < options.iterations && residual > options.tolerance {
         iterations += 1;
         let Some(step) = damped_step(&columns, &error, damping) else { break };
-        // More than a quarter turn at once is beyond what the linear model says anything about.
+        // Beyond a quarter turn the linear model is meaningless.
         let largest = step.iter().fold(0.0f64, |m, s| m.max(s.abs()));
         let shorten = if largest > PI / 2.0 { PI / 2.0 / largest } else { 1.0 };
         let next: Vec<f64> = q.iter().zip(&step).map(|(a, s)| a + s * shorten).collect();
@@ -73,10 +73,10 @@ pub fn solve(chain: &Chain, target: &Pose, start: &[f64], options: &Options) -> 
     Outcome { q: q.into_iter().map(wrapped).collect(), residual, iterations, reached }
 }
 
-/// Damped least squares with constant damping and full steps, from four points of the head (its
-/// origin and points half a cell along its axes) to where they should be: 50 steps, damping 0.01.
-/// This is the plain form in which dynamics libraries offer it, such as the one that thesis 5.1.3
-/// names. It reaches fewer targets than [`solve`] and is here for comparisons with the thesis.
+/// Applies damped least squares with constant damping and full steps, from four points of the head (its
+/// origin and points half a cell along its axes) to their targets: 50 steps, damping 0.01. This is the plain
+/// form in dynamics libraries, such as the one that thesis 5.1.3 names. It reaches fewer targets than
+/// [`solve`] and is here for comparisons with the thesis.
 pub fn solve_plainly(chain: &Chain, target: &Pose, start: &[f64]) -> Outcome {
     const STEPS: u32 = 50;
     const DAMPING: f64 = 0.01;
@@ -112,7 +112,7 @@ pub fn solve_plainly(chain: &Chain, target: &Pose, start: &[f64]) -> Outcome {
     Outcome { q: q.into_iter().map(wrapped).collect(), residual, iterations, reached: residual <= REACHED }
 }
 
-/// (Cᵀ W C + λ)⁻¹ Cᵀ p as Cᵀ (λ + W C Cᵀ)⁻¹ p.
+/// Returns (Cᵀ W C + λ)⁻¹ Cᵀ p as Cᵀ (λ + W C Cᵀ)⁻¹ p.
 fn weighted_step(
     columns: &[Vector6<f64>],
     weight: &Matrix6<f64>,
@@ -124,7 +124,7 @@ fn weighted_step(
     Some(columns.iter().map(|c| c.dot(&solved)).collect())
 }
 
-/// Tries random starts, all drawn from `stream`, until one leads to the target; the best outcome
+/// Tries random starts, all drawn from `stream`, until one leads to the target; returns the best outcome
 /// otherwise.
 pub fn solve_from_random_starts(
     chain: &Chain,

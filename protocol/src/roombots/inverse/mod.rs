@@ -14,19 +14,19 @@ use super::{Kind, KinematicsError};
 use nalgebra::{Matrix6, Vector6};
 use thiserror::Error;
 
-/// Joint angles in radians, brought into (−π, π], that put the head where it was asked for.
+/// Joint angles in radians, brought into (−π, π], that put the head at the target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// The angles from the foot on.
     pub q: Vec<f64>,
-    /// What is left between the head and the target: length of the vector of cells and radians.
+    /// The distance between the head and the target: length of the vector of cells and radians.
     pub residual: f64,
 }
 
 /// Why there are no joint angles for a pose.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum InverseError {
-    /// The question itself is wrong.
+    /// The question itself is invalid.
     #[error(transparent)]
     Question(#[from] KinematicsError),
     /// Too far away for any posture.
@@ -42,24 +42,27 @@ pub enum InverseError {
     /// Near enough, but no posture has this position and orientation.
     #[error("out of reach: no posture of {kind} has its head at this position with this orientation")]
     Unreachable {
-        /// What was asked.
+        /// The kind of robot.
         kind: Kind,
     },
 }
 
-/// Residual below which a candidate is a solution, in cells and radians.
+/// Residual, in cells and radians, below which a candidate is a solution.
 pub const ACCEPTED: f64 = 1e-9;
-/// Where a curve of postures solves the question, no more of its points than this are kept.
+/// The largest number of points kept of a curve of postures that solves the question.
 const MOST: usize = 200;
-/// Solutions closer than this in every joint are one.
+/// Difference in radians, in every joint, below which two solutions are the same.
 const SAME: f64 = 1e-6;
-/// How far a matrix may be from a rotation in a question.
+/// The largest deviation of a matrix from a rotation in a question.
 const RIGID: f64 = 1e-6;
 
-/// All postures of a module or metamodule that put the head at `target`.
+/// Finds all postures of a module or metamodule that put the head at `target`.
 ///
-/// Where a whole curve of postures does, which happens on the lattice, some of its points are
-/// returned, among them every lattice posture.
+/// Where a whole curve of postures does, which happens on the lattice, some of its points are returned, among
+/// them every lattice posture.
+///
+/// # Errors
+/// Refuses a pose that is not rigid, and one that no posture reaches.
 pub fn solve(kind: Kind, target: &Pose) -> Result<Vec<Solution>, InverseError> {
     target.checked(RIGID)?;
     let last = target.origin + target.rotation.column(2) * super::HALF_EDGE;
@@ -70,7 +73,7 @@ pub fn solve(kind: Kind, target: &Pose) -> Result<Vec<Solution>, InverseError> {
         return Err(InverseError::TooFar { distance, limit });
     }
     let mut found = Found::new(kind, target);
-    // First, so that the exact angles stand for those found near them.
+    // First, so that the exact angles replace those found near them.
     found.offer_lattice();
     if kind == Kind::Single {
         single::candidates(target, &mut |q| found.offer(q));
@@ -118,7 +121,7 @@ impl<'a> Found<'a> {
         }
     }
 
-    /// On the lattice most postures are singular, so the lattice solutions are looked up.
+    /// Offers the lattice solutions, which are looked up: most postures on the lattice are singular.
     fn offer_lattice(&mut self) {
         const ON_LATTICE: f64 = 1e-7;
         let twice = self.target.origin * 2.0;
@@ -139,7 +142,7 @@ impl<'a> Found<'a> {
     }
 }
 
-/// Newton's method from a candidate, damped so little that it matters at singular postures only.
+/// Improves a candidate by Newton's method, damped so little that it matters at singular postures only.
 fn polished(chain: &Chain, target: &Pose, mut q: Vec<f64>) -> Option<Solution> {
     const DAMPING: f64 = 1e-13;
     const GOOD: f64 = 1e-13;
@@ -164,7 +167,7 @@ fn polished(chain: &Chain, target: &Pose, mut q: Vec<f64>) -> Option<Solution> {
     best.filter(|b| b.residual <= ACCEPTED)
 }
 
-/// The joint step Jᵀ (J Jᵀ + λ)⁻¹ e of damped least squares; entries beyond the joints are zero.
+/// Returns the joint step Jᵀ (J Jᵀ + λ)⁻¹ e of damped least squares; entries beyond the joints are zero.
 fn damped_step(columns: &[Vector6<f64>], error: &Vector6<f64>, damping: f64) -> Option<Vec<f64>> {
     let mut gram = Matrix6::identity() * damping;
     for c in columns {

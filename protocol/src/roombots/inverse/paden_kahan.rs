@@ -28,8 +28,8 @@ use crate::roombots::chain::{Pose, diagonal, flip, rotation};
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::{PI, TAU};
 
-/// Sub-problem 1: the angle that turns `from` into `to` about the unit axis through the origin.
-/// Zero if one of them lies on the axis.
+/// Solves sub-problem 1: the angle that turns `from` into `to` about the unit axis through the origin. Zero
+/// if one of them lies on the axis.
 pub fn turn_about(axis: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
     let u = from - axis * axis.dot(from);
     let w = to - axis * axis.dot(to);
@@ -38,17 +38,17 @@ pub fn turn_about(axis: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -
 
 /// Cosine of the angle between a diagonal axis and its neighbours in the chain.
 const CONE: f64 = 0.577_350_269_189_625_8;
-/// Samples per half turn of u.
+/// Number of samples per half turn of u.
 const SAMPLES: usize = 64;
-/// Samples are added until the normal of the first bend turns less than this between two.
+/// The largest angle in radians that the normal of the first bend turns by between two samples.
 const MAX_TURN: f64 = 0.25;
-/// How often a span of u is halved for that.
+/// The largest number of times that a span of u is halved for that.
 const MAX_DEPTH: u32 = 14;
-/// No curve gets more samples than this; only degenerate targets would.
+/// The largest number of samples of a curve; only degenerate targets would need more.
 const MAX_SAMPLES: usize = 4096;
-/// Below this the bend is too slight for its normal to mean anything.
+/// Length of the bend below which its normal is not significant.
 const NO_BEND: f64 = 1e-9;
-/// Below this f counts as zero at a sample: the target has a whole curve of postures.
+/// Value of f at a sample that counts as zero: the target has a whole curve of postures.
 const ZERO: f64 = 1e-13;
 
 /// Which of the two c2 and which of the two axes 3.
@@ -85,7 +85,7 @@ impl Wave {
     fn slope(self, (s, c): (f64, f64)) -> f64 {
         self.2 * c - self.1 * s
     }
-    /// Where it is zero.
+    /// Returns where it is zero.
     fn zeros(self) -> Vec<f64> {
         let amplitude = self.1.hypot(self.2);
         let middle = self.2.atan2(self.1);
@@ -151,7 +151,7 @@ impl Problem {
         Problem { kind, last, across, beside, v0, vc, vs, h, alpha, beta, gamma }
     }
 
-    /// Positive where there are two choices of c2.
+    /// Returns a value that is positive where there are two choices of c2.
     fn c2_margin(&self, t: f64) -> f64 {
         let sc = t.sin_cos();
         self.beta.at(sc).powi(2) + self.gamma.at(sc).powi(2) - self.alpha.at(sc).powi(2)
@@ -161,7 +161,8 @@ impl Problem {
         let d = |w: Wave| 2.0 * w.at(sc) * w.slope(sc);
         d(self.beta) + d(self.gamma) - d(self.alpha)
     }
-    /// Positive where there are two choices of axis 3: bends of up to 109.47° are possible.
+    /// Returns a value that is positive where there are two choices of axis 3: bends of up to 109.47° are
+    /// possible.
     fn axis_margin(&self, t: f64) -> f64 {
         self.h.at(t.sin_cos()) - 2.0 / 3.0
     }
@@ -200,15 +201,15 @@ impl Problem {
         Point { d1, d2, d3, normal, axis3, f }
     }
 
-    /// The ranges of θ6 in which c2 and axis 3 exist, and the angles at which a range may be a
-    /// single point.
+    /// Returns the ranges of θ6 in which c2 and axis 3 exist, and the angles at which a range may be a single
+    /// point.
     fn ranges(&self) -> (Vec<Range>, Vec<f64>) {
         // Between the zeros of its slope the margin is monotonic.
         const COARSE: usize = 96;
         let step = TAU / COARSE as f64;
         let slope = |t: f64| self.c2_margin_slope(t);
         let mut turning = Vec::new();
-        // Off the angles at which symmetric targets turn, where rounding would decide the sign.
+        // Avoids the angles at which symmetric targets turn, where rounding would decide the sign.
         let angles: Vec<f64> = (0..COARSE).map(|i| 0.012_345 + i as f64 * step).collect();
         let falling: Vec<bool> = angles.iter().map(|t| slope(*t) < 0.0).collect();
         for (i, a) in angles.iter().enumerate() {
@@ -247,7 +248,7 @@ impl Problem {
         (ranges, touching)
     }
 
-    /// Joint angles of a point: θ1..θ5 each by sub-problem 1.
+    /// Returns the joint angles of a point: θ1..θ5 each by sub-problem 1.
     fn joints(&self, t: f64, p: &Point) -> Vec<f64> {
         let (w, z) = (diagonal(), Vector3::z());
         let q1 = turn_about(&w, &z, &p.d1);
@@ -397,7 +398,7 @@ fn roots_of(problem: &Problem, curve: &Curve, offer: &mut impl FnMut(Vec<f64>)) 
 /// Adds samples before `next` until the bend normal turns little between two.
 fn refine(samples: &mut Vec<Sample>, next: Sample, sample: &impl Fn(f64) -> Sample, depth: u32) {
     let last = samples.last().expect("the first sample is there from the start");
-    // Axis 3 is what matters: it changes side where the choices of axis 3 merge.
+    // Only axis 3 matters: it changes side where the choices of axis 3 merge.
     let turn = (last.normal * last.axis).dot(&(next.normal * next.axis));
     let merged = last.axis != next.axis;
     let unknown = last.normal == Vector3::zeros() || next.normal == Vector3::zeros();
@@ -411,9 +412,9 @@ fn refine(samples: &mut Vec<Sample>, next: Sample, sample: &impl Fn(f64) -> Samp
     }
 }
 
-/// A straight first section, d1 = d2: axis 3 may stand anywhere around it.
+/// Solves a straight first section, d1 = d2: axis 3 may stand anywhere around it.
 fn straight(problem: &Problem, offer: &mut impl FnMut(Vec<f64>)) {
-    // |v| = 2, which is the most there is: a zero or a touching maximum.
+    // |v| = 2, the largest value: a zero or a touching maximum.
     let wave = Wave(problem.h.0 - 2.0, problem.h.1, problem.h.2);
     let mut angles = wave.zeros();
     let amplitude = wave.1.hypot(wave.2);
@@ -440,7 +441,7 @@ fn straight(problem: &Problem, offer: &mut impl FnMut(Vec<f64>)) {
         let wave = Wave(mean, (f0 - f2) / 2.0, f1 - mean);
         let amplitude = wave.1.hypot(wave.2);
         let psis = if amplitude < 1e-9 && wave.0.abs() < 1e-9 {
-            // The next section is straight as well and everything turns freely.
+            // The next section is straight as well and all joints turn freely.
             (0..24).map(|i| f64::from(i) * PI / 12.0).collect()
         } else if wave.0.abs() > amplitude && wave.0.abs() < amplitude * (1.0 + 1e-9) {
             vec![(-wave.0 * wave.2).atan2(-wave.0 * wave.1)]
@@ -462,7 +463,7 @@ fn bisect(mut a: f64, mut b: f64, f: impl Fn(f64) -> f64) -> f64 {
     (a + b) / 2.0
 }
 
-/// A root between two values of different sign (Illinois variant of the false position).
+/// Finds a root between two values of different sign (Illinois variant of the false position).
 fn regula_falsi(mut a: (f64, f64), mut b: (f64, f64), f: impl Fn(f64) -> f64) -> f64 {
     for _ in 0..60 {
         if a.1 == b.1 || (b.0 - a.0).abs() < 1e-14 {
@@ -483,7 +484,7 @@ fn regula_falsi(mut a: (f64, f64), mut b: (f64, f64), f: impl Fn(f64) -> f64) ->
     b.0
 }
 
-/// A minimum between `a` and `b` by golden section; stops as soon as it is below zero.
+/// Finds a minimum between `a` and `b` by golden section; stops as soon as it is below zero.
 fn minimum(mut a: f64, mut b: f64, f: impl Fn(f64) -> f64) -> (f64, f64) {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let (mut x, mut y) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));

@@ -1,10 +1,11 @@
-//! The single module: three angles cannot reach every pose, but when they do it is in closed form.
+//! The single module: three angles cannot reach every pose; the solution of a reachable one is in closed
+//! form.
 
 use crate::roombots::HALF_EDGE;
 use crate::roombots::chain::{Pose, diagonal, flip, rotation};
 use nalgebra::Vector3;
 
-/// Offers every candidate; whether it reaches the whole pose is for the caller to check.
+/// Offers every candidate; the caller checks whether it reaches the whole pose.
 pub(super) fn candidates(target: &Pose, offer: &mut impl FnMut(Vec<f64>)) {
     let w = diagonal();
     let last = target.rotation * flip();

@@ -1,13 +1,13 @@
-//! Safety of a body of cubes, checked at every move: what rests is connected, what moves has a support
-//! that rests where it starts and where it lands, and no two modules are in one cell.
+//! Safety of a body of cubes, checked at every move: resting modules are connected, every mover has a resting
+//! support at its start and its destination, and no two modules are in one cell.
 //!
-//! A check looks at what the move changes and no more. If all was well before, then
+//! A check looks only at what the move changes. If the body was safe before, then
 //! - a module that starts can only cut its own neighbours off from each other, and can only take a support
 //!   from movers beside its cell;
-//! - a module that comes to rest is connected by its support, and takes no support from anybody.
+//! - a module that comes to rest is connected by its support, and takes no support from any module.
 //!
 //! So the incremental checks find a violation if and only if the check of the whole body would
-//! (`the_incremental_checks_find_what_the_whole_one_finds`). Absent: whether a move is possible at all.
+//! (`the_incremental_checks_agree_with_the_whole_one`). Not here: whether a move is possible at all.
 
 use super::{CubeWorld, Occupant};
 use crate::cube::invariants::{BODY_CONNECTED, MOVER_SUPPORTED};
@@ -36,7 +36,7 @@ impl CubeWorld {
         }
     }
 
-    /// Checks that a mover still has the cells to itself that its move needs, before they are given back.
+    /// Checks that a mover is still alone in the cells that its move needs, before they are released.
     pub(super) fn check_path(&mut self, now: Time, id: ModuleId, from: Cell, motion: Motion) {
         let path = [Some(motion.destination(from)), motion.corner(from)].into_iter().flatten();
         let needed = path.map(|cell| (cell, Occupant::Path(id))).chain([(from, Occupant::Body(id))]);
@@ -47,8 +47,8 @@ impl CubeWorld {
         }
     }
 
-    /// Checks a module that has come to rest, where it meant to or where it came from: the support on this
-    /// face is what connects it.
+    /// Checks a module that has come to rest, at its destination or its start: the support on this face
+    /// connects it.
     pub(super) fn check_arrival(&mut self, now: Time, id: ModuleId, support: Face) {
         let cell = self.bodies[id.index()].cell;
         if self.resting(cell.step(support)).is_none() {
@@ -56,7 +56,7 @@ impl CubeWorld {
         }
     }
 
-    /// Whether a module rests, or moves over modules that rest.
+    /// Returns true if a module rests, or moves over modules that rest.
     fn is_supported(&self, id: ModuleId) -> bool {
         let body = &self.bodies[id.index()];
         body.under_way.is_none_or(|under_way| {
@@ -66,8 +66,8 @@ impl CubeWorld {
         })
     }
 
-    /// The module beside a cell, on this face of it, that moves and has its support in the cell: its first,
-    /// if its body is there, or the one to land on, if it is on its way there.
+    /// Returns the module beside a cell, on this face of it, that moves and has its support in the cell: the
+    /// first support if the body is there, the landing support if it is under way there.
     fn supported_by(&self, cell: Cell, face: Face) -> Option<ModuleId> {
         let beside = cell.step(face);
         let (mover, lands) = match self.grid.get(beside)? {
@@ -82,9 +82,9 @@ impl CubeWorld {
         (is_there && support == face.opposite()).then_some(mover)
     }
 
-    /// Whether the resting neighbours of a cell are connected with each other over resting modules.
-    /// Searches from all of them in turn and stops when they have met, so that a small local loop
-    /// costs little in a large body.
+    /// Returns true if the resting neighbours of a cell are connected with each other over resting modules.
+    /// Searches from all of them in turn and stops when they have met, so that a small local loop costs
+    /// little in a large body.
     pub(super) fn neighbours_connected(&mut self, cell: Cell) -> bool {
         let starts: Vec<ModuleId> = cell.neighbours().into_iter().filter_map(|c| self.resting(c)).collect();
         if starts.len() < 2 {
@@ -100,7 +100,7 @@ impl CubeWorld {
         loop {
             for i in 0..fronts.len() {
                 let Some(at) = fronts[i].pop_front() else {
-                    // All of this part is seen. If others share the name of the part they go on.
+                    // All modules of this part are seen. If others share the name of the part they go on.
                     let alone =
                         !(0..fronts.len()).any(|j| j != i && part[j] == part[i] && !fronts[j].is_empty());
                     if alone && part.iter().any(|p| *p != part[i]) {
@@ -126,8 +126,8 @@ impl CubeWorld {
         }
     }
 
-    /// Checks the whole body: the resting modules are connected, and every mover has its supports. Move by
-    /// move the same is checked incrementally; this is for the beginning, the end and now and then.
+    /// Checks the whole body: the resting modules are connected, and every mover has its supports. The
+    /// incremental checks do the same move by move; this is for the start, the end and now and then.
     pub fn check_connected(&mut self, now: Time) {
         let resting: Vec<ModuleId> =
             (0..self.bodies.len() as u32).map(ModuleId).filter(|id| !self.is_moving(*id)).collect();
@@ -177,7 +177,7 @@ mod tests {
     use metamorph_protocol::time::Span;
 
     const MOVE: Span = Span::secs(1);
-    /// A direction across east and west.
+    /// A direction at right angles to east and west.
     const BESIDE: Face = Face::North;
 
     fn world(cells: &[[i16; 3]]) -> CubeWorld {
@@ -198,8 +198,8 @@ mod tests {
         world.take_violations().into_iter().map(|v| v.invariant).collect()
     }
 
-    /// A plate of five and a module on it, which can slide from module 0 to module 1. Beside these two are
-    /// others, along which they can leave.
+    /// Returns a plate of five and a module on it, which can slide from module 0 to module 1. Beside these
+    /// two are others, along which they can leave.
     fn plate() -> CubeWorld {
         let Cell { x: dx, y: dy, .. } = BESIDE.offset();
         world(&[[0, 0, 0], [1, 0, 0], [dx, dy, 0], [1 + dx, dy, 0], [2 + dx, dy, 0], [0, 0, 1]])
@@ -212,7 +212,7 @@ mod tests {
             let mut plate = plate();
             act(&mut plate, Time(0), 5, over);
             assert_eq!((plate.motions().started, fired(&mut plate)), (1, vec![]));
-            // Module 1 is what is landed on; module 0 is what it starts from, and has no way to slide.
+            // Module 1 is the landing; module 0 is the start, and cannot slide.
             let kind = if leaves == 1 { MotionKind::Slide } else { MotionKind::Convex };
             let motion = Motion { kind, support: BESIDE, heading };
             act(&mut plate, Time(1), leaves, motion);
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn somebody_else_in_the_way_fires() {
+    fn another_body_in_the_path_fires() {
         for (cell, fails) in [([1, 0, 1], false), ([1, 0, 1], true), ([0, 0, 1], true)] {
             let mut plate = plate();
             plate.set_stuck(ModuleId(5), fails);
@@ -253,10 +253,10 @@ mod tests {
         }
     }
 
-    /// Modules move at random, safely or not, several at a time and some of them in vain. Whatever the whole
-    /// check finds the incremental ones have found, and at that very event; and they find nothing else.
+    /// Modules move at random, safely or not, several at a time, and some moves fail. The incremental checks
+    /// find all violations that the whole check finds, at the same event, and no others.
     #[test]
-    fn the_incremental_checks_find_what_the_whole_one_finds() {
+    fn the_incremental_checks_agree_with_the_whole_one() {
         let (mut broken, mut events) = (0, 0);
         for seed in 0..400 {
             let mut stream = Stream::named(seed, "safety", 0);
@@ -265,7 +265,7 @@ mod tests {
             let top = (0..side).map(|i| [i, 0, 1]);
             let mut world = world(&cells.chain(top).collect::<Vec<_>>());
             world.set_failure("20%".parse().unwrap_or(Ratio::ZERO));
-            // With careless ones nearly every run breaks soon, without nearly none gets far.
+            // With careless moves nearly every run breaks soon, without them nearly none gets far.
             let careless = stream.below(2) == 0;
             let mut now = Time::ZERO;
             for _ in 0..300 {
@@ -291,7 +291,7 @@ mod tests {
         assert!(broken > 50 && events > 2_000, "{broken} broke in {events} moves");
     }
 
-    /// Whether the body is sound, by both.
+    /// Returns true if the body is sound, by both checks.
     fn incremental_is_whole(world: &mut CubeWorld, now: Time, seed: u64, broken: &mut u32) -> bool {
         let found: Vec<Violation> = world.take_violations();
         world.check_connected(now);

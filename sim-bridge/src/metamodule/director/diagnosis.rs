@@ -1,4 +1,4 @@
-//! Why metamodules stand still: the reason, who waits for whom, and what a search proves.
+//! Why metamodules stand still: the reason, the waiting metamodules, and what a search proves.
 
 use super::{Known, MetamoduleDirector};
 use crate::director::outcome::{Proof, Stall, Waiter};
@@ -17,7 +17,8 @@ use metamorph_protocol::time::Time;
 use std::collections::BTreeSet;
 
 impl MetamoduleDirector {
-    /// Says why nothing goes on: the unfilled seeds, who waits for whom by the last refusal, and what is proved.
+    /// Describes a standstill: the unfilled seeds, the waiting metamodules by the last refusal, and what is
+    /// proved.
     pub(super) fn explain(&self, since: Time, world: &MetamoduleWorld) -> Stall {
         let unfilled = self.setup.goal(self.task).all().without(self.filled);
         let is_free = |(id, k): &(ModuleId, &Known)| {
@@ -32,7 +33,7 @@ impl MetamoduleDirector {
         let negotiated = self.setup.params.strategy == Strategy::Negotiated;
         let sought = if negotiated { search(&self.plight(world), WORK) } else { Sought::Undecided };
         let proof = self.proof(&sought);
-        // By precedence a metamodule also waits for one that is refused nothing and has nowhere to go.
+        // By precedence a metamodule also waits for one that is refused nothing and has no place to go to.
         let ordered = self.setup.params.precedence.is_some();
         let here = if free.len() < unfilled.len() {
             MATERIAL_EXHAUSTED
@@ -72,7 +73,7 @@ impl MetamoduleDirector {
         }
     }
 
-    /// What a search at a standstill and at other places has proved.
+    /// Returns what a search at a standstill and at other places has proved.
     fn proof(&self, sought: &Sought) -> Option<Proof> {
         let Sought::NoWay(arrangements) = *sought else { return None };
         match self.elsewhere {
@@ -97,7 +98,7 @@ impl MetamoduleDirector {
     }
 }
 
-/// Whoever waits for each other in a circle; each waits for one at most.
+/// Returns the metamodules that wait for each other in a circle; each waits for at most one.
 fn cycle(waiting: &[(ModuleId, Option<ModuleId>)]) -> Vec<ModuleId> {
     let on = |id: ModuleId| waiting.iter().find(|(w, _)| *w == id).and_then(|(_, on)| *on);
     for (start, _) in waiting {
@@ -121,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn finds_who_waits_in_a_circle() {
+    fn finds_a_circle_of_waiting_metamodules() {
         let wait = |pairs: &[(u32, Option<u32>)]| {
             let pairs: Vec<_> = pairs.iter().map(|(a, b)| (ModuleId(*a), b.map(ModuleId))).collect();
             cycle(&pairs)

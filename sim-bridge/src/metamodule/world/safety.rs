@@ -1,8 +1,8 @@
-//! Safety of metamodules, checked at every action: no two bodies are in one cell, not even in what they
-//! sweep, and every body grips the floor.
+//! Safety of metamodules, checked at every action: no two bodies are in one cell, not even in the cells that
+//! they sweep, and every body grips the floor.
 //!
-//! A check looks at the cells of the action and no more. For that, an account of who has which cell is kept
-//! apart from the bodies (`claims`); the interlock works from the bodies, so that a fault of either shows.
+//! A check looks only at the cells of the action. For that, a record of the body in each cell is kept apart
+//! from the bodies (`claims`); the interlock works from the bodies, so that a fault of either shows.
 
 use super::{MetamoduleWorld, Occupant};
 use crate::metamodule::invariants::{ATTACHED, attached};
@@ -13,7 +13,7 @@ use metamorph_protocol::metamodule::message::Deed;
 use metamorph_protocol::time::Time;
 
 impl MetamoduleWorld {
-    /// Enters everything that a body takes into the account; the first one in a cell has it.
+    /// Enters all cells that a body takes into the record; the first body in a cell has it.
     pub(super) fn claim(&mut self, id: ModuleId) {
         for cell in self.bodies[id.index()].taken() {
             if self.claims.get(*cell).is_none() {
@@ -22,7 +22,7 @@ impl MetamoduleWorld {
         }
     }
 
-    /// Checks an action that has just begun, and what it is to sweep.
+    /// Checks an action that has just begun, and the cells that it is going to sweep.
     pub(super) fn check_begin(&mut self, now: Time, id: ModuleId) {
         self.check_grips(now, id);
         let taken = self.bodies[id.index()].taken();
@@ -35,7 +35,7 @@ impl MetamoduleWorld {
         self.claim(id);
     }
 
-    /// Checks an action that is over, done or failed, and gives back what the body swept.
+    /// Checks an action that is over, completed or failed, and releases the cells that the body swept.
     pub(super) fn check_end(&mut self, now: Time, id: ModuleId, swept: &[Cell]) {
         self.check_grips(now, id);
         let (cells, own) = (self.bodies[id.index()].cells, Some(Occupant::Body(id)));
@@ -76,7 +76,7 @@ impl MetamoduleWorld {
         }
     }
 
-    /// Checks one body against all others, and its grips, without the account.
+    /// Checks one body against all others, and its grips, without the record.
     pub(super) fn check(&mut self, now: Time, id: ModuleId) {
         self.check_grips(now, id);
         let body = &self.bodies[id.index()];
@@ -92,7 +92,7 @@ impl MetamoduleWorld {
         }
     }
 
-    /// Checks every body: the whole check, for the beginning, the end and now and then.
+    /// Checks every body: the whole check, for the start, the end and now and then.
     pub fn check_all(&mut self, now: Time) {
         (0..self.bodies.len() as u32).for_each(|id| self.check(now, ModuleId(id)));
     }
@@ -114,7 +114,7 @@ mod tests {
         world.take_violations().into_iter().map(|v| v.invariant).collect()
     }
 
-    /// A step from this pose, and a cell that it sweeps beside the body.
+    /// Returns a step from this pose, and a cell that it sweeps beside the body.
     fn step(setup: &Setup, from: Pose) -> (Deed, Cell) {
         let body = setup.motions.cells(from);
         let mut steps = 0..setup.motions.table().steps().len() as u16;
@@ -123,7 +123,7 @@ mod tests {
             let beside = setup.motions.swept(from.state, Sweep(swept)).find(|c| !body.contains(c))?;
             Some((Deed::Turn(number), beside))
         });
-        found.expect("some step sweeps something")
+        found.expect("some step sweeps a cell")
     }
 
     #[test]
@@ -140,9 +140,9 @@ mod tests {
         assert!(fired(&[upright(&setup, 13, 3)]).contains(&ATTACHED));
     }
 
-    /// The interlock takes a body for gone that is still there.
+    /// The interlock ignores a body that is still there.
     #[test]
-    fn a_step_into_somebody_else_fires_when_it_begins() {
+    fn a_step_into_another_body_fires_when_it_begins() {
         let setup = setup();
         let from = upright(&setup, 6, 6);
         let (deed, cell) = step(&setup, from);
@@ -177,9 +177,9 @@ mod tests {
         assert_eq!(fails(|world| world.bodies[0].grips = [false; 2]), [ATTACHED]);
     }
 
-    /// What a body has swept is free again when it is done, whether it failed or not.
+    /// The swept cells of a body are free again after the action, whether it failed or not.
     #[test]
-    fn what_was_swept_is_given_back() {
+    fn swept_cells_are_released() {
         let setup = setup();
         let from = upright(&setup, 6, 6);
         let (deed, _) = step(&setup, from);
