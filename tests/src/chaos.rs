@@ -70,8 +70,8 @@ impl Controller {
     }
 
     /// The process of a module.
-    pub fn agent(&self, id: u32, life: u16) -> Identity {
-        agent_of(&self.root, id, life).expect("an agent has a pid file")
+    pub fn agent(&self, id: u32, incarnation: u16) -> Identity {
+        agent_of(&self.root, id, incarnation).expect("an agent has a pid file")
     }
 
     /// All agents that ever said who they are.
@@ -126,9 +126,9 @@ pub fn root_of(controller: i32) -> Option<PathBuf> {
 }
 
 /// The process of a module of a run, once it has said who it is.
-pub fn agent_of(root: &Path, id: u32, life: u16) -> Option<Identity> {
-    let (id, life) = (ModuleId(id), Incarnation(life));
-    let path = pid_directory(root).join(format!("{id}.{life}"));
+pub fn agent_of(root: &Path, id: u32, incarnation: u16) -> Option<Identity> {
+    let (id, incarnation) = (ModuleId(id), Incarnation(incarnation));
+    let path = pid_directory(root).join(format!("{id}.{incarnation}"));
     fs::read_to_string(path).ok()?.parse().ok()
 }
 
