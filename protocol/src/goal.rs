@@ -4,10 +4,10 @@
 //! Growth goes up the levels, so that no cell is walled in before it is filled. Two modes:
 //!
 //! * **Scaffold** (after Stoy, thesis 4.1.2): of every 2×2×2 cells the corner and the three edges, about half
-//! of the volume. The other cells are tunnels that always lead outside, so a cell may be filled as soon as
-//! any lower neighbour is.
+//!   of the volume. The other cells are tunnels that always lead outside, so a cell may be filled as soon as
+//!   any lower neighbour is.
 //! * **Solid**: all cells. A cell may be filled only after all its lower neighbours, so that filled cells
-//! never overhang unfilled ones.
+//!   never overhang unfilled ones.
 
 use crate::lattice::{Cell, Face};
 use crate::shape::components;
