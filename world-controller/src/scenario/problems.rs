@@ -63,16 +63,23 @@ pub struct Problem {
     pub flaw: Flaw,
 }
 
+/// The scenario that is read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Source {
+    origin: Box<str>,
+    text: Box<str>,
+    /// The families that it may name.
+    families: Families,
+}
+
 /// All problems of one scenario; never empty when returned as an error.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problems {
-    origin: Box<str>,
-    text: Box<str>,
+    source: Box<Source>,
     /// Places of values from options: offsets behind the end of the text.
     options: BTreeMap<usize, String>,
     /// Other files that the scenario has named so far.
     files: Vec<PathBuf>,
-    families: Families,
     /// The family of the scenario, once that is known.
     family: &'static str,
     list: Vec<Problem>,
@@ -82,11 +89,9 @@ impl Problems {
     /// Creates an empty list for a text from the file `origin` that may name these families.
     pub fn new(families: Families, origin: &str, text: &str) -> Problems {
         Problems {
-            origin: origin.into(),
-            text: text.into(),
+            source: Box::new(Source { origin: origin.into(), text: text.into(), families }),
             options: BTreeMap::new(),
             files: Vec::new(),
-            families,
             family: "",
             list: Vec::new(),
         }
@@ -101,7 +106,7 @@ impl Problems {
         if self.files.len() >= MAX_FILES {
             return Err(Flaw::TooManyFiles);
         }
-        let path = Path::new(&*self.origin).parent().unwrap_or(Path::new("")).join(name);
+        let path = Path::new(&*self.source.origin).parent().unwrap_or(Path::new("")).join(name);
         self.files.push(path.clone());
         Ok(path)
     }
@@ -117,7 +122,7 @@ impl Problems {
     }
     /// Returns the families that the scenario may name.
     pub fn families(&self) -> Families {
-        self.families
+        self.source.families
     }
     /// Returns the name of the scenario's family.
     pub fn family(&self) -> &'static str {
@@ -129,7 +134,7 @@ impl Problems {
     }
     /// Returns the other family for which this key is valid in this section.
     pub fn owner_of(&self, section: SectionKind, key: &str) -> Option<&'static str> {
-        self.families.owner(section, key, self.family)
+        self.source.families.owner(section, key, self.family)
     }
     /// Adds a problem.
     pub fn add(&mut self, place: impl Into<Place>, flaw: impl Into<Flaw>) {
@@ -164,7 +169,7 @@ impl Problems {
         // Reasons quote the input, whatever it contains.
         let flaw = line(&problem.flaw.to_string(), LONGEST);
         match &problem.place {
-            Place::File => writeln!(f, "{}: {flaw}", self.origin())?,
+            Place::File => writeln!(f, "{}: {flaw}", self.source.origin())?,
             Place::Option(option) => writeln!(f, "{}: {flaw}", option.shown())?,
             Place::Text { start, end } => self.write_excerpt(f, *start, *end, &flaw)?,
         }
@@ -172,19 +177,19 @@ impl Problems {
     }
 
     fn origin(&self) -> String {
-        Path::new(&*self.origin).shown()
+        Path::new(&*self.source.origin).shown()
     }
 
     fn write_excerpt(&self, f: &mut fmt::Formatter<'_>, start: usize, end: usize, flaw: &str) -> fmt::Result {
-        let start = floor(&self.text, start);
-        let line_start = self.text[..start].rfind('\n').map_or(0, |i| i + 1);
-        let whole = self.text[line_start..].lines().next().unwrap_or("");
-        let number = self.text[..line_start].matches('\n').count() + 1;
-        let before = self.text[line_start..start].chars().count();
-        writeln!(f, "{}:{number}:{}: {flaw}", self.origin(), before + 1)?;
+        let start = floor(&self.source.text, start);
+        let line_start = self.source.text[..start].rfind('\n').map_or(0, |i| i + 1);
+        let whole = self.source.text[line_start..].lines().next().unwrap_or("");
+        let number = self.source.text[..line_start].matches('\n').count() + 1;
+        let before = self.source.text[line_start..start].chars().count();
+        writeln!(f, "{}:{number}:{}: {flaw}", self.source.origin(), before + 1)?;
         // Tabs and control characters would shift the caret or reach the terminal.
         let shown: String = whole.chars().take(WIDTH).map(|c| if is_control(c) { ' ' } else { c }).collect();
-        let marked = self.text[start..floor(&self.text, end).max(start)].lines().next().unwrap_or("");
+        let marked = self.source.text[start..floor(&self.source.text, end).max(start)].lines().next().unwrap_or("");
         let room = shown.chars().count().saturating_sub(before).max(1);
         let carets = marked.chars().count().clamp(1, room);
         let gutter = number.to_string().len();
