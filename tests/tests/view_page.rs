@@ -355,7 +355,8 @@ fn plays_a_chair_to_its_end() {
         browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
     }
     // Every cell of the chair has a cube in it, by the kinematics of the page.
-    let missing = "(() => { const p = window.page.picture; const cubes = p.middles.flatMap((m) => m.cells); \
+    let missing = "(() => { const p = window.page.picture; const places = p.poses.flat(); \
+        const cubes = places.filter((_, i) => i % 7 === 0).map((_, i) => places.slice(7 * i, 7 * i + 3)); \
         return p.goals[0].cells.filter(([x, y, z]) => \
         !cubes.some((c) => Math.hypot(c[0] - x, c[1] - y, c[2] - z - 0.5) < 1e-6)).length; })()";
     assert_eq!(browser.evaluate(missing), json!(0));
@@ -364,7 +365,7 @@ fn plays_a_chair_to_its_end() {
     browser.press("Escape");
     let place = browser.evaluate(
         "(() => { const { page } = window; const box = document.getElementById('space').getBoundingClientRect(); \
-         const m = page.camera.matrix(); const [x, y, z] = page.picture.middles[3].cells[3]; \
+         const m = page.camera.matrix(); const [x, y, z] = page.picture.poses[3].slice(6 * 7); \
          const c = [0, 1, 2, 3].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]); \
          return [box.left + (c[0] / c[3] + 1) / 2 * box.width, box.top + (1 - c[1] / c[3]) / 2 * box.height]; })()",
     );
