@@ -546,6 +546,34 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     assert_eq!(view.end(), Some(0));
 }
 
+/// A page that was sent back to an earlier moment stays there while the run goes on and when it ends, also if
+/// it was asking what is new at that time.
+#[test]
+fn the_end_of_a_run_does_not_move_a_page_that_looks_back() {
+    let Some(program) = find() else { return println!("skipped: no browser") };
+    let directory = tempfile::tempdir().unwrap();
+    let journal = directory.path().join("run.journal").display().to_string();
+    let file = scenario("swarm.toml").display().to_string();
+    let view = View::start(&["run", &file, "--view", "--quiet", "--journal", &journal]);
+    let mut browser = Browser::start(program);
+    browser.open(&view.address);
+    browser.until("window.page.story.now > 2e6");
+    assert_eq!(browser.evaluate("window.page.story.over"), json!(false));
+    browser.evaluate(
+        "{ const { story } = window.page; const ask = story.ask; story.ask = async (what) => { \
+        const answer = await ask(what); if (what.startsWith('events') && !window.lookedBack) { \
+        window.page.seek(1.5e6, true); window.lookedBack = true; } return answer; }; }",
+    );
+    browser.until("window.lookedBack && !window.page.dirty");
+    // Every moment that is shown from now on, in words, until the whole journal is there.
+    let shown = "new Promise((done) => { const [seen, time] = [new Set(), document.getElementById('time')]; \
+        const look = () => { const { story, dirty } = window.page; seen.add(Number(time.dataset.micros)); \
+        if (story.over && story.scene.messages && !dirty) done([...seen]); else requestAnimationFrame(look); \
+        }; look(); })";
+    assert_eq!(browser.evaluate(shown), json!([1_500_000]));
+    check_clean(&mut browser, &view);
+}
+
 /// While a run goes on modules wait for each other and get on again: that is no standstill, and drawn as one
 /// only where a run has ended in a deadlock. Colours say what is known, and nothing before it has come.
 #[test]
