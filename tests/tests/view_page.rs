@@ -357,7 +357,8 @@ fn plays_a_chair_to_its_end() {
         browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
     }
     // Every cell of the chair has a cube in it, by the kinematics of the page.
-    let missing = "(() => { const p = window.page.picture; const cubes = p.middles.flatMap((m) => m.cells); \
+    let missing = "(() => { const p = window.page.picture; const places = p.poses.flat(); \
+        const cubes = places.filter((_, i) => i % 7 === 0).map((_, i) => places.slice(7 * i, 7 * i + 3)); \
         return p.goals[0].cells.filter(([x, y, z]) => \
         !cubes.some((c) => Math.hypot(c[0] - x, c[1] - y, c[2] - z - 0.5) < 1e-6)).length; })()";
     assert_eq!(browser.evaluate(missing), json!(0));
@@ -366,7 +367,7 @@ fn plays_a_chair_to_its_end() {
     browser.press("Escape");
     let place = browser.evaluate(
         "(() => { const { page } = window; const box = document.getElementById('space').getBoundingClientRect(); \
-         const m = page.camera.matrix(); const [x, y, z] = page.picture.middles[3].cells[3]; \
+         const m = page.camera.matrix(); const [x, y, z] = page.picture.poses[3].slice(6 * 7); \
          const c = [0, 1, 2, 3].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]); \
          return [box.left + (c[0] / c[3] + 1) / 2 * box.width, box.top + (1 - c[1] / c[3]) / 2 * box.height]; })()",
     );
@@ -545,6 +546,34 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
     check_clean(&mut browser, &view);
     assert_eq!(view.end(), Some(0));
+}
+
+/// A page that was sent back to an earlier moment stays there while the run goes on and when it ends, also if
+/// it was asking what is new at that time.
+#[test]
+fn the_end_of_a_run_does_not_move_a_page_that_looks_back() {
+    let Some(program) = find() else { return println!("skipped: no browser") };
+    let directory = tempfile::tempdir().unwrap();
+    let journal = directory.path().join("run.journal").display().to_string();
+    let file = scenario("swarm.toml").display().to_string();
+    let view = View::start(&["run", &file, "--view", "--quiet", "--journal", &journal]);
+    let mut browser = Browser::start(program);
+    browser.open(&view.address);
+    browser.until("window.page.story.now > 2e6");
+    assert_eq!(browser.evaluate("window.page.story.over"), json!(false));
+    browser.evaluate(
+        "{ const { story } = window.page; const ask = story.ask; story.ask = async (what) => { \
+        const answer = await ask(what); if (what.startsWith('events') && !window.lookedBack) { \
+        window.page.seek(1.5e6, true); window.lookedBack = true; } return answer; }; }",
+    );
+    browser.until("window.lookedBack && !window.page.dirty");
+    // Every moment that is shown from now on, in words, until the whole journal is there.
+    let shown = "new Promise((done) => { const [seen, time] = [new Set(), document.getElementById('time')]; \
+        const look = () => { const { story, dirty } = window.page; seen.add(Number(time.dataset.micros)); \
+        if (story.over && story.scene.messages && !dirty) done([...seen]); else requestAnimationFrame(look); \
+        }; look(); })";
+    assert_eq!(browser.evaluate(shown), json!([1_500_000]));
+    check_clean(&mut browser, &view);
 }
 
 /// While a run goes on modules wait for each other and go on again: that is not a standstill, which is drawn

@@ -90,7 +90,7 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
     writeln!(out)?;
     write_messages(out, r, paint)?;
     if let Some(unbuilt) = &r.unbuilt {
-        write_unbuilt(out, unbuilt, &words, paint)?;
+        write_unbuilt(out, unbuilt, words, paint)?;
     }
     if !r.faults.is_empty() || r.faults_planned > 0 {
         let external = r.faults.iter().filter(|f| f.fault == EXTERNAL).count() as u64;

@@ -51,7 +51,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
             " The scenario is at the end of this page."
         }
         h2 { "What happened over time" }
-        (over_time(report, &words, width.as_secs_f64(), bins))
+        (over_time(report, words, width.as_secs_f64(), bins))
         (messages(report))
         (numbers(report, words))
         (faults(report))

@@ -169,7 +169,7 @@ impl Problems {
         // Reasons quote the input, whatever it contains.
         let flaw = line(&problem.flaw.to_string(), LONGEST);
         match &problem.place {
-            Place::File => writeln!(f, "{}: {flaw}", self.source.origin())?,
+            Place::File => writeln!(f, "{}: {flaw}", self.origin())?,
             Place::Option(option) => writeln!(f, "{}: {flaw}", option.shown())?,
             Place::Text { start, end } => self.write_excerpt(f, *start, *end, &flaw)?,
         }
@@ -186,10 +186,11 @@ impl Problems {
         let whole = self.source.text[line_start..].lines().next().unwrap_or("");
         let number = self.source.text[..line_start].matches('\n').count() + 1;
         let before = self.source.text[line_start..start].chars().count();
-        writeln!(f, "{}:{number}:{}: {flaw}", self.source.origin(), before + 1)?;
+        writeln!(f, "{}:{number}:{}: {flaw}", self.origin(), before + 1)?;
         // Tabs and control characters would shift the caret or reach the terminal.
         let shown: String = whole.chars().take(WIDTH).map(|c| if is_control(c) { ' ' } else { c }).collect();
-        let marked = self.source.text[start..floor(&self.source.text, end).max(start)].lines().next().unwrap_or("");
+        let marked =
+            self.source.text[start..floor(&self.source.text, end).max(start)].lines().next().unwrap_or("");
         let room = shown.chars().count().saturating_sub(before).max(1);
         let carets = marked.chars().count().clamp(1, room);
         let gutter = number.to_string().len();

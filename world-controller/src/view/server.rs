@@ -198,3 +198,21 @@ fn data(scene: &Shared, name: &str, query: &str) -> Option<Value> {
         _ => return None,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_module_agent::registry::Family;
+
+    /// Families that are added later are shown by the same page: all it says of a family comes from the scene.
+    #[test]
+    fn the_page_names_no_family() {
+        for (file, _, text) in FILES {
+            for word in text.split(|c: char| !c.is_alphanumeric()) {
+                let word = word.to_lowercase();
+                let named = |family: &Family| word.trim_end_matches('s') == family.name();
+                assert!(!Family::ALL.iter().any(named), "{file}: {word}");
+            }
+        }
+    }
+}

@@ -57,9 +57,11 @@ pub const DEAD: [(&str, bool); 2] = [("hold", true), ("abandon", false)];
 impl RawCubes {
     /// Reads the sections of cubes. `swarm` is partly read; it and the others are finished here.
     pub fn read(mut swarm: Section<'_, '_>, others: &Sections<'_, '_>, problems: &mut Problems) -> RawCubes {
-        let mut raw = RawCubes::default();
-        raw.start = swarm.need("start", START, problems);
-        raw.move_time = swarm.get("move_time", problems);
+        let mut raw = RawCubes {
+            start: swarm.need("start", START, problems),
+            move_time: swarm.get("move_time", problems),
+            ..RawCubes::default()
+        };
         swarm.finish(problems);
         for mut section in goal_sections(others.goals, GOAL, problems) {
             raw.goals.push(RawGoal {

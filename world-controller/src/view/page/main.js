@@ -277,14 +277,15 @@ class Page {
   }
 
   async follow() {
-    const atEnd = this.t >= this.story.now;
+    const end = this.story.now;
     try {
       while (await this.story.follow());
     } catch (error) {
       return this.lost(error);
     }
     this.timeline.refresh();
-    if (atEnd && !this.playing && this.t > 0) this.t = this.story.now;
+    // The page may have been sent to another moment while the answer was on its way.
+    if (this.t >= end && !this.playing) this.t = this.story.now;
     this.redraw();
     if (!this.story.over) setTimeout(() => this.follow(), FOLLOW_EVERY);
   }

@@ -48,6 +48,9 @@ const middle = ([x, y, z]) => [x, y, z + 0.5];
 /** A cell as one number. */
 const key = ([x, y, z]) => ((x + 32768) * 65536 + (y + 32768)) * 65536 + z + 32768;
 
+/** The same of the cell that the centre of a part is in. */
+const cellKey = (poses, at) => key([Math.round(poses[at]), Math.round(poses[at + 1]), Math.floor(poses[at + 2])]);
+
 const least = (list) => list.reduce((a, b) => Math.min(a, b), Infinity);
 const most = (list) => list.reduce((a, b) => Math.max(a, b), -Infinity);
 
@@ -165,6 +168,7 @@ export class Picture {
     this.links = new Numbers();
     this.marks = new Numbers();
     this.middles = [];
+    this.poses = [];
     this.goals = story.scene.goals.map((goal) => this.readGoal(goal));
     this.bounds = this.measure();
     this.filled = new Filled(this.bounds);
@@ -329,7 +333,7 @@ export class Picture {
 
   levelColour({ standing }, { to }, goal, shift) {
     const [x, y, z] = to.poses;
-    const level = goal.levels.get(key([Math.round(x) - shift[0], Math.round(y) - shift[1], Math.floor(z)]));
+    const level = goal.levels.get(cellKey([x - shift[0], y - shift[1], z], 0));
     if (standing.role !== FILLS || level === undefined) return this.colour.none;
     return scale(0.08 + 0.88 * (level / goal.highest));
   }
@@ -337,23 +341,19 @@ export class Picture {
   put(id, body, size, paint, pattern, edge, isChosen, taken) {
     const { shapes, tones } = this.story.modules[id];
     const poses = posesAt(body);
-    const sum = [0, 0, 0];
-    const cells = [];
+    const middle = [0, 0, 0];
     for (let i = 0, at = 0; i < shapes.length; i++, at += POSE) {
       const shape = this.shapes[shapes[i]];
       const layer = poses[at + 6] === 1 ? shape.upright : shape.turned;
       const tint = tones[i] === 0 ? paint : paint.map((c) => c + (this.dark ? 0.16 : 0.26) * (1 - c));
       layer.parts.part(poses, at, size, tint, pattern, edge);
       if (isChosen) shape.chosen.parts.part(poses, at, size, tint, 0, edge);
-      const centre = [poses[at], poses[at + 1], poses[at + 2]];
-      const [x, y, z] = centre;
-      if (layer.fills && !body.doing) this.filled.add(x, y, z);
-      for (let k = 0; k < 3; k++) sum[k] += centre[k] / shapes.length;
-      cells.push(centre);
-      taken.add(key([Math.round(x), Math.round(y), Math.floor(z)]));
+      if (layer.fills && !body.doing) this.filled.add(poses[at], poses[at + 1], poses[at + 2]);
+      for (let k = 0; k < 3; k++) middle[k] += poses[at + k] / shapes.length;
+      taken.add(cellKey(poses, at));
     }
-    this.middles[id] = sum;
-    this.middles[id].cells = cells;
+    this.middles[id] = middle;
+    this.poses[id] = poses;
   }
 
   /** One ribbon. */
@@ -457,14 +457,15 @@ export class Picture {
   /** The module that a ray meets first; null if none. */
   pick({ origin, direction }) {
     let [best, found] = [Infinity, null];
-    for (let id = 0; id < this.middles.length; id++) {
+    for (let id = 0; id < this.poses.length; id++) {
       const { shapes } = this.story.modules[id];
-      for (const [part, m] of this.middles[id].cells.entries()) {
+      const poses = this.poses[id];
+      for (let part = 0; part < shapes.length; part++) {
         const { half } = this.shapes[shapes[part]];
         let [near, far] = [0, Infinity];
         for (let i = 0; i < 3; i++) {
-          const a = (m[i] - half - origin[i]) / direction[i];
-          const b = (m[i] + half - origin[i]) / direction[i];
+          const a = (poses[POSE * part + i] - half - origin[i]) / direction[i];
+          const b = (poses[POSE * part + i] + half - origin[i]) / direction[i];
           near = Math.max(near, Math.min(a, b));
           far = Math.min(far, Math.max(a, b));
         }
