@@ -73,14 +73,12 @@ pub enum SweepError {
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
     /// A seed with which the start cannot be drawn.
-    #[error("{error}\n  in the run: {repeat}\n  fix: {fix}")]
+    #[error("{error}\n  in the run: {repeat}\n  fix: {}", .error.fix())]
     NoStart {
         /// The command for this run alone.
         repeat: String,
         /// The cause.
-        error: Flaw,
-        /// What to do about it.
-        fix: String,
+        error: Box<Flaw>,
     },
     /// A panic in a run.
     #[error("a run made the program panic, which is a defect of the program. It alone: {0}")]
@@ -330,8 +328,8 @@ pub fn run(
             }
             News::Defect(run) => return Err(SweepError::Defect(scenario.repeat(grid, run))),
             News::NoStart(run, error) => {
-                let fix = error.fix();
-                return Err(SweepError::NoStart { repeat: scenario.repeat(grid, run), error, fix });
+                let (repeat, error) = (scenario.repeat(grid, run), Box::new(error));
+                return Err(SweepError::NoStart { repeat, error });
             }
             News::Nothing => {}
         }
