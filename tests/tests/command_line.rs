@@ -125,7 +125,7 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
         (with(start, "start = { cells = [] }"), &["no cell"]),
         (with(start, ""), &["[swarm] has no `start`"]),
         (with("max = [5, 3, 0]", "max = [5, 3]"), &["three coordinates"]),
-        (with("max = [5, 3, 0]", "max = [16000, 16000, 16000]"), &["the most"]),
+        (with("max = [5, 3, 0]", "max = [16000, 16000, 16000]"), &["the maximum"]),
         (with("max = [5, 3, 0]", "max = [50000, 3, 0]"), &["50000", "16383"]),
         (with("max = [5, 3, 0]", "max = [5, 3, 1e9]"), &["expected a whole number"]),
         // Faults.
@@ -352,7 +352,7 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
         (format!("{METAMODULES}[[fault]]\nobstacle = [1, 1, 1]\n"), &["[[fault]] has no `at`"]),
         (
             format!("{METAMODULES}[[fault]]\nobstacle = [1, 1, 1]\nkill = 3\nat = \"1s\"\n"),
-            &["names kill and obstacle"],
+            &["this one has kill and obstacle"],
         ),
     ];
     for (text, parts) in cases {
