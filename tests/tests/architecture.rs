@@ -116,9 +116,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "link",
             "wire",
             "agent",
-            "runtime",
             "record",
-            "host",
             "roombots",
             "cube",
             "metamodule",
@@ -174,25 +172,6 @@ fn modules_use_only_those_below_them() {
             let used = used_modules(&fs::read_to_string(file).expect("sources are text"));
             let above = layers[height + 1..].iter().filter(|l| used.contains(**l)).collect::<Vec<_>>();
             assert!(above.is_empty(), "{} must not use {above:?}", file.display());
-        }
-    }
-}
-
-/// A transport is chosen where a run is started; the loops at both of its ends are generic over it.
-#[test]
-fn the_wait_loop_and_the_controller_loop_name_no_transport() {
-    let start = root().join("module-agent/src/process/start.rs");
-    let mut files = Vec::new();
-    for folder in ["module-agent/src/process", "world-controller/src/swarm/controller_loop"] {
-        rust_files(&root().join(folder), &mut files);
-    }
-    assert!(files.len() > 10 && files.contains(&start), "the sources were not found");
-    for file in files.into_iter().filter(|file| *file != start) {
-        let text = fs::read_to_string(&file).expect("sources are text");
-        let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
-        for absent in ["iceoryx", "transport::memory", "/dev/shm"] {
-            let names = |line: &str| !line.trim_start().starts_with("//") && line.contains(absent);
-            assert!(!code.lines().any(names), "{} names {absent}", file.display());
         }
     }
 }

@@ -1,14 +1,6 @@
-//! One agent as a process: how it starts, its wait loop, what it receives, what it sends, and what it does
-//! when its controller is gone. Runs over any [`Transport`](crate::transport::Transport) and any
-//! [`ClockSource`](crate::clock::source::ClockSource).
+//! The wait loop of one agent process, and what it and the controller say to each other.
 
-pub mod agent_process;
+pub(crate) mod agent_process;
 pub mod args;
 pub mod contacts;
-pub mod orphan_watch;
-pub mod receiver;
-pub mod runtime_message;
-pub mod sender;
-pub mod start;
-pub mod uplink;
-pub mod write_ahead;
+pub mod control_message;

@@ -1,14 +1,13 @@
-//! Gives back what a dead process held in shared memory: its slots in the channels of live processes, and
-//! its files.
+//! What a dead process held in shared memory is given back: its places in the channels of those who
+//! live, so that others can take them, and its files.
 //!
-//! iceoryx2 can do this by itself, but for each port of the dead process it lists all shared memory of the
-//! machine several times, and every process that has a bell which the dead one rang: half a second of work
-//! for each death in a swarm of 1,000. Here the same code of iceoryx2 is told that connections are in this
-//! process, where there are none, and their files are found by one listing for many deaths.
+//! iceoryx2 can do this by itself, but lists all shared memory of the machine several times for each port
+//! of the dead process, and everybody who has a bell that it rang: half a second of work for each death in
+//! a swarm of 1,000. Here the same code of iceoryx2 is told that connections are in this process, where
+//! there are none, and their files are found by one listing for many deaths.
 //!
-//! Absent: slots at the controller's bell. To give one back, iceoryx2 looks at every process that has a
-//! bell, so the controller's bell has enough slots for all deaths of a run instead
-//! ([`crate::transport::iceoryx::rendezvous`]).
+//! Deliberately absent: places at the controller's bell. iceoryx2 looks at everybody who has a bell when one
+//! who rang it has died, so that bell has places enough instead ([`crate::transport::iceoryx::rendezvous`]).
 
 use crate::run_dir::run_name::{HOME, RunName, RunNameError};
 use crate::transport::iceoryx::rendezvous::{self, is_controller_bell};
@@ -26,13 +25,13 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The service of iceoryx2 between processes, but without connections.
+/// iceoryx2 between processes, but with nobody connected.
 #[derive(Clone, Debug)]
-struct DetachedService;
+struct Estate;
 
-impl ServiceInternal<DetachedService> for DetachedService {}
+impl ServiceInternal<Estate> for Estate {}
 
-impl Service for DetachedService {
+impl Service for Estate {
     type StaticStorage = <Svc as Service>::StaticStorage;
     type ConfigSerializer = <Svc as Service>::ConfigSerializer;
     type PersistentDynamicStorage<T: Debug + Send + Sync + ZeroCopySend + 'static> =
@@ -54,26 +53,26 @@ impl Service for DetachedService {
     type UniqueId = <Svc as Service>::UniqueId;
 }
 
-/// Reaps the dead processes of one run.
+/// Buries the dead of one run.
 #[derive(Debug)]
-pub struct NodeReaper {
+pub struct Undertaker {
     root: PathBuf,
     prefix: String,
     config: Config,
-    /// Ports of dead processes whose files are not removed yet.
+    /// Ports of the dead whose files are not removed yet.
     ports: BTreeSet<String>,
 }
 
-impl NodeReaper {
-    /// The reaper of the run in `root`.
-    pub fn of(root: &Path) -> Result<NodeReaper, RunNameError> {
+impl Undertaker {
+    /// The one of the run in `root`.
+    pub fn of(root: &Path) -> Result<Undertaker, RunNameError> {
         let run = RunName::of_root(root)?;
         let config = rendezvous::config(&run);
-        Ok(NodeReaper { root: root.to_owned(), prefix: run.prefix(), config, ports: BTreeSet::new() })
+        Ok(Undertaker { root: root.to_owned(), prefix: run.prefix(), config, ports: BTreeSet::new() })
     }
 
-    /// Gives back the slots of a member of the run, which must be dead.
-    pub fn reap(&mut self, member: u128) -> io::Result<()> {
+    /// Gives the places of a dead member of the run back. It must be dead.
+    pub fn bury(&mut self, member: u128) -> io::Result<()> {
         let node: UniqueNodeId = bincode::serde::decode_from_slice(
             &member.to_le_bytes(),
             bincode::config::standard().with_fixed_int_encoding(),
@@ -89,10 +88,9 @@ impl NodeReaper {
                 self.ports.insert(port.to_owned());
             } else if let Some(hash) = tag.strip_suffix(".service_tag")
                 && let Some(channel) = self.channel(hash)
-                && let Err(e) =
-                    DetachedService::__internal_remove_node_from_service(&node, &channel, &self.config)
+                && let Err(e) = Estate::__internal_remove_node_from_service(&node, &channel, &self.config)
             {
-                tracing::debug!("a slot of a dead process could not be given back: {e:?}");
+                tracing::debug!("a place of a dead process could not be given back: {e:?}");
             }
         }
         fs::remove_dir_all(&own)?;
@@ -119,12 +117,12 @@ impl NodeReaper {
         Some(ServiceHash::new::<<Svc as Service>::ServiceNameHasher>(&name, pattern))
     }
 
-    /// Ports whose files wait for [`NodeReaper::clear`].
+    /// Ports whose files wait for [`Undertaker::clear`].
     pub fn waiting(&self) -> usize {
         self.ports.len()
     }
 
-    /// Removes the files of all members reaped since the last call. A process that has one open keeps it.
+    /// Removes the files of all who were buried since the last time. Who has them open keeps them.
     pub fn clear(&mut self) -> io::Result<()> {
         for home in [Path::new(HOME), &self.root] {
             for entry in fs::read_dir(home)? {
@@ -140,7 +138,7 @@ impl NodeReaper {
     }
 }
 
-/// Takes a file that is not there for one that has been removed.
+/// Nothing to remove is as good as removed.
 fn gone(removed: io::Result<()>) -> io::Result<()> {
     removed.or_else(|e| if e.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
 }

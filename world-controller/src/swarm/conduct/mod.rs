@@ -1,8 +1,8 @@
-//! The controller loop: the thread that owns the world, the director and all links to agents. It carries
+//! The conductor: the thread that owns the world, the director and all channels. It carries
 //! actions to bodies and percepts back, reports to the director and its commands to processes.
 //!
-//! One tick: events of the launcher, frames from agents, what is due in the world, the director,
-//! then messages to agents; then it blocks until it is woken or something is due.
+//! One turn: what the supervisor saw, what agents sent, what is due in the world, the director,
+//! then everything that must be told; then it blocks until something rings or is due.
 
 mod ending;
 mod resuming;
@@ -11,18 +11,21 @@ mod starting;
 
 use crate::console::shutdown::Urgency;
 use crate::swarm::SwarmOptions;
-use crate::swarm::launcher::{Backend, Event, Launcher};
+use crate::swarm::agents::{Letter, Process, Stage};
+use crate::swarm::burials::Burials;
 use crate::swarm::links::Links;
 use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
 use crate::swarm::pace::Pace;
-use crate::swarm::process::{ControlMessage, Process, Stage};
 use crate::swarm::reserve::Reserve;
 use crate::swarm::run_dir::RunDir;
 use crate::swarm::signals;
+use crate::swarm::supervise::{Event, Life, Supervisor, Task};
 use metamorph_module_agent::clock::lateness::Late;
-use metamorph_module_agent::process::runtime_message::RuntimeMessage;
-use metamorph_module_agent::transport::shared_frame::SharedFrame;
-use metamorph_module_agent::transport::{AgentKey, ConnectError, Transport};
+use metamorph_module_agent::clock::monotonic;
+use metamorph_module_agent::process::control_message::Runtime;
+use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
+use metamorph_module_agent::transport::iceoryx::rendezvous::{ChannelError, Rendezvous};
+use metamorph_module_agent::transport::iceoryx::shared_frame::Packet;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::record::Outside;
@@ -35,77 +38,69 @@ use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// Frames taken in one tick before the world and the director have their turn.
+/// Frames taken in one turn before the world and the director get theirs.
 const DRAIN: usize = 2_048;
-/// Rounds of world and director in one tick.
+/// Rounds of world and director in one turn.
 const ROUNDS: usize = 64;
 /// The longest wait.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
-/// What a controller runs over.
-pub struct Services<'a, B: Backend> {
-    /// What starts agents.
-    pub launcher: B::Launcher,
-    /// Its inbox.
-    pub transport: B::Transport,
-    /// The clock of the run.
-    pub pace: Pace<B::Clock>,
-    /// Shared memory that is held back.
-    pub reserve: Reserve,
-    /// The run's directory; `None` for a run that leaves nothing behind.
-    pub dir: Option<&'a RunDir>,
-}
-
-type ProcessOf<W, B> = Process<<W as World>::Agent, <<B as Backend>::Transport as Transport>::Link>;
-
-/// The controller of one run.
-pub struct ControllerLoop<'a, W: World, D, B: Backend> {
+pub struct Conductor<'a, W: World, D> {
     options: &'a SwarmOptions,
-    dir: Option<&'a RunDir>,
-    // Dropped in this order: all agents are ended, links are closed, then their transport.
-    launcher: B::Launcher,
-    processes: Vec<ProcessOf<W, B>>,
-    transport: B::Transport,
+    dir: &'a RunDir,
+    at: &'a Rendezvous,
+    inbox: Inbox,
+    supervisor: Supervisor,
+    burials: Burials,
     world: &'a mut W,
     director: &'a mut D,
+    processes: Vec<Process<W::Agent>>,
     links: Links,
-    /// Processes for which messages wait, each once.
+    /// Processes that have something left to be told, each once.
     unsent: Vec<usize>,
     outcome: SwarmOutcome,
     /// When the run was asked for.
     begun: u64,
     epoch: u64,
-    pace: Pace<B::Clock>,
+    pace: Pace,
     last: Time,
     finishing: bool,
     /// Whether agents are killed instead of asked to stop.
     hurried: bool,
-    reserve: Reserve,
-    /// When shared memory was last looked at, in nanoseconds of the monotonic clock.
+    pub reserve: Reserve,
+    /// When shared memory was last looked at, in nanoseconds of CLOCK_MONOTONIC.
     looked: u64,
     retry_at: Option<u64>,
 }
 
-impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
-    /// A controller that has not started any agent. The run was asked for at `begun`.
+impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
+    #[allow(clippy::too_many_arguments, reason = "the one caller hands over all it has set up")]
     pub fn new(
         options: &'a SwarmOptions,
-        services: Services<'a, B>,
+        dir: &'a RunDir,
+        at: &'a Rendezvous,
+        inbox: Inbox,
+        supervisor: Supervisor,
+        burials: Burials,
+        pace: Pace,
         world: &'a mut W,
         director: &'a mut D,
         begun: u64,
     ) -> Self {
-        let Services { launcher, transport, pace, reserve, dir } = services;
-        ControllerLoop {
+        let world_len = world.len() as u64;
+        let processes = (0..world.len() as u32).map(|id| Process::new(ModuleId(id))).collect();
+        Conductor {
             options,
             dir,
-            launcher,
-            processes: (0..world.len() as u32).map(|id| Process::new(ModuleId(id))).collect(),
-            transport,
-            links: Links::of(world.len() as u64),
+            at,
+            inbox,
+            supervisor,
+            burials,
             world,
             director,
+            links: Links::of(world_len),
             unsent: Vec::new(),
+            processes,
             outcome: SwarmOutcome::default(),
             begun,
             epoch: begun,
@@ -113,13 +108,12 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             last: Time::ZERO,
             finishing: false,
             hurried: false,
-            reserve,
+            reserve: Reserve::default(),
             looked: begun,
             retry_at: None,
         }
     }
 
-    /// Runs the swarm from its start to its end.
     pub fn run(mut self) -> Result<SwarmOutcome, SwarmError> {
         self.set_up()?;
         if !self.finishing {
@@ -130,10 +124,10 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
 
     fn run_on(mut self) -> Result<SwarmOutcome, SwarmError> {
         while !self.finishing {
-            self.tick()?;
+            self.turn()?;
         }
         self.stop()?;
-        self.read_counters();
+        self.read_ledgers();
         Ok(self.outcome)
     }
 
@@ -142,12 +136,12 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         self.last
     }
 
-    fn tick(&mut self) -> Result<(), SwarmError> {
+    fn turn(&mut self) -> Result<(), SwarmError> {
         self.take_events()?;
         self.look_at_space();
         let drained = self.drain()?;
         self.pace.renew().map_err(SwarmError::Clock)?;
-        self.step_world();
+        self.play();
         self.flush();
         if self.finishing || drained == DRAIN {
             return Ok(());
@@ -155,10 +149,10 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         let due = self.world.next_event().min(self.director.wake_at());
         let mut wait = self.pace.until(due);
         if let Some(retry_at) = self.retry_at {
-            wait = wait.min(Duration::from_nanos(retry_at.saturating_sub(self.pace.monotonic())));
+            wait = wait.min(Duration::from_nanos(retry_at.saturating_sub(monotonic())));
         }
         if !wait.is_zero() {
-            self.transport.wait(wait)?;
+            self.inbox.wait(wait)?;
             let now = self.now();
             if due < now {
                 self.pace.late(Late { since: due, by: now.since(due) });
@@ -168,48 +162,51 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
     }
 
     fn wait_until(&mut self, deadline: u64) -> Result<(), SwarmError> {
-        let left = Duration::from_nanos(deadline.saturating_sub(self.pace.monotonic()));
-        Ok(self.transport.wait(left.min(LONGEST_WAIT))?)
+        let left = Duration::from_nanos(deadline.saturating_sub(monotonic()));
+        Ok(self.inbox.wait(left.min(LONGEST_WAIT))?)
     }
 
     fn take_events(&mut self) -> Result<(), SwarmError> {
-        while let Some(event) = self.launcher.event()? {
+        while let Some(event) = self.supervisor.event() {
             match event {
                 Event::Shutdown(urgency) => self.interrupt(urgency),
-                Event::SpawnFailed(agent, e) => {
-                    self.ended(agent, format!("could not be started: {e}"), String::new(), true);
+                Event::SpawnFailed(life, e) => {
+                    self.buried(life, format!("could not be started: {e}"), String::new(), true);
                 }
-                Event::Stopped(agent, signal) => {
-                    self.external(agent, &Outside::Stopped { signal: signals::name(signal) });
+                Event::Stopped(life, signal) => {
+                    self.external(life, &Outside::Stopped { signal: signals::name(signal) });
                 }
-                Event::Continued(agent) => self.external(agent, &Outside::Continued),
-                Event::Exited { agent, how, signal, stderr_tail } => {
-                    // Frames that it sent before its end are taken before its end is handled.
+                Event::Continued(life) => self.external(life, &Outside::Continued),
+                Event::Exited { life, how, signal, stderr_tail } => {
+                    // What it had sent before its end is heard before its end is.
                     for _ in 0..self.processes.len().max(64) {
                         if self.drain()? < DRAIN {
                             break;
                         }
                     }
-                    let unasked = |p: &&Process<_, _>| !p.condemned;
-                    let process = self.processes.get(agent.0.index()).filter(unasked);
-                    let running = |p: &&Process<_, _>| p.verdict.is_none() && p.stage == Stage::Running;
+                    let unasked = |p: &&Process<_>| !p.condemned;
+                    let process = self.processes.get(life.0.index()).filter(unasked);
+                    let running = |p: &&Process<_>| p.verdict.is_none() && p.stage == Stage::Running;
                     let outside = process.filter(running).and(signal);
                     let outside = outside.filter(|signal| signals::is_from_outside(*signal));
                     let crashed = process.is_some() && outside.is_none();
                     if let Some(signal) = outside {
-                        self.external(agent, &Outside::Killed { signal: signals::name(signal) });
+                        self.external(life, &Outside::Killed { signal: signals::name(signal) });
                     }
-                    self.ended(agent, how, stderr_tail, crashed);
+                    self.buried(life, how, stderr_tail, crashed);
                 }
             }
+        }
+        if self.supervisor.is_gone() {
+            return Err(SwarmError::Supervisor(std::io::Error::other("its thread ended")));
         }
         Ok(())
     }
 
-    /// Something outside this run has done `what` to a process.
-    fn external(&mut self, (id, incarnation): AgentKey, what: &Outside) {
+    /// Something outside this run has done this to a process.
+    fn external(&mut self, (id, incarnation): Life, what: &Outside) {
         let now = self.now();
-        let current = |p: &&mut Process<_, _>| p.incarnation == incarnation && p.stage == Stage::Running;
+        let current = |p: &&mut Process<_>| p.incarnation == incarnation && p.stage == Stage::Running;
         let Some(process) = self.processes.get_mut(id.index()).filter(current) else { return };
         tracing::warn!("module {id} {what}");
         process.halted = matches!(what, Outside::Stopped { .. });
@@ -218,7 +215,7 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         self.outcome.external += 1;
         self.world.advance(now);
         self.director.external(now, id, what, self.world);
-        self.execute(now);
+        self.obey(now);
     }
 
     fn interrupt(&mut self, urgency: Urgency) {
@@ -227,7 +224,7 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         self.hurried = urgency == Urgency::Hurried;
     }
 
-    fn ended(&mut self, (id, incarnation): AgentKey, how: String, stderr_tail: String, crashed: bool) {
+    fn buried(&mut self, (id, incarnation): Life, how: String, stderr_tail: String, crashed: bool) {
         let now = self.now();
         let verdict = self.processes.get(id.index()).and_then(|p| p.verdict);
         let how = verdict.map_or(how, str::to_owned);
@@ -237,11 +234,11 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             self.outcome.crashes.push(Crash { id, incarnation, at: now, how, stderr_tail });
         }
         let Some(process) = self.processes.get_mut(id.index()) else { return };
-        process.end();
-        self.launcher.reap((id, incarnation));
+        process.bury();
+        self.burials.bury((id, incarnation));
         let restart = std::mem::take(&mut process.restart);
         self.director.died(now, id);
-        self.execute(now);
+        self.obey(now);
         if restart && !self.finishing {
             self.relaunch(id.index());
         }
@@ -249,7 +246,7 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
 
     fn relaunch(&mut self, i: usize) {
         let Some(next) = self.processes[i].incarnation.0.checked_add(1) else {
-            tracing::error!("module {i} cannot be started again: it has had all its incarnations");
+            tracing::error!("module {i} cannot be started again: it has had all its lives");
             return;
         };
         self.outcome.restarted += 1;
@@ -258,21 +255,21 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
 
     fn drain(&mut self) -> Result<usize, SwarmError> {
         for taken in 0..DRAIN {
-            let Some(shared) = self.transport.receive()? else { return Ok(taken) };
-            if !self.accept(&shared) {
+            let Some(packet) = self.inbox.receive()? else { return Ok(taken) };
+            if !self.accept(&packet) {
                 self.outcome.foreign += 1;
             }
         }
         Ok(DRAIN)
     }
 
-    /// Takes one frame; `false` if no member of the run can have sent it.
-    fn accept(&mut self, shared: &SharedFrame) -> bool {
-        let frame = &shared.frame();
+    /// Takes one frame; false if no member of the run can have sent it.
+    fn accept(&mut self, packet: &Packet) -> bool {
+        let frame = &packet.frame();
         let Ok(header) = frame.open() else { return false };
         let i = header.source.index();
         let Some(process) = self.processes.get_mut(i) else { return false };
-        // The first frame of an agent that was lost tells its sequence number.
+        // Whoever is lost says with its first word where its count is.
         let in_sequence = header.sequence == process.expected || process.stage == Stage::Lost;
         let theirs = header.destination == CONTROLLER
             && header.incarnation == process.incarnation
@@ -292,22 +289,22 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         if understood {
             self.processes[i].expected = next;
             let now = self.now();
-            self.judge(i, Late { since: shared.sent(), by: now.since(shared.sent()) });
+            self.judge(i, Late { since: packet.sent(), by: now.since(packet.sent()) });
         }
         understood
     }
 
     fn hear_runtime(&mut self, header: Header, frame: &Frame) -> bool {
-        match frame.message::<RuntimeMessage<<W::Agent as Agent>::Place>>() {
-            Ok(RuntimeMessage::Hello { .. }) => self.hear_hello(header.source.index()),
-            Ok(RuntimeMessage::Here { told, expected }) => self.hear_here(header, told, expected),
-            Ok(RuntimeMessage::Taken { expected })
+        match frame.message::<Runtime<<W::Agent as Agent>::Place>>() {
+            Ok(Runtime::Hello { .. }) => self.hear_hello(header.source.index()),
+            Ok(Runtime::Here { told, expected }) => self.hear_here(header, told, expected),
+            Ok(Runtime::Taken { expected })
                 if self.processes[header.source.index()].stage == Stage::Running =>
             {
                 self.processes[header.source.index()].has_taken(expected);
                 true
             }
-            Ok(RuntimeMessage::Late(late)) => {
+            Ok(Runtime::Late(late)) => {
                 self.judge(header.source.index(), late);
                 true
             }
@@ -350,12 +347,12 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         let now = self.now();
         self.world.advance(now);
         self.director.report(now, header.source, report);
-        self.execute(now);
+        self.obey(now);
         true
     }
 
-    /// Lets the world and the director do everything that is due.
-    fn step_world(&mut self) {
+    /// Lets the world and the director do what is due.
+    fn play(&mut self) {
         for _ in 0..ROUNDS {
             let now = self.now();
             self.world.advance(now);
@@ -364,40 +361,40 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                 break;
             }
             self.director.wake(now, self.world);
-            self.execute(now);
+            self.obey(now);
             if self.finishing {
                 break;
             }
         }
     }
 
-    /// Passes on what bodies sensed. Returns whether there was anything.
+    /// Passes on what bodies sensed; whether there was anything.
     fn forward_sensed(&mut self) -> bool {
         let mut any = false;
         while let Some((id, sensed)) = self.world.poll() {
             any = true;
-            let message = match sensed {
-                Sensed::Percept(percept) => ControlMessage::Percept(percept),
+            let letter = match sensed {
+                Sensed::Percept(percept) => Letter::Percept(percept),
                 Sensed::Contact { port, revision, contact } => {
-                    ControlMessage::Runtime(RuntimeMessage::Contact { port, revision, contact })
+                    Letter::Runtime(Runtime::Contact { port, revision, contact })
                 }
             };
-            // A dead process senses nothing; a new one gets all contacts when it starts.
-            let hears = |p: &Process<_, _>| matches!(p.stage, Stage::Running | Stage::Lost);
+            // A dead process senses nothing; a new one is told everything when it starts.
+            let hears = |p: &Process<_>| matches!(p.stage, Stage::Running | Stage::Lost);
             if self.processes.get(id.index()).is_some_and(hears) {
                 self.outcome.body_messages += 1;
-                self.tell(id.index(), message);
+                self.tell(id.index(), letter);
             }
         }
         any
     }
 
-    fn tell(&mut self, i: usize, message: ControlMessage<W::Agent>) {
+    fn tell(&mut self, i: usize, letter: Letter<W::Agent>) {
         let process = &mut self.processes[i];
         if process.condemned {
             return;
         }
-        if process.tell(message) {
+        if process.tell(letter) {
             return self.list(i);
         }
         self.give_up(i, "did not take its messages for too long, and was killed");
@@ -409,27 +406,27 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         if process.verdict.is_none() {
             tracing::error!("module {i} {why}");
             process.verdict = Some(why);
-            let agent = process.key();
-            self.launcher.signal(agent, Signal::KILL);
+            let life = (process.id, process.incarnation);
+            self.supervisor.ask(Task::Signal(life, Signal::KILL));
         }
     }
 
-    /// Lists a process among those for which messages wait.
+    /// Sees to it that a process is told what waits for it.
     fn list(&mut self, i: usize) {
         if !std::mem::replace(&mut self.processes[i].listed, true) {
             self.unsent.push(i);
         }
     }
 
-    /// Sends to all agents as much as they take now.
+    /// Tells everybody as much as they take now.
     fn flush(&mut self) {
         self.director.commit();
         self.retry_at = None;
-        let (now, time) = (self.pace.monotonic(), self.now());
+        let (now, time) = (monotonic(), self.now());
         for i in std::mem::take(&mut self.unsent) {
             self.processes[i].listed = false;
             if self.processes[i].needs_link() && !self.connect(i) {
-                // Tried again when a link was closed, which its agent wakes this thread for.
+                // Tried again when somebody has left, which rings the bell.
                 self.list(i);
             } else if let Some(at) = self.processes[i].flush(now, time) {
                 self.retry_at = Some(self.retry_at.map_or(at, |earliest| earliest.min(at)));
@@ -438,25 +435,25 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         }
         let too_many = self.links.too_many(self.processes.len());
         if too_many > 0 {
-            let idle = |(i, p): (usize, &Process<_, _>)| p.idle_since().map(|since| (since, i));
+            let idle = |(i, p): (usize, &Process<_>)| p.idle_since().map(|since| (since, i));
             let mut idle: Vec<(u64, usize)> = self.processes.iter().enumerate().filter_map(idle).collect();
             idle.sort_unstable();
             idle.into_iter().take(too_many).for_each(|(_, i)| self.processes[i].leave(time));
         }
     }
 
-    /// Opens the link to an agent. `false` if there is no room for one more.
+    /// Opens the way to an agent; false if there is no room for one more.
     fn connect(&mut self, i: usize) -> bool {
         if !self.links.has_room() {
             return false;
         }
         let process = &mut self.processes[i];
-        match self.links.open_to(&mut self.transport, process.key()) {
+        match self.links.open_to(self.at, process.id, process.incarnation) {
             Ok(link) => process.connect(link),
             // It has just died, and its end is heard of soon.
-            Err(ConnectError::Unreachable(e)) => tracing::debug!("module {i} cannot be reached: {e}"),
-            Err(ConnectError::OutOfSpace(shortage)) => {
-                self.run_short(shortage);
+            Err(e) if e.is_absent() => tracing::debug!("module {i} cannot be reached: {e}"),
+            Err(ChannelError::Full(full)) => {
+                self.run_short(full);
                 return false;
             }
             Err(e) => {
@@ -467,8 +464,8 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         true
     }
 
-    /// Carries out the commands of the director.
-    fn execute(&mut self, now: Time) {
+    /// Carries out what the director wants.
+    fn obey(&mut self, now: Time) {
         while let Some(command) = self.director.poll() {
             tracing::debug!(%now, ?command);
             let id = match &command {
@@ -483,7 +480,7 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                 tracing::error!("there is no module {id} for {command:?}");
                 continue;
             };
-            let agent = process.key();
+            let life = (id, process.incarnation);
             let alive = process.stage != Stage::Absent;
             if !matches!(command, Command::Order(..)) {
                 self.director.commit();
@@ -492,26 +489,26 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                 Command::Kill(_) if alive && !process.condemned => {
                     process.condemned = true;
                     self.outcome.killed += 1;
-                    self.launcher.signal(agent, Signal::KILL);
+                    self.supervisor.ask(Task::Signal(life, Signal::KILL));
                 }
                 Command::Pause(_) if alive => {
                     process.paused = true;
-                    self.launcher.signal(agent, Signal::STOP);
+                    self.supervisor.ask(Task::Signal(life, Signal::STOP));
                 }
                 Command::Resume(_) if alive => {
                     (process.paused, process.halted) = (false, false);
                     process.resumed_at = now;
                     process.hurry();
-                    self.launcher.signal(agent, Signal::CONT);
+                    self.supervisor.ask(Task::Signal(life, Signal::CONT));
                 }
                 Command::Restart(_) if !alive => self.relaunch(id.index()),
                 Command::Restart(_) if process.condemned => process.restart = true,
-                Command::Restart(_) => tracing::warn!("module {id} is alive and is not started again"),
+                Command::Restart(_) => tracing::warn!("module {id} lives and is not started again"),
                 Command::Order(_, order) if matches!(process.stage, Stage::Running | Stage::Lost) => {
                     self.outcome.control_messages += 1;
-                    self.tell(id.index(), ControlMessage::Order(order));
+                    self.tell(id.index(), Letter::Order(order));
                 }
-                // The process is dead, so there is nothing to do.
+                // The process is dead: there is nobody to do it to.
                 _ => {}
             }
         }
