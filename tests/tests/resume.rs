@@ -162,7 +162,7 @@ fn runs_that_cannot_be_resumed_are_refused() {
     let alive = run(&["resume", &file]);
     assert!(alive.code == Some(1) && alive.err.contains("lives"), "{alive:?}");
     let again = run(&["run", &scenario("swarm.toml").display().to_string(), "--journal", &file]);
-    assert!(again.code == Some(2) && again.err.contains("not finished"), "{again:?}");
+    assert!(again.code == Some(2) && again.err.contains("unfinished run"), "{again:?}");
     // A run that is not resumed ends by itself, and is cleaned up.
     assert!(victim.kill_at(&journal, 100));
     let name = std::fs::read_to_string(parts_of(&journal).join("run")).expect("the run has begun");

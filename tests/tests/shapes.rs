@@ -166,7 +166,7 @@ fn unbuildable_solids_are_refused_with_the_reason() {
     assert_eq!(dropped.code, Some(0), "{dropped:?}");
     refused(
         &run(&["shape", path.to_str().unwrap(), "--part", "blocks", "--pitch", "9"]),
-        &["`part` means nothing"],
+        &["`part` does not apply to"],
     );
     // Two arches far apart in one file.
     let arch = fs::read_to_string(shapes("arch.stl")).unwrap();
@@ -233,7 +233,7 @@ fn broken_configurations_are_refused_with_place_reason_and_fix() {
         &shape("a.xml", with("targetList", "goals").replace("/targetList", "/goals"), &[]),
         &["has no target"],
     );
-    refused(&shape("a.xml", &case, &["--pitch", "3"]), &["`pitch` means nothing"]);
+    refused(&shape("a.xml", &case, &["--pitch", "3"]), &["`pitch` does not apply to"]);
     let far = with("4,4,0", "-16000,4,0").replace("5,4,0", "5,16000,16000");
     refused(&shape("a.xml", far, &[]), &["the box around its cells has"]);
 }

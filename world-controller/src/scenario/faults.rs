@@ -99,7 +99,11 @@ fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, problems: &mut Problem
         }
         true => section.node("obstacle"),
     };
-    let named: Vec<_> = VERBS.iter().filter_map(|(key, verb)| Some((*verb, section.node(key)?))).collect();
+    let named: Vec<_> = VERBS
+        .iter()
+        .filter(|(key, _)| family.faults().contains(key))
+        .filter_map(|(key, verb)| Some((*verb, section.node(key)?)))
+        .collect();
     let crash = section.node("crash");
     let partition = section.node("partition");
     if let Some(controller) = section.node("controller") {

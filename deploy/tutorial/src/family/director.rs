@@ -9,7 +9,7 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Never;
 use metamorph_sim_bridge::director::fault_injector::Injector;
-use metamorph_sim_bridge::director::faults::{Schedule, Struck};
+use metamorph_sim_bridge::director::faults::{Fault, Schedule, Struck};
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::director::port::Direct;
 use metamorph_sim_bridge::director::progress::{Progress, Stage, Stop};
@@ -32,6 +32,8 @@ pub struct ElectionDirector {
     /// The leader that each module has named last.
     named: Vec<Option<ModuleId>>,
     alive: Vec<bool>,
+    /// Processes that are to be killed and are not dead yet.
+    dying: usize,
     last_change: Time,
     commands: VecDeque<Command<Never>>,
     ended: Option<(Time, Outcome)>,
@@ -46,6 +48,7 @@ impl ElectionDirector {
             stop,
             named: vec![None; modules],
             alive: vec![false; modules],
+            dying: 0,
             last_change: Time::ZERO,
             commands: VecDeque::new(),
             ended: None,
@@ -118,6 +121,7 @@ impl Direct<StillWorld<Leader>> for ElectionDirector {
     fn died(&mut self, now: Time, id: ModuleId) {
         self.faults.died(id);
         self.alive[id.index()] = false;
+        self.dying = self.dying.saturating_sub(1);
         self.last_change = now;
     }
     fn external(&mut self, now: Time, id: ModuleId, what: &Outside, _: &StillWorld<Leader>) {
@@ -130,11 +134,12 @@ impl Direct<StillWorld<Leader>> for ElectionDirector {
     fn wake(&mut self, now: Time, world: &mut StillWorld<Leader>) {
         while let Some(fault) = self.faults.due(now) {
             let alive = fault.module().is_some_and(|id| self.alive[id.index()]);
+            self.dying += usize::from(alive && matches!(fault, Fault::Kill(_)));
             let effect = if alive { "it was voting" } else { "it was dead" };
             self.faults.strike(now, fault, alive, effect.to_owned(), &mut self.commands);
             self.last_change = now;
         }
-        let waits = self.faults.is_pending() || now < self.stop.planned_until;
+        let waits = self.faults.is_pending() || self.dying > 0 || now < self.stop.planned_until;
         if self.dissenters().is_empty() && !waits {
             self.end(now, Outcome::Built, world);
         } else if now >= self.stop.timeout {
@@ -150,6 +155,7 @@ impl Direct<StillWorld<Leader>> for ElectionDirector {
         // A schedule that is not over has its end among the faults to come.
         let next = match (self.faults.is_pending(), self.dissenters().is_empty()) {
             (true, _) => self.faults.next_at(),
+            _ if self.dying > 0 => Time::NEVER,
             (false, true) => self.last_change.max(self.stop.planned_until),
             (false, false) => (self.last_change + self.stop.stall).max(self.stop.planned_until),
         };

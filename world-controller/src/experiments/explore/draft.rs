@@ -84,6 +84,17 @@ pub enum Break {
 }
 
 impl Break {
+    /// Returns the key of `[[fault]]` that stands for it.
+    pub const fn key(&self) -> &'static str {
+        match self {
+            Break::Kill(_) => "kill",
+            Break::Restart(_) => "restart",
+            Break::Pause(_) => "pause",
+            Break::Stick(_) => "stick",
+            Break::Partition(_) => "partition",
+            Break::Obstacle(_) => "obstacle",
+        }
+    }
     /// Returns the modules concerned.
     pub fn modules(&self) -> &[u32] {
         match self {

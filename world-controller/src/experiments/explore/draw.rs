@@ -78,6 +78,7 @@ impl Dice {
                 draft.failed_connections = self.pick(&[2, 10, 30]);
             }
             draft.faults = self.faults(&draft);
+            draft.faults.retain(|fault| family.faults().contains(&fault.what.key()));
         }
         draft.link.until = self.end_of_harm(&draft);
         draft.patience = family.patience(draft.failed_connections > 0, draft.link.delay.1);
