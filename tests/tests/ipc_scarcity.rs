@@ -131,7 +131,7 @@ fn a_limit_of_file_sizes_is_refused_at_once() {
 #[test]
 fn an_agent_that_dies_of_sigbus_is_reported_so() {
     let dir = tempfile::tempdir().expect("a directory");
-    let run = Run::start(&dir.path().join("journal"), &["--time-scale", "5"]);
+    let run = Run::start(&dir.path().join("journal"), &["--time-scale", "20"]);
     let mut victim = None;
     wait_until("module 20 to be there", || {
         victim = root_of(run.pid()).and_then(|root| agent_of(&root, 20, 0));
