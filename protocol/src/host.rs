@@ -1,7 +1,7 @@
 //! The host of one incarnation of an agent. Every driver hands inputs to an agent and takes its outputs
 //! through it: the simulator, an agent process, a replay and the model checker. Recording is one hook here.
 //!
-//! Not here: carrying outputs out, which differs between drivers.
+//! Absent: carrying outputs out, which differs between drivers.
 
 use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf, Summary};
 use crate::counters::Class;

@@ -4,7 +4,7 @@
 //! sans-IO state machines: inputs and the current time go in, outputs are polled out, and one call returns
 //! the next wake-up time.
 //!
-//! Not here: clock, thread, socket, file, global randomness, and floating point in the state of an agent.
+//! Absent: clock, thread, socket, file, global randomness, and floating point in the state of an agent.
 
 pub mod agent;
 pub mod counters;

@@ -8,7 +8,7 @@
 //! exponentials, [`chain`]) and an integer one for the angles of the lattice ([`lattice_pose`],
 //! [`posture`]). Everything the motion database stores is an integer.
 //!
-//! Not here: dynamics, friction, motor control and any file. Citations "thesis" are to S. Bonardi, EPFL
+//! Absent: dynamics, friction, motor control and any file. Citations "thesis" are to S. Bonardi, EPFL
 //! thesis, 2014; "report" is J. Lotfi, EPFL report, 2009.
 
 pub mod body;

@@ -1,7 +1,7 @@
 //! Records the inputs and outputs of a world and a director: wrappers of both that write a journal, for any
 //! driver. Runs without a journal do without the wrappers.
 //!
-//! Not here: steps of agents (the agent host records those), and files.
+//! Absent: steps of agents (the agent host records those), and files.
 
 use crate::director::faults::{Fault, Struck};
 use crate::director::port::Direct;

@@ -6,7 +6,7 @@
 //! metamodule's joint sweeps come from the bytes of the motion database, because their geometry takes minutes
 //! to compute; the postures are checked against an independent integer kinematics.
 //!
-//! Not here: messages and decisions of agents, and whether the goal was built.
+//! Absent: messages and decisions of agents, and whether the goal was built.
 
 mod bytes;
 mod cubes;

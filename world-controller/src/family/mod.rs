@@ -1,7 +1,7 @@
 //! Families of modules: everything particular to a family is in its folder, and the list here is the only
 //! place that names them all.
 //!
-//! A family is a type that implements [`FamilyParts`]; [`Family`] follows from it and is the interface that
+//! A family is a type that implements [`FamilyParts`] and its supertraits; [`Family`] follows from it and is the interface that
 //! commands use. An embedding program can add families with [`install`].
 
 pub mod cube;
@@ -38,11 +38,8 @@ use thiserror::Error;
 /// The built-in families; the first is the default of scenarios.
 const BUILT_IN: &[&dyn Family] = &[&cube::CubeFamily, &metamodule::MetamoduleFamily];
 
-/// The interface that a family implements.
-pub trait FamilyParts: ScenarioFamily {
-    /// Its part of a plan, with its world and its director.
-    type Swarm: Runnable;
-
+/// What exploration needs of a family.
+pub trait ExploredFamily: ScenarioFamily {
     /// Draws a swarm and its goals for exploration.
     fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft>;
     /// Returns a minimal swarm with a minimal goal.
@@ -53,12 +50,19 @@ pub trait FamilyParts: ScenarioFamily {
     fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
     /// Returns the limit of runs for shrinking one failing scenario.
     fn shrinking(&self) -> u64;
+}
+
+/// The interface that a family implements.
+pub trait FamilyParts: ExploredFamily {
+    /// Its part of a plan, with its world and its director.
+    type Swarm: Runnable;
+
     /// Where each body is at the start.
     fn places(&self, swarm: &Self::Swarm) -> Vec<<AgentOf<Self::Swarm> as Agent>::Place>;
 }
 
 /// The interface of a family for commands.
-pub trait Family: ScenarioFamily {
+pub trait Family: ExploredFamily {
     /// Simulates a plan to its end, or until it is interrupted.
     fn simulate(&self, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult);
     /// Runs a plan with one process per module.
@@ -75,14 +79,6 @@ pub trait Family: ScenarioFamily {
     fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed;
     /// Runs one agent until its controller stops it or is gone.
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError>;
-    /// Draws a swarm and its goals for exploration.
-    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft>;
-    /// See [`FamilyParts::smallest`].
-    fn smallest(&self) -> Box<dyn SwarmDraft>;
-    /// See [`FamilyParts::patience`].
-    fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
-    /// See [`FamilyParts::shrinking`].
-    fn shrinking(&self) -> u64;
     /// The bodies of a plan at its start, for all that shows them.
     fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm>;
 }
@@ -112,18 +108,6 @@ where
     }
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError> {
         metamorph_module_agent::run::<AgentOf<F::Swarm>>(args)
-    }
-    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
-        FamilyParts::generate(self, dice)
-    }
-    fn smallest(&self) -> Box<dyn SwarmDraft> {
-        FamilyParts::smallest(self)
-    }
-    fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)> {
-        FamilyParts::patience(self, fails, delay)
-    }
-    fn shrinking(&self) -> u64 {
-        FamilyParts::shrinking(self)
     }
     fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm> {
         let swarm = swarm::<F>(plan);

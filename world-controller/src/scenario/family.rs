@@ -184,10 +184,6 @@ pub struct Words {
 }
 
 impl Families {
-    /// Returns the family of this name.
-    pub fn named(&self, name: &str) -> Option<&'static dyn ScenarioFamily> {
-        self.0.iter().copied().find(|family| family.name() == name)
-    }
     /// Returns the names of all families.
     pub fn names(&self) -> Vec<&'static str> {
         self.0.iter().map(|family| family.name()).collect()

@@ -14,8 +14,8 @@ use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
-use metamorph_world_controller::family::FamilyParts;
 use metamorph_world_controller::family::draft::{Dice, Smaller, SwarmDraft};
+use metamorph_world_controller::family::{ExploredFamily, FamilyParts};
 use metamorph_world_controller::report::run_result::RunResult;
 use metamorph_world_controller::report::schema::MoveReport;
 use metamorph_world_controller::run::runnable::{Runnable, stage};
@@ -125,13 +125,7 @@ impl Runnable for Plate {
     }
 }
 
-impl FamilyParts for ElectionFamily {
-    type Swarm = Plate;
-
-    fn places(&self, swarm: &Plate) -> Vec<Cell> {
-        let world = swarm.still_world();
-        (0..world.len() as u32).map(|id| world.place(metamorph_protocol::ids::ModuleId(id))).collect()
-    }
+impl ExploredFamily for ElectionFamily {
     fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
         Box::new(PlateDraft { side: dice.within(1, 6) as u16 })
     }
@@ -143,6 +137,15 @@ impl FamilyParts for ElectionFamily {
     }
     fn shrinking(&self) -> u64 {
         1_000
+    }
+}
+
+impl FamilyParts for ElectionFamily {
+    type Swarm = Plate;
+
+    fn places(&self, swarm: &Plate) -> Vec<Cell> {
+        let world = swarm.still_world();
+        (0..world.len() as u32).map(|id| world.place(metamorph_protocol::ids::ModuleId(id))).collect()
     }
 }
 

@@ -11,8 +11,8 @@ mod scenario;
 mod schema;
 mod words;
 
-use crate::family::FamilyParts;
 use crate::family::draft::{Dice, SwarmDraft};
+use crate::family::{ExploredFamily, FamilyParts};
 use crate::scenario::Plan;
 use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words};
 use crate::scenario::flaw::Flaw;
@@ -51,9 +51,7 @@ impl ScenarioFamily for CubeFamily {
     }
 }
 
-impl FamilyParts for CubeFamily {
-    type Swarm = Cubes;
-
+impl ExploredFamily for CubeFamily {
     fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
         Box::new(dice.cubes())
     }
@@ -66,6 +64,11 @@ impl FamilyParts for CubeFamily {
     fn shrinking(&self) -> u64 {
         3_000
     }
+}
+
+impl FamilyParts for CubeFamily {
+    type Swarm = Cubes;
+
     fn places(&self, swarm: &Cubes) -> Vec<Cell> {
         swarm.cells.to_vec()
     }

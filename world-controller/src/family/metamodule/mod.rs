@@ -15,8 +15,8 @@ mod scenario;
 mod schema;
 mod words;
 
-use crate::family::FamilyParts;
 use crate::family::draft::{Dice, SwarmDraft};
+use crate::family::{ExploredFamily, FamilyParts};
 use crate::scenario::Plan;
 use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words};
 use crate::scenario::flaw::Flaw;
@@ -58,9 +58,7 @@ impl ScenarioFamily for MetamoduleFamily {
     }
 }
 
-impl FamilyParts for MetamoduleFamily {
-    type Swarm = Metamodules;
-
+impl ExploredFamily for MetamoduleFamily {
     fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
         Box::new(dice.metamodules())
     }
@@ -74,6 +72,11 @@ impl FamilyParts for MetamoduleFamily {
         // Runs take much longer than those of other families.
         300
     }
+}
+
+impl FamilyParts for MetamoduleFamily {
+    type Swarm = Metamodules;
+
     fn places(&self, swarm: &Metamodules) -> Vec<Pose> {
         swarm.poses.clone()
     }
