@@ -1,4 +1,4 @@
-//! The one clock of a real process: scenario time from CLOCK_MONOTONIC and the run's clock page.
+//! The clock of a run: scenario time from a monotonic clock and the run's clock page ([`source`]).
 //!
 //! The controller decides how fast scenario time passes, between not at all and the speed of the
 //! scenario, so that a busy machine slows the run instead of making its agents late. Absent: the date,
@@ -6,14 +6,14 @@
 
 pub mod lateness;
 pub mod page;
+pub mod source;
 
 use crate::clock::page::Page;
+use crate::clock::source::ClockSource;
 use metamorph_protocol::time::Time;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
-use std::fs::File;
 use std::io;
-use std::path::Path;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -94,40 +94,47 @@ pub fn monotonic() -> u64 {
 
 /// Scenario time, as an agent reads it.
 #[derive(Debug)]
-pub struct Clock {
-    file: File,
+pub struct Clock<C> {
+    source: C,
     page: Page,
     full: Speed,
 }
 
-impl Clock {
-    /// The clock of the run in `root`, whose time passes with `full` speed at most.
-    pub fn open(root: &Path, full: Speed) -> io::Result<Clock> {
-        let file = File::open(page::path(root))?;
-        let page = Page::read(&file)?;
-        Ok(Clock { file, page, full })
+impl<C: ClockSource> Clock<C> {
+    /// The clock of a run whose time passes with `full` speed at most.
+    ///
+    /// # Errors
+    /// If the clock page cannot be read.
+    pub fn new(source: C, full: Speed) -> io::Result<Clock<C>> {
+        let page = source.read_page()?;
+        Ok(Clock { source, page, full })
     }
 
-    /// The time now.
+    /// Nanoseconds of real time.
+    pub fn monotonic(&self) -> u64 {
+        self.source.monotonic()
+    }
+
+    /// The scenario time now.
     pub fn now(&mut self) -> Time {
-        let monotonic = monotonic();
-        self.look(monotonic);
+        let monotonic = self.source.monotonic();
+        self.refresh(monotonic);
         self.page.at(monotonic)
     }
 
     /// How long to wait, in real time, before looking at the clock again, in order to be there at `time`.
     pub fn until(&mut self, time: Time) -> Duration {
-        let monotonic = monotonic();
-        self.look(monotonic);
+        let monotonic = self.source.monotonic();
+        self.refresh(monotonic);
         wait(&self.page, self.full, monotonic, time)
     }
 
     /// Reads the page if the copy says nothing about this instant.
-    fn look(&mut self, monotonic: u64) {
+    fn refresh(&mut self, monotonic: u64) {
         if monotonic < self.page.until() {
             return;
         }
-        match Page::read(&self.file) {
+        match self.source.read_page() {
             Ok(page) => self.page = page,
             // Scenario time stands still for this process; the controller will miss it.
             Err(e) => tracing::debug!("the clock page cannot be read: {e}"),

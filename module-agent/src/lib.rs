@@ -1,4 +1,4 @@
-//! One agent process: its channels over iceoryx2, its clock and its wait loop.
+//! One agent process: its transport, its clock and its wait loop.
 //!
 //! [`run`] turns any [`Agent`](metamorph_protocol::agent::Agent) into a process of a swarm. The
 //! parts that the world-controller needs too (names, outboxes, the swarm file, counter files, the
@@ -15,6 +15,7 @@ pub mod regular_file;
 pub mod run_dir;
 pub mod transport;
 
-pub use crate::process::agent_process::{AgentError, in_hand, pid_directory, pid_file, run};
+pub use crate::process::agent_process::in_hand;
 pub use crate::process::args::AgentArgs;
+pub use crate::process::start::{AgentError, pid_directory, pid_file, run};
 pub use crate::registry::Family;

@@ -1,4 +1,4 @@
-//! What a link does to messages, applied by the sender: loss, duplication, delay, reorder, damage
+//! What a link does to messages, applied by the sender: loss, duplication, delay, reordering, damage
 //! and partitions, as [`LinkModel::carry`] draws them. Absent: the drawing itself.
 
 use metamorph_protocol::counters::Class;
@@ -10,12 +10,12 @@ use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Frame;
 use std::collections::BTreeMap;
 
-/// Frames of one agent that may be on their way at a time; more are counted as overflowed.
+/// Frames of one agent that may be held back at a time; more are counted as overflowed.
 pub const HELD_LIMIT: usize = 4_096;
 
 /// One frame on its way to the peer on a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Parcel {
+pub struct DelayedFrame {
     /// The port it leaves by.
     pub port: Port,
     /// The peer.
@@ -26,29 +26,35 @@ pub struct Parcel {
     pub class: Class,
     /// The frame, damaged if the link damages it.
     pub frame: Frame,
-    /// Whether it does.
+    /// Whether the link has damaged it.
     pub damaged: bool,
 }
 
 /// The links of one agent, one for each port.
 #[derive(Debug)]
-pub struct Impair {
+pub struct LinkEmulator {
     model: LinkModel,
     transparent: bool,
     from: ModuleId,
     ports: Vec<(Stream, Time)>,
-    held: BTreeMap<(Time, u64), Parcel>,
+    held: BTreeMap<(Time, u64), DelayedFrame>,
     count: u64,
 }
 
-impl Impair {
-    /// The links of one life of an agent with `ports` ports, in the run of `seed`.
-    pub fn new(model: LinkModel, seed: u64, from: ModuleId, life: Incarnation, ports: usize) -> Impair {
+impl LinkEmulator {
+    /// The links of one incarnation of an agent with `ports` ports, in the run of `seed`.
+    pub fn new(
+        model: LinkModel,
+        seed: u64,
+        from: ModuleId,
+        incarnation: Incarnation,
+        ports: usize,
+    ) -> LinkEmulator {
         let stream = |port: usize| {
-            let index = u64::from(from.0) << 32 | u64::from(life.0) << 8 | port as u64;
+            let index = u64::from(from.0) << 32 | u64::from(incarnation.0) << 8 | port as u64;
             Stream::named(seed, "process link", index)
         };
-        Impair {
+        LinkEmulator {
             transparent: model.is_transparent(),
             model,
             from,
@@ -58,17 +64,17 @@ impl Impair {
         }
     }
 
-    /// Takes a frame that was sent at `now`: what passes at once goes to `out`, the rest is held
-    /// back until it is due.
-    pub fn carry(&mut self, now: Time, parcel: Parcel, tally: &mut Tally, out: &mut Vec<Parcel>) {
+    /// Takes a frame that was sent at `now`: copies that pass at once go to `out`, the others are held
+    /// back until they are due.
+    pub fn carry(&mut self, now: Time, frame: DelayedFrame, tally: &mut Tally, out: &mut Vec<DelayedFrame>) {
         if self.transparent {
-            out.push(parcel);
+            out.push(frame);
             return;
         }
         // Invariant: the wait loop sends only by ports that exist.
-        let (stream, last) = &mut self.ports[parcel.port.index()];
-        let fate = self.model.carry(now, self.from, parcel.peer, stream, last);
-        let counts = &mut tally[parcel.class];
+        let (stream, last) = &mut self.ports[frame.port.index()];
+        let fate = self.model.carry(now, self.from, frame.peer, stream, last);
+        let counts = &mut tally[frame.class];
         if fate.arrivals[0].is_none() {
             counts.lost += 1;
         }
@@ -76,15 +82,15 @@ impl Impair {
             counts.duplicated += 1;
         }
         for arrival in fate.arrivals.into_iter().flatten() {
-            let mut parcel = parcel;
+            let mut frame = frame;
             if let Some(bit) = arrival.flipped_bit {
-                parcel.frame.flip(bit);
-                parcel.damaged = true;
+                frame.frame.flip(bit);
+                frame.damaged = true;
             }
             if arrival.at <= now && self.held.is_empty() {
-                out.push(parcel);
+                out.push(frame);
             } else if self.held.len() < HELD_LIMIT {
-                self.held.insert((arrival.at, self.count), parcel);
+                self.held.insert((arrival.at, self.count), frame);
                 self.count += 1;
             } else {
                 counts.overflowed += 1;
@@ -92,7 +98,7 @@ impl Impair {
         }
     }
 
-    /// A new contact on a port: nothing there is still to be kept in order.
+    /// A new contact on a port: frames of the old one no longer hold back later ones.
     pub fn reset(&mut self, port: Port) {
         if let Some((_, last)) = self.ports.get_mut(port.index()) {
             *last = Time::ZERO;
@@ -100,7 +106,7 @@ impl Impair {
     }
 
     /// Hands out what is due at `now`, in the order in which it is due.
-    pub fn release(&mut self, now: Time, out: &mut Vec<Parcel>) {
+    pub fn release(&mut self, now: Time, out: &mut Vec<DelayedFrame>) {
         while let Some(first) = self.held.first_entry() {
             if first.key().0 > now {
                 break;
@@ -109,9 +115,9 @@ impl Impair {
         }
     }
 
-    /// Drops what is held back, and says of which classes it was.
+    /// Drops the frames that are held back, and returns their classes.
     pub fn drain(&mut self) -> impl Iterator<Item = Class> {
-        std::mem::take(&mut self.held).into_values().map(|parcel| parcel.class)
+        std::mem::take(&mut self.held).into_values().map(|frame| frame.class)
     }
 
     /// When the next frame is due.
@@ -127,7 +133,7 @@ mod tests {
     use metamorph_protocol::time::Span;
     use metamorph_protocol::wire::{Channel, Header, Wire};
 
-    fn parcel(n: i16) -> Parcel {
+    fn frame(n: i16) -> DelayedFrame {
         let message = Cell::new(n, 0, 0);
         let (port, peer, session) = (Port(1), ModuleId(2), Session(3));
         let header = Header {
@@ -141,7 +147,7 @@ mod tests {
             session: session.0,
             sequence: n as u32,
         };
-        Parcel {
+        DelayedFrame {
             port,
             peer,
             session,
@@ -150,15 +156,15 @@ mod tests {
             damaged: false,
         }
     }
-    fn links(model: LinkModel) -> Impair {
-        Impair::new(model, 1, ModuleId(0), Incarnation(0), 6)
+    fn links(model: LinkModel) -> LinkEmulator {
+        LinkEmulator::new(model, 1, ModuleId(0), Incarnation(0), 6)
     }
 
     #[test]
     fn a_clear_link_passes_everything_at_once() {
         let (mut links, mut tally, mut out) = (links(LinkModel::default()), Tally::default(), vec![]);
-        links.carry(Time(5), parcel(1), &mut tally, &mut out);
-        assert_eq!(out, [parcel(1)]);
+        links.carry(Time(5), frame(1), &mut tally, &mut out);
+        assert_eq!(out, [frame(1)]);
         assert_eq!((links.next(), tally), (Time::NEVER, Tally::default()));
     }
 
@@ -167,11 +173,11 @@ mod tests {
         let model = LinkModel { delay_min: Span(10), delay_max: Span(20), ..LinkModel::default() };
         let (mut links, mut tally, mut out) = (links(model), Tally::default(), vec![]);
         for n in 0..50 {
-            links.carry(Time(n as u64), parcel(n), &mut tally, &mut out);
+            links.carry(Time(n as u64), frame(n), &mut tally, &mut out);
         }
         assert!(out.is_empty() && links.next() >= Time(10));
         links.release(Time(100), &mut out);
-        assert_eq!(out, (0..50).map(parcel).collect::<Vec<_>>());
+        assert_eq!(out, (0..50).map(frame).collect::<Vec<_>>());
     }
 
     #[test]
@@ -187,10 +193,10 @@ mod tests {
         };
         let (mut links, mut tally, mut out) = (links(model), Tally::default(), vec![]);
         for _ in 0..10_000 {
-            links.carry(Time::ZERO, parcel(1), &mut tally, &mut out);
+            links.carry(Time::ZERO, frame(1), &mut tally, &mut out);
         }
         links.release(Time(500_000_000), &mut out);
-        out.extend(links.drain().map(|class| Parcel { class, damaged: false, ..parcel(1) }));
+        out.extend(links.drain().map(|class| DelayedFrame { class, damaged: false, ..frame(1) }));
         assert_eq!(links.next(), Time::NEVER);
         let c = tally[Class::Seed];
         assert!(c.overflowed > 0 && c.lost > 0 && c.duplicated > 0);

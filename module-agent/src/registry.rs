@@ -1,8 +1,8 @@
 //! The families of units that an agent process can be, by the names that scenarios and command lines
 //! use. The one place of this crate that knows them.
 
-use crate::process::agent_process::{AgentError, run};
 use crate::process::args::{AgentArgs, ArgsError};
+use crate::process::start::{AgentError, run};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::metamodule::Metamodule;
 use std::ffi::OsString;

@@ -1,4 +1,5 @@
-//! The one suite that every driver passes. Each check is a script and what must have been seen.
+//! The one suite that every driver passes. Each check is a script and what must have been seen: on the
+//! simulator, on threads in memory, and on processes over shared memory.
 //!
 //! `conformance!(make_testbed)` in a test file makes a test of each of them.
 
@@ -27,7 +28,7 @@ macro_rules! conformance {
             delays_and_reorders,
             a_partition_cuts_and_heals,
             an_inbox_that_is_full_is_counted,
-            a_dead_peer_blocks_nobody,
+            a_dead_peer_blocks_no_sender,
             a_restarted_module_is_reachable_in_a_new_session,
             counts_survive_a_kill,
         );
@@ -55,8 +56,8 @@ fn run(bed: &mut impl Testbed, link: &LinkModel, world: &mut ProbeWorld, script:
     (script, tally.total())
 }
 
-/// Loss is never silent: nothing arrives that was not sent, and all that was sent has a fate or is
-/// on its way.
+/// Loss is never silent: nothing arrives that was not sent, and every message that was sent has a fate or is
+/// in flight.
 fn adds_up(tally: &Tally) {
     for (class, counts) in tally.iter() {
         assert!(counts.in_flight() >= 0, "{class}: more fates than messages: {counts:?}");
@@ -84,7 +85,7 @@ fn slow_stream(mut script: Script, rounds: u32, size: u32) -> Script {
     script
 }
 
-/// A message reaches the neighbour, by the right port, and nobody else.
+/// A message reaches the neighbour, by the right port, and no other module.
 pub fn delivers_to_the_neighbour_that_is_there(bed: &mut impl Testbed) {
     let script =
         Script::new(3).send(1, 0, 10, 1).send(1, 1, 20, 1).until_got(0, 1, 1).until_got(2, 0, 1).settle(1);
@@ -131,7 +132,7 @@ pub fn keeps_the_order_of_each_link(bed: &mut impl Testbed) {
     }
 }
 
-/// Two modules part while messages are under way, and meet again: the old ones do not arrive.
+/// Two modules part while messages are in flight, and meet again: the old messages do not arrive.
 pub fn a_late_message_is_not_credited_to_a_later_contact(bed: &mut impl Testbed) {
     let model = LinkModel { delay_min: Span::millis(300), delay_max: Span::millis(300), ..clear() };
     let script = Script::new(2)
@@ -258,8 +259,8 @@ pub fn an_inbox_that_is_full_is_counted(bed: &mut impl Testbed) {
     assert!(script.log.got(B, Port(0)).is_sorted());
 }
 
-/// Whoever sends to a dead module is not held up, and nothing is silent about it.
-pub fn a_dead_peer_blocks_nobody(bed: &mut impl Testbed) {
+/// Sending to a dead module does not block, and every message has a counted fate.
+pub fn a_dead_peer_blocks_no_sender(bed: &mut impl Testbed) {
     let script = Script::new(3)
         .command(Command::Kill(B))
         .until_died(1, 1)
@@ -290,11 +291,15 @@ pub fn a_restarted_module_is_reachable_in_a_new_session(bed: &mut impl Testbed) 
             log.has(B, reborn) && a.last() == b.last()
         })
         .send(0, 1, 8, 1)
-        .until("a message to the new life", |log| log.got(B, Port(0)).contains(&8))
+        .until("a message to the new incarnation", |log| log.got(B, Port(0)).contains(&8))
         .send(1, 0, 9, 1)
         .until_got(0, 1, 1);
     let (script, counts) = run(bed, &clear(), &mut ProbeWorld::line(2), script);
-    assert_eq!(script.log.got(B, Port(0)), [1, 8], "nothing of the life before arrives in the new one");
+    assert_eq!(
+        script.log.got(B, Port(0)),
+        [1, 8],
+        "no message to the incarnation before arrives in the new one"
+    );
     assert_eq!(script.log.got(A, Port(1)), [9]);
     assert_eq!((counts.sent, counts.delivered), (6, 3));
     let mut sessions = script.log.sessions(A, Port(1));

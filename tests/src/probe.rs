@@ -60,7 +60,7 @@ pub enum ProbeOrder {
     Ping(u32),
     /// Ask the body for something.
     Touch(u32),
-    /// From now on, send one message by every port with a contact in each period.
+    /// Send one message by every port with a contact in each period.
     Chat(Span),
     /// Break down.
     Panic,
@@ -71,7 +71,7 @@ pub enum ProbeOrder {
 pub enum ProbeReport {
     /// It was born.
     Born {
-        /// Which life it is.
+        /// Which incarnation it is.
         incarnation: Incarnation,
         /// Where it stands.
         place: u32,
@@ -196,7 +196,7 @@ impl Probe {
 /// Bodies whose contacts a test changes.
 #[derive(Clone, Debug)]
 pub struct ProbeWorld {
-    lives: Vec<Incarnation>,
+    incarnations: Vec<Incarnation>,
     revisions: Vec<Revision>,
     joints: BTreeMap<(ModuleId, Port), (ModuleId, Port, Session)>,
     sessions: u32,
@@ -207,7 +207,7 @@ impl ProbeWorld {
     /// `count` bodies that touch nothing.
     pub fn new(count: u32) -> ProbeWorld {
         ProbeWorld {
-            lives: vec![Incarnation(0); count as usize],
+            incarnations: vec![Incarnation(0); count as usize],
             revisions: vec![Revision(0); count as usize],
             joints: BTreeMap::new(),
             sessions: 0,
@@ -248,7 +248,7 @@ impl ProbeWorld {
         let contact = self.joints.get(&(id, port)).map(|&(peer, peer_port, session)| Contact {
             session,
             peer,
-            peer_incarnation: self.lives[peer.index()],
+            peer_incarnation: self.incarnations[peer.index()],
             peer_port,
         });
         let revision = self.revisions[id.index()];
@@ -260,13 +260,13 @@ impl World for ProbeWorld {
     type Agent = Probe;
 
     fn len(&self) -> usize {
-        self.lives.len()
+        self.incarnations.len()
     }
     fn place(&self, id: ModuleId) -> ProbePlace {
         ProbePlace(id.0)
     }
     fn start(&mut self, _: Time, id: ModuleId, incarnation: Incarnation) {
-        self.lives[id.index()] = incarnation;
+        self.incarnations[id.index()] = incarnation;
         for port in (0..PORTS as u8).map(Port) {
             if let Some(&(peer, peer_port, _)) = self.joints.get(&(id, port)) {
                 self.sessions += 1;

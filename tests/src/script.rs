@@ -40,7 +40,7 @@ impl Log {
         };
         self.0.iter().filter_map(|(_, seen)| number(seen)).collect()
     }
-    /// All messages that anybody got.
+    /// The number of messages that all modules got.
     pub fn all_got(&self) -> usize {
         self.0.iter().filter(|(_, s)| matches!(s, Seen::Report(_, ProbeReport::Got { .. }))).count()
     }
@@ -148,7 +148,7 @@ impl Script {
         self.steps.push_back(Step::Until(what, Box::new(condition)));
         self
     }
-    /// Waits until a module has got so many messages by a port.
+    /// Waits until a module has got `count` messages by a port.
     pub fn until_got(self, id: u32, port: u8, count: usize) -> Script {
         self.until("messages to arrive", move |log| log.got(ModuleId(id), Port(port)).len() >= count)
     }

@@ -1,4 +1,5 @@
-//! What a driver must offer to be tested, and the testbeds: real processes, and the simulator.
+//! What a driver must offer to be tested, and the testbeds: real processes, threads in memory, and the
+//! simulator.
 
 use crate::probe::{Felt, Probe, ProbeOrder, ProbePlace, ProbeReport, ProbeSetup, ProbeWorld, Touch};
 use crate::script::Script;
@@ -12,14 +13,14 @@ use metamorph_sim_bridge::director::port::Direct;
 use metamorph_sim_bridge::kernel::sim::{Agents, Audited, Sim, SimConfig};
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
-use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_swarm};
+use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_in_memory, run_swarm};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A driver under test: it runs a script to its end.
 pub trait Testbed {
     /// Runs `script` in `world`, with links that do what `link` says, and returns what was counted
-    /// over all agents and lives.
+    /// over all incarnations of all agents.
     fn run(&mut self, link: &LinkModel, world: &mut ProbeWorld, script: &mut Script) -> Tally;
 }
 
@@ -42,10 +43,44 @@ impl ProcessBed {
 impl Testbed for ProcessBed {
     fn run(&mut self, link: &LinkModel, world: &mut ProbeWorld, script: &mut Script) -> Tally {
         self.options.link = link.clone();
-        let setup = ProbeSetup { ballast: vec![7; 1_000] };
-        let outcome = run_swarm(&self.options, &setup, world, script);
+        let outcome = run_swarm(&self.options, &setup(), world, script);
         self.outcome = outcome.unwrap_or_else(|e| panic!("the swarm could not be run: {e}"));
         self.outcome.tally
+    }
+}
+
+/// What all probes of a run share.
+fn setup() -> ProbeSetup {
+    ProbeSetup { ballast: vec![7; 1_000] }
+}
+
+/// Threads over queues in memory.
+#[derive(Debug)]
+pub struct MemoryBed {
+    /// How swarms are run.
+    pub options: SwarmOptions,
+}
+
+impl MemoryBed {
+    /// Agents are threads of this process.
+    pub fn new() -> MemoryBed {
+        MemoryBed { options: SwarmOptions::new(PathBuf::new()) }
+    }
+}
+
+impl Default for MemoryBed {
+    fn default() -> MemoryBed {
+        MemoryBed::new()
+    }
+}
+
+impl Testbed for MemoryBed {
+    fn run(&mut self, link: &LinkModel, world: &mut ProbeWorld, script: &mut Script) -> Tally {
+        self.options.link = link.clone();
+        let outcome = run_in_memory(&self.options, &Arc::new(setup()), world, script);
+        let outcome = outcome.unwrap_or_else(|e| panic!("the swarm could not be run: {e}"));
+        assert_eq!((outcome.foreign, &outcome.crashes[..]), (0, &[][..]));
+        outcome.tally
     }
 }
 
@@ -56,7 +91,7 @@ pub struct SimBed;
 impl Testbed for SimBed {
     fn run(&mut self, link: &LinkModel, world: &mut ProbeWorld, script: &mut Script) -> Tally {
         let config = SimConfig {
-            setup: Arc::new(ProbeSetup { ballast: vec![7; 1_000] }),
+            setup: Arc::new(setup()),
             link: link.clone(),
             seed: 0,
             audit_every: Span::secs(1),

@@ -178,6 +178,25 @@ fn modules_use_only_those_below_them() {
     }
 }
 
+/// A transport is chosen where a run is started; the loops at both of its ends are generic over it.
+#[test]
+fn the_wait_loop_and_the_controller_loop_name_no_transport() {
+    let start = root().join("module-agent/src/process/start.rs");
+    let mut files = Vec::new();
+    for folder in ["module-agent/src/process", "world-controller/src/swarm/controller_loop"] {
+        rust_files(&root().join(folder), &mut files);
+    }
+    assert!(files.len() > 10 && files.contains(&start), "the sources were not found");
+    for file in files.into_iter().filter(|file| *file != start) {
+        let text = fs::read_to_string(&file).expect("sources are text");
+        let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+        for absent in ["iceoryx", "transport::memory", "/dev/shm"] {
+            let names = |line: &str| !line.trim_start().starts_with("//") && line.contains(absent);
+            assert!(!code.lines().any(names), "{} names {absent}", file.display());
+        }
+    }
+}
+
 /// The folders of families, and the places outside of them that may name a family: benchmarks and published
 /// experiments are about one family each, and the command line has a command of one.
 const OF_FAMILIES: [&str; 9] = [

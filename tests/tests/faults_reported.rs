@@ -1,7 +1,7 @@
 //! Faults in reports: signals to processes from outside a run, and partitions, as the faults that a scenario
 //! plans; in JSON, in the text, on the page and in the journal.
 
-use metamorph_module_agent::run_dir::counter_file::Ledger;
+use metamorph_module_agent::run_dir::counter_file::CounterFile;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{Ran, command, module_agent, run, scenario};
@@ -42,8 +42,8 @@ impl Run {
     /// Sends a signal to a module that takes part in the run.
     fn signal(&self, id: u32, signal: Signal) {
         wait_until("the module to take part", || {
-            let ledger = Ledger::read(&self.root, ModuleId(id), Incarnation(0)).ok().flatten();
-            ledger.is_some_and(|account| account.tally.total().delivered > 0)
+            let counters = CounterFile::read(&self.root, ModuleId(id), Incarnation(0)).ok().flatten();
+            counters.is_some_and(|counters| counters.tally.total().delivered > 0)
         });
         signal_to(agent_of(&self.root, id, 0).expect("it has written its identity").pid, signal);
     }

@@ -1,11 +1,12 @@
 //! Swarms of real processes that are broken from outside: live modules go on, every loss is reported, and no
 //! file is left behind.
 
-use metamorph_module_agent::run_dir::counter_file::Ledger;
+use metamorph_module_agent::run_dir::counter_file::CounterFile;
 use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
-use metamorph_module_agent::transport::iceoryx::outbox::{Handed, Outbox};
+use metamorph_module_agent::transport::iceoryx::outbox::Outbox;
 use metamorph_module_agent::transport::iceoryx::rendezvous::Rendezvous;
-use metamorph_module_agent::transport::iceoryx::shared_frame::Packet;
+use metamorph_module_agent::transport::shared_frame::SharedFrame;
+use metamorph_module_agent::transport::{Link, SendStatus};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
 use metamorph_protocol::link::LinkModel;
@@ -39,7 +40,7 @@ fn an_asked_end_leaves_nothing() {
     assert_eq!(agents.len(), 6);
     let came_to = controller.finish();
     assert_eq!((came_to["alive"], came_to["crashes"], came_to["interrupted"]), (6, 0, 1));
-    assert_eq!((came_to["foreign"], came_to["missing_ledgers"]), (0, 0));
+    assert_eq!((came_to["foreign"], came_to["missing_counters"]), (0, 0));
     assert!(agents.iter().all(|a| !a.is_alive()));
 }
 
@@ -51,14 +52,14 @@ fn an_agent_killed_from_outside_is_told_apart_and_the_rest_goes_on() {
     wait_until("the victim to be waited for", || {
         !std::path::Path::new(&format!("/proc/{}", victim.pid)).exists()
     });
-    let before = Ledger::read(&controller.root, ModuleId(0), FIRST).unwrap().unwrap();
+    let before = CounterFile::read(&controller.root, ModuleId(0), FIRST).unwrap().unwrap();
     wait_until("the others to go on", || {
-        let now = Ledger::read(&controller.root, ModuleId(0), FIRST).unwrap().unwrap();
+        let now = CounterFile::read(&controller.root, ModuleId(0), FIRST).unwrap().unwrap();
         now.tally.total().delivered > before.tally.total().delivered + 10
     });
     let came_to = controller.finish();
     assert_eq!((came_to["alive"], came_to["crashes"], came_to["external"]), (4, 0, 1));
-    assert_eq!(came_to["missing_ledgers"], 0, "the counts of the victim are kept");
+    assert_eq!(came_to["missing_counters"], 0, "what the victim had counted is still there");
 }
 
 #[test]
@@ -79,14 +80,14 @@ fn a_stopped_agent_blocks_no_other_and_goes_on_when_continued() {
     let middle = controller.agent(1, 0);
     signal_to(middle.pid, Signal::STOP);
     let overflowed = |id| {
-        let account = Ledger::read(&controller.root, ModuleId(id), FIRST).unwrap().unwrap();
-        account.tally.total().overflowed
+        let counters = CounterFile::read(&controller.root, ModuleId(id), FIRST).unwrap().unwrap();
+        counters.tally.total().overflowed
     };
     wait_until("the stopped inbox to overflow", || overflowed(0) > 50 && overflowed(2) > 50);
     signal_to(middle.pid, Signal::CONT);
-    let before = Ledger::read(&controller.root, ModuleId(1), FIRST).unwrap().unwrap();
+    let before = CounterFile::read(&controller.root, ModuleId(1), FIRST).unwrap().unwrap();
     wait_until("the stopped agent to go on", || {
-        let now = Ledger::read(&controller.root, ModuleId(1), FIRST).unwrap().unwrap();
+        let now = CounterFile::read(&controller.root, ModuleId(1), FIRST).unwrap().unwrap();
         now.tally.total().delivered > before.tally.total().delivered + 100
     });
     let came_to = controller.finish();
@@ -112,7 +113,7 @@ fn foreign_frames_are_counted_and_change_nothing() {
     };
     let message = ProbeMessage(1);
     assert_eq!(message.kind(), 0);
-    let mut packets: Vec<Packet> = [
+    let mut frames: Vec<SharedFrame> = [
         // A hello to an agent, out of sequence.
         header,
         // For another module.
@@ -122,20 +123,20 @@ fn foreign_frames_are_counted_and_change_nothing() {
         Header { channel: Channel::Peer, source: ModuleId(0), session: 999, ..header },
     ]
     .iter()
-    .map(|h| Packet::new(&Frame::seal(*h, &message), Time::ZERO))
+    .map(|h| SharedFrame::new(&Frame::seal(*h, &message), Time::ZERO))
     .collect();
     let mut random = Stream::named(1, "garbage", 0);
-    packets.extend((0..40).map(|_| Packet::from_bytes(std::array::from_fn(|_| random.next_u64() as u8))));
-    for packet in &packets {
+    frames.extend((0..40).map(|_| SharedFrame::from_bytes(std::array::from_fn(|_| random.next_u64() as u8))));
+    for frame in &frames {
         wait_until("room in the inbox", || {
-            let handed = outbox.send_packet(*packet);
+            let status = outbox.send(*frame);
             outbox.flush();
-            handed == Handed::Over
+            status == SendStatus::Sent
         });
     }
     wait_until("the garbage to be counted", || {
-        let account = Ledger::read(&controller.root, ModuleId(1), FIRST).unwrap().unwrap();
-        account.foreign >= 42
+        let counters = CounterFile::read(&controller.root, ModuleId(1), FIRST).unwrap().unwrap();
+        counters.foreign >= 42
     });
     drop((outbox, at));
     let came_to = controller.finish();
@@ -333,7 +334,7 @@ fn storm(count: u32, rounds: u32, seed: u64) -> ProcessBed {
     let outcome = &bed.outcome;
     assert_eq!(outcome.crashes, []);
     assert_eq!((outcome.alive, outcome.restarted, outcome.killed), (count, restarts, restarts));
-    assert_eq!((outcome.foreign, outcome.missing_ledgers.len()), (0, 0));
+    assert_eq!((outcome.foreign, outcome.missing_counters.len()), (0, 0));
     for (class, counts) in tally.iter() {
         assert!(counts.in_flight() >= 0, "{class} {counts:?}");
     }

@@ -49,7 +49,7 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
     }
     assert!(world.take_violations().is_empty(), "an invariant broke");
     assert_eq!(outcome.crashes, []);
-    assert_eq!((outcome.foreign, outcome.missing_ledgers.len()), (0, 0));
+    assert_eq!((outcome.foreign, outcome.missing_counters.len()), (0, 0));
     assert_eq!(unbalanced(&outcome, 6, true), None);
     (director.outcome().map(|(_, came_to)| came_to), outcome)
 }

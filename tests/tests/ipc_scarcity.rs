@@ -6,9 +6,10 @@
 #![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
 use metamorph_module_agent::run_dir::identity::Identity;
-use metamorph_module_agent::transport::iceoryx::outbox::{Handed, Outbox};
+use metamorph_module_agent::transport::iceoryx::outbox::Outbox;
 use metamorph_module_agent::transport::iceoryx::rendezvous::Rendezvous;
-use metamorph_module_agent::transport::iceoryx::shared_frame::Packet;
+use metamorph_module_agent::transport::shared_frame::SharedFrame;
+use metamorph_module_agent::transport::{Link, SendStatus};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::rng::Stream;
 use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
@@ -280,10 +281,10 @@ fn a_foreign_process_that_fills_an_inbox_changes_nothing() {
     let mut written = 0;
     wait_until("the inbox to be full", || {
         let handed = (0..100)
-            .map(|_| outbox.send_packet(Packet::from_bytes(std::array::from_fn(|_| random.next_u64() as u8))))
+            .map(|_| outbox.send(SharedFrame::from_bytes(std::array::from_fn(|_| random.next_u64() as u8))))
             .collect::<Vec<_>>();
-        written += handed.iter().filter(|h| **h == Handed::Over).count();
-        handed.contains(&Handed::Full)
+        written += handed.iter().filter(|h| **h == SendStatus::Sent).count();
+        handed.contains(&SendStatus::Full)
     });
     outbox.flush();
     signal_to(victim.pid, Signal::CONT);

@@ -66,7 +66,7 @@ impl Page {
         Time(stretch.at(monotonic))
     }
 
-    /// How fast time passes at an instant; none if nothing is promised for it.
+    /// How fast time passes at an instant; `None` if nothing is promised for it.
     pub fn speed_at(&self, monotonic: u64) -> Option<Speed> {
         let stretch = if monotonic >= self.next.from { &self.next } else { &self.now };
         (monotonic < self.until).then_some(stretch.speed)
@@ -108,7 +108,7 @@ impl Page {
         bytes
     }
 
-    /// Reads what [`Page::encode`] wrote; none if it is torn, foreign or of another version.
+    /// Reads what [`Page::encode`] wrote; `None` if it is torn, foreign or of another version.
     fn decode(bytes: &[u8; SIZE]) -> Option<Page> {
         let (body, sum) = bytes.split_last_chunk::<4>()?;
         if crc32fast::hash(body) != u32::from_le_bytes(*sum) || !body.starts_with(&MAGIC) {

@@ -1,49 +1,37 @@
-//! The wait loop of an agent process: one thread that drains its inbox, hands inputs to the agent,
-//! sends what comes out, and blocks until something rings or is due. Absent: any decision of a
-//! protocol, and polling.
-
-mod sending;
+//! The wait loop of one agent: one thread that drains its inbox, hands inputs to the agent, sends what comes
+//! out, and blocks until a sender wakes it or something is due. Absent: decisions of a protocol, polling, and
+//! which transport and clock it runs over.
 
 use crate::clock::lateness::Lateness;
-use crate::clock::{Clock, monotonic};
-use crate::journal_file::{Head, JournalError, Parts, Writer, agent_part};
-use crate::link_emulator::{HELD_LIMIT, Impair, Parcel};
-use crate::process::args::AgentArgs;
+use crate::clock::source::ClockSource;
+use crate::clock::{Clock, Speed};
+use crate::journal_file::Writer;
+use crate::link_emulator::{HELD_LIMIT, LinkEmulator};
 use crate::process::contacts::{Contacts, EARLY_LIMIT, Place};
-use crate::process::control_message::Runtime;
-use crate::run_dir::controller_lease::{Seat, is_marked};
-use crate::run_dir::counter_file::{Account, Ledger, LedgerError};
-use crate::run_dir::identity::{Guard, Identity, survive_file_limits};
-use crate::run_dir::run_name::RunName;
-use crate::run_dir::swarm_file::{SwarmFile, SwarmFileError};
-use crate::transport::iceoryx::inbox::{Inbox, InboxError};
-use crate::transport::iceoryx::outbox::Outbox;
-use crate::transport::iceoryx::rendezvous::{
-    ChannelError, INBOX_DEPTH, INBOX_SPARE, Rendezvous, set_verbosity,
-};
-use crate::transport::iceoryx::shared_frame::Packet;
-use crate::transport::iceoryx::space;
-use crate::transport::iceoryx::uplink::Uplink;
-use metamorph_protocol::agent::{Agent, Birth, Input, InputOf};
+use crate::process::orphan_watch::{ControllerState, OrphanWatch};
+use crate::process::receiver::{Received, Receiver};
+use crate::process::runtime_message::RuntimeMessage;
+use crate::process::sender::{BURST, Sender};
+use crate::process::start::AgentError;
+use crate::process::uplink::Uplink;
+use crate::process::write_ahead::WriteAhead;
+use crate::run_dir::counter_file::CounterStore;
+use crate::transport::shared_frame::SharedFrame;
+use crate::transport::{Address, AgentKey, INBOX_DEPTH, INBOX_SPARE, Transport};
+use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::host::{AgentHost, StepContext};
-use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
+use metamorph_protocol::ids::{Port, Revision};
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::record::{MessageName, Sink};
+use metamorph_protocol::record::MessageName;
 use metamorph_protocol::runtime::Contact;
-use metamorph_protocol::time::Time;
-use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
-use rustix::process::{getpgid, getppid, setpgid, setsid};
-use std::io;
-use std::path::{Path, PathBuf};
+use metamorph_protocol::time::{Span, Time};
+use metamorph_protocol::wire::Channel;
 use std::sync::Arc;
 use std::time::Duration;
-use thiserror::Error;
 
-/// The longest wait, if the kernel tells when the controller is gone, and otherwise.
-const LONGEST_WAIT: (Duration, Duration) = (Duration::from_secs(2), Duration::from_secs(1));
-/// How often the process looks whether its controller still lives, in nanoseconds.
-const GUARD_NANOS: u64 = 900_000_000;
+/// The longest wait of an agent that does not watch its controller.
+const LONGEST_WAIT: Duration = Duration::from_secs(2);
 /// The wait when the controller's inbox was full.
 const UPLINK_RETRY: Duration = Duration::from_millis(5);
 /// Frames taken from the inbox before anything is sent.
@@ -52,344 +40,233 @@ const DRAIN: usize = 512;
 const DRAINS: usize = 1_000;
 /// Wake inputs in one turn; an agent that wants more in one instant gets them after the next drain.
 const WAKES: usize = 16;
-/// Frames gathered before they are sent.
-const BURST: usize = 128;
 
-/// Messages that may be missing from the counts for a process that was killed: in its inbox, taken from it
-/// or waiting for their contact, gathered to be sent, or held back by its link.
+/// The most messages that may be missing from the counts for a process that was killed: in its inbox, taken
+/// from it or waiting for their contact, gathered to be sent, or held back by its link.
 pub fn in_hand(ports: usize, transparent: bool) -> u64 {
     let inbox = (ports + INBOX_SPARE) * INBOX_DEPTH;
     let held = if transparent { 0 } else { HELD_LIMIT };
     (inbox + DRAIN + EARLY_LIMIT + 2 * BURST + 2 * held) as u64
 }
 
-/// Why an agent process ends before it is told to.
-#[derive(Debug, Error)]
-pub enum AgentError {
-    /// The swarm file cannot be read.
-    #[error(transparent)]
-    Swarm(#[from] SwarmFileError),
-    /// The ledger cannot be written.
-    #[error(transparent)]
-    Ledger(#[from] LedgerError),
-    /// A channel that every agent needs cannot be opened.
-    #[error(transparent)]
-    Channel(#[from] ChannelError),
-    /// The inbox failed.
-    #[error(transparent)]
-    Inbox(#[from] InboxError),
-    /// The journal cannot be begun.
-    #[error(transparent)]
-    Journal(#[from] JournalError),
-    /// The process cannot say who it is.
-    #[error("cannot register this process in {0}: {1}")]
-    Register(PathBuf, io::Error),
-    /// The clock of the run cannot be read.
-    #[error("cannot read the clock of the run in {0}: {1}")]
-    Clock(PathBuf, io::Error),
-    /// It is not known who controls the run.
-    #[error("cannot find out who controls the run in {0}: {1}")]
-    Seat(PathBuf, io::Error),
-    /// The inbox has no room in shared memory.
-    #[error("cannot get memory for the inbox of this agent in {0}: {1}; is shared memory full?")]
-    Space(PathBuf, io::Error),
-    /// The controller is gone.
-    #[error("the controller (process {0}) is gone; an agent does not go on without it")]
-    Orphan(i32),
-    /// The number of the module is beyond the end of the swarm.
-    #[error("this agent is number {0}, but the swarm has only {1} modules")]
-    NoSuchModule(u32, u32),
+/// What one incarnation of an agent is told before it starts.
+#[derive(Clone, Debug)]
+pub struct AgentConfig<S> {
+    /// Which incarnation of which module.
+    pub agent: AgentKey,
+    /// Modules of the swarm.
+    pub count: u32,
+    /// The seed of the run.
+    pub seed: u64,
+    /// How fast scenario time passes at most.
+    pub speed: Speed,
+    /// By how much scenario time it may be late before it tells the controller.
+    pub tolerance: Span,
+    /// What links do to messages.
+    pub link: LinkModel,
+    /// What all agents of the swarm share.
+    pub setup: Arc<S>,
+    /// The generation of the controller.
+    pub generation: u32,
 }
 
-/// The directory in which the processes of a run say who they are.
-pub fn pid_directory(root: &Path) -> PathBuf {
-    root.join("pids")
+/// What an agent runs over.
+#[derive(Debug)]
+pub struct AgentServices<T, C> {
+    /// Its inbox.
+    pub transport: T,
+    /// The clock of the run.
+    pub clock: C,
+    /// Where its counters go.
+    pub counters: Box<dyn CounterStore>,
+    /// Its part of the journal, if one is kept.
+    pub journal: Option<Writer>,
+    /// What looks for its controller, if it can outlive it.
+    pub orphan_watch: Option<OrphanWatch>,
 }
 
-/// The file in which one life of an agent says who it is: its process, then the number of its membership of
-/// the run as soon as it has one.
-pub fn pid_file(root: &Path, id: ModuleId, life: Incarnation) -> PathBuf {
-    pid_directory(root).join(format!("{id}.{life}"))
+/// What is to be done after a turn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// Wait for this long at most, or until a sender wakes the agent.
+    Wait(Duration),
+    /// The run is over: [`AgentProcess::close`] ends the agent.
+    Over,
 }
 
-/// Runs one agent until the controller says stop, or is gone. Returns in the first case only; the
-/// program then ends with success, and with any other exit code counts as crashed.
-pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
-    settle_in(args.verbose);
-    let swarm: SwarmFile<A::Setup> = SwarmFile::read(&args.root)?;
-    let seat = Seat::read(&args.root).map_err(|e| AgentError::Seat(args.root.clone(), e))?;
-    let guard = Guard::new(seat.controller, swarm.patience > 0);
-    if guard.controller_is_gone() {
-        return Err(AgentError::Orphan(seat.controller.pid));
-    }
-    if swarm.patience > 0 {
-        leave_session();
-    }
-    if args.id.0 >= swarm.count {
-        return Err(AgentError::NoSuchModule(args.id.0, swarm.count));
-    }
-    register(args, None)?;
-    let at = Rendezvous::join(&args.root)?;
-    register(args, Some(at.member()))?;
-    let inbox = Inbox::create(&at, args.id, args.incarnation, A::PORTS)?;
-    space::allocate(&RunName::of_root(&args.root).map_err(ChannelError::Run)?)
-        .map_err(|e| AgentError::Space(args.root.clone(), e))?;
-    let mut uplink =
-        Uplink::new(Outbox::to_controller(&at, args.id, seat.generation)?, args.id, args.incarnation);
-    let ledger = Ledger::create(&args.root, args.id, args.incarnation)?;
-    // Before the controller knows of this life: each one that it starts has its part of the journal.
-    let journal = swarm.journal.as_ref().map(|parts| begin_journal(parts, args)).transpose()?;
-    uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Hello { pid: std::process::id() });
-    let SwarmFile { seed, speed, tolerance, link, setup, patience, count, .. } = swarm;
-    let mut clock = Clock::open(&args.root, speed).map_err(|e| AgentError::Clock(args.root.clone(), e))?;
-    uplink.flush(clock.now());
-    let driver = Driver::<A> {
-        args,
-        guard,
-        seat,
-        patience: u64::from(patience) * 1_000_000,
-        orphaned: None,
-        guarded: monotonic(),
-        clock,
-        lateness: Lateness::new(tolerance, count),
-        due: Time::NEVER,
-        setup: Arc::new(setup),
-        seed,
-        refusal_expected: !link.corrupt.is_zero(),
-        impair: new_impair::<A>(link, seed, args),
-        contacts: Contacts::new(A::PORTS),
-        inbox,
-        uplink,
-        ledger,
-        account: Account::default(),
-        burst: Vec::new(),
-        peer_sequence: 0,
-        expected: 0,
-        revision: Revision(0),
-        last: Time::ZERO,
-        agent: None,
-        told: 0,
-        returned: false,
-        journal,
-        silent: false,
-        ending: false,
-        at,
-    };
-    driver.run()
-}
-
-fn new_impair<A: Agent>(link: LinkModel, seed: u64, args: &AgentArgs) -> Impair {
-    Impair::new(link, seed, args.id, args.incarnation, A::PORTS)
-}
-
-/// What is logged above the level of debugging is rare: nobody empties the file that it goes to.
-fn settle_in(verbose: bool) {
-    use tracing::level_filters::LevelFilter;
-    let level = if verbose { LevelFilter::DEBUG } else { LevelFilter::WARN };
-    // The program may have set up its own.
-    let _ = tracing_subscriber::fmt().with_writer(io::stderr).with_max_level(level).try_init();
-    set_verbosity(verbose);
-    if let Err(e) = survive_file_limits() {
-        tracing::debug!("a write beyond the limit of file sizes ends this process: {e}");
-    }
-    // The controller carries everybody's traffic, so it comes before its agents.
-    if let Err(e) = rustix::process::nice(1) {
-        tracing::debug!("priority is unchanged: {e}");
-    }
-}
-
-/// Leaves the session of the controller. When a process dies, the kernel hangs up on those of its children
-/// that are stopped and in its session, and they would die with it.
-fn leave_session() {
-    // Only who does not lead a group can leave; the supervisor has made this process lead one.
-    let parent = getppid().ok_or(rustix::io::Errno::SRCH);
-    let left =
-        parent.and_then(|p| getpgid(Some(p))).and_then(|g| setpgid(None, Some(g))).and_then(|()| setsid());
-    if let Err(e) = left {
-        tracing::warn!("if this process is stopped when its controller is killed, it dies too: {e}");
-    }
-}
-
-/// Writes down who this process is, so that it can be found if its controller is killed, and which member
-/// of the run, so that it can be buried.
-fn register(args: &AgentArgs, member: Option<u128>) -> Result<(), AgentError> {
-    let path = pid_file(&args.root, args.id, args.incarnation);
-    let member = member.map_or_else(String::new, |m| format!("{m}\n"));
-    Identity::own()
-        .and_then(|me| std::fs::write(&path, me.to_line() + &member))
-        .map_err(|e| AgentError::Register(path, e))
-}
-
-/// Creates this incarnation's part of the journal.
-fn begin_journal(parts: &Parts, args: &AgentArgs) -> Result<Writer, JournalError> {
-    let head = Head::Part { run: parts.run, id: args.id, life: args.incarnation };
-    Writer::create(&agent_part(&parts.dir, args.id, args.incarnation), &head)
-}
-
-struct Driver<'a, A: Agent> {
-    args: &'a AgentArgs,
-    guard: Guard,
-    seat: Seat,
-    /// How long to go on without a controller, in nanoseconds of real time.
-    patience: u64,
-    /// Since when there has been none.
-    orphaned: Option<u64>,
-    /// When the controller was last looked for.
-    guarded: u64,
-    clock: Clock,
+/// One incarnation of an agent over a transport and a clock.
+pub struct AgentProcess<A: Agent, T: Transport, C> {
+    agent: AgentKey,
+    setup: Arc<A::Setup>,
+    seed: u64,
+    host: Option<AgentHost<A>>,
+    clock: Clock<C>,
     lateness: Lateness,
     /// When the agent or its link wanted to be woken, as of the last wait.
     due: Time,
-    setup: Arc<A::Setup>,
-    seed: u64,
-    /// Whether the link damages frames, so that a damaged one need not be a stranger's.
-    refusal_expected: bool,
-    impair: Impair,
-    contacts: Contacts,
-    inbox: Inbox,
-    uplink: Uplink,
-    ledger: Ledger,
-    account: Account,
-    burst: Vec<Parcel>,
-    peer_sequence: u32,
-    /// The controller's next sequence number.
-    expected: u32,
-    /// The last contact change that the agent knows of.
-    revision: Revision,
+    /// The latest scenario time that was read.
     last: Time,
-    agent: Option<AgentHost<A>>,
+    receiver: Receiver,
+    sender: Sender,
+    contacts: Contacts<T::Link>,
+    uplink: Uplink<T::Link>,
+    write_ahead: WriteAhead,
     /// Actions and reports so far.
     told: u32,
-    /// Another controller says that it has the seat.
+    orphan_watch: Option<OrphanWatch>,
+    /// A controller says that it took over.
     returned: bool,
-    /// This incarnation's part of the journal.
-    journal: Option<Writer>,
-    /// The run is over: nothing is taken or sent any more.
-    silent: bool,
-    /// Nor does anybody else send.
-    ending: bool,
-    // Last, so that all ports are gone before the process leaves the run.
-    at: Rendezvous,
+    // Last: links are closed before their transport.
+    transport: T,
 }
 
-impl<A: Agent> Driver<'_, A> {
-    fn run(mut self) -> Result<(), AgentError> {
+impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
+    /// Connects to the controller and says hello.
+    ///
+    /// # Errors
+    /// If the controller cannot be reached, or the clock cannot be read.
+    pub fn new(config: AgentConfig<A::Setup>, services: AgentServices<T, C>) -> Result<Self, AgentError> {
+        let AgentConfig { agent, count, seed, speed, tolerance, link, setup, generation } = config;
+        let AgentServices { mut transport, clock, counters, journal, orphan_watch } = services;
+        let mut uplink = Uplink::new(transport.connect(Address::Controller(generation))?, agent);
+        uplink.push(Channel::Runtime, 0, &RuntimeMessage::<A::Place>::Hello { pid: std::process::id() });
+        let mut clock = Clock::new(clock, speed).map_err(AgentError::Clock)?;
+        uplink.flush(clock.now());
+        let damage_expected = !link.corrupt.is_zero();
+        let emulator = LinkEmulator::new(link, seed, agent.0, agent.1, A::PORTS);
+        Ok(AgentProcess {
+            agent,
+            setup,
+            seed,
+            host: None,
+            clock,
+            lateness: Lateness::new(tolerance, count),
+            due: Time::NEVER,
+            last: Time::ZERO,
+            receiver: Receiver::new(agent.0, damage_expected),
+            sender: Sender::new(agent, emulator),
+            contacts: Contacts::new(A::PORTS),
+            uplink,
+            write_ahead: WriteAhead::new(counters, journal),
+            told: 0,
+            orphan_watch,
+            returned: false,
+            transport,
+        })
+    }
+
+    /// Runs the agent until the controller ends it.
+    ///
+    /// # Errors
+    /// If the agent cannot go on, for example because its controller is gone.
+    pub fn run(mut self) -> Result<(), AgentError> {
         loop {
-            let drained = self.drain()?;
-            self.wake_agent()?;
-            let now = self.now();
-            self.impair.release(now, &mut self.burst);
-            self.send_burst(now)?;
-            while let Some(class) = self.contacts.give_up(monotonic()) {
-                self.account.tally[class].expired += 1;
-            }
-            // Before the controller hears of anything: it may kill this process for what it hears.
-            self.write_down()?;
-            if let Some(late) = self.lateness.report(monotonic()) {
-                self.uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Late(late));
-            }
-            self.uplink.flush(now);
-            if self.ending {
-                return self.end();
-            }
-            let wait = self.patience(drained);
-            if !wait.is_zero() && !self.returned {
-                self.inbox.wait(wait)?;
-                self.account.wakes += 1;
-                let now = self.now();
-                self.lateness.taken(self.due.min(now), now);
-            }
-            if std::mem::take(&mut self.returned) {
-                self.follow_seat()?;
-            }
-            let now = monotonic();
-            if now.saturating_sub(self.guarded) < GUARD_NANOS {
-                continue;
-            }
-            self.guarded = now;
-            if self.guard.controller_is_gone() {
-                self.look_for_controller(now)?;
+            match self.turn()? {
+                Turn::Over => return self.close(),
+                Turn::Wait(wait) => self.wait(wait)?,
             }
         }
     }
 
-    /// The controller is gone. Bodies are where it was, so the agent can do little but talk to its
-    /// neighbours; but another may take the seat.
-    fn look_for_controller(&mut self, now: u64) -> Result<(), AgentError> {
-        let since = *self.orphaned.get_or_insert(now);
-        // A run that has not begun is not gone on with.
-        if !is_marked(&self.args.root) || now.saturating_sub(since) >= self.patience {
-            return Err(AgentError::Orphan(self.seat.controller.pid));
+    /// Does everything that can be done without waiting.
+    ///
+    /// # Errors
+    /// As for [`AgentProcess::run`].
+    pub fn turn(&mut self) -> Result<Turn, AgentError> {
+        self.watch_controller()?;
+        let drained = self.drain()?;
+        self.wake_agent()?;
+        let now = self.now();
+        self.sender.release(now);
+        self.send_burst(now)?;
+        let monotonic = self.clock.monotonic();
+        while let Some(class) = self.contacts.expire(monotonic) {
+            self.write_ahead.counters.tally[class].expired += 1;
         }
-        self.follow_seat()
+        // Before the controller hears of anything: it may kill this process for what it hears.
+        self.write_ahead.commit()?;
+        if let Some(late) = self.lateness.report(monotonic) {
+            self.push(&RuntimeMessage::Late(late));
+        }
+        self.uplink.flush(now);
+        if self.receiver.is_ending() {
+            return Ok(Turn::Over);
+        }
+        Ok(Turn::Wait(self.poll_timeout(drained)))
     }
 
-    /// Turns to the controller that has the seat now, if it is another than before.
-    fn follow_seat(&mut self) -> Result<(), AgentError> {
-        let Ok(seat) = Seat::read(&self.args.root) else { return Ok(()) };
-        if seat.generation <= self.seat.generation {
+    fn wait(&mut self, timeout: Duration) -> Result<(), AgentError> {
+        if timeout.is_zero() || self.returned {
             return Ok(());
         }
-        let outbox = match Outbox::to_controller(&self.at, self.args.id, seat.generation) {
-            Ok(outbox) => outbox,
+        self.transport.wait(timeout)?;
+        self.write_ahead.counters.wakes += 1;
+        let now = self.now();
+        self.lateness.taken(self.due.min(now), now);
+        Ok(())
+    }
+
+    /// Ends the agent: counts the frames in its inbox, to which none is added any more, and the frames that
+    /// wait for a contact that will not come.
+    ///
+    /// # Errors
+    /// If that cannot be written down.
+    pub fn close(mut self) -> Result<(), AgentError> {
+        while let Some(shared) = self.transport.receive()? {
+            self.accept(&shared)?;
+        }
+        while let Some(class) = self.contacts.expire(u64::MAX) {
+            self.write_ahead.counters.tally[class].expired += 1;
+        }
+        Ok(self.write_ahead.close()?)
+    }
+
+    /// Looks whether there is a controller. Bodies are where it was, so without one the agent can do little
+    /// but talk to its neighbours.
+    fn watch_controller(&mut self) -> Result<(), AgentError> {
+        if std::mem::take(&mut self.returned) {
+            self.follow_controller()?;
+        }
+        let now = self.clock.monotonic();
+        let Some(watch) = &mut self.orphan_watch else { return Ok(()) };
+        match watch.check(now) {
+            ControllerState::Alive => Ok(()),
+            ControllerState::Missing => self.follow_controller(),
+            ControllerState::Gone => Err(AgentError::Orphan(watch.controller())),
+        }
+    }
+
+    /// Turns to the controller that holds the lease now, if it is a later one.
+    fn follow_controller(&mut self) -> Result<(), AgentError> {
+        let Some(lease) = self.orphan_watch.as_ref().and_then(OrphanWatch::successor) else { return Ok(()) };
+        let link = match self.transport.connect(Address::Controller(lease.generation)) {
+            Ok(link) => link,
             Err(e) => {
                 tracing::debug!("the new controller cannot be reached yet: {e}");
                 return Ok(());
             }
         };
-        // From here on nothing is in the way of what the old one has sent, and it sends no more.
-        self.seat = seat;
+        // The old controller sends no more. What it has sent is taken first, and not answered.
         for _ in 0..DRAINS {
             self.uplink.clear();
             if self.drain()? < DRAIN && !self.uplink.is_full() {
                 break;
             }
         }
-        self.write_down()?;
+        self.write_ahead.commit()?;
         self.uplink.clear();
-        self.uplink.redirect(outbox);
-        self.guard = Guard::new(seat.controller, true);
-        self.orphaned = None;
-        let here = Runtime::<A::Place>::Here { told: self.told, expected: self.expected };
-        self.uplink.push(Channel::Runtime, 0, &here);
+        self.uplink.redirect(link);
+        if let Some(watch) = &mut self.orphan_watch {
+            watch.follow(lease);
+        }
+        self.push(&RuntimeMessage::Here { told: self.told, expected: self.receiver.expected() });
         let now = self.now();
         self.uplink.flush(now);
         Ok(())
     }
 
-    /// The run is over for the agent. What the link model holds back stays under way for ever.
-    fn fall_silent(&mut self) {
-        self.silent = true;
-        for class in self.impair.drain() {
-            self.account.left[class.index()] += 1;
-        }
-        self.uplink.push(Channel::Runtime, 0, &Runtime::<A::Place>::Silent);
-    }
-
-    /// What is counted at the very end: frames in the inbox, to which none is added any more, and frames
-    /// that wait for a contact that will not come.
-    fn end(mut self) -> Result<(), AgentError> {
-        while let Some(packet) = self.inbox.receive()? {
-            self.accept(&packet)?;
-        }
-        while let Some(class) = self.contacts.give_up(u64::MAX) {
-            self.account.tally[class].expired += 1;
-        }
-        self.record();
-        Ok(self.ledger.close(&self.account)?)
-    }
-
-    /// Writes down what is about to be seen by others: first what happened, then what it adds up to.
-    fn write_down(&mut self) -> Result<(), AgentError> {
-        self.record();
-        Ok(self.ledger.write(&self.account)?)
-    }
-
-    fn record(&mut self) {
-        if let Some(writer) = &mut self.journal {
-            writer.commit();
-            self.account.unrecorded = writer.lost().0;
-        }
+    fn push(&mut self, message: &RuntimeMessage<A::Place>) {
+        self.uplink.push(Channel::Runtime, 0, message);
     }
 
     fn now(&mut self) -> Time {
@@ -398,136 +275,67 @@ impl<A: Agent> Driver<'_, A> {
     }
 
     /// How long to block.
-    fn patience(&mut self, drained: usize) -> Duration {
+    fn poll_timeout(&mut self, drained: usize) -> Duration {
         self.due = Time::NEVER;
         if drained == DRAIN && !self.uplink.is_full() {
             return Duration::ZERO;
         }
-        let mut wait = if self.guard.is_signalled() { LONGEST_WAIT.0 } else { LONGEST_WAIT.1 };
+        let mut wait = self.orphan_watch.as_ref().map_or(LONGEST_WAIT, OrphanWatch::longest_wait);
         if !self.uplink.is_idle() {
             wait = UPLINK_RETRY;
         }
         if self.uplink.is_full() {
             return wait;
         }
-        let agent = self.agent.as_ref().filter(|_| !self.silent);
-        let due = agent.map_or(Time::NEVER, AgentHost::wake_at).min(self.impair.next());
-        self.due = due;
-        if due == Time::NEVER { wait } else { wait.min(self.clock.until(due)) }
+        let host = self.host.as_ref().filter(|_| !self.receiver.is_silent());
+        self.due = host.map_or(Time::NEVER, AgentHost::wake_at).min(self.sender.next_due());
+        if self.due == Time::NEVER { wait } else { wait.min(self.clock.until(self.due)) }
     }
 
     fn drain(&mut self) -> Result<usize, AgentError> {
         for taken in 0..DRAIN {
-            if self.uplink.is_full() || self.ending {
+            if self.uplink.is_full() || self.receiver.is_ending() {
                 return Ok(taken);
             }
-            let Some(packet) = self.inbox.receive()? else { return Ok(taken) };
-            self.accept(&packet)?;
+            let Some(shared) = self.transport.receive()? else { return Ok(taken) };
+            self.accept(&shared)?;
         }
         Ok(DRAIN)
     }
 
-    fn accept(&mut self, packet: &Packet) -> Result<(), AgentError> {
-        let frame = &packet.frame();
-        let Ok(header) = frame.open() else {
-            match packet.damaged_class().filter(|_| self.refusal_expected) {
-                Some(class) if self.silent => self.account.left[class.index()] += 1,
-                Some(class) => self.account.tally[class].refused += 1,
-                None => self.account.foreign += 1,
+    fn accept(&mut self, shared: &SharedFrame) -> Result<(), AgentError> {
+        let counters = &mut self.write_ahead.counters;
+        let clock = &self.clock;
+        match self.receiver.accept::<A, _>(shared, &mut self.contacts, counters, || clock.monotonic()) {
+            Received::Nothing => return Ok(()),
+            Received::Return => {
+                self.returned = true;
+                return Ok(());
             }
-            return Ok(());
-        };
-        let accepted = header.destination == self.args.id
-            && match header.channel {
-                Channel::Peer => return self.accept_peer(header, frame, packet.sent()),
-                Channel::Runtime if header.source == CONTROLLER && self.is_aside(frame) => return Ok(()),
-                _ if header.source != CONTROLLER || header.sequence != self.expected => false,
-                Channel::Runtime => match frame.message() {
-                    Ok(message) => self.accept_runtime(message)?,
-                    Err(_) => false,
-                },
-                Channel::Body => match frame.message() {
-                    Ok(percept) => self.hand(Input::Percept(percept))?,
-                    Err(_) => false,
-                },
-                Channel::Control => match frame.message() {
-                    Ok(order) => self.hand(Input::Order(order))?,
-                    Err(_) => false,
-                },
-            };
-        if accepted {
-            self.expected = self.expected.wrapping_add(1);
-            self.lateness.taken(packet.sent(), self.last);
-        } else {
-            tracing::debug!(?header, "a frame that no member of the run would send");
-            self.account.foreign += 1;
+            Received::Leave => {
+                self.push(&RuntimeMessage::Taken { expected: self.receiver.expected() });
+                return Ok(());
+            }
+            Received::Input(input, heard) => self.hand_in(input, heard)?,
+            Received::Begin(place) => self.begin(place),
+            Received::Contact { port, revision, contact } => self.change_contact(port, revision, contact)?,
+            Received::Stop => {
+                self.sender.fall_silent(&mut self.write_ahead.counters);
+                self.push(&RuntimeMessage::Silent);
+            }
+            Received::End => {}
         }
+        self.lateness.taken(shared.sent(), self.last);
         Ok(())
     }
 
-    /// Takes what the controller says in no sequence; false if this is not of that kind.
-    fn is_aside(&mut self, frame: &Frame) -> bool {
-        match frame.message::<Runtime<A::Place>>() {
-            Ok(Runtime::Return) => self.returned = true,
-            Ok(Runtime::Leave) => {
-                let taken = Runtime::<A::Place>::Taken { expected: self.expected };
-                self.uplink.push(Channel::Runtime, 0, &taken);
-            }
-            _ => return false,
-        }
-        true
-    }
-
-    fn accept_peer(&mut self, header: Header, frame: &Frame, sent: Time) -> Result<(), AgentError> {
-        match self.contacts.place(&header) {
-            Place::Here(_) if self.silent => self.account.left[header.class.index()] += 1,
-            Place::Here(port) => {
-                self.deliver(port, &header, frame)?;
-                self.lateness.taken(sent, self.last);
-            }
-            Place::Ended => self.account.tally[header.class].expired += 1,
-            Place::Early => {
-                if let Some(class) = self.contacts.keep(monotonic(), header, *frame) {
-                    self.account.tally[class].expired += 1;
-                }
-            }
-            Place::Impostor => self.account.foreign += 1,
-        }
-        Ok(())
-    }
-
-    fn deliver(&mut self, port: Port, header: &Header, frame: &Frame) -> Result<(), AgentError> {
-        match frame.message::<A::Message>() {
-            Ok(message) => {
-                self.account.tally[header.class].delivered += 1;
-                let (from, life, number) = (header.source, header.incarnation, header.sequence);
-                let name = MessageName { from, life, number };
-                self.hand_in(Input::Message { port, message }, Some((name, header.class)))?;
-            }
-            Err(_) => self.account.foreign += 1,
-        }
-        Ok(())
-    }
-
-    fn accept_runtime(&mut self, message: Runtime<A::Place>) -> Result<bool, AgentError> {
-        match message {
-            Runtime::Begin { place } if self.agent.is_none() => {
-                let birth =
-                    Birth { id: self.args.id, incarnation: self.args.incarnation, place, seed: self.seed };
-                let now = self.now();
-                self.agent = Some(match &mut self.journal {
-                    None => AgentHost::new(&self.setup, birth, now),
-                    Some(writer) => AgentHost::recorded(&self.setup, birth, now, writer),
-                });
-            }
-            Runtime::Contact { port, revision, contact } if self.contacts.has_port(port) => {
-                self.change_contact(port, revision, contact)?;
-            }
-            Runtime::Stop if !self.silent => self.fall_silent(),
-            Runtime::End if self.silent => self.ending = true,
-            _ => return Ok(false),
-        }
-        Ok(true)
+    fn begin(&mut self, place: A::Place) {
+        let birth = Birth { id: self.agent.0, incarnation: self.agent.1, place, seed: self.seed };
+        let now = self.now();
+        self.host = Some(match &mut self.write_ahead.journal {
+            None => AgentHost::new(&self.setup, birth, now),
+            Some(writer) => AgentHost::recorded(&self.setup, birth, now, writer),
+        });
     }
 
     fn change_contact(
@@ -536,15 +344,21 @@ impl<A: Agent> Driver<'_, A> {
         revision: Revision,
         contact: Option<Contact>,
     ) -> Result<(), AgentError> {
-        let early = self.contacts.change(port, contact);
-        self.account.loose = self.contacts.loose();
-        self.impair.reset(port);
-        self.revision = revision;
-        self.hand(Input::Contact { port, session: contact.map(|c| c.session) })?;
+        let early = self.contacts.change(port, revision, contact);
+        self.write_ahead.counters.loose = self.contacts.loose();
+        self.sender.reset(port);
+        self.hand_in(Input::Contact { port, session: contact.map(|c| c.session) }, None)?;
         for (header, frame) in early {
-            match self.contacts.place(&header) {
-                Place::Here(port) => self.deliver(port, &header, &frame)?,
-                _ => self.account.foreign += 1,
+            let counters = &mut self.write_ahead.counters;
+            let received = match self.contacts.place(&header) {
+                Place::Here(port) => self.receiver.message::<A>(port, &header, &frame, counters),
+                _ => {
+                    counters.foreign += 1;
+                    Received::Nothing
+                }
+            };
+            if let Received::Input(input, heard) = received {
+                self.hand_in(input, heard)?;
             }
         }
         Ok(())
@@ -553,42 +367,230 @@ impl<A: Agent> Driver<'_, A> {
     fn wake_agent(&mut self) -> Result<(), AgentError> {
         for _ in 0..WAKES {
             let now = self.now();
-            let due = self.agent.as_ref().is_some_and(|a| a.wake_at() <= now);
-            if !due || self.uplink.is_full() || self.silent {
+            let due = self.host.as_ref().is_some_and(|host| host.wake_at() <= now);
+            if !due || self.uplink.is_full() || self.receiver.is_silent() {
                 break;
             }
-            self.hand(Input::Wake)?;
+            self.hand_in(Input::Wake, None)?;
         }
         Ok(())
     }
 
-    /// Hands in one input; false if there is no agent yet to take it.
-    fn hand(&mut self, input: InputOf<A>) -> Result<bool, AgentError> {
-        self.hand_in(input, None)
-    }
-
-    /// The same; `heard` names the message that it is.
-    fn hand_in(
-        &mut self,
-        input: InputOf<A>,
-        heard: Option<(MessageName, Class)>,
-    ) -> Result<bool, AgentError> {
+    /// Hands in one input; `heard` names it if it is a message from a peer. Without effect before the agent
+    /// begins and after it has fallen silent.
+    fn hand_in(&mut self, input: InputOf<A>, heard: Option<(MessageName, Class)>) -> Result<(), AgentError> {
         let now = self.now();
-        let Some(agent) = &mut self.agent else { return Ok(false) };
-        if self.silent {
-            return Ok(true);
-        }
-        match &mut self.journal {
-            None => agent.handle(now, input),
+        let Some(host) = self.host.as_mut().filter(|_| !self.receiver.is_silent()) else { return Ok(()) };
+        match &mut self.write_ahead.journal {
+            None => host.handle(now, input),
             Some(writer) => {
                 let peer = |port| self.contacts.get(port).map(|c| c.peer);
-                let context = StepContext { heard, revision: self.revision, peer: &peer, sink: writer };
-                agent.handle_recorded(now, input, context);
+                let revision = self.contacts.revision();
+                let context = StepContext { heard, revision, peer: &peer, sink: writer };
+                host.handle_recorded(now, input, context);
             }
         }
-        while let Some(output) = self.agent.as_mut().and_then(AgentHost::poll) {
+        while let Some(output) = self.host.as_mut().and_then(AgentHost::poll) {
             self.carry_out(now, output)?;
         }
-        Ok(true)
+        Ok(())
+    }
+
+    fn carry_out(&mut self, now: Time, output: OutputOf<A>) -> Result<(), AgentError> {
+        match output {
+            Output::Send { port, class, message } => {
+                let tally = &mut self.write_ahead.counters.tally;
+                self.sender.send(now, (port, class, &message), &self.contacts, tally);
+            }
+            Output::Act(action) => {
+                self.told += 1;
+                self.uplink.push(Channel::Body, self.contacts.revision().0, &action);
+            }
+            Output::Report(report) => {
+                self.told += 1;
+                self.uplink.push(Channel::Control, 0, &report);
+            }
+        }
+        if self.sender.is_full() { self.send_burst(now) } else { Ok(()) }
+    }
+
+    /// Sends what has gathered. It is written down first; what could not be sent is written down before the
+    /// next wait.
+    fn send_burst(&mut self, now: Time) -> Result<(), AgentError> {
+        if self.sender.is_empty() {
+            return Ok(());
+        }
+        self.write_ahead.commit()?;
+        let tally = &mut self.write_ahead.counters.tally;
+        self.sender.flush(now, &mut self.contacts, &mut self.transport, tally);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::page::Page;
+    use crate::clock::source::MemoryClock;
+    use crate::run_dir::counter_file::SharedCounters;
+    use crate::transport::memory::{MemoryLink, MemoryNetwork, MemoryTransport};
+    use crate::transport::{Link, REPORTS_DEPTH, SendStatus, TransportError};
+    use metamorph_protocol::ids::{Incarnation, ModuleId};
+    use metamorph_protocol::lattice::Cell;
+    use metamorph_protocol::wire::{CONTROLLER, Frame, Header, Never, Wire};
+    use std::hash::Hasher;
+
+    const AGENT: AgentKey = (ModuleId(3), Incarnation(1));
+
+    /// Reports each order a second later, as often as the order says.
+    struct Alarm {
+        due: Time,
+        order: Cell,
+        reports: i16,
+    }
+
+    impl Agent for Alarm {
+        type Setup = ();
+        type Place = Cell;
+        type Message = Never;
+        type Action = Never;
+        type Percept = Never;
+        type Order = Cell;
+        type Report = Cell;
+        const PORTS: usize = 1;
+        fn new(_: &Arc<()>, birth: Birth<Cell>, _: Time) -> Alarm {
+            Alarm { due: Time::NEVER, order: birth.place, reports: 0 }
+        }
+        fn handle(&mut self, now: Time, input: InputOf<Alarm>) {
+            match input {
+                Input::Order(order) => (self.due, self.order) = (now + Span::secs(1), order),
+                Input::Wake => (self.due, self.reports) = (Time::NEVER, self.order.x),
+                _ => {}
+            }
+        }
+        fn poll(&mut self) -> Option<OutputOf<Alarm>> {
+            let more = self.reports > 0;
+            self.reports -= i16::from(more);
+            more.then_some(Output::Report(self.order))
+        }
+        fn wake_at(&self) -> Time {
+            self.due
+        }
+        fn digest(&self, _: &mut dyn Hasher) {}
+    }
+
+    /// An agent and its controller, stepped by one thread and a clock that the test moves.
+    struct Bench {
+        controller: MemoryTransport,
+        link: MemoryLink,
+        sequence: u32,
+        clock: MemoryClock,
+        counters: SharedCounters,
+        process: AgentProcess<Alarm, MemoryTransport, MemoryClock>,
+    }
+
+    impl Bench {
+        fn new() -> Bench {
+            let network = MemoryNetwork::new();
+            let mut controller = network.controller(0);
+            let transport = network.agent(AGENT, Alarm::PORTS);
+            let link = controller.connect(Address::Agent(AGENT)).unwrap();
+            let (clock, counters) = (MemoryClock::manual(), SharedCounters::default());
+            clock.write_page(&Page::stopped(0, Time::ZERO).extended(0, u64::MAX, Speed::REAL)).unwrap();
+            let config = AgentConfig {
+                agent: AGENT,
+                count: 1,
+                seed: 0,
+                speed: Speed::REAL,
+                tolerance: Span::secs(1),
+                link: LinkModel::default(),
+                setup: Arc::new(()),
+                generation: 0,
+            };
+            let services = AgentServices {
+                transport,
+                clock: clock.clone(),
+                counters: Box::new(counters.clone()),
+                journal: None,
+                orphan_watch: None,
+            };
+            let process = AgentProcess::new(config, services).unwrap();
+            Bench { controller, link, sequence: 0, clock, counters, process }
+        }
+
+        fn tell<M: Wire>(&mut self, channel: Channel, message: &M) {
+            let header = Header {
+                channel,
+                kind: message.kind(),
+                class: Class::World,
+                port: Port(0),
+                incarnation: Incarnation(0),
+                source: CONTROLLER,
+                destination: AGENT.0,
+                session: 0,
+                sequence: self.sequence,
+            };
+            self.sequence += 1;
+            let now = Time(self.clock.monotonic());
+            let frame = SharedFrame::new(&Frame::seal(header, message), now);
+            assert_eq!(self.link.send(frame), SendStatus::Sent);
+        }
+
+        /// Takes what the agent has sent: the channel and the sequence number of each frame.
+        fn heard(&mut self) -> Vec<(Channel, u32)> {
+            let taken = std::iter::from_fn(|| self.controller.receive().unwrap());
+            taken.map(|shared| shared.frame().open().map(|h| (h.channel, h.sequence)).unwrap()).collect()
+        }
+    }
+
+    #[test]
+    fn an_agent_is_stepped_without_threads_and_wakes_when_the_clock_says_so() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.heard(), [(Channel::Runtime, 0)], "hello");
+        assert_eq!(bench.process.turn().unwrap(), Turn::Wait(LONGEST_WAIT));
+        bench.tell(Channel::Runtime, &RuntimeMessage::Begin { place: Cell::default() });
+        bench.tell(Channel::Control, &Cell::new(1, 0, 0));
+        assert_eq!(bench.process.turn().unwrap(), Turn::Wait(Duration::from_secs(1)));
+        bench.clock.advance(999_999_999);
+        assert_eq!(bench.process.turn().unwrap(), Turn::Wait(Duration::from_nanos(1)));
+        assert_eq!(bench.heard(), []);
+        bench.clock.advance(1);
+        assert_eq!(bench.process.turn().unwrap(), Turn::Wait(LONGEST_WAIT));
+        assert_eq!(bench.heard(), [(Channel::Control, 1)]);
+        bench.tell(Channel::Runtime, &RuntimeMessage::<Cell>::Stop);
+        bench.process.turn().unwrap();
+        assert_eq!(bench.heard(), [(Channel::Runtime, 2)], "silent");
+        bench.tell(Channel::Runtime, &RuntimeMessage::<Cell>::End);
+        assert_eq!(bench.process.turn().unwrap(), Turn::Over);
+        assert!(!bench.counters.read().closed);
+        bench.process.close().unwrap();
+        assert!(bench.counters.read().closed);
+    }
+
+    #[test]
+    fn reports_wait_for_a_controller_whose_inbox_is_full_and_arrive_in_order() {
+        let mut bench = Bench::new();
+        bench.tell(Channel::Runtime, &RuntimeMessage::Begin { place: Cell::default() });
+        bench.tell(Channel::Control, &Cell::new(2 * REPORTS_DEPTH as i16, 0, 0));
+        bench.process.turn().unwrap();
+        bench.clock.advance(1_000_000_000);
+        assert_eq!(bench.process.turn().unwrap(), Turn::Wait(UPLINK_RETRY));
+        let mut heard = bench.heard();
+        assert_eq!(heard.len(), REPORTS_DEPTH);
+        while bench.process.turn().unwrap() != Turn::Wait(LONGEST_WAIT) {
+            heard.extend(bench.heard());
+        }
+        heard.extend(bench.heard());
+        let numbers: Vec<u32> = heard.iter().map(|(_, sequence)| *sequence).collect();
+        assert_eq!(numbers, (0..=2 * REPORTS_DEPTH as u32).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_killed_agent_ends_with_an_error_and_leaves_its_counters_open() {
+        let mut bench = Bench::new();
+        bench.process.transport.control().kill();
+        let ended = bench.process.turn();
+        assert!(matches!(ended, Err(AgentError::Transport(TransportError::Killed))), "{ended:?}");
+        assert!(!bench.counters.read().closed);
     }
 }

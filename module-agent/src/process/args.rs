@@ -1,4 +1,4 @@
-//! What the supervisor tells an agent process on its command line. Everything else is in the swarm
+//! The command line of an agent process. Everything else is in the swarm
 //! file. Absent: environment variables, which would be a hidden interface.
 
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -13,13 +13,13 @@ pub struct AgentArgs {
     pub root: PathBuf,
     /// Which module.
     pub id: ModuleId,
-    /// Which life of it.
+    /// Which incarnation of it.
     pub incarnation: Incarnation,
-    /// Whether to log what the driver does.
+    /// Whether to log at the level of debugging.
     pub verbose: bool,
 }
 
-/// Why the arguments of an agent process make no sense.
+/// Why the arguments of an agent process are refused.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum ArgsError {
     /// An argument that is not known.

@@ -1,13 +1,12 @@
-//! Which contact holds on each port, and whether a frame from a peer belongs to it.
+//! The contact on each port with its link, and whether a frame from a peer belongs to it.
 //!
 //! A peer may learn of a new contact and use it before this process has learnt of it. Frames of
-//! sessions that are not known yet wait here, few and not for long; frames of sessions that have
-//! ended never count for a later contact.
+//! sessions that are not known yet wait here, a bounded number for a bounded time; frames of sessions that
+//! have ended never count for a later contact.
 
-use crate::transport::iceoryx::outbox::Outbox;
-use crate::transport::iceoryx::rendezvous::INBOX_DEPTH;
+use crate::transport::INBOX_DEPTH;
 use metamorph_protocol::counters::Class;
-use metamorph_protocol::ids::{Port, Session};
+use metamorph_protocol::ids::{Port, Revision, Session};
 use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::wire::{Frame, Header};
 use std::collections::VecDeque;
@@ -20,15 +19,15 @@ const ENDED_LIMIT: usize = 64;
 /// to tell of one.
 const EARLY_NANOS: u64 = 10_000_000_000;
 
-/// The contact on one port, with the way to the peer once something has been sent.
+/// The contact on one port, with the link to the peer once something has been sent.
 #[derive(Debug)]
-pub struct Port2Peer {
+pub struct PortContact<L> {
     /// The other end.
     pub contact: Contact,
-    /// The way there, opened on first use.
-    pub outbox: Option<Outbox>,
-    /// Messages handed over this way, by class.
-    pub handed: [u64; Class::ALL.len()],
+    /// The link to the peer, opened on first use.
+    pub link: Option<L>,
+    /// Messages sent over it, by class.
+    pub sent: [u64; Class::ALL.len()],
 }
 
 /// Where a frame from a peer belongs.
@@ -40,34 +39,41 @@ pub enum Place {
     Early,
     /// To a contact that has ended.
     Ended,
-    /// To a current contact, but from someone who has no part in it.
+    /// To a current contact, but its source is no end of it.
     Impostor,
 }
 
 /// All contacts of one agent.
 #[derive(Debug)]
-pub struct Contacts {
-    ports: Vec<Option<Port2Peer>>,
+pub struct Contacts<L> {
+    ports: Vec<Option<PortContact<L>>>,
+    revision: Revision,
     ended: VecDeque<Session>,
     early: VecDeque<(u64, Header, Frame)>,
     loose: [u64; Class::ALL.len()],
 }
 
-impl Contacts {
+impl<L> Contacts<L> {
     /// No contact on any of `ports` ports.
-    pub fn new(ports: usize) -> Contacts {
+    pub fn new(ports: usize) -> Contacts<L> {
         Contacts {
             ports: std::iter::repeat_with(|| None).take(ports).collect(),
+            revision: Revision(0),
             ended: VecDeque::new(),
             early: VecDeque::new(),
             loose: [0; Class::ALL.len()],
         }
     }
 
-    /// Messages by class that may have been lost with a way that was closed when its contact ended: a receiver
-    /// that has not looked since it was opened does not find it any more.
+    /// Messages by class that may have been lost with a link that was closed when its contact ended: a
+    /// receiver that has not looked since the link was opened does not find it any more.
     pub fn loose(&self) -> [u64; Class::ALL.len()] {
         self.loose
+    }
+
+    /// The last contact change that the agent knows of.
+    pub fn revision(&self) -> Revision {
+        self.revision
     }
 
     /// Whether there is such a port.
@@ -79,13 +85,21 @@ impl Contacts {
     pub fn get(&self, port: Port) -> Option<&Contact> {
         self.ports.get(port.index())?.as_ref().map(|p| &p.contact)
     }
-    /// The contact on a port now, with the way to the peer.
-    pub fn get_mut(&mut self, port: Port) -> Option<&mut Port2Peer> {
+
+    /// The contact on a port now, with the link to the peer.
+    pub fn get_mut(&mut self, port: Port) -> Option<&mut PortContact<L>> {
         self.ports.get_mut(port.index())?.as_mut()
     }
 
-    /// Changes the contact on a port that exists. Returns the frames that waited for it, in order.
-    pub fn change(&mut self, port: Port, contact: Option<Contact>) -> Vec<(Header, Frame)> {
+    /// Changes the contact on a port that exists, as of `revision`. Returns the frames that waited for it, in
+    /// order.
+    pub fn change(
+        &mut self,
+        port: Port,
+        revision: Revision,
+        contact: Option<Contact>,
+    ) -> Vec<(Header, Frame)> {
+        self.revision = revision;
         let old = self.ports[port.index()].take();
         if let Some(old) = old {
             if contact == Some(old.contact) {
@@ -96,12 +110,12 @@ impl Contacts {
                 self.ended.pop_front();
             }
             self.ended.push_back(old.contact.session);
-            for (loose, handed) in self.loose.iter_mut().zip(old.handed) {
-                *loose += handed.min(INBOX_DEPTH as u64);
+            for (loose, sent) in self.loose.iter_mut().zip(old.sent) {
+                *loose += sent.min(INBOX_DEPTH as u64);
             }
         }
         let Some(contact) = contact else { return Vec::new() };
-        self.ports[port.index()] = Some(Port2Peer { contact, outbox: None, handed: [0; Class::ALL.len()] });
+        self.ports[port.index()] = Some(PortContact { contact, link: None, sent: [0; Class::ALL.len()] });
         let (now, later): (VecDeque<_>, VecDeque<_>) = std::mem::take(&mut self.early)
             .into_iter()
             .partition(|(_, header, _)| header.session == contact.session.0);
@@ -109,11 +123,11 @@ impl Contacts {
         now.into_iter().map(|(_, header, frame)| (header, frame)).collect()
     }
 
-    /// Where a frame from a peer belongs.
+    /// Finds out where a frame from a peer belongs.
     pub fn place(&self, header: &Header) -> Place {
         let session = Session(header.session);
         for (i, port) in self.ports.iter().enumerate() {
-            let Some(Port2Peer { contact, .. }) = port else { continue };
+            let Some(PortContact { contact, .. }) = port else { continue };
             if contact.session == session {
                 let fits = contact.peer == header.source
                     && contact.peer_incarnation == header.incarnation
@@ -124,15 +138,16 @@ impl Contacts {
         if self.ended.contains(&session) { Place::Ended } else { Place::Early }
     }
 
-    /// Keeps a frame until its contact is known. Returns the class of one that must go for it.
+    /// Keeps a frame until its contact is known. Returns the class of the one that is dropped for it, if the
+    /// limit is reached.
     pub fn keep(&mut self, monotonic: u64, header: Header, frame: Frame) -> Option<Class> {
         let gone = if self.early.len() == EARLY_LIMIT { self.early.pop_front() } else { None };
         self.early.push_back((monotonic, header, frame));
         gone.map(|(_, header, _)| header.class)
     }
 
-    /// Gives up one frame that has waited too long; [`u64::MAX`] is too long for all.
-    pub fn give_up(&mut self, monotonic: u64) -> Option<Class> {
+    /// Drops one frame that has waited too long and returns its class; at [`u64::MAX`] all have.
+    pub fn expire(&mut self, monotonic: u64) -> Option<Class> {
         let (since, header, _) = self.early.front()?;
         if monotonic.saturating_sub(*since) < EARLY_NANOS {
             return None;
@@ -176,30 +191,30 @@ mod tests {
     }
 
     #[test]
-    fn frames_belong_to_their_session_and_nobody_elses() {
-        let mut contacts = Contacts::new(6);
+    fn frames_belong_to_their_session_and_to_no_other() {
+        let mut contacts = Contacts::<()>::new(6);
         assert_eq!(contacts.place(&header(5)), Place::Early);
-        contacts.change(Port(2), Some(contact(5)));
+        contacts.change(Port(2), Revision(1), Some(contact(5)));
         assert_eq!(contacts.place(&header(5)), Place::Here(Port(2)));
         assert_eq!(contacts.place(&Header { source: ModuleId(8), ..header(5) }), Place::Impostor);
         assert_eq!(contacts.place(&Header { port: Port(0), ..header(5) }), Place::Impostor);
-        contacts.change(Port(2), Some(contact(6)));
+        contacts.change(Port(2), Revision(1), Some(contact(6)));
         assert_eq!(contacts.place(&header(5)), Place::Ended);
-        contacts.change(Port(2), None);
+        contacts.change(Port(2), Revision(1), None);
         assert_eq!(contacts.place(&header(6)), Place::Ended);
     }
 
     #[test]
-    fn early_frames_wait_in_order_and_not_for_ever() {
-        let mut contacts = Contacts::new(6);
+    fn early_frames_wait_in_order_for_a_bounded_time() {
+        let mut contacts = Contacts::<()>::new(6);
         for session in [5, 6, 5] {
             let (h, f) = frame(session);
             assert_eq!(contacts.keep(0, h, f), None);
         }
-        assert_eq!(contacts.change(Port(0), Some(contact(5))), [frame(5), frame(5)]);
-        assert_eq!(contacts.give_up(EARLY_NANOS - 1), None);
-        assert_eq!(contacts.give_up(EARLY_NANOS), Some(Class::Seed));
-        assert_eq!(contacts.give_up(EARLY_NANOS), None);
+        assert_eq!(contacts.change(Port(0), Revision(1), Some(contact(5))), [frame(5), frame(5)]);
+        assert_eq!(contacts.expire(EARLY_NANOS - 1), None);
+        assert_eq!(contacts.expire(EARLY_NANOS), Some(Class::Seed));
+        assert_eq!(contacts.expire(EARLY_NANOS), None);
         for n in 0..EARLY_LIMIT as u32 + 3 {
             let (h, f) = frame(100 + n);
             assert_eq!(contacts.keep(0, h, f).is_some(), n >= EARLY_LIMIT as u32);
@@ -208,9 +223,9 @@ mod tests {
 
     #[test]
     fn saying_the_same_again_changes_nothing() {
-        let mut contacts = Contacts::new(1);
-        contacts.change(Port(0), Some(contact(5)));
-        contacts.change(Port(0), Some(contact(5)));
+        let mut contacts = Contacts::<()>::new(1);
+        contacts.change(Port(0), Revision(1), Some(contact(5)));
+        contacts.change(Port(0), Revision(1), Some(contact(5)));
         assert_eq!(contacts.place(&header(5)), Place::Here(Port(0)));
     }
 }

@@ -1,4 +1,4 @@
-//! Who a process is, and whether it still lives.
+//! Which process it is, and whether it is still alive.
 //!
 //! A pid alone is no identity, because pids are used again; a pid with the process's start time is.
 
@@ -36,8 +36,8 @@ impl Identity {
         }
     }
 
-    /// Whether this very process still lives (a zombie, whose end nobody has asked for, does not).
-    /// One that cannot be looked at counts as alive: it is not ours to judge.
+    /// Whether this very process is still alive (a zombie, which its parent has not waited for yet, is not).
+    /// One that cannot be inspected counts as alive: it belongs to another user.
     pub fn is_alive(&self) -> bool {
         match fs::read_to_string(format!("/proc/{}/stat", self.pid)) {
             Ok(stat) => start_time(&stat) == Some(self.start) && !matches!(state(&stat), Some('Z' | 'X')),
@@ -48,7 +48,7 @@ impl Identity {
         }
     }
 
-    /// Whether this very process lives and is stopped by a signal.
+    /// Whether this very process is alive and stopped by a signal.
     pub fn is_stopped(&self) -> bool {
         let stat = fs::read_to_string(format!("/proc/{}/stat", self.pid)).unwrap_or_default();
         start_time(&stat) == Some(self.start) && state(&stat) == Some('T')
@@ -67,7 +67,7 @@ impl Identity {
 
 impl FromStr for Identity {
     type Err = ();
-    /// What comes after the first line is somebody else's.
+    /// Parses the first line; the lines after it belong to other formats.
     fn from_str(text: &str) -> Result<Identity, ()> {
         let (pid, start) = text.lines().next().and_then(|line| line.split_once(' ')).ok_or(())?;
         let identity = Identity { pid: pid.parse().map_err(drop)?, start: start.parse().map_err(drop)? };

@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Where runs live: memory, not a disk (setting up on a disk is six times slower).
+/// Where run directories are: memory, not a disk (setting up on a disk is six times slower).
 pub const HOME: &str = "/dev/shm";
 /// What every run's name starts with.
 pub const MARK: &str = "mm";

@@ -1,3 +1,129 @@
-//! Channels between the processes of a run.
+//! What carries frames between the agents of a swarm and its controller: one trait, and one folder or file
+//! for each implementation. [`iceoryx`] joins processes by shared memory; [`memory`] joins agents within one
+//! process, for tests and for users of the library.
+//!
+//! A transport is one receiving end, its inbox, with the means to open sending ends, one for each receiver.
+//! A sending end costs memory and descriptors, which a large swarm does not have for all of its agents at a
+//! time, so it is a value that its user opens and drops.
+//!
+//! Sending never blocks, and a frame that was taken is not acknowledged: a receiver that is dead or stopped
+//! takes frames until its inbox is full. Frames of one sending end arrive in order. Absent: sequence numbers,
+//! check sums and retries, which are the work of both ends (`process`).
 
 pub mod iceoryx;
+pub mod memory;
+pub mod shared_frame;
+
+use crate::run_dir::run_name::HOME;
+use crate::transport::shared_frame::SharedFrame;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use std::error::Error;
+use std::fmt::Debug;
+use std::time::Duration;
+use thiserror::Error;
+
+/// Frames of each sender that an agent's inbox holds.
+pub const INBOX_DEPTH: usize = 32;
+/// Senders that an agent's inbox takes beside one for each port: the controller, and dead ones until they
+/// are reaped. Each costs every agent 4.4 kB of shared memory.
+pub const INBOX_SPARE: usize = 10;
+/// Frames of each agent that the controller's inbox holds.
+pub const REPORTS_DEPTH: usize = 16;
+
+/// One incarnation of one module.
+pub type AgentKey = (ModuleId, Incarnation);
+
+/// The owner of an inbox.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Address {
+    /// An agent.
+    Agent(AgentKey),
+    /// The controller of this generation: a run that is resumed gets the next one.
+    Controller(u32),
+}
+
+/// What became of one frame at its sender.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SendStatus {
+    /// It lies in the receiver's inbox.
+    Sent,
+    /// The receiver's inbox is full.
+    Full,
+    /// The receiver's inbox is gone.
+    Gone,
+}
+
+/// The sending end towards one inbox.
+pub trait Link: Debug {
+    /// Puts a frame into the inbox. The receiver is woken by [`Link::flush`].
+    fn send(&mut self, frame: SharedFrame) -> SendStatus;
+
+    /// Wakes the receiver if anything was sent since the last call.
+    fn flush(&mut self);
+}
+
+/// One inbox, and the means to reach others.
+pub trait Transport {
+    /// A sending end.
+    type Link: Link;
+
+    /// Opens a sending end.
+    ///
+    /// # Errors
+    /// [`ConnectError::Unreachable`] if the receiver has no inbox (any more).
+    fn connect(&mut self, to: Address) -> Result<Self::Link, ConnectError>;
+
+    /// Takes the next frame out of the inbox; `None` if it is empty. Nothing in the frame is checked.
+    ///
+    /// # Errors
+    /// If the inbox has failed for good.
+    fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError>;
+
+    /// Blocks until a sender flushes or `timeout` has passed. A flush since the last call counts. May return
+    /// early.
+    ///
+    /// # Errors
+    /// If the inbox has failed for good.
+    fn wait(&mut self, timeout: Duration) -> Result<(), TransportError>;
+}
+
+/// Too little shared memory is free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error(
+    "shared memory is full: {} kB are free in {HOME}, and {} kB are needed; something else fills it, or it is too small (mount -o remount,size=..., docker: --shm-size)",
+    .free >> 10, .needed >> 10
+)]
+pub struct SpaceShortage {
+    /// Bytes that are needed.
+    pub needed: u64,
+    /// Bytes that are free.
+    pub free: u64,
+}
+
+/// Why a sending end cannot be opened.
+#[derive(Debug, Error)]
+pub enum ConnectError {
+    /// The receiver has no inbox (any more).
+    #[error(transparent)]
+    Unreachable(Box<dyn Error + Send + Sync>),
+    /// Too little memory is free.
+    #[error(transparent)]
+    OutOfSpace(SpaceShortage),
+    /// The inbox is there, but cannot be used.
+    #[error(transparent)]
+    Failed(Box<dyn Error + Send + Sync>),
+}
+
+/// Why an inbox fails for good.
+#[derive(Debug, Error)]
+pub enum TransportError {
+    /// Frames cannot be read.
+    #[error("cannot read the inbox: {0}; was the run's directory removed?")]
+    Receive(String),
+    /// Waiting is not possible.
+    #[error("cannot wait for messages: {0}")]
+    Wait(String),
+    /// The owner of the inbox was killed ([`memory::Control::kill`]).
+    #[error("this agent was killed")]
+    Killed,
+}

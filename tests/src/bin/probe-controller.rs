@@ -44,7 +44,7 @@ fn main() -> ExitCode {
             println!("external={}", o.external);
             println!("foreign={}", o.foreign);
             println!("interrupted={}", u8::from(o.interrupted));
-            println!("missing_ledgers={}", o.missing_ledgers.len());
+            println!("missing_counters={}", o.missing_counters.len());
             println!("sent={}", t.sent);
             println!("delivered={}", t.delivered);
             println!("overflowed={}", t.overflowed);

@@ -29,6 +29,10 @@ impl Shutdown {
             *urgency = if *urgency == Urgency::None { Urgency::Asked } else { Urgency::Hurried };
         });
     }
+    /// How much the swarm is urged to end now.
+    pub fn urgency(&self) -> Urgency {
+        *self.0.borrow()
+    }
     /// Waits until the urgency is above `known`, and returns it.
     pub async fn beyond(&self, known: Urgency) -> Urgency {
         // Invariant: the sender is `self`, so the channel cannot be closed.

@@ -16,7 +16,7 @@ use metamorph_sim_bridge::world::invariants::Violation;
 /// `transparent` is true if the link holds no messages back.
 pub fn unbalanced(outcome: &SwarmOutcome, ports: usize, transparent: bool) -> Option<Violation> {
     // Without the counts of every incarnation, their sum says nothing.
-    if !outcome.missing_ledgers.is_empty() {
+    if !outcome.missing_counters.is_empty() {
         return None;
     }
     let what = Class::ALL.into_iter().find_map(|class| {
@@ -34,16 +34,18 @@ pub fn unbalanced(outcome: &SwarmOutcome, ports: usize, transparent: bool) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_module_agent::run_dir::counter_file::{Account, Ledger, directory};
+    use metamorph_module_agent::run_dir::counter_file::{
+        AgentCounters, CounterFile, CounterStore as _, directory,
+    };
     use metamorph_protocol::counters::Counts;
     use metamorph_protocol::ids::{Incarnation, ModuleId};
 
     /// The outcome of a run in which one agent sent seven messages, two of them damaged, and another received
     /// them; their counter files are written, edited by `edit`, and read back.
-    fn run(closed: bool, edit: impl Fn(&mut Account, &mut Account)) -> SwarmOutcome {
+    fn run(closed: bool, edit: impl Fn(&mut AgentCounters, &mut AgentCounters)) -> SwarmOutcome {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir(directory(dir.path())).unwrap();
-        let (mut sender, mut receiver) = (Account::default(), Account::default());
+        let (mut sender, mut receiver) = (AgentCounters::default(), AgentCounters::default());
         sender.tally[Class::Seed] = Counts { sent: 7, lost: 1, duplicated: 1, ..Counts::default() };
         sender.left[Class::Seed.index()] = 1;
         receiver.tally[Class::Seed] = Counts { delivered: 3, refused: 2, ..Counts::default() };
@@ -52,12 +54,9 @@ mod tests {
         let mut outcome = SwarmOutcome::default();
         for (id, account) in [(0, sender), (1, receiver)] {
             let (id, life) = (ModuleId(id), Incarnation(0));
-            let mut ledger = Ledger::create(dir.path(), id, life).unwrap();
-            ledger.write(&account).unwrap();
-            if closed {
-                ledger.close(&account).unwrap();
-            }
-            outcome.count(id, life, Ledger::read(dir.path(), id, life).map_err(|e| e.to_string()));
+            let mut file = CounterFile::create(dir.path(), id, life).unwrap();
+            file.write(&AgentCounters { closed, ..account }).unwrap();
+            outcome.count(id, life, CounterFile::read(dir.path(), id, life).map_err(|e| e.to_string()));
         }
         outcome
     }

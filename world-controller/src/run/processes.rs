@@ -290,7 +290,7 @@ fn notes(outcome: &SwarmOutcome) -> Vec<String> {
         outcome.shortage.iter().map(|why| format!("the run was ended early: {why}")).collect();
     notes.extend(outcome.crashes.iter().map(crash));
     notes.extend(
-        outcome.missing_ledgers.iter().map(|why| format!("messages are missing from the counts: {why}")),
+        outcome.missing_counters.iter().map(|why| format!("messages are missing from the counts: {why}")),
     );
     if outcome.foreign > 0 {
         let frames = many(outcome.foreign, "frame");

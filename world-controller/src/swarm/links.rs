@@ -1,40 +1,38 @@
-//! The controller's ways to its agents. Each costs descriptors, of which there are not enough for all
-//! agents of a large swarm, so ways are opened when there is something to say, and those that have not
-//! been used for longest are closed. What an agent has not taken would be lost with its way, so it is
-//! asked first (`Process::leave`).
+//! The controller's links to its agents. Each costs descriptors, of which there are not enough for all
+//! agents of a large swarm, so a link is opened when there is a message for it, and those that have not
+//! been used for longest are closed. Messages that an agent has not taken would be lost with its link, so it
+//! is asked first (`Process::leave`).
 //!
-//! Absent: ways from agents to the controller, which stay open; and any limit for swarms that are small
+//! Absent: links from agents to the controller, which stay open; and any limit for swarms that are small
 //! enough to do without.
 
 use crate::swarm::outcome::SwarmError;
-use metamorph_module_agent::transport::iceoryx::outbox::Outbox;
-use metamorph_module_agent::transport::iceoryx::rendezvous::{ChannelError, Rendezvous};
-use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_module_agent::transport::{Address, AgentKey, ConnectError, Transport};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::rc::Rc;
 
-/// Descriptors that the controller has open for each agent as long as it lives: its process, and the two
+/// Descriptors that the controller has open for each agent that is alive: its process, and the two
 /// files of its reports.
 const AGENT: u64 = 3;
-/// Descriptors of one way to an agent.
+/// Descriptors of one link to an agent.
 const LINK: u64 = 10;
 /// Descriptors of the controller itself.
 const OWN: u64 = 256;
-/// Ways that a swarm of any size can have open at a time.
+/// Links that a swarm of any size can have open at a time.
 const FEWEST: u64 = 64;
 
-/// One way to an agent.
+/// One link to an agent.
 #[derive(Debug)]
-pub struct Link {
-    /// What goes this way.
-    pub outbox: Outbox,
+pub struct AgentLink<L> {
+    /// The sending end.
+    pub link: L,
     /// When it was last used, in nanoseconds of CLOCK_MONOTONIC.
     pub used: u64,
     leaving: Option<Rc<()>>,
-    open: Counted,
+    open: LinkCount,
 }
 
-impl Link {
+impl<L> AgentLink<L> {
     /// The agent has been asked what it has taken.
     pub fn ask(&mut self) {
         self.leaving = Some(Rc::clone(&self.open.leaving));
@@ -43,31 +41,31 @@ impl Link {
     pub fn is_asked(&self) -> bool {
         self.leaving.is_some()
     }
-    /// It has answered; whether it had been asked.
+    /// It has answered. Returns whether it had been asked.
     pub fn answer(&mut self) -> bool {
         self.leaving.take().is_some()
     }
 }
 
-/// Each way holds a clone, so that they count themselves.
+/// Each link holds a clone, so that the number of clones is the number of links.
 #[derive(Clone, Debug, Default)]
-struct Counted {
+struct LinkCount {
     open: Rc<()>,
     leaving: Rc<()>,
 }
 
-/// How many ways there are, and may be.
+/// How many links there are, and may be.
 #[derive(Debug)]
 pub struct Links {
     most: usize,
-    counted: Counted,
+    counted: LinkCount,
 }
 
 impl Links {
-    /// As many as descriptors are left by `agents` agents.
+    /// The limit that the descriptors left by `agents` agents allow.
     pub fn of(agents: u64) -> Links {
         let left = allowed().saturating_sub(OWN + agents * AGENT);
-        Links { most: (left / LINK).max(FEWEST).min(agents) as usize, counted: Counted::default() }
+        Links { most: (left / LINK).max(FEWEST).min(agents) as usize, counted: LinkCount::default() }
     }
 
     /// Whether one more may be opened.
@@ -85,10 +83,14 @@ impl Links {
         Rc::strong_count(&self.counted.open) - 1
     }
 
-    /// Opens the way to one life of an agent.
-    pub fn open_to(&self, at: &Rendezvous, id: ModuleId, life: Incarnation) -> Result<Link, ChannelError> {
-        let outbox = Outbox::to_agent(at, id, life)?;
-        Ok(Link { outbox, used: 0, leaving: None, open: self.counted.clone() })
+    /// Opens the link to one incarnation of an agent.
+    pub fn open_to<T: Transport>(
+        &self,
+        transport: &mut T,
+        agent: AgentKey,
+    ) -> Result<AgentLink<T::Link>, ConnectError> {
+        let link = transport.connect(Address::Agent(agent))?;
+        Ok(AgentLink { link, used: 0, leaving: None, open: self.counted.clone() })
     }
 }
 
@@ -109,7 +111,7 @@ pub fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
     let limit = getrlimit(Resource::Nofile);
     let hard = limit.maximum.unwrap_or(u64::MAX);
     if hard < useful {
-        // Allowed to whoever may raise limits; others go on with what they have.
+        // Privileged users may raise it; others go on with what they have.
         let raised = Rlimit { current: Some(useful), maximum: Some(useful) };
         match setrlimit(Resource::Nofile, raised) {
             Ok(()) => return Ok(()),

@@ -1,5 +1,5 @@
-//! How many messages the agents of a run have sent so far, for whoever looks on: each agent writes its
-//! counts to its ledger before anybody can see what they stand for, and here they are added up.
+//! How many messages the agents of a run have sent so far, for display: each agent writes its counters to a
+//! file before the messages that they count are visible to others, and here they are added up.
 
 use super::SwarmOptions;
 use crate::console::stopwatch::Stopwatch;
@@ -8,12 +8,12 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// Not more often than this.
+/// The least time between two readings.
 const EVERY: Duration = Duration::from_secs(1);
-/// So many times as long as a reading took, nothing is read: it costs a fiftieth of a core at most.
+/// The time between two readings in durations of one reading: reading costs a fiftieth of a core at most.
 const REST: u32 = 50;
 
-/// Reads ledgers now and then.
+/// Reads counter files now and then.
 #[derive(Debug)]
 pub struct Meter {
     root: Arc<OnceLock<PathBuf>>,

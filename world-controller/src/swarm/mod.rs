@@ -1,55 +1,45 @@
-//! A swarm of processes: one per agent, over shared memory, with this process as its controller.
+//! A swarm of agents that run by themselves, with this process as its controller.
 //!
-//! [`run_swarm`] drives any world and any director with real processes, real time and real
-//! signals. The calling thread owns the world, the director and all channels (they cannot change
-//! threads); a second thread supervises processes with tokio. Absent: decisions about the run, which
-//! are the director's, and knowledge of which family of units it runs.
+//! [`run_swarm`] drives any world and any director with one process per agent, real time and real
+//! signals; [`run_in_memory`] does so with one thread per agent. The calling thread owns the world, the
+//! director and all links, which cannot change threads ([`controller_loop`]). Absent: decisions about the
+//! run, which are the director's, and knowledge of which family of units it runs.
 
-mod agents;
-mod burials;
-mod conduct;
+mod controller_loop;
+mod launcher;
 mod links;
+mod memory;
 mod meter;
 mod outcome;
 mod pace;
+mod process;
+mod processes;
+mod reaper;
 mod reserve;
 mod resume;
 mod run_dir;
 mod signals;
-mod supervise;
+mod supervisor;
 mod watch;
 
-use crate::console::shutdown::Shutdown;
-pub use agents::Letter;
-pub use links::descriptor_limit;
-pub use meter::Meter;
-pub use outcome::{Crash, SwarmError, SwarmOutcome};
-pub use pace::{FULL, Slowed};
-pub use resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
-pub use run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
-pub use watch::{SUBCOMMAND as WATCH, watch};
+pub use crate::swarm::launcher::{Backend, Event, Launcher};
+pub use crate::swarm::links::descriptor_limit;
+pub use crate::swarm::memory::run_in_memory;
+pub use crate::swarm::meter::Meter;
+pub use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
+pub use crate::swarm::pace::{FULL, Slowed};
+pub use crate::swarm::process::ControlMessage;
+pub use crate::swarm::processes::{resume_swarm, run_swarm};
+pub use crate::swarm::resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
+pub use crate::swarm::run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
+pub use crate::swarm::watch::{SUBCOMMAND as WATCH, watch};
 
 use crate::console::interrupt::Interrupt;
-use crate::swarm::burials::Burials;
-use crate::swarm::conduct::Conductor;
-use crate::swarm::links::raise_descriptor_limit;
-use crate::swarm::pace::Pace;
-use crate::swarm::reserve::Reserve;
-use crate::swarm::supervise::{Launch, Supervisor};
-use crate::swarm::watch::Watch;
-use metamorph_module_agent::clock::{Speed, monotonic};
+use crate::console::shutdown::Shutdown;
+use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::journal_file::Parts;
-use metamorph_module_agent::run_dir::controller_lease::Seat;
-use metamorph_module_agent::run_dir::identity::Identity;
-use metamorph_module_agent::run_dir::swarm_file::SwarmFile;
-use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
-use metamorph_module_agent::transport::iceoryx::rendezvous::{Rendezvous, SHARD, set_verbosity};
-use metamorph_module_agent::transport::iceoryx::space;
-use metamorph_protocol::agent::Agent;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::time::Span;
-use metamorph_sim_bridge::director::port::Direct;
-use metamorph_sim_bridge::world::World;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicU32;
@@ -59,7 +49,7 @@ use std::time::Duration;
 /// How a swarm is run.
 #[derive(Clone, Debug)]
 pub struct SwarmOptions {
-    /// The program of the agents.
+    /// The program of the agents' processes.
     pub program: PathBuf,
     /// What comes before an agent's own arguments, such as the name of a subcommand.
     pub program_args: Vec<OsString>,
@@ -68,9 +58,9 @@ pub struct SwarmOptions {
     /// How fast scenario time passes, unless agents cannot keep up.
     pub speed: Speed,
     /// By how much scenario time agents may be late before time passes more slowly. It should be small
-    /// against what the protocol waits for.
+    /// against the timeouts of the protocol.
     pub tolerance: Span,
-    /// The present speed in parts of [`FULL`]; for whoever looks on.
+    /// The present speed in parts of [`FULL`]; for display.
     pub share: Arc<AtomicU32>,
     /// What links do to messages.
     pub link: LinkModel,
@@ -89,7 +79,7 @@ pub struct SwarmOptions {
     /// How long agents wait for a controller to come back after theirs was killed. Zero without a
     /// journal, from which alone it could.
     pub patience: Duration,
-    /// Where the run's directory is, as soon as it has one; for whoever looks on.
+    /// Where the run's directory is, as soon as it has one; for display.
     pub root: Arc<OnceLock<PathBuf>>,
     /// How long it may take until one more agent has started.
     pub setup_timeout: Duration,
@@ -124,139 +114,11 @@ impl SwarmOptions {
 /// The most modules of one run on one machine; pids and descriptors end soon after.
 pub const MODULE_LIMIT: usize = 16_000;
 
-/// Dead agents of one shard that may wait to be buried while others are started in their place. A restart
-/// beyond that fails, and is reported as a crash that says so.
-const UNBURIED: usize = 1_000;
-/// Runs a swarm until its director finishes it or a shutdown is asked for, and leaves nothing
-/// behind: no process, no shared memory, no file. What earlier runs of this user left when they
-/// were killed is removed first.
-///
-/// Blocks for the whole run, so it must not be called from asynchronous code. A panic in the world
-/// or the director ends the swarm on its way out.
-pub fn run_swarm<W, D>(
-    options: &SwarmOptions,
-    setup: &<W::Agent as Agent>::Setup,
-    world: &mut W,
-    director: &mut D,
-) -> Result<SwarmOutcome, SwarmError>
-where
-    W: World,
-    D: Direct<W>,
-{
-    let count = world.len();
-    if count == 0 || count > MODULE_LIMIT {
-        return Err(SwarmError::Size(count));
-    }
-    let begun = begin(options, count)?;
-    if let Err(e) = clean() {
-        tracing::warn!("what earlier runs left behind could not be removed: {e}");
-    }
-    // Dropped in reverse: first the supervisor, which ends all processes, then channels, then files.
-    let mut dir = RunDir::create()?;
-    watch_over(&mut dir, options)?;
-    let mut reserve = Reserve::take(dir.root(), count as u64)?;
-    options.root.get_or_init(|| dir.root().to_owned());
-    SwarmFile {
-        count: count as u32,
-        seed: options.seed,
-        speed: options.speed,
-        tolerance: options.tolerance,
-        link: options.link.clone(),
-        journal: options.journal.clone(),
-        patience: u32::try_from(options.patience.as_millis()).unwrap_or(u32::MAX),
-        setup,
-    }
-    .write(dir.root())?;
-    let share = Arc::clone(&options.share);
-    let pace =
-        Pace::create(dir.root(), options.speed, options.tolerance, share).map_err(SwarmError::Clock)?;
-    let seat = take_seat(&dir, 0)?;
-    reserve.release_own();
-    let at = Rendezvous::join(dir.root())?;
-    let (inbox, supervisor) = attach(options, &dir, &at, seat, count)?;
-    let burials = Burials::start(dir.root())?;
-    let mut conductor =
-        Conductor::new(options, &dir, &at, inbox, supervisor, burials, pace, world, director, begun);
-    conductor.reserve = reserve;
-    conductor.run()
-}
-
-/// Goes on with a swarm whose controller was killed, from what its journal says of it. Otherwise the
-/// same as [`run_swarm`].
-pub fn resume_swarm<W, D>(
-    options: &SwarmOptions,
-    adopted: Adopted,
-    resumption: Resumption<W::Agent>,
-    world: &mut W,
-    director: &mut D,
-) -> Result<SwarmOutcome, SwarmError>
-where
-    W: World,
-    D: Direct<W>,
-{
-    let count = world.len();
-    let begun = begin(options, count)?;
-    let Adopted { mut dir, epoch } = adopted;
-    watch_over(&mut dir, options)?;
-    options.root.get_or_init(|| dir.root().to_owned());
-    let before = Seat::read(dir.root()).map_err(SwarmError::Identity)?;
-    let share = Arc::clone(&options.share);
-    let pace = Pace::adopt(dir.root(), options.speed, options.tolerance, share).map_err(SwarmError::Clock)?;
-    let at = Rendezvous::join(dir.root())?;
-    // First the channels, then the seat: whoever finds the new controller can reach it.
-    let next = Seat { generation: before.generation + 1, ..before };
-    let (inbox, supervisor) = attach(options, &dir, &at, next, count)?;
-    take_seat(&dir, next.generation)?;
-    let burials = Burials::start(dir.root())?;
-    let mut conductor =
-        Conductor::new(options, &dir, &at, inbox, supervisor, burials, pace, world, director, begun);
-    conductor.reserve = Reserve::left(dir.root());
-    conductor.go_on(epoch, resumption)
-}
-
-/// What comes before a swarm has anything. Returns when that was.
-fn begin(options: &SwarmOptions, count: usize) -> Result<u64, SwarmError> {
+fn catch_signals(options: &SwarmOptions) -> Result<(), SwarmError> {
     if options.catch_signals {
         let interrupt = Interrupt::listen().map_err(SwarmError::Signals)?;
         interrupt.begin();
         interrupt.pass_on(&options.shutdown);
     }
-    raise_descriptor_limit(count as u64)?;
-    set_verbosity(options.verbose);
-    Ok(monotonic())
-}
-
-fn watch_over(dir: &mut RunDir, options: &SwarmOptions) -> Result<(), SwarmError> {
-    let Some((program, args)) = &options.watcher else { return Ok(()) };
-    let watch = Watch::start(program, args, dir.root()).map_err(SwarmError::Watcher)?;
-    dir.keep(watch);
     Ok(())
-}
-
-fn take_seat(dir: &RunDir, generation: u32) -> Result<Seat, SwarmError> {
-    let controller = Identity::own().map_err(SwarmError::Identity)?;
-    let seat = Seat { controller, generation };
-    seat.write(dir.root()).map_err(SwarmError::Identity)?;
-    Ok(seat)
-}
-
-fn attach(
-    options: &SwarmOptions,
-    dir: &RunDir,
-    at: &Rendezvous,
-    seat: Seat,
-    count: usize,
-) -> Result<(Inbox, Supervisor), SwarmError> {
-    let shards = (count as u32).div_ceil(SHARD);
-    let senders = count.min(SHARD as usize) + UNBURIED;
-    let inbox = Inbox::create_for_controller(at, seat.generation, shards, senders)?;
-    space::allocate(dir.name()).map_err(reserve::refused_own)?;
-    let launch = Launch {
-        program: options.program.clone(),
-        args: options.program_args.clone(),
-        root: dir.root().to_owned(),
-        generation: seat.generation,
-        verbose: options.verbose,
-    };
-    Ok((inbox, Supervisor::start(launch, options.shutdown.clone())?))
 }

@@ -1,8 +1,8 @@
 //! What a swarm of processes came to, and why one could not be run.
 
-use metamorph_module_agent::run_dir::counter_file::Account;
+use metamorph_module_agent::run_dir::counter_file::AgentCounters;
 use metamorph_module_agent::run_dir::swarm_file::SwarmFileError;
-use metamorph_module_agent::transport::iceoryx::inbox::InboxError;
+use metamorph_module_agent::transport::TransportError;
 use metamorph_module_agent::transport::iceoryx::rendezvous::ChannelError;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
@@ -21,7 +21,7 @@ use super::run_dir::RunDirError;
 pub struct Crash {
     /// Which module.
     pub id: ModuleId,
-    /// Which life of it.
+    /// Which incarnation of it.
     pub incarnation: Incarnation,
     /// When.
     pub at: Time,
@@ -34,13 +34,13 @@ pub struct Crash {
 /// What a swarm came to.
 #[derive(Clone, Debug, Default)]
 pub struct SwarmOutcome {
-    /// Protocol messages of all agents in all their lives.
+    /// Protocol messages of all incarnations of all agents.
     pub tally: Tally,
     /// Messages by class that were under way at the end, as agents counted them.
     pub left: [u64; Class::ALL.len()],
-    /// Messages by class that may be lost with ways that were closed while the receiver was stopped.
+    /// Messages by class that may be lost with links that were closed while the receiver was stopped.
     pub loose: [u64; Class::ALL.len()],
-    /// Lives that did not end in order, so that what was under way to and from them is not counted.
+    /// Incarnations that did not end in order, so that messages under way to and from them are not counted.
     pub unclosed: u64,
     /// By how much the clock was slowed.
     pub slowed: Slowed,
@@ -62,7 +62,7 @@ pub struct SwarmOutcome {
     pub launched: u32,
     /// Modules alive when the run was finished.
     pub alive: u32,
-    /// Lives begun after the first.
+    /// Incarnations begun after the first.
     pub restarted: u32,
     /// Processes killed on the director's command.
     pub killed: u32,
@@ -70,9 +70,9 @@ pub struct SwarmOutcome {
     pub external: u32,
     /// Processes that ended by themselves.
     pub crashes: Vec<Crash>,
-    /// Lives whose counts could not be read back, with the reason.
-    pub missing_ledgers: Vec<String>,
-    /// What each life of an agent has counted.
+    /// Incarnations whose counters could not be read back, with the reason.
+    pub missing_counters: Vec<String>,
+    /// What each incarnation of an agent has counted.
     pub accounts: Vec<(ModuleId, Incarnation, Tally)>,
     /// Records that agents could not write to the journal.
     pub unrecorded: u64,
@@ -83,24 +83,29 @@ pub struct SwarmOutcome {
 }
 
 impl SwarmOutcome {
-    /// Adds what one life of an agent has counted, if its ledger could be read.
-    pub fn count(&mut self, id: ModuleId, life: Incarnation, account: Result<Option<Account>, String>) {
-        match account {
-            Ok(Some(account)) => {
-                self.tally += account.tally;
+    /// Adds what one incarnation of an agent has counted, if its counters could be read.
+    pub fn count(
+        &mut self,
+        id: ModuleId,
+        incarnation: Incarnation,
+        counters: Result<Option<AgentCounters>, String>,
+    ) {
+        match counters {
+            Ok(Some(counters)) => {
+                self.tally += counters.tally;
                 for class in 0..Class::ALL.len() {
-                    self.left[class] += account.left[class];
-                    self.loose[class] += account.loose[class];
+                    self.left[class] += counters.left[class];
+                    self.loose[class] += counters.loose[class];
                 }
-                self.unclosed += u64::from(!account.closed);
-                self.foreign += account.foreign;
-                self.wakes += account.wakes;
-                self.unrecorded += account.unrecorded;
-                self.accounts.push((id, life, account.tally));
+                self.unclosed += u64::from(!counters.closed);
+                self.foreign += counters.foreign;
+                self.wakes += counters.wakes;
+                self.unrecorded += counters.unrecorded;
+                self.accounts.push((id, incarnation, counters.tally));
             }
             // Killed before it had started.
             Ok(None) => {}
-            Err(e) => self.missing_ledgers.push(e),
+            Err(e) => self.missing_counters.push(e),
         }
     }
 }
@@ -140,7 +145,7 @@ pub enum SwarmError {
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
-    /// The process that watches over this one cannot be started.
+    /// The process that cleans up if this one is killed cannot be started.
     #[error("cannot start the process that cleans up if this one is killed: {0}")]
     Watcher(io::Error),
     /// No shared memory at all.
@@ -160,7 +165,7 @@ pub enum SwarmError {
     Channel(#[from] ChannelError),
     /// The controller's inbox failed.
     #[error(transparent)]
-    Inbox(#[from] InboxError),
+    Transport(#[from] TransportError),
     /// The clock page cannot be written or read.
     #[error("cannot set the clock of the run: {0}")]
     Clock(io::Error),

@@ -1,22 +1,21 @@
 //! How fast scenario time passes: as fast as the scenario asks for, unless the machine is too busy for its
 //! agents to keep up.
 //!
-//! The controller promises scenario time to all processes in short slices (`clock_page`), and before each
+//! The controller promises scenario time to all agents in short slices (the clock page), and before each
 //! slice looks at how late agents and itself have been. Lateness counts in scenario time: 20 ms are nothing
 //! for a move of a second, and too much for a move of 20 ms. Where it exceeds what the run tolerates, time
-//! passes more slowly, in proportion; where there is none, slowly faster again. What was sent or due before
-//! time was last slowed says nothing about the new speed and is not judged.
+//! passes more slowly, in proportion; where there is none, slowly faster again. Messages sent and wake-ups
+//! due before time was last slowed say nothing about the new speed and are not judged.
 //!
-//! A process that is stopped or hangs takes nothing, and so is not late: it holds nobody up. A controller
-//! that is late itself promises nothing, and time stands still until it goes on.
+//! An agent that is stopped or hangs takes nothing, and so is not late and does not slow the run. A
+//! controller that is late itself promises nothing, and time stands still until it goes on.
 
 use metamorph_module_agent::clock::lateness::Late;
-use metamorph_module_agent::clock::page::{Page, path};
-use metamorph_module_agent::clock::{Speed, monotonic, wait};
+use metamorph_module_agent::clock::page::Page;
+use metamorph_module_agent::clock::source::ClockSource;
+use metamorph_module_agent::clock::{Speed, wait};
 use metamorph_protocol::time::{Span, Time};
-use std::fs::File;
 use std::io;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
@@ -29,7 +28,7 @@ pub const FULL: u32 = 1_000_000;
 const LEAST: u32 = FULL / 1_000;
 /// By how much time may be slowed at once: to a quarter.
 const STEEPEST: u64 = 4;
-/// How much faster time may pass in the next slice where nobody is late: by a thirtieth, so twice as fast
+/// How much faster time may pass in the next slice where no agent is late: by a thirtieth, so twice as fast
 /// after half a second.
 const RECOVERY: u32 = 30;
 
@@ -52,12 +51,12 @@ impl Default for Slowed {
 
 /// The controller's end of the clock.
 #[derive(Debug)]
-pub struct Pace {
-    file: File,
+pub struct Pace<C> {
+    source: C,
     page: Page,
     full: Speed,
     tolerance: Span,
-    /// The present speed, in parts of [`FULL`]; for whoever looks on.
+    /// The present speed, in parts of [`FULL`]; for display.
     share: Arc<AtomicU32>,
     /// When time was last slowed.
     slowed_at: Time,
@@ -70,23 +69,13 @@ pub struct Pace {
     lowest: u32,
 }
 
-impl Pace {
-    /// The clock of a new run in `root`: it stands at zero.
-    pub fn create(root: &Path, full: Speed, tolerance: Span, share: Arc<AtomicU32>) -> io::Result<Pace> {
-        let page = Page::stopped(monotonic(), Time::ZERO);
-        let part = root.join("clock.part");
-        page.write(&File::create(&part)?)?;
-        std::fs::rename(&part, path(root))?;
-        Pace::adopt(root, full, tolerance, share)
-    }
-
-    /// The clock of the run in `root`, as another controller left it: it stands still.
-    pub fn adopt(root: &Path, full: Speed, tolerance: Span, share: Arc<AtomicU32>) -> io::Result<Pace> {
-        let file = File::options().read(true).write(true).open(path(root))?;
-        let page = Page::read(&file)?;
+impl<C: ClockSource> Pace<C> {
+    /// The clock of a run, as it was created or as another controller left it: it stands still.
+    pub fn new(source: C, full: Speed, tolerance: Span, share: Arc<AtomicU32>) -> io::Result<Pace<C>> {
+        let page = source.read_page()?;
         share.store(FULL, Ordering::Relaxed);
         Ok(Pace {
-            file,
+            source,
             page,
             full,
             tolerance,
@@ -99,15 +88,20 @@ impl Pace {
         })
     }
 
-    /// The time now.
+    /// Nanoseconds of real time.
+    pub fn monotonic(&self) -> u64 {
+        self.source.monotonic()
+    }
+
+    /// The scenario time now.
     pub fn now(&self) -> Time {
-        self.page.at(monotonic())
+        self.page.at(self.monotonic())
     }
 
     /// How long to wait before looking at the clock again, in order to be there at `time` and to promise
     /// the next slice.
     pub fn until(&self, time: Time) -> Duration {
-        let monotonic = monotonic();
+        let monotonic = self.monotonic();
         let renewal = Duration::from_nanos(self.page.renewal().saturating_sub(monotonic));
         wait(&self.page, self.full, monotonic, time).min(renewal)
     }
@@ -121,14 +115,14 @@ impl Pace {
 
     /// Promises more time if that is due. The first call lets time begin.
     pub fn renew(&mut self) -> io::Result<()> {
-        let monotonic = monotonic();
+        let monotonic = self.monotonic();
         if self.page.renewal() > monotonic {
             return Ok(());
         }
         while self.page.renewal() <= monotonic {
             self.extend(monotonic);
         }
-        self.page.write(&self.file)
+        self.source.write_page(&self.page)
     }
 
     fn extend(&mut self, monotonic: u64) {
@@ -161,7 +155,7 @@ impl Pace {
     /// By how much time was slowed up to now.
     pub fn slowed(&self) -> Slowed {
         let Some((begun, time)) = self.begun else { return Slowed::default() };
-        let monotonic = monotonic();
+        let monotonic = self.monotonic();
         let possible = self.full.scenario(monotonic.saturating_sub(begun));
         let passed = self.page.at(monotonic).since(time).0;
         let factor = if possible == 0 { 1.0 } else { (passed as f64 / possible as f64).min(1.0) };
@@ -173,11 +167,10 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use metamorph_module_agent::clock::source::{FileClock, MemoryClock};
 
-    fn pace(tolerance: Span) -> (tempfile::TempDir, Pace) {
-        let dir = tempfile::tempdir().unwrap();
-        let pace = Pace::create(dir.path(), Speed::REAL, tolerance, Arc::default()).unwrap();
-        (dir, pace)
+    fn pace(tolerance: Span) -> Pace<MemoryClock> {
+        Pace::new(MemoryClock::manual(), Speed::REAL, tolerance, Arc::default()).unwrap()
     }
     fn late(since: u64, by: u64) -> Late {
         Late { since: Time(since), by: Span(by) }
@@ -185,7 +178,7 @@ mod tests {
 
     #[test]
     fn time_is_slowed_in_proportion_and_recovers() {
-        let (_dir, mut pace) = pace(Span(100));
+        let mut pace = pace(Span(100));
         assert_eq!(pace.share(), FULL);
         pace.late(late(0, 50));
         assert_eq!(pace.share(), FULL, "that much is tolerated");
@@ -193,14 +186,14 @@ mod tests {
         pace.late(late(0, 200));
         assert_eq!(pace.share(), FULL / 2, "the worst counts");
         pace.late(late(0, 75));
-        assert_eq!(pace.share(), FULL / 2, "nobody is late, but only just");
+        assert_eq!(pace.share(), FULL / 2, "late by less than is tolerated, but only just");
         let slices = (0..).take_while(|_| pace.share() < FULL).count();
         assert!((15..30).contains(&slices), "{slices} slices to twice the speed");
     }
 
     #[test]
     fn one_that_hangs_does_not_stop_time() {
-        let (_dir, mut pace) = pace(Span(100));
+        let mut pace = pace(Span(100));
         for _ in 0..100 {
             pace.late(late(u64::MAX / 2, u64::MAX / 4));
             pace.slowed_at = Time::ZERO;
@@ -211,7 +204,7 @@ mod tests {
 
     #[test]
     fn what_was_sent_before_time_was_slowed_is_not_judged() {
-        let (_dir, mut pace) = pace(Span(100));
+        let mut pace = pace(Span(100));
         pace.renew().unwrap();
         pace.late(late(0, 200));
         assert_eq!(pace.share(), FULL / 2);
@@ -223,14 +216,38 @@ mod tests {
     }
 
     #[test]
-    fn another_controller_goes_on_from_where_time_stood_still() {
-        let (dir, mut pace) = pace(Span(100));
-        assert_eq!(pace.now(), Time::ZERO);
+    fn slices_are_promised_when_the_last_one_begins() {
+        let mut pace = pace(Span(100));
+        let clock = pace.source.clone();
+        let promised = |pace: &Pace<MemoryClock>| pace.page.at(u64::MAX).0;
         pace.renew().unwrap();
-        let promised = pace.page.at(u64::MAX);
+        assert_eq!((pace.now(), promised(&pace)), (Time(0), SLICE * 2));
+        clock.advance(SLICE - 1);
+        pace.renew().unwrap();
+        assert_eq!((pace.now(), promised(&pace)), (Time(SLICE - 1), SLICE * 2));
+        clock.advance(1);
+        pace.renew().unwrap();
+        assert_eq!((pace.now(), promised(&pace)), (Time(SLICE), SLICE * 3));
+        assert_eq!(clock.read_page().unwrap(), pace.page);
+        // A controller that comes late finds that time has stood still.
+        clock.advance(SLICE * 10);
+        assert_eq!(pace.now(), Time(SLICE * 3));
+        pace.renew().unwrap();
+        assert_eq!(pace.now(), Time(SLICE * 3));
+        assert_eq!(pace.slowed().time, Duration::from_nanos(SLICE * 8));
+    }
+
+    #[test]
+    fn another_controller_goes_on_from_where_time_stood_still() {
+        let dir = tempfile::tempdir().unwrap();
+        let pace = |clock| Pace::new(clock, Speed::REAL, Span(100), Arc::default()).unwrap();
+        let mut first = pace(FileClock::create(dir.path()).unwrap());
+        assert_eq!(first.now(), Time::ZERO);
+        first.renew().unwrap();
+        let promised = first.page.at(u64::MAX);
         assert!(promised > Time::ZERO);
-        drop(pace);
-        let mut next = Pace::adopt(dir.path(), Speed::REAL, Span(100), Arc::default()).unwrap();
+        drop(first);
+        let mut next = pace(FileClock::open_writable(dir.path()).unwrap());
         assert_eq!(next.page.at(u64::MAX), promised);
         // Once the slice that was promised has begun.
         while next.page.at(u64::MAX) == promised {

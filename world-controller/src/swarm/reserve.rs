@@ -1,8 +1,10 @@
-//! Shared memory that a run has before it needs it: a file in the run's directory with all its pages. It holds what
-//! agents that are not started yet will take, so that a shortage is an error at the start; and, as long as
-//! the run lasts, a little that the end of the run needs when something else fills the shared memory.
+//! Shared memory that a run holds before it needs it: a file in the run's directory with all its pages. It is
+//! as large as what agents that are not started yet will take, so that a shortage is an error at the start;
+//! and, as long as the run lasts, as what the end of the run needs when something else fills the shared
+//! memory.
 
 use crate::swarm::outcome::SwarmError;
+use metamorph_module_agent::transport::SpaceShortage;
 use metamorph_module_agent::transport::iceoryx::space;
 use rustix::fs::{FallocateFlags, fallocate};
 use rustix::io::Errno;
@@ -20,18 +22,20 @@ const LAST: u64 = 1 << 20;
 /// With fewer bytes free than this, a run ends.
 pub const SCARCE: u64 = 512 << 10;
 
-/// The file. It goes with the run's directory.
+/// The file. It goes with the run's directory. The default holds nothing, for runs without shared memory.
 #[derive(Debug, Default)]
 pub struct Reserve {
     file: Option<File>,
     held: u64,
+    /// Whether the run uses shared memory.
+    shared: bool,
 }
 
 impl Reserve {
-    /// Holds what so many agents need.
+    /// Holds what `agents` agents need.
     pub fn take(root: &Path, agents: u64) -> Result<Reserve, SwarmError> {
         let held = agents * SPACE.0 + SPACE.1;
-        // An attempt that fails would take everything for a moment, and others die of that.
+        // An attempt that fails would take everything for a moment, and other programs die of that.
         match space::free() {
             Ok(free) if free < held => return Err(shortage(held, free)),
             Ok(_) => {}
@@ -42,14 +46,14 @@ impl Reserve {
             fallocate(&file, FallocateFlags::empty(), 0, held)?;
             Ok(file)
         };
-        Ok(Reserve { file: Some(create().map_err(|e| refused(e, held))?), held })
+        Ok(Reserve { file: Some(create().map_err(|e| refused(e, held))?), held, shared: true })
     }
 
     /// What is left of the reserve of a run that is taken over.
     pub fn left(root: &Path) -> Reserve {
         let file = File::options().write(true).open(root.join(NAME)).ok();
         let held = file.as_ref().and_then(|file| Some(file.metadata().ok()?.len())).unwrap_or_default();
-        Reserve { file, held }
+        Reserve { file, held, shared: true }
     }
 
     /// Gives back what the controller is about to take.
@@ -70,6 +74,11 @@ impl Reserve {
     /// Gives everything back, because the run ends.
     pub fn release(&mut self) {
         self.shrink(0);
+    }
+
+    /// Checks that shared memory is not about to run out.
+    pub fn check(&self) -> Result<(), SpaceShortage> {
+        if self.shared { space::require(SCARCE) } else { Ok(()) }
     }
 
     fn shrink(&mut self, held: u64) {

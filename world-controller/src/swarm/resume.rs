@@ -1,7 +1,7 @@
 //! What a controller needs to go on with a swarm that another controller has left, besides its world and
-//! its director: where the run is, when it began, and what each agent was told.
+//! its director: where the run is, when it began, and the messages sent to each agent.
 
-use super::agents::Letter;
+use super::process::ControlMessage;
 use super::run_dir::{RunDir, RunDirError};
 use metamorph_module_agent::regular_file;
 use metamorph_module_agent::run_dir::run_name::{RunName, RunNameError};
@@ -17,13 +17,13 @@ use thiserror::Error;
 /// The most bytes of the file that says which run it is.
 const LONGEST: u64 = 1 << 10;
 
-/// Why a run cannot be gone on with.
+/// Why a run cannot be resumed.
 #[derive(Debug, Error)]
 pub enum NotResumable {
     /// It is not known which run it is.
     #[error("{0}: {1}; the controller was killed before the run began, so there is nothing to go on with")]
     NotBegun(PathBuf, io::Error),
-    /// What is said of the run makes no sense.
+    /// The file that names the run is damaged.
     #[error("{0} does not say which run it is")]
     Damaged(PathBuf),
     /// Its directory cannot be taken over.
@@ -34,41 +34,41 @@ pub enum NotResumable {
     Name(#[from] RunNameError),
 }
 
-/// One life of an agent that is taken over.
+/// One incarnation of an agent that is taken over.
 pub struct TakenOver<A: Agent> {
     /// Which module.
     pub id: ModuleId,
-    /// Which life of it.
+    /// Which incarnation of it.
     pub life: Incarnation,
     /// Where its body stood when it began.
     pub place: A::Place,
     /// Actions and reports of it that were taken.
     pub heard: u32,
-    /// Everything that it was told, since its beginning.
-    pub told: VecDeque<Letter<A>>,
+    /// All messages to it since its beginning.
+    pub told: VecDeque<ControlMessage<A>>,
     /// Whether it was to be killed.
     pub condemned: bool,
     /// Whether it was to be stopped.
     pub paused: bool,
 }
 
-/// What was told in a run, and to whom.
+/// What a run's journal says of its agents.
 pub struct Resumption<A: Agent> {
-    /// Scenario time of the last thing that is known.
+    /// Scenario time of the last record.
     pub until: Time,
-    /// Every life that lasted then.
+    /// Every incarnation that was alive then.
     pub lives: Vec<TakenOver<A>>,
-    /// The latest life of every module, whether it lasted or not.
+    /// The latest incarnation of every module, alive or not.
     pub latest: Vec<Incarnation>,
     /// Modules that are to be started again.
     pub awaited: BTreeSet<ModuleId>,
-    /// Whether the run was over, and only its end is left to be carried out.
+    /// Whether the run was over but for ending its agents.
     pub finishing: bool,
-    /// What was counted.
+    /// What the controller had counted.
     pub counted: Counted,
 }
 
-/// A run that has lost its controller and now has this process for one.
+/// A run that has lost its controller and that this process has taken over.
 pub struct Adopted {
     pub(super) dir: RunDir,
     /// CLOCK_MONOTONIC at scenario time zero.
@@ -88,7 +88,7 @@ pub struct Counted {
     pub body_messages: u64,
     /// Orders and reports.
     pub control_messages: u64,
-    /// Lives begun after the first.
+    /// Incarnations begun after the first.
     pub restarted: u32,
     /// Processes killed on the director's command.
     pub killed: u32,
@@ -98,7 +98,7 @@ fn path(parts: &Path) -> PathBuf {
     parts.join("run")
 }
 
-/// Writes down which run it is that the journal in `parts` is of.
+/// Writes down which run the journal in `parts` is of.
 pub fn write_run(parts: &Path, root: &Path, epoch: u64) -> io::Result<()> {
     let name = root.file_name().unwrap_or_default().to_string_lossy();
     let part = parts.join("run.new");

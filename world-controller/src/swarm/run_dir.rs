@@ -1,15 +1,15 @@
-//! Run directories: made so that a live run and what a dead one left behind can be told apart, and
-//! removed without ever touching a live run or anybody else's.
+//! Run directories: made so that a live run can be told from what a dead one left behind, and removed without
+//! ever touching a live run or one of another user.
 //!
-//! A run's directory is prepared under another name that says who prepares it, and gets its own
+//! A run's directory is prepared under another name that contains the process that prepares it, and gets its own
 //! name only when it holds `owner`, the controller's pid and start time. The controller keeps that
-//! file locked while it lives, which holds across containers that share memory but not pids.
+//! file locked while it is alive, which holds across containers that share memory but not pids.
 //! Shared-memory files of a run lie beside it and start with its name and an underscore. The directory goes last, so that
 //! what a killed cleaner leaves is found by the next.
 
 use crate::swarm::watch::Watch;
 use metamorph_module_agent::pid_directory;
-use metamorph_module_agent::run_dir::controller_lease::is_marked;
+use metamorph_module_agent::run_dir::controller_lease::is_resumable;
 use metamorph_module_agent::run_dir::counter_file;
 use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_module_agent::run_dir::run_name::{HOME, MARK, RunName};
@@ -183,10 +183,10 @@ fn is_locked(root: &Path) -> bool {
 
 /// Whether agents of this run still wait. Stopped ones cannot end by themselves, so they do not count.
 pub fn is_awaited(root: &Path) -> bool {
-    is_marked(root) && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
+    is_resumable(root) && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
 }
 
-/// The processes of agents that have said who they are, by the names of their lives.
+/// The processes of agents that have registered, by the names of their incarnations.
 pub fn identities(root: &Path) -> impl Iterator<Item = (String, Identity)> {
     fs::read_dir(pid_directory(root)).into_iter().flatten().flatten().filter_map(|entry| {
         let text = fs::read_to_string(entry.path()).ok()?;
@@ -194,8 +194,8 @@ pub fn identities(root: &Path) -> impl Iterator<Item = (String, Identity)> {
     })
 }
 
-/// Removes what this user's dead runs have left: their agents, if any still live, their shared
-/// memory and their directories. Never a live run, and never anybody else's.
+/// Removes what this user's dead runs have left: their agents, if any are still alive, their shared
+/// memory and their directories. Never a live run, and never one of another user.
 pub fn clean() -> Result<CleanReport, CleanError> {
     let user = geteuid().as_raw();
     let mut report = CleanReport::default();
@@ -239,12 +239,12 @@ pub fn clean() -> Result<CleanReport, CleanError> {
     Ok(report)
 }
 
-/// Kills the agents of a dead run that still live, and waits for their end.
+/// Kills the agents of a dead run that are still alive, and waits for their end.
 fn kill_agents(root: &Path) -> u32 {
     identities(root).map(|(_, agent)| u32::from(kill(agent))).sum()
 }
 
-/// Kills an agent that nobody supervises, and waits for its end; false if it is dead.
+/// Kills an agent that has no supervisor, and waits for its end. `false` if it is dead.
 pub fn kill(agent: Identity) -> bool {
     // The descriptor is taken before the identity is checked: from then on it cannot change.
     let fd = agent.as_pid().and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());

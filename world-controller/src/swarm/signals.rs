@@ -1,5 +1,5 @@
 //! What a signal says about the end of a process: its name, and whether the process brought it about
-//! itself. Absent: sending signals (`supervise`).
+//! itself. Absent: sending signals (`supervisor`).
 
 use rustix::process::Signal;
 

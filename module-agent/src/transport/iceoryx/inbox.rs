@@ -1,24 +1,13 @@
 //! The receiving ends of a process: frames come out of channels, and one bell wakes it.
 
+use crate::transport::TransportError;
 use crate::transport::iceoryx::rendezvous::{
     self, ChannelError, Frames, Listener, Rendezvous, Subscriber, Wakes,
 };
-use crate::transport::iceoryx::shared_frame::Packet;
+use crate::transport::shared_frame::SharedFrame;
 use iceoryx2::port::listener::ListenerWaitError;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use std::time::Duration;
-use thiserror::Error;
-
-/// Why receiving or waiting failed for good.
-#[derive(Debug, Error)]
-pub enum InboxError {
-    /// Reading shared memory failed.
-    #[error("cannot read the inbox: {0}; was the run's directory removed?")]
-    Receive(String),
-    /// Waiting failed.
-    #[error("cannot wait for messages: {0:?}")]
-    Wait(ListenerWaitError),
-}
 
 /// Everything that one process receives.
 #[derive(Debug)]
@@ -31,7 +20,7 @@ pub struct Inbox {
 }
 
 impl Inbox {
-    /// Creates the inbox of one life of an agent that has so many ports.
+    /// Creates the inbox of one incarnation of an agent that has `ports` ports.
     pub fn create(
         at: &Rendezvous,
         id: ModuleId,
@@ -41,7 +30,7 @@ impl Inbox {
         Inbox::over(vec![at.create_inbox(id, incarnation, ports)?], at.create_bell(id, incarnation, ports)?)
     }
 
-    /// Creates the inbox of a generation of controller: `shards` channels, `senders` agent lives in each.
+    /// Creates the inbox of a generation of controller: `shards` channels, `senders` agents in each.
     pub fn create_for_controller(
         at: &Rendezvous,
         generation: u32,
@@ -58,8 +47,8 @@ impl Inbox {
         Ok(Inbox { subscribers, listener: rendezvous::listen(&bell)?, _services: (frames, bell), next: 0 })
     }
 
-    /// The next packet, unchecked; none when all channels are empty.
-    pub fn receive(&mut self) -> Result<Option<Packet>, InboxError> {
+    /// Takes the next frame, unchecked; `None` when all channels are empty.
+    pub fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError> {
         for _ in 0..self.subscribers.len() {
             let subscriber = &self.subscribers[self.next];
             // A sender that was killed while it attached cannot be connected to. That is reported
@@ -71,19 +60,19 @@ impl Inbox {
             match sample {
                 Ok(Some(sample)) => return Ok(Some(*sample.payload())),
                 Ok(None) => self.next = (self.next + 1) % self.subscribers.len(),
-                Err(e) => return Err(InboxError::Receive(format!("{e:?}"))),
+                Err(e) => return Err(TransportError::Receive(format!("{e:?}"))),
             }
         }
         Ok(None)
     }
 
     /// Blocks until the bell rings or `timeout` has passed. Bells rung before count.
-    pub fn wait(&self, timeout: Duration) -> Result<(), InboxError> {
-        // The socket below counts in microseconds, and takes none of them to mean for ever.
+    pub fn wait(&self, timeout: Duration) -> Result<(), TransportError> {
+        // The socket below counts in microseconds, and waits for ever if there are none.
         match self.listener.timed_wait(|_| {}, timeout.max(Duration::from_micros(1))) {
-            // A signal such as SIGCONT: look around, then wait again.
+            // A signal such as SIGCONT: the caller looks around and waits again.
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(e) => Err(InboxError::Wait(e)),
+            Err(e) => Err(TransportError::Wait(format!("{e:?}"))),
         }
     }
 }

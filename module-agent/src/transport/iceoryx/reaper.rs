@@ -1,13 +1,14 @@
-//! What a dead process held in shared memory is given back: its places in the channels of those who
-//! live, so that others can take them, and its files.
+//! Gives back what a dead process held in shared memory: its slots in the channels of live processes, and
+//! its files.
 //!
-//! iceoryx2 can do this by itself, but lists all shared memory of the machine several times for each port
-//! of the dead process, and everybody who has a bell that it rang: half a second of work for each death in
-//! a swarm of 1,000. Here the same code of iceoryx2 is told that connections are in this process, where
-//! there are none, and their files are found by one listing for many deaths.
+//! iceoryx2 can do this by itself, but for each port of the dead process it lists all shared memory of the
+//! machine several times, and every process that has a bell which the dead one rang: half a second of work
+//! for each death in a swarm of 1,000. Here the same code of iceoryx2 is told that connections are in this
+//! process, where there are none, and their files are found by one listing for many deaths.
 //!
-//! Deliberately absent: places at the controller's bell. iceoryx2 looks at everybody who has a bell when one
-//! who rang it has died, so that bell has places enough instead ([`crate::transport::iceoryx::rendezvous`]).
+//! Absent: slots at the controller's bell. To give one back, iceoryx2 looks at every process that has a
+//! bell, so the controller's bell has enough slots for all deaths of a run instead
+//! ([`crate::transport::iceoryx::rendezvous`]).
 
 use crate::run_dir::run_name::{HOME, RunName, RunNameError};
 use crate::transport::iceoryx::rendezvous::{self, is_controller_bell};
@@ -25,13 +26,13 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// iceoryx2 between processes, but with nobody connected.
+/// The service of iceoryx2 between processes, but without connections.
 #[derive(Clone, Debug)]
-struct Estate;
+struct DetachedService;
 
-impl ServiceInternal<Estate> for Estate {}
+impl ServiceInternal<DetachedService> for DetachedService {}
 
-impl Service for Estate {
+impl Service for DetachedService {
     type StaticStorage = <Svc as Service>::StaticStorage;
     type ConfigSerializer = <Svc as Service>::ConfigSerializer;
     type PersistentDynamicStorage<T: Debug + Send + Sync + ZeroCopySend + 'static> =
@@ -53,26 +54,26 @@ impl Service for Estate {
     type UniqueId = <Svc as Service>::UniqueId;
 }
 
-/// Buries the dead of one run.
+/// Reaps the dead processes of one run.
 #[derive(Debug)]
-pub struct Undertaker {
+pub struct NodeReaper {
     root: PathBuf,
     prefix: String,
     config: Config,
-    /// Ports of the dead whose files are not removed yet.
+    /// Ports of dead processes whose files are not removed yet.
     ports: BTreeSet<String>,
 }
 
-impl Undertaker {
-    /// The one of the run in `root`.
-    pub fn of(root: &Path) -> Result<Undertaker, RunNameError> {
+impl NodeReaper {
+    /// The reaper of the run in `root`.
+    pub fn of(root: &Path) -> Result<NodeReaper, RunNameError> {
         let run = RunName::of_root(root)?;
         let config = rendezvous::config(&run);
-        Ok(Undertaker { root: root.to_owned(), prefix: run.prefix(), config, ports: BTreeSet::new() })
+        Ok(NodeReaper { root: root.to_owned(), prefix: run.prefix(), config, ports: BTreeSet::new() })
     }
 
-    /// Gives the places of a dead member of the run back. It must be dead.
-    pub fn bury(&mut self, member: u128) -> io::Result<()> {
+    /// Gives back the slots of a member of the run, which must be dead.
+    pub fn reap(&mut self, member: u128) -> io::Result<()> {
         let node: UniqueNodeId = bincode::serde::decode_from_slice(
             &member.to_le_bytes(),
             bincode::config::standard().with_fixed_int_encoding(),
@@ -88,9 +89,10 @@ impl Undertaker {
                 self.ports.insert(port.to_owned());
             } else if let Some(hash) = tag.strip_suffix(".service_tag")
                 && let Some(channel) = self.channel(hash)
-                && let Err(e) = Estate::__internal_remove_node_from_service(&node, &channel, &self.config)
+                && let Err(e) =
+                    DetachedService::__internal_remove_node_from_service(&node, &channel, &self.config)
             {
-                tracing::debug!("a place of a dead process could not be given back: {e:?}");
+                tracing::debug!("a slot of a dead process could not be given back: {e:?}");
             }
         }
         fs::remove_dir_all(&own)?;
@@ -117,12 +119,12 @@ impl Undertaker {
         Some(ServiceHash::new::<<Svc as Service>::ServiceNameHasher>(&name, pattern))
     }
 
-    /// Ports whose files wait for [`Undertaker::clear`].
+    /// Ports whose files wait for [`NodeReaper::clear`].
     pub fn waiting(&self) -> usize {
         self.ports.len()
     }
 
-    /// Removes the files of all who were buried since the last time. Who has them open keeps them.
+    /// Removes the files of all members reaped since the last call. A process that has one open keeps it.
     pub fn clear(&mut self) -> io::Result<()> {
         for home in [Path::new(HOME), &self.root] {
             for entry in fs::read_dir(home)? {
@@ -138,7 +140,7 @@ impl Undertaker {
     }
 }
 
-/// Nothing to remove is as good as removed.
+/// Takes a file that is not there for one that has been removed.
 fn gone(removed: io::Result<()>) -> io::Result<()> {
     removed.or_else(|e| if e.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
 }

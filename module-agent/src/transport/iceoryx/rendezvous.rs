@@ -7,8 +7,9 @@
 
 use crate::run_dir::run_name::{RunName, RunNameError};
 use crate::transport::iceoryx::service::Svc;
-use crate::transport::iceoryx::shared_frame::Packet;
-use crate::transport::iceoryx::space::{self, Full};
+use crate::transport::iceoryx::space;
+use crate::transport::shared_frame::SharedFrame;
+use crate::transport::{INBOX_DEPTH, INBOX_SPARE, REPORTS_DEPTH, SpaceShortage};
 use iceoryx2::port::backpressure_strategy::BackpressureStrategy;
 use iceoryx2::port::{listener, notifier, publisher, subscriber};
 use iceoryx2::prelude::{
@@ -22,32 +23,25 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// The sending end of a channel of frames.
-pub type Publisher = publisher::Publisher<Svc, Packet, ()>;
+pub type Publisher = publisher::Publisher<Svc, SharedFrame, ()>;
 /// The receiving end of a channel of frames.
-pub type Subscriber = subscriber::Subscriber<Svc, Packet, ()>;
+pub type Subscriber = subscriber::Subscriber<Svc, SharedFrame, ()>;
 /// What wakes a process.
 pub type Notifier = notifier::Notifier<Svc>;
 /// What a process waits on.
 pub type Listener = listener::Listener<Svc>;
 /// A channel of frames.
-pub type Frames = port_factory::publish_subscribe::PortFactory<Svc, Packet, ()>;
+pub type Frames = port_factory::publish_subscribe::PortFactory<Svc, SharedFrame, ()>;
 /// A wake-up channel.
 pub type Wakes = port_factory::event::PortFactory<Svc>;
 
-/// Frames that an inbox holds of each sender.
-pub const INBOX_DEPTH: usize = 32;
-/// Senders that an inbox takes beside one for each port: the controller, and dead ones until they are
-/// buried. Each costs every agent 4.4 kB.
-pub const INBOX_SPARE: usize = 10;
-/// Agents that may die in a run: their places at the controller's bell are not given back.
+/// Agents that may die in a run: their slots at the controller's bell are not given back.
 const CONTROLLER_RINGERS: usize = 20_000;
-/// Frames of each agent that wait for the controller.
-const REPORTS_DEPTH: usize = 16;
 /// Agents that share one channel to the controller; the cost of joining grows with their number.
 pub const SHARD: u32 = 1_000;
 /// Bytes of shared memory that a member needs to join and to create its channels.
 const JOINING: u64 = 64 << 10;
-/// Waiting for someone else to finish creating a service, on a loaded machine.
+/// The longest wait for another process to finish creating a service; long, for loaded machines.
 const CREATION_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Why a channel cannot be created or opened.
@@ -58,7 +52,7 @@ pub enum ChannelError {
     Run(#[from] RunNameError),
     /// Too little shared memory is free.
     #[error(transparent)]
-    Full(#[from] Full),
+    OutOfSpace(#[from] SpaceShortage),
     /// The node of this process cannot be created.
     #[error("cannot join the run in shared memory: {0:?}; is {home} writable and not full?", home = crate::run_dir::run_name::HOME)]
     Node(iceoryx2::node::NodeCreationFailure),
@@ -158,12 +152,12 @@ impl Rendezvous {
         Ok(Rendezvous { node })
     }
 
-    /// The number of this membership, by which it is buried.
+    /// The number of this membership, by which it is reaped.
     pub fn member(&self) -> u128 {
         self.node.id().value()
     }
 
-    /// Creates the channel of frames to one agent that has so many ports.
+    /// Creates the channel of frames to one agent that has `ports` ports.
     pub fn create_inbox(
         &self,
         id: ModuleId,
@@ -176,7 +170,7 @@ impl Rendezvous {
     pub fn open_inbox(&self, id: ModuleId, incarnation: Incarnation) -> Result<Frames, ChannelError> {
         self.open_frames(&inbox(id, incarnation))
     }
-    /// Creates the wake-up channel of one agent that has so many ports.
+    /// Creates the wake-up channel of one agent that has `ports` ports.
     pub fn create_bell(
         &self,
         id: ModuleId,
@@ -214,7 +208,7 @@ impl Rendezvous {
     fn create_frames(&self, name: &str, senders: usize, depth: usize) -> Result<Frames, ChannelError> {
         self.node
             .service_builder(&service_name(name))
-            .publish_subscribe::<Packet>()
+            .publish_subscribe::<SharedFrame>()
             .max_publishers(senders)
             .max_subscribers(1)
             .max_nodes(senders + 1)
@@ -227,7 +221,7 @@ impl Rendezvous {
     fn open_frames(&self, name: &str) -> Result<Frames, ChannelError> {
         self.node
             .service_builder(&service_name(name))
-            .publish_subscribe::<Packet>()
+            .publish_subscribe::<SharedFrame>()
             .enable_safe_overflow(false)
             .open()
             .map_err(|cause| ChannelError::OpenFrames { name: name.to_owned(), cause })

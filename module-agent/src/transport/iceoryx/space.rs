@@ -7,29 +7,16 @@
 //! long; a process that is hit in it dies of SIGBUS, and its supervisor says so.
 
 use crate::run_dir::run_name::{HOME, RunName};
+use crate::transport::SpaceShortage;
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
-use thiserror::Error;
 
 /// Bytes in a block of [`MetadataExt::blocks`].
 const BLOCK: u64 = 512;
-
-/// Too little shared memory is free.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[error(
-    "shared memory is full: {} kB are free in {HOME}, and {} kB are needed; something else fills it, or it is too small (mount -o remount,size=..., docker: --shm-size)",
-    .free >> 10, .needed >> 10
-)]
-pub struct Full {
-    /// Bytes that are needed.
-    pub needed: u64,
-    /// Bytes that are free.
-    pub free: u64,
-}
 
 /// Bytes of shared memory that are free.
 pub fn free() -> io::Result<u64> {
@@ -37,11 +24,11 @@ pub fn free() -> io::Result<u64> {
     Ok(fs.f_bavail.saturating_mul(fs.f_frsize))
 }
 
-/// Checks that so many bytes of shared memory are free. What cannot be looked at counts as enough: the
-/// attempt itself says what is wrong.
-pub fn require(needed: u64) -> Result<(), Full> {
+/// Checks that `needed` bytes of shared memory are free. If that cannot be found out, it counts as enough:
+/// the attempt to use them says what is wrong.
+pub fn require(needed: u64) -> Result<(), SpaceShortage> {
     match free() {
-        Ok(free) if free < needed => Err(Full { needed, free }),
+        Ok(free) if free < needed => Err(SpaceShortage { needed, free }),
         _ => Ok(()),
     }
 }
@@ -79,9 +66,9 @@ mod tests {
     #[test]
     fn says_what_is_missing() {
         assert_eq!(require(0), Ok(()));
-        let full = require(u64::MAX).unwrap_err();
-        assert_eq!(full.needed, u64::MAX);
-        assert!(full.to_string().contains("--shm-size"), "{full}");
+        let shortage = require(u64::MAX).unwrap_err();
+        assert_eq!(shortage.needed, u64::MAX);
+        assert!(shortage.to_string().contains("--shm-size"), "{shortage}");
     }
 
     #[test]

@@ -27,7 +27,7 @@ use crate::run::processes::ProcessError;
 use crate::swarm::{RunDirError, SwarmError};
 use clap::ValueEnum;
 use machine::Machine;
-use metamorph_module_agent::transport::iceoryx::inbox::InboxError;
+use metamorph_module_agent::transport::TransportError;
 use metamorph_module_agent::transport::iceoryx::rendezvous::ChannelError;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -98,7 +98,7 @@ pub enum BenchError {
     Channel(#[from] ChannelError),
     /// An inbox failed.
     #[error(transparent)]
-    Inbox(#[from] InboxError),
+    Inbox(#[from] TransportError),
     /// This executable cannot be found.
     #[error(transparent)]
     Process(#[from] ProcessError),

@@ -13,8 +13,10 @@ use crate::swarm::RunDir;
 use iceoryx2::prelude::{Node, NodeBuilder, ServiceName, SignalHandlingMode, ipc};
 use metamorph_module_agent::run_dir::run_name::RunName;
 use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
-use metamorph_module_agent::transport::iceoryx::outbox::{Handed, Outbox};
+use metamorph_module_agent::transport::iceoryx::outbox::Outbox;
 use metamorph_module_agent::transport::iceoryx::rendezvous::{self, Rendezvous};
+use metamorph_module_agent::transport::shared_frame::SharedFrame;
+use metamorph_module_agent::transport::{INBOX_DEPTH, Link, SendStatus};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
 use metamorph_protocol::time::Time;
@@ -521,14 +523,15 @@ impl End for Ours {
             sequence: self.sequence,
         };
         self.sequence = self.sequence.wrapping_add(1);
-        Ok(self.outbox.send(&Frame::seal(header, &note), Time::ZERO) == Handed::Over)
+        let frame = SharedFrame::new(&Frame::seal(header, &note), Time::ZERO);
+        Ok(self.outbox.send(frame) == SendStatus::Sent)
     }
     fn ring(&mut self) {
         self.outbox.flush();
     }
     fn take(&mut self) -> Result<Option<u32>, BenchError> {
-        let Some(packet) = self.inbox.receive()? else { return Ok(None) };
-        let frame = packet.frame();
+        let Some(shared) = self.inbox.receive()? else { return Ok(None) };
+        let frame = shared.frame();
         let fits = frame.open().is_ok_and(|h| h.destination == ModuleId(self.me) && h.session == 1);
         match frame.message::<Note>() {
             Ok(note) if fits => Ok(Some(note.ask)),
@@ -573,7 +576,7 @@ impl RawHalf {
             .service_builder(&name(format!("raw/{end}"))?)
             .publish_subscribe::<Bytes>()
             .max_subscribers(1)
-            .subscriber_max_buffer_size(rendezvous::INBOX_DEPTH)
+            .subscriber_max_buffer_size(INBOX_DEPTH)
             .history_size(0)
             .enable_safe_overflow(false)
             .open_or_create()

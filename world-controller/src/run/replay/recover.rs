@@ -7,8 +7,8 @@ use super::engine::{AgentOf, Engine};
 use crate::record::journal::{Blob, Damage, Event, Record};
 use crate::run::runnable::Runnable;
 use crate::scenario::Plan;
-use crate::swarm::{Counted, Letter, TakenOver};
-use metamorph_module_agent::process::control_message::Runtime;
+use crate::swarm::{ControlMessage, Counted, TakenOver};
+use metamorph_module_agent::process::runtime_message::RuntimeMessage;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::runtime::{Command, Sensed};
@@ -129,12 +129,14 @@ impl<A: Agent> Notes<A> {
             }
             Event::Sensed { id, sensed } => {
                 let letter = match sensed {
-                    Sensed::Percept(percept) => Letter::Percept(read(percept)?),
-                    Sensed::Contact { port, revision, contact } => Letter::Runtime(Runtime::Contact {
-                        port: *port,
-                        revision: *revision,
-                        contact: *contact,
-                    }),
+                    Sensed::Percept(percept) => ControlMessage::Percept(read(percept)?),
+                    Sensed::Contact { port, revision, contact } => {
+                        ControlMessage::Runtime(RuntimeMessage::Contact {
+                            port: *port,
+                            revision: *revision,
+                            contact: *contact,
+                        })
+                    }
                 };
                 self.counted.body_messages += u64::from(self.tell(*id, letter));
             }
@@ -163,7 +165,7 @@ impl<A: Agent> Notes<A> {
                 }
             }
             Command::Order(id, order) => {
-                let letter = Letter::Order(read(order)?);
+                let letter = ControlMessage::Order(read(order)?);
                 self.counted.control_messages += u64::from(self.tell(*id, letter));
             }
             Command::Finish => self.finishing = true,
@@ -178,7 +180,7 @@ impl<A: Agent> Notes<A> {
     }
 
     /// As the controller loop does: nothing is sent to an agent that is about to be killed.
-    fn tell(&mut self, id: ModuleId, letter: Letter<A>) -> bool {
+    fn tell(&mut self, id: ModuleId, letter: ControlMessage<A>) -> bool {
         let Some(life) = self.lives.get_mut(&id) else { return false };
         if !life.condemned {
             life.told.push_back(letter);

@@ -1,13 +1,12 @@
-//! How a swarm ends: everyone is told to stop, who does not is killed, and what all lives have
-//! counted is added up.
+//! How a swarm ends: agents are told to stop, those that do not are killed, and the counters of all
+//! incarnations are added up.
 
-use super::{Conductor, DRAIN, nanos};
-use crate::swarm::agents::{Letter, Process, Stage};
+use super::{ControllerLoop, DRAIN, ProcessOf, nanos};
+use crate::swarm::launcher::{Backend, Event, Launcher};
 use crate::swarm::outcome::{Crash, SwarmError};
-use crate::swarm::supervise::{Event, Task};
-use metamorph_module_agent::clock::monotonic;
-use metamorph_module_agent::process::control_message::Runtime;
-use metamorph_module_agent::run_dir::counter_file::Ledger;
+use crate::swarm::process::{ControlMessage, Stage};
+use metamorph_module_agent::process::runtime_message::RuntimeMessage;
+use metamorph_module_agent::transport::Transport;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::wire::Channel;
@@ -16,35 +15,35 @@ use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::time::Duration;
 
-impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
+impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
     pub(super) fn stop(&mut self) -> Result<(), SwarmError> {
         self.outcome.end = self.now();
         self.outcome.slowed = self.pace.slowed();
-        self.outcome.wall = Duration::from_nanos(monotonic().saturating_sub(self.epoch));
-        let lives = |s| matches!(s, Stage::Running | Stage::Lost);
-        let alive = |p: &&Process<W::Agent>| lives(p.stage) && !p.condemned;
+        self.outcome.wall = Duration::from_nanos(self.pace.monotonic().saturating_sub(self.epoch));
+        let runs = |s| matches!(s, Stage::Running | Stage::Lost);
+        let alive = |p: &&ProcessOf<W, B>| runs(p.stage) && !p.condemned;
         self.outcome.alive = self.processes.iter().filter(alive).count() as u32;
         for i in 0..self.processes.len() {
             let process = &mut self.processes[i];
-            let life = (process.id, process.incarnation);
+            let agent = process.key();
             match process.stage {
                 Stage::Absent => continue,
                 Stage::Starting | Stage::Lost => {
                     // Not up yet, or not found, so it cannot be told.
                     process.condemned = true;
-                    self.supervisor.ask(Task::Signal(life, Signal::KILL));
+                    self.launcher.signal(agent, Signal::KILL);
                 }
                 _ => {
                     if process.is_stopped() {
-                        self.supervisor.ask(Task::Signal(life, Signal::CONT));
+                        self.launcher.signal(agent, Signal::CONT);
                     }
                     process.hurry();
-                    self.tell(i, Letter::Runtime(Runtime::Stop));
+                    self.tell(i, ControlMessage::Runtime(RuntimeMessage::Stop));
                 }
             }
         }
         let timeout = nanos(self.options.stop_timeout);
-        let (mut deadline, mut left) = (monotonic() + timeout, usize::MAX);
+        let (mut deadline, mut left) = (self.pace.monotonic() + timeout, usize::MAX);
         let (mut dismissed, mut killed, mut hurried) = (false, false, false);
         loop {
             if self.hurried && !hurried {
@@ -53,7 +52,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             }
             self.drain_after_the_end()?;
             // An agent has two steps to go: to fall silent, and to end.
-            let steps = |p: &Process<W::Agent>| match p.stage {
+            let steps = |p: &ProcessOf<W, B>| match p.stage {
                 Stage::Absent => 0,
                 Stage::Silent => 1,
                 _ => 2,
@@ -63,7 +62,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                 break;
             }
             if left < before {
-                deadline = monotonic() + timeout;
+                deadline = self.pace.monotonic() + timeout;
             }
             if !dismissed && self.processes.iter().all(|p| steps(p) < 2 || p.condemned) {
                 dismissed = true;
@@ -71,39 +70,37 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             }
             self.flush();
             let retry = self.retry_at.unwrap_or(u64::MAX);
-            self.wait_until(deadline.min(retry).max(monotonic() + 1_000_000))?;
-            while let Some(event) = self.supervisor.event() {
-                self.ended(event);
+            self.wait_until(deadline.min(retry).max(self.pace.monotonic() + 1_000_000))?;
+            while let Some(event) = self.launcher.event()? {
+                self.ended_after_the_end(event);
             }
-            if !killed && monotonic() >= deadline {
+            if !killed && self.pace.monotonic() >= deadline {
                 killed = true;
                 self.kill_the_rest();
-            }
-            if self.supervisor.is_gone() {
-                return Err(SwarmError::Supervisor(std::io::Error::other("its thread ended")));
             }
         }
         Ok(())
     }
 
-    /// Nobody sends any more: what is in an inbox now stays there, and its owner can count it and end.
+    /// No agent sends any more: frames that are in an inbox now stay there, and its owner can count them and
+    /// end.
     fn dismiss(&mut self) {
         for i in 0..self.processes.len() {
             if self.processes[i].stage == Stage::Silent {
                 self.processes[i].hurry();
-                self.tell(i, Letter::Runtime(Runtime::End));
+                self.tell(i, ControlMessage::Runtime(RuntimeMessage::End));
             }
         }
     }
 
-    /// Hears which agents have fallen silent; what else they still have to say nobody listens to.
+    /// Takes note of agents that have fallen silent, and drops all other frames.
     fn drain_after_the_end(&mut self) -> Result<(), SwarmError> {
         for _ in 0..DRAIN * 8 {
-            let Some(packet) = self.inbox.receive()? else { break };
-            let frame = packet.frame();
+            let Some(shared) = self.transport.receive()? else { break };
+            let frame = shared.frame();
             let Ok(header) = frame.open() else { continue };
             let silent = header.channel == Channel::Runtime
-                && frame.message() == Ok(Runtime::<<W::Agent as Agent>::Place>::Silent);
+                && frame.message() == Ok(RuntimeMessage::<<W::Agent as Agent>::Place>::Silent);
             if let Some(process) = self.processes.get_mut(header.source.index())
                 && silent
                 && header.incarnation == process.incarnation
@@ -115,48 +112,50 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         Ok(())
     }
 
-    fn ended(&mut self, event: Event) {
+    fn ended_after_the_end(&mut self, event: Event) {
         let (id, incarnation, how, stderr_tail) = match event {
-            Event::Exited { life: (id, life), how, stderr_tail, .. } => (id, life, how, stderr_tail),
+            Event::Exited { agent: (id, incarnation), how, stderr_tail, .. } => {
+                (id, incarnation, how, stderr_tail)
+            }
             Event::Shutdown(urgency) => return self.interrupt(urgency),
-            Event::SpawnFailed((id, life), e) => {
-                (id, life, format!("could not be started: {e}"), String::new())
+            Event::SpawnFailed((id, incarnation), e) => {
+                (id, incarnation, format!("could not be started: {e}"), String::new())
             }
             Event::Stopped(..) | Event::Continued(_) => return,
         };
         let at = self.outcome.end;
         let Some(process) = self.processes.get_mut(id.index()) else { return };
-        process.bury();
+        process.end();
         let how = process.verdict.map_or(how, str::to_owned);
         if !process.condemned && how != "exited" {
             self.outcome.crashes.push(Crash { id, incarnation, at, how, stderr_tail });
         }
     }
 
-    /// Kills everybody, as was asked for by a second signal.
+    /// Kills all agents, as was asked for by a second signal.
     fn kill_at_once(&mut self) {
         for process in self.processes.iter_mut().filter(|p| p.stage != Stage::Absent) {
             process.condemned = true;
-            self.supervisor.ask(Task::Signal((process.id, process.incarnation), Signal::KILL));
+            self.launcher.signal(process.key(), Signal::KILL);
         }
     }
 
     fn kill_the_rest(&mut self) {
         for process in &mut self.processes {
             if process.stage != Stage::Absent {
-                let life = (process.id, process.incarnation);
+                let agent = process.key();
                 process.verdict = Some("did not stop in time, and was killed");
                 tracing::error!("module {} did not stop in time and is killed", process.id);
-                self.supervisor.ask(Task::Signal(life, Signal::KILL));
+                self.launcher.signal(agent, Signal::KILL);
             }
         }
     }
 
-    pub(super) fn read_ledgers(&mut self) {
+    pub(super) fn read_counters(&mut self) {
         for process in &self.processes {
-            for life in 0..=process.incarnation.0 {
-                let account = Ledger::read(self.dir.root(), process.id, Incarnation(life));
-                self.outcome.count(process.id, Incarnation(life), account.map_err(|e| e.to_string()));
+            for incarnation in (0..=process.incarnation.0).map(Incarnation) {
+                let counters = self.launcher.counters((process.id, incarnation));
+                self.outcome.count(process.id, incarnation, counters);
             }
         }
     }

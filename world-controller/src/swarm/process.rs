@@ -1,13 +1,14 @@
-//! The controller's view of one agent process: its life, and what it still has to be told.
+//! The controller's view of one agent process: its current incarnation, and the messages that wait for it.
 //!
-//! What an agent is told is reliable and in order. It waits here while the agent's inbox is full,
+//! Messages to an agent are reliable and in order. They wait here while the agent's inbox is full,
 //! for example because its process is stopped, and the queue is bounded: first, contact changes
 //! that a later one of the same port has overtaken are dropped, and if that is not enough the
 //! process counts as unresponsive.
 
-use crate::swarm::links::Link;
-use metamorph_module_agent::process::control_message::Runtime;
-use metamorph_module_agent::transport::iceoryx::outbox::Handed;
+use crate::swarm::links::AgentLink;
+use metamorph_module_agent::process::runtime_message::RuntimeMessage;
+use metamorph_module_agent::transport::shared_frame::SharedFrame;
+use metamorph_module_agent::transport::{AgentKey, Link, SendStatus};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
@@ -22,25 +23,25 @@ const RETRY: (u64, u64) = (1_000_000, 200_000_000);
 
 /// One message to an agent.
 #[derive(Clone, Debug)]
-pub enum Letter<A: Agent> {
-    /// From driver to driver.
-    Runtime(Runtime<A::Place>),
+pub enum ControlMessage<A: Agent> {
+    /// About life cycle and contacts.
+    Runtime(RuntimeMessage<A::Place>),
     /// From the body.
     Percept(A::Percept),
     /// From the director.
     Order(A::Order),
 }
 
-/// Where a process is in its life.
+/// Where a process is in its life cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Not started, or dead.
     Absent,
-    /// Started, but not heard of yet.
+    /// Started, but not heard from yet.
     Starting,
     /// Up, waiting for the beginning.
     Up,
-    /// Started under an earlier controller, and not heard of since.
+    /// Started under an earlier controller, and not heard from since.
     Lost,
     /// Its agent has started.
     Running,
@@ -49,12 +50,12 @@ pub enum Stage {
 }
 
 /// One module's process.
-pub struct Process<A: Agent> {
+pub struct Process<A: Agent, L> {
     /// Which module.
     pub id: ModuleId,
-    /// The current or latest life.
+    /// The current or latest incarnation.
     pub incarnation: Incarnation,
-    /// Where it is in this life.
+    /// Where this incarnation is in its life cycle.
     pub stage: Stage,
     /// Whether its end was asked for.
     pub condemned: bool,
@@ -70,23 +71,23 @@ pub struct Process<A: Agent> {
     pub halted: bool,
     /// The next sequence number that it will use.
     pub expected: u32,
-    /// Actions and reports of this life that earlier controllers have taken.
+    /// Actions and reports of this incarnation that earlier controllers have taken.
     pub heard: u32,
-    /// Whether it is among those that have something left to be told.
+    /// Whether it is listed among the processes for which messages wait.
     pub listed: bool,
-    link: Option<Link>,
-    queue: VecDeque<Letter<A>>,
-    /// All that earlier controllers have told this life since and with its beginning, until it says how
-    /// much of that it knows.
-    backlog: VecDeque<Letter<A>>,
+    link: Option<AgentLink<L>>,
+    queue: VecDeque<ControlMessage<A>>,
+    /// All messages of earlier controllers to this incarnation, from its beginning on, until it says how many
+    /// it has taken.
+    backlog: VecDeque<ControlMessage<A>>,
     sequence: u32,
     retry_at: u64,
     retry_after: u64,
 }
 
-impl<A: Agent> Process<A> {
+impl<A: Agent, L: Link> Process<A, L> {
     /// A module without a process.
-    pub fn new(id: ModuleId) -> Process<A> {
+    pub fn new(id: ModuleId) -> Process<A, L> {
         Process {
             id,
             incarnation: Incarnation(0),
@@ -109,50 +110,56 @@ impl<A: Agent> Process<A> {
         }
     }
 
-    /// A life begins.
+    /// Its current or latest incarnation.
+    pub fn key(&self) -> AgentKey {
+        (self.id, self.incarnation)
+    }
+
+    /// An incarnation begins.
     pub fn launch(&mut self, incarnation: Incarnation) {
         let listed = self.listed;
         *self = Process { incarnation, stage: Stage::Starting, listed, ..Process::new(self.id) };
     }
 
-    /// A life goes on that earlier controllers have told `backlog`.
-    pub fn take_over(&mut self, incarnation: Incarnation, heard: u32, backlog: VecDeque<Letter<A>>) {
+    /// An incarnation goes on to which earlier controllers have sent `backlog`.
+    pub fn take_over(&mut self, incarnation: Incarnation, heard: u32, backlog: VecDeque<ControlMessage<A>>) {
         let listed = self.listed;
         *self = Process { incarnation, stage: Stage::Lost, heard, backlog, listed, ..Process::new(self.id) };
     }
 
-    /// Asks a life of an earlier controller to turn to this one.
+    /// Asks an incarnation that an earlier controller has started to turn to this one.
     pub fn call(&mut self, now: Time) {
-        self.say_aside(Runtime::Return, now);
+        self.say_aside(RuntimeMessage::Return, now);
     }
 
-    /// Says something in no sequence; whether it was handed over.
-    fn say_aside(&mut self, message: Runtime<A::Place>, now: Time) -> bool {
-        let Some(link) = &mut self.link else { return false };
-        let handed = link.outbox.send(&seal::<A>(&Letter::Runtime(message), self.id, u32::MAX), now);
-        link.outbox.flush();
-        handed == Handed::Over
+    /// Sends a message out of sequence. Returns whether it was sent.
+    fn say_aside(&mut self, message: RuntimeMessage<A::Place>, now: Time) -> bool {
+        let Some(AgentLink { link, .. }) = &mut self.link else { return false };
+        let frame = seal::<A>(&ControlMessage::Runtime(message), self.id, u32::MAX);
+        let status = link.send(SharedFrame::new(&frame, now));
+        link.flush();
+        status == SendStatus::Sent
     }
 
-    /// When the way to the process was last used, if it is open and could be closed.
+    /// When the link to the process was last used, if it is open and could be closed.
     pub fn idle_since(&self) -> Option<u64> {
         let link = self.link.as_ref()?;
-        // Whoever is stopped would not answer.
+        // A process that is stopped would not answer.
         let idle =
             self.stage == Stage::Running && self.queue.is_empty() && !self.is_stopped() && !link.is_asked();
         idle.then_some(link.used)
     }
 
-    /// Prepares to close the way to the process: what it has not taken would be lost.
+    /// Prepares to close the link to the process: messages that it has not taken would be lost.
     pub fn leave(&mut self, now: Time) {
-        if self.say_aside(Runtime::Leave, now)
+        if self.say_aside(RuntimeMessage::Leave, now)
             && let Some(link) = &mut self.link
         {
             link.ask();
         }
     }
 
-    /// It has taken all before this number. The way to it is closed if that is all it was told.
+    /// It has taken all messages before this number. The link to it is closed if those are all.
     pub fn has_taken(&mut self, expected: u32) {
         let Some(link) = &mut self.link else { return };
         if link.answer() && self.queue.is_empty() && expected == self.sequence {
@@ -160,8 +167,8 @@ impl<A: Agent> Process<A> {
         }
     }
 
-    /// It has turned to this controller and expects the message of this number. What it was told before
-    /// and has not taken is told again. False if that cannot be.
+    /// It has turned to this controller and expects the message of this number. Messages from there on are
+    /// sent again. `false` if there cannot be such a message.
     pub fn found(&mut self, expected: u32) -> bool {
         if expected as usize > self.backlog.len() {
             return false;
@@ -174,19 +181,19 @@ impl<A: Agent> Process<A> {
         true
     }
 
-    /// The way to the process is open.
-    pub fn connect(&mut self, link: Link) {
+    /// The link to the process is open.
+    pub fn connect(&mut self, link: AgentLink<L>) {
         self.link = Some(link);
     }
-    /// Whether there is something to tell it, but no way to do so.
+    /// Whether messages wait for it, but it has no link.
     pub fn needs_link(&self) -> bool {
         self.link.is_none()
             && !self.queue.is_empty()
             && matches!(self.stage, Stage::Up | Stage::Running | Stage::Silent)
     }
 
-    /// It has taken all that it was told and sends nothing more. The way to it is closed, since others may wait
-    /// for theirs.
+    /// It has taken all messages and sends nothing more. The link to it is closed, since other processes may
+    /// wait for theirs.
     pub fn fall_silent(&mut self) {
         self.stage = Stage::Silent;
         if self.queue.is_empty() {
@@ -194,50 +201,50 @@ impl<A: Agent> Process<A> {
         }
     }
 
-    /// Whether it is stopped, by anybody.
+    /// Whether it is stopped, by this controller or from outside.
     pub fn is_stopped(&self) -> bool {
         self.paused || self.halted
     }
 
-    /// The life is over; what waited is void.
-    pub fn bury(&mut self) {
+    /// The incarnation has ended; messages that waited for it are void.
+    pub fn end(&mut self) {
         self.stage = Stage::Absent;
         self.link = None;
         self.queue.clear();
         (self.paused, self.halted) = (false, false);
     }
 
-    /// Adds a message. False if too many wait, which only a process that does not run brings about.
-    pub fn tell(&mut self, letter: Letter<A>) -> bool {
+    /// Queues a message. `false` if too many wait, which happens only if the process does not run.
+    pub fn tell(&mut self, message: ControlMessage<A>) -> bool {
         if self.queue.len() >= QUEUE_LIMIT {
             self.drop_overtaken();
         }
         if self.queue.len() >= QUEUE_LIMIT {
             return false;
         }
-        self.queue.push_back(letter);
+        self.queue.push_back(message);
         true
     }
 
     fn drop_overtaken(&mut self) {
         let mut later: BTreeSet<Port> = BTreeSet::new();
-        let mut kept: VecDeque<Letter<A>> = VecDeque::with_capacity(self.queue.len());
-        while let Some(letter) = self.queue.pop_back() {
-            let overtaken = match &letter {
-                Letter::Runtime(Runtime::Contact { port, .. }) => !later.insert(*port),
+        let mut kept: VecDeque<ControlMessage<A>> = VecDeque::with_capacity(self.queue.len());
+        while let Some(message) = self.queue.pop_back() {
+            let overtaken = match &message {
+                ControlMessage::Runtime(RuntimeMessage::Contact { port, .. }) => !later.insert(*port),
                 _ => false,
             };
             if !overtaken {
-                kept.push_front(letter);
+                kept.push_front(message);
             }
         }
         self.queue = kept;
     }
 
     /// Sends what fits. Returns when to try again, in nanoseconds of CLOCK_MONOTONIC, if something
-    /// is left. Whoever is lost is told nothing: it would not know the numbers of what it is told.
+    /// is left. Nothing is sent in [`Stage::Lost`]: the agent's next sequence number is not known yet.
     pub fn flush(&mut self, now: u64, time: Time) -> Option<u64> {
-        let Link { outbox, used, .. } = self.link.as_mut()?;
+        let AgentLink { link, used, .. } = self.link.as_mut()?;
         if self.queue.is_empty() || self.stage == Stage::Lost {
             return None;
         }
@@ -246,16 +253,16 @@ impl<A: Agent> Process<A> {
             return Some(self.retry_at);
         }
         let mut sent = false;
-        while let Some(letter) = self.queue.front() {
-            let frame = seal(letter, self.id, self.sequence);
-            if outbox.send(&frame, time) != Handed::Over {
+        while let Some(message) = self.queue.front() {
+            let frame = seal(message, self.id, self.sequence);
+            if link.send(SharedFrame::new(&frame, time)) != SendStatus::Sent {
                 break;
             }
             sent = true;
             self.sequence = self.sequence.wrapping_add(1);
             self.queue.pop_front();
         }
-        outbox.flush();
+        link.flush();
         if self.queue.is_empty() {
             (self.retry_at, self.retry_after) = (0, RETRY.0);
             return None;
@@ -271,7 +278,7 @@ impl<A: Agent> Process<A> {
     }
 }
 
-fn seal<A: Agent>(letter: &Letter<A>, destination: ModuleId, sequence: u32) -> Frame {
+fn seal<A: Agent>(message: &ControlMessage<A>, destination: ModuleId, sequence: u32) -> Frame {
     let header = |channel, kind| Header {
         channel,
         kind,
@@ -283,16 +290,17 @@ fn seal<A: Agent>(letter: &Letter<A>, destination: ModuleId, sequence: u32) -> F
         session: 0,
         sequence,
     };
-    match letter {
-        Letter::Runtime(m) => Frame::seal(header(Channel::Runtime, m.kind()), m),
-        Letter::Percept(m) => Frame::seal(header(Channel::Body, m.kind()), m),
-        Letter::Order(m) => Frame::seal(header(Channel::Control, m.kind()), m),
+    match message {
+        ControlMessage::Runtime(m) => Frame::seal(header(Channel::Runtime, m.kind()), m),
+        ControlMessage::Percept(m) => Frame::seal(header(Channel::Body, m.kind()), m),
+        ControlMessage::Order(m) => Frame::seal(header(Channel::Control, m.kind()), m),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use metamorph_module_agent::transport::memory::MemoryLink;
     use metamorph_protocol::agent::{Birth, InputOf, OutputOf};
     use metamorph_protocol::ids::{Revision, Session};
     use metamorph_protocol::lattice::Cell;
@@ -324,7 +332,7 @@ mod tests {
         fn digest(&self, _: &mut dyn Hasher) {}
     }
 
-    fn contact(revision: u32) -> Letter<Idle> {
+    fn contact(revision: u32) -> ControlMessage<Idle> {
         let contact = Contact {
             session: Session(revision),
             peer: ModuleId(1),
@@ -332,12 +340,12 @@ mod tests {
             peer_port: Port(0),
         };
         let (port, revision) = (Port((revision % 6) as u8), Revision(revision));
-        Letter::Runtime(Runtime::Contact { port, revision, contact: Some(contact) })
+        ControlMessage::Runtime(RuntimeMessage::Contact { port, revision, contact: Some(contact) })
     }
 
     #[test]
     fn contact_changes_of_a_stopped_process_never_pile_up() {
-        let mut process: Process<Idle> = Process::new(ModuleId(0));
+        let mut process: Process<Idle, MemoryLink> = Process::new(ModuleId(0));
         let last = QUEUE_LIMIT as u32 * 5;
         for revision in 1..=last {
             assert!(process.tell(contact(revision)));
@@ -348,8 +356,8 @@ mod tests {
         let left: Vec<u32> = process
             .queue
             .iter()
-            .filter_map(|letter| match letter {
-                Letter::Runtime(Runtime::Contact { revision, .. }) => Some(revision.0),
+            .filter_map(|message| match message {
+                ControlMessage::Runtime(RuntimeMessage::Contact { revision, .. }) => Some(revision.0),
                 _ => None,
             })
             .collect();
@@ -358,8 +366,9 @@ mod tests {
 
     #[test]
     fn a_process_that_takes_nothing_for_ever_is_noticed() {
-        let mut process: Process<Idle> = Process::new(ModuleId(0));
-        let told = (0..QUEUE_LIMIT * 2).take_while(|_| process.tell(Letter::Order(Cell::default()))).count();
+        let mut process: Process<Idle, MemoryLink> = Process::new(ModuleId(0));
+        let told =
+            (0..QUEUE_LIMIT * 2).take_while(|_| process.tell(ControlMessage::Order(Cell::default()))).count();
         assert_eq!(told, QUEUE_LIMIT);
     }
 }

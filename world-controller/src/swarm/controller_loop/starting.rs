@@ -1,15 +1,15 @@
 //! How a swarm comes up: processes in batches, hellos, then the clock; and how a restarted process
 //! joins a run that is under way.
 
-use super::{Conductor, nanos};
-use crate::swarm::agents::{Letter, Stage};
+use super::{ControllerLoop, nanos};
+use crate::swarm::launcher::{Backend, Event, Launcher};
 use crate::swarm::outcome::SwarmError;
+use crate::swarm::process::{ControlMessage, Stage};
 use crate::swarm::resume::write_run;
 use crate::swarm::run_dir::RunDirError;
-use crate::swarm::supervise::{Event, Life, Task};
-use metamorph_module_agent::clock::monotonic;
-use metamorph_module_agent::process::control_message::Runtime;
-use metamorph_module_agent::run_dir::controller_lease::mark_awaited;
+use metamorph_module_agent::process::runtime_message::RuntimeMessage;
+use metamorph_module_agent::run_dir::controller_lease::mark_resumable;
+use metamorph_module_agent::transport::AgentKey;
 use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::port::Direct;
@@ -19,7 +19,7 @@ use std::time::Duration;
 /// Processes that start at the same time; more would only compete.
 const STARTING: usize = 32;
 
-impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
+impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
     pub(super) fn set_up(&mut self) -> Result<(), SwarmError> {
         let timeout = nanos(self.options.setup_timeout);
         let mut deadline = self.begun + timeout;
@@ -33,13 +33,13 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                 next += 1;
             }
             self.wait_until(deadline)?;
-            while let Some(event) = self.supervisor.event() {
+            while let Some(event) = self.launcher.event()? {
                 match event {
-                    Event::SpawnFailed(life, e) => return Err(self.spawn_error(life, e.to_string())),
-                    // Without a place in the run there is nothing to tell of it yet.
+                    Event::SpawnFailed(agent, e) => return Err(self.spawn_error(agent, e.to_string())),
+                    // Its agent has not begun, so the director does not know of it yet.
                     Event::Stopped(..) | Event::Continued(_) => {}
-                    Event::Exited { life, how, stderr_tail, .. } => {
-                        return Err(SwarmError::DiedEarly { id: life.0, how, stderr_tail });
+                    Event::Exited { agent, how, stderr_tail, .. } => {
+                        return Err(SwarmError::DiedEarly { id: agent.0, how, stderr_tail });
                     }
                     Event::Shutdown(urgency) => self.interrupt(urgency),
                 }
@@ -48,15 +48,15 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
             let before =
                 std::mem::replace(&mut up, self.processes.iter().filter(|p| p.stage == Stage::Up).count());
             if up > before {
-                deadline = monotonic() + timeout;
+                deadline = self.pace.monotonic() + timeout;
             }
-            if up < count && monotonic() >= deadline {
+            if up < count && self.pace.monotonic() >= deadline {
                 let seconds = self.options.setup_timeout.as_secs();
                 return Err(SwarmError::SetupTimeout { missing: count - up, count, seconds });
             }
         }
         self.reserve.release_most();
-        // The ways to all agents, so that the first orders do not wait for them.
+        // Links to all agents, so that the first orders do not wait for them.
         for i in 0..self.processes.len() {
             if self.processes[i].stage == Stage::Up && self.links.too_many(count) == 0 {
                 self.connect(i);
@@ -67,21 +67,23 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
 
     pub(super) fn launch(&mut self, i: usize, incarnation: Incarnation) {
         self.processes[i].launch(incarnation);
-        self.supervisor.ask(Task::Spawn((self.processes[i].id, incarnation)));
+        self.launcher.start(self.processes[i].key());
     }
 
-    fn spawn_error(&self, (id, _): Life, cause: String) -> SwarmError {
+    fn spawn_error(&self, (id, _): AgentKey, cause: String) -> SwarmError {
         SwarmError::Spawn { id, program: self.options.program.clone(), cause }
     }
 
-    /// Every agent gets its place, then its contacts; with the first turn after that the clock starts.
+    /// Every agent gets its place, then its contacts; with the first tick after that the clock starts.
     pub(super) fn begin(&mut self) -> Result<(), SwarmError> {
-        self.epoch = monotonic();
+        self.epoch = self.pace.monotonic();
         self.outcome.setup = Duration::from_nanos(self.epoch - self.begun);
-        if let Some(parts) = self.options.journal.as_ref().filter(|_| !self.options.patience.is_zero()) {
-            let root = self.dir.root();
+        if let (Some(parts), Some(dir)) = (&self.options.journal, self.dir)
+            && !self.options.patience.is_zero()
+        {
+            let root = dir.root();
             write_run(&parts.dir, root, self.epoch)
-                .and_then(|()| mark_awaited(root))
+                .and_then(|()| mark_resumable(root))
                 .map_err(|e| RunDirError::Create(parts.dir.clone(), e))?;
         }
         for i in 0..self.processes.len() {
@@ -95,7 +97,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         for i in 0..self.processes.len() {
             let id = self.processes[i].id;
             self.director.started(Time::ZERO, id);
-            self.obey(Time::ZERO);
+            self.execute(Time::ZERO);
         }
         self.flush();
         Ok(())
@@ -104,7 +106,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
     fn send_begin(&mut self, i: usize) {
         let place = self.world.place(self.processes[i].id);
         self.processes[i].stage = Stage::Running;
-        self.tell(i, Letter::Runtime(Runtime::Begin { place }));
+        self.tell(i, ControlMessage::Runtime(RuntimeMessage::Begin { place }));
     }
 
     /// A restarted process is up.
@@ -112,12 +114,12 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         let (id, incarnation) = (self.processes[i].id, self.processes[i].incarnation);
         let now = self.now();
         self.world.advance(now);
-        // What was sensed up to here was meant for the life before.
+        // What was sensed up to here was meant for the incarnation before.
         self.forward_sensed();
         self.send_begin(i);
         self.world.start(now, id, incarnation);
         self.forward_sensed();
         self.director.started(now, id);
-        self.obey(now);
+        self.execute(now);
     }
 }

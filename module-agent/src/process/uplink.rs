@@ -1,9 +1,10 @@
-//! From an agent to the controller: reliable and in order. What does not fit into the controller's
-//! inbox waits here; the wait loop hands in nothing new while more than [`UPLINK_LIMIT`] frames do.
+//! What an agent tells the controller: reliable and in order. Frames that do not fit into the controller's
+//! inbox wait here; the wait loop hands in nothing new while more than [`UPLINK_LIMIT`] wait.
 
-use crate::transport::iceoryx::outbox::{Handed, Outbox};
+use crate::transport::shared_frame::SharedFrame;
+use crate::transport::{AgentKey, Link, SendStatus};
 use metamorph_protocol::counters::Class;
-use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
+use metamorph_protocol::ids::Port;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
 use std::collections::VecDeque;
@@ -11,20 +12,19 @@ use std::collections::VecDeque;
 /// Frames that may wait before the agent is handed nothing more.
 pub const UPLINK_LIMIT: usize = 256;
 
-/// The way to the controller.
+/// The link to the controller, and what waits for it.
 #[derive(Debug)]
-pub struct Uplink {
-    outbox: Outbox,
-    id: ModuleId,
-    incarnation: Incarnation,
+pub struct Uplink<L> {
+    link: L,
+    agent: AgentKey,
     queue: VecDeque<Frame>,
     sequence: u32,
 }
 
-impl Uplink {
-    /// An uplink of one life of an agent.
-    pub fn new(outbox: Outbox, id: ModuleId, incarnation: Incarnation) -> Uplink {
-        Uplink { outbox, id, incarnation, queue: VecDeque::new(), sequence: 0 }
+impl<L: Link> Uplink<L> {
+    /// An uplink of one incarnation of an agent.
+    pub fn new(link: L, agent: AgentKey) -> Uplink<L> {
+        Uplink { link, agent, queue: VecDeque::new(), sequence: 0 }
     }
 
     /// Queues a message. `stamp` is the contact revision of an action, zero otherwise.
@@ -34,8 +34,8 @@ impl Uplink {
             kind: message.kind(),
             class: Class::World,
             port: Port(0),
-            incarnation: self.incarnation,
-            source: self.id,
+            incarnation: self.agent.1,
+            source: self.agent.0,
             destination: CONTROLLER,
             session: stamp,
             sequence: self.sequence,
@@ -44,32 +44,32 @@ impl Uplink {
         self.queue.push_back(Frame::seal(header, message));
     }
 
-    /// Drops what waits.
+    /// Drops the frames that wait.
     pub fn clear(&mut self) {
         self.queue.clear();
     }
 
-    /// From now on everything goes another way.
-    pub fn redirect(&mut self, outbox: Outbox) {
-        self.outbox = outbox;
+    /// Sends over another link from now on.
+    pub fn redirect(&mut self, link: L) {
+        self.link = link;
     }
 
     /// Sends as much as fits at `now`.
     pub fn flush(&mut self, now: Time) {
         while let Some(frame) = self.queue.front() {
-            if self.outbox.send(frame, now) != Handed::Over {
+            if self.link.send(SharedFrame::new(frame, now)) != SendStatus::Sent {
                 break;
             }
             self.queue.pop_front();
         }
-        self.outbox.flush();
+        self.link.flush();
     }
 
     /// Whether nothing waits.
     pub fn is_idle(&self) -> bool {
         self.queue.is_empty()
     }
-    /// Whether so much waits that nothing more may be added.
+    /// Whether [`UPLINK_LIMIT`] frames wait, so that nothing more may be added.
     pub fn is_full(&self) -> bool {
         self.queue.len() >= UPLINK_LIMIT
     }

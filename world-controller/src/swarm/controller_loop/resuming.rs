@@ -1,14 +1,16 @@
-//! How a controller takes a swarm over from one that was killed: it calls every agent that lives, tells
-//! it again what it has not taken, and takes what it has told meanwhile from its part of the journal.
+//! How a controller takes a swarm over from one that was killed: it calls every agent that is alive, sends it
+//! again the messages that it has not taken, and reads what it has told meanwhile from its part of the
+//! journal.
 
-use super::Conductor;
-use crate::swarm::agents::{Letter, Stage};
+use super::ControllerLoop;
+use crate::swarm::launcher::{Backend, Launcher};
 use crate::swarm::outcome::{SwarmError, SwarmOutcome};
+use crate::swarm::process::{ControlMessage, Stage};
 use crate::swarm::resume::Resumption;
 use crate::swarm::run_dir::{identities, kill};
-use crate::swarm::supervise::Task;
+use crate::swarm::supervisor::Supervisor;
 use metamorph_module_agent::journal_file::{JournalError, Reader, agent_part};
-use metamorph_module_agent::process::control_message::Runtime;
+use metamorph_module_agent::process::runtime_message::RuntimeMessage;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::record::{Blob, Event, Told};
@@ -17,15 +19,26 @@ use metamorph_sim_bridge::director::port::Direct;
 use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
-impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
-    /// Goes on with a run to its end.
-    pub fn go_on(mut self, epoch: u64, from: Resumption<W::Agent>) -> Result<SwarmOutcome, SwarmError> {
-        self.take_over(epoch, from);
+impl<W, D, B> ControllerLoop<'_, W, D, B>
+where
+    W: World,
+    D: Direct<W>,
+    B: Backend<Launcher = Supervisor>,
+{
+    /// Goes on with the run in `root` to its end.
+    pub fn go_on(
+        mut self,
+        root: &Path,
+        epoch: u64,
+        from: Resumption<W::Agent>,
+    ) -> Result<SwarmOutcome, SwarmError> {
+        self.take_over(root, epoch, from);
         self.run_on()
     }
 
-    fn take_over(&mut self, epoch: u64, from: Resumption<W::Agent>) {
+    fn take_over(&mut self, root: &Path, epoch: u64, from: Resumption<W::Agent>) {
         let Resumption { until, lives, latest, mut awaited, finishing, counted } = from;
         (self.epoch, self.last) = (epoch, until);
         self.finishing = finishing;
@@ -33,16 +46,16 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
         self.outcome.body_messages = counted.body_messages;
         self.outcome.control_messages = counted.control_messages;
         (self.outcome.restarted, self.outcome.killed) = (counted.restarted, counted.killed);
-        for (process, life) in self.processes.iter_mut().zip(latest) {
-            process.incarnation = life;
+        for (process, incarnation) in self.processes.iter_mut().zip(latest) {
+            process.incarnation = incarnation;
         }
-        let known: BTreeMap<String, _> = identities(self.dir.root()).collect();
-        // Numbers of lives that had not begun are used up, too.
-        for (id, life) in known.keys().filter_map(|name| name.split_once('.')) {
-            if let (Ok(id), Ok(life)) = (id.parse::<usize>(), life.parse())
+        let known: BTreeMap<String, _> = identities(root).collect();
+        // Numbers of incarnations that had not begun are used up, too.
+        for (id, incarnation) in known.keys().filter_map(|name| name.split_once('.')) {
+            if let (Ok(id), Ok(incarnation)) = (id.parse::<usize>(), incarnation.parse())
                 && let Some(process) = self.processes.get_mut(id)
             {
-                process.incarnation = process.incarnation.max(Incarnation(life));
+                process.incarnation = process.incarnation.max(Incarnation(incarnation));
             }
         }
         let taken_over: BTreeSet<String> = lives.iter().map(|l| format!("{}.{}", l.id, l.life)).collect();
@@ -51,42 +64,44 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                 tracing::debug!("{name} had been started, and was not to take part yet");
             }
         }
-        for mut life in lives {
-            let begin = Runtime::Begin { place: life.place };
-            life.told.push_front(Letter::Runtime(begin));
-            let process = &mut self.processes[life.id.index()];
-            process.take_over(life.life, life.heard, life.told);
-            process.condemned = life.condemned;
-            process.restart = awaited.remove(&life.id);
-            process.paused = life.paused;
-            let key = (life.id, life.life);
-            let Some(identity) = known.get(&format!("{}.{}", life.id, life.life)) else {
+        for mut agent in lives {
+            let begin = RuntimeMessage::Begin { place: agent.place };
+            agent.told.push_front(ControlMessage::Runtime(begin));
+            let process = &mut self.processes[agent.id.index()];
+            process.take_over(agent.life, agent.heard, agent.told);
+            process.condemned = agent.condemned;
+            process.restart = awaited.remove(&agent.id);
+            process.paused = agent.paused;
+            let key = (agent.id, agent.life);
+            let Some(identity) = known.get(&format!("{}.{}", agent.id, agent.life)) else {
                 let how = "was not there any more when the run was resumed".to_owned();
-                let crashed = !life.condemned;
-                self.buried(key, how, String::new(), crashed);
+                let crashed = !agent.condemned;
+                self.ended(key, how, String::new(), crashed);
                 continue;
             };
-            self.supervisor.ask(Task::Adopt(key, *identity));
-            // What was wanted may not have been carried out any more.
-            let signals = match (life.condemned, life.paused) {
+            self.launcher.adopt(key, *identity);
+            // The signals of the controller before may not have been sent any more.
+            let signals = match (agent.condemned, agent.paused) {
                 (true, _) => &[Signal::KILL][..],
                 (false, true) => &[Signal::STOP],
                 (false, false) => &[Signal::CONT],
             };
-            signals.iter().for_each(|signal| self.supervisor.ask(Task::Signal(key, *signal)));
-            if life.condemned || !identity.is_alive() {
+            signals.iter().for_each(|signal| self.launcher.signal(key, *signal));
+            if agent.condemned || !identity.is_alive() {
                 continue;
             }
-            // Whoever is not called finds out by itself within two seconds.
-            if self.connect(life.id.index()) {
+            // An agent that is not called finds out by itself within two seconds.
+            if self.connect(agent.id.index()) {
                 let now = self.now();
-                self.processes[life.id.index()].call(now);
+                self.processes[agent.id.index()].call(now);
             }
         }
         awaited.into_iter().for_each(|id| self.relaunch(id.index()));
     }
+}
 
-    /// An agent has turned to this controller. What it told nobody is taken from its journal.
+impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
+    /// An agent has turned to this controller. What no controller has taken is read from its journal.
     pub(super) fn hear_here(&mut self, header: Header, told: u32, expected: u32) -> bool {
         let i = header.source.index();
         let process = &mut self.processes[i];
@@ -141,7 +156,7 @@ impl<W: World, D: Direct<W>> Conductor<'_, W, D> {
                 if let Some(report) = read::<<W::Agent as Agent>::Report>(&report) {
                     self.outcome.control_messages += 1;
                     self.director.report(now, header.source, report);
-                    self.obey(now);
+                    self.execute(now);
                 }
             }
         }

@@ -1,8 +1,8 @@
-//! The conductor: the thread that owns the world, the director and all channels. It carries
+//! The controller loop: the thread that owns the world, the director and all links to agents. It carries
 //! actions to bodies and percepts back, reports to the director and its commands to processes.
 //!
-//! One turn: what the supervisor saw, what agents sent, what is due in the world, the director,
-//! then everything that must be told; then it blocks until something rings or is due.
+//! One tick: events of the launcher, frames from agents, what is due in the world, the director,
+//! then messages to agents; then it blocks until it is woken or something is due.
 
 mod ending;
 mod resuming;
@@ -11,21 +11,18 @@ mod starting;
 
 use crate::console::shutdown::Urgency;
 use crate::swarm::SwarmOptions;
-use crate::swarm::agents::{Letter, Process, Stage};
-use crate::swarm::burials::Burials;
+use crate::swarm::launcher::{Backend, Event, Launcher};
 use crate::swarm::links::Links;
 use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
 use crate::swarm::pace::Pace;
+use crate::swarm::process::{ControlMessage, Process, Stage};
 use crate::swarm::reserve::Reserve;
 use crate::swarm::run_dir::RunDir;
 use crate::swarm::signals;
-use crate::swarm::supervise::{Event, Life, Supervisor, Task};
 use metamorph_module_agent::clock::lateness::Late;
-use metamorph_module_agent::clock::monotonic;
-use metamorph_module_agent::process::control_message::Runtime;
-use metamorph_module_agent::transport::iceoryx::inbox::Inbox;
-use metamorph_module_agent::transport::iceoryx::rendezvous::{ChannelError, Rendezvous};
-use metamorph_module_agent::transport::iceoryx::shared_frame::Packet;
+use metamorph_module_agent::process::runtime_message::RuntimeMessage;
+use metamorph_module_agent::transport::shared_frame::SharedFrame;
+use metamorph_module_agent::transport::{AgentKey, ConnectError, Transport};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::record::Outside;
@@ -38,69 +35,77 @@ use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// Frames taken in one turn before the world and the director get theirs.
+/// Frames taken in one tick before the world and the director have their turn.
 const DRAIN: usize = 2_048;
-/// Rounds of world and director in one turn.
+/// Rounds of world and director in one tick.
 const ROUNDS: usize = 64;
 /// The longest wait.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
-pub struct Conductor<'a, W: World, D> {
+/// What a controller runs over.
+pub struct Services<'a, B: Backend> {
+    /// What starts agents.
+    pub launcher: B::Launcher,
+    /// Its inbox.
+    pub transport: B::Transport,
+    /// The clock of the run.
+    pub pace: Pace<B::Clock>,
+    /// Shared memory that is held back.
+    pub reserve: Reserve,
+    /// The run's directory; `None` for a run that leaves nothing behind.
+    pub dir: Option<&'a RunDir>,
+}
+
+type ProcessOf<W, B> = Process<<W as World>::Agent, <<B as Backend>::Transport as Transport>::Link>;
+
+/// The controller of one run.
+pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     options: &'a SwarmOptions,
-    dir: &'a RunDir,
-    at: &'a Rendezvous,
-    inbox: Inbox,
-    supervisor: Supervisor,
-    burials: Burials,
+    dir: Option<&'a RunDir>,
+    // Dropped in this order: all agents are ended, links are closed, then their transport.
+    launcher: B::Launcher,
+    processes: Vec<ProcessOf<W, B>>,
+    transport: B::Transport,
     world: &'a mut W,
     director: &'a mut D,
-    processes: Vec<Process<W::Agent>>,
     links: Links,
-    /// Processes that have something left to be told, each once.
+    /// Processes for which messages wait, each once.
     unsent: Vec<usize>,
     outcome: SwarmOutcome,
     /// When the run was asked for.
     begun: u64,
     epoch: u64,
-    pace: Pace,
+    pace: Pace<B::Clock>,
     last: Time,
     finishing: bool,
     /// Whether agents are killed instead of asked to stop.
     hurried: bool,
-    pub reserve: Reserve,
-    /// When shared memory was last looked at, in nanoseconds of CLOCK_MONOTONIC.
+    reserve: Reserve,
+    /// When shared memory was last looked at, in nanoseconds of the monotonic clock.
     looked: u64,
     retry_at: Option<u64>,
 }
 
-impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
-    #[allow(clippy::too_many_arguments, reason = "the one caller hands over all it has set up")]
+impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
+    /// A controller that has not started any agent. The run was asked for at `begun`.
     pub fn new(
         options: &'a SwarmOptions,
-        dir: &'a RunDir,
-        at: &'a Rendezvous,
-        inbox: Inbox,
-        supervisor: Supervisor,
-        burials: Burials,
-        pace: Pace,
+        services: Services<'a, B>,
         world: &'a mut W,
         director: &'a mut D,
         begun: u64,
     ) -> Self {
-        let world_len = world.len() as u64;
-        let processes = (0..world.len() as u32).map(|id| Process::new(ModuleId(id))).collect();
-        Conductor {
+        let Services { launcher, transport, pace, reserve, dir } = services;
+        ControllerLoop {
             options,
             dir,
-            at,
-            inbox,
-            supervisor,
-            burials,
+            launcher,
+            processes: (0..world.len() as u32).map(|id| Process::new(ModuleId(id))).collect(),
+            transport,
+            links: Links::of(world.len() as u64),
             world,
             director,
-            links: Links::of(world_len),
             unsent: Vec::new(),
-            processes,
             outcome: SwarmOutcome::default(),
             begun,
             epoch: begun,
@@ -108,12 +113,13 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             last: Time::ZERO,
             finishing: false,
             hurried: false,
-            reserve: Reserve::default(),
+            reserve,
             looked: begun,
             retry_at: None,
         }
     }
 
+    /// Runs the swarm from its start to its end.
     pub fn run(mut self) -> Result<SwarmOutcome, SwarmError> {
         self.set_up()?;
         if !self.finishing {
@@ -124,10 +130,10 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
 
     fn run_on(mut self) -> Result<SwarmOutcome, SwarmError> {
         while !self.finishing {
-            self.turn()?;
+            self.tick()?;
         }
         self.stop()?;
-        self.read_ledgers();
+        self.read_counters();
         Ok(self.outcome)
     }
 
@@ -136,12 +142,12 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         self.last
     }
 
-    fn turn(&mut self) -> Result<(), SwarmError> {
+    fn tick(&mut self) -> Result<(), SwarmError> {
         self.take_events()?;
         self.look_at_space();
         let drained = self.drain()?;
         self.pace.renew().map_err(SwarmError::Clock)?;
-        self.play();
+        self.step_world();
         self.flush();
         if self.finishing || drained == DRAIN {
             return Ok(());
@@ -149,10 +155,10 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         let due = self.world.next_event().min(self.director.wake_at());
         let mut wait = self.pace.until(due);
         if let Some(retry_at) = self.retry_at {
-            wait = wait.min(Duration::from_nanos(retry_at.saturating_sub(monotonic())));
+            wait = wait.min(Duration::from_nanos(retry_at.saturating_sub(self.pace.monotonic())));
         }
         if !wait.is_zero() {
-            self.inbox.wait(wait)?;
+            self.transport.wait(wait)?;
             let now = self.now();
             if due < now {
                 self.pace.late(Late { since: due, by: now.since(due) });
@@ -162,51 +168,48 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
     }
 
     fn wait_until(&mut self, deadline: u64) -> Result<(), SwarmError> {
-        let left = Duration::from_nanos(deadline.saturating_sub(monotonic()));
-        Ok(self.inbox.wait(left.min(LONGEST_WAIT))?)
+        let left = Duration::from_nanos(deadline.saturating_sub(self.pace.monotonic()));
+        Ok(self.transport.wait(left.min(LONGEST_WAIT))?)
     }
 
     fn take_events(&mut self) -> Result<(), SwarmError> {
-        while let Some(event) = self.supervisor.event() {
+        while let Some(event) = self.launcher.event()? {
             match event {
                 Event::Shutdown(urgency) => self.interrupt(urgency),
-                Event::SpawnFailed(life, e) => {
-                    self.buried(life, format!("could not be started: {e}"), String::new(), true);
+                Event::SpawnFailed(agent, e) => {
+                    self.ended(agent, format!("could not be started: {e}"), String::new(), true);
                 }
-                Event::Stopped(life, signal) => {
-                    self.external(life, &Outside::Stopped { signal: signals::name(signal) });
+                Event::Stopped(agent, signal) => {
+                    self.external(agent, &Outside::Stopped { signal: signals::name(signal) });
                 }
-                Event::Continued(life) => self.external(life, &Outside::Continued),
-                Event::Exited { life, how, signal, stderr_tail } => {
-                    // What it had sent before its end is heard before its end is.
+                Event::Continued(agent) => self.external(agent, &Outside::Continued),
+                Event::Exited { agent, how, signal, stderr_tail } => {
+                    // Frames that it sent before its end are taken before its end is handled.
                     for _ in 0..self.processes.len().max(64) {
                         if self.drain()? < DRAIN {
                             break;
                         }
                     }
-                    let unasked = |p: &&Process<_>| !p.condemned;
-                    let process = self.processes.get(life.0.index()).filter(unasked);
-                    let running = |p: &&Process<_>| p.verdict.is_none() && p.stage == Stage::Running;
+                    let unasked = |p: &&Process<_, _>| !p.condemned;
+                    let process = self.processes.get(agent.0.index()).filter(unasked);
+                    let running = |p: &&Process<_, _>| p.verdict.is_none() && p.stage == Stage::Running;
                     let outside = process.filter(running).and(signal);
                     let outside = outside.filter(|signal| signals::is_from_outside(*signal));
                     let crashed = process.is_some() && outside.is_none();
                     if let Some(signal) = outside {
-                        self.external(life, &Outside::Killed { signal: signals::name(signal) });
+                        self.external(agent, &Outside::Killed { signal: signals::name(signal) });
                     }
-                    self.buried(life, how, stderr_tail, crashed);
+                    self.ended(agent, how, stderr_tail, crashed);
                 }
             }
-        }
-        if self.supervisor.is_gone() {
-            return Err(SwarmError::Supervisor(std::io::Error::other("its thread ended")));
         }
         Ok(())
     }
 
-    /// Something outside this run has done this to a process.
-    fn external(&mut self, (id, incarnation): Life, what: &Outside) {
+    /// Something outside this run has done `what` to a process.
+    fn external(&mut self, (id, incarnation): AgentKey, what: &Outside) {
         let now = self.now();
-        let current = |p: &&mut Process<_>| p.incarnation == incarnation && p.stage == Stage::Running;
+        let current = |p: &&mut Process<_, _>| p.incarnation == incarnation && p.stage == Stage::Running;
         let Some(process) = self.processes.get_mut(id.index()).filter(current) else { return };
         tracing::warn!("module {id} {what}");
         process.halted = matches!(what, Outside::Stopped { .. });
@@ -215,7 +218,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         self.outcome.external += 1;
         self.world.advance(now);
         self.director.external(now, id, what, self.world);
-        self.obey(now);
+        self.execute(now);
     }
 
     fn interrupt(&mut self, urgency: Urgency) {
@@ -224,7 +227,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         self.hurried = urgency == Urgency::Hurried;
     }
 
-    fn buried(&mut self, (id, incarnation): Life, how: String, stderr_tail: String, crashed: bool) {
+    fn ended(&mut self, (id, incarnation): AgentKey, how: String, stderr_tail: String, crashed: bool) {
         let now = self.now();
         let verdict = self.processes.get(id.index()).and_then(|p| p.verdict);
         let how = verdict.map_or(how, str::to_owned);
@@ -234,11 +237,11 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
             self.outcome.crashes.push(Crash { id, incarnation, at: now, how, stderr_tail });
         }
         let Some(process) = self.processes.get_mut(id.index()) else { return };
-        process.bury();
-        self.burials.bury((id, incarnation));
+        process.end();
+        self.launcher.reap((id, incarnation));
         let restart = std::mem::take(&mut process.restart);
         self.director.died(now, id);
-        self.obey(now);
+        self.execute(now);
         if restart && !self.finishing {
             self.relaunch(id.index());
         }
@@ -246,7 +249,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
 
     fn relaunch(&mut self, i: usize) {
         let Some(next) = self.processes[i].incarnation.0.checked_add(1) else {
-            tracing::error!("module {i} cannot be started again: it has had all its lives");
+            tracing::error!("module {i} cannot be started again: it has had all its incarnations");
             return;
         };
         self.outcome.restarted += 1;
@@ -255,21 +258,21 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
 
     fn drain(&mut self) -> Result<usize, SwarmError> {
         for taken in 0..DRAIN {
-            let Some(packet) = self.inbox.receive()? else { return Ok(taken) };
-            if !self.accept(&packet) {
+            let Some(shared) = self.transport.receive()? else { return Ok(taken) };
+            if !self.accept(&shared) {
                 self.outcome.foreign += 1;
             }
         }
         Ok(DRAIN)
     }
 
-    /// Takes one frame; false if no member of the run can have sent it.
-    fn accept(&mut self, packet: &Packet) -> bool {
-        let frame = &packet.frame();
+    /// Takes one frame; `false` if no member of the run can have sent it.
+    fn accept(&mut self, shared: &SharedFrame) -> bool {
+        let frame = &shared.frame();
         let Ok(header) = frame.open() else { return false };
         let i = header.source.index();
         let Some(process) = self.processes.get_mut(i) else { return false };
-        // Whoever is lost says with its first word where its count is.
+        // The first frame of an agent that was lost tells its sequence number.
         let in_sequence = header.sequence == process.expected || process.stage == Stage::Lost;
         let theirs = header.destination == CONTROLLER
             && header.incarnation == process.incarnation
@@ -289,22 +292,22 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         if understood {
             self.processes[i].expected = next;
             let now = self.now();
-            self.judge(i, Late { since: packet.sent(), by: now.since(packet.sent()) });
+            self.judge(i, Late { since: shared.sent(), by: now.since(shared.sent()) });
         }
         understood
     }
 
     fn hear_runtime(&mut self, header: Header, frame: &Frame) -> bool {
-        match frame.message::<Runtime<<W::Agent as Agent>::Place>>() {
-            Ok(Runtime::Hello { .. }) => self.hear_hello(header.source.index()),
-            Ok(Runtime::Here { told, expected }) => self.hear_here(header, told, expected),
-            Ok(Runtime::Taken { expected })
+        match frame.message::<RuntimeMessage<<W::Agent as Agent>::Place>>() {
+            Ok(RuntimeMessage::Hello { .. }) => self.hear_hello(header.source.index()),
+            Ok(RuntimeMessage::Here { told, expected }) => self.hear_here(header, told, expected),
+            Ok(RuntimeMessage::Taken { expected })
                 if self.processes[header.source.index()].stage == Stage::Running =>
             {
                 self.processes[header.source.index()].has_taken(expected);
                 true
             }
-            Ok(Runtime::Late(late)) => {
+            Ok(RuntimeMessage::Late(late)) => {
                 self.judge(header.source.index(), late);
                 true
             }
@@ -347,12 +350,12 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         let now = self.now();
         self.world.advance(now);
         self.director.report(now, header.source, report);
-        self.obey(now);
+        self.execute(now);
         true
     }
 
-    /// Lets the world and the director do what is due.
-    fn play(&mut self) {
+    /// Lets the world and the director do everything that is due.
+    fn step_world(&mut self) {
         for _ in 0..ROUNDS {
             let now = self.now();
             self.world.advance(now);
@@ -361,40 +364,40 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                 break;
             }
             self.director.wake(now, self.world);
-            self.obey(now);
+            self.execute(now);
             if self.finishing {
                 break;
             }
         }
     }
 
-    /// Passes on what bodies sensed; whether there was anything.
+    /// Passes on what bodies sensed. Returns whether there was anything.
     fn forward_sensed(&mut self) -> bool {
         let mut any = false;
         while let Some((id, sensed)) = self.world.poll() {
             any = true;
-            let letter = match sensed {
-                Sensed::Percept(percept) => Letter::Percept(percept),
+            let message = match sensed {
+                Sensed::Percept(percept) => ControlMessage::Percept(percept),
                 Sensed::Contact { port, revision, contact } => {
-                    Letter::Runtime(Runtime::Contact { port, revision, contact })
+                    ControlMessage::Runtime(RuntimeMessage::Contact { port, revision, contact })
                 }
             };
-            // A dead process senses nothing; a new one is told everything when it starts.
-            let hears = |p: &Process<_>| matches!(p.stage, Stage::Running | Stage::Lost);
+            // A dead process senses nothing; a new one gets all contacts when it starts.
+            let hears = |p: &Process<_, _>| matches!(p.stage, Stage::Running | Stage::Lost);
             if self.processes.get(id.index()).is_some_and(hears) {
                 self.outcome.body_messages += 1;
-                self.tell(id.index(), letter);
+                self.tell(id.index(), message);
             }
         }
         any
     }
 
-    fn tell(&mut self, i: usize, letter: Letter<W::Agent>) {
+    fn tell(&mut self, i: usize, message: ControlMessage<W::Agent>) {
         let process = &mut self.processes[i];
         if process.condemned {
             return;
         }
-        if process.tell(letter) {
+        if process.tell(message) {
             return self.list(i);
         }
         self.give_up(i, "did not take its messages for too long, and was killed");
@@ -406,27 +409,27 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         if process.verdict.is_none() {
             tracing::error!("module {i} {why}");
             process.verdict = Some(why);
-            let life = (process.id, process.incarnation);
-            self.supervisor.ask(Task::Signal(life, Signal::KILL));
+            let agent = process.key();
+            self.launcher.signal(agent, Signal::KILL);
         }
     }
 
-    /// Sees to it that a process is told what waits for it.
+    /// Lists a process among those for which messages wait.
     fn list(&mut self, i: usize) {
         if !std::mem::replace(&mut self.processes[i].listed, true) {
             self.unsent.push(i);
         }
     }
 
-    /// Tells everybody as much as they take now.
+    /// Sends to all agents as much as they take now.
     fn flush(&mut self) {
         self.director.commit();
         self.retry_at = None;
-        let (now, time) = (monotonic(), self.now());
+        let (now, time) = (self.pace.monotonic(), self.now());
         for i in std::mem::take(&mut self.unsent) {
             self.processes[i].listed = false;
             if self.processes[i].needs_link() && !self.connect(i) {
-                // Tried again when somebody has left, which rings the bell.
+                // Tried again when a link was closed, which its agent wakes this thread for.
                 self.list(i);
             } else if let Some(at) = self.processes[i].flush(now, time) {
                 self.retry_at = Some(self.retry_at.map_or(at, |earliest| earliest.min(at)));
@@ -435,25 +438,25 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         }
         let too_many = self.links.too_many(self.processes.len());
         if too_many > 0 {
-            let idle = |(i, p): (usize, &Process<_>)| p.idle_since().map(|since| (since, i));
+            let idle = |(i, p): (usize, &Process<_, _>)| p.idle_since().map(|since| (since, i));
             let mut idle: Vec<(u64, usize)> = self.processes.iter().enumerate().filter_map(idle).collect();
             idle.sort_unstable();
             idle.into_iter().take(too_many).for_each(|(_, i)| self.processes[i].leave(time));
         }
     }
 
-    /// Opens the way to an agent; false if there is no room for one more.
+    /// Opens the link to an agent. `false` if there is no room for one more.
     fn connect(&mut self, i: usize) -> bool {
         if !self.links.has_room() {
             return false;
         }
         let process = &mut self.processes[i];
-        match self.links.open_to(self.at, process.id, process.incarnation) {
+        match self.links.open_to(&mut self.transport, process.key()) {
             Ok(link) => process.connect(link),
             // It has just died, and its end is heard of soon.
-            Err(e) if e.is_absent() => tracing::debug!("module {i} cannot be reached: {e}"),
-            Err(ChannelError::Full(full)) => {
-                self.run_short(full);
+            Err(ConnectError::Unreachable(e)) => tracing::debug!("module {i} cannot be reached: {e}"),
+            Err(ConnectError::OutOfSpace(shortage)) => {
+                self.run_short(shortage);
                 return false;
             }
             Err(e) => {
@@ -464,8 +467,8 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
         true
     }
 
-    /// Carries out what the director wants.
-    fn obey(&mut self, now: Time) {
+    /// Carries out the commands of the director.
+    fn execute(&mut self, now: Time) {
         while let Some(command) = self.director.poll() {
             tracing::debug!(%now, ?command);
             let id = match &command {
@@ -480,7 +483,7 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                 tracing::error!("there is no module {id} for {command:?}");
                 continue;
             };
-            let life = (id, process.incarnation);
+            let agent = process.key();
             let alive = process.stage != Stage::Absent;
             if !matches!(command, Command::Order(..)) {
                 self.director.commit();
@@ -489,26 +492,26 @@ impl<'a, W: World, D: Direct<W>> Conductor<'a, W, D> {
                 Command::Kill(_) if alive && !process.condemned => {
                     process.condemned = true;
                     self.outcome.killed += 1;
-                    self.supervisor.ask(Task::Signal(life, Signal::KILL));
+                    self.launcher.signal(agent, Signal::KILL);
                 }
                 Command::Pause(_) if alive => {
                     process.paused = true;
-                    self.supervisor.ask(Task::Signal(life, Signal::STOP));
+                    self.launcher.signal(agent, Signal::STOP);
                 }
                 Command::Resume(_) if alive => {
                     (process.paused, process.halted) = (false, false);
                     process.resumed_at = now;
                     process.hurry();
-                    self.supervisor.ask(Task::Signal(life, Signal::CONT));
+                    self.launcher.signal(agent, Signal::CONT);
                 }
                 Command::Restart(_) if !alive => self.relaunch(id.index()),
                 Command::Restart(_) if process.condemned => process.restart = true,
-                Command::Restart(_) => tracing::warn!("module {id} lives and is not started again"),
+                Command::Restart(_) => tracing::warn!("module {id} is alive and is not started again"),
                 Command::Order(_, order) if matches!(process.stage, Stage::Running | Stage::Lost) => {
                     self.outcome.control_messages += 1;
-                    self.tell(id.index(), Letter::Order(order));
+                    self.tell(id.index(), ControlMessage::Order(order));
                 }
-                // The process is dead: there is nobody to do it to.
+                // The process is dead, so there is nothing to do.
                 _ => {}
             }
         }

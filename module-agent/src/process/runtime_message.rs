@@ -1,4 +1,5 @@
-//! What the drivers at both ends say to each other: life cycle and contacts.
+//! What agent processes and the controller tell each other about the life cycle of agents and their
+//! contacts. Its bytes are part of the wire format.
 //!
 //! | kind | message | from | payload |
 //! |---|---|---|---|
@@ -20,9 +21,9 @@ use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};
 
-/// A message between drivers. `P` is where bodies stand.
+/// A message about life cycle or contacts. `P` is where bodies stand.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Runtime<P> {
+pub enum RuntimeMessage<P> {
     /// The agent's process is up and its inbox is open.
     Hello {
         /// Its process id.
@@ -39,24 +40,25 @@ pub enum Runtime<P> {
         port: Port,
         /// The count of contact changes of the body, this one included.
         revision: Revision,
-        /// What touches the port now.
+        /// The other end of the port now.
         contact: Option<Contact>,
     },
     /// The run is over: the agent takes and sends nothing more, says that it is silent, and counts what
     /// still arrives.
     Stop,
-    /// Another controller has the seat: look who. Believed nothing, and in no sequence.
+    /// A new controller took over: read the lease again. Neither authenticated nor in sequence, so it is only
+    /// a hint.
     Return,
-    /// The agent has found the controller that came back.
+    /// The agent has found the new controller.
     Here {
-        /// How many actions and reports it has told so far in this life. All of them are in its part of
-        /// the journal; those that nobody has taken it does not tell again.
+        /// Actions and reports that this incarnation has sent so far. All of them are in its part of the
+        /// journal; it does not repeat those that no controller has taken.
         told: u32,
         /// The sequence number that it expects of the controller next.
         expected: u32,
     },
-    /// The controller is about to close its way to the agent, to open it again when it has something to
-    /// say, and asks what has been taken. Believed nothing, and in no sequence.
+    /// The controller is about to close its link to the agent until the next message for it, and asks what
+    /// has been taken. Neither authenticated nor in sequence.
     Leave,
     /// The answer: all before this sequence number.
     Taken {
@@ -71,31 +73,31 @@ pub enum Runtime<P> {
     End,
 }
 
-impl<P: Wire> Wire for Runtime<P> {
+impl<P: Wire> Wire for RuntimeMessage<P> {
     fn kind(&self) -> u8 {
         match self {
-            Runtime::Hello { .. } => 0,
-            Runtime::Begin { .. } => 1,
-            Runtime::Contact { .. } => 2,
-            Runtime::Stop => 3,
-            Runtime::Return => 4,
-            Runtime::Here { .. } => 5,
-            Runtime::Leave => 6,
-            Runtime::Taken { .. } => 7,
-            Runtime::Late(_) => 8,
-            Runtime::Silent => 9,
-            Runtime::End => 10,
+            RuntimeMessage::Hello { .. } => 0,
+            RuntimeMessage::Begin { .. } => 1,
+            RuntimeMessage::Contact { .. } => 2,
+            RuntimeMessage::Stop => 3,
+            RuntimeMessage::Return => 4,
+            RuntimeMessage::Here { .. } => 5,
+            RuntimeMessage::Leave => 6,
+            RuntimeMessage::Taken { .. } => 7,
+            RuntimeMessage::Late(_) => 8,
+            RuntimeMessage::Silent => 9,
+            RuntimeMessage::End => 10,
         }
     }
 
     fn encode(&self, out: &mut Encoder) {
         match self {
-            Runtime::Hello { pid } => out.u32(*pid),
-            Runtime::Begin { place } => {
+            RuntimeMessage::Hello { pid } => out.u32(*pid),
+            RuntimeMessage::Begin { place } => {
                 out.u8(place.kind());
                 place.encode(out);
             }
-            Runtime::Contact { port, revision, contact } => {
+            RuntimeMessage::Contact { port, revision, contact } => {
                 out.u8(port.0);
                 out.u32(revision.0);
                 out.bool(contact.is_some());
@@ -106,25 +108,29 @@ impl<P: Wire> Wire for Runtime<P> {
                     out.u8(c.peer_port.0);
                 }
             }
-            Runtime::Stop | Runtime::Return | Runtime::Leave | Runtime::Silent | Runtime::End => {}
-            Runtime::Late(late) => {
+            RuntimeMessage::Stop
+            | RuntimeMessage::Return
+            | RuntimeMessage::Leave
+            | RuntimeMessage::Silent
+            | RuntimeMessage::End => {}
+            RuntimeMessage::Late(late) => {
                 out.u64(late.since.0);
                 out.u64(late.by.0);
             }
-            Runtime::Taken { expected } => out.u32(*expected),
-            Runtime::Here { told, expected } => {
+            RuntimeMessage::Taken { expected } => out.u32(*expected),
+            RuntimeMessage::Here { told, expected } => {
                 out.u32(*told);
                 out.u32(*expected);
             }
         }
     }
 
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Runtime<P>, WireError> {
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<RuntimeMessage<P>, WireError> {
         match kind {
-            0 => Ok(Runtime::Hello { pid: from.u32()? }),
+            0 => Ok(RuntimeMessage::Hello { pid: from.u32()? }),
             1 => {
                 let kind = from.u8()?;
-                Ok(Runtime::Begin { place: P::decode(kind, from)? })
+                Ok(RuntimeMessage::Begin { place: P::decode(kind, from)? })
             }
             2 => {
                 let (port, revision) = (Port(from.u8()?), Revision(from.u32()?));
@@ -138,16 +144,16 @@ impl<P: Wire> Wire for Runtime<P> {
                 } else {
                     None
                 };
-                Ok(Runtime::Contact { port, revision, contact })
+                Ok(RuntimeMessage::Contact { port, revision, contact })
             }
-            3 => Ok(Runtime::Stop),
-            4 => Ok(Runtime::Return),
-            5 => Ok(Runtime::Here { told: from.u32()?, expected: from.u32()? }),
-            6 => Ok(Runtime::Leave),
-            7 => Ok(Runtime::Taken { expected: from.u32()? }),
-            8 => Ok(Runtime::Late(Late { since: Time(from.u64()?), by: Span(from.u64()?) })),
-            9 => Ok(Runtime::Silent),
-            10 => Ok(Runtime::End),
+            3 => Ok(RuntimeMessage::Stop),
+            4 => Ok(RuntimeMessage::Return),
+            5 => Ok(RuntimeMessage::Here { told: from.u32()?, expected: from.u32()? }),
+            6 => Ok(RuntimeMessage::Leave),
+            7 => Ok(RuntimeMessage::Taken { expected: from.u32()? }),
+            8 => Ok(RuntimeMessage::Late(Late { since: Time(from.u64()?), by: Span(from.u64()?) })),
+            9 => Ok(RuntimeMessage::Silent),
+            10 => Ok(RuntimeMessage::End),
             _ => Err(WireError::Kind(kind)),
         }
     }
@@ -161,7 +167,7 @@ mod tests {
     use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, HEADER, Header};
     use proptest::prelude::*;
 
-    fn seal(message: &Runtime<Cell>) -> Frame {
+    fn seal(message: &RuntimeMessage<Cell>) -> Frame {
         let header = Header {
             channel: Channel::Runtime,
             kind: message.kind(),
@@ -187,23 +193,23 @@ mod tests {
         };
         let (port, revision) = (Port(3), Revision(7));
         let late = Late { since: Time(0x0102), by: Span(3) };
-        let cases: [(Runtime<Cell>, u8, &[u8]); 12] = [
-            (Runtime::Hello { pid: 0x0A0B }, 0, &[0x0B, 0x0A, 0, 0]),
-            (Runtime::Begin { place: Cell::new(1, -1, 2) }, 1, &[0, 1, 0, 0xFF, 0xFF, 2, 0]),
+        let cases: [(RuntimeMessage<Cell>, u8, &[u8]); 12] = [
+            (RuntimeMessage::Hello { pid: 0x0A0B }, 0, &[0x0B, 0x0A, 0, 0]),
+            (RuntimeMessage::Begin { place: Cell::new(1, -1, 2) }, 1, &[0, 1, 0, 0xFF, 0xFF, 2, 0]),
             (
-                Runtime::Contact { port, revision, contact: Some(contact) },
+                RuntimeMessage::Contact { port, revision, contact: Some(contact) },
                 2,
                 &[3, 7, 0, 0, 0, 1, 4, 3, 2, 1, 9, 0, 0, 0, 2, 0, 5],
             ),
-            (Runtime::Contact { port, revision, contact: None }, 2, &[3, 7, 0, 0, 0, 0]),
-            (Runtime::Stop, 3, &[]),
-            (Runtime::Return, 4, &[]),
-            (Runtime::Here { told: 0x0102, expected: 3 }, 5, &[2, 1, 0, 0, 3, 0, 0, 0]),
-            (Runtime::Leave, 6, &[]),
-            (Runtime::Taken { expected: 0x0203 }, 7, &[3, 2, 0, 0]),
-            (Runtime::Late(late), 8, &[2, 1, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0]),
-            (Runtime::Silent, 9, &[]),
-            (Runtime::End, 10, &[]),
+            (RuntimeMessage::Contact { port, revision, contact: None }, 2, &[3, 7, 0, 0, 0, 0]),
+            (RuntimeMessage::Stop, 3, &[]),
+            (RuntimeMessage::Return, 4, &[]),
+            (RuntimeMessage::Here { told: 0x0102, expected: 3 }, 5, &[2, 1, 0, 0, 3, 0, 0, 0]),
+            (RuntimeMessage::Leave, 6, &[]),
+            (RuntimeMessage::Taken { expected: 0x0203 }, 7, &[3, 2, 0, 0]),
+            (RuntimeMessage::Late(late), 8, &[2, 1, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0]),
+            (RuntimeMessage::Silent, 9, &[]),
+            (RuntimeMessage::End, 10, &[]),
         ];
         for (message, kind, payload) in cases {
             let frame = seal(&message);
@@ -219,7 +225,7 @@ mod tests {
         #[test]
         fn garbage_never_panics(bytes in proptest::collection::vec(any::<u8>(), Frame::SIZE)) {
             let array: [u8; Frame::SIZE] = bytes.try_into().unwrap();
-            let _ = Frame::from_bytes(&array).message::<Runtime<Cell>>();
+            let _ = Frame::from_bytes(&array).message::<RuntimeMessage<Cell>>();
         }
     }
 }

@@ -1,20 +1,23 @@
-//! The supervisor: starts processes, sends them signals and notices their ends, on a thread of its
-//! own with tokio. It tells the conductor by a queue and by ringing the controller's bell.
+//! The launcher of processes on this machine: starts them, sends them signals and notices their ends, on a
+//! thread of its own with tokio. It tells the controller by a queue and by ringing its bell.
 //!
-//! If the conductor goes away, however it does, the supervisor kills what still runs. Agents are in
-//! process groups of their own, so that Ctrl-C reaches only the controller.
+//! When its handle is dropped, the supervisor kills the agents that still run. Agents are in process groups
+//! of their own, so that Ctrl-C reaches only the controller.
 
 use crate::console::shutdown::{Shutdown, Urgency};
+use crate::swarm::launcher::{Event, Launcher};
 use crate::swarm::outcome::SwarmError;
+use crate::swarm::reaper::ReaperThread;
 use crate::swarm::reserve::SCARCE;
 use crate::swarm::run_dir::log_directory;
 use crate::swarm::signals;
 use metamorph_module_agent::AgentArgs;
+use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile};
 use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_module_agent::run_dir::run_name::HOME;
+use metamorph_module_agent::transport::AgentKey;
 use metamorph_module_agent::transport::iceoryx::rendezvous::{self, ChannelError, Notifier, Rendezvous};
 use metamorph_module_agent::transport::iceoryx::space;
-use metamorph_protocol::ids::{Incarnation, ModuleId};
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, pidfd_send_signal, waitid,
 };
@@ -37,9 +40,6 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
-/// One life of one module.
-pub type Life = (ModuleId, Incarnation);
-
 /// How agents are started.
 #[derive(Clone, Debug)]
 pub struct Launch {
@@ -51,56 +51,40 @@ pub struct Launch {
     pub verbose: bool,
 }
 
-/// What the conductor wants of the supervisor.
+/// A task for the supervisor's thread.
 #[derive(Debug)]
-pub enum Task {
-    Spawn(Life),
+enum Task {
+    Spawn(AgentKey),
     /// A process that an earlier controller has started.
-    Adopt(Life, Identity),
-    Signal(Life, Signal),
+    Adopt(AgentKey, Identity),
+    Signal(AgentKey, Signal),
 }
 
-/// What the supervisor tells the conductor. At most two for each life, two for each stop from outside, and
-/// two more.
-#[derive(Debug)]
-pub enum Event {
-    SpawnFailed(Life, io::Error),
-    /// `signal` is what it was ended by, if it was a signal.
-    Exited {
-        life: Life,
-        how: String,
-        signal: Option<i32>,
-        stderr_tail: String,
-    },
-    /// A signal that this controller did not send has stopped it.
-    Stopped(Life, i32),
-    /// It goes on after that, not by this controller.
-    Continued(Life),
-    Shutdown(Urgency),
-}
-
-/// Tasks that may wait; the conductor blocks beyond, and the supervisor never waits for it.
+/// Tasks that may wait; the controller blocks beyond, and the supervisor never waits for it.
 const TASKS: usize = 1_024;
 /// Signals that may wait for one process.
 const SIGNALS: usize = 16;
 /// Bytes of standard error that are reported.
 const TAIL: u64 = 2_048;
 
-/// The conductor's handle on the supervisor.
+/// The handle on the supervisor.
 #[derive(Debug)]
 pub struct Supervisor {
     tasks: Option<mpsc::Sender<Task>>,
     events: queue::Receiver<Event>,
     thread: Option<JoinHandle<()>>,
+    reaper: ReaperThread,
+    root: PathBuf,
 }
 
 impl Supervisor {
-    /// Starts the supervisor's thread.
+    /// Starts the supervisor's thread, and the one that reaps.
     pub fn start(launch: Launch, shutdown: Shutdown) -> Result<Supervisor, SwarmError> {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
             .map_err(SwarmError::Supervisor)?;
+        let root = launch.root.clone();
         let (tasks, inbox) = mpsc::channel(TASKS);
         let (sender, events) = queue::channel();
         let (ready, is_ready) = queue::channel();
@@ -115,31 +99,56 @@ impl Supervisor {
                 }
             })
             .map_err(SwarmError::Supervisor)?;
-        let supervisor = Supervisor { tasks: Some(tasks), events, thread: Some(thread) };
         match is_ready.recv() {
-            Ok(Ok(())) => Ok(supervisor),
-            Ok(Err(text)) => Err(SwarmError::Supervisor(io::Error::other(text))),
-            Err(_) => Err(SwarmError::Supervisor(io::Error::other("its thread ended"))),
+            Ok(Ok(())) => {}
+            Ok(Err(text)) => return Err(SwarmError::Supervisor(io::Error::other(text))),
+            Err(_) => return Err(ended()),
         }
+        let reaper = ReaperThread::start(&root)?;
+        Ok(Supervisor { tasks: Some(tasks), events, thread: Some(thread), reaper, root })
     }
 
-    /// Hands over a task.
-    pub fn ask(&self, task: Task) {
+    /// Takes charge of a process that an earlier controller has started.
+    pub fn adopt(&mut self, agent: AgentKey, identity: Identity) {
+        self.ask(Task::Adopt(agent, identity));
+    }
+
+    fn ask(&self, task: Task) {
         if let Some(tasks) = &self.tasks
             && tasks.blocking_send(task).is_err()
         {
             tracing::error!("the supervisor's thread has ended");
         }
     }
+}
 
-    /// The next event, if there is one.
-    pub fn event(&self) -> Option<Event> {
-        self.events.try_recv().ok()
+fn ended() -> SwarmError {
+    SwarmError::Supervisor(io::Error::other("its thread ended"))
+}
+
+impl Launcher for Supervisor {
+    fn start(&mut self, agent: AgentKey) {
+        self.ask(Task::Spawn(agent));
     }
 
-    /// Whether the supervisor's thread is gone, which it never should.
-    pub fn is_gone(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    fn signal(&mut self, agent: AgentKey, signal: Signal) {
+        self.ask(Task::Signal(agent, signal));
+    }
+
+    fn reap(&mut self, agent: AgentKey) {
+        self.reaper.reap(agent);
+    }
+
+    fn event(&mut self) -> Result<Option<Event>, SwarmError> {
+        match self.events.try_recv() {
+            Ok(event) => Ok(Some(event)),
+            Err(_) if self.thread.as_ref().is_none_or(JoinHandle::is_finished) => Err(ended()),
+            Err(_) => Ok(None),
+        }
+    }
+
+    fn counters(&self, (id, incarnation): AgentKey) -> Result<Option<AgentCounters>, String> {
+        CounterFile::read(&self.root, id, incarnation).map_err(|e| e.to_string())
     }
 }
 
@@ -177,7 +186,7 @@ impl Bell {
     }
 }
 
-/// A process that is attended to.
+/// A process that the supervisor attends to.
 struct Attended {
     signals: mpsc::Sender<Signal>,
     /// Its number, if it is a child of this process; only of those the kernel tells when they stop.
@@ -185,7 +194,7 @@ struct Attended {
     halt: Arc<Halt>,
 }
 
-/// By whom a process is stopped.
+/// What has stopped a process.
 #[derive(Debug, Default)]
 struct Halt {
     /// The latest of SIGSTOP and SIGCONT that this controller sent was SIGSTOP.
@@ -208,28 +217,28 @@ impl Halt {
 
 /// Reports children that were stopped or continued from outside. Asks for all of them only if the kernel
 /// says that there is one, so that ends of processes cost one call each.
-fn look_for_stops(processes: &BTreeMap<Life, Attended>, bell: &Bell) {
+fn look_for_stops(processes: &BTreeMap<AgentKey, Attended>, bell: &Bell) {
     let what = WaitIdOptions::STOPPED | WaitIdOptions::CONTINUED | WaitIdOptions::NOHANG;
     // An error says that there are no children.
     if !matches!(waitid(WaitId::All, what | WaitIdOptions::NOWAIT), Ok(Some(_))) {
         return;
     }
-    for (life, Attended { child, halt, .. }) in processes {
+    for (agent, Attended { child, halt, .. }) in processes {
         let Some(pid) = *child else { continue };
         let Ok(Some(status)) = waitid(WaitId::Pid(pid), what) else { continue };
         // The kernel reports a stop only while it lasts, so a stop that this controller has ended is not
         // taken for one from outside.
         if status.stopped() && !halt.by_us.load(Ordering::Relaxed) {
             halt.from_outside.store(true, Ordering::Relaxed);
-            bell.tell(Event::Stopped(*life, status.stopping_signal().unwrap_or_default()));
+            bell.tell(Event::Stopped(*agent, status.stopping_signal().unwrap_or_default()));
         } else if status.continued() && halt.from_outside.swap(false, Ordering::Relaxed) {
-            bell.tell(Event::Continued(*life));
+            bell.tell(Event::Continued(*agent));
         }
     }
 }
 
 async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver<Task>, bell: Bell) {
-    let mut processes: BTreeMap<Life, Attended> = BTreeMap::new();
+    let mut processes: BTreeMap<AgentKey, Attended> = BTreeMap::new();
     let mut changes = signal(SignalKind::child()).inspect_err(|e| {
         tracing::warn!("agents that are stopped from outside will not be noticed: {e}");
     });
@@ -238,24 +247,24 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
     loop {
         tokio::select! {
             task = tasks.recv() => match task {
-                Some(Task::Spawn(life)) => match spawn(&launch, life) {
+                Some(Task::Spawn(agent)) => match spawn(&launch, agent) {
                     Ok(child) => {
                         let (signals, inbox) = mpsc::channel(SIGNALS);
                         let halt = Arc::<Halt>::default();
                         let pid = child.id().and_then(|pid| Pid::from_raw(pid as i32));
-                        processes.insert(life, Attended { signals, child: pid, halt: halt.clone() });
-                        ends.spawn(attend(life, child, inbox, halt));
+                        processes.insert(agent, Attended { signals, child: pid, halt: halt.clone() });
+                        ends.spawn(attend(agent, child, inbox, halt));
                     }
-                    Err(e) => bell.tell(Event::SpawnFailed(life, e)),
+                    Err(e) => bell.tell(Event::SpawnFailed(agent, e)),
                 },
-                Some(Task::Adopt(life, identity)) => {
+                Some(Task::Adopt(agent, identity)) => {
                     let (signals, inbox) = mpsc::channel(SIGNALS);
-                    processes.insert(life, Attended { signals, child: None, halt: Arc::default() });
-                    ends.spawn(attend_adopted(life, identity, inbox));
+                    processes.insert(agent, Attended { signals, child: None, halt: Arc::default() });
+                    ends.spawn(attend_adopted(agent, identity, inbox));
                 }
-                Some(Task::Signal(life, signal)) => {
+                Some(Task::Signal(agent, signal)) => {
                     // A process that has ended has no use for signals.
-                    if let Some(process) = processes.get(&life) {
+                    if let Some(process) = processes.get(&agent) {
                         let _ = process.signals.send(signal).await;
                     }
                 }
@@ -263,9 +272,9 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
             },
             Some(end) = ends.join_next() => {
                 // Invariant: `attend` neither panics nor is aborted.
-                let Ok((life, status)) = end else { continue };
-                processes.remove(&life);
-                bell.tell(exited(&launch, life, status));
+                let Ok((agent, status)) = end else { continue };
+                processes.remove(&agent);
+                bell.tell(exited(&launch, agent, status));
             }
             () = next_change(changes.as_mut().ok()) => look_for_stops(&processes, &bell),
             urgency = shutdown.beyond(told), if told < Urgency::Hurried => {
@@ -288,7 +297,7 @@ async fn next_change(changes: Option<&mut tokio::signal::unix::Signal>) {
     }
 }
 
-fn log_path(launch: &Launch, (id, incarnation): Life) -> PathBuf {
+fn log_path(launch: &Launch, (id, incarnation): AgentKey) -> PathBuf {
     log_directory(&launch.root).join(format!("{id}.{incarnation}"))
 }
 
@@ -296,10 +305,11 @@ fn log_path(launch: &Launch, (id, incarnation): Life) -> PathBuf {
 ///
 /// iceoryx2 does not mark its files to be closed on exec, and an agent would inherit all that the
 /// controller has open at the time: thousands in a large swarm.
-fn spawn(launch: &Launch, life: Life) -> io::Result<Child> {
+fn spawn(launch: &Launch, agent: AgentKey) -> io::Result<Child> {
     let (root, verbose) = (launch.root.clone(), launch.verbose);
-    let args = AgentArgs { root, id: life.0, incarnation: life.1, verbose };
-    let stderr = if launch.verbose { Stdio::inherit() } else { File::create(log_path(launch, life))?.into() };
+    let args = AgentArgs { root, id: agent.0, incarnation: agent.1, verbose };
+    let stderr =
+        if launch.verbose { Stdio::inherit() } else { File::create(log_path(launch, agent))?.into() };
     close_fds::set_fds_cloexec_threadsafe(3, &[]);
     Command::new(&launch.program)
         .args(&launch.args)
@@ -315,18 +325,18 @@ fn spawn(launch: &Launch, life: Life) -> io::Result<Child> {
 /// Waits for the end of a process and passes on signals. A process that has been waited for is
 /// never sent one, so that a pid used again cannot be hit.
 async fn attend(
-    life: Life,
+    agent: AgentKey,
     mut child: Child,
     mut signals: mpsc::Receiver<Signal>,
     halt: Arc<Halt>,
-) -> (Life, io::Result<ExitStatus>) {
+) -> (AgentKey, io::Result<ExitStatus>) {
     loop {
         tokio::select! {
-            status = child.wait() => return (life, status),
+            status = child.wait() => return (agent, status),
             Some(signal) = signals.recv() => {
                 let pid = child.id().and_then(|pid| Pid::from_raw(pid as i32));
                 match pid.map(|pid| kill_process(pid, signal)) {
-                    Some(Err(e)) => tracing::warn!("cannot signal module {}: {e}", life.0),
+                    Some(Err(e)) => tracing::warn!("cannot signal module {}: {e}", agent.0),
                     Some(Ok(())) => halt.sent(signal),
                     None => {}
                 }
@@ -337,39 +347,39 @@ async fn attend(
 
 /// The same for a process that is not our child. How it ended cannot be known; it counts as an exit.
 async fn attend_adopted(
-    life: Life,
+    agent: AgentKey,
     identity: Identity,
     mut signals: mpsc::Receiver<Signal>,
-) -> (Life, io::Result<ExitStatus>) {
+) -> (AgentKey, io::Result<ExitStatus>) {
     let ended = Ok(ExitStatus::from_raw(0));
     let fd = identity.as_pid().ok_or(rustix::io::Errno::SRCH);
     let fd = match fd.and_then(|pid| pidfd_open(pid, PidfdFlags::NONBLOCK)) {
         Ok(fd) => fd,
-        Err(rustix::io::Errno::SRCH) => return (life, ended),
-        Err(e) => return (life, Err(e.into())),
+        Err(rustix::io::Errno::SRCH) => return (agent, ended),
+        Err(e) => return (agent, Err(e.into())),
     };
     // The descriptor was taken before the identity is checked: from then on it cannot change.
     if !identity.is_alive() {
-        return (life, ended);
+        return (agent, ended);
     }
     #[allow(deprecated, reason = "sound here: an owned descriptor stays what it is; the successor is unsafe")]
     let fd = match AsyncFd::with_interest(fd, Interest::READABLE) {
         Ok(fd) => fd,
-        Err(e) => return (life, Err(e)),
+        Err(e) => return (agent, Err(e)),
     };
     loop {
         tokio::select! {
-            over = fd.readable() => return (life, over.and(ended)),
+            over = fd.readable() => return (agent, over.and(ended)),
             Some(signal) = signals.recv() => {
                 if let Err(e) = pidfd_send_signal(fd.get_ref(), signal) {
-                    tracing::warn!("cannot signal module {}: {e}", life.0);
+                    tracing::warn!("cannot signal module {}: {e}", agent.0);
                 }
             }
         }
     }
 }
 
-fn exited(launch: &Launch, life: Life, status: io::Result<ExitStatus>) -> Event {
+fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> Event {
     let signal = status.as_ref().ok().and_then(ExitStatusExt::signal);
     let how = match status {
         Err(e) => format!("could not be waited for: {e}"),
@@ -384,8 +394,8 @@ fn exited(launch: &Launch, life: Life, status: io::Result<ExitStatus>) -> Event 
             (None, None) => "ended".to_owned(),
         },
     };
-    let stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, life)) };
-    Event::Exited { life, how, signal, stderr_tail }
+    let stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, agent)) };
+    Event::Exited { agent, how, signal, stderr_tail }
 }
 
 fn is_scarce() -> bool {

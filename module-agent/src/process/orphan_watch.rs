@@ -1,0 +1,86 @@
+//! What an agent process does when its controller is gone: it waits for a while if the run can be resumed,
+//! and turns to the next controller as soon as there is one. Absent: agents without a process of their own,
+//! which end with their controller anyway.
+
+use crate::run_dir::controller_lease::{ControllerLease, is_resumable};
+use crate::run_dir::identity::Guard;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// How often the process looks whether its controller still lives, in nanoseconds.
+const CHECK_NANOS: u64 = 900_000_000;
+/// The longest wait if the kernel ends this process with its controller, and otherwise.
+const LONGEST_WAIT: (Duration, Duration) = (Duration::from_secs(2), Duration::from_secs(1));
+
+/// Whether the controller still lives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ControllerState {
+    /// It lives, or it is too early to look again.
+    Alive,
+    /// It is gone, and another may take over.
+    Missing,
+    /// It is gone for good.
+    Gone,
+}
+
+/// Watches the controller from within one agent process.
+#[derive(Debug)]
+pub struct OrphanWatch {
+    root: PathBuf,
+    lease: ControllerLease,
+    guard: Guard,
+    /// How long to go on without a controller, in nanoseconds of real time.
+    timeout: u64,
+    /// Since when there has been none.
+    orphaned: Option<u64>,
+    /// When the controller was last looked for.
+    checked: u64,
+}
+
+impl OrphanWatch {
+    /// Watches the controller that holds `lease` on the run in `root`.
+    pub fn new(root: PathBuf, lease: ControllerLease, guard: Guard, timeout: u64, now: u64) -> OrphanWatch {
+        OrphanWatch { root, lease, guard, timeout, orphaned: None, checked: now }
+    }
+
+    /// The process id of the controller.
+    pub fn controller(&self) -> i32 {
+        self.lease.controller.pid
+    }
+
+    /// The longest that the process may wait before it looks again.
+    pub fn longest_wait(&self) -> Duration {
+        if self.guard.is_signalled() { LONGEST_WAIT.0 } else { LONGEST_WAIT.1 }
+    }
+
+    /// Looks for the controller if it is time to.
+    pub fn check(&mut self, now: u64) -> ControllerState {
+        if now.saturating_sub(self.checked) < CHECK_NANOS {
+            return ControllerState::Alive;
+        }
+        self.checked = now;
+        if !self.guard.controller_is_gone() {
+            return ControllerState::Alive;
+        }
+        let since = *self.orphaned.get_or_insert(now);
+        // A run that has not begun cannot be resumed.
+        if !is_resumable(&self.root) || now.saturating_sub(since) >= self.timeout {
+            ControllerState::Gone
+        } else {
+            ControllerState::Missing
+        }
+    }
+
+    /// The lease of a later controller, if there is one.
+    pub fn successor(&self) -> Option<ControllerLease> {
+        let lease = ControllerLease::read(&self.root).ok()?;
+        (lease.generation > self.lease.generation).then_some(lease)
+    }
+
+    /// Watches another controller from now on.
+    pub fn follow(&mut self, lease: ControllerLease) {
+        self.lease = lease;
+        self.guard = Guard::new(lease.controller, true);
+        self.orphaned = None;
+    }
+}

@@ -1,0 +1,209 @@
+//! What an agent process receives: checks every frame of its inbox, counts the ones that it refuses, and
+//! turns the rest into inputs and life-cycle messages. Absent: handing them to the agent.
+
+use crate::process::contacts::{Contacts, Place};
+use crate::process::runtime_message::RuntimeMessage;
+use crate::run_dir::counter_file::AgentCounters;
+use crate::transport::shared_frame::SharedFrame;
+use metamorph_protocol::agent::{Agent, Input, InputOf};
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::ids::{ModuleId, Port, Revision};
+use metamorph_protocol::record::MessageName;
+use metamorph_protocol::runtime::Contact;
+use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
+
+/// Where an agent process is in its life cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Stage {
+    /// Its agent has not begun.
+    Waiting,
+    /// Its agent runs.
+    Running,
+    /// The run is over: nothing is handed in or sent any more.
+    Silent,
+    /// The other agents are silent, too: its inbox is complete.
+    Ending,
+}
+
+/// What a frame means for the process.
+pub enum Received<A: Agent> {
+    /// Nothing: it is counted, or waits for its contact.
+    Nothing,
+    /// An input for the agent; the name and class of a message from a peer.
+    Input(InputOf<A>, Option<(MessageName, Class)>),
+    /// The agent begins at this place.
+    Begin(A::Place),
+    /// The contact on a port changed.
+    Contact {
+        /// Which port.
+        port: Port,
+        /// The count of contact changes of the body, this one included.
+        revision: Revision,
+        /// The other end of the port now.
+        contact: Option<Contact>,
+    },
+    /// The run is over.
+    Stop,
+    /// The inbox is complete, and the process ends.
+    End,
+    /// There may be a new controller.
+    Return,
+    /// The controller asks what has been taken.
+    Leave,
+}
+
+/// The receiving half of one incarnation of an agent.
+#[derive(Debug)]
+pub struct Receiver {
+    id: ModuleId,
+    /// Whether the link damages frames, so that a damaged one need not be foreign.
+    damage_expected: bool,
+    /// The controller's next sequence number.
+    expected: u32,
+    stage: Stage,
+}
+
+impl Receiver {
+    /// A receiver whose agent has not begun.
+    pub fn new(id: ModuleId, damage_expected: bool) -> Receiver {
+        Receiver { id, damage_expected, expected: 0, stage: Stage::Waiting }
+    }
+
+    /// The controller's next sequence number.
+    pub fn expected(&self) -> u32 {
+        self.expected
+    }
+
+    /// Whether the run is over.
+    pub fn is_silent(&self) -> bool {
+        self.stage >= Stage::Silent
+    }
+
+    /// Whether the inbox is complete.
+    pub fn is_ending(&self) -> bool {
+        self.stage == Stage::Ending
+    }
+
+    /// Checks one frame. `monotonic` is asked for the time if the frame has to wait for its contact.
+    pub fn accept<A: Agent, L>(
+        &mut self,
+        shared: &SharedFrame,
+        contacts: &mut Contacts<L>,
+        counters: &mut AgentCounters,
+        monotonic: impl FnOnce() -> u64,
+    ) -> Received<A> {
+        let frame = &shared.frame();
+        let Ok(header) = frame.open() else {
+            match shared.damaged_class().filter(|_| self.damage_expected) {
+                Some(class) if self.is_silent() => counters.left[class.index()] += 1,
+                Some(class) => counters.tally[class].refused += 1,
+                None => counters.foreign += 1,
+            }
+            return Received::Nothing;
+        };
+        let received = match header.channel {
+            _ if header.destination != self.id => None,
+            Channel::Peer => return self.accept_peer(header, frame, contacts, counters, monotonic),
+            _ => self.accept_controller(&header, frame, contacts),
+        };
+        received.unwrap_or_else(|| {
+            tracing::debug!(?header, "a frame that no member of the run would send");
+            counters.foreign += 1;
+            Received::Nothing
+        })
+    }
+
+    fn accept_peer<A: Agent, L>(
+        &mut self,
+        header: Header,
+        frame: &Frame,
+        contacts: &mut Contacts<L>,
+        counters: &mut AgentCounters,
+        monotonic: impl FnOnce() -> u64,
+    ) -> Received<A> {
+        match contacts.place(&header) {
+            Place::Here(_) if self.is_silent() => counters.left[header.class.index()] += 1,
+            Place::Here(port) => return self.message(port, &header, frame, counters),
+            Place::Ended => counters.tally[header.class].expired += 1,
+            Place::Early => {
+                if let Some(class) = contacts.keep(monotonic(), header, *frame) {
+                    counters.tally[class].expired += 1;
+                }
+            }
+            Place::Impostor => counters.foreign += 1,
+        }
+        Received::Nothing
+    }
+
+    /// Takes a message that belongs to the contact of this port.
+    pub fn message<A: Agent>(
+        &self,
+        port: Port,
+        header: &Header,
+        frame: &Frame,
+        counters: &mut AgentCounters,
+    ) -> Received<A> {
+        let Ok(message) = frame.message::<A::Message>() else {
+            counters.foreign += 1;
+            return Received::Nothing;
+        };
+        counters.tally[header.class].delivered += 1;
+        let name = MessageName { from: header.source, life: header.incarnation, number: header.sequence };
+        Received::Input(Input::Message { port, message }, Some((name, header.class)))
+    }
+
+    /// Takes a frame from the controller; `None` if the controller cannot have sent it.
+    fn accept_controller<A: Agent, L>(
+        &mut self,
+        header: &Header,
+        frame: &Frame,
+        contacts: &Contacts<L>,
+    ) -> Option<Received<A>> {
+        if header.source != CONTROLLER {
+            return None;
+        }
+        let runtime = match header.channel {
+            Channel::Runtime => Some(frame.message::<RuntimeMessage<A::Place>>().ok()?),
+            _ => None,
+        };
+        match &runtime {
+            Some(RuntimeMessage::Return) => return Some(Received::Return),
+            Some(RuntimeMessage::Leave) => return Some(Received::Leave),
+            _ if header.sequence != self.expected => return None,
+            _ => {}
+        }
+        let received = match (runtime, header.channel) {
+            (Some(message), _) => self.accept_runtime(message, contacts)?,
+            (None, _) if self.stage == Stage::Waiting => return None,
+            (None, Channel::Body) => Received::Input(Input::Percept(frame.message().ok()?), None),
+            (None, _) => Received::Input(Input::Order(frame.message().ok()?), None),
+        };
+        self.expected = self.expected.wrapping_add(1);
+        Some(received)
+    }
+
+    fn accept_runtime<A: Agent, L>(
+        &mut self,
+        message: RuntimeMessage<A::Place>,
+        contacts: &Contacts<L>,
+    ) -> Option<Received<A>> {
+        match message {
+            RuntimeMessage::Begin { place } if self.stage == Stage::Waiting => {
+                self.stage = Stage::Running;
+                Some(Received::Begin(place))
+            }
+            RuntimeMessage::Contact { port, revision, contact } if contacts.has_port(port) => {
+                Some(Received::Contact { port, revision, contact })
+            }
+            RuntimeMessage::Stop if !self.is_silent() => {
+                self.stage = Stage::Silent;
+                Some(Received::Stop)
+            }
+            RuntimeMessage::End if self.is_silent() => {
+                self.stage = Stage::Ending;
+                Some(Received::End)
+            }
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! What an agent sends to its neighbours: sealed, passed through the link emulator, gathered in bursts, and
+//! put into the peers' inboxes. Absent: what it tells the controller ([`crate::process::uplink`]).
+
+use crate::link_emulator::{DelayedFrame, LinkEmulator};
+use crate::process::contacts::{Contacts, PortContact};
+use crate::run_dir::counter_file::AgentCounters;
+use crate::transport::shared_frame::SharedFrame;
+use crate::transport::{Address, AgentKey, ConnectError, Link, SendStatus, Transport};
+use metamorph_protocol::counters::{Class, Tally};
+use metamorph_protocol::ids::Port;
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::{Channel, Frame, Header, Wire};
+
+/// Frames gathered before they are sent.
+pub const BURST: usize = 128;
+
+/// The sending half of one incarnation of an agent.
+#[derive(Debug)]
+pub struct Sender {
+    agent: AgentKey,
+    emulator: LinkEmulator,
+    burst: Vec<DelayedFrame>,
+    sequence: u32,
+}
+
+impl Sender {
+    /// A sender whose links do what `emulator` does.
+    pub fn new(agent: AgentKey, emulator: LinkEmulator) -> Sender {
+        Sender { agent, emulator, burst: Vec::with_capacity(BURST), sequence: 0 }
+    }
+
+    /// Seals a message and gives it to the emulated link of a port.
+    pub fn send<M: Wire, L>(
+        &mut self,
+        now: Time,
+        (port, class, message): (Port, Class, &M),
+        contacts: &Contacts<L>,
+        tally: &mut Tally,
+    ) {
+        let counts = &mut tally[class];
+        counts.sent += 1;
+        counts.bytes += message.wire_len() as u64;
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
+        let Some(contact) = contacts.get(port) else {
+            // Nothing touches this port (any more).
+            counts.expired += 1;
+            return;
+        };
+        let header = Header {
+            channel: Channel::Peer,
+            kind: message.kind(),
+            class,
+            port,
+            incarnation: self.agent.1,
+            source: self.agent.0,
+            destination: contact.peer,
+            session: contact.session.0,
+            sequence,
+        };
+        let (peer, session) = (contact.peer, contact.session);
+        let frame =
+            DelayedFrame { port, peer, session, class, frame: Frame::seal(header, message), damaged: false };
+        self.emulator.carry(now, frame, tally, &mut self.burst);
+    }
+
+    /// A new contact on a port: its link has no history.
+    pub fn reset(&mut self, port: Port) {
+        self.emulator.reset(port);
+    }
+
+    /// Gathers the frames that the link has held back until `now`.
+    pub fn release(&mut self, now: Time) {
+        self.emulator.release(now, &mut self.burst);
+    }
+
+    /// When the link lets the next frame go.
+    pub fn next_due(&self) -> Time {
+        self.emulator.next()
+    }
+
+    /// Whether nothing is gathered.
+    pub fn is_empty(&self) -> bool {
+        self.burst.is_empty()
+    }
+
+    /// Whether enough is gathered to be sent.
+    pub fn is_full(&self) -> bool {
+        self.burst.len() >= BURST
+    }
+
+    /// Drops the frames that the link holds back, and counts them as left.
+    pub fn fall_silent(&mut self, counters: &mut AgentCounters) {
+        for class in self.emulator.drain() {
+            counters.left[class.index()] += 1;
+        }
+    }
+
+    /// Sends the frames that are gathered, which the caller has written down as sent. Those that cannot be
+    /// sent are counted.
+    pub fn flush<T: Transport>(
+        &mut self,
+        now: Time,
+        contacts: &mut Contacts<T::Link>,
+        transport: &mut T,
+        tally: &mut Tally,
+    ) {
+        // A port's bit is below 32: an agent has at most 32 ports.
+        let mut touched = 0u32;
+        for frame in self.burst.drain(..) {
+            let counts = &mut tally[frame.class];
+            let port = contacts.get_mut(frame.port).filter(|port| port.contact.session == frame.session);
+            let Some(port) = port else {
+                counts.expired += 1;
+                continue;
+            };
+            let link = match open(port, transport) {
+                Ok(link) => link,
+                Err(ConnectError::Unreachable(_)) => {
+                    counts.expired += 1;
+                    continue;
+                }
+                Err(e) => {
+                    tracing::debug!("cannot reach module {}: {e}", frame.peer);
+                    counts.overflowed += 1;
+                    continue;
+                }
+            };
+            let shared = SharedFrame::new(&frame.frame, now);
+            match link.send(if frame.damaged { shared.damaged(frame.class) } else { shared }) {
+                SendStatus::Sent => {
+                    port.sent[frame.class.index()] += 1;
+                    touched |= 1 << frame.port.0;
+                }
+                SendStatus::Full => {
+                    counts.overflowed += 1;
+                    touched |= 1 << frame.port.0;
+                }
+                SendStatus::Gone => counts.expired += 1,
+            }
+        }
+        while touched != 0 {
+            let port = Port(touched.trailing_zeros() as u8);
+            touched &= touched - 1;
+            if let Some(link) = contacts.get_mut(port).and_then(|port| port.link.as_mut()) {
+                link.flush();
+            }
+        }
+    }
+}
+
+/// The link to the peer on a port, opened on first use.
+fn open<'a, T: Transport>(
+    port: &'a mut PortContact<T::Link>,
+    transport: &mut T,
+) -> Result<&'a mut T::Link, ConnectError> {
+    if port.link.is_none() {
+        let to = Address::Agent((port.contact.peer, port.contact.peer_incarnation));
+        port.link = Some(transport.connect(to)?);
+    }
+    // Invariant: it was just opened if it was not open before.
+    port.link.as_mut().ok_or_else(|| ConnectError::Failed("the link is not open".into()))
+}

@@ -1,0 +1,167 @@
+//! How an agent process starts: it reads what its run's directory says, joins the run over iceoryx2, and
+//! hands over to the wait loop ([`crate::process::agent_process`]).
+
+use crate::clock::monotonic;
+use crate::clock::source::FileClock;
+use crate::journal_file::{Head, JournalError, Parts, Writer, agent_part};
+use crate::process::agent_process::{AgentConfig, AgentProcess, AgentServices};
+use crate::process::args::AgentArgs;
+use crate::process::orphan_watch::OrphanWatch;
+use crate::run_dir::controller_lease::ControllerLease;
+use crate::run_dir::counter_file::{CounterFile, CounterFileError};
+use crate::run_dir::identity::{Guard, Identity, survive_file_limits};
+use crate::run_dir::run_name::RunName;
+use crate::run_dir::swarm_file::{SwarmFile, SwarmFileError};
+use crate::transport::iceoryx::rendezvous::{ChannelError, Rendezvous, set_verbosity};
+use crate::transport::iceoryx::{IceoryxTransport, space};
+use crate::transport::{AgentKey, ConnectError, TransportError};
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use rustix::process::{getpgid, getppid, setpgid, setsid};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use thiserror::Error;
+
+/// Why an agent process ends before its controller ends it.
+#[derive(Debug, Error)]
+pub enum AgentError {
+    /// The swarm file cannot be read.
+    #[error(transparent)]
+    Swarm(#[from] SwarmFileError),
+    /// The counters cannot be written.
+    #[error(transparent)]
+    Counters(#[from] CounterFileError),
+    /// A channel of its own cannot be created.
+    #[error(transparent)]
+    Channel(#[from] ChannelError),
+    /// The controller cannot be reached.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The inbox failed.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// The journal cannot be begun.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// The process cannot say who it is.
+    #[error("cannot register this process in {0}: {1}")]
+    Register(PathBuf, io::Error),
+    /// The clock of the run cannot be read.
+    #[error("cannot read the clock of the run: {0}")]
+    Clock(io::Error),
+    /// It is not known which process controls the run.
+    #[error("cannot find out who controls the run in {0}: {1}")]
+    Lease(PathBuf, io::Error),
+    /// The inbox has no room in shared memory.
+    #[error("cannot get memory for the inbox of this agent in {0}: {1}; is shared memory full?")]
+    Space(PathBuf, io::Error),
+    /// The controller is gone.
+    #[error("the controller (process {0}) is gone; an agent does not go on without it")]
+    Orphan(i32),
+    /// The number of the module is beyond the end of the swarm.
+    #[error("this agent is number {0}, but the swarm has only {1} modules")]
+    NoSuchModule(u32, u32),
+}
+
+/// The directory in which the processes of a run say who they are.
+pub fn pid_directory(root: &Path) -> PathBuf {
+    root.join("pids")
+}
+
+/// The file in which one incarnation of an agent says who it is: its process, then the number of its
+/// membership of the run as soon as it has one.
+pub fn pid_file(root: &Path, id: ModuleId, incarnation: Incarnation) -> PathBuf {
+    pid_directory(root).join(format!("{id}.{incarnation}"))
+}
+
+/// Runs one agent until the controller ends it, or is gone. Returns `Ok` in the first case only; the
+/// program then ends with success, and with any other exit code counts as crashed.
+///
+/// # Errors
+/// If the agent cannot start or go on.
+pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
+    prepare_process(args.verbose);
+    let swarm: SwarmFile<A::Setup> = SwarmFile::read(&args.root)?;
+    let lease = ControllerLease::read(&args.root).map_err(|e| AgentError::Lease(args.root.clone(), e))?;
+    let guard = Guard::new(lease.controller, swarm.patience > 0);
+    if guard.controller_is_gone() {
+        return Err(AgentError::Orphan(lease.controller.pid));
+    }
+    if swarm.patience > 0 {
+        leave_session();
+    }
+    if args.id.0 >= swarm.count {
+        return Err(AgentError::NoSuchModule(args.id.0, swarm.count));
+    }
+    let agent = (args.id, args.incarnation);
+    let transport = join(args, agent, A::PORTS)?;
+    let counters = Box::new(CounterFile::create(&args.root, args.id, args.incarnation)?);
+    // Before the controller knows of this incarnation: each one that it starts has its part of the journal.
+    let journal = swarm.journal.as_ref().map(|parts| begin_journal(parts, agent)).transpose()?;
+    let clock = FileClock::open(&args.root).map_err(AgentError::Clock)?;
+    let timeout = u64::from(swarm.patience) * 1_000_000;
+    let orphan_watch = Some(OrphanWatch::new(args.root.clone(), lease, guard, timeout, monotonic()));
+    let SwarmFile { seed, speed, tolerance, link, setup, count, .. } = swarm;
+    let generation = lease.generation;
+    let setup = Arc::new(setup);
+    let config = AgentConfig { agent, count, seed, speed, tolerance, link, setup, generation };
+    let services = AgentServices { transport, clock, counters, journal, orphan_watch };
+    AgentProcess::<A, _, _>::new(config, services)?.run()
+}
+
+/// Joins the run and creates the inbox.
+fn join(args: &AgentArgs, agent: AgentKey, ports: usize) -> Result<IceoryxTransport, AgentError> {
+    register(args, None)?;
+    let at = Rendezvous::join(&args.root)?;
+    register(args, Some(at.member()))?;
+    let transport = IceoryxTransport::agent(at, agent, ports)?;
+    space::allocate(&RunName::of_root(&args.root).map_err(ChannelError::Run)?)
+        .map_err(|e| AgentError::Space(args.root.clone(), e))?;
+    Ok(transport)
+}
+
+/// Sets up logging, signals and priority. Only rare events are logged above the level of debugging: the file
+/// that they go to is not emptied before the end.
+fn prepare_process(verbose: bool) {
+    use tracing::level_filters::LevelFilter;
+    let level = if verbose { LevelFilter::DEBUG } else { LevelFilter::WARN };
+    // The program may have set up its own.
+    let _ = tracing_subscriber::fmt().with_writer(io::stderr).with_max_level(level).try_init();
+    set_verbosity(verbose);
+    if let Err(e) = survive_file_limits() {
+        tracing::debug!("a write beyond the limit of file sizes ends this process: {e}");
+    }
+    // The controller carries the traffic of all agents, so it comes before them.
+    if let Err(e) = rustix::process::nice(1) {
+        tracing::debug!("priority is unchanged: {e}");
+    }
+}
+
+/// Leaves the session of the controller. When a process dies, the kernel hangs up on those of its children
+/// that are stopped and in its session, and they would die with it.
+fn leave_session() {
+    // The leader of a process group cannot leave; the supervisor has made this process one.
+    let parent = getppid().ok_or(rustix::io::Errno::SRCH);
+    let left =
+        parent.and_then(|p| getpgid(Some(p))).and_then(|g| setpgid(None, Some(g))).and_then(|()| setsid());
+    if let Err(e) = left {
+        tracing::warn!("if this process is stopped when its controller is killed, it dies too: {e}");
+    }
+}
+
+/// Writes down which process this is, so that it can be found if its controller is killed, and which member
+/// of the run, so that it can be reaped.
+fn register(args: &AgentArgs, member: Option<u128>) -> Result<(), AgentError> {
+    let path = pid_file(&args.root, args.id, args.incarnation);
+    let member = member.map_or_else(String::new, |m| format!("{m}\n"));
+    Identity::own()
+        .and_then(|me| std::fs::write(&path, me.to_line() + &member))
+        .map_err(|e| AgentError::Register(path, e))
+}
+
+/// Creates this incarnation's part of the journal.
+pub fn begin_journal(parts: &Parts, agent: AgentKey) -> Result<Writer, JournalError> {
+    let head = Head::Part { run: parts.run, id: agent.0, life: agent.1 };
+    Writer::create(&agent_part(&parts.dir, agent.0, agent.1), &head)
+}

@@ -1,0 +1,78 @@
+//! What a transport carries: the bytes of a [`Frame`], and what the transport itself says about them, which
+//! the link model does not touch.
+//!
+//! It is the one type that lies in shared memory. `Frame` knows nothing of iceoryx2; this wrapper gives it
+//! the name under which all processes of a run must agree on the layout. Every bit pattern is valid, and
+//! nothing in it is trusted before [`Frame::open`] has checked it.
+
+use iceoryx2::prelude::ZeroCopySend;
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::Frame;
+
+/// Marks a frame that the link model has damaged.
+const DAMAGED: u8 = 0x80;
+
+/// A frame on its way.
+#[derive(Clone, Copy, Debug, ZeroCopySend)]
+#[repr(C)]
+#[type_name("metamorph/frame/2")]
+pub struct SharedFrame {
+    bytes: [u8; Frame::SIZE],
+    sent: [u8; 8],
+    tag: u8,
+}
+
+impl SharedFrame {
+    /// Arbitrary bytes, as a foreign or broken writer would leave them.
+    pub const fn from_bytes(bytes: [u8; Frame::SIZE]) -> SharedFrame {
+        SharedFrame { bytes, sent: [0; 8], tag: 0 }
+    }
+
+    /// A frame that goes into a channel at `sent`.
+    pub fn new(frame: &Frame, sent: Time) -> SharedFrame {
+        SharedFrame { bytes: frame.to_bytes(), sent: sent.0.to_le_bytes(), tag: 0 }
+    }
+
+    /// The same, of a frame that was sent in this class and has been damaged since.
+    pub fn damaged(self, class: Class) -> SharedFrame {
+        SharedFrame { tag: DAMAGED | class.index() as u8, ..self }
+    }
+
+    /// The frame, unchecked.
+    pub fn frame(&self) -> Frame {
+        Frame::from_bytes(&self.bytes)
+    }
+
+    /// When it was put into the channel, in scenario time.
+    pub fn sent(&self) -> Time {
+        Time(u64::from_le_bytes(self.sent))
+    }
+
+    /// The class that a damaged frame was sent in; `None` if the link has not damaged it.
+    pub fn damaged_class(&self) -> Option<Class> {
+        (self.tag & DAMAGED != 0).then(|| Class::from_index(self.tag & !DAMAGED)).flatten()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn carries_the_bytes_of_a_frame_and_what_is_known_of_them() {
+        assert_eq!((size_of::<SharedFrame>(), align_of::<SharedFrame>()), (Frame::SIZE + 9, 1));
+        let mut bytes = [0; Frame::SIZE];
+        for (i, b) in bytes.iter_mut().enumerate() {
+            *b = i as u8;
+        }
+        let shared = SharedFrame::new(&SharedFrame::from_bytes(bytes).frame(), Time(77));
+        assert_eq!((shared.bytes, shared.sent(), shared.damaged_class()), (bytes, Time(77), None));
+        for class in Class::ALL {
+            let damaged = shared.damaged(class);
+            assert_eq!((damaged.bytes, damaged.damaged_class()), (bytes, Some(class)));
+        }
+        // A foreign writer may set any byte.
+        assert_eq!(SharedFrame { tag: 0xFF, ..shared }.damaged_class(), None);
+    }
+}

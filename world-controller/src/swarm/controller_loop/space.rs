@@ -1,0 +1,34 @@
+//! How a run ends when something else fills the shared memory: in order, with the memory that is held back
+//! for that, before its processes die of it.
+
+use super::ControllerLoop;
+use crate::swarm::launcher::Backend;
+use metamorph_module_agent::transport::SpaceShortage;
+use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::world::World;
+
+/// Nanoseconds between two looks.
+const EVERY: u64 = 500_000_000;
+
+impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
+    pub(super) fn look_at_space(&mut self) {
+        let now = self.pace.monotonic();
+        if now.saturating_sub(self.looked) < EVERY {
+            return;
+        }
+        self.looked = now;
+        if let Err(shortage) = self.reserve.check() {
+            self.run_short(shortage);
+        }
+    }
+
+    pub(super) fn run_short(&mut self, shortage: SpaceShortage) {
+        self.reserve.release();
+        if self.outcome.shortage.is_none() {
+            tracing::error!("the run ends: {shortage}");
+            self.outcome.shortage = Some(shortage.to_string());
+        }
+        self.outcome.interrupted = true;
+        self.finishing = true;
+    }
+}

@@ -1,0 +1,168 @@
+//! A swarm of processes of this machine: one per agent over iceoryx2, in a run directory of its own, and
+//! supervised by a second thread with tokio.
+
+use crate::swarm::controller_loop::{ControllerLoop, Services};
+use crate::swarm::launcher::Backend;
+use crate::swarm::links::raise_descriptor_limit;
+use crate::swarm::outcome::{SwarmError, SwarmOutcome};
+use crate::swarm::pace::Pace;
+use crate::swarm::reserve::{self, Reserve};
+use crate::swarm::resume::{Adopted, Resumption};
+use crate::swarm::run_dir::{RunDir, clean};
+use crate::swarm::supervisor::{Launch, Supervisor};
+use crate::swarm::watch::Watch;
+use crate::swarm::{MODULE_LIMIT, SwarmOptions, catch_signals};
+use metamorph_module_agent::clock::monotonic;
+use metamorph_module_agent::clock::source::FileClock;
+use metamorph_module_agent::run_dir::controller_lease::ControllerLease;
+use metamorph_module_agent::run_dir::identity::Identity;
+use metamorph_module_agent::run_dir::swarm_file::SwarmFile;
+use metamorph_module_agent::transport::iceoryx::rendezvous::{Rendezvous, SHARD, set_verbosity};
+use metamorph_module_agent::transport::iceoryx::{IceoryxTransport, space};
+use metamorph_protocol::agent::Agent;
+use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::world::World;
+use std::sync::Arc;
+
+/// Dead agents of one shard that may wait to be reaped while others are started in their place. A restart
+/// beyond that fails, and is reported as a crash that says so.
+const UNREAPED: usize = 1_000;
+
+/// Processes of this machine.
+enum Processes {}
+
+impl Backend for Processes {
+    type Transport = IceoryxTransport;
+    type Launcher = Supervisor;
+    type Clock = FileClock;
+}
+
+/// Runs a swarm until its director finishes it or a shutdown is asked for, and leaves nothing
+/// behind: no process, no shared memory, no file. What earlier runs of this user left when they
+/// were killed is removed first.
+///
+/// Blocks for the whole run, so it must not be called from asynchronous code. A panic in the world
+/// or the director ends the swarm on its way out.
+///
+/// # Errors
+/// If the swarm cannot be started, or its controller cannot go on.
+pub fn run_swarm<W, D>(
+    options: &SwarmOptions,
+    setup: &<W::Agent as Agent>::Setup,
+    world: &mut W,
+    director: &mut D,
+) -> Result<SwarmOutcome, SwarmError>
+where
+    W: World,
+    D: Direct<W>,
+{
+    let count = world.len();
+    if count == 0 || count > MODULE_LIMIT {
+        return Err(SwarmError::Size(count));
+    }
+    let begun = begin(options, count)?;
+    if let Err(e) = clean() {
+        tracing::warn!("what earlier runs left behind could not be removed: {e}");
+    }
+    // Dropped after the controller loop, which ends all processes and closes their channels.
+    let mut dir = RunDir::create()?;
+    watch_over(&mut dir, options)?;
+    let mut reserve = Reserve::take(dir.root(), count as u64)?;
+    options.root.get_or_init(|| dir.root().to_owned());
+    SwarmFile {
+        count: count as u32,
+        seed: options.seed,
+        speed: options.speed,
+        tolerance: options.tolerance,
+        link: options.link.clone(),
+        journal: options.journal.clone(),
+        patience: u32::try_from(options.patience.as_millis()).unwrap_or(u32::MAX),
+        setup,
+    }
+    .write(dir.root())?;
+    let clock = FileClock::create(dir.root()).map_err(SwarmError::Clock)?;
+    let pace = pace(options, clock)?;
+    let lease = acquire_lease(&dir, 0)?;
+    reserve.release_own();
+    let (transport, launcher) = attach(options, &dir, lease.generation, count)?;
+    let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
+    ControllerLoop::new(options, services, world, director, begun).run()
+}
+
+/// Goes on with a swarm whose controller was killed, from what its journal says of it. Otherwise the
+/// same as [`run_swarm`].
+///
+/// # Errors
+/// If the swarm cannot be taken over, or its controller cannot go on.
+pub fn resume_swarm<W, D>(
+    options: &SwarmOptions,
+    adopted: Adopted,
+    resumption: Resumption<W::Agent>,
+    world: &mut W,
+    director: &mut D,
+) -> Result<SwarmOutcome, SwarmError>
+where
+    W: World,
+    D: Direct<W>,
+{
+    let count = world.len();
+    let begun = begin(options, count)?;
+    let Adopted { mut dir, epoch } = adopted;
+    watch_over(&mut dir, options)?;
+    options.root.get_or_init(|| dir.root().to_owned());
+    let before = ControllerLease::read(dir.root()).map_err(SwarmError::Identity)?;
+    let pace = pace(options, FileClock::open_writable(dir.root()).map_err(SwarmError::Clock)?)?;
+    // First the channels, then the lease: an agent that finds the new controller can reach it.
+    let (transport, launcher) = attach(options, &dir, before.generation + 1, count)?;
+    acquire_lease(&dir, before.generation + 1)?;
+    let reserve = Reserve::left(dir.root());
+    let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
+    ControllerLoop::new(options, services, world, director, begun).go_on(dir.root(), epoch, resumption)
+}
+
+/// Prepares this process. Returns when the run was asked for.
+fn begin(options: &SwarmOptions, count: usize) -> Result<u64, SwarmError> {
+    catch_signals(options)?;
+    raise_descriptor_limit(count as u64)?;
+    set_verbosity(options.verbose);
+    Ok(monotonic())
+}
+
+fn pace(options: &SwarmOptions, clock: FileClock) -> Result<Pace<FileClock>, SwarmError> {
+    Pace::new(clock, options.speed, options.tolerance, Arc::clone(&options.share)).map_err(SwarmError::Clock)
+}
+
+fn watch_over(dir: &mut RunDir, options: &SwarmOptions) -> Result<(), SwarmError> {
+    let Some((program, args)) = &options.watcher else { return Ok(()) };
+    let watch = Watch::start(program, args, dir.root()).map_err(SwarmError::Watcher)?;
+    dir.keep(watch);
+    Ok(())
+}
+
+fn acquire_lease(dir: &RunDir, generation: u32) -> Result<ControllerLease, SwarmError> {
+    let controller = Identity::own().map_err(SwarmError::Identity)?;
+    let lease = ControllerLease { controller, generation };
+    lease.acquire(dir.root()).map_err(SwarmError::Identity)?;
+    Ok(lease)
+}
+
+fn attach(
+    options: &SwarmOptions,
+    dir: &RunDir,
+    generation: u32,
+    count: usize,
+) -> Result<(IceoryxTransport, Supervisor), SwarmError> {
+    let shards = (count as u32).div_ceil(SHARD);
+    let senders = count.min(SHARD as usize) + UNREAPED;
+    let at = Rendezvous::join(dir.root())?;
+    let transport = IceoryxTransport::controller(at, generation, shards, senders)?;
+    space::allocate(dir.name()).map_err(reserve::refused_own)?;
+    let launch = Launch {
+        program: options.program.clone(),
+        args: options.program_args.clone(),
+        root: dir.root().to_owned(),
+        generation,
+        verbose: options.verbose,
+    };
+    Ok((transport, Supervisor::start(launch, options.shutdown.clone())?))
+}
