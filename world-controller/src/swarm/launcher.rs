@@ -1,6 +1,5 @@
 //! What starts agents, passes signals on to them and notices their ends, as one trait: processes of this
-//! machine ([`crate::swarm::supervisor`]), or threads ([`crate::swarm::memory`]). Absent: when to do so, which the
-//! controller loop decides.
+//! machine (`supervisor`), or threads (`memory`). Absent: when to do so, which the controller loop decides.
 
 use crate::console::shutdown::Urgency;
 use crate::swarm::outcome::SwarmError;

@@ -2,7 +2,7 @@
 //!
 //! [`run_swarm`] drives any world and any director with one process per agent, real time and real
 //! signals; [`run_in_memory`] does so with one thread per agent. The calling thread owns the world, the
-//! director and all links, which cannot change threads ([`controller_loop`]). Absent: decisions about the
+//! director and all links, which cannot change threads (`controller_loop`). Absent: decisions about the
 //! run, which are the director's, and knowledge of which family of units it runs.
 
 mod controller_loop;
@@ -22,7 +22,6 @@ mod signals;
 mod supervisor;
 mod watch;
 
-pub use crate::swarm::launcher::{Backend, Event, Launcher};
 pub use crate::swarm::links::descriptor_limit;
 pub use crate::swarm::memory::run_in_memory;
 pub use crate::swarm::meter::Meter;
