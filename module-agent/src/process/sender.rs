@@ -26,7 +26,7 @@ pub struct Sender {
 impl Sender {
     /// A sender whose links do what `emulator` does.
     pub fn new(agent: AgentKey, emulator: LinkEmulator) -> Sender {
-        Sender { agent, emulator, burst: Vec::with_capacity(BURST), sequence: 0 }
+        Sender { agent, emulator, burst: Vec::new(), sequence: 0 }
     }
 
     /// Seals a message and gives it to the emulated link of a port.
