@@ -5,7 +5,7 @@ use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Session};
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Frame;
 use std::collections::BTreeMap;
@@ -36,7 +36,7 @@ pub struct LinkEmulator {
     model: LinkModel,
     transparent: bool,
     from: ModuleId,
-    ports: Vec<(Stream, Time)>,
+    ports: Vec<(Rng, Time)>,
     held: BTreeMap<(Time, u64), DelayedFrame>,
     count: u64,
 }
@@ -52,7 +52,7 @@ impl LinkEmulator {
     ) -> LinkEmulator {
         let stream = |port: usize| {
             let index = u64::from(from.0) << 32 | u64::from(incarnation.0) << 8 | port as u64;
-            Stream::named(seed, "process link", index)
+            Rng::named(seed, "process link", index)
         };
         LinkEmulator {
             transparent: model.is_transparent(),

@@ -6,7 +6,7 @@
 
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a benchmark reads the clock and prints")]
 
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::chain::{Chain, joint_distance, random_angles};
 use metamorph_protocol::roombots::database::Database;
@@ -54,8 +54,8 @@ fn main() {
 }
 
 fn targets(kind: Kind, count: u32) -> Vec<Vec<f64>> {
-    let mut stream = Stream::named(1, "bench", kind as u64);
-    (0..count).map(|_| random_angles(kind, &mut stream)).collect()
+    let mut rng = Rng::named(1, "bench", kind as u64);
+    (0..count).map(|_| random_angles(kind, &mut rng)).collect()
 }
 
 fn complete(kind: Kind, count: u32) {
@@ -82,12 +82,12 @@ fn complete(kind: Kind, count: u32) {
 
 fn damped(kind: Kind, count: u32, starts: u32) {
     let chain = Chain::of(kind);
-    let mut stream = Stream::named(2, "bench damped", kind as u64);
+    let mut rng = Rng::named(2, "bench damped", kind as u64);
     let (mut times, mut solved) = (Vec::new(), 0);
     for q in targets(kind, count) {
         let target = chain.head(&q);
         let (time, outcome) =
-            timed(|| solve_from_random_starts(&chain, &target, starts, &mut stream, &Options::default()));
+            timed(|| solve_from_random_starts(&chain, &target, starts, &mut rng, &Options::default()));
         times.push(time);
         solved += u32::from(outcome.reached);
     }

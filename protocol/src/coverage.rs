@@ -10,15 +10,15 @@ macro_rules! marks {
     ($($(#[$doc:meta])* $name:ident => $text:literal,)*) => {
         /// A rare path.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-        pub enum Mark {
+        pub enum CoveragePoint {
             $(#[doc = $text] $name,)*
         }
-        impl Mark {
+        impl CoveragePoint {
             /// All points.
-            pub const ALL: &'static [Mark] = &[$(Mark::$name),*];
+            pub const ALL: &'static [CoveragePoint] = &[$(CoveragePoint::$name),*];
             /// Returns the name used in reports; the part before the colon is the family or the driver.
             pub const fn name(self) -> &'static str {
-                match self { $(Mark::$name => $text,)* }
+                match self { $(CoveragePoint::$name => $text,)* }
             }
         }
     };
@@ -118,15 +118,15 @@ marks! {
     DriverExpired => "driver: a message came after its contact had ended",
 }
 
-const _: () = assert!(Mark::ALL.len() <= 128, "marks are kept in 128 bits");
+const _: () = assert!(CoveragePoint::ALL.len() <= 128, "marks are kept in 128 bits");
 
 /// A set of coverage points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Marks(u128);
+pub struct CoveragePoints(u128);
 
-impl Marks {
+impl CoveragePoints {
     /// Returns true if the point is in the set.
-    pub const fn has(self, mark: Mark) -> bool {
+    pub const fn has(self, mark: CoveragePoint) -> bool {
         self.0 >> mark as u32 & 1 == 1
     }
 }
@@ -137,18 +137,18 @@ thread_local! {
 
 /// Notes that this path has run.
 #[inline]
-pub fn hit(mark: Mark) {
+pub fn hit(mark: CoveragePoint) {
     SET.with(|set| set.set(set.get() | 1 << mark as u32));
 }
 
 /// Adds points that were set in another thread to this one.
-pub fn add(marks: Marks) {
+pub fn add(marks: CoveragePoints) {
     SET.with(|set| set.set(set.get() | marks.0));
 }
 
 /// Returns the points set in this thread since the last call. For drivers, not for agents.
-pub fn take() -> Marks {
-    SET.with(|set| Marks(set.take()))
+pub fn take() -> CoveragePoints {
+    SET.with(|set| CoveragePoints(set.take()))
 }
 
 #[cfg(test)]
@@ -158,18 +158,18 @@ mod tests {
     #[test]
     fn marks_are_taken_once_and_by_their_thread() {
         take();
-        hit(Mark::CubeDetour);
-        hit(Mark::DriverExpired);
-        assert!(std::thread::spawn(take).join().is_ok_and(|theirs| theirs == Marks::default()));
+        hit(CoveragePoint::CubeDetour);
+        hit(CoveragePoint::DriverExpired);
+        assert!(std::thread::spawn(take).join().is_ok_and(|theirs| theirs == CoveragePoints::default()));
         let mine = take();
-        let set: Vec<Mark> = Mark::ALL.iter().copied().filter(|m| mine.has(*m)).collect();
-        assert_eq!(set, [Mark::CubeDetour, Mark::DriverExpired]);
-        assert_eq!(take(), Marks::default());
+        let set: Vec<CoveragePoint> = CoveragePoint::ALL.iter().copied().filter(|m| mine.has(*m)).collect();
+        assert_eq!(set, [CoveragePoint::CubeDetour, CoveragePoint::DriverExpired]);
+        assert_eq!(take(), CoveragePoints::default());
     }
 
     #[test]
     fn names_differ() {
-        let names: std::collections::BTreeSet<&str> = Mark::ALL.iter().map(|m| m.name()).collect();
-        assert_eq!(names.len(), Mark::ALL.len());
+        let names: std::collections::BTreeSet<&str> = CoveragePoint::ALL.iter().map(|m| m.name()).collect();
+        assert_eq!(names.len(), CoveragePoint::ALL.len());
     }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// A known defect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[doc(hidden)]
-pub enum Sabotage {
+pub enum Defect {
     /// Both families: messages are delivered in whatever session they were sent.
     IgnoreSessions,
     /// Cubes: moves are started without a latest start time for the body.
@@ -51,28 +51,28 @@ pub enum Sabotage {
     StandInTheWay,
 }
 
-impl Sabotage {
+impl Defect {
     /// All defects.
-    pub const ALL: [Sabotage; 20] = [
-        Sabotage::IgnoreSessions,
-        Sabotage::NoDeadline,
-        Sabotage::ShortLease,
-        Sabotage::IgnoreLocks,
-        Sabotage::KeepLocks,
-        Sabotage::ReserveTwice,
-        Sabotage::DropSilentChildren,
-        Sabotage::AdoptUnacknowledged,
-        Sabotage::NoListening,
-        Sabotage::IgnoreStrangers,
-        Sabotage::ShallowSearch,
-        Sabotage::AcceptStaleValues,
-        Sabotage::AnyLowerOnSolids,
-        Sabotage::GrantEverything,
-        Sabotage::AskNobody,
-        Sabotage::ForgetLocks,
-        Sabotage::OutstayLease,
-        Sabotage::GrantAfterRestart,
-        Sabotage::AcceptStaleStates,
-        Sabotage::StandInTheWay,
+    pub const ALL: [Defect; 20] = [
+        Defect::IgnoreSessions,
+        Defect::NoDeadline,
+        Defect::ShortLease,
+        Defect::IgnoreLocks,
+        Defect::KeepLocks,
+        Defect::ReserveTwice,
+        Defect::DropSilentChildren,
+        Defect::AdoptUnacknowledged,
+        Defect::NoListening,
+        Defect::IgnoreStrangers,
+        Defect::ShallowSearch,
+        Defect::AcceptStaleValues,
+        Defect::AnyLowerOnSolids,
+        Defect::GrantEverything,
+        Defect::AskNobody,
+        Defect::ForgetLocks,
+        Defect::OutstayLease,
+        Defect::GrantAfterRestart,
+        Defect::AcceptStaleStates,
+        Defect::StandInTheWay,
     ];
 }

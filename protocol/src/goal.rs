@@ -255,7 +255,7 @@ mod tests {
         for seed_cell in [Cell::default(), Cell::new(0, 0, -5), Cell::new(1, 2, 3)] {
             let goal = Goal::compile(&ball(5), seed_cell, Growth::Scaffold).unwrap();
             for order in 0..20u64 {
-                let mut stream = crate::rng::Stream::named(order, "fill", 0);
+                let mut rng = crate::rng::Rng::named(order, "fill", 0);
                 let mut filled = BTreeSet::from([seed_cell]);
                 while filled.len() < goal.len() {
                     let open: Vec<Cell> = goal
@@ -272,7 +272,7 @@ mod tests {
                         let enclosed = cell.neighbours().iter().all(|n| filled.contains(n));
                         assert!(!enclosed, "{cell} is enclosed in order {order}");
                     }
-                    filled.insert(open[stream.below(open.len() as u64) as usize]);
+                    filled.insert(open[rng.below(open.len() as u64) as usize]);
                 }
             }
         }

@@ -6,7 +6,7 @@
 use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf, Summary};
 use crate::counters::Class;
 use crate::ids::{ModuleId, Port, Revision};
-use crate::record::{Blob, Event, MessageName, Record, Sent, Sink, Step, Taken, Told, Who};
+use crate::record::{Blob, Consumed, Emitted, Event, MessageName, Record, Sent, Sink, Step, Who};
 use crate::time::Time;
 use siphasher::sip::SipHasher13;
 use std::collections::VecDeque;
@@ -106,8 +106,8 @@ impl<A: Agent> AgentHost<A> {
                 Output::Send { port, class, .. } => {
                     sent.push(Sent { port: *port, class: *class, to: peer(*port) });
                 }
-                Output::Act(action) => told.push(Told::Act { revision, action: Blob::of(action) }),
-                Output::Report(report) => told.push(Told::Report(Blob::of(report))),
+                Output::Act(action) => told.push(Emitted::Act { revision, action: Blob::of(action) }),
+                Output::Report(report) => told.push(Emitted::Report(Blob::of(report))),
             }
         }
         steps.sent = first.wrapping_add(sent.len() as u32);
@@ -130,16 +130,16 @@ impl<A: Agent> AgentHost<A> {
 }
 
 /// Converts an input to its recorded form; name and class belong to messages only.
-fn taken<A: Agent>(input: &InputOf<A>, heard: Option<(MessageName, Class)>) -> Taken {
+fn taken<A: Agent>(input: &InputOf<A>, heard: Option<(MessageName, Class)>) -> Consumed {
     match (input, heard) {
-        (Input::Contact { port, session }, _) => Taken::Contact { port: *port, session: *session },
+        (Input::Contact { port, session }, _) => Consumed::Contact { port: *port, session: *session },
         (Input::Message { port, message }, Some((name, class))) => {
-            Taken::Message { port: *port, class, name, message: Blob::of(message) }
+            Consumed::Message { port: *port, class, name, message: Blob::of(message) }
         }
         // Invariant: drivers name every message that they hand in.
-        (Input::Message { .. }, None) | (Input::Wake, _) => Taken::Wake,
-        (Input::Percept(percept), _) => Taken::Percept(Blob::of(percept)),
-        (Input::Order(order), _) => Taken::Order(Blob::of(order)),
+        (Input::Message { .. }, None) | (Input::Wake, _) => Consumed::Wake,
+        (Input::Percept(percept), _) => Consumed::Percept(Blob::of(percept)),
+        (Input::Order(order), _) => Consumed::Order(Blob::of(order)),
     }
 }
 

@@ -6,7 +6,7 @@
 
 use crate::ids::ModuleId;
 use crate::ratio::Ratio;
-use crate::rng::Stream;
+use crate::rng::Rng;
 use crate::time::{Span, Time};
 use serde::{Deserialize, Serialize};
 
@@ -60,7 +60,7 @@ pub struct Arrival {
 
 /// The fate of one message: lost if there is no arrival, duplicated if there are two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Fate {
+pub struct Delivery {
     /// The copies that arrive.
     pub arrivals: [Option<Arrival>; 2],
 }
@@ -75,41 +75,34 @@ impl LinkModel {
 
     /// Draws the fate of a message sent at `now`. `last` is the state of the link: the latest arrival so far,
     /// which later messages do not overtake; it starts at zero.
-    pub fn carry(
-        &self,
-        now: Time,
-        from: ModuleId,
-        to: ModuleId,
-        stream: &mut Stream,
-        last: &mut Time,
-    ) -> Fate {
-        let mut fate = Fate { arrivals: [None, None] };
+    pub fn carry(&self, now: Time, from: ModuleId, to: ModuleId, rng: &mut Rng, last: &mut Time) -> Delivery {
+        let mut fate = Delivery { arrivals: [None, None] };
         if self.partitions.iter().any(|p| p.cuts(now, from, to)) {
             return fate;
         }
         let harms = self.harmless_from.is_none_or(|at| now < at);
-        if harms && stream.chance(self.loss) {
+        if harms && rng.chance(self.loss) {
             return fate;
         }
-        fate.arrivals[0] = Some(self.arrival(now, harms, stream, last));
-        if harms && stream.chance(self.duplicate) {
-            fate.arrivals[1] = Some(self.arrival(now, harms, stream, last));
+        fate.arrivals[0] = Some(self.arrival(now, harms, rng, last));
+        if harms && rng.chance(self.duplicate) {
+            fate.arrivals[1] = Some(self.arrival(now, harms, rng, last));
         }
         fate
     }
 
-    fn arrival(&self, now: Time, harms: bool, stream: &mut Stream, last: &mut Time) -> Arrival {
+    fn arrival(&self, now: Time, harms: bool, rng: &mut Rng, last: &mut Time) -> Arrival {
         let spread = self.delay_max - self.delay_min;
-        let drawn = now + self.delay_min + Span(stream.below(spread.0 + 1));
-        let at = if harms && stream.chance(self.reorder) {
+        let drawn = now + self.delay_min + Span(rng.below(spread.0 + 1));
+        let at = if harms && rng.chance(self.reorder) {
             // Held back by up to four times the longest delay, so that several later messages can pass.
             let hold = self.delay_max.0.max(1_000_000) * 4;
-            drawn + Span(1 + stream.below(hold))
+            drawn + Span(1 + rng.below(hold))
         } else {
             *last = drawn.max(*last);
             *last
         };
-        let flipped_bit = (harms && stream.chance(self.corrupt)).then(|| stream.next_u64());
+        let flipped_bit = (harms && rng.chance(self.corrupt)).then(|| rng.next_u64());
         Arrival { at, flipped_bit }
     }
 }
@@ -118,11 +111,9 @@ impl LinkModel {
 mod tests {
     use super::*;
 
-    fn carry_all(model: &LinkModel, n: u64) -> Vec<Fate> {
-        let (mut stream, mut last) = (Stream::named(1, "link", 0), Time::ZERO);
-        (0..n)
-            .map(|i| model.carry(Time(i * 1_000), ModuleId(0), ModuleId(1), &mut stream, &mut last))
-            .collect()
+    fn carry_all(model: &LinkModel, n: u64) -> Vec<Delivery> {
+        let (mut rng, mut last) = (Rng::named(1, "link", 0), Time::ZERO);
+        (0..n).map(|i| model.carry(Time(i * 1_000), ModuleId(0), ModuleId(1), &mut rng, &mut last)).collect()
     }
 
     #[test]
@@ -141,7 +132,7 @@ mod tests {
         let tenth: Ratio = "10%".parse().unwrap();
         let model = LinkModel { loss: tenth, duplicate: tenth, corrupt: tenth, ..LinkModel::default() };
         let fates = carry_all(&model, 10_000);
-        let count = |f: &dyn Fn(&Fate) -> bool| fates.iter().filter(|x| f(x)).count();
+        let count = |f: &dyn Fn(&Delivery) -> bool| fates.iter().filter(|x| f(x)).count();
         assert!((850..1_150).contains(&count(&|f| f.arrivals[0].is_none())));
         assert!((750..1_050).contains(&count(&|f| f.arrivals[1].is_some())));
         assert!((750..1_050).contains(&count(&|f| f.arrivals[0].is_some_and(|a| a.flipped_bit.is_some()))));
@@ -156,7 +147,7 @@ mod tests {
         let doubled = LinkModel { loss: Ratio::ZERO, duplicate: always, corrupt: always, ..model };
         let after = &carry_all(&doubled, 1_000)[500..];
         let clean =
-            |f: &Fate| f.arrivals[1].is_none() && f.arrivals[0].is_some_and(|a| a.flipped_bit.is_none());
+            |f: &Delivery| f.arrivals[1].is_none() && f.arrivals[0].is_some_and(|a| a.flipped_bit.is_none());
         assert!(after.iter().all(clean));
     }
 
@@ -164,9 +155,9 @@ mod tests {
     fn a_partition_cuts_between_its_sides_while_it_lasts() {
         let cut = Partition { from: Time(10), until: Time(20), side: vec![ModuleId(0), ModuleId(2)] };
         let model = LinkModel { partitions: vec![cut], ..LinkModel::default() };
-        let (mut stream, mut last) = (Stream::named(1, "link", 0), Time::ZERO);
+        let (mut rng, mut last) = (Rng::named(1, "link", 0), Time::ZERO);
         let mut passes = |at, a, b| {
-            model.carry(Time(at), ModuleId(a), ModuleId(b), &mut stream, &mut last).arrivals[0].is_some()
+            model.carry(Time(at), ModuleId(a), ModuleId(b), &mut rng, &mut last).arrivals[0].is_some()
         };
         assert!(passes(9, 0, 1) && !passes(10, 0, 1) && !passes(19, 1, 2) && passes(20, 0, 1));
         assert!(passes(15, 0, 2) && passes(15, 1, 3));

@@ -51,7 +51,7 @@ impl fmt::Display for Who {
         match self {
             Who::Controller => f.write_str("the controller"),
             Who::Agent(id, Incarnation(0)) => write!(f, "module {id}"),
-            Who::Agent(id, life) => write!(f, "module {id} in incarnation {life}"),
+            Who::Agent(id, incarnation) => write!(f, "module {id} in incarnation {incarnation}"),
         }
     }
 }
@@ -84,7 +84,7 @@ pub enum Event {
         /// The module.
         id: ModuleId,
         /// Its incarnation.
-        life: Incarnation,
+        incarnation: Incarnation,
         /// The place of its body.
         place: Blob,
     },
@@ -148,7 +148,7 @@ pub enum Event {
     /// Director, output: a command to the driver.
     Command(Command<Blob>),
     /// Director, output: a fault of the scenario was injected.
-    Struck {
+    Injected {
         /// The fault, in the words of reports.
         fault: String,
         /// The module that it hit; `None` if it hit a cell.
@@ -175,7 +175,7 @@ pub enum Event {
         /// The module.
         id: ModuleId,
         /// Its incarnation.
-        life: Incarnation,
+        incarnation: Incarnation,
         /// Its counters.
         tally: Tally,
     },
@@ -219,20 +219,20 @@ impl fmt::Display for Outside {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Step {
     /// The input.
-    pub input: Taken,
+    pub input: Consumed,
     /// The number of the first message sent; the others follow it.
     pub first: u32,
     /// The messages sent.
     pub sent: Vec<Sent>,
     /// The actions and reports, in order.
-    pub told: Vec<Told>,
+    pub told: Vec<Emitted>,
     /// The hash of all outputs and of the state after them.
     pub digest: u64,
 }
 
 /// An input as it is recorded.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Taken {
+pub enum Consumed {
     /// The contact on a port changed.
     Contact {
         /// The port.
@@ -265,7 +265,7 @@ pub struct MessageName {
     /// The sender.
     pub from: ModuleId,
     /// The incarnation of the sender.
-    pub life: Incarnation,
+    pub incarnation: Incarnation,
     /// Its number among all messages of that incarnation, from 0.
     pub number: u32,
 }
@@ -283,7 +283,7 @@ pub struct Sent {
 
 /// What an agent told its body or the controller.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Told {
+pub enum Emitted {
     /// An action.
     Act {
         /// The contact changes that the agent knew of.

@@ -10,18 +10,18 @@ use serde::{Deserialize, Serialize};
 
 /// One stream of random numbers.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Stream {
+pub struct Rng {
     state: u64,
 }
 
-impl Stream {
+impl Rng {
     /// Returns the stream number `index` of `source` in the run of `seed`.
-    pub fn named(seed: u64, source: &str, index: u64) -> Stream {
+    pub fn named(seed: u64, source: &str, index: u64) -> Rng {
         let mut state = mix(seed ^ 0x9E37_79B9_7F4A_7C15);
         for byte in source.bytes() {
             state = mix(state ^ u64::from(byte));
         }
-        Stream { state: mix(state ^ index.wrapping_mul(0xD6E8_FEB8_6659_FD93)) }
+        Rng { state: mix(state ^ index.wrapping_mul(0xD6E8_FEB8_6659_FD93)) }
     }
 
     /// Draws 64 random bits.
@@ -54,7 +54,7 @@ mod tests {
     /// The published first outputs of SplitMix64 for state 0.
     #[test]
     fn is_splitmix64() {
-        let mut s = Stream { state: 0 };
+        let mut s = Rng { state: 0 };
         assert_eq!(
             [s.next_u64(), s.next_u64(), s.next_u64()],
             [0xE220_A839_7B1D_CDAF, 0x6E78_9E6A_A1B9_65F4, 0x06C4_5D18_8009_454F]
@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn streams_differ_by_seed_name_and_index() {
-        let first = |seed, name, index| Stream::named(seed, name, index).next_u64();
+        let first = |seed, name, index| Rng::named(seed, name, index).next_u64();
         let all = [first(1, "link", 0), first(2, "link", 0), first(1, "body", 0), first(1, "link", 1)];
         for (i, a) in all.iter().enumerate() {
             assert!(all[i + 1..].iter().all(|b| a != b));
@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn chance_matches_its_ratio() {
-        let mut s = Stream::named(7, "test", 0);
+        let mut s = Rng::named(7, "test", 0);
         let p: Ratio = "5%".parse().unwrap();
         let hits = (0..100_000).filter(|_| s.chance(p)).count();
         assert!((4_700..5_300).contains(&hits), "{hits}");

@@ -1,7 +1,7 @@
 //! The motion database: every count of its generator, its bytes, and that its sweeps are complete.
 
 use metamorph_protocol::lattice::{Cell, Face};
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::body::bodies;
 use metamorph_protocol::roombots::collision::{SHRINK, self_collision};
 use metamorph_protocol::roombots::database::{CellSet, Database, DatabaseError, Direction, Step, Table};
@@ -298,12 +298,12 @@ fn the_mirror_image_of_a_database_is_a_database() {
 #[test]
 fn no_step_sweeps_a_cell_it_does_not_list() {
     const MARGIN: f64 = 1e-4;
-    let mut stream = Stream::named(77, "resampling", 0);
+    let mut rng = Rng::named(77, "resampling", 0);
     for kind in Kind::ALL {
         let t = DATABASE.table(kind);
         let strict: Vec<&Step> = t.strict_steps().collect();
         for _ in 0..if kind == Kind::Single { 12 } else { 30 } {
-            let step = strict[stream.below(strict.len() as u64) as usize];
+            let step = strict[rng.below(strict.len() as u64) as usize];
             let core: BTreeSet<Cell> = DATABASE.resolve(&step.core).collect();
             let known: BTreeSet<Cell> = DATABASE.resolve(&step.core.union(&step.graze)).collect();
             let posture = t.postures()[usize::from(step.from)].posture;
@@ -442,11 +442,11 @@ fn damaged_bytes_are_refused() {
         assert_eq!(Database::from_bytes(&bytes[..cut]), Err(DatabaseError::Checksum));
     }
     // Whatever the content, a right checksum does not make it panic.
-    let mut stream = Stream::named(4, "damage", 0);
+    let mut rng = Rng::named(4, "damage", 0);
     for _ in 0..40 {
         let mut wrong = bytes.clone();
-        let at = 8 + stream.below(wrong.len() as u64 - 12) as usize;
-        wrong[at] = stream.below(256) as u8;
+        let at = 8 + rng.below(wrong.len() as u64 - 12) as usize;
+        wrong[at] = rng.below(256) as u8;
         reseal(&mut wrong);
         if let Err(error) = Database::from_bytes(&wrong) {
             assert!(matches!(error, DatabaseError::Content { .. }), "{error}");

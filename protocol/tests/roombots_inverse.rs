@@ -1,6 +1,6 @@
 //! Inverse kinematics: all solutions of random and of lattice targets, and what is out of reach.
 
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::chain::{Chain, Pose, forward, joint_distance, random_angles};
 use metamorph_protocol::roombots::inverse::levenberg_marquardt::{self, Options};
 use metamorph_protocol::roombots::inverse::{InverseError, solve};
@@ -12,10 +12,10 @@ use nalgebra::{Matrix3, Vector3};
 /// among the solutions.
 fn random_targets(kind: Kind, count: usize) -> usize {
     let chain = Chain::of(kind);
-    let mut stream = Stream::named(20_261, "inverse", kind as u64);
+    let mut rng = Rng::named(20_261, "inverse", kind as u64);
     let mut generating = 0;
     for _ in 0..count {
-        let q = random_angles(kind, &mut stream);
+        let q = random_angles(kind, &mut rng);
         let target = chain.head(&q);
         let solutions = solve(kind, &target).unwrap_or_else(|e| panic!("{kind} {q:?}: {e}"));
         for s in &solutions {
@@ -68,13 +68,13 @@ fn lattice_targets_are_solved() {
 /// Beside a singular posture targets are badly conditioned, but still solved.
 #[test]
 fn targets_near_the_lattice_are_solved() {
-    let mut stream = Stream::named(6, "near the lattice", 0);
+    let mut rng = Rng::named(6, "near the lattice", 0);
     for kind in Kind::METAMODULES {
         let chain = Chain::of(kind);
         for size in [1e-6, 1e-4, 1e-2] {
             let (mut tried, mut generating) = (0, 0);
             for posture in Posture::all(kind).step_by(19) {
-                let shift = random_angles(kind, &mut stream);
+                let shift = random_angles(kind, &mut rng);
                 let q: Vec<f64> = posture.radians().iter().zip(&shift).map(|(a, s)| a + size * s).collect();
                 let target = chain.head(&q);
                 let solutions = solve(kind, &target).unwrap_or_else(|e| panic!("{kind} {q:?}: {e}"));
@@ -92,16 +92,15 @@ fn damped_least_squares_reaches_most_targets() {
     // With ten starts at least 99 of 100; a single start reaches about three of four.
     for kind in Kind::METAMODULES {
         let chain = Chain::of(kind);
-        let mut stream = Stream::named(5, "damped", kind as u64);
+        let mut rng = Rng::named(5, "damped", kind as u64);
         let (mut one, mut ten) = (0, 0);
         for _ in 0..100 {
-            let target = chain.head(&random_angles(kind, &mut stream));
+            let target = chain.head(&random_angles(kind, &mut rng));
             let options = Options::default();
-            let mut starts = stream.clone();
+            let mut starts = rng.clone();
             let first =
                 levenberg_marquardt::solve_from_random_starts(&chain, &target, 1, &mut starts, &options);
-            let all =
-                levenberg_marquardt::solve_from_random_starts(&chain, &target, 10, &mut stream, &options);
+            let all = levenberg_marquardt::solve_from_random_starts(&chain, &target, 10, &mut rng, &options);
             one += u32::from(first.reached);
             ten += u32::from(all.reached);
             if all.reached {
@@ -117,12 +116,12 @@ fn damped_least_squares_reaches_most_targets() {
 fn damped_least_squares_takes_any_chain() {
     let chain = Chain::of_modules([0, 2, 1, 2]);
     assert_eq!(chain.joints.len(), 12);
-    let mut stream = Stream::named(9, "twelve", 0);
+    let mut rng = Rng::named(9, "twelve", 0);
     let start: Vec<f64> = (0..12).map(|i| f64::from(i) / 5.0).collect();
     let goal: Vec<f64> = start.iter().map(|a| a + 0.3).collect();
     let target = chain.head(&goal);
     let outcome =
-        levenberg_marquardt::solve_from_random_starts(&chain, &target, 5, &mut stream, &Options::default());
+        levenberg_marquardt::solve_from_random_starts(&chain, &target, 5, &mut rng, &Options::default());
     assert!(outcome.reached, "{outcome:?}");
 }
 

@@ -1,7 +1,7 @@
 //! Forward kinematics of the Roombots: test vectors of an independent model, the tie between the
 //! continuous and the integer model, and the symmetries.
 
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::chain::{Chain, Pose, forward, mirror, random_angles};
 use metamorph_protocol::roombots::connector::{Site, connector_pose};
 use metamorph_protocol::roombots::grid::{GridState, fewest_moves, landings};
@@ -212,7 +212,7 @@ proptest! {
     /// Seen from the head, a robot is the same robot with its joints in reverse order.
     #[test]
     fn reversal(kind in any_kind(), seed in any::<u64>()) {
-        let q = random_angles(kind, &mut Stream::named(seed, "reversal", 0));
+        let q = random_angles(kind, &mut Rng::named(seed, "reversal", 0));
         let back: Vec<f64> = q.iter().rev().copied().collect();
         let round = forward(kind, &q).unwrap().compose(&forward(kind, &back).unwrap());
         prop_assert!(round.error_to(&Pose::identity()).norm() < 1e-11);
@@ -221,7 +221,7 @@ proptest! {
     /// The mirror x↔y with negated angles maps PAR and PER onto themselves and SRS onto SRZ.
     #[test]
     fn mirror_image(kind in any_kind(), seed in any::<u64>()) {
-        let q = random_angles(kind, &mut Stream::named(seed, "mirror", 0));
+        let q = random_angles(kind, &mut Rng::named(seed, "mirror", 0));
         let negated: Vec<f64> = q.iter().map(|a| -a).collect();
         let head = forward(kind, &q).unwrap();
         let image = forward(kind.mirrored(), &negated).unwrap();
@@ -233,7 +233,7 @@ proptest! {
     /// The columns of the Jacobian are the derivatives of the head.
     #[test]
     fn jacobian(kind in any_kind(), seed in any::<u64>()) {
-        let mut q = random_angles(kind, &mut Stream::named(seed, "jacobian", 0));
+        let mut q = random_angles(kind, &mut Rng::named(seed, "jacobian", 0));
         let chain = Chain::of(kind);
         let (head, columns) = chain.head_and_jacobian(&q);
         for (i, column) in columns.iter().enumerate() {

@@ -9,7 +9,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::Strategy;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::faults::Fault;
@@ -66,8 +66,8 @@ fn seconds(s: u64) -> Time {
 
 /// Draws the target of a fault, and its time within the first minute.
 fn victim(case: &Case, of: &Assembly) -> (ModuleId, u64) {
-    let mut stream = Stream::named(case.seed, "victim", 0);
-    (ModuleId(stream.below(of.start.len() as u64) as u32), stream.below(60))
+    let mut rng = Rng::named(case.seed, "victim", 0);
+    (ModuleId(rng.below(of.start.len() as u64) as u32), rng.below(60))
 }
 
 fn restart(case: &Case, assembly: Assembly) -> Assembly {

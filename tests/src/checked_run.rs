@@ -7,7 +7,7 @@ use metamorph_world_controller::console::terminal::Live;
 use metamorph_world_controller::family::metamodule::Metamodules;
 use metamorph_world_controller::family::metamodule::motion_database::database;
 use metamorph_world_controller::family::run_simulated;
-use metamorph_world_controller::record::journal::Keeping;
+use metamorph_world_controller::record::journal::JournalSession;
 use metamorph_world_controller::report::schema::Report;
 use metamorph_world_controller::scenario::Plan;
 use std::path::Path;
@@ -25,7 +25,7 @@ pub fn geometry(plan: &Plan) -> Option<Geometry> {
 
 /// Simulates a plan with a journal in this file.
 pub fn record(plan: &Plan, journal: &Path) -> Report {
-    let keeping = Keeping::simulated(journal, plan).expect("a journal can be begun");
+    let keeping = JournalSession::simulated(journal, plan).expect("a journal can be begun");
     let (interrupt, mut live) = (Interrupt::default(), Live::new(false));
     run_simulated(plan, &interrupt, &mut live, Stopwatch::start(), Some(keeping), None)
 }

@@ -8,12 +8,12 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::shape::{Radius, Shape};
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::cube::audit::audit_every;
 use metamorph_sim_bridge::cube::director::Director;
-use metamorph_sim_bridge::cube::world::{CubeWorld, Motions};
+use metamorph_sim_bridge::cube::world::{CubeWorld, MotionCounts};
 use metamorph_sim_bridge::director::faults::{Fault, Schedule};
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::director::progress::{Stage, Stop};
@@ -59,7 +59,7 @@ pub struct Ran {
     /// Message counts.
     pub tally: Tally,
     /// The counts of moves.
-    pub motions: Motions,
+    pub motions: MotionCounts,
     /// The results of the goals.
     pub stages: Vec<Stage>,
     /// The trace hash.
@@ -129,34 +129,34 @@ impl Experiment {
     /// Crashes this share of the modules, drawn from the seed, within the first minute.
     pub fn crashes(mut self, percent: usize) -> Experiment {
         let count = self.start.len() as u64;
-        let mut stream = Stream::named(self.seed, "crashes", 0);
+        let mut rng = Rng::named(self.seed, "crashes", 0);
         let mut victims = BTreeSet::new();
         while victims.len() < self.start.len() * percent / 100 {
-            victims.insert(stream.below(count) as u32);
+            victims.insert(rng.below(count) as u32);
         }
         for id in victims {
-            self.faults.push((Time(stream.below(60_000_000_000)), Fault::Kill(ModuleId(id))));
+            self.faults.push((Time(rng.below(60_000_000_000)), Fault::Kill(ModuleId(id))));
         }
         self
     }
 
     /// Stops every module once, at some time of the first minute, for up to `longest`.
     pub fn pauses(mut self, longest: Span) -> Experiment {
-        let mut stream = Stream::named(self.seed, "pauses", 0);
+        let mut rng = Rng::named(self.seed, "pauses", 0);
         for id in (0..self.start.len() as u32).map(ModuleId) {
-            let from = Time(stream.below(60_000_000_000));
+            let from = Time(rng.below(60_000_000_000));
             self.faults.push((from, Fault::Pause(id)));
-            self.faults.push((from + Span(1 + stream.below(longest.0)), Fault::Resume(id)));
+            self.faults.push((from + Span(1 + rng.below(longest.0)), Fault::Resume(id)));
         }
         self
     }
 
     /// Restarts this share of the modules without their memory, at some time of the first minute.
     pub fn restarts(mut self, percent: u64) -> Experiment {
-        let mut stream = Stream::named(self.seed, "restarts", 0);
+        let mut rng = Rng::named(self.seed, "restarts", 0);
         for id in (0..self.start.len() as u32).map(ModuleId) {
-            if stream.below(100) < percent {
-                self.faults.push((Time(stream.below(60_000_000_000)), Fault::Restart(id)));
+            if rng.below(100) < percent {
+                self.faults.push((Time(rng.below(60_000_000_000)), Fault::Restart(id)));
             }
         }
         self

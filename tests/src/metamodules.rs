@@ -6,19 +6,21 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four, chair_of_six};
 use metamorph_protocol::metamodule::motions::Motions;
-use metamorph_protocol::metamodule::params::{Detector, Floor, Params, Precedence, Setup, Strategy, Teller};
+use metamorph_protocol::metamodule::params::{
+    Detector, Floor, Params, Precedence, SeedAuthority, Setup, Strategy,
+};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::database::Database;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::faults::{Fault, Schedule, Struck};
+use metamorph_sim_bridge::director::faults::{Fault, FaultRecord, Schedule};
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::director::progress::Stop;
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
 use metamorph_sim_bridge::metamodule::director::{MetamoduleDirector, MetamodulePlan};
-use metamorph_sim_bridge::metamodule::world::{Deeds, MetamoduleWorld};
+use metamorph_sim_bridge::metamodule::world::{ActionCounts, MetamoduleWorld};
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::{Arc, OnceLock};
 
@@ -89,7 +91,7 @@ pub struct Assembly {
     /// True if the goal is moved when a permanent obstacle is in its way.
     pub relocate: bool,
     /// True if the run ends when the metamodules detect a standstill.
-    pub heed: bool,
+    pub follow: bool,
     /// The seed of the run.
     pub seed: u64,
 }
@@ -110,7 +112,7 @@ pub struct Assembled {
     /// How far the goal was moved.
     pub shift: (i16, i16),
     /// The faults injected.
-    pub struck: Vec<Struck>,
+    pub struck: Vec<FaultRecord>,
     /// The first violations of invariants.
     pub violations: Vec<Violation>,
     /// The total number of violations.
@@ -118,7 +120,7 @@ pub struct Assembled {
     /// Message counts.
     pub tally: Tally,
     /// The counts of actions.
-    pub deeds: Deeds,
+    pub deeds: ActionCounts,
     /// The number of locks refused because two metamodules would have met.
     pub prevented: u64,
     /// The trace hash.
@@ -162,7 +164,7 @@ impl Assembly {
             failure: Ratio::ZERO,
             changes: Vec::new(),
             relocate: false,
-            heed: false,
+            follow: false,
             seed,
         }
     }
@@ -211,7 +213,7 @@ impl Assembly {
     /// Lets metamodules learn open seeds from neighbours, not from the controller.
     pub fn decentralised(mut self) -> Assembly {
         let mut setup = (*self.setup).clone();
-        setup.params.teller = Teller::Neighbours;
+        setup.params.seed_authority = SeedAuthority::Neighbours;
         self.setup = Arc::new(setup);
         self
     }
@@ -254,7 +256,7 @@ impl Assembly {
             failure: self.failure,
             changes: self.changes,
             relocate: self.relocate,
-            heed: self.heed,
+            follow: self.follow,
         };
         let director = MetamoduleDirector::new(Arc::clone(&self.setup), self.start.len(), plan);
         let config = SimConfig {

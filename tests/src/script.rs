@@ -5,7 +5,7 @@ use crate::probe::{ProbeOrder, ProbeReport, ProbeWorld};
 use metamorph_protocol::ids::{ModuleId, Port, Session};
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use std::collections::VecDeque;
 
 /// What was seen.
@@ -180,7 +180,7 @@ impl Script {
     }
 }
 
-impl Direct<ProbeWorld> for Script {
+impl DirectorPort<ProbeWorld> for Script {
     fn report(&mut self, now: Time, id: ModuleId, report: ProbeReport) {
         self.see(now, Seen::Report(id, report));
     }

@@ -9,7 +9,7 @@ use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::kernel::sim::{Agents, Audited, Sim, SimConfig};
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
@@ -147,7 +147,7 @@ impl Audited for Borrowed<'_> {
 /// A script that a simulated run only borrows.
 struct Scripted<'a>(&'a mut Script);
 
-impl<'w> Direct<Borrowed<'w>> for Scripted<'_> {
+impl<'w> DirectorPort<Borrowed<'w>> for Scripted<'_> {
     fn report(&mut self, now: Time, id: ModuleId, report: ProbeReport) {
         self.0.report(now, id, report);
     }

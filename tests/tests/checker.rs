@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_module_agent::journal_file::{Head, Reader, RunHead, Writer};
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::record::{Blob, Event, Record, Sink, Who};
@@ -99,7 +99,7 @@ fn the_checker_finds_violations_of_invariants() {
     let mut found = 0;
     for seed in 1..=400 {
         let (draft, _) = draw(seed, Some(CUBE));
-        let defect = [Sabotage::IgnoreLocks, Sabotage::NoDeadline, Sabotage::ShortLease][seed as usize % 3];
+        let defect = [Defect::IgnoreLocks, Defect::NoDeadline, Defect::ShortLease][seed as usize % 3];
         let Ok(plan) = draft.plan("drawn.toml", Some(defect)) else { continue };
         let report = record(&plan, &journal);
         let positions = |name: &str| ["body-connected", "mover-supported"].contains(&name);
@@ -228,7 +228,7 @@ fn event(event: Event) -> Record {
 }
 
 fn start(id: u32, place: Blob) -> Record {
-    event(Event::Start { id: ModuleId(id), life: Incarnation(0), place })
+    event(Event::Start { id: ModuleId(id), incarnation: Incarnation(0), place })
 }
 
 fn begin(id: u32, action: Blob) -> Record {
@@ -291,7 +291,7 @@ fn impossible_events_of_metamodules_are_found() {
         }
         _ => false,
     });
-    let there = |effect: &str| Event::Struck {
+    let there = |effect: &str| Event::Injected {
         fault: "block [0, 0, 0]".into(),
         module: None,
         cell: Some(Cell::new(0, 0, 0)),
@@ -303,7 +303,8 @@ fn impossible_events_of_metamodules_are_found() {
     let cells = (0..13).flat_map(|x| (0..13).map(move |y| (x, y)));
     let met = cells.filter(|(x, y)| {
         let fault = format!("block [{x}, {y}, 0]");
-        let obstacle = Event::Struck { fault, module: None, cell: None, effect: "the cell was free".into() };
+        let obstacle =
+            Event::Injected { fault, module: None, cell: None, effect: "the cell was free".into() };
         let records = [journal.records.clone(), vec![event(obstacle)]].concat();
         journal.rule(&records) == Some(Rule::OneBodyPerCell)
     });

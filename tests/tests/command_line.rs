@@ -262,7 +262,10 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
             with("[stop]", "[protocol]\nstrategy = \"negotiated\"\nsettled_repel = true\n[stop]"),
             &["`negotiated` has no force field", "`settled_repel`", "choose `greedy`"],
         ),
-        (with("[stop]", "[protocol]\nteller = \"me\"\n[stop]"), &["unknown teller `me`", "neighbours"]),
+        (
+            with("[stop]", "[protocol]\nseed_authority = \"me\"\n[stop]"),
+            &["unknown seed authority `me`", "neighbours"],
+        ),
         (with("kind", "turn_time = \"0s\"\nkind"), &["turn_time is 0s", "1ms to 3600s"]),
         // The floor and the start.
         (with("max = [12, 12]", "max = [12, -1]"), &["scenario.toml:8:9:", "side of the floor is 0"]),

@@ -107,7 +107,7 @@ fn a_deadlock_ends_with_the_alarm() {
     let stands_still = |seed: &u64| matches!(run(*seed).run().outcome, Some((_, Outcome::Deadlock)));
     let seed = (0..20).find(stands_still).expect("greedy deadlocks often");
     let mut heeding = run(seed).detecting();
-    heeding.heed = true;
+    heeding.follow = true;
     let ran = heeding.run();
     let (end, outcome) = ran.outcome.expect("every run ends");
     assert_eq!(outcome, Outcome::Deadlock);

@@ -3,17 +3,17 @@
 #![allow(clippy::print_stdout, reason = "the effort is shown with --nocapture")]
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
-use metamorph_protocol::coverage::Mark;
+use metamorph_protocol::coverage::CoveragePoint;
 use metamorph_protocol::cube::params::Connectivity;
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_tests::command::{root, run as metamorph};
-use metamorph_world_controller::experiments::explore::draft::Draft;
 use metamorph_world_controller::experiments::explore::draw::draw;
+use metamorph_world_controller::experiments::explore::generated_scenario::GeneratedScenario;
 use metamorph_world_controller::experiments::explore::verdict::{Failure, Kind, Verdict};
 use metamorph_world_controller::experiments::explore::{Ran, make_small, run};
 use metamorph_world_controller::family::Family;
 use metamorph_world_controller::family::cube::CubeFamily;
-use metamorph_world_controller::family::cube::draft::CubeDraft;
+use metamorph_world_controller::family::cube::generated::GeneratedCubes;
 use metamorph_world_controller::family::metamodule::MetamoduleFamily;
 use metamorph_world_controller::family::read_file;
 use metamorph_world_controller::scenario::{LinkKind, Overrides};
@@ -27,8 +27,8 @@ const METAMODULE: &dyn Family = &MetamoduleFamily;
 
 /// Returns how a scenario fails with a defect and passes without it, if it does: where no invariant breaks
 /// but the goal is not built, the sound protocol builds it.
-fn fails_by(defect: Sabotage, draft: &Draft) -> Option<Kind> {
-    let judged = |sabotage| run(&draft.plan("drawn.toml", sabotage).ok()?, &|| false).map(|r| r.verdict);
+fn fails_by(defect: Defect, draft: &GeneratedScenario) -> Option<Kind> {
+    let judged = |defect| run(&draft.plan("drawn.toml", defect).ok()?, &|| false).map(|r| r.verdict);
     let Verdict::Failed(Failure { kind, .. }) = judged(Some(defect))? else { return None };
     let by_defect = match judged(None)? {
         Verdict::Built => true,
@@ -41,7 +41,7 @@ fn fails_by(defect: Sabotage, draft: &Draft) -> Option<Kind> {
 /// Explores with a defect until it is found, within a number of runs, and shrinks the failure until it is
 /// small enough to be read. Explores from seed 1 on, or from a later one where the first failure takes
 /// minutes to shrink.
-fn is_found(defect: Sabotage, family: &'static dyn Family, within: u64, from: u64) {
+fn is_found(defect: Defect, family: &'static dyn Family, within: u64, from: u64) {
     let found = (1..=within).find_map(|run| {
         let (draft, _) = draw(from + run - 1, Some(family));
         fails_by(defect, &draft).map(|kind| (run, draft, kind))
@@ -67,13 +67,13 @@ macro_rules! known_defects {
         $(#[$how])?
         fn $name() {
             let from = [$($from,)? 1][0];
-            is_found(Sabotage::$defect, $family, $within, from);
+            is_found(Defect::$defect, $family, $within, from);
         })*
 
         /// Every defect has a test.
         #[test]
         fn every_known_defect_has_a_test() {
-            assert_eq!([$(Sabotage::$defect),*], Sabotage::ALL);
+            assert_eq!([$(Defect::$defect),*], Defect::ALL);
         }
     };
 }
@@ -110,7 +110,7 @@ fn the_published_gradient_is_found_too() {
     let torn = (1..=500).find(|seed| {
         let (mut draft, _) = draw(*seed, Some(CUBE));
         let swarm: &mut dyn Any = &mut *draft.swarm;
-        swarm.downcast_mut::<CubeDraft>().expect("cubes").connectivity = Connectivity::Gradient;
+        swarm.downcast_mut::<GeneratedCubes>().expect("cubes").connectivity = Connectivity::Gradient;
         let verdict = run(&draft.plan("drawn.toml", None).unwrap(), &|| false).unwrap().verdict;
         matches!(verdict, Verdict::Failed(f) if f.kind == Kind::Unsafe("body-connected".into()))
     });
@@ -121,7 +121,7 @@ fn the_published_gradient_is_found_too() {
 /// Simulates a scenario file.
 fn simulated(path: &Path) -> Ran {
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
-    let plan = read_file(path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
+    let plan = read_file(path, &overrides).unwrap_or_else(|diagnostics| panic!("{diagnostics}"));
     run(&plan, &|| false).unwrap()
 }
 
@@ -133,8 +133,8 @@ fn metamodules_at_a_standstill_are_coordinated() {
     {
         let ran = simulated(&root().join(format!("tests/corpus/{file}.toml")));
         assert!(!matches!(ran.verdict, Verdict::Failed(_)), "{file}: {:?}", ran.verdict);
-        assert!(ran.marks.has(Mark::MetaLed) && ran.marks.has(Mark::MetaCalled), "{file}");
-        assert_eq!(ran.marks.has(Mark::MetaByLuck), by_random_walk, "{file}");
+        assert!(ran.marks.has(CoveragePoint::MetaLed) && ran.marks.has(CoveragePoint::MetaCalled), "{file}");
+        assert_eq!(ran.marks.has(CoveragePoint::MetaByLuck), by_random_walk, "{file}");
     }
 }
 

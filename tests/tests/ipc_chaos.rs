@@ -11,7 +11,7 @@ use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
@@ -125,7 +125,7 @@ fn foreign_frames_are_counted_and_change_nothing() {
     .iter()
     .map(|h| SharedFrame::new(&Frame::seal(*h, &message), Time::ZERO))
     .collect();
-    let mut random = Stream::named(1, "garbage", 0);
+    let mut random = Rng::named(1, "garbage", 0);
     frames.extend((0..40).map(|_| SharedFrame::from_bytes(std::array::from_fn(|_| random.next_u64() as u8))));
     for frame in &frames {
         wait_until("room in the inbox", || {
@@ -286,7 +286,7 @@ fn a_shutdown_ends_a_swarm_that_is_not_done() {
 /// Runs a long series of kills, restarts, pauses and changes of contacts under traffic: all live modules go
 /// on, and the counts are balanced.
 fn storm(count: u32, rounds: u32, seed: u64) -> ProcessBed {
-    let mut random = Stream::named(seed, "storm", 0);
+    let mut random = Rng::named(seed, "storm", 0);
     let chat = ProbeOrder::Chat(metamorph_protocol::time::Span::millis(3));
     let mut script = Script::new(count);
     for id in 0..count {

@@ -73,7 +73,7 @@ fn a_clock_that_is_too_fast_is_slowed() {
 }
 
 /// Over two hundred cubes; ten are killed, and five stopped for a while. The ten die in reserve: a module that dies
-/// inside a solid goal holds its growth up for `relax`, 250 move times, with 9 % of seeds in simulation as well.
+/// inside a solid goal holds its growth up for `out_of_turn_after`, 250 move times, with 9 % of seeds in simulation as well.
 #[test]
 fn two_hundred_cubes_build_although_some_are_killed_and_some_stopped() {
     let at = |s: u64| Time(s * 1_000_000_000);

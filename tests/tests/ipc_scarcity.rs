@@ -11,7 +11,7 @@ use metamorph_module_agent::transport::iceoryx::rendezvous::Rendezvous;
 use metamorph_module_agent::transport::shared_frame::SharedFrame;
 use metamorph_module_agent::transport::{Link, SendStatus};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{Ran, command, metamorph, module_agent, root, run, scenario};
 use metamorph_world_controller::console::format::many;
@@ -277,7 +277,7 @@ fn a_foreign_process_that_fills_an_inbox_changes_nothing() {
     });
     let mut outbox = outbox.expect("it was just there");
     signal_to(victim.pid, Signal::STOP);
-    let mut random = Stream::named(1, "garbage", 0);
+    let mut random = Rng::named(1, "garbage", 0);
     let mut written = 0;
     wait_until("the inbox to be full", || {
         let handed = (0..100)

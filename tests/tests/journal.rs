@@ -5,11 +5,11 @@
 use metamorph_module_agent::journal_file::{Head, Reader, Writer};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Sink;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_tests::command::{Ran, run, run_processes, scenario};
 use metamorph_world_controller::console::format::digits;
 use metamorph_world_controller::family::replay;
-use metamorph_world_controller::record::journal::{Event, Journal, Record, Taken, Who, parts_of};
+use metamorph_world_controller::record::journal::{Consumed, Event, Journal, Record, Who, parts_of};
 use metamorph_world_controller::run::replay::{Replayed, Request, text};
 use std::path::Path;
 
@@ -74,7 +74,7 @@ fn a_simulated_run_is_the_same_with_a_journal_and_in_its_replay() {
 
 /// Returns faults of all kinds that processes have, at times drawn from the seed.
 fn broken(seed: u64) -> Vec<String> {
-    let mut random = Stream::named(seed, "journal faults", 0);
+    let mut random = Rng::named(seed, "journal faults", 0);
     let mut ms = |least: u64, span: u64| least + random.below(span);
     let (kill, pause, restart) = (ms(1_000, 9_000), ms(1_000, 9_000), ms(1_000, 9_000));
     let until = pause + ms(500, 8_000);
@@ -151,7 +151,7 @@ fn a_changed_journal_is_found_out() {
         let fits = |r: &Record| (r.who == victim || r.who == Who::Controller) && what(&r.event);
         records.len() / 4 + records[records.len() / 4..].iter().position(fits).expect("there is one")
     };
-    let heard = |e: &Event| matches!(e, Event::Step(s) if matches!(s.input, Taken::Message { .. }));
+    let heard = |e: &Event| matches!(e, Event::Step(s) if matches!(s.input, Consumed::Message { .. }));
     let at = |i: usize, edit: &dyn Fn(&mut Event)| {
         let mut records = records.clone();
         edit(&mut records[i].event);
@@ -170,7 +170,7 @@ fn a_changed_journal_is_found_out() {
     // A message that was never sent.
     let found = at(i, &|e| {
         if let Event::Step(step) = e
-            && let Taken::Message { name, .. } = &mut step.input
+            && let Consumed::Message { name, .. } = &mut step.input
         {
             name.number += 100_000;
         }
@@ -180,7 +180,7 @@ fn a_changed_journal_is_found_out() {
     // A message with another content.
     let found = at(i, &|e| {
         if let Event::Step(step) = e
-            && let Taken::Message { message, .. } = &mut step.input
+            && let Consumed::Message { message, .. } = &mut step.input
         {
             message.bytes[0] ^= 1;
         }
@@ -261,7 +261,7 @@ fn a_journal_contains_all_that_a_viewer_needs() {
     let count = |what: &dyn Fn(&Event) -> bool| records.iter().filter(|r| what(&r.event)).count();
     assert_eq!(count(&|e| matches!(e, Event::Start { .. })), 42);
     assert!(count(&|e| matches!(e, Event::Advance { ended } if !ended.is_empty())) > 10);
-    assert_eq!(count(&|e| matches!(e, Event::Struck { fault, .. } if fault == "kill 3")), 1);
+    assert_eq!(count(&|e| matches!(e, Event::Injected { fault, .. } if fault == "kill 3")), 1);
     let finals = count(&|e| matches!(e, Event::State(s) if s.role == "final" && s.level == Some(0)));
     assert!(finals > 10);
     assert!(count(&|e| matches!(e, Event::State(s) if s.gradient.is_some())) > 10);

@@ -54,7 +54,9 @@ fn split(journal: &Path, file: &Path) -> PathBuf {
         let part = parts.entry(record.who).or_insert_with(|| {
             let (path, head) = match record.who {
                 Who::Controller => (controller_part(&dir), head.clone()),
-                Who::Agent(id, life) => (agent_part(&dir, id, life), Head::Part { run, id, life }),
+                Who::Agent(id, life) => {
+                    (agent_part(&dir, id, life), Head::Part { run, id, incarnation: life })
+                }
             };
             Writer::create(&path, &head).unwrap()
         });
@@ -167,7 +169,7 @@ fn damaged_missing_and_foreign_parts_are_errors() {
     });
     tampered("this is a part of run ", &|parts| {
         let new = agent_part(parts, ModuleId(7), Incarnation(1));
-        let head = Head::Part { run: RunId([1; 16]), id: ModuleId(7), life: Incarnation(1) };
+        let head = Head::Part { run: RunId([1; 16]), id: ModuleId(7), incarnation: Incarnation(1) };
         drop(Writer::create(&new, &head).unwrap());
         new
     });

@@ -4,7 +4,7 @@
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::cube::params::Connectivity;
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
@@ -15,7 +15,7 @@ use metamorph_protocol::wire::Never;
 use metamorph_sim_bridge::cube::invariants::{
     BODY_CONNECTED, FIELD_LOOP_FREE, MOVER_HAS_NO_DEPENDANTS, MOVER_SUPPORTED,
 };
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
 use metamorph_sim_bridge::testing::flood::Hops;
@@ -41,8 +41,8 @@ fn breaks(invariant: Invariant, seeds: u64, vary: impl Fn(Experiment) -> Experim
     panic!("{invariant} did not break within {seeds} seeds; the last run: {seen:?}");
 }
 
-fn sabotage(mut experiment: Experiment, defect: Sabotage) -> Experiment {
-    experiment.setup.params.sabotage = Some(defect);
+fn defect(mut experiment: Experiment, defect: Defect) -> Experiment {
+    experiment.setup.params.defect = Some(defect);
     experiment
 }
 
@@ -65,22 +65,22 @@ fn without_sessions_late_messages_are_accepted() {
 
 #[test]
 fn without_a_deadline_a_stopped_module_moves_too_late() {
-    breaks(MOVE_WITHIN_LEASE, 6, |e| sabotage(e.pauses(Span::secs(60)), Sabotage::NoDeadline));
+    breaks(MOVE_WITHIN_LEASE, 6, |e| defect(e.pauses(Span::secs(60)), Defect::NoDeadline));
 }
 
 #[test]
 fn forgetting_silent_children_lets_parents_leave() {
-    breaks(MOVER_HAS_NO_DEPENDANTS, 6, |e| sabotage(e.pauses(Span::secs(300)), Sabotage::DropSilentChildren));
+    breaks(MOVER_HAS_NO_DEPENDANTS, 6, |e| defect(e.pauses(Span::secs(300)), Defect::DropSilentChildren));
 }
 
 #[test]
 fn leaving_in_spite_of_locks_is_found() {
-    breaks(MOVER_SUPPORTED, 6, |e| sabotage(e, Sabotage::IgnoreLocks));
+    breaks(MOVER_SUPPORTED, 6, |e| defect(e, Defect::IgnoreLocks));
 }
 
 #[test]
 fn accepting_old_distances_makes_circles() {
-    breaks(FIELD_LOOP_FREE, 3, |e| sabotage(e, Sabotage::AcceptStaleValues));
+    breaks(FIELD_LOOP_FREE, 3, |e| defect(e, Defect::AcceptStaleValues));
 }
 
 /// The rule that suffices for scaffolds walls in cells of a solid.
@@ -89,7 +89,7 @@ fn any_lower_neighbour_is_not_enough_for_solids() {
     let walled_in = (1..=3).any(|seed| {
         let mut experiment = Experiment::slab_to_sphere(20, seed);
         experiment.setup.goals = vec![ball(20, Growth::Solid)];
-        !sabotage(experiment, Sabotage::AnyLowerOnSolids).run().built()
+        !defect(experiment, Defect::AnyLowerOnSolids).run().built()
     });
     assert!(walled_in, "every solid was built by the wrong rule");
 }
@@ -130,7 +130,7 @@ impl Agent for Echo {
 /// A director that does nothing.
 struct Bystander;
 
-impl Direct<StillWorld<Echo>> for Bystander {
+impl DirectorPort<StillWorld<Echo>> for Bystander {
     fn report(&mut self, _: Time, _: ModuleId, _: Hops) {}
     fn died(&mut self, _: Time, _: ModuleId) {}
     fn started(&mut self, _: Time, _: ModuleId) {}

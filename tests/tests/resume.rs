@@ -2,7 +2,7 @@
 //! of both replays.
 #![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_tests::chaos::{signal_to, wait_until};
 use metamorph_tests::checked_run::geometry;
 use metamorph_tests::checker::check;
@@ -100,7 +100,7 @@ fn assert_one_run(journal: &Path, report: &Report, controllers: usize) {
 fn kill_and_resume(name: &str, most: u64, options: &[&str], seed: u64) -> bool {
     let dir = tempfile::tempdir().expect("a directory");
     let journal = dir.path().join("journal");
-    let mut random = Stream::named(seed, "when the controller is killed", 0);
+    let mut random = Rng::named(seed, "when the controller is killed", 0);
     let records = 200 + random.below(most) as usize;
     let number = seed.to_string();
     let mut victim = Victim::start(&journal, name, &[&["--seed", number.as_str()], options].concat());
@@ -124,7 +124,7 @@ fn a_swarm_is_built_although_its_controller_is_killed() {
 
 #[test]
 fn metamodules_build_although_their_controller_is_killed() {
-    let options = ["--time-scale", "20", "--set", "protocol.teller=neighbours"];
+    let options = ["--time-scale", "20", "--set", "protocol.seed_authority=neighbours"];
     assert!(kill_and_resume("box.toml", 200, &options, 3));
 }
 

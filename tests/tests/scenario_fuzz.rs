@@ -15,9 +15,9 @@ fn sim() -> Overrides {
 
 /// Reads a scenario, and checks that a refusal can be shown.
 fn survives(text: &str, overrides: &Overrides) {
-    if let Err(problems) = read_text("fuzz.toml", text, overrides) {
-        assert!(!problems.list().is_empty());
-        let shown = problems.to_string();
+    if let Err(diagnostics) = read_text("fuzz.toml", text, overrides) {
+        assert!(!diagnostics.list().is_empty());
+        let shown = diagnostics.to_string();
         assert!(shown.contains("fix: "), "{shown}");
     }
 }
@@ -90,7 +90,7 @@ count = 3
 start = [{ at = [1, 2], class = 3 }, { at = [8, 2] }, { at = [9, 9], class = 1 }]
 floor = { min = [-1, 0], max = [12, 11] }
 turn_time = "1s"
-hearing = 10
+communication_range = 10
 failed_connections = "5%"
 [[goal]]
 name = "one"
@@ -106,7 +106,7 @@ levels = [[{ foot = [2, 8], directions = ["up", "up", "up"] }]]
 order = "at-once"
 [protocol]
 strategy = "negotiated"
-teller = "neighbours"
+seed_authority = "neighbours"
 relocate = true
 [link]
 delay = "10ms..100ms"
@@ -143,7 +143,7 @@ fn shipped_scenarios_are_valid_on_both_links() {
     for path in scenarios() {
         for link in [LinkKind::Sim, LinkKind::Ipc] {
             let overrides = Overrides { link, ..Overrides::default() };
-            let plan = read_file(&path, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
+            let plan = read_file(&path, &overrides).unwrap_or_else(|diagnostics| panic!("{diagnostics}"));
             let largest = match plan.swarm.of::<Cubes>() {
                 Some(cubes) => cubes.setup.goals.iter().map(|goal| goal.len()).max(),
                 None => {
@@ -165,7 +165,7 @@ fn the_scenarios_of_the_readme_are_valid() {
     let blocks: Vec<&str> = blocks.collect();
     assert_eq!(blocks.len(), 2, "one of each family");
     for text in blocks {
-        read_text("README.md", text, &sim()).unwrap_or_else(|problems| panic!("{problems}"));
+        read_text("README.md", text, &sim()).unwrap_or_else(|diagnostics| panic!("{diagnostics}"));
     }
 }
 
@@ -301,7 +301,7 @@ fn bytes_that_are_not_text_are_refused() {
     let path = directory.path().join("bytes.toml");
     for bytes in [&[0xFFu8, 0xFE, 0x00][..], &[0xC3, 0x28], &[0x80; 100]] {
         fs::write(&path, bytes).unwrap();
-        let problems = read_file(&path, &sim()).unwrap_err();
-        assert!(problems.to_string().contains("not UTF-8"), "{problems}");
+        let diagnostics = read_file(&path, &sim()).unwrap_err();
+        assert!(diagnostics.to_string().contains("not UTF-8"), "{diagnostics}");
     }
 }

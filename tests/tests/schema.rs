@@ -9,7 +9,7 @@ use metamorph_tests::command::{run, scenario, scenarios};
 use metamorph_world_controller::cli::args::CommandLine;
 use metamorph_world_controller::family::families;
 use metamorph_world_controller::family::read_text;
-use metamorph_world_controller::scenario::flaw::Flaw;
+use metamorph_world_controller::scenario::error::ScenarioError;
 use metamorph_world_controller::scenario::schema::schema;
 use metamorph_world_controller::scenario::settings::Setting;
 use metamorph_world_controller::scenario::{LinkKind, Overrides};
@@ -88,7 +88,7 @@ count = 4
 start = [{ at = [1, 2], class = 3 }, { at = [8, 2] }, { at = [9, 9], class = 1 }, { at = [3, 9] }]
 floor = { min = [-1, 0], max = [12, 11] }
 turn_time = "1s"
-hearing = 10
+communication_range = 10
 failed_connections = "5%"
 [[goal]]
 name = "one"
@@ -102,7 +102,7 @@ strategy = "slope"
 precedence = { within = 4, by = "id" }
 settled_repel = false
 repulsion = { strength = 500, decay = 100, range = 3 }
-teller = "neighbours"
+seed_authority = "neighbours"
 relocate = true
 [[fault]]
 obstacle = [4, 4, 0]
@@ -121,9 +121,11 @@ fn origin() -> String {
 }
 
 /// Returns the errors of the reader for a text with a value put into it.
-fn flaws(text: &str, setting: &str) -> Vec<Flaw> {
+fn flaws(text: &str, setting: &str) -> Vec<ScenarioError> {
     let read = read_text(&origin(), text, &overrides(setting));
-    read.err().map_or_else(Vec::new, |problems| problems.list().iter().map(|p| p.flaw.clone()).collect())
+    read.err().map_or_else(Vec::new, |diagnostics| {
+        diagnostics.list().iter().map(|p| p.scenario_error.clone()).collect()
+    })
 }
 
 /// Converts TOML to the same values in JSON, with a value put into it.
@@ -207,8 +209,8 @@ fn the_reader_and_the_schema_know_the_same_keys() {
         described.insert(definition);
         let key = format!("{table}zzz");
         let flaws = flaws(text, &format!("{key}=1"));
-        let known = flaws.iter().find_map(|flaw| match flaw {
-            Flaw::UnknownKey { key, known, .. } if key == "zzz" => Some(known),
+        let known = flaws.iter().find_map(|scenario_error| match scenario_error {
+            ScenarioError::UnknownKey { key, known, .. } if key == "zzz" => Some(known),
             _ => None,
         });
         let known: BTreeSet<&str> = known
@@ -244,13 +246,13 @@ fn the_reader_and_the_schema_know_the_same_names() {
         (METAMODULES, "goal.0.order", Some("metamoduleGoal/properties/order")),
         (METAMODULES, "goal.0.levels.0.0.directions.0", Some("seed/properties/directions/items")),
         (METAMODULES, "protocol.strategy", Some("metamoduleProtocol/properties/strategy")),
-        (METAMODULES, "protocol.teller", Some("metamoduleProtocol/properties/teller")),
+        (METAMODULES, "protocol.seed_authority", Some("metamoduleProtocol/properties/seed_authority")),
         (METAMODULES, "protocol.precedence.by", Some("precedence/properties/by")),
     ];
     for (text, key, place) in names {
         let flaws = flaws(text, &format!("{key}=zzz"));
-        let known = flaws.iter().find_map(|flaw| match flaw {
-            Flaw::Name { got, known, .. } if got == "zzz" => Some(known.iter().copied().collect()),
+        let known = flaws.iter().find_map(|scenario_error| match scenario_error {
+            ScenarioError::Name { got, known, .. } if got == "zzz" => Some(known.iter().copied().collect()),
             _ => None,
         });
         let known: BTreeSet<&str> = known.unwrap_or_else(|| panic!("the reader takes {key}: {flaws:?}"));

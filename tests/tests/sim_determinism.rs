@@ -1,6 +1,6 @@
 //! Determinism is a contract: same experiment and seed, same events and same final states.
 
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::time::Time;
 use metamorph_tests::growth::Experiment;
 
@@ -36,10 +36,10 @@ fn golden_state() {
 fn contents_are_told_apart_where_events_are_not() {
     let begun = |defect| {
         let mut experiment = Experiment::slab_to_sphere(8, 1);
-        experiment.setup.params.sabotage = defect;
+        experiment.setup.params.defect = defect;
         experiment.sim()
     };
-    let (mut sound, mut broken) = (begun(None), begun(Some(Sabotage::ShortLease)));
+    let (mut sound, mut broken) = (begun(None), begun(Some(Defect::ShortLease)));
     let mut told = (0..200).map(|i| {
         [&mut sound, &mut broken].map(|sim| {
             sim.run_until(Time(i * 100_000_000));

@@ -5,7 +5,7 @@ use metamorph_protocol::cube::params::Params;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::cube::reasons::PINNED;
 use metamorph_sim_bridge::director::faults::Fault;
@@ -53,10 +53,10 @@ const FURTHER: [Variation; 7] = [
 /// Dead and stuck modules in the way of the field and of each other: no invariant breaks, but some runs come
 /// to a standstill although an omniscient planner would find a plan.
 const HARSH: [Variation; 1] = [("5% stuck joints, 5% crashes, 10% loss", |mut e| {
-    let mut stream = Stream::named(e.seed, "stuck", 0);
+    let mut rng = Rng::named(e.seed, "stuck", 0);
     let count = e.start.len() as u64;
     for _ in 0..count / 20 {
-        e.faults.push((Time(1), Fault::Stick(ModuleId(stream.below(count) as u32))));
+        e.faults.push((Time(1), Fault::Stick(ModuleId(rng.below(count) as u32))));
     }
     e.crashes(5).loss("10%")
 })];

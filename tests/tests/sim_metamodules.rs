@@ -157,7 +157,7 @@ fn variations_vary() {
         let plain = of("plain", seed).run().0;
         assert_eq!((plain.struck.len(), plain.deeds.failed, plain.shift), (0, 0, (0, 0)));
         let hindered = of("passing-obstacles", seed).run().0;
-        let came = |s: &&metamorph_sim_bridge::director::faults::Struck| {
+        let came = |s: &&metamorph_sim_bridge::director::faults::FaultRecord| {
             matches!(s.fault, Fault::Block(_)) && s.effect.ends_with("the cell was free")
         };
         assert!(hindered.struck.iter().filter(came).count() >= 3, "{:?}", hindered.struck);

@@ -26,7 +26,7 @@ fn run(text: &str, delay: &str, loss: &str, seed: u64) -> Report {
         loss: Some(loss.to_owned()),
         ..Overrides::default()
     };
-    let plan = read_text("slow.toml", text, &overrides).unwrap_or_else(|problems| panic!("{problems}"));
+    let plan = read_text("slow.toml", text, &overrides).unwrap_or_else(|diagnostics| panic!("{diagnostics}"));
     simulate(&plan, Stopwatch::start(), &mut |_, _| true).0
 }
 

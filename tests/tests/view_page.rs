@@ -4,7 +4,7 @@
 #![allow(clippy::print_stdout, reason = "says why something is skipped")]
 
 use metamorph_protocol::metamodule::Metamodule;
-use metamorph_protocol::metamodule::message::{Action, Deed};
+use metamorph_protocol::metamodule::message::{Action, BodyAction};
 use metamorph_protocol::time::Time;
 use metamorph_tests::browser::{Browser, find};
 use metamorph_tests::command::{command, run, scenario};
@@ -74,11 +74,11 @@ impl View {
 
     /// Returns the answer to a raw request.
     fn raw(&self, request: &str) -> (u16, String) {
-        let mut stream = TcpStream::connect(self.parts().0).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
-        stream.write_all(request.as_bytes()).unwrap();
+        let mut rng = TcpStream::connect(self.parts().0).unwrap();
+        rng.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        rng.write_all(request.as_bytes()).unwrap();
         let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
+        rng.read_to_string(&mut answer).unwrap();
         let status = answer.split(' ').nth(1).and_then(|code| code.parse().ok());
         (status.unwrap_or_else(|| panic!("no HTTP: {answer}")), answer)
     }
@@ -172,23 +172,23 @@ fn the_server_survives_invalid_requests() {
     let view = View::of("chair.toml", &[]);
     let (host, root) = view.parts();
     let connect = || {
-        let stream = TcpStream::connect(host).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
-        stream
+        let rng = TcpStream::connect(host).unwrap();
+        rng.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        rng
     };
     // The server closes them all.
-    let closed = |mut stream: TcpStream, about: &str| {
-        let ended = stream.read_to_end(&mut Vec::new()).map_err(|error| error.kind());
+    let closed = |mut rng: TcpStream, about: &str| {
+        let ended = rng.read_to_end(&mut Vec::new()).map_err(|error| error.kind());
         assert!(!matches!(ended, Err(ErrorKind::WouldBlock | ErrorKind::TimedOut)), "{about} is still open");
     };
     let unfinished: Vec<TcpStream> = (0..400)
         .map(|_| {
-            let mut stream = connect();
-            stream.write_all(format!("GET {root} HTTP/1.1\r\nHost: {host}\r\nX-Slow: ").as_bytes()).unwrap();
-            stream
+            let mut rng = connect();
+            rng.write_all(format!("GET {root} HTTP/1.1\r\nHost: {host}\r\nX-Slow: ").as_bytes()).unwrap();
+            rng
         })
         .collect();
-    unfinished.into_iter().for_each(|stream| closed(stream, "an unfinished request"));
+    unfinished.into_iter().for_each(|rng| closed(rng, "an unfinished request"));
     let start = format!("GET {root}scene HTTP/1.1\r\nHost: {host}\r\n");
     let requests: Vec<Vec<u8>> = vec![
         Vec::new(),
@@ -214,10 +214,10 @@ fn the_server_survives_invalid_requests() {
         format!("{start}\r\n").repeat(200).into(),
     ];
     for request in &requests {
-        let mut stream = connect();
+        let mut rng = connect();
         // The server may have closed it before all of it was read.
-        let _ = stream.write_all(request).and_then(|()| stream.shutdown(Shutdown::Write));
-        closed(stream, &String::from_utf8_lossy(&request[..request.len().min(80)]));
+        let _ = rng.write_all(request).and_then(|()| rng.shutdown(Shutdown::Write));
+        closed(rng, &String::from_utf8_lossy(&request[..request.len().min(80)]));
     }
     let (status, answer) = view.get(&format!("{root}scene"), "");
     assert!(status == 200 && answer.contains("\"classes\""), "{answer}");
@@ -401,7 +401,7 @@ fn parts_move_on_the_page_as_they_do_in_the_program() {
     close(&browser.evaluate("window.page.story.modules[1].first.poses"), &rest, "at the start");
     let mut turned = 0;
     for number in 0..setup.motions.table().steps().len() as u16 {
-        let action = Action { deed: Deed::Turn(number), not_after: Time::ZERO };
+        let action = Action { deed: BodyAction::Turn(number), not_after: Time::ZERO };
         let Some((motion, _)) = Metamodule::motion(setup, place, &action) else { continue };
         turned += 1;
         for fraction in [0.0, 0.2, 0.5, 0.9, 1.0] {

@@ -6,7 +6,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Never;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
 
 /// The last report of each module, and the result.
@@ -33,7 +33,7 @@ impl Election {
     }
 }
 
-impl Direct<StillWorld<Leader>> for Election {
+impl DirectorPort<StillWorld<Leader>> for Election {
     fn report(&mut self, now: Time, id: ModuleId, Lowest(lowest): Lowest) {
         self.heard[id.index()] = Some(lowest);
         // All modules can agree only on the one with the lowest number of all.

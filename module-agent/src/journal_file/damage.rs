@@ -45,19 +45,19 @@ impl JournalError {
 
 /// A place in a journal where it does not hold what its writer wrote. No killed writer leaves this behind.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("{}: the journal is damaged at byte {at}: {flaw}\n  fix: {}", .path.display(), .flaw.fix())]
+#[error("{}: the journal is damaged at byte {at}: {kind}\n  fix: {}", .path.display(), .kind.fix())]
 pub struct Damage {
     /// The file.
     pub path: PathBuf,
     /// The first byte of what is wrong.
     pub at: u64,
     /// What is wrong.
-    pub flaw: Flaw,
+    pub kind: DamageKind,
 }
 
 /// What is wrong with a damaged journal.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum Flaw {
+pub enum DamageKind {
     /// Bytes were changed.
     #[error("a frame was changed: its check sum does not match")]
     Changed,
@@ -84,33 +84,35 @@ pub enum Flaw {
         found: RunId,
     },
     /// A part under the name of another.
-    #[error("this is the part of module {id} in life {life}, under the name of another part")]
+    #[error("this is the part of module {id} in life {incarnation}, under the name of another part")]
     OtherPart {
         /// The module.
         id: ModuleId,
         /// Its life.
-        life: Incarnation,
+        incarnation: Incarnation,
     },
     /// A part is missing, or empty.
-    #[error("the part of module {id} in life {life}, which the controller started, is missing")]
+    #[error("the part of module {id} in life {incarnation}, which the controller started, is missing")]
     MissingPart {
         /// The module.
         id: ModuleId,
         /// Its life.
-        life: Incarnation,
+        incarnation: Incarnation,
     },
 }
 
-impl Flaw {
+impl DamageKind {
     fn fix(&self) -> &'static str {
         match self {
-            Flaw::Changed | Flaw::Order | Flaw::Content(_) | Flaw::Unreadable(_) => {
+            DamageKind::Changed | DamageKind::Order | DamageKind::Content(_) | DamageKind::Unreadable(_) => {
                 "use an undamaged copy; `metamorph view` shows what comes before the damage"
             }
-            Flaw::NoPart | Flaw::OtherRun { .. } | Flaw::OtherPart { .. } => {
+            DamageKind::NoPart | DamageKind::OtherRun { .. } | DamageKind::OtherPart { .. } => {
                 "take the file out of the directory, and put the right one in its place"
             }
-            Flaw::MissingPart { .. } => "put the file back; without it the run cannot be carried out again",
+            DamageKind::MissingPart { .. } => {
+                "put the file back; without it the run cannot be carried out again"
+            }
         }
     }
 }

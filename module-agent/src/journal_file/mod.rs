@@ -12,7 +12,7 @@
 mod damage;
 mod frame;
 
-pub use damage::{Damage, Flaw, JournalError, Torn};
+pub use damage::{Damage, DamageKind, JournalError, Torn};
 
 use bincode::config::standard;
 use frame::{HEADER, Header};
@@ -94,7 +94,7 @@ pub enum Head {
         /// Which module.
         id: ModuleId,
         /// Which life of it.
-        life: Incarnation,
+        incarnation: Incarnation,
     },
 }
 
@@ -137,8 +137,8 @@ pub fn controller_part(parts: &Path) -> PathBuf {
     parts.join("controller")
 }
 /// The file that the part of one life of an agent is written to.
-pub fn agent_part(parts: &Path, id: ModuleId, life: Incarnation) -> PathBuf {
-    parts.join(format!("{id}.{life}"))
+pub fn agent_part(parts: &Path, id: ModuleId, incarnation: Incarnation) -> PathBuf {
+    parts.join(format!("{id}.{incarnation}"))
 }
 
 /// The end of what is whole of a file, from which a writer can go on.
@@ -274,12 +274,12 @@ enum Stop {
     /// The writer was killed.
     Torn,
     /// Something is wrong.
-    Damaged(Flaw),
+    Damaged(DamageKind),
 }
 
 impl From<io::Error> for Stop {
     fn from(error: io::Error) -> Stop {
-        Stop::Damaged(Flaw::Unreadable(error.to_string()))
+        Stop::Damaged(DamageKind::Unreadable(error.to_string()))
     }
 }
 
@@ -315,11 +315,11 @@ impl Reader {
             return Err(JournalError::Version(path.to_owned(), version));
         }
         let mut end = End { bytes: START as u64, sum: crc32fast::hash(&start) };
-        let damage = |flaw| Damage { path: path.to_owned(), at: START as u64, flaw };
+        let damage = |kind| Damage { path: path.to_owned(), at: START as u64, kind };
         let head = match next_frame(&mut file, size, &mut end, LONGEST_HEAD) {
-            Ok(Some(content)) => decode(&content).map_err(|why| damage(Flaw::Content(why)))?,
+            Ok(Some(content)) => decode(&content).map_err(|why| damage(DamageKind::Content(why)))?,
             Ok(None) | Err(Stop::Torn) => return Err(JournalError::NoHead(path.to_owned())),
-            Err(Stop::Damaged(flaw)) => return Err(damage(flaw).into()),
+            Err(Stop::Damaged(kind)) => return Err(damage(kind).into()),
         };
         Ok(Reader { file, path: path.to_owned(), head, size, end, torn: None, over: false })
     }
@@ -350,11 +350,11 @@ impl Iterator for Reader {
             return None;
         }
         let at = self.end.bytes;
-        let damage = |flaw| Some(Err(Damage { path: self.path.clone(), at, flaw }));
+        let damage = |kind| Some(Err(Damage { path: self.path.clone(), at, kind }));
         let next = match next_frame(&mut self.file, self.size, &mut self.end, LONGEST) {
             Ok(Some(content)) => match decode(&content) {
                 Ok(record) => return Some(Ok(record)),
-                Err(why) => damage(Flaw::Content(why)),
+                Err(why) => damage(DamageKind::Content(why)),
             },
             Ok(None) => None,
             Err(Stop::Torn) => {
@@ -362,7 +362,7 @@ impl Iterator for Reader {
                 self.torn = Some(Torn { path: self.path.clone(), whole: at, cut });
                 None
             }
-            Err(Stop::Damaged(flaw)) => damage(flaw),
+            Err(Stop::Damaged(kind)) => damage(kind),
         };
         self.over = true;
         next
@@ -391,10 +391,10 @@ fn next_frame(
     let mut content = vec![0; header.length];
     file.read_exact(&mut content)?;
     if !header.fits(&content) {
-        return Err(Stop::Damaged(Flaw::Changed));
+        return Err(Stop::Damaged(DamageKind::Changed));
     }
     if header.previous != end.sum {
-        return Err(Stop::Damaged(Flaw::Order));
+        return Err(Stop::Damaged(DamageKind::Order));
     }
     *end = End { bytes: end.bytes + (HEADER + header.length) as u64, sum: header.sum };
     Ok(Some(content))
@@ -410,7 +410,7 @@ fn broken(file: &mut BufReader<File>, at: u64, left: usize, longest: usize) -> i
             return Ok(Stop::Torn);
         }
     }
-    Ok(Stop::Damaged(Flaw::Changed))
+    Ok(Stop::Damaged(DamageKind::Changed))
 }
 
 #[cfg(test)]
@@ -421,7 +421,7 @@ mod tests {
     use std::fs;
 
     fn head() -> Head {
-        Head::Part { run: RunId([7; 16]), id: ModuleId(3), life: Incarnation(1) }
+        Head::Part { run: RunId([7; 16]), id: ModuleId(3), incarnation: Incarnation(1) }
     }
     fn record(n: u64) -> Record {
         let event = Event::Violated { invariant: "x".into(), what: "y".repeat(n as usize % 50) };
@@ -525,10 +525,10 @@ mod tests {
     }
 
     /// The first damage of a file, after records that are all as they were written.
-    fn damage(path: &Path) -> Option<(u64, Flaw)> {
+    fn damage(path: &Path) -> Option<(u64, DamageKind)> {
         let reader = match Reader::open(path) {
             Ok(reader) => reader,
-            Err(JournalError::Damaged(damage)) => return Some((damage.at, damage.flaw)),
+            Err(JournalError::Damaged(damage)) => return Some((damage.at, damage.kind)),
             Err(_) => return None,
         };
         for (n, got) in reader.enumerate() {
@@ -536,7 +536,7 @@ mod tests {
                 Ok(got) => assert_eq!(got, record(n as u64)),
                 Err(damage) => {
                     assert!(damage.to_string().contains("damaged at byte"), "{damage}");
-                    return Some((damage.at, damage.flaw));
+                    return Some((damage.at, damage.kind));
                 }
             }
         }
@@ -567,7 +567,7 @@ mod tests {
                 let mut bytes = good.clone();
                 bytes[bit / 8] ^= 1 << (bit % 8);
                 fs::write(&path, bytes).unwrap();
-                assert_eq!(damage(&path), Some((frame.start as u64, Flaw::Changed)), "bit {bit}");
+                assert_eq!(damage(&path), Some((frame.start as u64, DamageKind::Changed)), "bit {bit}");
             }
         }
     }
@@ -581,7 +581,7 @@ mod tests {
         let frames = frames(&good);
         let (before, a, b) = (&good[..frames[5].start], &good[frames[5].clone()], &good[frames[6].clone()]);
         let after = &good[frames[6].end..];
-        let other = Head::Part { run: RunId([8; 16]), id: ModuleId(3), life: Incarnation(1) };
+        let other = Head::Part { run: RunId([8; 16]), id: ModuleId(3), incarnation: Incarnation(1) };
         let mut writer = Writer::create(&path, &other).unwrap();
         (0..20).for_each(|n| writer.put(&record(n)));
         drop(writer);
@@ -595,7 +595,7 @@ mod tests {
             ([before, &foreign[frames[5].start..]].concat(), 5),
         ] {
             fs::write(&path, bytes).unwrap();
-            assert_eq!(damage(&path), Some((frames[at].start as u64, Flaw::Order)));
+            assert_eq!(damage(&path), Some((frames[at].start as u64, DamageKind::Order)));
         }
     }
 }

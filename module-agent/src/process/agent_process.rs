@@ -313,7 +313,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
                 return Ok(());
             }
             Received::Leave => {
-                self.push(&RuntimeMessage::Taken { expected: self.receiver.expected() });
+                self.push(&RuntimeMessage::Consumed { expected: self.receiver.expected() });
                 return Ok(());
             }
             Received::Input(input, heard) => self.hand_in(input, heard)?,

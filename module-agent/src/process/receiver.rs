@@ -148,7 +148,8 @@ impl Receiver {
             return Received::Nothing;
         };
         counters.tally[header.class].delivered += 1;
-        let name = MessageName { from: header.source, life: header.incarnation, number: header.sequence };
+        let name =
+            MessageName { from: header.source, incarnation: header.incarnation, number: header.sequence };
         Received::Input(Input::Message { port, message }, Some((name, header.class)))
     }
 

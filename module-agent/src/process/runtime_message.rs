@@ -61,7 +61,7 @@ pub enum RuntimeMessage<P> {
     /// has been taken. Neither authenticated nor in sequence.
     Leave,
     /// The answer: all before this sequence number.
-    Taken {
+    Consumed {
         /// The sequence number that the agent expects of the controller next.
         expected: u32,
     },
@@ -83,7 +83,7 @@ impl<P: Wire> Wire for RuntimeMessage<P> {
             RuntimeMessage::Return => 4,
             RuntimeMessage::Here { .. } => 5,
             RuntimeMessage::Leave => 6,
-            RuntimeMessage::Taken { .. } => 7,
+            RuntimeMessage::Consumed { .. } => 7,
             RuntimeMessage::Late(_) => 8,
             RuntimeMessage::Silent => 9,
             RuntimeMessage::End => 10,
@@ -117,7 +117,7 @@ impl<P: Wire> Wire for RuntimeMessage<P> {
                 out.u64(late.since.0);
                 out.u64(late.by.0);
             }
-            RuntimeMessage::Taken { expected } => out.u32(*expected),
+            RuntimeMessage::Consumed { expected } => out.u32(*expected),
             RuntimeMessage::Here { told, expected } => {
                 out.u32(*told);
                 out.u32(*expected);
@@ -150,7 +150,7 @@ impl<P: Wire> Wire for RuntimeMessage<P> {
             4 => Ok(RuntimeMessage::Return),
             5 => Ok(RuntimeMessage::Here { told: from.u32()?, expected: from.u32()? }),
             6 => Ok(RuntimeMessage::Leave),
-            7 => Ok(RuntimeMessage::Taken { expected: from.u32()? }),
+            7 => Ok(RuntimeMessage::Consumed { expected: from.u32()? }),
             8 => Ok(RuntimeMessage::Late(Late { since: Time(from.u64()?), by: Span(from.u64()?) })),
             9 => Ok(RuntimeMessage::Silent),
             10 => Ok(RuntimeMessage::End),
@@ -206,7 +206,7 @@ mod tests {
             (RuntimeMessage::Return, 4, &[]),
             (RuntimeMessage::Here { told: 0x0102, expected: 3 }, 5, &[2, 1, 0, 0, 3, 0, 0, 0]),
             (RuntimeMessage::Leave, 6, &[]),
-            (RuntimeMessage::Taken { expected: 0x0203 }, 7, &[3, 2, 0, 0]),
+            (RuntimeMessage::Consumed { expected: 0x0203 }, 7, &[3, 2, 0, 0]),
             (RuntimeMessage::Late(late), 8, &[2, 1, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0]),
             (RuntimeMessage::Silent, 9, &[]),
             (RuntimeMessage::End, 10, &[]),

@@ -162,6 +162,6 @@ fn register(args: &AgentArgs, member: Option<u128>) -> Result<(), AgentError> {
 
 /// Creates this incarnation's part of the journal.
 pub fn begin_journal(parts: &Parts, agent: AgentKey) -> Result<Writer, JournalError> {
-    let head = Head::Part { run: parts.run, id: agent.0, life: agent.1 };
+    let head = Head::Part { run: parts.run, id: agent.0, incarnation: agent.1 };
     Writer::create(&agent_part(&parts.dir, agent.0, agent.1), &head)
 }

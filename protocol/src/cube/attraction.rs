@@ -7,8 +7,8 @@
 
 use super::message::{Entry, Role};
 use super::view::View;
-use crate::coverage::{Mark, hit};
-use crate::defects::Sabotage;
+use crate::coverage::{CoveragePoint, hit};
+use crate::defects::Defect;
 use crate::digest::Portable;
 use crate::goal::Growth;
 use crate::lattice::Face;
@@ -112,8 +112,8 @@ impl Attraction {
     /// Delays starting cells out of turn, after a missed neighbour has spoken again. A cell that has long
     /// been unfilled may only have been out of reach of messages, and distances need time to come from there.
     pub fn wait_for_news(&mut self, v: View<'_>) {
-        hit(Mark::CubeWaitsForNews);
-        let earliest = v.now + v.params().hold - v.params().relax;
+        hit(CoveragePoint::CubeWaitsForNews);
+        let earliest = v.now + v.params().hold - v.params().out_of_turn_after;
         for since in self.unfilled_since.iter_mut().flatten() {
             *since = (*since).max(earliest);
         }
@@ -146,7 +146,7 @@ impl Attraction {
         }
         let is_next = masks.next & face.bit() != 0
             && (v.own.grows_as() == Growth::Scaffold
-                || v.has(Sabotage::AnyLowerOnSolids)
+                || v.has(Defect::AnyLowerOnSolids)
                 || lower_are_filled(v, face));
         if is_next {
             return Some(0);
@@ -156,10 +156,11 @@ impl Attraction {
         // A module already in that cell blocks no other cell any more.
         let is_taken = || v.peer(face).is_some_and(|b| b.role == Role::Reserve || b.immobile);
         let is_last_hope = || self.faces.iter().all(|f| f.value().distance >= far);
-        let is_due =
-            v.now.since(since) > v.params().relax && v.sides.missed() == 0 && (is_taken() || is_last_hope());
+        let is_due = v.now.since(since) > v.params().out_of_turn_after
+            && v.sides.missed() == 0
+            && (is_taken() || is_last_hope());
         is_due.then(|| {
-            hit(Mark::CubeRelaxed);
+            hit(CoveragePoint::CubeRelaxed);
             far
         })
     }
@@ -211,7 +212,7 @@ impl Attraction {
         let limits = Limits {
             hold: v.params().hold,
             range: v.params().range.min(Entry::MAX_MOVES) * Entry::MOVE,
-            accept_stale: v.has(Sabotage::AcceptStaleValues),
+            accept_stale: v.has(Defect::AcceptStaleValues),
         };
         self.faces[i].choose(v.now, limits, &offers[..n])
     }
@@ -335,7 +336,7 @@ pub(super) fn next_refresh(v: View<'_>) -> Time {
 fn may_be_own(v: View<'_>, entry: Entry) -> bool {
     v.own.restarted
         && entry.is_known()
-        && !v.has(Sabotage::AcceptStaleValues)
+        && !v.has(Defect::AcceptStaleValues)
         && !newer(entry.version, version_of(v, entry.source >> 3, v.own.settled))
 }
 
@@ -439,9 +440,9 @@ impl FaceField {
         let (current, fresh) = (version == record.version, now.since(record.first) <= limits.hold);
         let closer = offer.entry.distance < record.feasible;
         match (current, fresh, closer) {
-            (false, ..) => hit(Mark::CubeStaleVersion),
-            (_, false, _) => hit(Mark::CubeVersionExpired),
-            (.., false) => hit(Mark::CubeNotCloser),
+            (false, ..) => hit(CoveragePoint::CubeStaleVersion),
+            (_, false, _) => hit(CoveragePoint::CubeVersionExpired),
+            (.., false) => hit(CoveragePoint::CubeNotCloser),
             _ => {}
         }
         current && fresh && closer
@@ -463,11 +464,11 @@ impl FaceField {
             let oldest = (0..MAX_RECORDS).min_by_key(|i| self.records[*i].used);
             match oldest {
                 Some(i) if now.since(self.records[i].used) > limits.hold * 2 => {
-                    hit(Mark::CubeSourceForgotten);
+                    hit(CoveragePoint::CubeSourceForgotten);
                     self.records.swap_remove(i);
                 }
                 _ => {
-                    hit(Mark::CubeSourcesFull);
+                    hit(CoveragePoint::CubeSourcesFull);
                     return false;
                 }
             }

@@ -9,8 +9,8 @@ use super::Cube;
 use super::message::{Ask, Beacon, Message, RequestId, Role};
 use super::route::Route;
 use crate::counters::Class;
-use crate::coverage::{Mark, hit};
-use crate::defects::Sabotage;
+use crate::coverage::{CoveragePoint, hit};
+use crate::defects::Defect;
 use crate::lattice::Face;
 use crate::time::Time;
 
@@ -86,11 +86,11 @@ impl Cube {
                 }
             }
         }
-        let connected = state.is_whole() || self.own.has(Sabotage::ShallowSearch);
+        let connected = state.is_whole() || self.own.has(Defect::ShallowSearch);
         if connected {
             self.lock(now, state);
         } else if let Some(attempt) = &mut self.attempt {
-            hit(Mark::CubeSearchStarted);
+            hit(CoveragePoint::CubeSearchStarted);
             attempt.search = Some(state);
             self.search(now);
         }
@@ -130,10 +130,10 @@ impl Cube {
     pub(super) fn widen_search(&mut self, now: Time) -> bool {
         let Some(state) = self.attempt.as_mut().and_then(|a| a.search.as_mut()) else { return false };
         if state.depth + 1 == DEPTHS.len() {
-            hit(Mark::CubeSearchExhausted);
+            hit(CoveragePoint::CubeSearchExhausted);
             return false;
         }
-        hit(Mark::CubeSearchWidened);
+        hit(CoveragePoint::CubeSearchWidened);
         state.depth += 1;
         self.search(now);
         true
@@ -215,7 +215,7 @@ impl Cube {
             return;
         };
         let Some(state) = &mut attempt.search else { return };
-        hit(if back.is_none() { Mark::CubeFoundRoot } else { Mark::CubeFoundRound });
+        hit(if back.is_none() { CoveragePoint::CubeFoundRoot } else { CoveragePoint::CubeFoundRound });
         let other = back.map_or(ROOT, |f| f.opposite().index());
         if !state.join(from.index(), other) {
             return;

@@ -1,7 +1,7 @@
 //! Messages between cubes.
 
 use super::route::Route;
-use crate::coverage::Mark;
+use crate::coverage::CoveragePoint;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Face;
 use crate::time::{Span, Time};
@@ -188,14 +188,14 @@ impl Denial {
     pub fn is_collision(self) -> bool {
         matches!(self, Denial::Occupied | Denial::Reserved)
     }
-    pub(super) fn mark(self) -> Mark {
+    pub(super) fn mark(self) -> CoveragePoint {
         match self {
-            Denial::Occupied => Mark::CubeDeniedOccupied,
-            Denial::Reserved => Mark::CubeDeniedReserved,
-            Denial::Busy => Mark::CubeDeniedBusy,
-            Denial::Younger => Mark::CubeDeniedYounger,
-            Denial::NoTerrain => Mark::CubeDeniedNoTerrain,
-            Denial::Quarantined => Mark::CubeDeniedQuarantined,
+            Denial::Occupied => CoveragePoint::CubeDeniedOccupied,
+            Denial::Reserved => CoveragePoint::CubeDeniedReserved,
+            Denial::Busy => CoveragePoint::CubeDeniedBusy,
+            Denial::Younger => CoveragePoint::CubeDeniedYounger,
+            Denial::NoTerrain => CoveragePoint::CubeDeniedNoTerrain,
+            Denial::Quarantined => CoveragePoint::CubeDeniedQuarantined,
         }
     }
     fn decode(v: u8) -> Result<Option<Denial>, WireError> {

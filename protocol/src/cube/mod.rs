@@ -38,11 +38,11 @@ pub use attraction::Successor;
 use crate::agent::Summary;
 use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use crate::counters::Class;
-use crate::coverage::{Mark, hit};
-use crate::defects::Sabotage;
+use crate::coverage::{CoveragePoint, hit};
+use crate::defects::Defect;
 use crate::ids::{Incarnation, Port, Session};
 use crate::lattice::{Cell, Face};
-use crate::rng::Stream;
+use crate::rng::Rng;
 use crate::time::{Span, Time};
 use attraction::Attraction;
 use beacon::Beacons;
@@ -82,7 +82,7 @@ pub struct Cube {
     next_epoch: Option<u16>,
     beacons: Beacons,
     reporter: Reporter,
-    rng: Stream,
+    rng: Rng,
     tokens: Tokens,
     /// Faces outside which this finalized module wants the cell filled; computed in every step.
     wanted: u8,
@@ -152,7 +152,7 @@ impl Agent for Cube {
 
     fn new(setup: &Arc<Setup>, birth: Birth<Cell>, now: Time) -> Cube {
         let restarted = birth.incarnation > Incarnation(0);
-        let listens = restarted && setup.params.sabotage != Some(Sabotage::NoListening);
+        let listens = restarted && setup.params.defect != Some(Defect::NoListening);
         let mut own = Own {
             setup: Shared(Arc::clone(setup)),
             id: birth.id,
@@ -182,11 +182,7 @@ impl Agent for Cube {
             next_epoch: None,
             beacons: Beacons::new(),
             reporter: Reporter::new(now),
-            rng: Stream::named(
-                birth.seed,
-                "cube",
-                u64::from(birth.id.0) << 16 | u64::from(birth.incarnation.0),
-            ),
+            rng: Rng::named(birth.seed, "cube", u64::from(birth.id.0) << 16 | u64::from(birth.incarnation.0)),
             // Tokens of earlier incarnations may still be under way.
             tokens: Tokens(u32::from(birth.incarnation.0) << 20),
             wanted: 0,
@@ -306,7 +302,7 @@ impl Cube {
             // Locks granted to a restarted neighbour last until their lease ends: its body may be moving.
             if let Some(id) = lost {
                 if self.locks.iter().any(|lock| lock.id.origin == id) {
-                    hit(Mark::CubeReleasedByLoss);
+                    hit(CoveragePoint::CubeReleasedByLoss);
                 }
                 self.release_locks(|lock| lock.id.origin == id);
             }
@@ -340,7 +336,7 @@ impl Cube {
         if let Some(before) = self.sides.peer(face) {
             // One session has one neighbour; any other sender is garbage.
             if before.sequence >= beacon.sequence || before.id != beacon.id {
-                return hit(Mark::CubeBeaconLate);
+                return hit(CoveragePoint::CubeBeaconLate);
             }
             let is_known = (Beacon { sequence: beacon.sequence, ..*before }) == beacon;
             if self.sides.missed() & face.bit() != 0 {
@@ -399,7 +395,7 @@ impl Cube {
             return;
         }
         if self.moving.is_some() {
-            hit(Mark::CubeEpochAfterMove);
+            hit(CoveragePoint::CubeEpochAfterMove);
             self.next_epoch = self.next_epoch.max(Some(epoch));
             return;
         }
@@ -420,7 +416,7 @@ impl Cube {
         if !self.forest.is_attached(v) || v.is_quarantined() || v.may_be_final() {
             return Err(Held(None));
         }
-        let holder = self.locks.holder(now).filter(|_| !v.has(Sabotage::IgnoreLocks));
+        let holder = self.locks.holder(now).filter(|_| !v.has(Defect::IgnoreLocks));
         holder.map_or(Ok(()), |origin| Err(Held(Some(origin))))?;
         self.forest.may_leave(v)
     }
@@ -428,7 +424,7 @@ impl Cube {
     /// Brings all that depends on time and on messages up to date, and plans the next wake-up.
     fn step(&mut self, now: Time) {
         if self.locks.expire(now) {
-            hit(Mark::CubeLockExpired);
+            hit(CoveragePoint::CubeLockExpired);
             self.decide_soon(now);
         }
         if self.moving.is_none()

@@ -10,12 +10,12 @@ use super::negotiation::Attempt;
 use super::params::{BACK_OFF, BACK_OFF_SPREAD, Connectivity, MOST_DOUBLED, Params};
 use super::sides::Sides;
 use super::view::View;
-use crate::coverage::{Mark, hit};
+use crate::coverage::{CoveragePoint, hit};
 use crate::digest::Portable;
 use crate::ids::ModuleId;
 use crate::lattice::{Cell, Face, Motion, MotionKind};
 use crate::ratio::Ratio;
-use crate::rng::Stream;
+use crate::rng::Rng;
 use crate::time::Time;
 use std::hash::Hash;
 
@@ -39,7 +39,7 @@ const MAX_TARGETS: usize = 24;
 /// The random walk of a walker without a target. Distances go from module to module along the surface, and
 /// end where a dead module stands in the corner between two, though a walker gets past.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Roaming {
+struct RandomWalk {
     since: Time,
     tries: u8,
     /// Its cell when it last tried.
@@ -106,7 +106,7 @@ pub(super) struct MotionPlanner {
     /// Targets heard of while in reserve.
     targets: Vec<Target>,
     /// The random walk, while no target is known to a walker.
-    roaming: Option<Roaming>,
+    walk: Option<RandomWalk>,
 }
 
 impl MotionPlanner {
@@ -121,7 +121,7 @@ impl MotionPlanner {
             failed: 0,
             corners_seen: [0; 6],
             targets: Vec::new(),
-            roaming: None,
+            walk: None,
         }
     }
 
@@ -137,12 +137,12 @@ impl MotionPlanner {
             failed,
             corners_seen,
             targets,
-            roaming,
+            walk,
         } = self;
         match part {
             DigestPart::Waiting => (back_off_until, waiting_since, waits_for).hash(hasher),
             DigestPart::Failures => (deferrals, denied, failed).hash(hasher),
-            DigestPart::Targets => (corners_seen, targets, roaming).hash(hasher),
+            DigestPart::Targets => (corners_seen, targets, walk).hash(hasher),
         }
     }
     /// Returns the directions in which the corner over a support was found blocked.
@@ -155,7 +155,7 @@ impl MotionPlanner {
     }
     /// Starts over with another goal.
     pub fn on_goal(&mut self) {
-        (self.deferrals, self.waiting_since, self.roaming) = (0, None, None);
+        (self.deferrals, self.waiting_since, self.walk) = (0, None, None);
     }
     /// Notes that the module stands at a new cell, by a move of its own or of an earlier incarnation.
     pub fn on_arrival(&mut self) {
@@ -168,14 +168,14 @@ impl MotionPlanner {
         self.decide_at = decide_at;
     }
     /// Notes that the body has failed to move. Returns true if the module counts as immobile now.
-    pub fn on_failed(&mut self, now: Time, p: &Params, rng: &mut Stream) -> bool {
+    pub fn on_failed(&mut self, now: Time, p: &Params, rng: &mut Rng) -> bool {
         self.failed = self.failed.saturating_add(1);
         let immobile = self.failed >= p.immobile_after;
         self.denied = self.denied.saturating_add(1);
         self.back_off(now, p, rng);
         if immobile {
-            hit(Mark::CubeImmobile);
-            self.back_off_until = now + p.relax;
+            hit(CoveragePoint::CubeImmobile);
+            self.back_off_until = now + p.out_of_turn_after;
             self.decide_at = self.back_off_until;
         }
         immobile
@@ -190,7 +190,7 @@ impl MotionPlanner {
     }
 
     /// Waits before the next attempt, the longer the more attempts have failed in a row.
-    pub fn back_off(&mut self, now: Time, p: &Params, rng: &mut Stream) {
+    pub fn back_off(&mut self, now: Time, p: &Params, rng: &mut Rng) {
         let spread = BACK_OFF_SPREAD << self.denied.min(MOST_DOUBLED);
         let ticks = BACK_OFF + rng.below(spread);
         self.back_off_until = now + p.tick() * ticks;
@@ -218,12 +218,12 @@ impl MotionPlanner {
     }
 
     /// Chooses a motion, or when to decide again.
-    fn choose(&mut self, v: View<'_>, courses: &Courses, rng: &mut Stream) -> Option<Motion> {
+    fn choose(&mut self, v: View<'_>, courses: &Courses, rng: &mut Rng) -> Option<Motion> {
         let Some(nearest) = courses.known.iter().map(|o| o.moves).min() else {
             self.stop_waiting();
-            return self.roam(v, &courses.blind, rng);
+            return self.random_walk(v, &courses.blind, rng);
         };
-        self.roaming = None;
+        self.walk = None;
         if v.own.role == Role::Reserve
             && let Some(source) = courses.known.iter().find(|o| o.moves == nearest).map(|o| o.source)
         {
@@ -239,40 +239,39 @@ impl MotionPlanner {
             _ => 1,
         };
         let Some(best) = best_of(&courses.known, nearest + slack, rng) else {
-            hit(Mark::CubeBehindWalker);
+            hit(CoveragePoint::CubeBehindWalker);
             self.waits_for = courses.known.iter().find_map(|o| o.behind);
             self.waiting_since.get_or_insert(v.now);
             self.decide_later(v.now, v.params());
             return None;
         };
         if best.moves > nearest {
-            hit(Mark::CubeDetour);
+            hit(CoveragePoint::CubeDetour);
         }
         Some(best.motion)
     }
 
     /// Moves anywhere but back, after no target has been known for long.
-    fn roam(&mut self, v: View<'_>, ways: &[Motion], rng: &mut Stream) -> Option<Motion> {
+    fn random_walk(&mut self, v: View<'_>, ways: &[Motion], rng: &mut Rng) -> Option<Motion> {
         if v.own.role != Role::Walker {
             return None;
         }
         let (p, cell, now) = (v.params(), v.own.cell, v.now);
-        let roaming = self.roaming.get_or_insert(Roaming { since: now, tries: 0, from: cell });
-        let go = match roaming.tries {
-            0 => roaming.since + p.relax,
+        let walk = self.walk.get_or_insert(RandomWalk { since: now, tries: 0, from: cell });
+        let go = match walk.tries {
+            0 => walk.since + p.out_of_turn_after,
             1..ROAMING => v.own.settled + p.first_words(),
-            tries => roaming.since + p.relax * (2 << (tries - ROAMING).min(LONGEST_ROAMING)),
+            tries => walk.since + p.out_of_turn_after * (2 << (tries - ROAMING).min(LONGEST_ROAMING)),
         };
         if now < go {
             self.decide_at = go;
             return None;
         }
-        let onward: Vec<Motion> =
-            ways.iter().copied().filter(|m| m.destination(cell) != roaming.from).collect();
+        let onward: Vec<Motion> = ways.iter().copied().filter(|m| m.destination(cell) != walk.from).collect();
         let ways = if onward.is_empty() { ways } else { &onward };
         let motion = *ways.get(rng.below(ways.len().max(1) as u64) as usize)?;
-        (roaming.tries, roaming.from) = (roaming.tries.saturating_add(1), cell);
-        hit(Mark::CubeRoamed);
+        (walk.tries, walk.from) = (walk.tries.saturating_add(1), cell);
+        hit(CoveragePoint::CubeRoamed);
         Some(motion)
     }
 
@@ -296,7 +295,7 @@ impl MotionPlanner {
 }
 
 /// Returns the best course that is free and no longer than `longest`; of equally good ones, a random one.
-fn best_of<'a>(courses: &'a [Course], longest: u16, rng: &mut Stream) -> Option<&'a Course> {
+fn best_of<'a>(courses: &'a [Course], longest: u16, rng: &mut Rng) -> Option<&'a Course> {
     let key = |o: &Course| (o.moves, o.over_loose);
     let mut best: Option<&Course> = None;
     let mut ties = 0;
@@ -399,7 +398,7 @@ impl Cube {
         let v = View { now, own: &self.own, sides: &self.sides };
         let courses = Courses::around(v);
         if courses.corners != self.planner.corners_seen && self.own.role == Role::Walker {
-            hit(Mark::CubeCornerSeen);
+            hit(CoveragePoint::CubeCornerSeen);
             self.planner.corners_seen = courses.corners;
             self.beacons.touch();
         }
@@ -415,7 +414,7 @@ impl Cube {
         }
         // A restarted module hears of a move that its earlier incarnation began: it has been carried
         // elsewhere, and goes on listening there.
-        let Some(attempt) = attempt else { return hit(Mark::CubeCarriedOn) };
+        let Some(attempt) = attempt else { return hit(CoveragePoint::CubeCarriedOn) };
         match percept {
             Percept::Arrived(_) => {
                 self.own.role = Role::Walker;
@@ -424,7 +423,7 @@ impl Cube {
                 self.planner.on_moved(now + self.own.params().usual_delay);
             }
             Percept::Failed => {
-                hit(Mark::CubeMoveFailed);
+                hit(CoveragePoint::CubeMoveFailed);
                 self.give_back(&attempt);
                 self.own.immobile = self.planner.on_failed(now, self.own.params(), &mut self.rng);
             }
@@ -435,9 +434,9 @@ impl Cube {
 
     fn on_refused(&mut self, now: Time, attempt: &Attempt, why: Refusal) {
         match why {
-            Refusal::Blocked => hit(Mark::CubeRefusedBlocked),
-            Refusal::Late => hit(Mark::CubeRefusedLate),
-            Refusal::Stale => hit(Mark::CubeRefusedStale),
+            Refusal::Blocked => hit(CoveragePoint::CubeRefusedBlocked),
+            Refusal::Late => hit(CoveragePoint::CubeRefusedLate),
+            Refusal::Stale => hit(CoveragePoint::CubeRefusedStale),
             Refusal::Moving => {}
         }
         self.give_back(attempt);

@@ -11,8 +11,8 @@ use super::message::{Ask, Denial, Message, RequestId, Role};
 use super::route::Route;
 use crate::agent::Output;
 use crate::counters::Class;
-use crate::coverage::{Mark, hit};
-use crate::defects::Sabotage;
+use crate::coverage::{CoveragePoint, hit};
+use crate::defects::Defect;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::{Cell, Face, Motion};
 use crate::time::{Span, Time};
@@ -86,7 +86,7 @@ impl Cube {
     pub(super) fn ask(&mut self, now: Time, route: Route, ask: Ask) {
         let Some(attempt) = &mut self.attempt else { return };
         if attempt.requests.len() == MAX_REQUESTS {
-            hit(Mark::CubeTooManyRequests);
+            hit(CoveragePoint::CubeTooManyRequests);
             return self.abort_attempt(now, None);
         }
         let id =
@@ -127,7 +127,7 @@ impl Cube {
         if answer > attempt.deadline || hopeless {
             return false;
         }
-        hit(Mark::CubeAskedAgain);
+        hit(CoveragePoint::CubeAskedAgain);
         if let Some(attempt) = &mut self.attempt {
             attempt.timeout = answer;
         }
@@ -155,7 +155,7 @@ impl Cube {
         let next = route.hop(depth);
         // A repeated request: an answer was lost on the way back from here.
         if let Some(co_owners) = self.locks.find(id).and_then(|l| l.beyond) {
-            hit(Mark::CubeRequestRepeated);
+            hit(CoveragePoint::CubeRequestRepeated);
             return self.answer(from, id, hop - 1, None, None, co_owners, route);
         }
         let verdict = self.consider(now, id, age, next, ask);
@@ -193,14 +193,14 @@ impl Cube {
         ask: Ask,
     ) -> Result<(), (Denial, Option<ModuleId>)> {
         if self.locks.find(id).is_some() {
-            hit(Mark::CubeRequestRepeated);
+            hit(CoveragePoint::CubeRequestRepeated);
             return Ok(());
         }
         if self.own.role == Role::Walker || id.origin == self.own.id {
             return Err((Denial::NoTerrain, None));
         }
         if self.locks.is_full() {
-            hit(Mark::CubeDeniedFull);
+            hit(CoveragePoint::CubeDeniedFull);
         }
         if self.moving.is_some() || self.locks.is_full() {
             return Err((Denial::Busy, Some(self.own.id)));
@@ -229,7 +229,7 @@ impl Cube {
                     return Err((Denial::Occupied, self.sides.peer(face).map(|b| b.id)));
                 }
                 let other = self.locks.reserved_for_other(face, id.origin);
-                if other.is_some() && !self.own.has(Sabotage::ReserveTwice) {
+                if other.is_some() && !self.own.has(Defect::ReserveTwice) {
                     return Err((Denial::Reserved, other));
                 }
                 reserved = Some(face);
@@ -238,12 +238,12 @@ impl Cube {
         }
         // A module that stays for another does not leave itself.
         if self.attempt.is_some() {
-            hit(Mark::CubeYielded);
+            hit(CoveragePoint::CubeYielded);
         }
         self.abort_attempt(now, Some(id.origin));
-        let expires = match self.own.params().sabotage {
-            Some(Sabotage::ShortLease) => now + self.own.params().move_time,
-            Some(Sabotage::KeepLocks) => Time::NEVER,
+        let expires = match self.own.params().defect {
+            Some(Defect::ShortLease) => now + self.own.params().move_time,
+            Some(Defect::KeepLocks) => Time::NEVER,
             _ => now + self.own.params().keep_for(),
         };
         self.locks.grant(Lock { id, expires, next, reserved, beyond: None });
@@ -334,10 +334,10 @@ impl Cube {
             return;
         }
         let held = if self.own.role == Role::Reserve { self.may_leave(now).err() } else { None };
-        let fenced = !self.own.has(Sabotage::NoDeadline);
+        let fenced = !self.own.has(Defect::NoDeadline);
         let late = fenced && self.attempt.as_ref().is_some_and(|a| now > a.deadline);
         if held.is_some() || late {
-            hit(if late { Mark::CubeTooLate } else { Mark::CubeHeldAtLaunch });
+            hit(if late { CoveragePoint::CubeTooLate } else { CoveragePoint::CubeHeldAtLaunch });
             return self.abort_attempt(now, held.and_then(|h| h.0));
         }
         if let Some(attempt) = self.attempt.take() {
@@ -355,7 +355,7 @@ impl Cube {
         let Some(searches) = waited else { return };
         let goes_on = if searches { self.widen_search(now) } else { self.ask_again(now) };
         if !goes_on {
-            hit(Mark::CubeTimedOut);
+            hit(CoveragePoint::CubeTimedOut);
             self.abort_attempt(now, None);
         }
     }
@@ -384,11 +384,11 @@ impl Cube {
 
     /// Drops locks, and all others of the same attempts, and passes the releases on.
     pub(super) fn release_locks(&mut self, which: impl Fn(&Lock) -> bool) {
-        if self.own.has(Sabotage::KeepLocks) {
+        if self.own.has(Defect::KeepLocks) {
             return;
         }
         for (next, origin, token) in self.locks.release(which) {
-            hit(Mark::CubeReleaseForwarded);
+            hit(CoveragePoint::CubeReleaseForwarded);
             self.out.send(&self.sides, next, Class::Negotiation, Message::Release { origin, token });
         }
     }

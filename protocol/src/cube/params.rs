@@ -1,6 +1,6 @@
 //! Parameters of the cube protocol.
 
-use crate::defects::Sabotage;
+use crate::defects::Defect;
 use crate::goal::Goal;
 use crate::ratio::Ratio;
 use crate::time::Span;
@@ -59,7 +59,7 @@ pub struct Params {
     pub corner_hint: Span,
     /// How long a goal cell stays unfilled before it may be started from any filled neighbour, unless that
     /// misses a neighbour of its own.
-    pub relax: Span,
+    pub out_of_turn_after: Span,
     /// How long a restarted module only listens and looks for a parent: it grants nothing, does not move and
     /// is not finalized.
     pub quarantine: Span,
@@ -71,7 +71,7 @@ pub struct Params {
     pub immobile_after: u8,
     /// A defect for tests.
     #[doc(hidden)]
-    pub sabotage: Option<Sabotage>,
+    pub defect: Option<Defect>,
 }
 
 impl Params {
@@ -93,14 +93,14 @@ impl Params {
             lease,
             drift: Ratio::new(1, 50).expect("invariant: 1/50 is a ratio"),
             corner_hint: move_time * 75,
-            relax: Span(heartbeat.0 / 2) * 125,
+            out_of_turn_after: Span(heartbeat.0 / 2) * 125,
             quarantine: lease * 2,
             range,
             // As long as a nearer module needs would save an eighth of the moves and cost half as much time
             // again; less than half as long saves no more time.
             recruit_per_move: move_time / 2,
             immobile_after: 6,
-            sabotage: None,
+            defect: None,
         }
     }
 

@@ -16,8 +16,8 @@
 use super::message::{Beacon, Claim, Rank, Role};
 use super::params::Connectivity;
 use super::view::View;
-use crate::coverage::{Mark, hit};
-use crate::defects::Sabotage;
+use crate::coverage::{CoveragePoint, hit};
+use crate::defects::Defect;
 use crate::digest::Portable;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Face;
@@ -105,7 +105,7 @@ impl ParentForest {
         if is_gone && self.parent == Some(face) {
             // The contact has ended. A restarted neighbour is a new session instead, and what hangs on it
             // stays so.
-            hit(Mark::CubeParentLost);
+            hit(CoveragePoint::CubeParentLost);
             self.parent = None;
             self.rank.label = 0;
         }
@@ -208,7 +208,7 @@ impl ParentForest {
     /// path in its place.
     fn hang_on_dead(&mut self, v: View<'_>, face: Face) {
         if self.parent != Some(face) {
-            hit(Mark::CubeHangsOnDead);
+            hit(CoveragePoint::CubeHangsOnDead);
             let vouched = v.peer(face).map_or(Time::ZERO, |b| b.rank.rooted);
             self.rank = Rank { rooted: self.rank.rooted.max(vouched), label: 1 };
             self.parent = Some(face);
@@ -232,7 +232,7 @@ impl ParentForest {
             if all_heard(v) {
                 self.look_for_parent(v, tokens);
             } else {
-                hit(Mark::CubeRebornWaits);
+                hit(CoveragePoint::CubeRebornWaits);
             }
         }
     }
@@ -240,7 +240,7 @@ impl ParentForest {
     fn adopt_if_acknowledged(&mut self, v: View<'_>, face: Face, token: Token) {
         let qualifies = |b: &&Beacon| b.epoch == v.own.epoch && b.attached && b.role != Role::Walker;
         let Some(b) = v.live(face).filter(qualifies) else {
-            hit(Mark::CubeWantDropped);
+            hit(CoveragePoint::CubeWantDropped);
             self.want = None;
             return;
         };
@@ -249,11 +249,11 @@ impl ParentForest {
             // The candidate was relabelled meanwhile, or the old parent has spoken again. Asking further
             // would keep the candidate from leaving, which may be a child by now: both would wait for each
             // other.
-            hit(Mark::CubeNotAdoptable);
+            hit(CoveragePoint::CubeNotAdoptable);
             self.want = None;
-        } else if b.ack == Some(token) || v.has(Sabotage::AdoptUnacknowledged) {
+        } else if b.ack == Some(token) || v.has(Defect::AdoptUnacknowledged) {
             if self.parent.is_some() {
-                hit(Mark::CubeParentReplaced);
+                hit(CoveragePoint::CubeParentReplaced);
             }
             self.rank = b.rank.below();
             self.parent = Some(face);
@@ -266,7 +266,7 @@ impl ParentForest {
         let asked = self.asked(v, None);
         let renews = asked > self.rank.rooted && asked <= v.now;
         if renews {
-            hit(Mark::CubeRootRenewed);
+            hit(CoveragePoint::CubeRootRenewed);
             self.rank.rooted = asked;
         }
         renews
@@ -340,12 +340,12 @@ impl ParentForest {
         }
         self.renew = if let Some((_, face)) = best {
             if self.parent.is_some() && needs_parent {
-                hit(Mark::CubeParentSuspected);
+                hit(CoveragePoint::CubeParentSuspected);
             }
             self.want = Some((face, tokens.next()));
             Time::ZERO
         } else if needs_parent && self.rank.label != UNLABELLED {
-            hit(Mark::CubeRenewalAsked);
+            hit(CoveragePoint::CubeRenewalAsked);
             self.asked(v, None).max(self.rank.rooted + Span(1))
         } else if is_refused {
             self.rank.rooted
@@ -396,10 +396,10 @@ impl ParentForest {
             return None;
         }
         let Some(b) = v.peer(face) else {
-            return (!v.has(Sabotage::IgnoreStrangers)).then_some(Held(None));
+            return (!v.has(Defect::IgnoreStrangers)).then_some(Held(None));
         };
         let silent = v.now.since(v.sides.heard_at(face)) > v.params().suspect;
-        let forgotten = silent && v.has(Sabotage::DropSilentChildren);
+        let forgotten = silent && v.has(Defect::DropSilentChildren);
         let free = match b.role {
             _ if b.epoch != v.own.epoch => false,
             _ if forgotten => true,

@@ -3,7 +3,7 @@
 use super::message::{Beacon, Role};
 use super::params::{Params, Setup};
 use super::sides::Sides;
-use crate::defects::Sabotage;
+use crate::defects::Defect;
 use crate::goal::{Goal, Growth};
 use crate::ids::ModuleId;
 use crate::lattice::{Cell, Face};
@@ -98,8 +98,8 @@ impl Own {
         &self.setup.params
     }
     /// Returns true if a test has switched this defect on.
-    pub fn has(&self, defect: Sabotage) -> bool {
-        self.setup.params.sabotage == Some(defect)
+    pub fn has(&self, defect: Defect) -> bool {
+        self.setup.params.defect == Some(defect)
     }
     pub fn is_quarantined(&self, now: Time) -> bool {
         now < self.quarantine_until
@@ -125,7 +125,7 @@ impl<'a> View<'a> {
     pub fn params(self) -> &'a Params {
         self.own.params()
     }
-    pub fn has(self, defect: Sabotage) -> bool {
+    pub fn has(self, defect: Defect) -> bool {
         self.own.has(defect)
     }
     pub fn is_quarantined(self) -> bool {

@@ -14,9 +14,9 @@ use super::strategy::{Context, Decision, Policy};
 use super::view::{Own, View};
 use crate::agent::{Agent, Birth, Input, InputOf, OutputOf, Summary};
 use crate::counters::Class;
-use crate::coverage::{Mark, hit};
+use crate::coverage::{CoveragePoint, hit};
 use crate::ids::{Port, Token};
-use crate::rng::Stream;
+use crate::rng::Rng;
 use crate::time::Time;
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
@@ -102,7 +102,7 @@ impl Agent for Metamodule {
                 rest_until: quarantine_until,
                 waits_for: None,
                 prevented: 0,
-                rng: Stream::named(birth.seed, "metamodule", u64::from(birth.id.0)),
+                rng: Rng::named(birth.seed, "metamodule", u64::from(birth.id.0)),
             },
             phase: Phase::Idle { look_at: now.max(quarantine_until) },
             policy: Policy::new(setup.params.strategy),
@@ -190,7 +190,7 @@ impl Metamodule {
             settled: self.own.settled,
             prevented: self.requester.prevented,
             waits_for: self.requester.waits_for,
-            barred: self.policy.advertised().unreachable,
+            unreachable: self.policy.advertised().unreachable,
             deadlocked: self.detector.deadlocked,
         });
     }
@@ -239,14 +239,14 @@ impl Metamodule {
             self.phase = idle(self.own.quarantine_until);
         } else if let Some(seed) = v.seed_filled_in(self.own.pose).filter(|s| self.own.filled.has(*s)) {
             // It is known to be filled, and no other one can be in its cells: an earlier incarnation did it.
-            hit(Mark::MetaEarlierLifeSettled);
+            hit(CoveragePoint::MetaEarlierLifeSettled);
             self.own.settled = Some(seed);
             self.retire(now);
             self.phase = idle(Time::NEVER);
             self.tell(now, Class::Gradient);
         } else if self.own.pose.both {
             // An earlier incarnation has gripped and not let go.
-            hit(Mark::MetaEarlierLifeGripped);
+            hit(CoveragePoint::MetaEarlierLifeGripped);
             self.begin(now, now, Plan::let_go(self.own.pose));
         } else if v.any_unheard() {
             self.phase = idle(Time::NEVER);
@@ -269,7 +269,7 @@ impl Metamodule {
 
     /// Tries whether stuck joints turn again.
     fn try_joints(&mut self, now: Time) {
-        hit(Mark::MetaJointsTried);
+        hit(CoveragePoint::MetaJointsTried);
         let v = self.view(now);
         let mut taken = v.fixed();
         taken.extend(v.neighbours.states().flat_map(|(_, s)| v.motions().cells(s.pose)));
@@ -299,7 +299,7 @@ impl Metamodule {
         let settled = self.view(now).seed_filled_in(self.own.pose).filter(|_| was_settled);
         if let Some(seed) = settled {
             self.own.settled = settled;
-            hit(Mark::MetaStaysForNewTask);
+            hit(CoveragePoint::MetaStaysForNewTask);
             self.own.filled = self.own.filled.with(seed);
         }
         self.count_dead(now);

@@ -35,10 +35,10 @@ impl Metamodule {
     fn digest_neighbours(&self, hasher: &mut Portable<'_>) {
         Self::PORTS.hash(hasher);
         for port in (0..Self::PORTS as u8).map(Port) {
-            let way = self.policy.negotiated().and_then(|n| n.way_of(port));
+            let path = self.policy.negotiated().and_then(|n| n.way_of(port));
             let (grant, over) = (self.locks.grant_of(port), self.locks.over(port));
             let neighbour = self.neighbours.get(port);
-            neighbour.map(|n| (n.session, n.state, way, grant, n.certified_dead, over)).hash(hasher);
+            neighbour.map(|n| (n.session, n.state, path, grant, n.certified_dead, over)).hash(hasher);
         }
     }
 }

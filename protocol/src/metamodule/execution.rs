@@ -8,7 +8,7 @@ use super::plan::Plan;
 use super::pose::Pose;
 use super::view::View;
 use crate::counters::Class;
-use crate::coverage::{Mark, hit};
+use crate::coverage::{CoveragePoint, hit};
 use crate::ids::Port;
 use crate::lattice::Cell;
 use crate::time::{Span, Time};
@@ -41,7 +41,7 @@ impl Metamodule {
         if attempt.pending == 0 {
             return self.set_out(now);
         }
-        hit(Mark::MetaResent);
+        hit(CoveragePoint::MetaResent);
         attempt.again = now + self.setup.params.resend;
         self.send_requests(now);
     }
@@ -146,7 +146,7 @@ impl Metamodule {
         let Phase::Moving(motion) = &mut self.phase else {
             if before != pose {
                 // An action of an earlier incarnation has ended.
-                hit(Mark::MetaEarlierLifeActed);
+                hit(CoveragePoint::MetaEarlierLifeActed);
                 self.tell(now, Class::Gradient);
                 self.look_again(now);
             }

@@ -3,13 +3,13 @@
 use super::agent::Metamodule;
 use super::locks::{Grant, Request, Verdict, judge};
 use super::message::{Denial, Message, Order, State};
-use super::params::Teller;
+use super::params::SeedAuthority;
 use super::phase::Phase;
 use super::pose::Pose;
 use super::view::View;
 use crate::counters::Class;
-use crate::coverage::{Mark, hit};
-use crate::defects::Sabotage;
+use crate::coverage::{CoveragePoint, hit};
+use crate::defects::Defect;
 use crate::ids::{ModuleId, Port, Session, Token};
 use crate::time::{Span, Time};
 
@@ -18,8 +18,8 @@ impl Metamodule {
     pub(super) fn on_message(&mut self, now: Time, port: Port, message: Message) {
         match message {
             Message::State(state) => self.on_state(now, port, state),
-            Message::Way(way) => {
-                if self.with_policy(now, |policy, cx| policy.hear_way(cx.v, port, way)) {
+            Message::Path(path) => {
+                if self.with_policy(now, |policy, cx| policy.hear_way(cx.v, port, path)) {
                     self.look_again(now);
                 }
             }
@@ -44,19 +44,19 @@ impl Metamodule {
     }
 
     fn on_state(&mut self, now: Time, port: Port, state: State) {
-        let accepts_stale = self.view(now).has(Sabotage::AcceptStaleStates);
+        let accepts_stale = self.view(now).has(Defect::AcceptStaleStates);
         let Some(neighbour) = self.neighbours.get(port) else { return };
         let before = neighbour.state;
         if neighbour.certified_dead && !accepts_stale {
-            return hit(Mark::MetaCondemnedSpoke);
+            return hit(CoveragePoint::MetaCondemnedSpoke);
         }
         if before.is_some_and(|s| s.sequence >= state.sequence) && !accepts_stale {
-            return hit(Mark::MetaStateLate);
+            return hit(CoveragePoint::MetaStateLate);
         }
         if let Some(pose) = self.neighbours.dead.get(&state.id).copied().filter(|_| !accepts_stale) {
             // Its first state in this session came later than the news of its death; of a restart there would
             // be news, too.
-            hit(Mark::MetaCondemnedSpoke);
+            hit(CoveragePoint::MetaCondemnedSpoke);
             let session = neighbour.session;
             self.begin_session(port, Some(session));
             if let Some(neighbour) = self.neighbours.get_mut(port) {
@@ -93,17 +93,17 @@ impl Metamodule {
             return;
         }
         if token <= self.locks.over(port) {
-            return hit(Mark::MetaRequestOver);
+            return hit(CoveragePoint::MetaRequestOver);
         }
         let denial = if self.locks.grant_of(port).is_some_and(|g| g.token == token) {
-            hit(Mark::MetaRequestRepeated);
+            hit(CoveragePoint::MetaRequestRepeated);
             None
         } else {
             let v = self.view(now);
             let own = self.requester.precedence(v, self.policy.rank());
-            let (forgets, verdict) = (v.has(Sabotage::ForgetLocks), judge(v, &self.phase, own, &request));
+            let (forgets, verdict) = (v.has(Defect::ForgetLocks), judge(v, &self.phase, own, &request));
             if matches!(verdict, Verdict::GrantedBefore) {
-                hit(Mark::MetaYielded);
+                hit(CoveragePoint::MetaYielded);
                 self.requester.prevented += 1;
                 self.requester.waits_for = Some(origin);
                 self.back_off(now);
@@ -163,12 +163,12 @@ impl Metamodule {
         self.begin_session(port, session);
         if session.is_some() {
             self.greet(now, port);
-            if let Some(way) = self.policy.announced() {
-                self.out.send(port, Class::Liveness, Message::Way(way));
+            if let Some(path) = self.policy.announced() {
+                self.out.send(port, Class::Liveness, Message::Path(path));
             }
             // The one that has come into range must be asked too.
             if matches!(self.phase, Phase::Asking(_)) {
-                hit(Mark::MetaCameWhileAsking);
+                hit(CoveragePoint::MetaCameWhileAsking);
                 self.stop(now, Span::ZERO);
             }
         } else if let Phase::Asking(attempt) = &mut self.phase
@@ -187,7 +187,9 @@ impl Metamodule {
                 self.take_task(now, task);
                 let own = &mut self.own;
                 if task == own.task {
-                    if filled.holds(own.filled) || self.setup.params.teller == Teller::Controller {
+                    if filled.holds(own.filled)
+                        || self.setup.params.seed_authority == SeedAuthority::Controller
+                    {
                         own.open = open;
                     }
                     own.filled = own.filled.and(filled);
@@ -200,7 +202,7 @@ impl Metamodule {
                 }
             }
             Order::Obstacle { cell, there: true } => {
-                hit(Mark::MetaObstacle);
+                hit(CoveragePoint::MetaObstacle);
                 self.neighbours.obstacles.insert(cell);
             }
             Order::Obstacle { cell, there: false } => {
@@ -212,7 +214,7 @@ impl Metamodule {
     }
 
     fn on_death(&mut self, now: Time, id: ModuleId, pose: Pose) {
-        hit(Mark::MetaDeathTold);
+        hit(CoveragePoint::MetaDeathTold);
         self.neighbours.dead.insert(id, pose);
         self.count_dead(now);
         let Some((port, neighbour)) = self.neighbours.named(id) else { return };

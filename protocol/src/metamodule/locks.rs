@@ -10,11 +10,11 @@ use super::phase::Phase;
 use super::plan::Plan;
 use super::pose::Pose;
 use super::view::View;
-use crate::coverage::{Mark, hit};
-use crate::defects::Sabotage;
+use crate::coverage::{CoveragePoint, hit};
+use crate::defects::Defect;
 use crate::ids::{ModuleId, Port, Token};
 use crate::lattice::Cell;
-use crate::rng::Stream;
+use crate::rng::Rng;
 use crate::time::{Span, Time};
 use std::cmp::Reverse;
 
@@ -91,7 +91,7 @@ impl LockTable {
         let mut next = Time::NEVER;
         for slot in &mut self.0 {
             if slot.grant.take_if(|g| g.until <= now).is_some() {
-                hit(Mark::MetaGrantExpired);
+                hit(CoveragePoint::MetaGrantExpired);
             }
             next = slot.grant.map_or(next, |g| next.min(g.until));
         }
@@ -132,10 +132,10 @@ pub(super) enum Verdict {
 /// own attempt.
 pub(super) fn judge(v: View<'_>, phase: &Phase, own: Precedence, request: &Request) -> Verdict {
     let motions = v.motions();
-    if v.has(Sabotage::GrantEverything) {
+    if v.has(Defect::GrantEverything) {
         return Verdict::Granted;
     }
-    if v.now < v.own.quarantine_until && !v.has(Sabotage::GrantAfterRestart) {
+    if v.now < v.own.quarantine_until && !v.has(Defect::GrantAfterRestart) {
         return Verdict::Denied(Denial::Quarantined);
     }
     let meets = |cells: &[Cell]| motions.swept(request.pose.state, request.sweep).any(|c| cells.contains(&c));
@@ -147,7 +147,7 @@ pub(super) fn judge(v: View<'_>, phase: &Phase, own: Precedence, request: &Reque
         return Verdict::Denied(Denial::Occupied);
     }
     match phase {
-        Phase::Moving(_) if v.has(Sabotage::ForgetLocks) => Verdict::Granted,
+        Phase::Moving(_) if v.has(Defect::ForgetLocks) => Verdict::Granted,
         Phase::Moving(motion) if crosses(&motion.plan) => Verdict::Denied(Denial::Held),
         Phase::Asking(attempt) if crosses(&attempt.plan) => {
             if own < request.precedence() {
@@ -173,7 +173,7 @@ pub(super) struct Requester {
     pub waits_for: Option<ModuleId>,
     /// Attempts that would have led two bodies into one space.
     pub prevented: u32,
-    pub rng: Stream,
+    pub rng: Rng,
 }
 
 impl Requester {
@@ -198,7 +198,7 @@ impl Requester {
     }
     /// Ports of the neighbours whose consent a motion needs, as a mask: those that live and may move.
     pub fn ports_to_ask(v: View<'_>) -> u32 {
-        if v.has(Sabotage::AskNobody) {
+        if v.has(Defect::AskNobody) {
             return 0;
         }
         let may_move = |s: &super::message::State| !v.stays(s) && !v.neighbours.is_dead(s.id);

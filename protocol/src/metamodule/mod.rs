@@ -1,7 +1,7 @@
 //! The metamodule's protocol: the thesis's experiment (4.1.3) as a sans-IO agent.
 //!
 //! A metamodule is two Roombots modules with two ends that can grip. It stands on one connector of the floor,
-//! knows its absolute position, hears others within [`params::Params::hearing`], and learns from the
+//! knows its absolute position, hears others within [`params::Params::communication_range`], and learns from the
 //! world-controller (or from its neighbours) which seeds are open. It chooses a motion, locks the cells of
 //! all of it with the neighbours in range, does it step by step, grips, lets go, tells where it is, and
 //! starts again. On an open seed's connector it takes the seed's shape and stays.

@@ -5,7 +5,7 @@ use super::params::Floor;
 use super::pose::{Pose, to_world};
 use crate::lattice::Cell;
 use crate::metamodule::planning::distances::Distances;
-use crate::metamodule::planning::enclosure::Learnt;
+use crate::metamodule::planning::enclosure::EnclosureCache;
 use crate::metamodule::planning::graph::{Bits, Graph};
 use crate::metamodule::planning::lru_cache::{Memo, mix};
 use crate::roombots::Kind;
@@ -47,7 +47,7 @@ impl fmt::Debug for Motions {
 struct LaidOut {
     graph: Graph,
     distances: Memo<Counted, Arc<Distances>>,
-    learnt: Learnt,
+    learnt: EnclosureCache,
 }
 
 /// On which floor strides are counted, to which seed, and around which cells.
@@ -59,7 +59,11 @@ const KEPT: usize = 256;
 impl LaidOut {
     fn new(database: &Database, kind: Kind) -> LaidOut {
         let table = database.table(kind);
-        LaidOut { graph: Graph::new(database, table), distances: Memo::new(KEPT), learnt: Learnt::new() }
+        LaidOut {
+            graph: Graph::new(database, table),
+            distances: Memo::new(KEPT),
+            learnt: EnclosureCache::new(),
+        }
     }
 }
 
@@ -111,7 +115,7 @@ impl Motions {
         self.laid_out.distances.answer(hash, (floor, seed, fixed), count)
     }
     /// What is known of ways out.
-    pub(super) fn learnt(&self) -> &Learnt {
+    pub(super) fn learnt(&self) -> &EnclosureCache {
         &self.laid_out.learnt
     }
     /// The number of the chain of these cells of the foot frame.

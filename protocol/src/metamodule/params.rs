@@ -2,7 +2,7 @@
 
 use super::blueprint::{Blueprint, Seed, Task};
 use super::motions::Motions;
-use crate::defects::Sabotage;
+use crate::defects::Defect;
 use crate::roombots::Kind;
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
@@ -118,17 +118,17 @@ impl Floor {
     }
 }
 
-/// The least [`Params::hearing`], in connectors. Motions from one foot reach at most four cells to the side,
+/// The least [`Params::communication_range`], in connectors. Motions from one foot reach at most four cells to the side,
 /// so a metamodule farther away cannot be in the way of a move, nor come into it by a move of its own.
-pub const LEAST_HEARING: u16 = 9;
+pub const LEAST_COMMUNICATION_RANGE: u16 = 9;
 /// The usual communication range, in connectors. The thesis's metamodules broadcast and nothing is said of a
 /// range (4.1.3); this one covers the floor that its experiments are repeated on.
-pub const HEARING: u16 = 12;
+pub const COMMUNICATION_RANGE: u16 = 12;
 
 /// From whom metamodules learn which seeds are filled and open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
 #[serde(rename_all = "lowercase")]
-pub enum Teller {
+pub enum SeedAuthority {
     /// From the world-controller, as in the thesis.
     #[default]
     Controller,
@@ -158,10 +158,10 @@ pub struct Params {
     /// Whether settled metamodules push like others. Read by the published strategies only.
     pub settled_repel: bool,
     /// From whom open seeds are learnt.
-    pub teller: Teller,
+    pub seed_authority: SeedAuthority,
     /// The communication range: feet at most this far apart (the larger of the two distances along x and y)
     /// hear each other.
-    pub hearing: u16,
+    pub communication_range: u16,
     /// How long a joint needs for a step.
     pub turn_time: Span,
     /// How long connecting and disconnecting take.
@@ -181,7 +181,7 @@ pub struct Params {
     pub patience: Span,
     /// A defect for tests.
     #[doc(hidden)]
-    pub sabotage: Option<Sabotage>,
+    pub defect: Option<Defect>,
 }
 
 impl Params {
@@ -193,8 +193,8 @@ impl Params {
             repulsion: strategy.repulsion(),
             precedence: strategy.precedence(),
             settled_repel: true,
-            teller: Teller::Controller,
-            hearing: HEARING,
+            seed_authority: SeedAuthority::Controller,
+            communication_range: COMMUNICATION_RANGE,
             turn_time,
             connect_time: turn_time,
             lease: turn_time * 40 + round_trip * 4,
@@ -203,7 +203,7 @@ impl Params {
             back_off: turn_time,
             detector: None,
             patience: turn_time * 10 + round_trip * 4,
-            sabotage: None,
+            defect: None,
         }
     }
 }

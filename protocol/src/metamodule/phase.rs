@@ -1,11 +1,11 @@
 //! What a metamodule does at a time: nothing, asking for a lock, or moving.
 
-use super::message::{Action, Deed, Percept, Refusal};
+use super::message::{Action, BodyAction, Percept, Refusal};
 use super::plan::{Aim, Plan};
 use super::pose::Pose;
 use super::view::View;
-use crate::coverage::{Mark, hit};
-use crate::defects::Sabotage;
+use crate::coverage::{CoveragePoint, hit};
+use crate::defects::Defect;
 use crate::digest::Portable;
 use crate::ids::Port;
 use crate::time::{Span, Time};
@@ -118,18 +118,18 @@ impl Motion {
     pub fn next(&self, v: View<'_>) -> Next {
         let params = v.params();
         let (deed, takes) = match (self.plan.steps.get(self.next), self.plan.aim) {
-            (Some(step), _) => (Deed::Turn(*step), params.turn_time),
+            (Some(step), _) => (BodyAction::Turn(*step), params.turn_time),
             (None, Aim::Settle(_)) => return Next::Settled,
             (None, Aim::Shift) => return Next::Shifted,
-            (None, Aim::Land) if v.own.pose.both => (Deed::Detach, params.connect_time),
-            (None, Aim::Land) => (Deed::Attach, params.connect_time),
+            (None, Aim::Land) if v.own.pose.both => (BodyAction::Detach, params.connect_time),
+            (None, Aim::Land) => (BodyAction::Attach, params.connect_time),
         };
         let not_after = self.until - takes;
         let is_late = v.now > not_after;
         if is_late {
-            hit(Mark::MetaLockRanOut);
+            hit(CoveragePoint::MetaLockRanOut);
         }
-        if v.has(Sabotage::OutstayLease) {
+        if v.has(Defect::OutstayLease) {
             return Next::Act(Action { deed, not_after: Time::NEVER });
         }
         if is_late { Next::LockRunsOut } else { Next::Act(Action { deed, not_after }) }
@@ -160,13 +160,13 @@ impl Motion {
             Percept::Refused(_) | Percept::Done(_) => false,
         };
         if percept == Percept::Refused(Refusal::Stale) {
-            hit(if has_begun { Mark::MetaStaleOnTheWay } else { Mark::MetaStaleAtStart });
+            hit(if has_begun { CoveragePoint::MetaStaleOnTheWay } else { CoveragePoint::MetaStaleAtStart });
         }
         if again {
             return Setback::Retry;
         }
         let is_stuck = percept == Percept::Failed && self.next < self.plan.steps.len();
-        hit(if is_stuck { Mark::MetaStuck } else { Mark::MetaActionGivenUp });
+        hit(if is_stuck { CoveragePoint::MetaStuck } else { CoveragePoint::MetaActionGivenUp });
         if is_stuck { Setback::Stuck } else { Setback::GiveUp }
     }
 }

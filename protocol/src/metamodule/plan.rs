@@ -35,9 +35,9 @@ impl Plan {
     /// Finds the shortest motion to a posture over free ground.
     pub fn to(ground: &Ground<'_>, from: Pose, posture: u16, aim: Aim) -> Option<Plan> {
         let graph = ground.motions.graph();
-        let way = graph.way(from.posture, posture, ground.taken_at(from))?;
-        let sweep = Sweep(way.swept | graph.filled_bits(from.posture));
-        Some(Plan { from, steps: way.steps.to_vec(), sweep, ends: posture, aim, non_blocking: false })
+        let path = graph.path(from.posture, posture, ground.taken_at(from))?;
+        let sweep = Sweep(path.swept | graph.filled_bits(from.posture));
+        Some(Plan { from, steps: path.steps.to_vec(), sweep, ends: posture, aim, non_blocking: false })
     }
 
     /// Letting go of the end that has been attached for longer. It sweeps nothing.

@@ -5,7 +5,7 @@ use super::params::Setup;
 use super::pose::{End, Pose};
 use crate::lattice::Cell;
 use crate::metamodule::planning::paths::Ground;
-use crate::rng::Stream;
+use crate::rng::Rng;
 use crate::roombots::grid::GridState;
 use crate::roombots::posture::Posture;
 use thiserror::Error;
@@ -46,10 +46,10 @@ const TRIES: usize = 100;
 /// # Errors
 /// If no such start was found.
 pub fn draw_start(setup: &Setup, count: usize, seed: u64) -> Result<Start, StartError> {
-    let mut stream = Stream::named(seed, "start", 0);
+    let mut rng = Rng::named(seed, "start", 0);
     let (mut most, mut redrawn) = (0, 0);
     for _ in 0..TRIES {
-        let poses = draw(setup, count, &mut stream);
+        let poses = draw(setup, count, &mut rng);
         most = most.max(poses.len());
         if poses.len() < count {
             continue;
@@ -70,7 +70,7 @@ pub fn random_start(setup: &Setup, count: usize, seed: u64) -> Result<Vec<Pose>,
     draw_start(setup, count, seed).map(|start| start.poses)
 }
 
-fn draw(setup: &Setup, count: usize, stream: &mut Stream) -> Vec<Pose> {
+fn draw(setup: &Setup, count: usize, rng: &mut Rng) -> Vec<Pose> {
     let feet = || setup.seeds(Task::default()).map(|(_, s)| s.foot);
     // Invariant: a blueprint has a seed; without one nothing would be kept free.
     let x = (feet().map(|f| f.0).min().unwrap_or(0) - 1, feet().map(|f| f.0).max().unwrap_or(0) + 1);
@@ -84,9 +84,9 @@ fn draw(setup: &Setup, count: usize, stream: &mut Stream) -> Vec<Pose> {
     let posture = setup.motions.table().find(Posture::zero(setup.kind())).unwrap_or(0);
     let mut poses = Vec::with_capacity(count);
     while poses.len() < count && !free.is_empty() {
-        let at = free[stream.below(free.len() as u64) as usize];
+        let at = free[rng.below(free.len() as u64) as usize];
         free.retain(|f| f.0.abs_diff(at.0).max(f.1.abs_diff(at.1)) >= 2);
-        let state = GridState::new(at.0, at.1, stream.below(4) as u8);
+        let state = GridState::new(at.0, at.1, rng.below(4) as u8);
         poses.push(Pose { state, end: End::Foot, both: false, posture });
     }
     poses

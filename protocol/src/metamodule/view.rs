@@ -6,10 +6,10 @@ use super::locks::LockTable;
 use super::message::State;
 use super::motions::Motions;
 use super::neighbour_table::NeighbourTable;
-use super::params::{Params, Setup, Teller};
+use super::params::{Params, SeedAuthority, Setup};
 use super::planning::paths::Ground;
 use super::pose::Pose;
-use crate::defects::Sabotage;
+use crate::defects::Defect;
 use crate::ids::ModuleId;
 use crate::lattice::Cell;
 use crate::time::Time;
@@ -51,8 +51,8 @@ impl<'a> View<'a> {
         &self.setup.motions
     }
     /// Whether a test has switched this defect on.
-    pub fn has(self, defect: Sabotage) -> bool {
-        self.setup.params.sabotage == Some(defect)
+    pub fn has(self, defect: Defect) -> bool {
+        self.setup.params.defect == Some(defect)
     }
     /// The goal of the task, where its blueprint has it.
     pub fn goal(self) -> &'a Blueprint {
@@ -60,9 +60,9 @@ impl<'a> View<'a> {
     }
     /// Seeds that may be filled now.
     pub fn open(self) -> SeedSet {
-        match self.params().teller {
-            Teller::Controller => self.own.open.without(self.own.filled),
-            Teller::Neighbours => self.goal().open(self.own.filled),
+        match self.params().seed_authority {
+            SeedAuthority::Controller => self.own.open.without(self.own.filled),
+            SeedAuthority::Neighbours => self.goal().open(self.own.filled),
         }
     }
     /// The seed that a metamodule in `pose` fills, if any.
@@ -78,7 +78,7 @@ impl<'a> View<'a> {
     /// Whether a neighbour in range has not been heard yet and may be alive. However long it is silent, it
     /// may be about to move, and would not be asked.
     pub fn any_unheard(self) -> bool {
-        self.neighbours.any_unheard(self.own.pose.foot(), self.params().hearing)
+        self.neighbours.any_unheard(self.own.pose.foot(), self.params().communication_range)
     }
     /// Cells of the dead and of obstacles.
     pub fn fixed(self) -> Vec<Cell> {

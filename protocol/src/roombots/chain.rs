@@ -3,7 +3,7 @@
 use super::lattice_pose::{LatticePose, LatticeRotation};
 use super::posture::is_middle;
 use super::{Kind, KinematicsError};
-use crate::rng::Stream;
+use crate::rng::Rng;
 use nalgebra::{Matrix3, Vector3, Vector6};
 use std::f64::consts::PI;
 
@@ -246,13 +246,13 @@ pub fn flip() -> Matrix3<f64> {
 }
 
 /// Draws the joint angles of a robot, each evenly from (−π, π].
-pub fn random_angles(kind: Kind, stream: &mut Stream) -> Vec<f64> {
-    (0..kind.joints()).map(|_| random_angle(stream)).collect()
+pub fn random_angles(kind: Kind, rng: &mut Rng) -> Vec<f64> {
+    (0..kind.joints()).map(|_| random_angle(rng)).collect()
 }
 
 /// Draws an angle evenly from (−π, π].
-pub fn random_angle(stream: &mut Stream) -> f64 {
-    PI - stream.below(1 << 32) as f64 * (2.0 * PI / (1u64 << 32) as f64)
+pub fn random_angle(rng: &mut Rng) -> f64 {
+    PI - rng.below(1 << 32) as f64 * (2.0 * PI / (1u64 << 32) as f64)
 }
 
 /// Returns the matrix of the mirror x↔y.

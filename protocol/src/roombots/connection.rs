@@ -11,7 +11,7 @@ use super::chain::{Chain, Pose, rotation_vector};
 use super::torque::{Load, torques};
 use super::{CELL_METRES, Kind, KinematicsError};
 use crate::ratio::Ratio;
-use crate::rng::Stream;
+use crate::rng::Rng;
 use nalgebra::{Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
@@ -78,14 +78,14 @@ impl ConnectionModel {
     }
 
     /// Tries to connect. Draws the same number of random numbers for every outcome.
-    pub fn attempt(&self, m: &Misalignment, stream: &mut Stream) -> Attempt {
-        let mut noise = |most: u32| stream.below(u64::from(most) + 1) as u32;
+    pub fn attempt(&self, m: &Misalignment, rng: &mut Rng) -> Attempt {
+        let mut noise = |most: u32| rng.below(u64::from(most) + 1) as u32;
         let noisy = Misalignment {
             shift_um: m.shift_um.saturating_add(noise(self.shift_noise_um)),
             twist_mdeg: m.twist_mdeg.saturating_add(noise(self.twist_noise_mdeg)),
             tilt_mdeg: m.tilt_mdeg,
         };
-        let fails = stream.below(self.failure.den().into()) < self.failure.num().into();
+        let fails = rng.below(self.failure.den().into()) < self.failure.num().into();
         match (self.tolerates(&noisy), fails) {
             (false, _) => Attempt::OutOfTolerance,
             (true, true) => Attempt::Failed,
@@ -142,16 +142,16 @@ mod tests {
     #[test]
     fn one_of_twenty_fails_within_the_tolerances() {
         let model = ConnectionModel::thesis();
-        let mut stream = Stream::named(3, "connection", 0);
+        let mut rng = Rng::named(3, "connection", 0);
         let edge = Misalignment { shift_um: 4_000, twist_mdeg: 13_000, tilt_mdeg: 0 };
         let tries = 20_000;
-        let failed = (0..tries).filter(|_| model.attempt(&edge, &mut stream) == Attempt::Failed).count();
+        let failed = (0..tries).filter(|_| model.attempt(&edge, &mut rng) == Attempt::Failed).count();
         assert!((900..1_100).contains(&failed), "{failed}");
         let beyond = Misalignment { shift_um: 4_001, ..edge };
-        assert_eq!(model.attempt(&beyond, &mut stream), Attempt::OutOfTolerance);
+        assert_eq!(model.attempt(&beyond, &mut rng), Attempt::OutOfTolerance);
         let beyond = Misalignment { twist_mdeg: 13_001, ..edge };
-        assert_eq!(model.attempt(&beyond, &mut stream), Attempt::OutOfTolerance);
-        assert_eq!(ConnectionModel::perfect().attempt(&edge, &mut stream), Attempt::Connected);
+        assert_eq!(model.attempt(&beyond, &mut rng), Attempt::OutOfTolerance);
+        assert_eq!(ConnectionModel::perfect().attempt(&edge, &mut rng), Attempt::Connected);
     }
 
     /// Outcomes follow from the seed, and an attempt out of tolerance draws as many numbers.
@@ -159,13 +159,13 @@ mod tests {
     fn attempts_are_seeded() {
         let model = ConnectionModel { shift_noise_um: 3_000, ..ConnectionModel::thesis() };
         let run = |first: u32| {
-            let mut stream = Stream::named(8, "connection", 1);
+            let mut rng = Rng::named(8, "connection", 1);
             let mut shift = first;
             (0..50)
                 .map(|_| {
                     let m = Misalignment { shift_um: shift, ..Misalignment::default() };
                     shift = 2_000;
-                    model.attempt(&m, &mut stream)
+                    model.attempt(&m, &mut rng)
                 })
                 .collect::<Vec<_>>()
         };

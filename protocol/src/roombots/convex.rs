@@ -128,7 +128,7 @@ fn tetrahedron(a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>, d: Vector3<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Stream;
+    use crate::rng::Rng;
 
     struct Ball(Vector3<f64>, f64);
     impl Convex for Ball {
@@ -143,8 +143,8 @@ mod tests {
     /// Balls and boxes have closed formulas to compare with.
     #[test]
     fn agrees_with_closed_formulas() {
-        let mut stream = Stream::named(1, "convex", 0);
-        let mut number = || stream.below(1 << 20) as f64 / f64::from(1 << 19) - 1.0;
+        let mut rng = Rng::named(1, "convex", 0);
+        let mut number = || rng.below(1 << 20) as f64 / f64::from(1 << 19) - 1.0;
         let mut hits = 0;
         for _ in 0..20_000 {
             let ball = Ball(Vector3::new(number(), number(), number()) * 1.5, 0.6);

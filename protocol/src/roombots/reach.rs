@@ -14,7 +14,7 @@ use super::inverse::levenberg_marquardt;
 use super::inverse::{Solution, solve};
 use super::spheres;
 use super::{HALF_EDGE, Kind};
-use crate::rng::Stream;
+use crate::rng::Rng;
 use std::collections::BTreeSet;
 
 /// The conditions under which a state counts as reached.
@@ -131,11 +131,11 @@ pub fn positions(states: &BTreeSet<GridState>) -> usize {
 /// and step rule are not in the thesis, so this shows that the table is plausible, and not how it was made.
 pub fn incomplete_search(kind: Kind, starts: u32, seed: u64) -> BTreeSet<GridState> {
     let chain = Chain::of(kind);
-    let mut stream = Stream::named(seed, "incomplete search", kind as u64);
+    let mut rng = Rng::named(seed, "incomplete search", kind as u64);
     let reached = |state: &GridState| {
         let target: Pose = state.pose().into();
         (0..starts).any(|_| {
-            let start = random_angles(kind, &mut stream);
+            let start = random_angles(kind, &mut rng);
             let outcome = levenberg_marquardt::solve_plainly(&chain, &target, &start);
             let solution = Solution { q: outcome.q, residual: outcome.residual };
             outcome.reached && Assumptions::Spheres(5).accepts(kind, &solution)

@@ -1,7 +1,7 @@
 //! Why a swarm of cubes stands still: judged on the ground truth; the agents' own reports show what they wait
 //! for.
 
-use crate::cube::reachability::{Plight, Standing};
+use crate::cube::reachability::{ModuleSnapshot, StandstillSnapshot};
 use crate::cube::reasons::{
     CUT_OFF, HEARS_OF_NO_TARGET, HOLDS_DEAD, IMMOBILE, NEEDS_DEAD_SUPPORT, PINNED, UNATTACHED,
 };
@@ -108,16 +108,16 @@ pub fn diagnose(
 }
 
 /// Returns the standstill as a question for a reachability search.
-pub fn plight(
+pub fn snapshot(
     world: &CubeWorld,
     known: &[Known],
     goal: &Goal,
     connectivity: Connectivity,
     stage: u16,
-) -> Plight {
+) -> StandstillSnapshot {
     let modules = (0..known.len() as u32).map(ModuleId).map(|id| {
         let of = &known[id.index()];
-        Standing {
+        ModuleSnapshot {
             cell: world.cell(id),
             alive: of.alive,
             stuck: world.is_stuck(id),
@@ -130,7 +130,7 @@ pub fn plight(
         }
     });
     let fills = |id: ModuleId| known[id.index()].is_final(stage) || !known[id.index()].alive;
-    Plight {
+    StandstillSnapshot {
         modules: modules.collect(),
         filled: goal.cells().filter(|c| world.body_at(*c).is_some_and(fills)).count(),
         goal: goal.cells().collect(),

@@ -1,13 +1,13 @@
 //! The director of cubes: opens goals, injects faults, certifies deaths, watches progress and decides how the
 //! run ends. Sans-IO; both drivers carry out its commands.
 
-use crate::cube::diagnosis::{Known, diagnose, plight};
-use crate::cube::reachability::Plight;
+use crate::cube::diagnosis::{Known, diagnose, snapshot};
+use crate::cube::reachability::StandstillSnapshot;
 use crate::cube::world::CubeWorld;
-use crate::director::fault_injector::Injector;
-use crate::director::faults::{Fault, Schedule, Struck};
+use crate::director::fault_injector::FaultInjector;
+use crate::director::faults::{Fault, FaultRecord, Schedule};
 use crate::director::outcome::{Outcome, Stall};
-use crate::director::port::Direct;
+use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
 use metamorph_protocol::cube::control::{Order, Status};
 use metamorph_protocol::cube::message::Role;
@@ -25,7 +25,7 @@ use std::sync::Arc;
 /// The director of a swarm of cubes.
 pub struct Director {
     setup: Arc<Setup>,
-    faults: Injector,
+    faults: FaultInjector,
     stop: Stop,
     failure: Ratio,
     stage: u16,
@@ -65,7 +65,7 @@ impl Director {
         let stages = setup.goals.first().map(opened).into_iter().collect();
         Director {
             setup,
-            faults: Injector::new(schedule),
+            faults: FaultInjector::new(schedule),
             stop,
             failure,
             stage: 0,
@@ -95,11 +95,11 @@ impl Director {
         self.stall.as_ref()
     }
     /// Returns the current state of the swarm as a question for a reachability search.
-    pub fn plight(&self, world: &CubeWorld) -> Plight {
-        plight(world, &self.known, self.goal(), self.setup.params.connectivity, self.stage)
+    pub fn snapshot(&self, world: &CubeWorld) -> StandstillSnapshot {
+        snapshot(world, &self.known, self.goal(), self.setup.params.connectivity, self.stage)
     }
     /// Returns the effects of the faults so far.
-    pub fn struck(&self) -> &[Struck] {
+    pub fn struck(&self) -> &[FaultRecord] {
         self.faults.struck()
     }
     /// Returns all goals so far.
@@ -162,15 +162,15 @@ impl Director {
         format!("it was {role} at {}{moving}", world.cell(id))
     }
 
-    fn strike(&mut self, now: Time, fault: Fault, world: &mut CubeWorld) {
+    fn inject(&mut self, now: Time, fault: Fault, world: &mut CubeWorld) {
         self.last_fault = now;
         let Some(id) = fault.module() else {
             // The scenario reader refuses obstacles among cubes.
             let effect = "cubes have no obstacles but each other".to_owned();
-            return self.faults.strike(now, fault, false, effect, &mut self.commands);
+            return self.faults.inject(now, fault, false, effect, &mut self.commands);
         };
         let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
-        self.faults.strike(now, fault, alive, effect, &mut self.commands);
+        self.faults.inject(now, fault, alive, effect, &mut self.commands);
         match fault {
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => world.set_stuck(id, false),
@@ -279,7 +279,7 @@ impl Director {
     }
 }
 
-impl Direct<CubeWorld> for Director {
+impl DirectorPort<CubeWorld> for Director {
     fn report(&mut self, now: Time, id: ModuleId, report: Status) {
         let goal = self.goal().len();
         if let Some(stage) = self.stages.last_mut()
@@ -322,7 +322,7 @@ impl Direct<CubeWorld> for Director {
         }
         world.set_failure(self.failure);
         while let Some(fault) = self.faults.due(now) {
-            self.strike(now, fault, world);
+            self.inject(now, fault, world);
         }
         self.certify_deaths(world);
         self.watch(now, world);
@@ -340,7 +340,7 @@ impl Direct<CubeWorld> for Director {
         self.commands.pop_front()
     }
 
-    fn struck(&self) -> &[Struck] {
+    fn struck(&self) -> &[FaultRecord] {
         self.faults.struck()
     }
 }

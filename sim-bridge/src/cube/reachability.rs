@@ -10,14 +10,14 @@
 //!
 //! Absent: when and by which neighbour a module is recruited; only that the message can reach it at all.
 
-use crate::director::proof::{Found, Within};
+use crate::director::proof::{Found, RuleSet};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
 /// One module at a standstill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Standing {
+pub struct ModuleSnapshot {
     /// The cell of the module.
     pub cell: Cell,
     /// True if its process lives.
@@ -34,9 +34,9 @@ pub struct Standing {
 
 /// A standstill as a question: the modules and the goal.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Plight {
+pub struct StandstillSnapshot {
     /// All modules.
-    pub modules: Vec<Standing>,
+    pub modules: Vec<ModuleSnapshot>,
     /// The goal cells.
     pub goal: Vec<Cell>,
     /// The number of goal cells that are filled.
@@ -48,13 +48,13 @@ pub struct Plight {
 /// Returns the widest rules within which it is proved that no plan exists; or the result of the search within
 /// the narrowest. The search looks at no more than `bound` arrangements within the rules of a growing swarm,
 /// and at far fewer within the others, which only widen the proof.
-pub fn widest_proof(plight: &Plight, bound: usize) -> Result<Within, Found> {
+pub fn widest_proof(snapshot: &StandstillSnapshot, bound: usize) -> Result<RuleSet, Found> {
     let mut proved = None;
-    for within in Within::ALL {
-        let bound = if within <= Within::Called { bound } else { bound / 40 };
-        match search(plight, within, bound) {
+    for within in RuleSet::ALL {
+        let bound = if within <= RuleSet::Called { bound } else { bound / 40 };
+        match search(snapshot, within, bound) {
             // A goal that is impossible in principle is often easy to detect.
-            Found::Impossible(_) if plight.is_short_of_modules() => return Ok(Within::Anything),
+            Found::Impossible(_) if snapshot.is_short_of_modules() => return Ok(RuleSet::Anything),
             Found::Impossible(_) => proved = Some(within),
             other => return proved.ok_or(other),
         }
@@ -63,50 +63,50 @@ pub fn widest_proof(plight: &Plight, bound: usize) -> Result<Within, Found> {
 }
 
 /// Searches within the rules, arrangements nearest to the goal first.
-pub fn search(plight: &Plight, within: Within, bound: usize) -> Found {
-    let board = Board::new(plight, within);
-    let start = board.movers.clone();
-    if board.needs_live() && !board.is_enough(&start) && board.is_out_of_reach(&start) {
+pub fn search(snapshot: &StandstillSnapshot, within: RuleSet, bound: usize) -> Found {
+    let state_space = StateSpace::new(snapshot, within);
+    let start = state_space.movers.clone();
+    if state_space.needs_live() && !state_space.is_enough(&start) && state_space.is_out_of_reach(&start) {
         return Found::Impossible(1);
     }
     let mut seen = BTreeSet::from([start.clone()]);
-    let mut front = BinaryHeap::from([Reverse((board.distance(&start), 0, start))]);
+    let mut front = BinaryHeap::from([Reverse((state_space.distance(&start), 0, start))]);
     while let Some(Reverse((_, moves, at))) = front.pop() {
-        if board.is_enough(&at) {
+        if state_space.is_enough(&at) {
             return Found::Way(moves);
         }
-        for next in board.moves(&at) {
+        for next in state_space.moves(&at) {
             if seen.len() >= bound {
                 return Found::Undecided;
             }
             if seen.insert(next.clone()) {
-                front.push(Reverse((board.distance(&next), moves + 1, next)));
+                front.push(Reverse((state_space.distance(&next), moves + 1, next)));
             }
         }
     }
     Found::Impossible(seen.len())
 }
 
-impl Plight {
-    fn moves(&self, module: &Standing, within: Within) -> bool {
+impl StandstillSnapshot {
+    fn moves(&self, module: &ModuleSnapshot, within: RuleSet) -> bool {
         let stays = match within {
-            Within::Anything => false,
-            Within::Grown | Within::Called => module.finalized,
-            Within::Held => module.finalized || module.pinned,
+            RuleSet::Anything => false,
+            RuleSet::Grown | RuleSet::Called => module.finalized,
+            RuleSet::Held => module.finalized || module.pinned,
         };
         module.alive && !module.stuck && !stays
     }
     /// Returns true if there are fewer modules that can move than goal cells without one that cannot.
     fn is_short_of_modules(&self) -> bool {
-        let mut others = self.modules.iter().filter(|m| !self.moves(m, Within::Anything));
+        let mut others = self.modules.iter().filter(|m| !self.moves(m, RuleSet::Anything));
         let held = others.clone().filter(|m| self.goal.contains(&m.cell)).count();
         self.modules.len() - others.by_ref().count() + held < self.goal.len()
     }
 }
 
 /// The constant part of a search.
-struct Board {
-    within: Within,
+struct StateSpace {
+    within: RuleSet,
     spared_by_live: bool,
     goal: Vec<Cell>,
     /// The number of goal cells that must be filled.
@@ -122,21 +122,21 @@ struct Board {
     roots: BTreeSet<Cell>,
 }
 
-impl Board {
-    fn new(plight: &Plight, within: Within) -> Board {
-        let cells = |which: &dyn Fn(&Standing) -> bool| {
-            plight.modules.iter().filter(|m| which(m)).map(|m| m.cell).collect::<BTreeSet<Cell>>()
+impl StateSpace {
+    fn new(snapshot: &StandstillSnapshot, within: RuleSet) -> StateSpace {
+        let cells = |which: &dyn Fn(&ModuleSnapshot) -> bool| {
+            snapshot.modules.iter().filter(|m| which(m)).map(|m| m.cell).collect::<BTreeSet<Cell>>()
         };
-        Board {
+        StateSpace {
             within,
-            spared_by_live: plight.spared_by_live,
-            goal: plight.goal.clone(),
+            spared_by_live: snapshot.spared_by_live,
+            goal: snapshot.goal.clone(),
             enough: match within {
-                Within::Held | Within::Called => plight.filled + 1,
-                Within::Grown | Within::Anything => plight.goal.len(),
+                RuleSet::Held | RuleSet::Called => snapshot.filled + 1,
+                RuleSet::Grown | RuleSet::Anything => snapshot.goal.len(),
             },
-            movers: cells(&|m| plight.moves(m, within)).into_iter().collect(),
-            fixed_live: cells(&|m| m.alive && !plight.moves(m, within)),
+            movers: cells(&|m| snapshot.moves(m, within)).into_iter().collect(),
+            fixed_live: cells(&|m| m.alive && !snapshot.moves(m, within)),
             dead: cells(&|m| !m.alive),
             walkers: cells(&|m| m.walker),
             roots: cells(&|m| m.alive && m.finalized),
@@ -145,7 +145,7 @@ impl Board {
 
     /// Returns true if only live modules carry others and hear.
     fn needs_live(&self) -> bool {
-        matches!(self.within, Within::Held | Within::Called)
+        matches!(self.within, RuleSet::Held | RuleSet::Called)
     }
 
     fn is_live(&self, at: &[Cell], cell: Cell) -> bool {
@@ -322,7 +322,7 @@ impl Board {
             let reached = spread(beside.first().copied().into_iter(), counts);
             beside.iter().all(|c| reached.contains(c))
         };
-        let by_live = self.within == Within::Held && self.spared_by_live;
+        let by_live = self.within == RuleSet::Held && self.spared_by_live;
         together(&|c| self.is_taken(rest, *c))
             && (!by_live || together(&|c| *c != from && self.carries(rest, grown, *c)))
     }
@@ -350,7 +350,7 @@ fn motions() -> impl Iterator<Item = Motion> {
 mod tests {
     use super::*;
 
-    const LIVE: Standing = Standing {
+    const LIVE: ModuleSnapshot = ModuleSnapshot {
         cell: Cell::new(0, 0, 0),
         alive: true,
         stuck: false,
@@ -359,77 +359,78 @@ mod tests {
         pinned: false,
     };
 
-    fn at(x: i16, y: i16, z: i16) -> Standing {
-        Standing { cell: Cell::new(x, y, z), ..LIVE }
+    fn at(x: i16, y: i16, z: i16) -> ModuleSnapshot {
+        ModuleSnapshot { cell: Cell::new(x, y, z), ..LIVE }
     }
-    fn root(x: i16, y: i16, z: i16) -> Standing {
-        Standing { finalized: true, ..at(x, y, z) }
+    fn root(x: i16, y: i16, z: i16) -> ModuleSnapshot {
+        ModuleSnapshot { finalized: true, ..at(x, y, z) }
     }
-    fn dead(x: i16, y: i16, z: i16) -> Standing {
-        Standing { alive: false, ..at(x, y, z) }
+    fn dead(x: i16, y: i16, z: i16) -> ModuleSnapshot {
+        ModuleSnapshot { alive: false, ..at(x, y, z) }
     }
-    fn plight(modules: &[Standing], goal: &[[i16; 3]]) -> Plight {
+    fn snapshot(modules: &[ModuleSnapshot], goal: &[[i16; 3]]) -> StandstillSnapshot {
         let goal: Vec<Cell> = goal.iter().copied().map(Cell::from).collect();
         let filled = modules.iter().filter(|m| goal.contains(&m.cell) && (m.finalized || !m.alive)).count();
-        Plight { modules: modules.to_vec(), goal, filled, spared_by_live: false }
+        StandstillSnapshot { modules: modules.to_vec(), goal, filled, spared_by_live: false }
     }
 
     #[test]
     fn finds_a_plan_where_there_is_one() {
-        let row = plight(&[root(0, 0, 0), at(1, 0, 0), at(2, 0, 0)], &[[0, 0, 0], [0, 0, 1]]);
+        let row = snapshot(&[root(0, 0, 0), at(1, 0, 0), at(2, 0, 0)], &[[0, 0, 0], [0, 0, 1]]);
         // The end of the row goes over the middle: two moves.
-        assert_eq!(search(&row, Within::Held, 1_000), Found::Way(2));
+        assert_eq!(search(&row, RuleSet::Held, 1_000), Found::Way(2));
         assert_eq!(widest_proof(&row, 1_000), Err(Found::Way(2)));
-        assert_eq!(search(&row, Within::Held, 2), Found::Undecided);
+        assert_eq!(search(&row, RuleSet::Held, 2), Found::Undecided);
     }
 
     #[test]
     fn a_mover_can_make_way_for_another() {
         // The module above the root is a walker; the goal is its cell and one beside.
         let stack = [root(0, 0, 0), at(0, 0, 1), at(0, 0, 2)];
-        let tower = plight(&stack, &[[0, 0, 0], [1, 0, 0], [0, 0, 1]]);
-        assert!(matches!(search(&tower, Within::Held, 1_000), Found::Way(_)));
+        let tower = snapshot(&stack, &[[0, 0, 0], [1, 0, 0], [0, 0, 1]]);
+        assert!(matches!(search(&tower, RuleSet::Held, 1_000), Found::Way(_)));
     }
 
     #[test]
     fn names_the_rules_within_which_no_plan_exists() {
         let tower = [[0, 0, 0], [0, 0, 1]];
         // No module is left.
-        let few = plight(&[root(0, 0, 0), dead(1, 0, 0)], &tower);
-        assert_eq!(widest_proof(&few, 1_000), Ok(Within::Anything));
+        let few = snapshot(&[root(0, 0, 0), dead(1, 0, 0)], &tower);
+        assert_eq!(widest_proof(&few, 1_000), Ok(RuleSet::Anything));
         // The end could go over the dead middle, but no message reaches it; and the structure beside it,
         // where no cell is unfilled, does not tell of cells elsewhere.
-        let cut_off = plight(&[root(0, 0, 0), dead(1, 0, 0), at(2, 0, 0)], &tower);
-        assert_eq!(widest_proof(&cut_off, 1_000), Ok(Within::Called));
+        let cut_off = snapshot(&[root(0, 0, 0), dead(1, 0, 0), at(2, 0, 0)], &tower);
+        assert_eq!(widest_proof(&cut_off, 1_000), Ok(RuleSet::Called));
         let row = [root(0, 0, 0), dead(1, 0, 0), root(2, 0, 0), at(3, 0, 0)];
-        let cut_off = plight(&row, &[[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 1]]);
-        assert_eq!(widest_proof(&cut_off, 1_000), Ok(Within::Called));
+        let cut_off = snapshot(&row, &[[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 1]]);
+        assert_eq!(widest_proof(&cut_off, 1_000), Ok(RuleSet::Called));
         // A stuck walker on its path does not let it pass either.
-        let stuck = Standing { stuck: true, walker: true, ..at(1, 0, 0) };
-        let cut_off = plight(&[root(0, 0, 0), stuck, at(2, 0, 0)], &tower);
-        assert_eq!(widest_proof(&cut_off, 1_000), Ok(Within::Called));
+        let stuck = ModuleSnapshot { stuck: true, walker: true, ..at(1, 0, 0) };
+        let cut_off = snapshot(&[root(0, 0, 0), stuck, at(2, 0, 0)], &tower);
+        assert_eq!(widest_proof(&cut_off, 1_000), Ok(RuleSet::Called));
         // The end holds a dead module.
-        let holds = Standing { pinned: true, ..at(1, 0, 0) };
+        let holds = ModuleSnapshot { pinned: true, ..at(1, 0, 0) };
         let side = [root(0, 0, 0), holds, dead(1, 1, 0), root(0, 1, 0)];
-        let pinned = plight(&side, &[[0, 0, 0], [0, 1, 0], [0, 0, 1]]);
-        assert_eq!(widest_proof(&pinned, 1_000), Ok(Within::Held));
+        let pinned = snapshot(&side, &[[0, 0, 0], [0, 1, 0], [0, 0, 1]]);
+        assert_eq!(widest_proof(&pinned, 1_000), Ok(RuleSet::Held));
         // The bridge is the finalized structure: taking it down would allow the rest to be built, but growth
         // does not.
         let bridge = [root(0, 0, 0), root(1, 0, 0), dead(2, 0, 0)];
-        let built = plight(&bridge, &[[1, 0, 0], [1, 0, 1]]);
-        assert_eq!(widest_proof(&built, 1_000), Ok(Within::Grown));
+        let built = snapshot(&bridge, &[[1, 0, 0], [1, 0, 1]]);
+        assert_eq!(widest_proof(&built, 1_000), Ok(RuleSet::Grown));
     }
 
     /// Distances go along the surface and end where a dead module stands in a corner, though a walker gets past.
     #[test]
     fn distances_end_at_the_dead() {
         let arm = [at(0, -2, -2), at(0, -1, -2), at(0, -1, -1), at(0, -1, 0), at(0, 0, -2), at(0, 0, 0)];
-        let arm = arm.into_iter().chain([at(0, 1, -1), at(0, 1, 0)]).map(|m| Standing { pinned: true, ..m });
+        let arm =
+            arm.into_iter().chain([at(0, 1, -1), at(0, 1, 0)]).map(|m| ModuleSnapshot { pinned: true, ..m });
         let dead = [dead(-1, -1, -2), dead(0, -2, -1), dead(1, -1, 0), dead(0, 0, -1), dead(1, -2, -1)];
         let standstill = |walker| {
-            let end = Standing { walker, ..at(1, -1, -2) };
-            let modules: Vec<Standing> = arm.clone().chain(dead).chain([root(1, 1, -1), end]).collect();
-            search(&plight(&modules, &[[1, 1, -1], [1, 2, -1]]), Within::Held, 1_000)
+            let end = ModuleSnapshot { walker, ..at(1, -1, -2) };
+            let modules: Vec<ModuleSnapshot> = arm.clone().chain(dead).chain([root(1, 1, -1), end]).collect();
+            search(&snapshot(&modules, &[[1, 1, -1], [1, 2, -1]]), RuleSet::Held, 1_000)
         };
         assert_eq!(standstill(true), Found::Way(4));
         assert_eq!(standstill(false), Found::Impossible(1));
@@ -439,10 +440,10 @@ mod tests {
     /// example.
     #[test]
     fn wider_rules_allow_more() {
-        use metamorph_protocol::rng::Stream;
+        use metamorph_protocol::rng::Rng;
         let mut impossible = 0;
         for seed in 0..300 {
-            let mut random = Stream::named(seed, "plight", 0);
+            let mut random = Rng::named(seed, "plight", 0);
             let mut cells = vec![Cell::new(0, 0, 0)];
             while cells.len() < 5 {
                 let from = cells[random.below(cells.len() as u64) as usize];
@@ -451,7 +452,8 @@ mod tests {
                     cells.push(next);
                 }
             }
-            let mut modules: Vec<Standing> = cells.iter().map(|c| Standing { cell: *c, ..LIVE }).collect();
+            let mut modules: Vec<ModuleSnapshot> =
+                cells.iter().map(|c| ModuleSnapshot { cell: *c, ..LIVE }).collect();
             modules[0].finalized = true;
             for module in &mut modules[1..] {
                 module.alive = random.below(3) > 0;
@@ -459,11 +461,12 @@ mod tests {
                 module.stuck = random.below(6) == 0;
             }
             let goal: Vec<[i16; 3]> = (0..=random.below(3)).map(|z| [0, 0, z as i16]).collect();
-            let plight = Plight { spared_by_live: random.below(2) == 0, ..plight(&modules, &goal) };
-            let found = Within::ALL.map(|w| search(&plight, w, 20_000));
+            let snapshot =
+                StandstillSnapshot { spared_by_live: random.below(2) == 0, ..snapshot(&modules, &goal) };
+            let found = RuleSet::ALL.map(|w| search(&snapshot, w, 20_000));
             for pair in found.chunks(2) {
                 if let [narrow, Found::Impossible(_)] = pair {
-                    assert!(matches!(narrow, Found::Impossible(_)), "{plight:?} {found:?}");
+                    assert!(matches!(narrow, Found::Impossible(_)), "{snapshot:?} {found:?}");
                     impossible += 1;
                 }
             }

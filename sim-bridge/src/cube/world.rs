@@ -16,7 +16,7 @@ use metamorph_protocol::digest::Portable;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::{Span, Time};
 use std::cmp::Reverse;
@@ -42,7 +42,7 @@ struct Body {
 
 /// Counts of the bodies' moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Motions {
+pub struct MotionCounts {
     /// Moves begun.
     pub started: u64,
     /// Moves that ended at their destination.
@@ -68,8 +68,8 @@ pub struct CubeWorld {
     sessions: u32,
     move_time: Span,
     failure: Ratio,
-    joints: Stream,
-    motions: Motions,
+    joints: Rng,
+    motions: MotionCounts,
     violations: Vec<Violation>,
     /// Marks of the last search for connections, by module, and the number of the search.
     marks: Vec<(u64, u32)>,
@@ -88,8 +88,8 @@ impl CubeWorld {
             sessions: 0,
             move_time,
             failure: Ratio::ZERO,
-            joints: Stream::named(seed, "joints", 0),
-            motions: Motions::default(),
+            joints: Rng::named(seed, "joints", 0),
+            motions: MotionCounts::default(),
             violations: Vec::new(),
             marks: vec![(0, 0); cells.len()],
             search: 0,
@@ -128,7 +128,7 @@ impl CubeWorld {
         self.bodies[id.index()].stuck = stuck;
     }
     /// Returns the counts of moves so far.
-    pub fn motions(&self) -> Motions {
+    pub fn motions(&self) -> MotionCounts {
         self.motions
     }
     /// Returns the cell of a module's body; during a move, its start.

@@ -1,7 +1,7 @@
 //! Carries out a schedule of faults: faults of processes become commands, faults of bodies are left to the
 //! owner of the world. The same for every family.
 
-use crate::director::faults::{Fault, Schedule, Struck};
+use crate::director::faults::{Fault, FaultRecord, Schedule};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
@@ -10,19 +10,19 @@ use std::collections::{BTreeSet, VecDeque};
 
 /// A schedule and the position in it.
 #[derive(Clone, Debug, Default)]
-pub struct Injector {
+pub struct FaultInjector {
     schedule: Schedule,
     next: usize,
     paused: BTreeSet<ModuleId>,
-    struck: Vec<Struck>,
+    struck: Vec<FaultRecord>,
     crashed: u64,
     restarted: u64,
 }
 
-impl Injector {
+impl FaultInjector {
     /// Creates an injector at the start of a schedule.
-    pub fn new(schedule: Schedule) -> Injector {
-        Injector { schedule, ..Injector::default() }
+    pub fn new(schedule: Schedule) -> FaultInjector {
+        FaultInjector { schedule, ..FaultInjector::default() }
     }
     /// Returns the next fault that is due.
     pub fn due(&mut self, now: Time) -> Option<Fault> {
@@ -40,7 +40,7 @@ impl Injector {
     }
     /// Injects a fault; `effect` describes the state it finds, and `alive` is true if the process it hits
     /// lives.
-    pub fn strike<O>(
+    pub fn inject<O>(
         &mut self,
         now: Time,
         fault: Fault,
@@ -48,7 +48,7 @@ impl Injector {
         effect: String,
         commands: &mut VecDeque<Command<O>>,
     ) {
-        self.struck.push(Struck { at: now, fault, effect });
+        self.struck.push(FaultRecord { at: now, fault, effect });
         match fault {
             Fault::Kill(id) => commands.push_back(Command::Kill(id)),
             Fault::Pause(id) => {
@@ -77,7 +77,7 @@ impl Injector {
     /// Notes that a process was killed, stopped or continued from outside; `found` describes its state.
     pub fn external(&mut self, now: Time, id: ModuleId, what: &Outside, found: &str) {
         let effect = format!("{what}; {found}");
-        self.struck.push(Struck { at: now, fault: Fault::External(id), effect });
+        self.struck.push(FaultRecord { at: now, fault: Fault::External(id), effect });
     }
     /// Notes that a process has ended.
     pub fn died(&mut self, id: ModuleId) {
@@ -85,7 +85,7 @@ impl Injector {
         self.paused.remove(&id);
     }
     /// Returns the effects of the faults so far.
-    pub fn struck(&self) -> &[Struck] {
+    pub fn struck(&self) -> &[FaultRecord] {
         &self.struck
     }
     /// Returns how many processes died, and how many were restarted.

@@ -69,7 +69,7 @@ impl fmt::Display for Fault {
 
 /// A fault and its visible effect at the moment of injection.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Struck {
+pub struct FaultRecord {
     /// The time.
     pub at: Time,
     /// The fault.

@@ -3,7 +3,7 @@
 //! The director is a state machine like the agents: drivers hand it events and carry out its commands, with
 //! events in virtual time or with real signals to real processes.
 
-use crate::director::faults::Struck;
+use crate::director::faults::FaultRecord;
 use crate::world::World;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
@@ -12,17 +12,17 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 
 /// The director, as drivers see it.
-pub trait Direct<W: World> {
+pub trait DirectorPort<W: World> {
     /// Takes the report of an agent.
     fn report(&mut self, now: Time, id: ModuleId, report: <W::Agent as Agent>::Report);
     /// Notes that a process has ended, for any reason.
     fn died(&mut self, now: Time, id: ModuleId);
     /// Notes that a process was killed, stopped or continued from outside the run. For a death,
-    /// [`Direct::died`] is called as well, after this.
+    /// [`DirectorPort::died`] is called as well, after this.
     fn external(&mut self, _now: Time, _id: ModuleId, _what: &Outside, _world: &W) {}
     /// Notes that a process is up and its agent has started.
     fn started(&mut self, now: Time, id: ModuleId);
-    /// Notes that the time of [`Direct::wake_at`] has come, or that bodies have moved. `world` has been
+    /// Notes that the time of [`DirectorPort::wake_at`] has come, or that bodies have moved. `world` has been
     /// advanced.
     fn wake(&mut self, now: Time, world: &mut W);
     /// Takes an input that is neither a report nor a change of a process: a command of a person, or anything
@@ -39,7 +39,7 @@ pub trait Direct<W: World> {
     /// Returns the next command, in order. Polled after every other call.
     fn poll(&mut self) -> Option<Command<<W::Agent as Agent>::Order>>;
     /// Returns the effects of the faults injected so far.
-    fn struck(&self) -> &[Struck] {
+    fn struck(&self) -> &[FaultRecord] {
         &[]
     }
     /// Makes the decisions so far durable, as they are about to be carried out: a recording director commits

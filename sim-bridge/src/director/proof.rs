@@ -6,7 +6,7 @@ use std::fmt;
 /// The rules within which no plan exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Within {
+pub enum RuleSet {
     /// Modules do not let go of what may hang on them: they cannot know that it is safe.
     Held,
     /// Modules move over live ones that can hear of the goal, and the finalized structure stays.
@@ -17,31 +17,31 @@ pub enum Within {
     Anything,
 }
 
-impl Within {
+impl RuleSet {
     /// All rules, the narrowest first.
-    pub const ALL: [Within; 4] = [Within::Held, Within::Called, Within::Grown, Within::Anything];
+    pub const ALL: [RuleSet; 4] = [RuleSet::Held, RuleSet::Called, RuleSet::Grown, RuleSet::Anything];
 
     /// Returns the name in reports.
     pub const fn name(self) -> &'static str {
         match self {
-            Within::Held => "held",
-            Within::Called => "called",
-            Within::Grown => "grown",
-            Within::Anything => "anything",
+            RuleSet::Held => "held",
+            RuleSet::Called => "called",
+            RuleSet::Grown => "grown",
+            RuleSet::Anything => "anything",
         }
     }
     /// Returns the proof in words, for reports.
     pub const fn text(self) -> &'static str {
         match self {
-            Within::Held => "as long as no module lets go of what may hang on it",
-            Within::Called => "by live modules that can hear of it",
-            Within::Grown => "without taking down what is built",
-            Within::Anything => "whatever is done",
+            RuleSet::Held => "as long as no module lets go of what may hang on it",
+            RuleSet::Called => "by live modules that can hear of it",
+            RuleSet::Grown => "without taking down what is built",
+            RuleSet::Anything => "whatever is done",
         }
     }
 }
 
-impl fmt::Display for Within {
+impl fmt::Display for RuleSet {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.text())
     }

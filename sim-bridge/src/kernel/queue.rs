@@ -230,25 +230,25 @@ impl<T: Copy> Queue<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_protocol::rng::Stream;
+    use metamorph_protocol::rng::Rng;
 
     /// The same pushes and pops as a heap by time and number, for all delays.
     #[test]
     fn behaves_like_a_heap() {
         for (seed, reach) in [(1, 40), (2, 30), (3, 26), (4, 20), (5, 0)] {
-            let mut stream = Stream::named(seed, "queue", 0);
+            let mut rng = Rng::named(seed, "queue", 0);
             let mut queue = Queue::new(Span::millis(100));
             let (mut heap, mut now) = (BinaryHeap::new(), Time::ZERO);
             for number in 0..20_000u32 {
-                if stream.below(100) < 48 {
+                if rng.below(100) < 48 {
                     let expected = heap.pop().map(|Reverse((at, n))| (at, n));
                     assert_eq!(queue.next_at(), expected.map_or(Time::NEVER, |(at, _)| at));
                     assert_eq!(queue.pop(), expected);
                     now = expected.map_or(now, |(at, _)| at);
                 } else {
                     // Often the same instants; now and then far away.
-                    let reach = if stream.below(50) == 0 { 45 } else { stream.below(reach + 1) };
-                    let at = Time((now.0 + stream.below(1 << reach)) >> (reach / 2) << (reach / 2)).max(now);
+                    let reach = if rng.below(50) == 0 { 45 } else { rng.below(reach + 1) };
+                    let at = Time((now.0 + rng.below(1 << reach)) >> (reach / 2) << (reach / 2)).max(now);
                     queue.push(at, number);
                     heap.push(Reverse((at, number)));
                 }

@@ -3,8 +3,8 @@
 //!
 //! Absent: steps of agents (the agent host records those), and files.
 
-use crate::director::faults::{Fault, Struck};
-use crate::director::port::Direct;
+use crate::director::faults::{Fault, FaultRecord};
+use crate::director::port::DirectorPort;
 use crate::kernel::sim::{Agents, Audited};
 use crate::world::World;
 use crate::world::invariants::Violation;
@@ -26,12 +26,12 @@ fn put(log: &Log, at: Time, event: Event) {
 }
 
 /// Converts the record of a fault to an event.
-pub fn struck(struck: &Struck) -> Event {
+pub fn struck(struck: &FaultRecord) -> Event {
     let cell = match struck.fault {
         Fault::Block(cell) | Fault::Unblock(cell) => Some(cell),
         _ => None,
     };
-    Event::Struck {
+    Event::Injected {
         fault: struck.fault.to_string(),
         module: struck.fault.module(),
         cell,
@@ -45,10 +45,10 @@ pub struct RecordedWorld<W: World> {
     log: Log,
     now: Time,
     /// What bodies sensed, taken from the world in order to see which actions ended, and not polled yet.
-    sensed: VecDeque<Told<W>>,
+    sensed: VecDeque<Emitted<W>>,
 }
 
-type Told<W> = (ModuleId, Sensed<<<W as World>::Agent as Agent>::Percept>);
+type Emitted<W> = (ModuleId, Sensed<<<W as World>::Agent as Agent>::Percept>);
 
 impl<W: World> RecordedWorld<W> {
     /// Starts recording.
@@ -93,10 +93,10 @@ impl<W: World> World for RecordedWorld<W> {
     fn place(&self, id: ModuleId) -> <W::Agent as Agent>::Place {
         self.inner.place(id)
     }
-    fn start(&mut self, now: Time, id: ModuleId, life: Incarnation) {
+    fn start(&mut self, now: Time, id: ModuleId, incarnation: Incarnation) {
         self.now = now;
-        self.put(Event::Start { id, life, place: Blob::of(&self.inner.place(id)) });
-        self.inner.start(now, id, life);
+        self.put(Event::Start { id, incarnation, place: Blob::of(&self.inner.place(id)) });
+        self.inner.start(now, id, incarnation);
     }
     fn act(&mut self, now: Time, id: ModuleId, revision: Revision, action: &<W::Agent as Agent>::Action) {
         self.now = now;
@@ -201,7 +201,7 @@ impl<D> RecordedDirector<D> {
     /// Records the faults injected since the last call.
     fn put_struck<W: World>(&mut self, now: Time)
     where
-        D: Direct<W>,
+        D: DirectorPort<W>,
     {
         let new: Vec<Event> = self.inner.struck().iter().skip(self.struck).map(struck).collect();
         self.struck += new.len();
@@ -209,7 +209,7 @@ impl<D> RecordedDirector<D> {
     }
 }
 
-impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
+impl<W: World, D: DirectorPort<W>> DirectorPort<RecordedWorld<W>> for RecordedDirector<D> {
     fn report(&mut self, now: Time, id: ModuleId, report: <W::Agent as Agent>::Report) {
         self.put(now, Event::Report { id, report: Blob::of(&report) });
         self.inner.report(now, id, report);
@@ -247,7 +247,7 @@ impl<W: World, D: Direct<W>> Direct<RecordedWorld<W>> for RecordedDirector<D> {
         self.put(now, event);
         Some(command)
     }
-    fn struck(&self) -> &[Struck] {
+    fn struck(&self) -> &[FaultRecord] {
         self.inner.struck()
     }
     fn commit(&mut self) {
@@ -277,7 +277,7 @@ mod tests {
     /// Takes inputs of kind `known`.
     struct Listening(Vec<Vec<u8>>);
 
-    impl Direct<CubeWorld> for Listening {
+    impl DirectorPort<CubeWorld> for Listening {
         fn report(&mut self, _: Time, _: ModuleId, _: <Cube as Agent>::Report) {}
         fn died(&mut self, _: Time, _: ModuleId) {}
         fn started(&mut self, _: Time, _: ModuleId) {}

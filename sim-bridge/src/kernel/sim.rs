@@ -6,7 +6,7 @@
 //! The state of all modules lies in flat arrays, and messages under way in one slab, so that a message costs
 //! no allocation and a module a few hundred bytes.
 
-use crate::director::port::Direct;
+use crate::director::port::DirectorPort;
 use crate::kernel::queue::Queue;
 use crate::kernel::recording::Log;
 use crate::kernel::state::{self, Hashes, Held, States};
@@ -17,12 +17,12 @@ use crate::world::invariants::{MESSAGES_BALANCE, SESSION_CURRENT, TIME_PASSES};
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
-use metamorph_protocol::coverage::{Mark, hit};
+use metamorph_protocol::coverage::{CoveragePoint, hit};
 use metamorph_protocol::host::{AgentHost, StepContext};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::record::MessageName;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
@@ -125,7 +125,7 @@ enum Process {
 
 /// The state of a module besides its links.
 struct Module<A: Agent> {
-    stream: Stream,
+    rng: Rng,
     /// The time of the wake-up that is in the queue.
     wake: Time,
     revision: Revision,
@@ -160,7 +160,7 @@ impl<A: Agent> Module<A> {
         Sent { from, port, class, message }: Sent<A::Message>,
         link: &mut Link,
         tally: &mut Tally,
-        mut put: impl FnMut(Time, Parcel<A::Message>),
+        mut put: impl FnMut(Time, InFlight<A::Message>),
     ) {
         let counts = &mut tally[class];
         counts.sent += 1;
@@ -171,7 +171,7 @@ impl<A: Agent> Module<A> {
             counts.expired += 1;
             return;
         };
-        let fate = on.carry(now, from, contact.peer, &mut self.stream, &mut link.last_arrival);
+        let fate = on.carry(now, from, contact.peer, &mut self.rng, &mut link.last_arrival);
         let mut copies = 0;
         for arrival in fate.arrivals.into_iter().flatten() {
             copies += 1;
@@ -180,12 +180,12 @@ impl<A: Agent> Module<A> {
                 Some(bit) => damaged(from, contact, port, class, &message, bit),
             };
             let Ok(message) = message else {
-                hit(Mark::DriverDamaged);
+                hit(CoveragePoint::DriverDamaged);
                 counts.refused += 1;
                 continue;
             };
             let Contact { session, peer: to, peer_port: port, .. } = contact;
-            put(arrival.at, Parcel { to, session, port, class, number, message });
+            put(arrival.at, InFlight { to, session, port, class, number, message });
         }
         match copies {
             0 => counts.lost += 1,
@@ -216,7 +216,7 @@ impl<A: Agent> Default for Backlog<A> {
 /// An input to a stopped process.
 enum Waiting<A: Agent> {
     Sensed(Sensed<A::Percept>),
-    Message(Parcel<A::Message>),
+    Message(InFlight<A::Message>),
     Order(A::Order),
 }
 
@@ -236,7 +236,7 @@ struct Sent<M> {
 }
 
 /// A message under way.
-struct Parcel<M> {
+struct InFlight<M> {
     to: ModuleId,
     session: Session,
     port: Port,
@@ -247,7 +247,7 @@ struct Parcel<M> {
 }
 
 /// A simulated run.
-pub struct Sim<W: Audited, D: Direct<W>> {
+pub struct Sim<W: Audited, D: DirectorPort<W>> {
     now: Time,
     config: SimConfig<W::Agent>,
     world: W,
@@ -257,7 +257,7 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     links: Vec<Link>,
     backlogs: BTreeMap<ModuleId, Backlog<W::Agent>>,
     queue: Queue<Event>,
-    parcels: Slab<Parcel<<W::Agent as Agent>::Message>>,
+    parcels: Slab<InFlight<<W::Agent as Agent>::Message>>,
     tally: Tally,
     body_messages: u64,
     trace: Trace,
@@ -272,7 +272,7 @@ pub struct Sim<W: Audited, D: Direct<W>> {
     log: Option<Log>,
 }
 
-impl<W: Audited, D: Direct<W>> Sim<W, D> {
+impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     /// Creates a run at time zero, with all agents started.
     pub fn new(config: SimConfig<W::Agent>, world: W, director: D) -> Self {
         Sim::with_journal(config, world, director, None)
@@ -282,7 +282,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
     pub fn with_journal(config: SimConfig<W::Agent>, world: W, director: D, log: Option<Log>) -> Self {
         let modules: Vec<Module<W::Agent>> = (0..world.len())
             .map(|i| Module {
-                stream: Stream::named(config.seed, "link", i as u64),
+                rng: Rng::named(config.seed, "link", i as u64),
                 wake: Time::NEVER,
                 revision: Revision(0),
                 sent: 0,
@@ -449,14 +449,14 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         self.settle();
     }
 
-    fn arrive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
+    fn arrive(&mut self, parcel: InFlight<<W::Agent as Agent>::Message>) {
         match self.modules[parcel.to.index()].process {
             Process::Dead => self.tally[parcel.class].expired += 1,
             Process::Running => self.receive(parcel),
             Process::Stopped => {
                 let backlog = self.backlogs.entry(parcel.to).or_default();
                 if backlog.messages == INBOX {
-                    hit(Mark::DriverInboxFull);
+                    hit(CoveragePoint::DriverInboxFull);
                     self.tally[parcel.class].overflowed += 1;
                 } else {
                     backlog.messages += 1;
@@ -466,12 +466,12 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }
     }
 
-    fn receive(&mut self, parcel: Parcel<<W::Agent as Agent>::Message>) {
-        let Parcel { to, session, port, class, number, message } = parcel;
+    fn receive(&mut self, parcel: InFlight<<W::Agent as Agent>::Message>) {
+        let InFlight { to, session, port, class, number, message } = parcel;
         let contact = self.link(to, port).contact;
         let current = contact.map(|c| c.session);
         if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
-            hit(Mark::DriverExpired);
+            hit(CoveragePoint::DriverExpired);
             self.tally[class].expired += 1;
             return;
         }
@@ -482,7 +482,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         self.tally[class].delivered += 1;
         self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
         let input = Input::Message { port, message };
-        let name = |c: Contact| MessageName { from: c.peer, life: c.peer_incarnation, number };
+        let name = |c: Contact| MessageName { from: c.peer, incarnation: c.peer_incarnation, number };
         self.feed_heard(to, input, contact.map(|c| (name(c), class)));
     }
 
@@ -588,7 +588,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 bodies_moved |= matches!(sensed, Sensed::Percept(_));
                 self.sense(id, sensed);
             } else if let Some(command) = self.director.poll() {
-                self.obey(command);
+                self.execute(command);
             } else if bodies_moved {
                 bodies_moved = false;
                 self.director.wake(self.now, &mut self.world);
@@ -622,7 +622,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         }
     }
 
-    fn obey(&mut self, command: Command<<W::Agent as Agent>::Order>) {
+    fn execute(&mut self, command: Command<<W::Agent as Agent>::Order>) {
         let now = self.now;
         match command {
             Command::Kill(id) => {
@@ -630,7 +630,7 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
                 if std::mem::replace(&mut module.process, Process::Dead) != Process::Dead {
                     for unread in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
                         if let Waiting::Message(parcel) = unread {
-                            hit(Mark::DriverDiedUnread);
+                            hit(CoveragePoint::DriverDiedUnread);
                             self.tally[parcel.class].expired += 1;
                         }
                     }
@@ -676,10 +676,10 @@ impl<W: Audited, D: Direct<W>> Sim<W, D> {
         module.process = Process::Running;
         self.trace.event(self.now, 8, id.0, 0);
         for waiting in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
-            hit(Mark::DriverSleptOver);
+            hit(CoveragePoint::DriverSleptOver);
             match waiting {
                 Waiting::Sensed(sensed) => self.sense(id, sensed),
-                Waiting::Order(order) => self.obey(Command::Order(id, order)),
+                Waiting::Order(order) => self.execute(Command::Order(id, order)),
                 Waiting::Message(parcel) => self.receive(parcel),
             }
         }

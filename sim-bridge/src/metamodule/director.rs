@@ -3,10 +3,10 @@
 
 mod diagnosis;
 
-use crate::director::fault_injector::Injector;
-use crate::director::faults::{Fault, Schedule, Struck};
+use crate::director::fault_injector::FaultInjector;
+use crate::director::faults::{Fault, FaultRecord, Schedule};
 use crate::director::outcome::{Outcome, Stall};
-use crate::director::port::Direct;
+use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
 use crate::metamodule::relocation::{Elsewhere, Shift, Trials, clear_places};
 use crate::metamodule::world::MetamoduleWorld;
@@ -14,8 +14,8 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedSet, Task};
 use metamorph_protocol::metamodule::message::{Order, Status};
-use metamorph_protocol::metamodule::params::{Setup, Strategy, Teller};
-use metamorph_protocol::metamodule::planning::cooperative::{Sought, Standstill, WORK, search};
+use metamorph_protocol::metamodule::params::{SeedAuthority, Setup, Strategy};
+use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, Standstill, WORK, search};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
@@ -47,13 +47,13 @@ pub struct MetamodulePlan {
     pub relocate: bool,
     /// True if the run ends when the swarm itself has detected a standstill, and no event is planned that may
     /// change that. The swarm detects only if its parameters say so.
-    pub heed: bool,
+    pub follow: bool,
 }
 
 /// The director of a swarm of metamodules.
 pub struct MetamoduleDirector {
     setup: Arc<Setup>,
-    faults: Injector,
+    faults: FaultInjector,
     changes: VecDeque<(Time, u8)>,
     relocate: bool,
     trials: Trials,
@@ -86,7 +86,7 @@ pub struct MetamoduleDirector {
     next_check: Time,
     outcome: Option<(Time, Outcome)>,
     stall: Option<Stall>,
-    heed: bool,
+    follow: bool,
     detected: Option<(Time, ModuleId)>,
     alarms: u32,
 }
@@ -99,11 +99,11 @@ fn opened(goal: &Blueprint, now: Time) -> Stage {
 impl MetamoduleDirector {
     /// Creates a director for a swarm of this many metamodules.
     pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
-        let MetamodulePlan { schedule, stop, failure, changes, relocate, heed } = plan;
+        let MetamodulePlan { schedule, stop, failure, changes, relocate, follow } = plan;
         let stages = vec![opened(setup.goal(Task::default()), Time::ZERO)];
         MetamoduleDirector {
             setup,
-            faults: Injector::new(schedule),
+            faults: FaultInjector::new(schedule),
             changes: changes.into(),
             relocate,
             trials: Trials::default(),
@@ -129,7 +129,7 @@ impl MetamoduleDirector {
             next_check: Time::ZERO,
             outcome: None,
             stall: None,
-            heed,
+            follow,
             detected: None,
             alarms: 0,
         }
@@ -149,7 +149,7 @@ impl MetamoduleDirector {
         self.detected
     }
     /// Returns the standstill as a question for a search.
-    pub fn plight(&self, world: &MetamoduleWorld) -> Standstill {
+    pub fn snapshot(&self, world: &MetamoduleWorld) -> Standstill {
         self.standstill(world, |known| known.status.is_none_or(|s| s.settled.is_none()))
     }
     /// Returns how often a metamodule has reported a standstill.
@@ -157,7 +157,7 @@ impl MetamoduleDirector {
         self.alarms
     }
     /// Returns the faults injected so far.
-    pub fn struck(&self) -> &[Struck] {
+    pub fn struck(&self) -> &[FaultRecord] {
         self.faults.struck()
     }
     /// Returns how many processes died, and how many were restarted.
@@ -217,12 +217,12 @@ impl MetamoduleDirector {
         format!("it was {doing} at {}{acting}", world.pose(id).state)
     }
 
-    fn strike(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
+    fn inject(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
         // A fault or its end may resolve a standstill.
         self.last_deed = now;
         let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
         let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
-        self.faults.strike(now, fault, alive, effect, &mut self.commands);
+        self.faults.inject(now, fault, alive, effect, &mut self.commands);
         match fault {
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => world.set_stuck(id, false),
@@ -242,7 +242,7 @@ impl MetamoduleDirector {
             (false, true) => "the obstacle is gone",
             (false, false) => "there was no obstacle",
         };
-        self.faults.strike(now, fault, false, format!("{cell}: {effect}"), &mut self.commands);
+        self.faults.inject(now, fault, false, format!("{cell}: {effect}"), &mut self.commands);
         if done {
             self.obstacles.clone_from(world.obstacles());
             self.order_all(Order::Obstacle { cell, there });
@@ -289,7 +289,7 @@ impl MetamoduleDirector {
             all.filter_map(|(_, k)| k.status).filter(|s| s.settled.is_none())
         };
         let open = self.setup.goal(self.task).open(self.filled);
-        free().next().is_some() && open.iter().any(|seed| free().all(|s| s.barred.has(seed)))
+        free().next().is_some() && open.iter().any(|seed| free().all(|s| s.unreachable.has(seed)))
     }
 
     /// Returns the standstill with all metamodules that can move free and no seed filled: the material for a
@@ -414,7 +414,7 @@ impl MetamoduleDirector {
         }
         self.next_check = now + self.setup.params.turn_time;
         self.count_filled(now, world);
-        let told_by_us = self.setup.params.teller == Teller::Controller;
+        let told_by_us = self.setup.params.seed_authority == SeedAuthority::Controller;
         if self.told != Some((self.task, self.filled)) && (told_by_us || self.told.is_none()) {
             self.told = Some((self.task, self.filled));
             if told_by_us {
@@ -436,7 +436,7 @@ impl MetamoduleDirector {
             self.finish(now, Outcome::Timeout);
         } else if planned {
             // Further events are planned.
-        } else if now.since(idle_since) > self.stop.stall || (self.heed && self.detected.is_some()) {
+        } else if now.since(idle_since) > self.stop.stall || (self.follow && self.detected.is_some()) {
             self.stand_still(now, idle_since, Outcome::Deadlock, world);
         } else if now.since(self.last_fill.max(self.stop.planned_until)) > self.stop.livelock {
             self.stand_still(now, self.last_fill, Outcome::Livelock, world);
@@ -459,11 +459,11 @@ impl MetamoduleDirector {
             return false;
         }
         self.out_of_reach = Some(built);
-        matches!(search(&self.plight(world), WORK), Sought::NoWay(_))
+        matches!(search(&self.snapshot(world), WORK), SearchResult::NoWay(_))
     }
 }
 
-impl Direct<MetamoduleWorld> for MetamoduleDirector {
+impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
     fn report(&mut self, now: Time, id: ModuleId, report: Status) {
         let before = self.known[id.index()].status.replace(report);
         self.alarms += u32::from(report.deadlocked && !before.is_some_and(|s| s.deadlocked));
@@ -517,7 +517,7 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         // Processes on the process link are not up at time zero.
         world.set_failure(self.failure);
         while let Some(fault) = self.faults.due(now) {
-            self.strike(now, fault, world);
+            self.inject(now, fault, world);
         }
         while let Some((_, goal)) = self.changes.front().copied().filter(|(at, _)| *at <= now) {
             self.changes.pop_front();
@@ -539,7 +539,7 @@ impl Direct<MetamoduleWorld> for MetamoduleDirector {
         self.commands.pop_front()
     }
 
-    fn struck(&self) -> &[Struck] {
+    fn struck(&self) -> &[FaultRecord] {
         self.faults.struck()
     }
 }

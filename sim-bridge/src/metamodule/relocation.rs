@@ -10,7 +10,7 @@
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
 use metamorph_protocol::metamodule::params::{Floor, Setup};
-use metamorph_protocol::metamodule::planning::cooperative::{Sought, Standstill, WORK, reach, search};
+use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, Standstill, WORK, reach, search};
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
@@ -84,9 +84,9 @@ pub fn prospect(bodies: &Standstill, reaches: &[Rc<Reach>]) -> Prospect {
         }
         let work = if built.filled.is_empty() { WORK_FOR_THE_FIRST } else { WORK_FOR_A_SEED };
         let next = match search(&built, work) {
-            Sought::Way(way) => way.last().and_then(|last| Some((last.body, built.after(&way)?))),
-            Sought::NoWay(_) if built.filled.is_empty() => return Prospect::Barred,
-            Sought::NoWay(_) | Sought::Undecided => None,
+            SearchResult::Path(way) => way.last().and_then(|last| Some((last.body, built.after(&way)?))),
+            SearchResult::NoWay(_) if built.filled.is_empty() => return Prospect::Barred,
+            SearchResult::NoWay(_) | SearchResult::Undecided => None,
         };
         let Some((body, next)) = next else { return Prospect::Open };
         built = next;
@@ -204,12 +204,12 @@ impl Trials {
         let tries = |shift: &Shift| self.tried.get(shift).copied().unwrap_or(0);
         places.sort_by_key(tries);
         let reaches = reaches(bodies);
-        let (mut barred, mut open) = (0, Vec::new());
+        let (mut unreachable, mut open) = (0, Vec::new());
         for shift in &places {
             let there = Standstill { task: Task { shift: *shift, ..bodies.task }, ..bodies.clone() };
             match prospect(&there, &reaches) {
                 Prospect::Whole if tries(shift) < MOST_TRIES => return Elsewhere::Place(*shift),
-                Prospect::Barred => barred += 1,
+                Prospect::Barred => unreachable += 1,
                 Prospect::Whole | Prospect::Open => open.push(*shift),
             }
             if open.len() == MOST_OPEN {
@@ -221,7 +221,7 @@ impl Trials {
                 self.hopes += 1;
                 Elsewhere::Place(shift)
             }
-            _ if barred == places.len() => Elsewhere::Barred(barred),
+            _ if unreachable == places.len() => Elsewhere::Barred(unreachable),
             _ => Elsewhere::Unproved,
         }
     }

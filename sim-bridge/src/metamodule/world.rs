@@ -15,12 +15,12 @@ use metamorph_protocol::digest::Portable;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
-use metamorph_protocol::metamodule::message::{Action, Deed, Percept, Refusal};
+use metamorph_protocol::metamodule::message::{Action, BodyAction, Percept, Refusal};
 use metamorph_protocol::metamodule::motions::Sweep;
 use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
 use std::cmp::Reverse;
@@ -34,7 +34,7 @@ struct UnderWay {
     to: Pose,
     /// All cells that the body may be in during the action.
     claimed: Vec<Cell>,
-    deed: Deed,
+    deed: BodyAction,
     fails: bool,
 }
 
@@ -59,7 +59,7 @@ impl Body {
 
 /// Counts of the bodies' actions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Deeds {
+pub struct ActionCounts {
     /// Actions begun.
     pub started: u64,
     /// Steps of joints completed.
@@ -95,8 +95,8 @@ pub struct MetamoduleWorld {
     sensed: VecDeque<(ModuleId, Sensed<Percept>)>,
     sessions: u32,
     failure: Ratio,
-    joints: Stream,
-    deeds: Deeds,
+    joints: Rng,
+    deeds: ActionCounts,
     violations: Vec<Violation>,
 }
 
@@ -123,8 +123,8 @@ impl MetamoduleWorld {
             sensed: VecDeque::new(),
             sessions: 0,
             failure: Ratio::ZERO,
-            joints: Stream::named(seed, "joints", 0),
-            deeds: Deeds::default(),
+            joints: Rng::named(seed, "joints", 0),
+            deeds: ActionCounts::default(),
             violations: Vec::new(),
         };
         for id in (0..poses.len() as u32).map(ModuleId) {
@@ -166,7 +166,7 @@ impl MetamoduleWorld {
         &self.obstacles
     }
     /// Returns the counts of actions so far.
-    pub fn deeds(&self) -> Deeds {
+    pub fn deeds(&self) -> ActionCounts {
         self.deeds
     }
     /// Returns the pose of a body; during an action, the one before.
@@ -230,7 +230,8 @@ impl MetamoduleWorld {
         let foot = self.bodies[id.index()].pose.foot();
         for peer in (0..self.bodies.len() as u32).map(ModuleId).filter(|p| *p != id) {
             let other = self.bodies[peer.index()].pose.foot();
-            let near = foot.0.abs_diff(other.0).max(foot.1.abs_diff(other.1)) <= self.setup.params.hearing;
+            let near = foot.0.abs_diff(other.0).max(foot.1.abs_diff(other.1))
+                <= self.setup.params.communication_range;
             match (near, self.link(id, peer)) {
                 (true, None) => self.connect(id, peer, tell),
                 (false, Some(contact)) => self.disconnect(id, contact, tell),
@@ -271,22 +272,22 @@ impl MetamoduleWorld {
     }
 
     /// Returns the pose that an action leads to and the cells that it needs, if the body is able to do it.
-    fn judge(&self, id: ModuleId, deed: Deed) -> Option<(Pose, Vec<Cell>)> {
+    fn judge(&self, id: ModuleId, deed: BodyAction) -> Option<(Pose, Vec<Cell>)> {
         let (body, motions) = (&self.bodies[id.index()], &self.setup.motions);
         let pose = body.pose;
         match deed {
             // A body held at both ends is a closed chain: its joints cannot turn by a step.
-            Deed::Turn(_) if pose.both => None,
-            Deed::Turn(number) => {
+            BodyAction::Turn(_) if pose.both => None,
+            BodyAction::Turn(number) => {
                 let (posture, swept) = motions.graph().step(pose.posture, number)?;
                 let swept = motions.swept(pose.state, Sweep(swept));
                 Some((Pose { posture, ..pose }, swept.chain(body.cells).collect()))
             }
-            Deed::Attach => {
+            BodyAction::Attach => {
                 motions.landing(pose).filter(|s| self.setup.floor.has(s.x, s.y) && !pose.both)?;
                 Some((Pose { both: true, ..pose }, body.cells.to_vec()))
             }
-            Deed::Detach => {
+            BodyAction::Detach => {
                 let around = motions.turned_around(pose).filter(|_| pose.both)?;
                 Some((Pose { both: false, ..around }, body.cells.to_vec()))
             }
@@ -310,12 +311,12 @@ impl MetamoduleWorld {
             return;
         }
         match deed {
-            Deed::Turn(_) => self.deeds.turns += 1,
-            Deed::Attach => {
+            BodyAction::Turn(_) => self.deeds.turns += 1,
+            BodyAction::Attach => {
                 self.deeds.moves += 1;
                 body.grips[body.pose.end.other() as usize] = true;
             }
-            Deed::Detach => {
+            BodyAction::Detach => {
                 self.deeds.released += 1;
                 body.grips[body.pose.end as usize] = false;
             }
@@ -324,7 +325,7 @@ impl MetamoduleWorld {
         body.cells = motions.cells(to);
         self.sensed.push_back((id, Sensed::Percept(Percept::Done(to))));
         self.check_end(now, id, &claimed);
-        if deed == Deed::Detach {
+        if deed == BodyAction::Detach {
             self.hear(id, true);
         }
     }
@@ -384,9 +385,9 @@ impl World for MetamoduleWorld {
             return self.refuse(id, Refusal::Blocked);
         }
         let (takes, fails) = match action.deed {
-            Deed::Turn(_) => (self.setup.params.turn_time, body.stuck),
-            Deed::Attach => (self.setup.params.connect_time, self.joints.chance(self.failure)),
-            Deed::Detach => (self.setup.params.connect_time, false),
+            BodyAction::Turn(_) => (self.setup.params.turn_time, body.stuck),
+            BodyAction::Attach => (self.setup.params.connect_time, self.joints.chance(self.failure)),
+            BodyAction::Detach => (self.setup.params.connect_time, false),
         };
         self.deeds.started += 1;
         self.order += 1;
@@ -453,7 +454,7 @@ mod tests {
         Pose { state: GridState::new(x, y, 0), end: End::Foot, both: false, posture }
     }
 
-    pub(super) fn act(world: &mut MetamoduleWorld, deed: Deed) -> Percept {
+    pub(super) fn act(world: &mut MetamoduleWorld, deed: BodyAction) -> Percept {
         let (now, id) = (world.due.peek().map_or(Time::ZERO, |Reverse((at, ..))| *at), ModuleId(0));
         let revision = world.bodies[0].revision;
         world.act(now, id, revision, &Action { deed, not_after: now });
@@ -466,7 +467,7 @@ mod tests {
     fn the_last_end_does_not_let_go_and_air_cannot_be_gripped() {
         let setup = setup();
         let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[upright(&setup, 3, 3)], 1);
-        for deed in [Deed::Detach, Deed::Attach, Deed::Turn(u16::MAX)] {
+        for deed in [BodyAction::Detach, BodyAction::Attach, BodyAction::Turn(u16::MAX)] {
             assert_eq!(act(&mut world, deed), Percept::Refused(Refusal::Impossible));
         }
     }
@@ -482,11 +483,11 @@ mod tests {
             let (to, _) = reach.postures().find(|(p, _)| landing.postures.contains(p)).unwrap();
             let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
             for (step, _) in table.way_within(&reach, from.posture, to).unwrap().steps {
-                assert!(matches!(act(&mut world, Deed::Turn(step)), Percept::Done(_)));
+                assert!(matches!(act(&mut world, BodyAction::Turn(step)), Percept::Done(_)));
             }
-            assert!(matches!(act(&mut world, Deed::Attach), Percept::Done(p) if p.both));
-            assert_eq!(act(&mut world, Deed::Turn(0)), Percept::Refused(Refusal::Impossible));
-            let Percept::Done(pose) = act(&mut world, Deed::Detach) else { panic!() };
+            assert!(matches!(act(&mut world, BodyAction::Attach), Percept::Done(p) if p.both));
+            assert_eq!(act(&mut world, BodyAction::Turn(0)), Percept::Refused(Refusal::Impossible));
+            let Percept::Done(pose) = act(&mut world, BodyAction::Detach) else { panic!() };
             assert_eq!((pose.state, pose.end, pose.both), (from.state.then(landing.state), End::Head, false));
             let mut cells = motions.cells(Pose { posture: to, ..from });
             cells.reverse();
@@ -507,7 +508,7 @@ mod tests {
                 let other = upright(&setup, 6 + dx, 6 + dy);
                 let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from, other], 1);
                 let meets = world.cells(ModuleId(1)).iter().any(|c| swept.contains(c));
-                let blocked = act(&mut world, Deed::Turn(number)) == Percept::Refused(Refusal::Blocked);
+                let blocked = act(&mut world, BodyAction::Turn(number)) == Percept::Refused(Refusal::Blocked);
                 assert_eq!(blocked, meets, "step {number}, other at {dx}, {dy}");
                 refused += u32::from(blocked);
             }
@@ -526,9 +527,9 @@ mod tests {
         let (number, swept) = steps.filter_map(swept).next().unwrap();
         let cell = setup.motions.swept(from.state, Sweep(swept)).find(|c| (c.x, c.y) != (6, 6)).unwrap();
         assert!(world.block(cell));
-        assert_eq!(act(&mut world, Deed::Turn(number)), Percept::Refused(Refusal::Blocked));
+        assert_eq!(act(&mut world, BodyAction::Turn(number)), Percept::Refused(Refusal::Blocked));
         assert!(world.unblock(cell) && !world.unblock(cell));
-        assert!(matches!(act(&mut world, Deed::Turn(number)), Percept::Done(_)));
+        assert!(matches!(act(&mut world, BodyAction::Turn(number)), Percept::Done(_)));
         world.obstacles.insert(world.cells(ModuleId(0))[2]);
         world.check_all(Time::ZERO);
         assert_eq!(world.take_violations()[0].invariant, ONE_MODULE_PER_CELL);
@@ -537,7 +538,7 @@ mod tests {
     #[test]
     fn hears_only_metamodules_in_range() {
         let setup = setup();
-        let far = setup.params.hearing as i16;
+        let far = setup.params.communication_range as i16;
         let poses = [upright(&setup, 0, 0), upright(&setup, far, 0), upright(&setup, far + 1, 0)];
         let world = MetamoduleWorld::new(Arc::clone(&setup), &poses, 1);
         let linked = |a, b| world.link(ModuleId(a), ModuleId(b)).is_some();

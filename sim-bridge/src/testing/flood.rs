@@ -5,7 +5,7 @@
 //! The number of messages is `2E − (N − 1)`. On links whose delays differ by less than one part in the number
 //! of hops, the first message takes a shortest path, and distances are exact.
 
-use crate::director::port::Direct;
+use crate::director::port::DirectorPort;
 use crate::world::World;
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
@@ -117,7 +117,7 @@ pub struct Onlooker {
     pub know: u64,
 }
 
-impl<W: World<Agent = Flooded>> Direct<W> for Onlooker {
+impl<W: World<Agent = Flooded>> DirectorPort<W> for Onlooker {
     fn report(&mut self, _: Time, _: ModuleId, _: Hops) {
         self.know += 1;
     }

@@ -104,10 +104,10 @@ mod tests {
     /// The grid behaves like a map, on whichever side it has to grow.
     #[test]
     fn behaves_like_a_map() {
-        let mut stream = metamorph_protocol::rng::Stream::named(3, "grid", 0);
+        let mut rng = metamorph_protocol::rng::Rng::named(3, "grid", 0);
         let (mut grid, mut map) = (Grid::default(), BTreeMap::new());
         for step in 0..3_000u32 {
-            let mut c = || stream.below(61) as i16 - 30;
+            let mut c = || rng.below(61) as i16 - 30;
             let cell = Cell::new(c(), c(), c());
             let occupant = match step % 3 {
                 0 => None,

@@ -10,7 +10,7 @@ use metamorph_protocol::agent::Agent;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::{Connectivity, Params, Setup};
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::Metamodule;
@@ -218,7 +218,7 @@ fn the_published_gradient_is_found_wrong() {
 #[test]
 fn a_missing_deadline_is_found() {
     let model =
-        change(cubes(&ROW, &TOWER, budget(|b| b.paused = 1)), |p| p.sabotage = Some(Sabotage::NoDeadline));
+        change(cubes(&ROW, &TOWER, budget(|b| b.paused = 1)), |p| p.defect = Some(Defect::NoDeadline));
     let found = explore("no deadline", model, 20_000);
     let run = found.unsafe_run.expect("the checker does not see a late move");
     assert!(run.contains("move-within-lease"), "{run}");

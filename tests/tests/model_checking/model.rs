@@ -91,7 +91,7 @@ pub enum Step {
 
 /// A message under way.
 #[derive(Clone, PartialEq, Eq, Hash)]
-struct Parcel<M> {
+struct InFlight<M> {
     due: Time,
     from: ModuleId,
     to: ModuleId,
@@ -153,7 +153,7 @@ pub struct Moment<W: Audited> {
     now: Time,
     world: Arc<W>,
     processes: Processes<W::Agent>,
-    under_way: Vec<Parcel<<W::Agent as Agent>::Message>>,
+    under_way: Vec<InFlight<<W::Agent as Agent>::Message>>,
     left: Budget,
     /// The first invariant that broke.
     pub broken: Option<String>,
@@ -349,13 +349,13 @@ where
             Step::Double(i, by) => {
                 next.left.doubled -= 1;
                 let parcel = next.under_way.remove(*i);
-                post(&mut next.under_way, Parcel { due: next.now + *by, ..parcel.clone() });
+                post(&mut next.under_way, InFlight { due: next.now + *by, ..parcel.clone() });
                 self.arrive(&mut next, parcel);
             }
             Step::Delay(i, by) => {
                 next.left.late -= 1;
                 let parcel = next.under_way.remove(*i);
-                post(&mut next.under_way, Parcel { due: next.now + *by, ..parcel });
+                post(&mut next.under_way, InFlight { due: next.now + *by, ..parcel });
             }
             Step::Pause(id, until) => {
                 next.left.paused -= 1;
@@ -416,7 +416,7 @@ where
         }
     }
 
-    fn arrive(&self, moment: &mut Moment<W>, parcel: Parcel<<W::Agent as Agent>::Message>) {
+    fn arrive(&self, moment: &mut Moment<W>, parcel: InFlight<<W::Agent as Agent>::Message>) {
         let process = &mut moment.processes.0[parcel.to.index()];
         if process.paused.is_some() {
             process.waiting.push(Waiting::Message(parcel.port, parcel.session, parcel.message));
@@ -467,7 +467,7 @@ where
             match output {
                 Output::Send { port, message, .. } => {
                     if let Some(contact) = processes.0[id.index()].contacts[port.index()] {
-                        let parcel = Parcel {
+                        let parcel = InFlight {
                             due: now + self.bounds.delay,
                             from: id,
                             to: contact.peer,
@@ -510,7 +510,7 @@ where
 }
 
 /// Inserts a message in its order: by time, then in the order of sending.
-fn post<M>(under_way: &mut Vec<Parcel<M>>, parcel: Parcel<M>) {
+fn post<M>(under_way: &mut Vec<InFlight<M>>, parcel: InFlight<M>) {
     let at = under_way.partition_point(|p| p.due <= parcel.due);
     under_way.insert(at, parcel);
 }

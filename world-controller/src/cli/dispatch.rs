@@ -6,14 +6,14 @@ use crate::console::escape::Shown;
 use crate::console::interrupt::Interrupt;
 use crate::console::output::{Json, Output, OutputError, Outputs};
 use crate::console::stopwatch::Stopwatch;
-use crate::console::terminal::{self, Channel, Live, complain, note, print_data, print_out};
+use crate::console::terminal::{self, Channel, Live, note, print_data, print_error, print_out};
 use crate::experiments::bench::{self, BenchError, PartError};
 use crate::experiments::explore::{ExploreError, explore};
 use crate::experiments::reproduce::reproduce;
 use crate::experiments::sweep::{SweepError, sweep};
 use crate::family::metamodule::robot::{self, RobotError};
 use crate::family::{self, AgentProcessError, families, read_file, run_simulated, scene};
-use crate::record::journal::{Damage, Journal, JournalError, Keeping, parts_of, plan_of};
+use crate::record::journal::{Damage, Journal, JournalError, JournalSession, parts_of, plan_of};
 use crate::report::human;
 use crate::report::page::page;
 use crate::report::schema::Report;
@@ -26,7 +26,7 @@ use crate::scenario::{LinkKind, Overrides, Plan};
 use crate::swarm;
 use crate::view::export::{ExportError, export};
 use crate::view::scene::Scene;
-use crate::view::scribe::{self, Shared};
+use crate::view::scene_builder::{self, Shared};
 use crate::view::server::{Server, ServerError};
 use clap::Parser;
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -83,7 +83,7 @@ enum Failure {
     Sweep(#[from] SweepError),
     /// A file cannot be shown.
     #[error("metamorph: {0}, or a scenario that ends in .toml")]
-    NoJournal(scribe::ReadError),
+    NoJournal(scene_builder::ReadError),
     /// A journal is damaged; what comes before the damage was shown.
     #[error("metamorph: {0}")]
     Damaged(#[from] Damage),
@@ -157,7 +157,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         return match done {
             Ok(()) => ExitCode::SUCCESS,
             Err(failure) => {
-                complain(&failure.to_string());
+                print_error(&failure.to_string());
                 ExitCode::from(failure.exit_code())
             }
         };
@@ -173,7 +173,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     match carried_out {
         Ok(code) => ExitCode::from(unless_out_failed(code)),
         Err(failure) => {
-            complain(&failure.to_string());
+            print_error(&failure.to_string());
             ExitCode::from(failure.exit_code())
         }
     }
@@ -191,7 +191,7 @@ fn refuse(error: &clap::Error, args: &[OsString]) -> u8 {
     match harmless {
         // A failure here cannot be reported anywhere.
         Some(error) => drop(error.print()),
-        None => complain(&error.to_string()),
+        None => print_error(&error.to_string()),
     }
     BAD_USAGE
 }
@@ -200,7 +200,7 @@ fn refuse(error: &clap::Error, args: &[OsString]) -> u8 {
 /// seen.
 fn unless_out_failed(code: u8) -> u8 {
     let Some(why) = terminal::failure() else { return code };
-    complain(&format!(
+    print_error(&format!(
         "metamorph: standard output could not be written: {why}\n  fix: let it go to a file with room, or to a program"
     ));
     FAILED
@@ -285,7 +285,7 @@ fn carry_out(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Resul
 }
 
 fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
-    read_file(path, overrides).map_err(|problems| Failure::Input(problems.to_string()))
+    read_file(path, overrides).map_err(|diagnostics| Failure::Input(diagnostics.to_string()))
 }
 
 fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
@@ -302,8 +302,8 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
     let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
     let mut live = Live::new(!args.quiet);
     let begin = match overrides.link {
-        LinkKind::Sim => Keeping::simulated,
-        LinkKind::Ipc => Keeping::of_processes,
+        LinkKind::Sim => JournalSession::simulated,
+        LinkKind::Ipc => JournalSession::of_processes,
     };
     let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
     let keeping = keeping.map_err(Failure::Journal)?;
@@ -370,7 +370,7 @@ impl Show {
         let scene = watched.then(|| Shared::new(scene(plan, messages)));
         if let Some(scene) = scene.as_ref().filter(|_| view) {
             // Standard output is for the report.
-            complain(&address(scene)?);
+            print_error(&address(scene)?);
         }
         Ok(Show { json, html, view, quiet, scene, interrupt: interrupt.clone() })
     }
@@ -430,7 +430,7 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
 }
 
 /// Reads the scene of a journal, up to its damage.
-fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scribe::ReadError> {
+fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scene_builder::ReadError> {
     let mut journal = Journal::open(file)?;
     let plan = plan_of(families(), journal.head())?;
     let scene = Shared::new(scene(&plan, true));
@@ -449,11 +449,11 @@ fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scribe::ReadError> {
 fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     if args.file.extension().is_none_or(|extension| extension != "toml") {
         let (scene, damage) = recorded(&args.file).map_err(|error| match error {
-            scribe::ReadError::Journal(JournalError::Damaged(damage)) => Failure::Damaged(damage),
+            scene_builder::ReadError::Journal(JournalError::Damaged(damage)) => Failure::Damaged(damage),
             error => Failure::NoJournal(error),
         })?;
         for trouble in scene.troubles() {
-            complain(&format!("note: {trouble}"));
+            print_error(&format!("note: {trouble}"));
         }
         interrupt.begin();
         print_out(&address(&Shared::new(scene))?);

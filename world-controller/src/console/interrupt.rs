@@ -6,7 +6,7 @@
 //! A SIGHUP that is ignored when the program starts (`nohup`) stays ignored.
 
 use crate::console::shutdown::Shutdown;
-use crate::console::terminal::complain;
+use crate::console::terminal::print_error;
 use metamorph_module_agent::run_dir::identity::survive_file_limits;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -111,7 +111,7 @@ impl Interrupt {
 fn say(text: &str) {
     use std::io::IsTerminal as _;
     let fresh = if std::io::stderr().is_terminal() { "\r\x1b[2K" } else { "" };
-    complain(&format!("{fresh}{text}"));
+    print_error(&format!("{fresh}{text}"));
 }
 
 /// Returns true if this process was started with the signal ignored.

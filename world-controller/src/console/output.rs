@@ -172,12 +172,12 @@ impl Output {
     }
 
     /// Creates the unnamed file that will become the output.
-    pub fn begin(&self) -> Result<Draft, OutputError> {
-        Draft::of(&self.target).map_err(|error| self.failed(error))
+    pub fn begin(&self) -> Result<PendingOutput, OutputError> {
+        PendingOutput::of(&self.target).map_err(|error| self.failed(error))
     }
 
     /// Gives the complete file its name.
-    pub fn finish(&self, draft: Draft) -> Result<(), OutputError> {
+    pub fn finish(&self, draft: PendingOutput) -> Result<(), OutputError> {
         draft.finish(&self.target, self.before).map_err(|error| self.failed(error))
     }
 
@@ -236,35 +236,35 @@ impl Target {
             (Ok(_), Before::Any) => drop(OpenOptions::new().append(true).open(path)?),
             (Err(_), _) => {}
         }
-        Draft::of(self).map(drop)
+        PendingOutput::of(self).map(drop)
     }
 }
 
 /// An incomplete output file.
 #[derive(Debug)]
-pub struct Draft {
+pub struct PendingOutput {
     file: File,
     /// Its temporary name, on filesystems without unnamed files.
     named: Option<TempPath>,
 }
 
-impl Draft {
+impl PendingOutput {
     /// Returns a handle to write the draft with.
     pub fn handle(&self) -> io::Result<File> {
         self.file.try_clone()
     }
 
-    fn of(target: &Target) -> io::Result<Draft> {
+    fn of(target: &Target) -> io::Result<PendingOutput> {
         let path = match target {
-            Target::Stream(stream) => return Ok(Draft { file: stream.try_clone()?, named: None }),
+            Target::Stream(stream) => return Ok(PendingOutput { file: stream.try_clone()?, named: None }),
             Target::File(path) => path,
         };
         let flags = OFlags::TMPFILE | OFlags::WRONLY | OFlags::CLOEXEC;
         match rustix::fs::open(directory(path), flags, Mode::from_raw_mode(0o666)) {
-            Ok(file) => Ok(Draft { file: file.into(), named: None }),
+            Ok(file) => Ok(PendingOutput { file: file.into(), named: None }),
             Err(Errno::OPNOTSUPP | Errno::ISDIR | Errno::INVAL | Errno::NOSYS) => {
                 let (file, named) = named(directory(path))?.into_parts();
-                Ok(Draft { file, named: Some(named) })
+                Ok(PendingOutput { file, named: Some(named) })
             }
             Err(error) => Err(error.into()),
         }
@@ -426,7 +426,7 @@ mod tests {
                     false => output.begin().unwrap(),
                     true => {
                         let (file, named) = super::named(dir.path()).unwrap().into_parts();
-                        Draft { file, named: Some(named) }
+                        PendingOutput { file, named: Some(named) }
                     }
                 };
                 let given_up = draft(output);

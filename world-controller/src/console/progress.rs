@@ -56,13 +56,13 @@ const BAR: u64 = 10;
 
 /// Recent observations.
 #[derive(Clone, Debug, Default)]
-pub struct Gauge {
+pub struct ProgressLine {
     stage: (u16, u16),
     /// Time, filled parts of the goal, messages sent.
     seen: VecDeque<(Duration, u64, u64)>,
 }
 
-impl Gauge {
+impl ProgressLine {
     /// Returns the line for an observation, at most `width` columns: the most important parts first, none cut
     /// in the middle. `at` is real time since any fixed start.
     pub fn line(&mut self, at: Duration, status: &Status, width: usize) -> String {
@@ -124,37 +124,38 @@ mod tests {
 
     #[test]
     fn a_slowed_clock_is_said() {
-        let mut gauge = Gauge::default();
-        let mut line = |speed| gauge.line(Duration::ZERO, &Status { speed, ..status(0, None) }, 200);
+        let mut progress_line = ProgressLine::default();
+        let mut line = |speed| progress_line.line(Duration::ZERO, &Status { speed, ..status(0, None) }, 200);
         assert!(!line(1.0).contains("slowed") && !line(0.96).contains("slowed"));
         assert!(line(0.4).contains("slowed to 40%") && line(0.001).contains("slowed to 1%"));
     }
 
     #[test]
     fn rates_and_the_time_left_come_from_what_was_seen_lately() {
-        let (mut gauge, at) = (Gauge::default(), Duration::from_secs);
-        let first = gauge.line(at(0), &status(0, Some(0)), 200);
+        let (mut progress_line, at) = (ProgressLine::default(), Duration::from_secs);
+        let first = progress_line.line(at(0), &status(0, Some(0)), 200);
         assert!(first.starts_with("[··········]   0%  0 of 400 cells  1,000 alive"), "{first}");
         assert!(!first.contains("left"), "{first}");
         for second in 1..30 {
-            gauge.line(at(second), &status(100, Some(second * 1_000)), 200);
+            progress_line.line(at(second), &status(100, Some(second * 1_000)), 200);
         }
         // Nothing was filled for ten seconds: no estimate.
-        let still = gauge.line(at(30), &status(100, Some(30_000)), 200);
+        let still = progress_line.line(at(30), &status(100, Some(30_000)), 200);
         assert!(still.contains("1,000 messages/s") && !still.contains("left"), "{still}");
-        let line = gauge.line(at(31), &status(200, Some(41_000)), 200);
+        let line = progress_line.line(at(31), &status(200, Some(41_000)), 200);
         assert!(line.starts_with("[#####·····]  50%  200 of 400 cells"), "{line}");
         assert!(line.contains("20.0 s left  at 12.5 s  77 moves  2,000 messages/s"), "{line}");
-        assert!(gauge.seen.len() <= 12);
+        assert!(progress_line.seen.len() <= 12);
     }
 
     #[test]
     fn a_line_fits_and_says_nothing_that_nobody_knows() {
-        let mut gauge = Gauge::default();
-        let line = gauge.line(Duration::ZERO, &Status { stage: (2, 3), goal: 0, ..status(0, None) }, 60);
+        let mut progress_line = ProgressLine::default();
+        let line =
+            progress_line.line(Duration::ZERO, &Status { stage: (2, 3), goal: 0, ..status(0, None) }, 60);
         assert!(line.contains("0%  goal 2 of 3") && !line.contains("messages"), "{line}");
         assert!(line.chars().count() <= 60 && line.ends_with("alive"), "{line}");
-        let full = gauge.line(Duration::from_secs(9), &status(400, None), 300);
+        let full = progress_line.line(Duration::from_secs(9), &status(400, None), 300);
         assert!(full.starts_with("[##########] 100%  400 of 400") && !full.contains("left"), "{full}");
     }
 
@@ -172,9 +173,9 @@ mod tests {
             messages: Some(messages),
             speed: 0.014,
         };
-        let mut gauge = Gauge::default();
-        gauge.line(Duration::ZERO, &widest(999_998, 0), 79);
-        let line = gauge.line(Duration::from_secs(9), &widest(999_999, 999_999_999_999), 79);
+        let mut progress_line = ProgressLine::default();
+        progress_line.line(Duration::ZERO, &widest(999_998, 0), 79);
+        let line = progress_line.line(Duration::from_secs(9), &widest(999_999, 999_999_999_999), 79);
         assert!(line.chars().count() <= 79, "{line}");
         assert!(line.contains("goal 15 of 16  999,999 of 1,000,000 cells  1,000,000 alive"), "{line}");
         assert!(!line.contains("message"), "what does not fit is left out whole: {line}");

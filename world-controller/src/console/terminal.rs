@@ -7,7 +7,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is the one place that prints")]
 
 use crate::console::escape::escape;
-use crate::console::progress::{Gauge, Status};
+use crate::console::progress::{ProgressLine, Status};
 use crate::console::stopwatch::Stopwatch;
 use std::io::{self, IsTerminal, Write};
 use std::sync::OnceLock;
@@ -103,7 +103,7 @@ impl Channel {
     pub fn say(self, text: &str) {
         match self {
             Channel::Out => print_out(text),
-            Channel::Err => complain(text),
+            Channel::Err => print_error(text),
             Channel::Quiet => {}
         }
     }
@@ -143,7 +143,7 @@ pub fn failure() -> Option<&'static str> {
 }
 
 /// Prints human-readable text on standard error.
-pub fn complain(text: &str) {
+pub fn print_error(text: &str) {
     // A failure here cannot be reported anywhere.
     let _ = std::io::stderr().lock().write_all(Channel::Err.paint().finish(text).as_bytes());
 }
@@ -182,7 +182,7 @@ pub struct Live {
     drawn: bool,
     last: Stopwatch,
     since: Stopwatch,
-    gauge: Gauge,
+    progress_line: ProgressLine,
 }
 
 impl Live {
@@ -195,7 +195,7 @@ impl Live {
         let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
         let on = wanted && std::io::stderr().is_terminal() && !dumb;
         let now = Stopwatch::start();
-        Live { on, drawn: false, last: now, since: now, gauge: Gauge::default() }
+        Live { on, drawn: false, last: now, since: now, progress_line: ProgressLine::default() }
     }
     /// Redraws the line if it is due.
     pub fn show<D: Into<Drawing>>(&mut self, line: impl FnOnce() -> D) {
@@ -206,7 +206,7 @@ impl Live {
             let width = columns() - 1;
             let line = match line().into() {
                 Drawing::Text(text) => fitting(text.split("  "), width),
-                Drawing::Run(status) => self.gauge.line(self.since.elapsed(), &status, width),
+                Drawing::Run(status) => self.progress_line.line(self.since.elapsed(), &status, width),
             };
             let _ = write!(std::io::stderr().lock(), "\r\x1b[2K{line}");
         }

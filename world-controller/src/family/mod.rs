@@ -5,13 +5,13 @@
 //! commands use. An embedding program can add families with [`install`].
 
 pub mod cube;
-pub mod draft;
+pub mod generated;
 pub mod metamodule;
 
 use crate::console::interrupt::Interrupt;
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::Live;
-use crate::record::journal::{Journal, Keeping};
+use crate::record::journal::{Journal, JournalSession};
 use crate::report::progress;
 use crate::report::run_result::RunResult;
 use crate::report::schema::Report;
@@ -19,12 +19,12 @@ use crate::run::processes::{self, LeftBehind, ProcessError, Processes};
 use crate::run::replay::{self, AgentOf, ReplayError, Replayed, Request, Worded};
 use crate::run::runnable::Runnable;
 use crate::run::simulated::{self, Simulation, Watch};
+use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::family::{Families, ScenarioFamily};
-use crate::scenario::problems::Problems;
 use crate::scenario::{self, Overrides, Plan};
 use crate::view::bodies::{Bodies, ShownSwarm};
 use crate::view::scene::Scene;
-use draft::{Dice, SwarmDraft};
+use generated::{Dice, GeneratedSwarm};
 use metamorph_module_agent::process::args::ArgsError;
 use metamorph_module_agent::{AgentArgs, AgentError};
 use metamorph_protocol::agent::Agent;
@@ -41,9 +41,9 @@ const BUILT_IN: &[&dyn Family] = &[&cube::CubeFamily, &metamodule::MetamoduleFam
 /// What exploration needs of a family.
 pub trait ExploredFamily: ScenarioFamily {
     /// Draws a swarm and its goals for exploration.
-    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft>;
+    fn generate(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm>;
     /// Returns a minimal swarm with a minimal goal.
-    fn smallest(&self) -> Box<dyn SwarmDraft>;
+    fn smallest(&self) -> Box<dyn GeneratedSwarm>;
     /// Returns the bounds for a standstill and for moves without progress of explored scenarios, in seconds,
     /// or `None` for the defaults. `fails` says whether moves fail, `delay` is the longest delay in
     /// milliseconds.
@@ -178,12 +178,12 @@ pub fn of(plan: &Plan) -> &'static dyn Family {
 }
 
 /// Reads and checks a scenario file.
-pub fn read_file(path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
+pub fn read_file(path: &Path, overrides: &Overrides) -> Result<Plan, Diagnostics> {
     scenario::read_file(families(), path, overrides)
 }
 
 /// Reads and checks the text of a scenario; `origin` names it in messages.
-pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan, Problems> {
+pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan, Diagnostics> {
     scenario::read_text(families(), origin, text, overrides)
 }
 
@@ -206,7 +206,7 @@ pub fn run_simulated(
     interrupt: &Interrupt,
     live: &mut Live,
     since: Stopwatch,
-    keeping: Option<Keeping>,
+    keeping: Option<JournalSession>,
     scribe: Option<Log>,
 ) -> Report {
     tracing::info!(modules = plan.swarm.len(), seed = plan.seed, "the simulation starts");

@@ -53,10 +53,14 @@ mod tests {
         edit(&mut sender, &mut receiver);
         let mut outcome = SwarmOutcome::default();
         for (id, account) in [(0, sender), (1, receiver)] {
-            let (id, life) = (ModuleId(id), Incarnation(0));
-            let mut file = CounterFile::create(dir.path(), id, life).unwrap();
+            let (id, incarnation) = (ModuleId(id), Incarnation(0));
+            let mut file = CounterFile::create(dir.path(), id, incarnation).unwrap();
             file.write(&AgentCounters { closed, ..account }).unwrap();
-            outcome.count(id, life, CounterFile::read(dir.path(), id, life).map_err(|e| e.to_string()));
+            outcome.count(
+                id,
+                incarnation,
+                CounterFile::read(dir.path(), id, incarnation).map_err(|e| e.to_string()),
+            );
         }
         outcome
     }

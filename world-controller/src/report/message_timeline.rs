@@ -23,7 +23,7 @@ const KEPT: usize = 6;
 
 /// The displayed contents of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Said {
+pub struct MessageLabel {
     /// A description.
     pub what: &'static str,
     /// The module that the message is about.
@@ -32,18 +32,18 @@ pub struct Said {
     pub distance: Option<u16>,
 }
 
-impl Said {
+impl MessageLabel {
     /// Creates contents with a description only.
-    pub const fn of(what: &'static str) -> Said {
-        Said { what, whom: None, distance: None }
+    pub const fn of(what: &'static str) -> MessageLabel {
+        MessageLabel { what, whom: None, distance: None }
     }
     /// Creates contents about a module.
-    pub const fn about(what: &'static str, whom: ModuleId) -> Said {
-        Said { whom: Some(whom), ..Said::of(what) }
+    pub const fn about(what: &'static str, whom: ModuleId) -> MessageLabel {
+        MessageLabel { whom: Some(whom), ..MessageLabel::of(what) }
     }
 }
 
-impl fmt::Display for Said {
+impl fmt::Display for MessageLabel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.what)?;
         if let Some(whom) = self.whom {
@@ -99,7 +99,7 @@ pub struct Logged {
     /// Its class.
     pub class: Class,
     /// Its contents.
-    pub said: Said,
+    pub said: MessageLabel,
 }
 
 /// The JSON form for a page.
@@ -158,7 +158,7 @@ impl Flow {
     }
 
     /// Counts a message that has arrived.
-    pub fn delivered(&mut self, now: Time, from: ModuleId, to: ModuleId, class: Class, said: Said) {
+    pub fn delivered(&mut self, now: Time, from: ModuleId, to: ModuleId, class: Class, said: MessageLabel) {
         self.advance(now);
         let bin = self.bins.last_mut().expect("invariant: there is always a bin");
         bin.totals[class.index()] += 1;
@@ -308,8 +308,8 @@ fn merge(mut first: Bin, second: Bin) -> Bin {
 mod tests {
     use super::*;
 
-    fn said() -> Said {
-        Said::of("beacon")
+    fn said() -> MessageLabel {
+        MessageLabel::of("beacon")
     }
 
     fn talk(flow: &mut Flow, at: u64, from: u32, to: u32) {

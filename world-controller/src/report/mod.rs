@@ -41,7 +41,7 @@ pub struct Facts<'a> {
     /// The results of director and world.
     pub account: RunResult,
     /// The time of a move, or of a step of a joint.
-    pub beat: Span,
+    pub time_step: Span,
     /// Message counts.
     pub tally: &'a Tally,
     /// Messages between agents, bodies and controller, not counted as protocol messages.
@@ -83,7 +83,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
     let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
     let outcome = if facts.broken > 0 { Outcome::Unsafe } else { ended };
     let progress = account.progress;
-    let question = account.plight.as_deref().filter(|_| facts.search);
+    let question = account.snapshot.as_deref().filter(|_| facts.search);
     let unbuilt = account.stall.as_ref().map(|stall| standstill(stall, &Prospect::of(stall, question)));
     let listed = |when| (ended == when).then(|| unbuilt.clone()).flatten().into_iter().collect();
     let collides = |v: &&Violation| v.invariant.is_collision;
@@ -118,7 +118,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
         body_messages: facts.body_messages,
         time: Times {
             virtual_s: facts.now.as_secs_f64(),
-            move_times: facts.now.0 as f64 / facts.beat.0 as f64,
+            move_times: facts.now.0 as f64 / facts.time_step.0 as f64,
             wall_s: facts.wall.as_secs_f64(),
             setup_s: facts.setup.as_secs_f64(),
             slowed: facts.slowed.map(|s| SlowedReport {

@@ -5,7 +5,7 @@
 
 use crate::report::run_result::Question;
 use metamorph_sim_bridge::director::outcome::Stall;
-use metamorph_sim_bridge::director::proof::Within;
+use metamorph_sim_bridge::director::proof::RuleSet;
 use metamorph_sim_bridge::director::reason::Proves;
 
 /// The result for one standstill.
@@ -14,7 +14,7 @@ pub struct Prospect {
     /// Whether live modules that can learn of the goal could have filled more of it.
     pub possible: Possible,
     /// The widest rules under which progress is proved impossible.
-    pub within: Option<Within>,
+    pub within: Option<RuleSet>,
 }
 
 /// The result of a search.
@@ -48,12 +48,12 @@ impl Prospect {
         match question {
             // A counting argument: modules that cannot move, or are in goal cells already, fill no others.
             _ if stall.reason.proves == Proves::Counted => {
-                Prospect { possible: Possible::No, within: Some(Within::Anything) }
+                Prospect { possible: Possible::No, within: Some(RuleSet::Anything) }
             }
             // Another placement of the goal may allow more.
             _ if stall.reason.proves == Proves::NotHere => Prospect::UNDECIDED,
             // The director has searched already.
-            _ if stall.proof.is_some() => Prospect { possible: Possible::No, within: Some(Within::Grown) },
+            _ if stall.proof.is_some() => Prospect { possible: Possible::No, within: Some(RuleSet::Grown) },
             Some(question) => question.prospect(),
             None => Prospect::UNDECIDED,
         }
@@ -63,7 +63,7 @@ impl Prospect {
     pub fn text(&self) -> String {
         match (self.possible, self.within) {
             (Possible::No, within) => {
-                let within = within.unwrap_or(Within::Called).text();
+                let within = within.unwrap_or(RuleSet::Called).text();
                 format!("proved: nothing more can be filled {within}")
             }
             (Possible::Yes(moves), Some(within)) => format!(

@@ -3,10 +3,10 @@
 use crate::report::prospect::Prospect;
 use crate::report::schema::{MetamoduleReport, MoveReport, StageReport};
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::director::faults::Struck;
+use metamorph_sim_bridge::director::faults::FaultRecord;
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::director::progress::Progress;
-use metamorph_sim_bridge::director::proof::{Found, Within};
+use metamorph_sim_bridge::director::proof::{Found, RuleSet};
 
 /// A standstill as a search problem: what could still have been done?
 pub trait Question {
@@ -14,7 +14,7 @@ pub trait Question {
     fn prospect(&self) -> Prospect;
     /// Returns the widest rules under which progress is proved impossible, or else the search's result.
     /// `misplaced` says whether more may be possible with the goal at another place.
-    fn judge(&self, misplaced: bool) -> Result<Within, Found>;
+    fn judge(&self, misplaced: bool) -> Result<RuleSet, Found>;
     /// Returns true if intact modules are at fault when nothing can be done any more, because they brought
     /// themselves there.
     fn blames_whole_modules(&self) -> bool {
@@ -35,9 +35,9 @@ pub struct RunResult {
     /// The standstill, if there was one.
     pub stall: Option<Stall>,
     /// The standstill as a search problem.
-    pub plight: Option<Box<dyn Question>>,
+    pub snapshot: Option<Box<dyn Question>>,
     /// The effect of each fault.
-    pub struck: Vec<Struck>,
+    pub struck: Vec<FaultRecord>,
     /// Collisions prevented between modules, by negotiation or locks.
     pub prevented: u64,
     /// Every goal that was opened.

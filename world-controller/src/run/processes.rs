@@ -6,7 +6,7 @@ use crate::console::format::{many, seconds};
 use crate::console::progress::Status;
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::Live;
-use crate::record::journal::{HeadError, Journal, JournalError, Keeping, parts_of, plan_of};
+use crate::record::journal::{HeadError, Journal, JournalError, JournalSession, parts_of, plan_of};
 use crate::record::tee::both;
 use crate::report::balance::unbalanced;
 use crate::report::schema::Report;
@@ -26,9 +26,9 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::director::faults::Struck;
+use metamorph_sim_bridge::director::faults::FaultRecord;
 use metamorph_sim_bridge::director::outcome::Outcome;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::kernel::state::world_hash;
@@ -95,7 +95,7 @@ pub struct Processes<'l> {
     /// Started with the program.
     pub since: Stopwatch,
     /// The journal, if one is written.
-    pub keeping: Option<Keeping>,
+    pub keeping: Option<JournalSession>,
     /// How long agents wait for a controller to come back (real time), if a journal is written.
     pub patience: Duration,
     /// The log of the page, if one is shown.
@@ -153,7 +153,7 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
 pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
     let Processes { live, since, keeping, patience, scribe } = processes;
     let mut world = swarm.world(plan);
-    let mut options = options(swarm, plan, keeping.as_ref().and_then(Keeping::parts))?;
+    let mut options = options(swarm, plan, keeping.as_ref().and_then(JournalSession::parts))?;
     options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
     let brain = swarm.director(plan);
     let mut director =
@@ -161,13 +161,13 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let setup = swarm.setup().as_ref();
-    let outcome = match both(keeping.as_ref().map(Keeping::log), scribe) {
+    let outcome = match both(keeping.as_ref().map(JournalSession::log), scribe) {
         None => run_swarm(&options, setup, &mut world, &mut director)?,
         Some(log) => {
             let mut recorded = RecordedWorld::new(world, log.clone());
             let mut brain = RecordedDirector::new(director, log);
             let ran = run_swarm(&options, setup, &mut recorded, &mut brain);
-            let give_up = |_: &SwarmError| keeping.iter().for_each(Keeping::give_up);
+            let give_up = |_: &SwarmError| keeping.iter().for_each(JournalSession::give_up);
             let outcome = ran.inspect_err(give_up)?;
             (world, director) = (recorded.into_inner(), brain.into_inner());
             outcome
@@ -207,7 +207,7 @@ pub fn resume<R: Runnable>(
             scribe.borrow_mut().put(&record.map_err(JournalError::from)?);
         }
     }
-    let keeping = Keeping::going_on(&file, run, part.end(), until)?;
+    let keeping = JournalSession::going_on(&file, run, part.end(), until)?;
     let options = options(swarm, plan, keeping.parts())?;
     let director = Watched::<R> {
         brain: director,
@@ -236,7 +236,7 @@ fn conclude<R: Runnable>(
     brain: R::Director,
     outcome: &SwarmOutcome,
     before: Duration,
-    keeping: Option<Keeping>,
+    keeping: Option<JournalSession>,
     said: Vec<String>,
 ) -> Report {
     let (mut violations, checked) = R::last_check(&mut world, outcome.end);
@@ -251,7 +251,7 @@ fn conclude<R: Runnable>(
     report(&Facts {
         plan,
         account,
-        beat: swarm.time_step(),
+        time_step: swarm.time_step(),
         tally: &outcome.tally,
         body_messages: outcome.body_messages + outcome.control_messages,
         violations: &violations,
@@ -312,7 +312,7 @@ struct Watched<'a, R: Runnable> {
 type ReportOf<W> = <<W as World>::Agent as Agent>::Report;
 type OrderOf<W> = <<W as World>::Agent as Agent>::Order;
 
-impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
+impl<R: Runnable> DirectorPort<R::World> for Watched<'_, R> {
     fn report(&mut self, now: Time, id: ModuleId, report: ReportOf<R::World>) {
         self.brain.report(now, id, report);
     }
@@ -342,7 +342,7 @@ impl<R: Runnable> Direct<R::World> for Watched<'_, R> {
     fn poll(&mut self) -> Option<Command<OrderOf<R::World>>> {
         self.brain.poll()
     }
-    fn struck(&self) -> &[Struck] {
+    fn struck(&self) -> &[FaultRecord] {
         self.brain.struck()
     }
 }

@@ -9,7 +9,7 @@ use crate::scenario::Plan;
 use crate::scenario::family::SwarmPlan;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::{Progress, Stage};
 use metamorph_sim_bridge::kernel::sim::Audited;
 use metamorph_sim_bridge::world::World;
@@ -24,7 +24,7 @@ pub trait Runnable: SwarmPlan {
     /// Its world.
     type World: Audited;
     /// Its director.
-    type Director: Direct<Self::World>;
+    type Director: DirectorPort<Self::World>;
 
     /// Returns what all agents share.
     fn setup(&self) -> &Arc<SetupOf<Self>>;

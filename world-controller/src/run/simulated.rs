@@ -1,16 +1,16 @@
 //! Runs a plan on the simulated link: one thread, virtual time, deterministic.
 
 use crate::console::stopwatch::Stopwatch;
-use crate::record::journal::Keeping;
+use crate::record::journal::JournalSession;
 use crate::record::tee::both;
 use crate::report::run_result::RunResult;
 use crate::report::{Facts, report, schema::Report};
 use crate::run::runnable::Runnable;
 use crate::scenario::Plan;
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::outcome::Outcome;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::kernel::sim::{Audited, Sim, SimConfig};
@@ -26,7 +26,7 @@ pub struct Simulation<'w> {
     /// Called between slices of the run.
     pub watch: &'w mut Watch<'w>,
     /// The journal, if one is written.
-    pub keeping: Option<Keeping>,
+    pub keeping: Option<JournalSession>,
     /// The log of the page, if one is shown.
     pub scribe: Option<Log>,
     /// Whether a standstill is worth a search for what could still have been built.
@@ -41,10 +41,10 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, simulation: Simulation<'_>) -> (
         link: plan.link.clone(),
         seed: plan.seed,
         audit_every: swarm.audit_every(),
-        ignore_sessions: plan.swarm.defect() == Some(Sabotage::IgnoreSessions),
+        ignore_sessions: plan.swarm.defect() == Some(Defect::IgnoreSessions),
     };
     let (world, director) = (swarm.world(plan), swarm.director(plan));
-    let Some(log) = both(keeping.as_ref().map(Keeping::log), scribe) else {
+    let Some(log) = both(keeping.as_ref().map(JournalSession::log), scribe) else {
         let sim = Sim::new(config, world, director);
         return drive(swarm, plan, since, watch, sim, |w| w, |d| d, |_, _| Vec::new(), search);
     };
@@ -59,7 +59,7 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, simulation: Simulation<'_>) -> (
 }
 
 #[allow(clippy::too_many_arguments, reason = "the same for runs with and without a journal")]
-fn drive<R: Runnable, W: Audited, D: Direct<W>>(
+fn drive<R: Runnable, W: Audited, D: DirectorPort<W>>(
     swarm: &R,
     plan: &Plan,
     since: Stopwatch,
@@ -87,7 +87,7 @@ fn drive<R: Runnable, W: Audited, D: Direct<W>>(
         left: None,
         plan,
         account,
-        beat: swarm.time_step(),
+        time_step: swarm.time_step(),
         tally: sim.tally(),
         body_messages: sim.body_messages(),
         violations,

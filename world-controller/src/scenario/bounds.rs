@@ -121,7 +121,7 @@ fn log_inverse(n: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_protocol::rng::Stream;
+    use metamorph_protocol::rng::Rng;
 
     const USUAL: Span = Span::millis(100);
 
@@ -142,7 +142,7 @@ mod tests {
     /// Of 20,000 draws none needs more than the formulas allow, and some need a fifth of it.
     #[test]
     fn draws_stay_within() {
-        let mut stream = Stream::named(1, "bounds", 0);
+        let mut stream = Rng::named(1, "bounds", 0);
         for loss in ["5%", "30%", "50%"] {
             let p: Ratio = loss.parse().unwrap_or(Ratio::ZERO);
             let passage = losing(loss);
@@ -157,7 +157,7 @@ mod tests {
             }
             let (tries, mut over) = (passage.more_tries(2, 1) + 1, 0);
             for _ in 0..20_000 {
-                let fails = |stream: &mut Stream| (0..2).any(|_| stream.chance(p));
+                let fails = |stream: &mut Rng| (0..2).any(|_| stream.chance(p));
                 over += u32::from((0..tries).all(|_| fails(&mut stream)));
             }
             assert_eq!(over, 0, "{loss}: {tries} tries");

@@ -4,10 +4,10 @@
 
 use super::Plan;
 use super::bounds::{Bounds, Passage};
-use super::flaw::Flaw;
-use super::problems::{At, Problems};
+use super::diagnostics::{At, Diagnostics};
+use super::error::ScenarioError;
 use super::table::{Node, Section};
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::time::Span;
 use serde_json::Value;
 use std::any::Any;
@@ -27,7 +27,7 @@ pub trait ScenarioFamily: Sync {
         &self,
         swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,
-        problems: &mut Problems,
+        diagnostics: &mut Diagnostics,
     ) -> Box<dyn RawSwarm>;
     /// Returns the family's part of the JSON schema of scenarios.
     fn schema(&self) -> FamilySchema;
@@ -62,9 +62,9 @@ pub trait RawSwarm: fmt::Debug {
     /// Returns the shortest observable time step as written, and its key.
     fn time_step(&self) -> (&Option<At<Span>>, &'static str);
     /// Checks what needs more than one value, and creates the family's part of a plan.
-    fn draft(&self, context: &DraftContext, problems: &mut Problems) -> Option<Draft>;
+    fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec>;
     /// Checks the times that must not be after the end of the run.
-    fn check_end(&self, _timeout: Span, _problems: &mut Problems) {}
+    fn check_end(&self, _timeout: Span, _problems: &mut Diagnostics) {}
 }
 
 /// The properties of a run known when the family's part of a plan is created.
@@ -81,7 +81,7 @@ pub struct DraftContext {
 }
 
 /// A family's part of a plan, before the rest is checked.
-pub struct Draft {
+pub struct FamilySpec {
     /// The swarm; `None` if something is wrong with it.
     pub swarm: Option<Swarm>,
     /// The number of modules; 0 if unknown.
@@ -115,11 +115,11 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     /// # Errors
     ///
     /// Start places that cannot be drawn.
-    fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, Flaw>;
+    fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, ScenarioError>;
     /// Returns the defect that a test has switched on.
-    fn defect(&self) -> Option<Sabotage>;
+    fn defect(&self) -> Option<Defect>;
     /// Returns the swarm with another defect.
-    fn with_defect(&self, defect: Option<Sabotage>) -> Swarm;
+    fn with_defect(&self, defect: Option<Defect>) -> Swarm;
     /// Writes its description for `metamorph check`.
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result;
     /// Returns the family's terms, for reports for people.

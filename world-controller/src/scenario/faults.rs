@@ -1,15 +1,15 @@
 //! Faults as written, in `[[fault]]` tables and options such as `--kill 3@2s`, and their schedule. Absent:
 //! injecting them.
 
+use super::diagnostics::{At, Diagnostics, Place};
+use super::error::ScenarioError;
 use super::family::{ScenarioFamily, SectionKind};
-use super::flaw::Flaw;
-use super::problems::{At, Place, Problems};
 use super::table::{Node, Read, Section, Window, elements, span, span_range};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::Partition;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::faults::{Fault, Schedule};
 
@@ -82,19 +82,23 @@ const VERBS: [(&str, Verb); 4] =
     [("kill", Verb::Kill), ("pause", Verb::Pause), ("restart", Verb::Restart), ("stick", Verb::Stick)];
 
 /// Reads all `[[fault]]` tables.
-pub fn read(node: &Node<'_>, family: &dyn ScenarioFamily, problems: &mut Problems) -> Vec<RawFault> {
-    let array = elements(node, "[[fault]]", problems);
-    array.into_iter().flat_map(|a| a.iter()).filter_map(|fault| read_one(fault, family, problems)).collect()
+pub fn read(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diagnostics) -> Vec<RawFault> {
+    let array = elements(node, "[[fault]]", diagnostics);
+    array
+        .into_iter()
+        .flat_map(|a| a.iter())
+        .filter_map(|fault| read_one(fault, family, diagnostics))
+        .collect()
 }
 
-fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, problems: &mut Problems) -> Option<RawFault> {
-    let mut section = Section::of(node, "[[fault]]", "kill = 3\nat = \"2s\"", problems)?;
+fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diagnostics) -> Option<RawFault> {
+    let mut section = Section::of(node, "[[fault]]", "kill = 3\nat = \"2s\"", diagnostics)?;
     section.differs_between_families(SectionKind::Fault);
     let obstacle = match family.faults().contains(&"obstacle") {
         false if section.present(&["obstacle"]).is_empty() => None,
         false => {
             ask_for_times(&mut section);
-            section.finish(problems);
+            section.finish(diagnostics);
             return None;
         }
         true => section.node("obstacle"),
@@ -109,24 +113,24 @@ fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, problems: &mut Problem
     if let Some(controller) = section.node("controller") {
         let what = "a fault of the controller itself".to_owned();
         let instead = "remove it; faults hit modules (kill, pause, restart, stick, crash, partition) and cells (obstacle)";
-        problems.add(controller.span(), Flaw::NotYet { what, instead });
+        diagnostics.add(controller.span(), ScenarioError::NotYet { what, instead });
         return None;
     }
     let kinds = ["kill", "pause", "restart", "stick", "crash", "partition", "obstacle"];
     let fault = match (&named[..], crash, partition, obstacle) {
-        ([(verb, modules)], None, None, None) => read_named(*verb, modules, &mut section, problems),
-        ([], Some(crash), None, None) => read_crashes(crash, problems),
-        ([], None, Some(partition), None) => read_partition(partition, problems),
-        ([], None, None, Some(cell)) => read_obstacle(cell, &mut section, problems),
+        ([(verb, modules)], None, None, None) => read_named(*verb, modules, &mut section, diagnostics),
+        ([], Some(crash), None, None) => read_crashes(crash, diagnostics),
+        ([], None, Some(partition), None) => read_partition(partition, diagnostics),
+        ([], None, None, Some(cell)) => read_obstacle(cell, &mut section, diagnostics),
         _ => {
             let present = section.present(&kinds);
             let names = if present.is_empty() { "nothing".into() } else { present.join(" and ") };
             ask_for_times(&mut section);
-            problems.add(section.place().clone(), Flaw::OneVerb(names));
+            diagnostics.add(section.place().clone(), ScenarioError::OneVerb(names));
             None
         }
     };
-    section.finish(problems);
+    section.finish(diagnostics);
     fault
 }
 
@@ -141,97 +145,99 @@ fn read_named(
     verb: Verb,
     modules: &Node<'_>,
     section: &mut Section<'_, '_>,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Option<RawFault> {
-    let modules = module_list(modules, problems);
+    let modules = module_list(modules, diagnostics);
     if verb == Verb::Restart
-        && let Some(memory) = section.get::<bool>("memory", problems).filter(|m| m.value)
+        && let Some(memory) = section.get::<bool>("memory", diagnostics).filter(|m| m.value)
     {
         let what = "a restart with memory".to_owned();
         let instead = "leave `memory` out: the module comes back without its memory and asks around";
-        problems.add(memory.place, Flaw::NotYet { what, instead });
+        diagnostics.add(memory.place, ScenarioError::NotYet { what, instead });
     }
     let (from, until) = match verb {
-        Verb::Kill | Verb::Restart => (section.need("at", "at = \"2s\"", problems), None),
+        Verb::Kill | Verb::Restart => (section.need("at", "at = \"2s\"", diagnostics), None),
         Verb::Pause => {
-            let from = section.need("from", "from = \"1s\"", problems);
-            (from, Some(section.need("until", "until = \"3s\"", problems)?))
+            let from = section.need("from", "from = \"1s\"", diagnostics);
+            (from, Some(section.need("until", "until = \"3s\"", diagnostics)?))
         }
         Verb::Stick => {
-            let from = section.need("at", "at = \"2s\"", problems);
-            (from, section.get("until", problems))
+            let from = section.need("at", "at = \"2s\"", diagnostics);
+            (from, section.get("until", diagnostics))
         }
     };
     Some(RawFault::Named { verb, modules: modules?, from: from?, until })
 }
 
 /// Reads one module or several.
-fn module_list(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<At<u64>>> {
+fn module_list(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<At<u64>>> {
     match node.get_ref().as_array() {
-        None => Some(vec![At::new(u64::read(node, problems)?, node.span())]),
-        Some(array) => array.iter().map(|n| u64::read(n, problems).map(|id| At::new(id, n.span()))).collect(),
+        None => Some(vec![At::new(u64::read(node, diagnostics)?, node.span())]),
+        Some(array) => {
+            array.iter().map(|n| u64::read(n, diagnostics).map(|id| At::new(id, n.span()))).collect()
+        }
     }
 }
 
-fn read_crashes(node: &Node<'_>, problems: &mut Problems) -> Option<RawFault> {
+fn read_crashes(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawFault> {
     let example = "{ fraction = \"5%\", between = \"0s..60s\" }";
-    let mut section = Section::of(node, "crash", example, problems)?;
-    let count = section.get::<u64>("count", problems).map(|c| Amount::Count(c.value));
+    let mut section = Section::of(node, "crash", example, diagnostics)?;
+    let count = section.get::<u64>("count", diagnostics).map(|c| Amount::Count(c.value));
     let amount = match count {
         Some(_) => count,
-        None => section.need("fraction", "fraction = \"5%\"", problems).map(|f| Amount::Fraction(f.value)),
+        None => section.need("fraction", "fraction = \"5%\"", diagnostics).map(|f| Amount::Fraction(f.value)),
     };
-    let window = section.need("between", "between = \"0s..60s\"", problems);
-    section.finish(problems);
+    let window = section.need("between", "between = \"0s..60s\"", diagnostics);
+    section.finish(diagnostics);
     Some(RawFault::Crashes { amount: amount?, window: window?, place: node.span().into() })
 }
 
 fn read_obstacle(
     cell: &Node<'_>,
     section: &mut Section<'_, '_>,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Option<RawFault> {
-    let from = section.need("at", "at = \"2s\"", problems);
-    let until = section.get("until", problems);
-    let cell = Cell::read(cell, problems).map(|value| At::new(value, cell.span()));
+    let from = section.need("at", "at = \"2s\"", diagnostics);
+    let until = section.get("until", diagnostics);
+    let cell = Cell::read(cell, diagnostics).map(|value| At::new(value, cell.span()));
     Some(RawFault::Obstacle { cell: cell?, from: from?, until })
 }
 
-fn read_partition(node: &Node<'_>, problems: &mut Problems) -> Option<RawFault> {
+fn read_partition(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawFault> {
     let example = "{ modules = [1, 2, 3], from = \"5s\", until = \"10s\" }";
-    let mut section = Section::of(node, "partition", example, problems)?;
+    let mut section = Section::of(node, "partition", example, diagnostics)?;
     let modules = match section.node("modules") {
-        Some(modules) => module_list(modules, problems),
+        Some(modules) => module_list(modules, diagnostics),
         None => {
-            section.missing("modules", "modules = [1, 2, 3]", problems);
+            section.missing("modules", "modules = [1, 2, 3]", diagnostics);
             None
         }
     };
-    let from = section.need("from", "from = \"5s\"", problems);
-    let until = section.need("until", "until = \"10s\"", problems);
-    section.finish(problems);
+    let from = section.need("from", "from = \"5s\"", diagnostics);
+    let until = section.need("until", "until = \"10s\"", diagnostics);
+    section.finish(diagnostics);
     Some(RawFault::Partition { modules: modules?, from: from?, until: until? })
 }
 
 /// Reads an option such as `--kill 3@2s` or `--pause 2@1s..3s`.
-pub fn read_option(verb: Verb, name: &str, text: &str, problems: &mut Problems) -> Option<RawFault> {
+pub fn read_option(verb: Verb, name: &str, text: &str, diagnostics: &mut Diagnostics) -> Option<RawFault> {
     let place = Place::Option(format!("{name} {text}"));
     let form = if verb == Verb::Pause { "ID@T..T" } else { "ID@T" };
     let parsed = text
         .split_once('@')
         .and_then(|(id, times)| Some((id.trim().parse::<u64>().ok()?, times)))
-        .ok_or_else(|| Flaw::Form(text.to_owned(), form));
-    let (id, times) = problems.note(&place, parsed)?;
+        .ok_or_else(|| ScenarioError::Form(text.to_owned(), form));
+    let (id, times) = diagnostics.note(&place, parsed)?;
     let (from, until) = match verb {
         Verb::Pause => {
-            let window = span_range(times).map_err(|flaw| match flaw {
-                Flaw::Form(..) => Flaw::Form(text.to_owned(), form),
+            let window = span_range(times).map_err(|scenario_error| match scenario_error {
+                ScenarioError::Form(..) => ScenarioError::Form(text.to_owned(), form),
                 other => other,
             });
-            let (from, until) = problems.note(&place, window)?;
+            let (from, until) = diagnostics.note(&place, window)?;
             (from, Some(At::new(until, place.clone())))
         }
-        _ => (problems.note(&place, span(times))?, None),
+        _ => (diagnostics.note(&place, span(times))?, None),
     };
     let modules = vec![At::new(id, place.clone())];
     Some(RawFault::Named { verb, modules, from: At::new(from, place), until })
@@ -270,7 +276,7 @@ pub fn draw(planned: &[Planned], seed: u64) -> Schedule {
         match *fault {
             Planned::At(at, fault) => schedule.push((at, fault)),
             Planned::Crashes { count, of, from, until } => {
-                let mut stream = Stream::named(seed, "crashes", draws);
+                let mut stream = Rng::named(seed, "crashes", draws);
                 draws += 1;
                 for id in draw_modules(of, count, &mut stream) {
                     let at = Time::ZERO + from + Span(stream.below((until - from).0));
@@ -283,20 +289,21 @@ pub fn draw(planned: &[Planned], seed: u64) -> Schedule {
 }
 
 impl Bounds {
-    fn module(&self, id: &At<u64>, problems: &mut Problems) -> Option<ModuleId> {
+    fn module(&self, id: &At<u64>, diagnostics: &mut Diagnostics) -> Option<ModuleId> {
         if id.value < self.modules as u64 {
             // Invariant: a swarm has fewer than 2^32 modules.
             return Some(ModuleId(id.value as u32));
         }
-        let flaw = Flaw::NoSuchModule { module: id.value, last: self.modules.saturating_sub(1) };
-        problems.add(id.place.clone(), flaw);
+        let scenario_error =
+            ScenarioError::NoSuchModule { module: id.value, last: self.modules.saturating_sub(1) };
+        diagnostics.add(id.place.clone(), scenario_error);
         None
     }
 
-    fn time(&self, at: &At<Span>, problems: &mut Problems) -> Time {
+    fn time(&self, at: &At<Span>, diagnostics: &mut Diagnostics) -> Time {
         if at.value > self.timeout {
-            let flaw = Flaw::AfterTheEnd { at: at.value, timeout: self.timeout };
-            problems.add(at.place.clone(), flaw);
+            let scenario_error = ScenarioError::AfterTheEnd { at: at.value, timeout: self.timeout };
+            diagnostics.add(at.place.clone(), scenario_error);
         }
         Time::ZERO + at.value
     }
@@ -305,23 +312,23 @@ impl Bounds {
         &self,
         from: &At<Span>,
         until: Option<&At<Span>>,
-        problems: &mut Problems,
+        diagnostics: &mut Diagnostics,
     ) -> (Time, Option<Time>) {
         match until {
-            None => (self.time(from, problems), None),
+            None => (self.time(from, diagnostics), None),
             Some(until) => {
-                let (from, until) = self.window(from, until, problems);
+                let (from, until) = self.window(from, until, diagnostics);
                 (from, Some(until))
             }
         }
     }
 
-    fn window(&self, from: &At<Span>, until: &At<Span>, problems: &mut Problems) -> (Time, Time) {
+    fn window(&self, from: &At<Span>, until: &At<Span>, diagnostics: &mut Diagnostics) -> (Time, Time) {
         if from.value >= until.value {
-            let flaw = Flaw::Order { from: from.value, until: until.value };
-            problems.add(until.place.clone(), flaw);
+            let scenario_error = ScenarioError::Order { from: from.value, until: until.value };
+            diagnostics.add(until.place.clone(), scenario_error);
         }
-        (self.time(from, problems), self.time(until, problems))
+        (self.time(from, diagnostics), self.time(until, diagnostics))
     }
 }
 
@@ -329,26 +336,26 @@ impl Bounds {
 pub fn compile(
     faults: &[RawFault],
     bounds: &Bounds,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> (Vec<Planned>, Vec<Partition>) {
     let (mut planned, mut partitions) = (Vec::new(), Vec::new());
     for fault in faults {
         match fault {
             RawFault::Named { verb, modules, from, until } => {
-                let (begin, end) = bounds.span(from, until.as_ref(), problems);
-                for id in modules.iter().filter_map(|id| bounds.module(id, problems)) {
+                let (begin, end) = bounds.span(from, until.as_ref(), diagnostics);
+                for id in modules.iter().filter_map(|id| bounds.module(id, diagnostics)) {
                     let (first, second) = events(*verb, id);
                     planned.push(Planned::At(begin, first));
                     planned.extend(end.zip(second).map(|(at, fault)| Planned::At(at, fault)));
                 }
             }
             RawFault::Obstacle { cell, from, until } => {
-                let (begin, end) = bounds.span(from, until.as_ref(), problems);
+                let (begin, end) = bounds.span(from, until.as_ref(), diagnostics);
                 let At { value: cell, place } = cell;
                 if cell.z < 0 {
                     let (got, high) = (cell.z.to_string(), Cell::LIMIT.to_string());
                     let what = "the height of the obstacle above the floor";
-                    problems.add(place.clone(), Flaw::Range { what, got, low: "0".into(), high });
+                    diagnostics.add(place.clone(), ScenarioError::Range { what, got, low: "0".into(), high });
                 }
                 planned.push(Planned::At(begin, Fault::Block(*cell)));
                 planned.extend(end.map(|at| Planned::At(at, Fault::Unblock(*cell))));
@@ -356,29 +363,30 @@ pub fn compile(
             RawFault::Crashes { amount, window, place } => {
                 let Window(from, until) = window.value;
                 if from >= until {
-                    problems.add(window.place.clone(), Flaw::Order { from, until });
+                    diagnostics.add(window.place.clone(), ScenarioError::Order { from, until });
                     continue;
                 }
-                bounds.time(&At::new(until, window.place.clone()), problems);
+                bounds.time(&At::new(until, window.place.clone()), diagnostics);
                 let count = match amount {
                     Amount::Fraction(f) => bounds.modules as u64 * u64::from(f.num()) / u64::from(f.den()),
                     Amount::Count(n) => *n,
                 };
                 if count > bounds.modules as u64 {
-                    let flaw = Flaw::Range {
+                    let scenario_error = ScenarioError::Range {
                         what: "the number of crashes",
                         got: count.to_string(),
                         low: "0".into(),
                         high: bounds.modules.to_string(),
                     };
-                    problems.add(place.clone(), flaw);
+                    diagnostics.add(place.clone(), scenario_error);
                     continue;
                 }
                 planned.push(Planned::Crashes { count: count as usize, of: bounds.modules, from, until });
             }
             RawFault::Partition { modules, from, until } => {
-                let (from, until) = bounds.window(from, until, problems);
-                let mut side: Vec<_> = modules.iter().filter_map(|id| bounds.module(id, problems)).collect();
+                let (from, until) = bounds.window(from, until, diagnostics);
+                let mut side: Vec<_> =
+                    modules.iter().filter_map(|id| bounds.module(id, diagnostics)).collect();
                 side.sort_unstable();
                 side.dedup();
                 partitions.push(Partition { from, until, side });
@@ -398,7 +406,7 @@ fn events(verb: Verb, id: ModuleId) -> (Fault, Option<Fault>) {
 }
 
 /// Draws `count` different modules (Fisher-Yates shuffle, stopped early).
-fn draw_modules(modules: usize, count: usize, stream: &mut Stream) -> Vec<ModuleId> {
+fn draw_modules(modules: usize, count: usize, stream: &mut Rng) -> Vec<ModuleId> {
     let mut ids: Vec<u32> = (0..modules as u32).collect();
     for i in 0..count {
         let other = i + stream.below((modules - i) as u64) as usize;

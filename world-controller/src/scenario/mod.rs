@@ -2,23 +2,23 @@
 //!
 //! `settings` puts values of the command line into the document; `table` and `shapes` read values with their
 //! places, `raw` and `faults` a whole document and the other options; `plan` checks what depends on several
-//! values; `family` is the interface of families for both; `schema` describes the format to programs; `flaw`
-//! and `problems` say what is wrong, where, and how to fix it. All problems are collected and shown at once.
+//! values; `family` is the interface of families for both; `schema` describes the format to programs; `error`
+//! and `diagnostics` say what is wrong, where, and how to fix it. All problems are collected and shown at once.
 //!
 //! Reading is slow and done once; [`Plan::with_seed`] is fast and returns the same plan with other random
 //! places and crashes.
 //!
-//! *Invariants.* No text makes the reader panic or exceed the memory and time that the limits in `flaw`
+//! *Invariants.* No text makes the reader panic or exceed the memory and time that the limits in `error`
 //! allow. Absent: running anything.
 
 pub mod bounds;
+pub mod diagnostics;
+pub mod error;
 pub mod family;
 pub mod faults;
-pub mod flaw;
 pub mod mesh_import;
 pub mod plan;
 pub mod plan_summary;
-pub mod problems;
 pub mod raw;
 pub mod schema;
 pub mod settings;
@@ -29,16 +29,16 @@ pub use plan::{NEVER, TIME_SCALE};
 pub use raw::SEED;
 
 use crate::console::escape::portable;
+use diagnostics::Diagnostics;
+use error::{MAX_BYTES, ScenarioError};
 use family::{Families, Swarm};
 use faults::Planned;
-use flaw::{Flaw, MAX_BYTES};
 use metamorph_module_agent::regular_file;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_sim_bridge::director::faults::Schedule;
 use metamorph_sim_bridge::director::progress::Stop;
 pub use plan::LinkChange;
-use problems::Problems;
 use serde::{Deserialize, Serialize};
 use settings::Setting;
 use std::fs::File;
@@ -174,7 +174,7 @@ impl Plan {
     }
 
     /// Returns the same plan with another seed. Cheap: what does not depend on the seed is shared.
-    pub fn with_seed(&self, seed: u64) -> Result<Plan, Flaw> {
+    pub fn with_seed(&self, seed: u64) -> Result<Plan, ScenarioError> {
         let swarm = self.swarm.with_seed(seed)?.unwrap_or_else(|| self.swarm.clone());
         Ok(Plan { seed, schedule: faults::draw(&self.faults, seed), swarm, ..self.clone() })
     }
@@ -213,28 +213,31 @@ pub fn quote(text: String) -> String {
 /// # Errors
 ///
 /// All problems of the scenario.
-pub fn read_file(families: Families, path: &Path, overrides: &Overrides) -> Result<Plan, Problems> {
+pub fn read_file(families: Families, path: &Path, overrides: &Overrides) -> Result<Plan, Diagnostics> {
     read_text(families, &path.display().to_string(), &load(path)?, overrides)
 }
 
 /// Reads the text of a scenario file.
-pub fn load(path: &Path) -> Result<String, Problems> {
+pub fn load(path: &Path) -> Result<String, Diagnostics> {
     let origin = path.display().to_string();
-    let unreadable = |error: std::io::Error| Problems::of_file(&origin, Flaw::Unreadable(error.to_string()));
+    let unreadable =
+        |error: std::io::Error| Diagnostics::of_file(&origin, ScenarioError::Unreadable(error.to_string()));
     let descriptor = ["/dev/stdin", "/dev/fd/", "/proc/self/fd/"].iter().any(|d| origin.starts_with(d));
     // Descriptors inherited from the parent process are read, whatever they are; opening another special file
     // could block for ever.
     let opened = if descriptor { File::open(path) } else { regular_file::open(path) };
     let file = opened.map_err(|error| match error.kind() {
-        std::io::ErrorKind::InvalidInput => Problems::of_file(&origin, Flaw::NoFile(error.to_string())),
+        std::io::ErrorKind::InvalidInput => {
+            Diagnostics::of_file(&origin, ScenarioError::NoFile(error.to_string()))
+        }
         _ => unreadable(error),
     })?;
     let mut bytes = Vec::new();
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     if bytes.len() as u64 > MAX_BYTES {
-        return Err(Problems::of_file(&origin, Flaw::FileTooLarge));
+        return Err(Diagnostics::of_file(&origin, ScenarioError::FileTooLarge));
     }
-    String::from_utf8(bytes).map_err(|_| Problems::of_file(&origin, Flaw::NotUtf8))
+    String::from_utf8(bytes).map_err(|_| Diagnostics::of_file(&origin, ScenarioError::NotUtf8))
 }
 
 /// Reads and checks the text of a scenario; `origin` names it in messages.
@@ -243,27 +246,27 @@ pub fn read_text(
     origin: &str,
     text: &str,
     overrides: &Overrides,
-) -> Result<Plan, Problems> {
-    let mut problems = Problems::new(families, origin, text);
+) -> Result<Plan, Diagnostics> {
+    let mut diagnostics = Diagnostics::new(families, origin, text);
     let (mut document, errors) = DeTable::parse_recoverable(text);
     for error in errors {
-        let flaw = Flaw::Syntax(error.message().to_owned());
+        let scenario_error = ScenarioError::Syntax(error.message().to_owned());
         match error.span() {
-            Some(span) => problems.add(span, flaw),
-            None => problems.add(problems::Place::File, flaw),
+            Some(span) => diagnostics.add(span, scenario_error),
+            None => diagnostics.add(diagnostics::Place::File, scenario_error),
         }
     }
     // A partly read document cannot be checked.
-    if !problems.is_empty() {
-        return Err(problems.sorted());
+    if !diagnostics.is_empty() {
+        return Err(diagnostics.sorted());
     }
-    settings::apply(document.get_mut(), &overrides.settings, text, &mut problems);
-    let raw = raw::Raw::read(document.get_ref(), overrides, &mut problems);
-    match plan::make(&raw, overrides, &mut problems) {
-        Some(plan) if problems.is_empty() => {
-            let files = problems.files().to_vec();
+    settings::apply(document.get_mut(), &overrides.settings, text, &mut diagnostics);
+    let raw = raw::Raw::read(document.get_ref(), overrides, &mut diagnostics);
+    match plan::make(&raw, overrides, &mut diagnostics) {
+        Some(plan) if diagnostics.is_empty() => {
+            let files = diagnostics.files().to_vec();
             Ok(Plan { origin: origin.to_owned(), files, text: Arc::from(text), ..plan })
         }
-        _ => Err(problems.sorted()),
+        _ => Err(diagnostics.sorted()),
     }
 }

@@ -2,10 +2,10 @@
 //! its own files.
 
 use super::bounds::Passage;
+use super::diagnostics::{At, Diagnostics};
+use super::error::{LONGEST, SHORTEST, ScenarioError};
 use super::family::{DraftContext, Patience};
 use super::faults::{self, Bounds};
-use super::flaw::{Flaw, LONGEST, SHORTEST};
-use super::problems::{At, Problems};
 use super::raw::{Raw, default_delay};
 use super::table::Delay;
 use super::{LinkKind, Overrides, Plan, StagePlan};
@@ -27,31 +27,31 @@ pub const NEVER: Ratio = Ratio::ZERO;
 const LISTED: usize = 8;
 
 /// Checks everything and creates the plan. Returns `None` only after reporting a problem.
-pub fn make(raw: &Raw, overrides: &Overrides, problems: &mut Problems) -> Option<Plan> {
+pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> Option<Plan> {
     let Some(swarm) = raw.swarm.as_deref() else {
         // Check the link all the same.
-        link(raw, overrides.link, BEAT, problems);
-        time_scale(raw, problems);
+        link(raw, overrides.link, BEAT, diagnostics);
+        time_scale(raw, diagnostics);
         return None;
     };
-    let (beat, key) = swarm.time_step();
-    let beat = bounded(beat, key, SHORTEST, LONGEST, problems).unwrap_or(BEAT);
-    let (mut link, usual_delay) = link(raw, overrides.link, beat, problems);
-    let Delay(_, usual) = default_delay(LinkKind::Sim, beat);
+    let (time_step, key) = swarm.time_step();
+    let time_step = bounded(time_step, key, SHORTEST, LONGEST, diagnostics).unwrap_or(BEAT);
+    let (mut link, usual_delay) = link(raw, overrides.link, time_step, diagnostics);
+    let Delay(_, usual) = default_delay(LinkKind::Sim, time_step);
     let passage = Passage::of(&link, usual_delay, usual);
-    let context = DraftContext { time_step: beat, usual_delay, passage, seed: raw.seed };
-    let draft = swarm.draft(&context, problems)?;
-    let mut stop = stop(raw, &draft.patience, problems);
+    let context = DraftContext { time_step, usual_delay, passage, seed: raw.seed };
+    let draft = swarm.draft(&context, diagnostics)?;
+    let mut stop = stop(raw, &draft.patience, diagnostics);
     let mut faults = Vec::new();
     if draft.modules > 0 {
         let bounds = Bounds { modules: draft.modules, timeout: stop.timeout.since(Time::ZERO) };
-        (faults, link.partitions) = faults::compile(&raw.faults, &bounds, problems);
+        (faults, link.partitions) = faults::compile(&raw.faults, &bounds, diagnostics);
         let ends = link.partitions.iter().map(|p| p.until).chain(link.harmless_from);
         stop.planned_until = ends.max().unwrap_or(Time::ZERO).min(stop.timeout);
     }
-    swarm.check_end(stop.timeout.since(Time::ZERO), problems);
-    let time_scale = time_scale(raw, problems);
-    if !problems.is_empty() {
+    swarm.check_end(stop.timeout.since(Time::ZERO), diagnostics);
+    let time_scale = time_scale(raw, diagnostics);
+    if !diagnostics.is_empty() {
         return None;
     }
     Some(Plan {
@@ -79,34 +79,35 @@ fn bounded(
     what: &'static str,
     low: Span,
     high: Span,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Option<Span> {
     let At { value, place } = span.as_ref()?;
     if (low..=high).contains(value) {
         return Some(*value);
     }
-    let flaw = Flaw::Range { what, got: value.to_string(), low: low.to_string(), high: high.to_string() };
-    problems.add(place.clone(), flaw);
+    let scenario_error =
+        ScenarioError::Range { what, got: value.to_string(), low: low.to_string(), high: high.to_string() };
+    diagnostics.add(place.clone(), scenario_error);
     None
 }
 
 /// Returns the end conditions of the run.
-fn stop(raw: &Raw, patience: &Patience, problems: &mut Problems) -> Stop {
+fn stop(raw: &Raw, patience: &Patience, diagnostics: &mut Diagnostics) -> Stop {
     let long = Span(u64::MAX / 4);
-    let mut get = |span, what, default| bounded(span, what, Span(1), long, problems).unwrap_or(default);
+    let mut get = |span, what, default| bounded(span, what, Span(1), long, diagnostics).unwrap_or(default);
     let stall = get(&raw.stall, "stall", patience.bounds.stall);
     let livelock = get(&raw.livelock, "livelock", stall * patience.livelock);
     let timeout = get(&raw.timeout, "timeout", livelock * patience.timeout);
     Stop { timeout: Time::ZERO + timeout, stall, livelock, planned_until: Time::ZERO }
 }
 
-fn link(raw: &Raw, kind: LinkKind, beat: Span, problems: &mut Problems) -> (LinkModel, Span) {
+fn link(raw: &Raw, kind: LinkKind, time_step: Span, diagnostics: &mut Diagnostics) -> (LinkModel, Span) {
     if let Some(At { value: Delay(_, max), place }) = &raw.link.delay {
-        bounded(&Some(At::new(*max, place.clone())), "the delay", Span::ZERO, LONGEST, problems);
+        bounded(&Some(At::new(*max, place.clone())), "the delay", Span::ZERO, LONGEST, diagnostics);
     }
     let written = raw.link.delay.as_ref().map(|d| d.value);
-    let Delay(delay_min, delay_max) = written.unwrap_or_else(|| default_delay(kind, beat));
-    let Delay(_, usual) = written.unwrap_or_else(|| default_delay(LinkKind::Sim, beat));
+    let Delay(delay_min, delay_max) = written.unwrap_or_else(|| default_delay(kind, time_step));
+    let Delay(_, usual) = written.unwrap_or_else(|| default_delay(LinkKind::Sim, time_step));
     let ratio = |r: &Option<At<Ratio>>| r.as_ref().map_or(NEVER, |r| r.value);
     let model = LinkModel {
         delay_min,
@@ -121,12 +122,15 @@ fn link(raw: &Raw, kind: LinkKind, beat: Span, problems: &mut Problems) -> (Link
     (model, usual)
 }
 
-fn time_scale(raw: &Raw, problems: &mut Problems) -> f64 {
+fn time_scale(raw: &Raw, diagnostics: &mut Diagnostics) -> f64 {
     let Some(At { value, place }) = &raw.time_scale else { return TIME_SCALE };
     let (low, high) = (0.001, 10_000.0);
     if !(low..=high).contains(value) {
         let (low, high) = (low.to_string(), high.to_string());
-        problems.add(place.clone(), Flaw::Range { what: "time_scale", got: value.to_string(), low, high });
+        diagnostics.add(
+            place.clone(),
+            ScenarioError::Range { what: "time_scale", got: value.to_string(), low, high },
+        );
     }
     *value
 }

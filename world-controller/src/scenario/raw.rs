@@ -1,9 +1,9 @@
 //! A scenario as written: typed values with their places, before checks that need more than one of them.
 
+use super::diagnostics::{At, Diagnostics, Place};
+use super::error::{MAX_GOALS, ScenarioError, VERSION};
 use super::family::{RawSwarm, SectionKind, Sections};
 use super::faults::{self, RawFault, Verb};
-use super::flaw::{Flaw, MAX_GOALS, VERSION};
-use super::problems::{At, Place, Problems};
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
 use metamorph_protocol::ratio::Ratio;
@@ -60,62 +60,62 @@ const SWARM: &str = "[swarm]\n    start = { box = { min = [0, 0, 0], max = [5, 5
 
 impl Raw {
     /// Reads the whole document and the options. Invalid values are reported and left out.
-    pub fn read(document: &DeTable<'_>, overrides: &Overrides, problems: &mut Problems) -> Raw {
+    pub fn read(document: &DeTable<'_>, overrides: &Overrides, diagnostics: &mut Diagnostics) -> Raw {
         let mut top = Section::new(document, "the scenario", Place::File);
-        match top.need::<i64>("version", "version = 1", problems) {
+        match top.need::<i64>("version", "version = 1", diagnostics) {
             Some(At { value, place }) if value > VERSION as i64 => {
                 // The rules of this version do not apply to the rest.
-                problems.add(place, Flaw::Newer { found: value });
+                diagnostics.add(place, ScenarioError::Newer { found: value });
                 return Raw::empty(overrides);
             }
             Some(At { value, place }) if value < 1 => {
-                let flaw = Flaw::Range {
+                let scenario_error = ScenarioError::Range {
                     what: "the version",
                     got: value.to_string(),
                     low: "1".into(),
                     high: VERSION.to_string(),
                 };
-                problems.add(place, flaw);
+                diagnostics.add(place, scenario_error);
             }
             _ => {}
         }
         let mut raw = Raw::empty(overrides);
-        raw.name = top.get("name", problems).map(|n| n.value);
-        raw.description = top.get("description", problems).map(|d| d.value);
-        let seed = top.get::<u64>("seed", problems).map_or(SEED, |s| s.value);
+        raw.name = top.get("name", diagnostics).map(|n| n.value);
+        raw.description = top.get("description", diagnostics).map(|d| d.value);
+        let seed = top.get::<u64>("seed", diagnostics).map_or(SEED, |s| s.value);
         raw.seed = overrides.seed.unwrap_or(seed);
         let swarm = top.node("swarm");
         let others = Sections { goals: top.node("goal"), protocol: top.node("protocol") };
         if swarm.is_none() {
-            top.missing("swarm", SWARM, problems);
+            top.missing("swarm", SWARM, diagnostics);
         }
         if others.goals.is_none() {
-            problems.add(Place::File, Flaw::NoGoal);
+            diagnostics.add(Place::File, ScenarioError::NoGoal);
         }
-        let families = problems.families();
+        let families = diagnostics.families();
         let mut family = families.0[0];
-        if let Some(mut section) = swarm.and_then(|node| Section::of(node, "[swarm]", SWARM, problems)) {
+        if let Some(mut section) = swarm.and_then(|node| Section::of(node, "[swarm]", SWARM, diagnostics)) {
             let known: Vec<_> = families.0.iter().map(|family| (family.name(), *family)).collect();
-            family = section.choice("family", "family", &known, problems).unwrap_or(family);
-            problems.set_family(family.name());
+            family = section.choice("family", "family", &known, diagnostics).unwrap_or(family);
+            diagnostics.set_family(family.name());
             section.differs_between_families(SectionKind::Swarm);
-            raw.failed_connections = section.get("failed_connections", problems);
-            raw.swarm = Some(family.read(section, &others, problems));
+            raw.failed_connections = section.get("failed_connections", diagnostics);
+            raw.swarm = Some(family.read(section, &others, diagnostics));
         }
         if let Some(node) = top.node("link") {
-            raw.read_link(node, problems);
+            raw.read_link(node, diagnostics);
         }
         if let Some(node) = top.node("process") {
-            raw.read_process(node, problems);
+            raw.read_process(node, diagnostics);
         }
         if let Some(node) = top.node("fault") {
-            raw.faults = faults::read(node, family, problems);
+            raw.faults = faults::read(node, family, diagnostics);
         }
         if let Some(node) = top.node("stop") {
-            raw.read_stop(node, problems);
+            raw.read_stop(node, diagnostics);
         }
-        top.finish(problems);
-        raw.override_with(overrides, problems);
+        top.finish(diagnostics);
+        raw.override_with(overrides, diagnostics);
         raw
     }
 
@@ -135,41 +135,45 @@ impl Raw {
         }
     }
 
-    fn read_link(&mut self, node: &Node<'_>, problems: &mut Problems) {
-        let Some(mut section) = Section::of(node, "[link]", "loss = \"5%\"", problems) else { return };
+    fn read_link(&mut self, node: &Node<'_>, diagnostics: &mut Diagnostics) {
+        let Some(mut section) = Section::of(node, "[link]", "loss = \"5%\"", diagnostics) else { return };
         self.link = RawLink {
-            delay: section.get("delay", problems),
-            loss: section.get("loss", problems),
-            duplicate: section.get("duplicate", problems),
-            reorder: section.get("reorder", problems),
-            corrupt: section.get("corrupt", problems),
-            until: section.get("until", problems),
+            delay: section.get("delay", diagnostics),
+            loss: section.get("loss", diagnostics),
+            duplicate: section.get("duplicate", diagnostics),
+            reorder: section.get("reorder", diagnostics),
+            corrupt: section.get("corrupt", diagnostics),
+            until: section.get("until", diagnostics),
         };
-        section.finish(problems);
+        section.finish(diagnostics);
     }
 
-    fn read_process(&mut self, node: &Node<'_>, problems: &mut Problems) {
-        let Some(mut section) = Section::of(node, "[process]", "time_scale = 20", problems) else { return };
-        self.time_scale = section.get("time_scale", problems);
-        section.finish(problems);
+    fn read_process(&mut self, node: &Node<'_>, diagnostics: &mut Diagnostics) {
+        let Some(mut section) = Section::of(node, "[process]", "time_scale = 20", diagnostics) else {
+            return;
+        };
+        self.time_scale = section.get("time_scale", diagnostics);
+        section.finish(diagnostics);
     }
 
-    fn read_stop(&mut self, node: &Node<'_>, problems: &mut Problems) {
-        let Some(mut section) = Section::of(node, "[stop]", "timeout = \"1000s\"", problems) else { return };
-        self.timeout = section.get("timeout", problems);
-        self.stall = section.get("stall", problems);
-        self.livelock = section.get("livelock", problems);
-        section.finish(problems);
+    fn read_stop(&mut self, node: &Node<'_>, diagnostics: &mut Diagnostics) {
+        let Some(mut section) = Section::of(node, "[stop]", "timeout = \"1000s\"", diagnostics) else {
+            return;
+        };
+        self.timeout = section.get("timeout", diagnostics);
+        self.stall = section.get("stall", diagnostics);
+        self.livelock = section.get("livelock", diagnostics);
+        section.finish(diagnostics);
     }
 
     /// Applies the overrides of the command line; its faults are added to the scenario's.
-    fn override_with(&mut self, overrides: &Overrides, problems: &mut Problems) {
+    fn override_with(&mut self, overrides: &Overrides, diagnostics: &mut Diagnostics) {
         for (verb, name, texts) in [
             (Verb::Kill, "--kill", &overrides.kill),
             (Verb::Pause, "--pause", &overrides.pause),
             (Verb::Restart, "--restart", &overrides.restart),
         ] {
-            self.faults.extend(texts.iter().filter_map(|t| faults::read_option(verb, name, t, problems)));
+            self.faults.extend(texts.iter().filter_map(|t| faults::read_option(verb, name, t, diagnostics)));
         }
         for (name, text, target) in [
             ("--loss", &overrides.loss, &mut self.link.loss),
@@ -178,19 +182,19 @@ impl Raw {
         ] {
             if let Some(text) = text {
                 let place = Place::Option(format!("{name} {text}"));
-                *target = problems.note(&place, text.parse::<Ratio>()).map(|ratio| At::new(ratio, place));
+                *target = diagnostics.note(&place, text.parse::<Ratio>()).map(|ratio| At::new(ratio, place));
             }
         }
         if let Some(text) = &overrides.delay {
             let place = Place::Option(format!("--delay {text}"));
             self.link.delay =
-                problems.note(&place, delay(text)).map(|(min, max)| At::new(Delay(min, max), place));
+                diagnostics.note(&place, delay(text)).map(|(min, max)| At::new(Delay(min, max), place));
         }
         if let Some(text) = &overrides.time_scale {
             let place = Place::Option(format!("--time-scale {text}"));
             match text.parse::<f64>() {
                 Ok(scale) => self.time_scale = Some(At::new(scale, place)),
-                Err(_) => problems.add(place, Flaw::Form(text.clone(), "X, a number such as 20")),
+                Err(_) => diagnostics.add(place, ScenarioError::Form(text.clone(), "X, a number such as 20")),
             }
         }
     }
@@ -200,19 +204,21 @@ impl Raw {
 pub fn goal_sections<'d, 'i>(
     node: Option<&'d Node<'i>>,
     example: &'static str,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Vec<Section<'d, 'i>> {
-    let Some(array) = node.and_then(|node| elements(node, "[[goal]]", problems)) else { return Vec::new() };
+    let Some(array) = node.and_then(|node| elements(node, "[[goal]]", diagnostics)) else {
+        return Vec::new();
+    };
     let place = || node.map_or(Place::File, |node| node.span().into());
     if array.is_empty() {
-        problems.add(place(), Flaw::NoGoal);
+        diagnostics.add(place(), ScenarioError::NoGoal);
     }
     if array.len() > MAX_GOALS {
-        problems.add(place(), Flaw::TooManyGoals(array.len()));
+        diagnostics.add(place(), ScenarioError::TooManyGoals(array.len()));
     }
     let goals = array.iter().take(MAX_GOALS);
     let mut sections: Vec<_> =
-        goals.filter_map(|goal| Section::of(goal, "[[goal]]", example, problems)).collect();
+        goals.filter_map(|goal| Section::of(goal, "[[goal]]", example, diagnostics)).collect();
     sections.iter_mut().for_each(|section| section.differs_between_families(SectionKind::Goal));
     sections
 }
@@ -221,9 +227,9 @@ pub fn goal_sections<'d, 'i>(
 pub fn protocol_section<'d, 'i>(
     node: Option<&'d Node<'i>>,
     example: &'static str,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Option<Section<'d, 'i>> {
-    let mut section = Section::of(node?, "[protocol]", example, problems)?;
+    let mut section = Section::of(node?, "[protocol]", example, diagnostics)?;
     section.differs_between_families(SectionKind::Protocol);
     Some(section)
 }

@@ -7,8 +7,8 @@
 //! An optional key has a `default`, which is the value that the reader uses, or its description says what
 //! happens without it.
 
+use super::error::{MAX_GOALS, VERSION};
 use super::family::{Families, FamilySchema, ScenarioFamily};
-use super::flaw::{MAX_GOALS, VERSION};
 use super::plan::{NEVER, TIME_SCALE};
 use super::raw::SEED;
 use super::shapes::{AXES, PARTS, THIN, UPS, VOIDS};
@@ -298,6 +298,12 @@ pub fn of(definition: &str) -> Value {
 pub fn said(description: &str, mut schema: Value) -> Value {
     schema["description"] = json!(description);
     schema
+}
+
+/// Marks a schema as that of a key's former name.
+pub fn former(key: &str, mut schema: Value) -> Value {
+    schema["deprecated"] = json!(true);
+    said(&format!("The former name of `{key}`."), schema)
 }
 
 /// Adds a default to a schema.

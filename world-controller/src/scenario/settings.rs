@@ -2,8 +2,8 @@
 //! They are inserted before the document is read, so that they are checked like lines of the file; errors are
 //! reported with the option.
 
-use super::flaw::Flaw;
-use super::problems::Problems;
+use super::diagnostics::Diagnostics;
+use super::error::ScenarioError;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::fmt;
@@ -31,9 +31,9 @@ fn set() -> &'static str {
 }
 
 impl Setting {
-    fn parts(&self) -> Result<(&str, &str), Flaw> {
+    fn parts(&self) -> Result<(&str, &str), ScenarioError> {
         let parts = self.text.split_once('=').map(|(key, value)| (key.trim(), value.trim()));
-        parts.ok_or_else(|| Flaw::Form(self.text.clone(), "KEY=VALUE"))
+        parts.ok_or_else(|| ScenarioError::Form(self.text.clone(), "KEY=VALUE"))
     }
 }
 
@@ -87,22 +87,27 @@ impl KeyError {
 
 /// Inserts all settings into the document. Their places are offsets behind the end of the text, and are shown
 /// as the options.
-pub fn apply<'i>(document: &mut DeTable<'i>, settings: &'i [Setting], text: &str, problems: &mut Problems) {
+pub fn apply<'i>(
+    document: &mut DeTable<'i>,
+    settings: &'i [Setting],
+    text: &str,
+    diagnostics: &mut Diagnostics,
+) {
     for (i, setting) in settings.iter().enumerate() {
         let at = text.len() + 1 + i;
-        let place = problems.option_at(at, setting.to_string());
-        let Some((key, text)) = problems.note(&place, setting.parts()) else { continue };
-        let Some(value) = problems.note(&place, value(text)) else { continue };
-        problems.note(&place, put(document, key, moved(value, &(at..at))));
+        let place = diagnostics.option_at(at, setting.to_string());
+        let Some((key, text)) = diagnostics.note(&place, setting.parts()) else { continue };
+        let Some(value) = diagnostics.note(&place, value(text)) else { continue };
+        diagnostics.note(&place, put(document, key, moved(value, &(at..at))));
     }
 }
 
 /// Parses TOML, or returns the text itself, so that shells need no nested quotes.
-fn value(text: &str) -> Result<DeValue<'_>, Flaw> {
+fn value(text: &str) -> Result<DeValue<'_>, ScenarioError> {
     match DeValue::parse(text) {
         Ok(value) => Ok(value.into_inner()),
         Err(error) if text.starts_with(['[', '{', '"', '\'']) => {
-            Err(Flaw::Syntax(error.message().to_owned()))
+            Err(ScenarioError::Syntax(error.message().to_owned()))
         }
         Err(_) => Ok(DeValue::String(Cow::Borrowed(text))),
     }
@@ -203,11 +208,11 @@ mod tests {
     fn with(settings: &[&str]) -> (toml::Table, String) {
         let settings: Vec<Setting> =
             settings.iter().map(|text| Setting { option: "--set", text: (*text).into() }).collect();
-        let mut problems = Problems::new(crate::family::families(), "a.toml", TEXT);
+        let mut diagnostics = Diagnostics::new(crate::family::families(), "a.toml", TEXT);
         let mut document = DeTable::parse(TEXT).unwrap();
-        apply(document.get_mut(), &settings, TEXT, &mut problems);
+        apply(document.get_mut(), &settings, TEXT, &mut diagnostics);
         let table = toml::Table::try_from(plain(document.get_ref())).unwrap();
-        (table, problems.to_string())
+        (table, diagnostics.to_string())
     }
 
     fn plain(table: &DeTable<'_>) -> toml::Table {
@@ -227,7 +232,7 @@ mod tests {
 
     #[test]
     fn values_replace_and_join() {
-        let (table, problems) = with(&[
+        let (table, diagnostics) = with(&[
             "link.loss=5%",
             "link.duplicate=0.25",
             "stop.timeout = 10s",
@@ -236,7 +241,7 @@ mod tests {
             "seed=9",
             "name=\"5\"",
         ]);
-        assert_eq!(problems, "");
+        assert_eq!(diagnostics, "");
         let expected: toml::Table = toml::from_str(
             "version = 1\nseed = 9\nname = \"5\"\ngoal = [{ seed = [1, -7, 3], shape = { cells = [[0, 0, 0]] } }]\n\
              link = { loss = \"5%\", duplicate = 0.25 }\nstop = { timeout = \"10s\" }\n",
@@ -266,9 +271,9 @@ mod tests {
             ("name=[1, 2", &["--set name=[1, 2: this is not TOML", "fix: "]),
         ];
         for (setting, parts) in cases {
-            let (table, problems) = with(&[setting]);
+            let (table, diagnostics) = with(&[setting]);
             for part in *parts {
-                assert!(problems.contains(part), "`{part}` is missing in: {problems}");
+                assert!(diagnostics.contains(part), "`{part}` is missing in: {diagnostics}");
             }
             assert_eq!(table["version"].as_integer(), Some(1));
         }

@@ -1,9 +1,9 @@
 //! Shapes as written in a scenario, with the places of their parts. Shapes from files become cells here (see
 //! `mesh_import`).
 
+use super::diagnostics::{At, Diagnostics};
+use super::error::{MAX_DEPTH, MAX_LAID_OUT, ScenarioError};
 use super::family::SectionKind;
-use super::flaw::{Flaw, MAX_DEPTH, MAX_LAID_OUT};
-use super::problems::{At, Problems};
 use super::table::{Node, Read, Section, elements};
 use crate::scenario::mesh_import::{Import, Part, Up, import};
 use metamorph_protocol::lattice::Cell;
@@ -30,54 +30,54 @@ pub const VOIDS: [(&str, bool); 2] = [("keep", false), ("fill", true)];
 pub const AXES: [(&str, Axis); 3] = [("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)];
 
 impl Read for Shape {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Shape> {
-        shape(node, 0, problems)
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Shape> {
+        shape(node, 0, diagnostics)
     }
 }
 
-fn shape(node: &Node<'_>, depth: usize, problems: &mut Problems) -> Option<Shape> {
+fn shape(node: &Node<'_>, depth: usize, diagnostics: &mut Diagnostics) -> Option<Shape> {
     if depth > MAX_DEPTH {
-        problems.add(node.span(), Flaw::TooDeep);
+        diagnostics.add(node.span(), ScenarioError::TooDeep);
         return None;
     }
-    let mut section = Section::of(node, "a shape", EXAMPLE, problems)?;
+    let mut section = Section::of(node, "a shape", EXAMPLE, diagnostics)?;
     let present = section.present(&KINDS);
     section.differs_between_families(SectionKind::Shape);
     let nodes: Vec<_> = KINDS.iter().filter_map(|kind| Some((*kind, section.node(kind)?))).collect();
-    section.finish(problems);
+    section.finish(diagnostics);
     let [(kind, inner)] = nodes[..] else {
         if present.is_empty() {
             let (expected, found) = ("a shape", "a table without one");
-            problems.add(node.span(), Flaw::Kind { expected, found, example: EXAMPLE });
+            diagnostics.add(node.span(), ScenarioError::Kind { expected, found, example: EXAMPLE });
         } else {
             let (expected, found) = ("one shape", "several in one table; combine them with `union`");
-            problems.add(node.span(), Flaw::Kind { expected, found, example: EXAMPLE });
+            diagnostics.add(node.span(), ScenarioError::Kind { expected, found, example: EXAMPLE });
         }
         return None;
     };
     match kind {
-        "union" => parts(inner, depth, problems).map(Shape::Union),
-        "difference" => parts(inner, depth, problems).map(Shape::Difference),
-        "intersection" => parts(inner, depth, problems).map(Shape::Intersection),
-        "cells" => cells(inner, problems).map(Shape::Cells),
-        "file" => file(inner, problems).map(Shape::Cells),
-        _ => primitive(kind, inner, problems),
+        "union" => parts(inner, depth, diagnostics).map(Shape::Union),
+        "difference" => parts(inner, depth, diagnostics).map(Shape::Difference),
+        "intersection" => parts(inner, depth, diagnostics).map(Shape::Intersection),
+        "cells" => cells(inner, diagnostics).map(Shape::Cells),
+        "file" => file(inner, diagnostics).map(Shape::Cells),
+        _ => primitive(kind, inner, diagnostics),
     }
 }
 
-fn primitive(kind: &str, inner: &Node<'_>, problems: &mut Problems) -> Option<Shape> {
-    let mut section = Section::of(inner, &format!("a {kind}"), EXAMPLE, problems)?;
+fn primitive(kind: &str, inner: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Shape> {
+    let mut section = Section::of(inner, &format!("a {kind}"), EXAMPLE, diagnostics)?;
     let shape = match kind {
         "box" => {
-            let min = section.need::<Cell>("min", "min = [0, 0, 0]", problems);
-            let max = section.need::<Cell>("max", "max = [3, 3, 0]", problems);
+            let min = section.need::<Cell>("min", "min = [0, 0, 0]", diagnostics);
+            let max = section.need::<Cell>("max", "max = [3, 3, 0]", diagnostics);
             min.zip(max).map(|(min, max)| Shape::Box { min: min.value, max: max.value })
         }
         "cylinder" => {
-            let base = section.need::<Cell>("base", "base = [0, 0, 0]", problems);
-            let radius = section.need::<Radius>("radius", "radius = 4", problems);
-            let height = section.need::<u64>("height", "height = 3", problems);
-            let axis = section.choice("axis", "axis", &AXES, problems).unwrap_or_default();
+            let base = section.need::<Cell>("base", "base = [0, 0, 0]", diagnostics);
+            let radius = section.need::<Radius>("radius", "radius = 4", diagnostics);
+            let height = section.need::<u64>("height", "height = 3", diagnostics);
+            let axis = section.choice("axis", "axis", &AXES, diagnostics).unwrap_or_default();
             base.zip(radius).zip(height).map(|((base, radius), height)| Shape::Cylinder {
                 base: base.value,
                 radius: radius.value,
@@ -86,10 +86,10 @@ fn primitive(kind: &str, inner: &Node<'_>, problems: &mut Problems) -> Option<Sh
             })
         }
         round => {
-            let center = section.need::<Cell>("center", "center = [0, 0, 0]", problems);
-            let radius = section.need::<Radius>("radius", "radius = 4", problems);
+            let center = section.need::<Cell>("center", "center = [0, 0, 0]", diagnostics);
+            let radius = section.need::<Radius>("radius", "radius = 4", diagnostics);
             let axis = if round == "disc" {
-                section.choice("axis", "axis", &AXES, problems).unwrap_or_default()
+                section.choice("axis", "axis", &AXES, diagnostics).unwrap_or_default()
             } else {
                 Axis::default()
             };
@@ -99,24 +99,24 @@ fn primitive(kind: &str, inner: &Node<'_>, problems: &mut Problems) -> Option<Sh
             })
         }
     };
-    section.finish(problems);
+    section.finish(diagnostics);
     shape
 }
 
-fn parts(node: &Node<'_>, depth: usize, problems: &mut Problems) -> Option<Vec<Shape>> {
-    let array = elements(node, "[{ … }, { … }]", problems)?;
-    let parts: Vec<Shape> = array.iter().filter_map(|part| shape(part, depth + 1, problems)).collect();
+fn parts(node: &Node<'_>, depth: usize, diagnostics: &mut Diagnostics) -> Option<Vec<Shape>> {
+    let array = elements(node, "[{ … }, { … }]", diagnostics)?;
+    let parts: Vec<Shape> = array.iter().filter_map(|part| shape(part, depth + 1, diagnostics)).collect();
     (parts.len() == array.len()).then_some(parts)
 }
 
 /// Reads explicit cells. Duplicates are found here and not later, so that the error points at the second one.
-fn cells(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
-    let array = elements(node, "[[0, 0, 0], [1, 0, 0]]", problems)?;
+fn cells(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
+    let array = elements(node, "[[0, 0, 0], [1, 0, 0]]", diagnostics)?;
     let (mut cells, mut seen) = (Vec::new(), BTreeSet::new());
     for element in array.iter() {
-        let cell = Cell::read(element, problems)?;
+        let cell = Cell::read(element, diagnostics)?;
         if !seen.insert(cell) {
-            problems.add(element.span(), ShapeError::Twice(cell));
+            diagnostics.add(element.span(), ShapeError::Twice(cell));
             return None;
         }
         cells.push(cell);
@@ -125,16 +125,16 @@ fn cells(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
 }
 
 /// Reads a shape from a file.
-fn file(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
-    let mut section = Section::of(node, "a file", FILE, problems)?;
-    let path = section.need::<String>("path", "path = \"table.stl\"", problems);
-    let pitch = section.get::<f64>("pitch", problems);
-    let up = section.choice("up", "axis", &UPS, problems);
-    let at = section.get::<Cell>("at", problems);
-    let part = section.choice("part", "part", &PARTS, problems);
-    let drop_thin = section.choice("thin", "way with thin parts", &THIN, problems);
-    let fill_voids = section.choice("voids", "way with voids", &VOIDS, problems);
-    section.finish(problems);
+fn file(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
+    let mut section = Section::of(node, "a file", FILE, diagnostics)?;
+    let path = section.need::<String>("path", "path = \"table.stl\"", diagnostics);
+    let pitch = section.get::<f64>("pitch", diagnostics);
+    let up = section.choice("up", "axis", &UPS, diagnostics);
+    let at = section.get::<Cell>("at", diagnostics);
+    let part = section.choice("part", "part", &PARTS, diagnostics);
+    let drop_thin = section.choice("thin", "way with thin parts", &THIN, diagnostics);
+    let fill_voids = section.choice("voids", "way with voids", &VOIDS, diagnostics);
+    section.finish(diagnostics);
     let At { value: path, place } = path?;
     let how = Import {
         pitch: pitch.map(|p| p.value),
@@ -144,12 +144,12 @@ fn file(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
         drop_thin: drop_thin.unwrap_or_default(),
         fill_voids: fill_voids.unwrap_or_default(),
     };
-    let path = problems.file(&path);
-    let path = problems.note(&place, path)?;
-    let imported = problems.note(&place, import(&path, &how))?;
+    let path = diagnostics.file(&path);
+    let path = diagnostics.note(&place, path)?;
+    let imported = diagnostics.note(&place, import(&path, &how))?;
     match imported.thin {
         Some(thin) if !how.drop_thin => {
-            problems.add(place, thin);
+            diagnostics.add(place, thin);
             None
         }
         _ => Some(imported.cells),
@@ -157,12 +157,15 @@ fn file(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Cell>> {
 }
 
 impl Read for Radius {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Radius> {
-        let cells = f64::read(node, problems)?;
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Radius> {
+        let cells = f64::read(node, diagnostics)?;
         let radius: Result<Radius, ValueError> = Radius::deserialize(cells.into_deserializer());
         if radius.is_err() {
             let (low, high) = ("0".into(), Cell::LIMIT.to_string());
-            problems.add(node.span(), Flaw::Range { what: "the radius", got: cells.to_string(), low, high });
+            diagnostics.add(
+                node.span(),
+                ScenarioError::Range { what: "the radius", got: cells.to_string(), low, high },
+            );
         }
         radius.ok()
     }
@@ -177,10 +180,10 @@ pub struct Layout {
 
 impl Layout {
     /// Returns the cells of a shape.
-    pub fn cells(&mut self, shape: &Shape) -> Result<Vec<Cell>, Flaw> {
+    pub fn cells(&mut self, shape: &Shape) -> Result<Vec<Cell>, ScenarioError> {
         self.looked_at = self.looked_at.saturating_add(volume(shape));
         if self.looked_at > MAX_LAID_OUT {
-            return Err(Flaw::TooMuch(self.looked_at));
+            return Err(ScenarioError::TooMuch(self.looked_at));
         }
         Ok(shape.cells()?)
     }

@@ -1,9 +1,9 @@
 //! Reads one TOML table key by key: typed values with their places, and errors for unknown keys. Absent: what
 //! the keys mean.
 
+use super::diagnostics::{At, Diagnostics, Place};
+use super::error::ScenarioError;
 use super::family::SectionKind;
-use super::flaw::Flaw;
-use super::problems::{At, Place, Problems};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, SpanError};
@@ -35,12 +35,12 @@ impl<'d, 'i> Section<'d, 'i> {
         node: &'d Node<'i>,
         name: &str,
         example: &'static str,
-        problems: &mut Problems,
+        diagnostics: &mut Diagnostics,
     ) -> Option<Section<'d, 'i>> {
         match node.get_ref() {
             DeValue::Table(table) => Some(Section::new(table, name, node.span())),
             other => {
-                problems.add(node.span(), wrong("a table", other, example));
+                diagnostics.add(node.span(), wrong("a table", other, example));
                 None
             }
         }
@@ -62,10 +62,15 @@ impl<'d, 'i> Section<'d, 'i> {
         self.table.get(key)
     }
 
+    /// Returns the name under which a key is given: its former one, if only that is present.
+    pub fn key_or_former(&self, key: &'static str, former: &'static str) -> &'static str {
+        if self.table.get(key).is_none() && self.table.get(former).is_some() { former } else { key }
+    }
+
     /// Returns a typed value of a key, if it is present and valid.
-    pub fn get<T: Read>(&mut self, key: &'static str, problems: &mut Problems) -> Option<At<T>> {
+    pub fn get<T: Read>(&mut self, key: &'static str, diagnostics: &mut Diagnostics) -> Option<At<T>> {
         let node = self.node(key)?;
-        T::read(node, problems).map(|value| At::new(value, node.span()))
+        T::read(node, diagnostics).map(|value| At::new(value, node.span()))
     }
 
     /// Like [`Section::get`], but reports a missing key.
@@ -73,17 +78,18 @@ impl<'d, 'i> Section<'d, 'i> {
         &mut self,
         key: &'static str,
         example: &'static str,
-        problems: &mut Problems,
+        diagnostics: &mut Diagnostics,
     ) -> Option<At<T>> {
         if self.table.get(key).is_none() {
-            self.missing(key, example, problems);
+            self.missing(key, example, diagnostics);
         }
-        self.get(key, problems)
+        self.get(key, diagnostics)
     }
 
     /// Reports a missing key.
-    pub fn missing(&self, key: &'static str, example: &'static str, problems: &mut Problems) {
-        problems.add(self.place.clone(), Flaw::Missing { key, section: self.name.clone(), example });
+    pub fn missing(&self, key: &'static str, example: &'static str, diagnostics: &mut Diagnostics) {
+        diagnostics
+            .add(self.place.clone(), ScenarioError::Missing { key, section: self.name.clone(), example });
     }
 
     /// Reads one of several names.
@@ -92,13 +98,13 @@ impl<'d, 'i> Section<'d, 'i> {
         key: &'static str,
         what: &'static str,
         names: &[(&'static str, T)],
-        problems: &mut Problems,
+        diagnostics: &mut Diagnostics,
     ) -> Option<T> {
-        let got = self.get::<String>(key, problems)?;
+        let got = self.get::<String>(key, diagnostics)?;
         let found = names.iter().find(|(name, _)| *name == got.value).map(|(_, value)| *value);
         if found.is_none() {
             let known = names.iter().map(|(name, _)| *name).collect();
-            problems.add(got.place, Flaw::Name { what, got: got.value, known });
+            diagnostics.add(got.place, ScenarioError::Name { what, got: got.value, known });
         }
         found
     }
@@ -109,7 +115,7 @@ impl<'d, 'i> Section<'d, 'i> {
     }
 
     /// Reports every key that was not read. Returns true if one of them is for another family.
-    pub fn finish(self, problems: &mut Problems) -> bool {
+    pub fn finish(self, diagnostics: &mut Diagnostics) -> bool {
         let mut is_foreign = false;
         let known: BTreeSet<&str> = self.asked.iter().copied().collect();
         for (key, _) in self.table.iter().filter(|(key, _)| !known.contains(key.get_ref().as_ref())) {
@@ -117,14 +123,14 @@ impl<'d, 'i> Section<'d, 'i> {
             names.dedup();
             let key_text: String = key.get_ref().chars().take(80).collect();
             let section = self.name.clone();
-            let flaw = match self.kind.and_then(|kind| problems.owner_of(kind, &key_text)) {
+            let scenario_error = match self.kind.and_then(|kind| diagnostics.owner_of(kind, &key_text)) {
                 Some(theirs) => {
                     is_foreign = true;
-                    Flaw::Foreign { key: key_text, section, theirs, ours: problems.family() }
+                    ScenarioError::Foreign { key: key_text, section, theirs, ours: diagnostics.family() }
                 }
-                None => Flaw::UnknownKey { key: key_text, section, known: names },
+                None => ScenarioError::UnknownKey { key: key_text, section, known: names },
             };
-            problems.add(key.span(), flaw);
+            diagnostics.add(key.span(), scenario_error);
         }
         is_foreign
     }
@@ -140,19 +146,19 @@ pub fn default_of<T: Default + PartialEq>(names: &[(&'static str, T)]) -> &'stat
 pub fn elements<'d, 'i>(
     node: &'d Node<'i>,
     example: &'static str,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Option<&'d DeArray<'i>> {
     match node.get_ref() {
         DeValue::Array(array) => Some(array),
         other => {
-            problems.add(node.span(), wrong("a list", other, example));
+            diagnostics.add(node.span(), wrong("a list", other, example));
             None
         }
     }
 }
 
 /// Returns the error for a value of the wrong kind.
-pub fn wrong(expected: &'static str, found: &DeValue<'_>, example: &'static str) -> Flaw {
+pub fn wrong(expected: &'static str, found: &DeValue<'_>, example: &'static str) -> ScenarioError {
     let found = match found {
         DeValue::String(_) => "text",
         DeValue::Integer(_) => "a whole number",
@@ -162,13 +168,13 @@ pub fn wrong(expected: &'static str, found: &DeValue<'_>, example: &'static str)
         DeValue::Array(_) => "a list",
         DeValue::Table(_) => "a table",
     };
-    Flaw::Kind { expected, found, example }
+    ScenarioError::Kind { expected, found, example }
 }
 
 /// A type that can be written in a scenario.
 pub trait Read: Sized {
     /// Reads a value, or reports what is wrong with it.
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Self>;
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Self>;
 }
 
 /// Returns a whole number of 64 bits.
@@ -182,15 +188,15 @@ fn whole(
     what: &'static str,
     range: std::ops::RangeInclusive<i64>,
     example: &'static str,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Option<i64> {
     let read = integer(node);
     match read {
-        None => problems.add(node.span(), wrong("a whole number", node.get_ref(), example)),
+        None => diagnostics.add(node.span(), wrong("a whole number", node.get_ref(), example)),
         Some(Ok(n)) if range.contains(&n) => return Some(n),
-        Some(n) => problems.add(
+        Some(n) => diagnostics.add(
             node.span(),
-            Flaw::Range {
+            ScenarioError::Range {
                 what,
                 got: n.map_or_else(|text| text, |n| n.to_string()),
                 low: range.start().to_string(),
@@ -202,11 +208,11 @@ fn whole(
 }
 
 impl Read for String {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<String> {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<String> {
         match node.get_ref() {
             DeValue::String(text) => Some(text.clone().into_owned()),
             other => {
-                problems.add(node.span(), wrong("text in quotes", other, "\"like this\""));
+                diagnostics.add(node.span(), wrong("text in quotes", other, "\"like this\""));
                 None
             }
         }
@@ -214,11 +220,11 @@ impl Read for String {
 }
 
 impl Read for bool {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<bool> {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<bool> {
         match node.get_ref() {
             DeValue::Boolean(value) => Some(*value),
             other => {
-                problems.add(node.span(), wrong("true or false", other, "true"));
+                diagnostics.add(node.span(), wrong("true or false", other, "true"));
                 None
             }
         }
@@ -226,24 +232,24 @@ impl Read for bool {
 }
 
 impl Read for i64 {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<i64> {
-        whole(node, "the number", i64::MIN..=i64::MAX, "1", problems)
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<i64> {
+        whole(node, "the number", i64::MIN..=i64::MAX, "1", diagnostics)
     }
 }
 
 impl Read for u64 {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<u64> {
-        whole(node, "the number", 0..=i64::MAX, "1", problems).map(i64::unsigned_abs)
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<u64> {
+        whole(node, "the number", 0..=i64::MAX, "1", diagnostics).map(i64::unsigned_abs)
     }
 }
 
 impl Read for f64 {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<f64> {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<f64> {
         let text = match node.get_ref() {
             DeValue::Integer(n) if n.radix() == 10 => n.as_str(),
             DeValue::Float(n) => n.as_str(),
             other => {
-                problems.add(node.span(), wrong("a number", other, "2.5"));
+                diagnostics.add(node.span(), wrong("a number", other, "2.5"));
                 return None;
             }
         };
@@ -251,7 +257,10 @@ impl Read for f64 {
             Ok(n) if n.is_finite() => Some(n),
             _ => {
                 let (low, high) = (f64::MIN.to_string(), f64::MAX.to_string());
-                problems.add(node.span(), Flaw::Range { what: "the number", got: text.into(), low, high });
+                diagnostics.add(
+                    node.span(),
+                    ScenarioError::Range { what: "the number", got: text.into(), low, high },
+                );
                 None
             }
         }
@@ -268,21 +277,25 @@ pub fn span(text: &str) -> Result<Span, SpanError> {
 }
 
 /// Parses two times `a..b`.
-pub fn span_range(text: &str) -> Result<(Span, Span), Flaw> {
-    let (from, until) = text.split_once("..").ok_or_else(|| Flaw::Form(text.into(), "T..T"))?;
+pub fn span_range(text: &str) -> Result<(Span, Span), ScenarioError> {
+    let (from, until) = text.split_once("..").ok_or_else(|| ScenarioError::Form(text.into(), "T..T"))?;
     Ok((span(from)?, span(until)?))
 }
 
 /// Parses one time or two.
-pub fn delay(text: &str) -> Result<(Span, Span), Flaw> {
+pub fn delay(text: &str) -> Result<(Span, Span), ScenarioError> {
     if text.contains("..") {
         let (min, max) = span_range(text)?;
-        return if min > max { Err(Flaw::Order { from: min, until: max }) } else { Ok((min, max)) };
+        return if min > max { Err(ScenarioError::Order { from: min, until: max }) } else { Ok((min, max)) };
     }
     Ok((span(text)?, span(text)?))
 }
 
-fn time_text<'d>(node: &'d Node<'_>, example: &'static str, problems: &mut Problems) -> Option<&'d str> {
+fn time_text<'d>(
+    node: &'d Node<'_>,
+    example: &'static str,
+    diagnostics: &mut Diagnostics,
+) -> Option<&'d str> {
     match node.get_ref() {
         DeValue::String(text) => Some(text),
         // A number without a unit is the most likely mistake: report the unit.
@@ -290,27 +303,27 @@ fn time_text<'d>(node: &'d Node<'_>, example: &'static str, problems: &mut Probl
             let n = n.as_str();
             let error =
                 if n.starts_with('-') { SpanError::Negative(n.into()) } else { SpanError::Unit(n.into()) };
-            problems.add(node.span(), error);
+            diagnostics.add(node.span(), error);
             None
         }
         DeValue::Float(n) => {
             let n = n.as_str();
             let error =
                 if n.starts_with('-') { SpanError::Negative(n.into()) } else { SpanError::Unit(n.into()) };
-            problems.add(node.span(), error);
+            diagnostics.add(node.span(), error);
             None
         }
         other => {
-            problems.add(node.span(), wrong("a time", other, example));
+            diagnostics.add(node.span(), wrong("a time", other, example));
             None
         }
     }
 }
 
 impl Read for Span {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Span> {
-        let text = time_text(node, "\"1.5s\"", problems)?;
-        problems.note(&node.span().into(), span(text))
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Span> {
+        let text = time_text(node, "\"1.5s\"", diagnostics)?;
+        diagnostics.note(&node.span().into(), span(text))
     }
 }
 
@@ -319,9 +332,9 @@ impl Read for Span {
 pub struct Delay(pub Span, pub Span);
 
 impl Read for Delay {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Delay> {
-        let text = time_text(node, "\"10ms..100ms\"", problems)?;
-        problems.note(&node.span().into(), delay(text)).map(|(min, max)| Delay(min, max))
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Delay> {
+        let text = time_text(node, "\"10ms..100ms\"", diagnostics)?;
+        diagnostics.note(&node.span().into(), delay(text)).map(|(min, max)| Delay(min, max))
     }
 }
 
@@ -330,25 +343,25 @@ impl Read for Delay {
 pub struct Window(pub Span, pub Span);
 
 impl Read for Window {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Window> {
-        let text = time_text(node, "\"0s..60s\"", problems)?;
-        problems.note(&node.span().into(), span_range(text)).map(|(from, until)| Window(from, until))
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Window> {
+        let text = time_text(node, "\"0s..60s\"", diagnostics)?;
+        diagnostics.note(&node.span().into(), span_range(text)).map(|(from, until)| Window(from, until))
     }
 }
 
 impl Read for Ratio {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Ratio> {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Ratio> {
         // The digits as written are exact; a float would round them.
         let text = match node.get_ref() {
             DeValue::String(text) => text.as_ref(),
             DeValue::Integer(n) if n.radix() == 10 => n.as_str(),
             DeValue::Float(n) => n.as_str(),
             other => {
-                problems.add(node.span(), wrong("a probability", other, "\"5%\""));
+                diagnostics.add(node.span(), wrong("a probability", other, "\"5%\""));
                 return None;
             }
         };
-        problems.note(&node.span().into(), text.parse())
+        diagnostics.note(&node.span().into(), text.parse())
     }
 }
 
@@ -356,27 +369,28 @@ fn coordinates<const N: usize>(
     node: &Node<'_>,
     expected: &'static str,
     example: &'static str,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Option<[i16; N]> {
     let DeValue::Array(array) = node.get_ref() else {
-        problems.add(node.span(), wrong(expected, node.get_ref(), example));
+        diagnostics.add(node.span(), wrong(expected, node.get_ref(), example));
         return None;
     };
     if array.len() != N {
-        problems.add(node.span(), Flaw::Kind { expected, found: "a list of another length", example });
+        diagnostics
+            .add(node.span(), ScenarioError::Kind { expected, found: "a list of another length", example });
         return None;
     }
     let limit = i64::from(Cell::LIMIT);
     let mut coordinates = [0; N];
     for (axis, element) in coordinates.iter_mut().zip(array.iter()) {
-        *axis = whole(element, "the coordinate", -limit..=limit, example, problems)? as i16;
+        *axis = whole(element, "the coordinate", -limit..=limit, example, diagnostics)? as i16;
     }
     Some(coordinates)
 }
 
 impl Read for Cell {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Cell> {
-        coordinates(node, "the three coordinates of a cell", "[0, 0, 0]", problems).map(Cell::from)
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Cell> {
+        coordinates(node, "the three coordinates of a cell", "[0, 0, 0]", diagnostics).map(Cell::from)
     }
 }
 
@@ -385,8 +399,8 @@ impl Read for Cell {
 pub struct Connector(pub i16, pub i16);
 
 impl Read for Connector {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Connector> {
-        let [x, y] = coordinates(node, "the two coordinates of a connector", "[0, 0]", problems)?;
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Connector> {
+        let [x, y] = coordinates(node, "the two coordinates of a connector", "[0, 0]", diagnostics)?;
         Some(Connector(x, y))
     }
 }

@@ -22,7 +22,7 @@ use metamorph_module_agent::transport::AgentKey;
 use metamorph_module_agent::transport::memory::{Control, MemoryNetwork, MemoryTransport};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::any::Any;
@@ -59,7 +59,7 @@ pub fn run_in_memory<W, D>(
 ) -> Result<SwarmOutcome, SwarmError>
 where
     W: World,
-    D: Direct<W>,
+    D: DirectorPort<W>,
 {
     let count = world.len();
     if count == 0 || count > MODULE_LIMIT {

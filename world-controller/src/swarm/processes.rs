@@ -20,7 +20,7 @@ use metamorph_module_agent::run_dir::swarm_file::SwarmFile;
 use metamorph_module_agent::transport::iceoryx::rendezvous::{Rendezvous, SHARD, set_verbosity};
 use metamorph_module_agent::transport::iceoryx::{IceoryxTransport, space};
 use metamorph_protocol::agent::Agent;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use std::sync::Arc;
 
@@ -54,7 +54,7 @@ pub fn run_swarm<W, D>(
 ) -> Result<SwarmOutcome, SwarmError>
 where
     W: World,
-    D: Direct<W>,
+    D: DirectorPort<W>,
 {
     let count = world.len();
     if count == 0 || count > MODULE_LIMIT {
@@ -103,7 +103,7 @@ pub fn resume_swarm<W, D>(
 ) -> Result<SwarmOutcome, SwarmError>
 where
     W: World,
-    D: Direct<W>,
+    D: DirectorPort<W>,
 {
     let count = world.len();
     let begun = begin(options, count)?;

@@ -39,7 +39,7 @@ pub struct TakenOver<A: Agent> {
     /// Which module.
     pub id: ModuleId,
     /// Which incarnation of it.
-    pub life: Incarnation,
+    pub incarnation: Incarnation,
     /// Where its body stood when it began.
     pub place: A::Place,
     /// Actions and reports of it that were taken.

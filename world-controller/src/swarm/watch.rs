@@ -6,7 +6,7 @@
 //! pipe too, and ends the controller with an exit code of its own. Absent: runs whose agents wait to be taken
 //! over by `metamorph resume`; those are left alone.
 
-use crate::console::terminal::complain;
+use crate::console::terminal::print_error;
 use crate::swarm::run_dir::{clean, is_awaited, owner};
 use metamorph_module_agent::run_dir::run_name::HOME;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -100,11 +100,11 @@ pub fn watch(root: &Path) -> io::Result<()> {
         "was killed".to_owned()
     };
     if is_awaited(root) {
-        complain(&format!("metamorph: the controller {why}; its agents wait for `metamorph resume`"));
+        print_error(&format!("metamorph: the controller {why}; its agents wait for `metamorph resume`"));
         return Ok(());
     }
     let removed = clean().map_err(io::Error::other)?;
-    complain(&format!(
+    print_error(&format!(
         "metamorph: the controller {why}; what it left is removed: {} processes, {} files of shared memory",
         removed.agents_killed, removed.files
     ));

@@ -1,7 +1,7 @@
 //! The bodies of a swarm of any family, for all that shows them.
 
 use super::parts::Part;
-use super::scribe::{Scribe, Shared};
+use super::scene_builder::{SceneBuilder, Shared};
 use super::visible::{Stage, Visible, Words};
 use metamorph_protocol::record::Blob;
 use metamorph_sim_bridge::kernel::recording::Log;
@@ -46,6 +46,6 @@ impl<A: Visible<Place: 'static> + 'static> ShownSwarm for Bodies<A> {
         (!parts.is_empty()).then_some(parts)
     }
     fn scribe(self: Box<Self>, scene: Shared) -> Log {
-        Rc::new(RefCell::new(Scribe { bodies: *self, scene }))
+        Rc::new(RefCell::new(SceneBuilder { bodies: *self, scene }))
     }
 }

@@ -6,7 +6,7 @@
 
 use super::bodies::ShownSwarm;
 use super::parts::{Motion, Part, Shape};
-use super::visible::{FILLS, Fate, Floor, Stage, Standing, Targets, Words};
+use super::visible::{ActionOutcome, FILLS, Floor, ModuleView, Stage, Targets, Words};
 use crate::report::message_timeline::{Bin, Flow};
 use crate::report::schema::Report;
 use crate::scenario::{LinkChange, Plan};
@@ -40,7 +40,7 @@ pub struct Beginning {
     link: &'static str,
     repeat: String,
     classes: Vec<&'static str>,
-    beat: u64,
+    time_step: u64,
     /// What parts look like.
     shapes: Vec<Shape>,
     /// Of each body where it is, in words, and its parts.
@@ -99,7 +99,7 @@ impl Beginning {
             link: plan.overrides.link.name(),
             repeat: plan.repeat_with(),
             classes: Class::ALL.into_iter().map(Class::name).collect(),
-            beat: time_step.0 / 1_000,
+            time_step: time_step.0 / 1_000,
             start: start.collect(),
             shapes,
             cells: bodies.iter().map(|(parts, _)| parts.first().map(Part::cell)).collect(),
@@ -146,7 +146,7 @@ pub enum Event {
     /// be heard of, as those of processes do.
     Refused(ModuleId),
     /// A module tells of itself.
-    Tells(ModuleId, Standing),
+    Tells(ModuleId, ModuleView),
     /// The process of a module is gone.
     Died(ModuleId),
     /// It is there again, without its memory.
@@ -156,7 +156,7 @@ pub enum Event {
     /// It goes on.
     Resumed(ModuleId),
     /// A fault of the schedule struck: whom, which, and what it found.
-    Struck(Option<ModuleId>, String, String),
+    Injected(Option<ModuleId>, String, String),
     /// These cells have something foreign in them from now on.
     Obstacles(Vec<Cell>),
     /// This goal is built from now on, moved so far.
@@ -174,7 +174,7 @@ fn told(at: u64, event: &Event) -> Value {
         Event::Started(id) => json!(["l", at, id, "restarted"]),
         Event::Paused(id) => json!(["l", at, id, "paused"]),
         Event::Resumed(id) => json!(["l", at, id, "resumed"]),
-        Event::Struck(id, what, effect) => json!(["x", at, id, what, effect]),
+        Event::Injected(id, what, effect) => json!(["x", at, id, what, effect]),
         Event::Obstacles(cells) => json!(["o", at, cells]),
         Event::Goal(goal, shift) => json!(["g", at, goal, shift]),
     }
@@ -186,7 +186,7 @@ pub struct Scene {
     beginning: Beginning,
     events: Vec<(Time, Event)>,
     forgotten: u64,
-    standings: Vec<Option<Standing>>,
+    standings: Vec<Option<ModuleView>>,
     /// What bodies were asked to do at this moment and have not refused, and where that takes them.
     asked: Vec<(Time, ModuleId, Motion, String)>,
     /// The numbers of motions by what is told of them.
@@ -216,7 +216,7 @@ impl Scene {
     /// A run that has not begun.
     pub fn new(plan: &Plan, swarm: &dyn ShownSwarm, messages: bool) -> Scene {
         let beginning = Beginning::of(plan, swarm, messages);
-        let width = Span(beginning.beat * 1_000);
+        let width = Span(beginning.time_step * 1_000);
         let modules = beginning.start.len();
         Scene {
             flow: Flow::new(modules, width),
@@ -261,7 +261,7 @@ impl Scene {
         while self.changes.front().is_some_and(|change| change.at <= now)
             && let Some(LinkChange { at, name, effect }) = self.changes.pop_front()
         {
-            self.push(at, Event::Struck(None, name.to_owned(), effect));
+            self.push(at, Event::Injected(None, name.to_owned(), effect));
         }
         if now > self.now {
             self.begin_asked();
@@ -305,7 +305,7 @@ impl Scene {
                     let id = ModuleId(i as u32);
                     // A dead body that is still on its way fills nothing.
                     let stands = self.dead.contains(&id) && !self.moving.contains_key(&id);
-                    let is_final = |s: Standing| s.role == FILLS && s.place == i32::from(number);
+                    let is_final = |s: ModuleView| s.role == FILLS && s.place == i32::from(number);
                     stands || (!self.dead.contains(&id) && self.standings[i].is_some_and(is_final))
                 };
                 let inside = |(i, cell): &(usize, &Option<Cell>)| {
@@ -338,18 +338,18 @@ impl Scene {
         }
     }
     /// How it went.
-    pub fn went(&mut self, now: Time, id: ModuleId, fate: Fate) {
+    pub fn went(&mut self, now: Time, id: ModuleId, fate: ActionOutcome) {
         self.reach(now);
         match fate {
-            Fate::Done => {
+            ActionOutcome::Done => {
                 self.rests(id);
                 self.flow.moved(now);
             }
-            Fate::Failed => {
+            ActionOutcome::Failed => {
                 self.rests(id);
                 self.push(now, Event::Failed(id));
             }
-            Fate::Refused => {
+            ActionOutcome::Refused => {
                 // A body refuses before it begins, so what it has been asked last is what it refuses.
                 if let Some(i) = self.asked.iter().rposition(|(_, whose, ..)| *whose == id) {
                     self.asked.remove(i);
@@ -369,7 +369,7 @@ impl Scene {
         true
     }
     /// A module tells of itself. What shows nothing new is left out.
-    pub fn tells(&mut self, now: Time, id: ModuleId, standing: Standing) {
+    pub fn tells(&mut self, now: Time, id: ModuleId, standing: ModuleView) {
         let Some(last) = self.standings.get_mut(id.index()) else { return };
         if last.replace(standing) != Some(standing) {
             self.note(now, Event::Tells(id, standing));
@@ -377,7 +377,7 @@ impl Scene {
     }
     /// A fault has struck a module or a cell.
     pub fn struck(&mut self, at: Time, id: Option<ModuleId>, cell: Option<Cell>, fault: &str, effect: &str) {
-        self.note(at, Event::Struck(id, fault.to_owned(), effect.to_owned()));
+        self.note(at, Event::Injected(id, fault.to_owned(), effect.to_owned()));
         let Some(cell) = cell else { return };
         let changed = match fault.starts_with("unblock") {
             true => self.obstacles.remove(&cell),
@@ -522,15 +522,15 @@ mod tests {
         let doing = || Some((motion.clone(), String::from("there")));
         // At once, then later, then later while something else is done; and one that cannot be drawn.
         scene.asked(at(100), ModuleId(1), doing());
-        scene.went(at(100), ModuleId(1), Fate::Refused);
+        scene.went(at(100), ModuleId(1), ActionOutcome::Refused);
         scene.asked(at(200), ModuleId(2), doing());
-        scene.went(at(201), ModuleId(2), Fate::Refused);
+        scene.went(at(201), ModuleId(2), ActionOutcome::Refused);
         scene.asked(at(300), ModuleId(3), doing());
         scene.asked(at(301), ModuleId(3), doing());
-        scene.went(at(302), ModuleId(3), Fate::Refused);
+        scene.went(at(302), ModuleId(3), ActionOutcome::Refused);
         scene.asked(at(303), ModuleId(3), None);
-        scene.went(at(304), ModuleId(3), Fate::Refused);
-        scene.went(at(1_300), ModuleId(3), Fate::Done);
+        scene.went(at(304), ModuleId(3), ActionOutcome::Refused);
+        scene.went(at(1_300), ModuleId(3), ActionOutcome::Done);
         assert!(scene.moving.is_empty());
         // A partition is told when its time has come.
         scene.reach(at(3_000));

@@ -3,8 +3,8 @@
 //!
 //! Every user of the machine can connect, so connections, their headers and their time are bounded.
 
-use super::gate::{Gate, Token};
-use super::scribe::Shared;
+use super::access::{AccessCheck, Token};
+use super::scene_builder::Shared;
 use http_body_util::Full;
 use hyper::body::{Bytes, Incoming};
 use hyper::header::{
@@ -79,7 +79,7 @@ pub struct Server {
 }
 
 struct Inside {
-    gate: Gate,
+    access: AccessCheck,
     scene: Shared,
 }
 
@@ -88,10 +88,10 @@ impl Server {
     pub fn start(scene: Shared) -> Result<Server, ServerError> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
         listener.set_nonblocking(true)?;
-        let gate = Gate::new(Token::random()?, listener.local_addr()?.port());
-        let address = gate.address();
+        let access = AccessCheck::new(Token::random()?, listener.local_addr()?.port());
+        let address = access.address();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        let inside = Arc::new(Inside { gate, scene });
+        let inside = Arc::new(Inside { access, scene });
         let listener = {
             let _entered = runtime.enter();
             tokio::net::TcpListener::from_std(listener)?
@@ -146,7 +146,7 @@ async fn serve_one(stream: TcpStream, inside: Arc<Inside>) {
 
 fn answer(inside: &Inside, request: &Request<Incoming>) -> Response<Full<Bytes>> {
     let uri = request.uri();
-    let (status, kind, body) = match inside.gate.admit(request.method(), request.headers(), uri.path()) {
+    let (status, kind, body) = match inside.access.admit(request.method(), request.headers(), uri.path()) {
         Err(refusal) => {
             let (status, text) = refusal.answer();
             (status, TEXT, Bytes::from_static(text.as_bytes()))

@@ -2,7 +2,7 @@
 //! [`Visible`].
 
 use super::parts::{Motion, Part};
-use crate::report::message_timeline::Said;
+use crate::report::message_timeline::MessageLabel;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Span;
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 /// What a module tells of itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Standing {
+pub struct ModuleView {
     /// Its part, a number of [`Words::roles`].
     pub role: u8,
     /// Bits: 1 attached, 2 immobile, 4 pinned by a dead one, 8 knows a way.
@@ -26,7 +26,7 @@ pub const FILLS: u8 = 2;
 
 /// How an action went.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fate {
+pub enum ActionOutcome {
     /// As it should.
     Done,
     /// It was tried, and the body is where it was.
@@ -56,7 +56,7 @@ pub struct Role {
     pub colour: Colour,
     /// What the legend calls it.
     pub legend: &'static str,
-    /// What is said of one module; `{}` stands for [`Standing::place`].
+    /// What is said of one module; `{}` stands for [`ModuleView::place`].
     pub about: &'static str,
 }
 
@@ -139,11 +139,11 @@ pub trait Visible: Agent {
     /// Says where a body is.
     fn whereabouts(place: &Self::Place) -> String;
     /// How an action went.
-    fn fate(percept: &Self::Percept) -> Fate;
+    fn fate(percept: &Self::Percept) -> ActionOutcome;
     /// What a report tells.
-    fn standing(report: &Self::Report) -> Standing;
+    fn standing(report: &Self::Report) -> ModuleView;
     /// What a message tells.
-    fn said(message: &Self::Message) -> Said;
+    fn said(message: &Self::Message) -> MessageLabel;
     /// How far it is to a target, in moves, from what an agent's summary tells; [`FAR`] if it knows of
     /// none.
     ///

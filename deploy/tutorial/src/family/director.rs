@@ -8,10 +8,10 @@ use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Never;
-use metamorph_sim_bridge::director::fault_injector::Injector;
-use metamorph_sim_bridge::director::faults::{Fault, Schedule, Struck};
+use metamorph_sim_bridge::director::fault_injector::FaultInjector;
+use metamorph_sim_bridge::director::faults::{Fault, FaultRecord, Schedule};
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::{Progress, Stage, Stop};
 use metamorph_sim_bridge::director::reason::{Excuse, Reason};
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
@@ -27,7 +27,7 @@ pub const DIVIDED: Reason = Reason::new(
 
 /// The director.
 pub struct ElectionDirector {
-    faults: Injector,
+    faults: FaultInjector,
     stop: Stop,
     /// The leader that each module has named last.
     named: Vec<Option<ModuleId>>,
@@ -44,7 +44,7 @@ impl ElectionDirector {
     /// A director of this many modules.
     pub fn new(modules: usize, schedule: Schedule, stop: Stop) -> ElectionDirector {
         ElectionDirector {
-            faults: Injector::new(schedule),
+            faults: FaultInjector::new(schedule),
             stop,
             named: vec![None; modules],
             alive: vec![false; modules],
@@ -113,7 +113,7 @@ impl ElectionDirector {
     }
 }
 
-impl Direct<StillWorld<Leader>> for ElectionDirector {
+impl DirectorPort<StillWorld<Leader>> for ElectionDirector {
     fn report(&mut self, now: Time, id: ModuleId, Lowest(lowest): Lowest) {
         self.named[id.index()] = Some(lowest);
         self.last_change = now;
@@ -136,7 +136,7 @@ impl Direct<StillWorld<Leader>> for ElectionDirector {
             let alive = fault.module().is_some_and(|id| self.alive[id.index()]);
             self.dying += usize::from(alive && matches!(fault, Fault::Kill(_)));
             let effect = if alive { "it was voting" } else { "it was dead" };
-            self.faults.strike(now, fault, alive, effect.to_owned(), &mut self.commands);
+            self.faults.inject(now, fault, alive, effect.to_owned(), &mut self.commands);
             self.last_change = now;
         }
         let waits = self.faults.is_pending() || self.dying > 0 || now < self.stop.planned_until;
@@ -164,7 +164,7 @@ impl Direct<StillWorld<Leader>> for ElectionDirector {
     fn poll(&mut self) -> Option<Command<Never>> {
         self.commands.pop_front()
     }
-    fn struck(&self) -> &[Struck] {
+    fn struck(&self) -> &[FaultRecord] {
         self.faults.struck()
     }
 }

@@ -3,11 +3,11 @@
 use crate::leader::{Leader, Lowest, Setup};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::wire::Never;
-use metamorph_world_controller::report::message_timeline::{FAR, Said};
+use metamorph_world_controller::report::message_timeline::{FAR, MessageLabel};
 use metamorph_world_controller::run::replay::Worded;
 use metamorph_world_controller::view::parts::{Motion, Part, Shape, Tone};
 use metamorph_world_controller::view::visible::{
-    Colour, Fate, Role, Stage, Standing, Targets, Visible, Words,
+    ActionOutcome, Colour, ModuleView, Role, Stage, Targets, Visible, Words,
 };
 
 const VOTER: Role = Role { name: "voter", colour: Colour::Idle, legend: "votes", about: "votes" };
@@ -48,15 +48,15 @@ impl Visible for Leader {
     fn whereabouts(cell: &Cell) -> String {
         cell.to_string()
     }
-    fn fate(percept: &Never) -> Fate {
+    fn fate(percept: &Never) -> ActionOutcome {
         match *percept {}
     }
-    fn standing(Lowest(lowest): &Lowest) -> Standing {
+    fn standing(Lowest(lowest): &Lowest) -> ModuleView {
         let role = if lowest.0 == 0 { 2 } else { 0 };
-        Standing { role, flags: 0, place: lowest.0 as i32, waits_for: None }
+        ModuleView { role, flags: 0, place: lowest.0 as i32, waits_for: None }
     }
-    fn said(Lowest(lowest): &Lowest) -> Said {
-        Said::about("the lowest is", *lowest)
+    fn said(Lowest(lowest): &Lowest) -> MessageLabel {
+        MessageLabel::about("the lowest is", *lowest)
     }
     fn moves(_: Option<u32>) -> u16 {
         FAR

@@ -7,21 +7,21 @@ mod scenario;
 
 use crate::leader::{Leader, Setup};
 use director::ElectionDirector;
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
-use metamorph_world_controller::family::draft::{Dice, Smaller, SwarmDraft};
+use metamorph_world_controller::family::generated::{Dice, GeneratedSwarm, Smaller};
 use metamorph_world_controller::family::{ExploredFamily, FamilyParts};
 use metamorph_world_controller::report::run_result::RunResult;
 use metamorph_world_controller::report::schema::MoveReport;
 use metamorph_world_controller::run::runnable::{Runnable, stage};
 use metamorph_world_controller::scenario::Plan;
+use metamorph_world_controller::scenario::error::ScenarioError;
 use metamorph_world_controller::scenario::family::{Swarm, SwarmPlan, Words};
-use metamorph_world_controller::scenario::flaw::Flaw;
 use std::fmt::{self, Write};
 use std::sync::Arc;
 
@@ -54,13 +54,13 @@ impl SwarmPlan for Plate {
     fn protocol(&self) -> String {
         "lowest".to_owned()
     }
-    fn with_seed(&self, _: u64) -> Result<Option<Swarm>, Flaw> {
+    fn with_seed(&self, _: u64) -> Result<Option<Swarm>, ScenarioError> {
         Ok(None)
     }
-    fn defect(&self) -> Option<Sabotage> {
+    fn defect(&self) -> Option<Defect> {
         None
     }
-    fn with_defect(&self, _: Option<Sabotage>) -> Swarm {
+    fn with_defect(&self, _: Option<Defect>) -> Swarm {
         Swarm::new(self.clone())
     }
     fn describe(&self, _: &Plan, out: &mut String) -> fmt::Result {
@@ -112,8 +112,8 @@ impl Runnable for Plate {
             crashed,
             restarted,
             stall: director.stall().cloned(),
-            plight: None,
-            struck: metamorph_sim_bridge::director::port::Direct::struck(director).to_vec(),
+            snapshot: None,
+            struck: metamorph_sim_bridge::director::port::DirectorPort::struck(director).to_vec(),
             prevented: 0,
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             bodies: MoveReport::default(),
@@ -126,10 +126,10 @@ impl Runnable for Plate {
 }
 
 impl ExploredFamily for ElectionFamily {
-    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
+    fn generate(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm> {
         Box::new(PlateDraft { side: dice.within(1, 6) as u16 })
     }
-    fn smallest(&self) -> Box<dyn SwarmDraft> {
+    fn smallest(&self) -> Box<dyn GeneratedSwarm> {
         Box::new(PlateDraft { side: 1 })
     }
     fn patience(&self, _: bool, _: u64) -> Option<(u64, u64)> {
@@ -155,7 +155,7 @@ struct PlateDraft {
     side: u16,
 }
 
-impl SwarmDraft for PlateDraft {
+impl GeneratedSwarm for PlateDraft {
     fn modules(&self) -> usize {
         usize::from(self.side) * usize::from(self.side)
     }

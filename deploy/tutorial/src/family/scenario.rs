@@ -4,11 +4,11 @@ use super::{ElectionFamily, Plate};
 use crate::leader::Setup;
 use metamorph_protocol::time::Span;
 use metamorph_world_controller::scenario::bounds::Bounds;
+use metamorph_world_controller::scenario::diagnostics::{At, Diagnostics};
+use metamorph_world_controller::scenario::error::ScenarioError;
 use metamorph_world_controller::scenario::family::{
-    Draft, DraftContext, FamilySchema, Patience, RawSwarm, ScenarioFamily, Sections, Swarm,
+    DraftContext, FamilySchema, FamilySpec, Patience, RawSwarm, ScenarioFamily, Sections, Swarm,
 };
-use metamorph_world_controller::scenario::flaw::Flaw;
-use metamorph_world_controller::scenario::problems::{At, Problems};
 use metamorph_world_controller::scenario::raw::{goal_sections, protocol_section};
 use metamorph_world_controller::scenario::schema::{NUMBERED, natural, of, or, said, table, text};
 use metamorph_world_controller::scenario::table::Section;
@@ -38,17 +38,17 @@ impl ScenarioFamily for ElectionFamily {
         &self,
         mut swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,
-        problems: &mut Problems,
+        diagnostics: &mut Diagnostics,
     ) -> Box<dyn RawSwarm> {
-        let (side, repeat) = (swarm.get("side", problems), swarm.get("repeat", problems));
-        swarm.finish(problems);
+        let (side, repeat) = (swarm.get("side", diagnostics), swarm.get("repeat", diagnostics));
+        swarm.finish(diagnostics);
         let mut goals = Vec::new();
-        for mut section in goal_sections(others.goals, "name = \"a leader\"", problems) {
-            goals.push(section.get("name", problems).map(|name| name.value));
-            section.finish(problems);
+        for mut section in goal_sections(others.goals, "name = \"a leader\"", diagnostics) {
+            goals.push(section.get("name", diagnostics).map(|name| name.value));
+            section.finish(diagnostics);
         }
-        if let Some(section) = protocol_section(others.protocol, "", problems) {
-            section.finish(problems);
+        if let Some(section) = protocol_section(others.protocol, "", diagnostics) {
+            section.finish(diagnostics);
         }
         Box::new(RawPlate { side, repeat, goals })
     }
@@ -81,12 +81,12 @@ impl RawSwarm for RawPlate {
     fn time_step(&self) -> (&Option<At<Span>>, &'static str) {
         (&self.repeat, "repeat")
     }
-    fn draft(&self, context: &DraftContext, problems: &mut Problems) -> Option<Draft> {
+    fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec> {
         let side = self.side.as_ref().map_or(SIDE, |side| side.value);
         if let Some(At { value, place }) = self.side.as_ref().filter(|side| !(1..=MOST).contains(&side.value))
         {
             let (got, low, high) = (value.to_string(), "1".to_owned(), MOST.to_string());
-            problems.add(place.clone(), Flaw::Range { what: "side", got, low, high });
+            diagnostics.add(place.clone(), ScenarioError::Range { what: "side", got, low, high });
             return None;
         }
         let repeat = self.repeat.as_ref().map_or(REPEAT, |repeat| repeat.value);
@@ -95,7 +95,7 @@ impl RawSwarm for RawPlate {
         let lost = repeat * context.passage.repeats(messages, side * side);
         let late = (context.usual_delay + context.passage.late) * messages;
         let name = |(i, name): (usize, &Option<String>)| name.clone().unwrap_or(format!("goal {}", i + 1));
-        Some(Draft {
+        Some(FamilySpec {
             swarm: Some(Swarm::new(Plate { side: side as u16, setup: Arc::new(Setup { repeat }) })),
             modules: (side * side) as usize,
             goals: self.goals.iter().enumerate().map(name).collect(),

@@ -6,7 +6,7 @@ use crate::wire::{Decoder, Encoder, Wire, WireError};
 
 /// One action of a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Deed {
+pub enum BodyAction {
     /// One joint turns by one step, given by its number in the motion database.
     Turn(u16),
     /// The free end, which lies on a connector, grips it.
@@ -19,7 +19,7 @@ pub enum Deed {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Action {
     /// What to do.
-    pub deed: Deed,
+    pub deed: BodyAction,
     /// The body refuses to begin after this time.
     pub not_after: Time,
 }
@@ -27,23 +27,23 @@ pub struct Action {
 impl Wire for Action {
     fn kind(&self) -> u8 {
         match self.deed {
-            Deed::Turn(_) => 16,
-            Deed::Attach => 17,
-            Deed::Detach => 18,
+            BodyAction::Turn(_) => 16,
+            BodyAction::Attach => 17,
+            BodyAction::Detach => 18,
         }
     }
     fn encode(&self, out: &mut Encoder) {
         out.time(self.not_after);
-        if let Deed::Turn(step) = self.deed {
+        if let BodyAction::Turn(step) = self.deed {
             out.u16(step);
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Action, WireError> {
         let not_after = from.time()?;
         let deed = match kind {
-            16 => Deed::Turn(from.u16()?),
-            17 => Deed::Attach,
-            18 => Deed::Detach,
+            16 => BodyAction::Turn(from.u16()?),
+            17 => BodyAction::Attach,
+            18 => BodyAction::Detach,
             _ => return Err(WireError::Kind(kind)),
         };
         Ok(Action { deed, not_after })

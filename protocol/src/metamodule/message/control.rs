@@ -95,7 +95,7 @@ pub struct Status {
     /// The metamodule that refused last, while this one waits.
     pub waits_for: Option<ModuleId>,
     /// Seeds that it has no way to.
-    pub barred: SeedSet,
+    pub unreachable: SeedSet,
     /// It has found out that no metamodule can go on.
     pub deadlocked: bool,
 }
@@ -109,7 +109,7 @@ impl Wire for Status {
         out.u8(self.settled.unwrap_or(u8::MAX));
         out.u32(self.prevented);
         out.u32(self.waits_for.map_or(u32::MAX, |id| id.0));
-        out.u32(self.barred.0);
+        out.u32(self.unreachable.0);
         out.bool(self.deadlocked);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
@@ -124,8 +124,8 @@ impl Wire for Status {
         };
         let prevented = from.u32()?;
         let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
-        let barred = SeedSet(from.u32()?);
+        let unreachable = SeedSet(from.u32()?);
         let deadlocked = from.bool("deadlocked")?;
-        Ok(Status { pose, settled, prevented, waits_for, barred, deadlocked })
+        Ok(Status { pose, settled, prevented, waits_for, unreachable, deadlocked })
     }
 }

@@ -6,13 +6,13 @@ mod control;
 #[cfg(test)]
 mod tests;
 
-pub use body::{Action, Deed, Percept, Refusal};
+pub use body::{Action, BodyAction, Percept, Refusal};
 pub use control::{Order, Status};
 
 use super::blueprint::{MAX_SEEDS, SeedSet, Task};
 use super::motions::Sweep;
 use super::pose::Pose;
-use crate::coverage::Mark;
+use crate::coverage::CoveragePoint;
 use crate::ids::{ModuleId, Token};
 use crate::time::Span;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
@@ -113,7 +113,7 @@ pub const LEGS: usize = 4;
 
 /// One leg of a way: a turn to a posture that lands, or the last one to a posture that does not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub struct Leg {
+pub struct Segment {
     /// The posture at its end, seen from the end that is attached on the way to it.
     pub posture: u16,
     /// All cells of it.
@@ -122,7 +122,7 @@ pub struct Leg {
 
 /// The way that the sender means to go; less important metamodules keep out of it. Empty when it is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Way {
+pub struct Path {
     /// The sender.
     pub id: ModuleId,
     /// Counted together with the sender's states.
@@ -132,15 +132,15 @@ pub struct Way {
     /// Where it begins.
     pub from: Pose,
     /// The next legs of it, as many as fit.
-    pub legs: [Leg; LEGS],
+    pub segments: [Segment; LEGS],
     /// The number of legs.
     pub count: u8,
 }
 
-impl Way {
+impl Path {
     /// The legs.
-    pub fn legs(&self) -> &[Leg] {
-        &self.legs[..usize::from(self.count).min(LEGS)]
+    pub fn segments(&self) -> &[Segment] {
+        &self.segments[..usize::from(self.count).min(LEGS)]
     }
 }
 
@@ -255,12 +255,12 @@ impl Denial {
     pub const fn is_collision(self) -> bool {
         matches!(self, Denial::Occupied | Denial::Held | Denial::Younger)
     }
-    pub(super) fn mark(self) -> Mark {
+    pub(super) fn mark(self) -> CoveragePoint {
         match self {
-            Denial::Occupied => Mark::MetaDeniedOccupied,
-            Denial::Held => Mark::MetaDeniedHeld,
-            Denial::Younger => Mark::MetaDeniedYounger,
-            Denial::Quarantined => Mark::MetaDeniedQuarantined,
+            Denial::Occupied => CoveragePoint::MetaDeniedOccupied,
+            Denial::Held => CoveragePoint::MetaDeniedHeld,
+            Denial::Younger => CoveragePoint::MetaDeniedYounger,
+            Denial::Quarantined => CoveragePoint::MetaDeniedQuarantined,
         }
     }
     fn decode(v: u8) -> Result<Option<Denial>, WireError> {
@@ -281,7 +281,7 @@ pub enum Message {
     /// Where the sender is.
     State(State),
     /// Where the sender means to go.
-    Way(Way),
+    Path(Path),
     /// What all in range are to do.
     Directive(Directive),
     /// Asks whether any metamodule can go on, or answers that none of those asked can.
@@ -339,7 +339,7 @@ impl Wire for Message {
             Message::Request { .. } => 17,
             Message::Response { .. } => 18,
             Message::Release { .. } => 19,
-            Message::Way(_) => 20,
+            Message::Path(_) => 20,
             Message::Probe(_) => 21,
             Message::Directive(_) => 22,
         }
@@ -347,15 +347,15 @@ impl Wire for Message {
     fn encode(&self, out: &mut Encoder) {
         match *self {
             Message::State(s) => s.encode(out),
-            Message::Way(w) => {
+            Message::Path(w) => {
                 out.u32(w.id.0);
                 out.u32(w.sequence);
                 out.u16(w.rank.0);
                 w.from.encode(out);
-                out.u8(w.legs().len() as u8);
-                for leg in w.legs() {
-                    out.u16(leg.posture);
-                    encode_sweep(out, leg.sweep);
+                out.u8(w.segments().len() as u8);
+                for segment in w.segments() {
+                    out.u16(segment.posture);
+                    encode_sweep(out, segment.sweep);
                 }
             }
             Message::Probe(p) => {
@@ -408,12 +408,12 @@ impl Wire for Message {
             20 => {
                 let (id, sequence, rank) = (ModuleId(from.u32()?), from.u32()?, Rank(from.u16()?));
                 let begins = Pose::decode(from)?;
-                let (count, mut legs) = (from.u8()?, [Leg::default(); LEGS]);
-                let told = legs.get_mut(..usize::from(count)).ok_or(WireError::Field("legs"))?;
-                for leg in told {
-                    *leg = Leg { posture: from.u16()?, sweep: decode_sweep(from)? };
+                let (count, mut segments) = (from.u8()?, [Segment::default(); LEGS]);
+                let told = segments.get_mut(..usize::from(count)).ok_or(WireError::Field("legs"))?;
+                for segment in told {
+                    *segment = Segment { posture: from.u16()?, sweep: decode_sweep(from)? };
                 }
-                Message::Way(Way { id, sequence, rank, from: begins, legs, count })
+                Message::Path(Path { id, sequence, rank, from: begins, segments, count })
             }
             21 => {
                 let (initiator, wave, sequence) = (ModuleId(from.u32()?), from.u32()?, from.u32()?);

@@ -61,12 +61,12 @@ fn everything_survives_the_wire() {
     for claim in [None, Some(Claim { seed: 31, cost: 7 })] {
         round_trip(&Message::State(State { claim, ..a_state() }));
     }
-    let leg = Leg { posture: 77, sweep: Sweep(3 << 90) };
+    let segment = Segment { posture: 77, sweep: Sweep(3 << 90) };
     for count in 0..=LEGS as u8 {
-        let mut legs = [Leg::default(); LEGS];
-        legs[..usize::from(count)].fill(leg);
+        let mut segments = [Segment::default(); LEGS];
+        segments[..usize::from(count)].fill(segment);
         let (id, rank) = (ModuleId(3), Rank::of_seed(31).below());
-        round_trip(&Message::Way(Way { id, sequence: 9, rank, from: p, legs, count }));
+        round_trip(&Message::Path(Path { id, sequence: 9, rank, from: p, segments, count }));
     }
     for lands in [false, true] {
         let one = Instruction::Move { mover: ModuleId(5), from: p, posture: 0x0304, lands };
@@ -83,7 +83,7 @@ fn everything_survives_the_wire() {
         round_trip(&Message::Response { from: origin, token, denial });
     }
     round_trip(&Message::Release { origin, token, pose: p });
-    for deed in [Deed::Turn(4031), Deed::Attach, Deed::Detach] {
+    for deed in [BodyAction::Turn(4031), BodyAction::Attach, BodyAction::Detach] {
         round_trip(&Action { deed, not_after: Time(77) });
     }
     use Refusal::{Blocked, Busy, Impossible, Late, Stale};
@@ -102,7 +102,7 @@ fn everything_survives_the_wire() {
             settled,
             prevented: 3,
             waits_for: settled.map(|_| origin),
-            barred: filled,
+            unreachable: filled,
             deadlocked: settled.is_some(),
         });
         let answer = settled.map(|s| Counted { metamodules: s.into(), stirs: u32::MAX });

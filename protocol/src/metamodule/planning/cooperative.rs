@@ -1,12 +1,12 @@
 //! Ways for several at a time: what bodies that stand in each other's way can do together, one after the
 //! other, so that one of them fills one more open seed, with what is built staying. Or the proof that they cannot.
 //!
-//! All bodies together have too many arrangements to look at them all (`board`), so what is simple is asked first.
+//! All bodies together have too many arrangements to look at them all (`state_space`), so what is simple is asked first.
 //! Most standstills have somebody in them who is *held*: it could not get away even if all others were
 //! gone, or all but one or two who could not either. The cells that it never leaves are taken for everybody
 //! else, always; and whoever fills a seed could do it also if all others who are not held were gone. If
 //! nobody can do that, there is no way. On the other hand, most ways take one or two who move while all
-//! others stay where they are. Where nothing is decided in the end, luck may find a way (`wander`).
+//! others stay where they are. Where nothing is decided in the end, luck may find a way (`random_walk_search`).
 //!
 //! Absent: what is known to whom, and who tells whom what to do.
 
@@ -14,8 +14,8 @@ use crate::lattice::Cell;
 use crate::metamodule::blueprint::{SeedSet, Task};
 use crate::metamodule::params::Setup;
 use crate::metamodule::planning::paths::Ground;
-use crate::metamodule::planning::random_walk::wander;
-use crate::metamodule::planning::state_space::{Board, Rests};
+use crate::metamodule::planning::random_walk::random_walk_search;
+use crate::metamodule::planning::state_space::{StateSpace, StopAt};
 use crate::metamodule::pose::Pose;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -38,17 +38,17 @@ pub struct Standstill {
 impl Standstill {
     /// The same after the moves of a way: the body that makes the last one has filled a seed and stays. None if
     /// that is no way of this standstill.
-    pub fn after(&self, way: &[Move]) -> Option<Standstill> {
+    pub fn after(&self, path: &[Move]) -> Option<Standstill> {
         let (setup, mut next) = (&self.setup, self.clone());
         let ground = Ground { motions: &setup.motions, floor: setup.floor, taken: &[] };
-        for step in way {
+        for step in path {
             let to = match step.lands {
                 true => ground.landed(step.from, step.posture)?,
                 false => Pose { posture: step.posture, ..step.from },
             };
             *next.free.get_mut(step.body)? = to;
         }
-        let last = way.last()?.body;
+        let last = path.last()?.body;
         let cells = setup.motions.cells(next.free[last]);
         let open = setup.goal(self.task).open(self.filled);
         let (seed, _) = setup.seeds(self.task).find(|(i, seed)| open.has(*i) && seed.cells() == cells)?;
@@ -79,9 +79,9 @@ pub struct Move {
 
 /// What a search came to.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Sought {
+pub enum SearchResult {
     /// A way.
-    Way(Vec<Move>),
+    Path(Vec<Move>),
     /// There is none: all arrangements that can be reached were seen, so many.
     NoWay(usize),
     /// The bound was reached first.
@@ -107,13 +107,15 @@ pub const WORK: usize = 2_000_000;
 /// simplest to that over everything, does so much work at most, those for one or two who move ten times as much
 /// together, and what is tried by luck in the end five times as much; a unit is one that moves looked at in one
 /// place, less than a microsecond.
-pub fn search(standstill: &Standstill, work: usize) -> Sought {
+pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
     let held = Held::find(standstill, work);
     let everybody = 0..standstill.free.len();
     let outside: Vec<usize> = everybody.clone().filter(|i| !held.bodies.contains(i)).collect();
     if !held.fills {
         let starts: Vec<Vec<usize>> = outside.iter().map(|i| vec![*i]).collect();
-        if let none @ Sought::NoWay(_) = held.board(standstill).search(&starts, Rests::Everything, work) {
+        if let none @ SearchResult::NoWay(_) =
+            held.state_space(standstill).search(&starts, StopAt::Everything, work)
+        {
             return none;
         }
     }
@@ -129,13 +131,13 @@ pub fn search(standstill: &Standstill, work: usize) -> Sought {
                 undecided.push(group);
                 continue;
             }
-            let mut board = Board::around_all_but(standstill, &group);
-            match board.search(std::slice::from_ref(&group), Rests::Everything, most.min(left)) {
-                Sought::NoWay(_) => {}
-                Sought::Undecided => undecided.push(group),
-                way @ Sought::Way(_) => return way,
+            let mut state_space = StateSpace::around_all_but(standstill, &group);
+            match state_space.search(std::slice::from_ref(&group), StopAt::Everything, most.min(left)) {
+                SearchResult::NoWay(_) => {}
+                SearchResult::Undecided => undecided.push(group),
+                path @ SearchResult::Path(_) => return path,
             }
-            left = left.saturating_sub(board.work);
+            left = left.saturating_sub(state_space.work);
         }
         groups = undecided;
     }
@@ -145,19 +147,20 @@ pub fn search(standstill: &Standstill, work: usize) -> Sought {
     if outside.len() != 1 {
         starts.push(inside().collect());
     }
-    let mut board = Board::around_all_but(standstill, &movers);
-    match board.search(&starts, Rests::Everything, work) {
-        none @ Sought::NoWay(_) => return none,
-        way @ Sought::Way(_) if outside.len() <= 1 => return way,
+    let mut state_space = StateSpace::around_all_but(standstill, &movers);
+    match state_space.search(&starts, StopAt::Everything, work) {
+        none @ SearchResult::NoWay(_) => return none,
+        path @ SearchResult::Path(_) if outside.len() <= 1 => return path,
         _ => {}
     }
-    for rests in [Rests::Landings, Rests::Everything] {
-        match board.search(std::slice::from_ref(&movers), rests, work) {
-            Sought::Undecided => {}
+    for rests in [StopAt::Landings, StopAt::Everything] {
+        match state_space.search(std::slice::from_ref(&movers), rests, work) {
+            SearchResult::Undecided => {}
             decided => return decided,
         }
     }
-    wander(standstill, &movers, work.saturating_mul(LUCK)).map_or(Sought::Undecided, Sought::Way)
+    random_walk_search(standstill, &movers, work.saturating_mul(LUCK))
+        .map_or(SearchResult::Undecided, SearchResult::Path)
 }
 
 /// The cells, from the attached end on, that a free body can come to rest in while all others stay where they
@@ -167,8 +170,8 @@ pub fn reach(standstill: &Standstill, body: usize, alone: bool) -> BTreeSet<[Cel
         true => (vec![standstill.free[body]], 0),
         false => (standstill.free.clone(), body),
     };
-    let roam = Board::without_seeds(standstill, standstill.fixed.clone()).roam(&poses, body);
-    roam.rests.iter().map(|rest| standstill.setup.motions.cells(roam.pose(*rest))).collect()
+    let reachable = StateSpace::without_seeds(standstill, standstill.fixed.clone()).reachable(&poses, body);
+    reachable.rests.iter().map(|rest| standstill.setup.motions.cells(reachable.pose(*rest))).collect()
 }
 
 /// Those who can never get away, alone or together, whatever all others do.
@@ -188,7 +191,7 @@ impl Held {
         let mut held = Held { bodies, still, stays: standstill.fixed.clone(), fills: false };
         // Only who cannot get away while all others stand still is held.
         let is_shut_in =
-            |i: &usize| Board::around_all_but(standstill, &[*i]).explore(&[*i], HELD[0]).is_some();
+            |i: &usize| StateSpace::around_all_but(standstill, &[*i]).explore(&[*i], HELD[0]).is_some();
         let shut_in: Vec<usize> = (0..standstill.free.len()).filter(is_shut_in).collect();
         let mut left = work;
         let mut groups: Vec<Vec<usize>> = shut_in.iter().map(|i| vec![*i]).collect();
@@ -199,9 +202,9 @@ impl Held {
             if group.iter().any(|i| held.bodies.contains(i)) {
                 continue;
             }
-            let mut board = held.board(standstill);
-            let found = board.explore(&group, HELD[usize::from(group.len() > 1)]);
-            left = left.saturating_sub(board.work);
+            let mut state_space = held.state_space(standstill);
+            let found = state_space.explore(&group, HELD[usize::from(group.len() > 1)]);
+            left = left.saturating_sub(state_space.work);
             if left == 0 {
                 break;
             }
@@ -228,8 +231,8 @@ impl Held {
         self.fills |= fills;
     }
 
-    fn board<'a>(&self, standstill: &'a Standstill) -> Board<'a> {
-        Board::new(standstill, self.stays.clone())
+    fn state_space<'a>(&self, standstill: &'a Standstill) -> StateSpace<'a> {
+        StateSpace::new(standstill, self.stays.clone())
     }
 }
 
@@ -242,7 +245,7 @@ mod tests {
     use crate::metamodule::motions::Motions;
     use crate::metamodule::params::{Floor, Params, Strategy};
     use crate::metamodule::pose::End;
-    use crate::rng::Stream;
+    use crate::rng::Rng;
     use crate::roombots::Kind;
     use crate::roombots::database::Database;
     use crate::roombots::grid::GridState;
@@ -283,8 +286,8 @@ mod tests {
             let others = others.flat_map(|(_, pose)| motions.cells(*pose));
             let taken: Vec<Cell> = standstill.fixed.iter().copied().chain(others).collect();
             let ground = Ground { motions, floor: setup.floor, taken: &taken };
-            let way = motions.graph().way(from.posture, m.posture, ground.taken_at(from));
-            assert!(way.is_some(), "{m:?} of {moves:?}");
+            let path = motions.graph().path(from.posture, m.posture, ground.taken_at(from));
+            assert!(path.is_some(), "{m:?} of {moves:?}");
             poses[m.body] = match m.lands {
                 true => ground.landed(from, m.posture).unwrap(),
                 false => Pose { posture: m.posture, ..from },
@@ -301,12 +304,15 @@ mod tests {
         let stays = vec![Move { body: 0, from, posture: from.posture, lands: false }];
         assert_eq!(
             search(&standstill(&setup, &[(4, 4)], &[]), 100_000),
-            Sought::Way(stays),
+            SearchResult::Path(stays),
             "it stands there"
         );
-        assert!(matches!(search(&standstill(&setup, &[(0, 0), (1, 1)], &[]), 100_000), Sought::Way(_)));
-        assert_eq!(search(&standstill(&setup, &[(0, 0), (1, 1)], &[]), 0), Sought::Undecided);
-        let has_no_way = |standstill| matches!(search(&standstill, 100_000), Sought::NoWay(_));
+        assert!(matches!(
+            search(&standstill(&setup, &[(0, 0), (1, 1)], &[]), 100_000),
+            SearchResult::Path(_)
+        ));
+        assert_eq!(search(&standstill(&setup, &[(0, 0), (1, 1)], &[]), 0), SearchResult::Undecided);
+        let has_no_way = |standstill| matches!(search(&standstill, 100_000), SearchResult::NoWay(_));
         assert!(has_no_way(standstill(&setup, &[], &[])), "nobody is free");
         assert!(has_no_way(standstill(&setup, &[(0, 0)], &[Cell::new(4, 4, 2)])), "the seed is taken");
     }
@@ -314,11 +320,11 @@ mod tests {
     /// What is seen without a search over everything is what such a search says.
     #[test]
     fn says_only_what_is_so() {
-        let (database, mut stream) = (Arc::new(Database::build()), Stream::named(1, "feasible", 0));
+        let (database, mut rng) = (Arc::new(Database::build()), Rng::named(1, "feasible", 0));
         let (mut counts, mut lucky) = ([0; 4], 0);
         for _ in 0..60 {
-            let side = 2 + stream.below(3) as i16;
-            let mut place = || (stream.below(side as u64) as i16, stream.below(side as u64) as i16);
+            let side = 2 + rng.below(3) as i16;
+            let mut place = || (rng.below(side as u64) as i16, rng.below(side as u64) as i16);
             let (setup, mut free) = (setup(&database, side, &[place()]), Vec::<(i16, i16)>::new());
             for at in [place(), place(), place()] {
                 if !free.contains(&at) {
@@ -329,27 +335,28 @@ mod tests {
             let fixed: Vec<Cell> = fixed.map(|(x, y)| Cell::new(x, y, (x + 2 * y) % 4)).collect();
             let standstill = standstill(&setup, &free, &fixed);
             let everybody: Vec<usize> = (0..free.len()).collect();
-            let mut board = Board::around_all_but(&standstill, &everybody);
-            let all = board.search(&[everybody], Rests::Everything, 200_000);
+            let mut state_space = StateSpace::around_all_but(&standstill, &everybody);
+            let all = state_space.search(&[everybody], StopAt::Everything, 200_000);
             let found = search(&standstill, 200_000);
-            if let Sought::Way(moves) = &found {
+            if let SearchResult::Path(moves) = &found {
                 go(&standstill, moves);
             }
-            let by_luck = wander(&standstill, &(0..free.len()).collect::<Vec<usize>>(), 20_000);
-            if let Some(moves) = &by_luck {
+            let by_random_walk =
+                random_walk_search(&standstill, &(0..free.len()).collect::<Vec<usize>>(), 20_000);
+            if let Some(moves) = &by_random_walk {
                 go(&standstill, moves);
                 lucky += 1;
             }
             let is_so = match &all {
-                Sought::Way(_) => matches!(found, Sought::Way(_)),
-                Sought::NoWay(_) => matches!(found, Sought::NoWay(_)) && by_luck.is_none(),
-                Sought::Undecided => true,
+                SearchResult::Path(_) => matches!(found, SearchResult::Path(_)),
+                SearchResult::NoWay(_) => matches!(found, SearchResult::NoWay(_)) && by_random_walk.is_none(),
+                SearchResult::Undecided => true,
             };
             assert!(is_so, "{all:?}, {found:?}: {standstill:?}");
             counts[match (&all, &found) {
-                (Sought::Way(_), _) => 0,
-                (Sought::NoWay(_), _) => 1,
-                (Sought::Undecided, Sought::NoWay(_)) => 2,
+                (SearchResult::Path(_), _) => 0,
+                (SearchResult::NoWay(_), _) => 1,
+                (SearchResult::Undecided, SearchResult::NoWay(_)) => 2,
                 _ => 3,
             }] += 1;
         }

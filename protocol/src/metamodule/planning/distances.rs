@@ -52,10 +52,10 @@ impl Distances {
                 front.push_back((pose, ground.lands(pose), 0));
             }
         }
-        while let Some((pose, postures, strides)) = front.pop_front() {
-            for posture in motions.graph().landings(distances.come(&ground, pose, postures, strides)) {
+        while let Some((pose, postures, steps)) = front.pop_front() {
+            for posture in motions.graph().landings(distances.come(&ground, pose, postures, steps)) {
                 if let Some(to) = ground.landed(pose, posture) {
-                    front.push_back((to, motions.rest_bit(to.posture), strides.saturating_add(1)));
+                    front.push_back((to, motions.rest_bit(to.posture), steps.saturating_add(1)));
                 }
             }
         }
@@ -63,7 +63,7 @@ impl Distances {
     }
 
     /// Comes to a place in so many strides; if it is new, the landings that it leads to.
-    fn come(&mut self, ground: &Ground<'_>, pose: Pose, postures: u128, strides: u16) -> u128 {
+    fn come(&mut self, ground: &Ground<'_>, pose: Pose, postures: u128, steps: u16) -> u128 {
         if postures == 0 {
             return 0;
         }
@@ -74,7 +74,7 @@ impl Distances {
         let graph = ground.motions.graph();
         let one = graph.landings(postures).next();
         let lands = one.map_or(0, |posture| ground.lands(Pose { posture, ..pose }));
-        places.push((lands, strides));
+        places.push((lands, steps));
         lands
     }
 
@@ -87,8 +87,8 @@ impl Distances {
 
     /// Strides from a place, given by its connector, class and some of its postures that land; none if
     /// there is no way.
-    pub fn strides(&self, pose: Pose, postures: u128) -> Option<u16> {
+    pub fn steps(&self, pose: Pose, postures: u128) -> Option<u16> {
         let places = self.places.get(index(self.floor, pose.state))?;
-        places.iter().find(|(lands, _)| lands & postures != 0).map(|(_, strides)| *strides)
+        places.iter().find(|(lands, _)| lands & postures != 0).map(|(_, steps)| *steps)
     }
 }

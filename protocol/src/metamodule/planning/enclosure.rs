@@ -60,7 +60,7 @@ fn with((min, max): Rectangle, (x, y): (i16, i16)) -> Rectangle {
 }
 
 /// A way out, from a landing on, seen from the connector that held the body before.
-struct WayOut {
+struct EscapePath {
     /// Where it ends.
     to: (i16, i16),
     /// The rectangle around all connectors that it uses.
@@ -69,7 +69,7 @@ struct WayOut {
 }
 
 /// What ended a search.
-struct Wall {
+struct Obstruction {
     floor: Floor,
     /// Where the search began.
     state: GridState,
@@ -81,13 +81,13 @@ struct Wall {
 }
 
 /// What was learnt from earlier searches.
-pub struct Learnt(Mutex<Kept>);
+pub struct EnclosureCache(Mutex<CachedEnclosure>);
 
-struct Kept {
+struct CachedEnclosure {
     /// By the landing with which they begin.
-    ways: Vec<Vec<WayOut>>,
+    paths: Vec<Vec<EscapePath>>,
     /// In heaps by place.
-    walls: Vec<Vec<Wall>>,
+    walls: Vec<Vec<Obstruction>>,
 }
 
 /// Ways kept for each landing.
@@ -95,21 +95,21 @@ const WAYS: usize = 32;
 /// Heaps of walls, and walls kept in each.
 const WALLS: (usize, usize) = (1 << 10, 32);
 
-impl Learnt {
+impl EnclosureCache {
     /// Nothing yet.
-    pub fn new() -> Learnt {
-        let (mut ways, mut walls) = (Vec::new(), Vec::new());
-        ways.resize_with(u128::BITS as usize, Vec::new);
+    pub fn new() -> EnclosureCache {
+        let (mut paths, mut walls) = (Vec::new(), Vec::new());
+        paths.resize_with(u128::BITS as usize, Vec::new);
         walls.resize_with(WALLS.0, Vec::new);
-        Learnt(Mutex::new(Kept { ways, walls }))
+        EnclosureCache(Mutex::new(CachedEnclosure { paths, walls }))
     }
-    fn kept(&self) -> MutexGuard<'_, Kept> {
+    fn kept(&self) -> MutexGuard<'_, CachedEnclosure> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Kept {
-    fn walls(&mut self, state: GridState) -> &mut Vec<Wall> {
+impl CachedEnclosure {
+    fn walls(&mut self, state: GridState) -> &mut Vec<Obstruction> {
         let numbers = [state.x as u16, state.y as u16, u16::from(state.class)];
         let hash =
             numbers.into_iter().fold(0, |h, n| crate::metamodule::planning::lru_cache::mix(h, u64::from(n)));
@@ -146,12 +146,12 @@ impl Ground<'_> {
         let near = Near::new(state, self.taken);
         let mut kept = self.motions.learnt().kept();
         let from = self.motions.middle(Pose { state: GridState::new(0, 0, 0), ..pose });
-        let is_way = |way: &WayOut| is_away(from, way.to) && self.is_free(way, state, &near);
-        if ones(lands).any(|rest| finds(&mut kept.ways[rest], is_way)) {
+        let is_way = |path: &EscapePath| is_away(from, path.to) && self.is_free(path, state, &near);
+        if ones(lands).any(|rest| finds(&mut kept.paths[rest], is_way)) {
             return false;
         }
         let from = self.motions.middle(pose);
-        let holds = |wall: &Wall| {
+        let holds = |wall: &Obstruction| {
             let (min, max) = wall.feet;
             let ends = [min, max, (min.0, max.1), (max.0, min.1)];
             (wall.state, wall.floor) == (state, self.floor)
@@ -163,27 +163,31 @@ impl Ground<'_> {
             return true;
         }
         match self.look_for_way_out(pose) {
-            Ok(strides) => {
-                let first = strides.first().and_then(|posture| graph.rest(*posture));
-                if let Some((rest, way)) = first.zip(self.way_out(pose, &strides)) {
-                    keep(&mut kept.ways[usize::from(rest)], way, WAYS);
+            Ok(steps) => {
+                let first = steps.first().and_then(|posture| graph.rest(*posture));
+                if let Some((rest, path)) = first.zip(self.way_out(pose, &steps)) {
+                    keep(&mut kept.paths[usize::from(rest)], path, WAYS);
                 }
                 false
             }
             Err((cells, feet)) => {
                 let number = |c: &Cell| Near::number(to_frame(state, *c));
                 if let Some(cells) = cells.iter().map(number).collect() {
-                    keep(kept.walls(state), Wall { floor: self.floor, state, lands, feet, cells }, WALLS.1);
+                    keep(
+                        kept.walls(state),
+                        Obstruction { floor: self.floor, state, lands, feet, cells },
+                        WALLS.1,
+                    );
                 }
                 true
             }
         }
     }
 
-    fn is_free(&self, way: &WayOut, state: GridState, near: &Near) -> bool {
+    fn is_free(&self, path: &EscapePath, state: GridState, near: &Near) -> bool {
         let corner = |(x, y)| to_world(state, Cell::new(x, y, 0));
-        let (a, b) = (corner(way.feet.0), corner(way.feet.1));
-        self.floor.has(a.x, a.y) && self.floor.has(b.x, b.y) && !way.cells.iter().any(|c| near.has(*c))
+        let (a, b) = (corner(path.feet.0), corner(path.feet.1));
+        self.floor.has(a.x, a.y) && self.floor.has(b.x, b.y) && !path.cells.iter().any(|c| near.has(*c))
     }
 
     /// The strides of a way out, as few as possible; or taken cells that leave none, and the rectangle
@@ -203,7 +207,7 @@ impl Ground<'_> {
                     let Some(to) = self.landed(pose, posture) else { continue };
                     let by = Some((at as u32, posture));
                     if is_away(middle, to.foot()) {
-                        return Ok(strides(&steps, by));
+                        return Ok(path_to(&steps, by));
                     }
                     if !left.has(to, self.motions.rest_bit(to.posture)) {
                         steps.push(Step { pose: to, by });
@@ -223,18 +227,18 @@ impl Ground<'_> {
     }
 
     /// A way of these strides as it is kept; none if it leads too far.
-    fn way_out(&self, from: Pose, strides: &[u16]) -> Option<WayOut> {
+    fn way_out(&self, from: Pose, steps: &[u16]) -> Option<EscapePath> {
         let graph = self.motions.graph();
-        let (first, strides) = strides.split_first()?;
+        let (first, steps) = steps.split_first()?;
         let foot = |pose: Pose| {
             let cell = to_frame(from.state, Cell::new(pose.state.x, pose.state.y, 0));
             (cell.x, cell.y)
         };
         let mut at = self.landed(from, *first)?;
         let (mut cells, mut feet) = (Vec::new(), (foot(at), foot(at)));
-        for posture in strides {
-            let way = graph.way(at.posture, *posture, self.taken_at(at))?;
-            for cell in graph.cells(way.swept) {
+        for posture in steps {
+            let path = graph.path(at.posture, *posture, self.taken_at(at))?;
+            for cell in graph.cells(path.swept) {
                 cells.push(Near::number(to_frame(from.state, to_world(at.state, cell)))?);
             }
             at = self.landed(at, *posture)?;
@@ -242,15 +246,15 @@ impl Ground<'_> {
         }
         cells.sort_unstable();
         cells.dedup();
-        Some(WayOut { to: foot(at), feet, cells: cells.into() })
+        Some(EscapePath { to: foot(at), feet, cells: cells.into() })
     }
 }
 
-fn strides(steps: &[Step], last: Option<(u32, u16)>) -> Vec<u16> {
+fn path_to(steps: &[Step], last: Option<(u32, u16)>) -> Vec<u16> {
     let before = |by: &(u32, u16)| steps[by.0 as usize].by;
-    let mut strides: Vec<u16> = std::iter::successors(last, before).map(|(_, posture)| posture).collect();
-    strides.reverse();
-    strides
+    let mut steps: Vec<u16> = std::iter::successors(last, before).map(|(_, posture)| posture).collect();
+    steps.reverse();
+    steps
 }
 
 #[cfg(test)]
@@ -258,7 +262,7 @@ mod tests {
     use super::*;
     use crate::metamodule::motions::Motions;
     use crate::metamodule::pose::End;
-    use crate::rng::Stream;
+    use crate::rng::Rng;
     use crate::roombots::Kind;
     use crate::roombots::database::Database;
     use std::sync::Arc;
@@ -270,8 +274,8 @@ mod tests {
         let floor = Floor { min: (0, 0), max: (8, 8) };
         for kind in Kind::METAMODULES {
             let motions = Motions::new(Arc::clone(&database), kind).unwrap();
-            let mut stream = Stream::named(1, "shut in", 0);
-            let mut below = |n: usize| stream.below(n as u64) as usize;
+            let mut rng = Rng::named(1, "shut in", 0);
+            let mut below = |n: usize| rng.below(n as u64) as usize;
             let postures = motions.table().postures().len();
             let mut counts = [0; 2];
             for round in 0..1_500 {
@@ -290,7 +294,7 @@ mod tests {
             }
             assert!(counts.iter().all(|n| *n > 100), "{kind}: {counts:?}");
             let kept = motions.learnt().kept();
-            assert!(kept.ways.iter().any(|w| !w.is_empty()) && kept.walls.iter().any(|w| !w.is_empty()));
+            assert!(kept.paths.iter().any(|w| !w.is_empty()) && kept.walls.iter().any(|w| !w.is_empty()));
         }
     }
 }

@@ -7,7 +7,7 @@
 
 use crate::lattice::Cell;
 use crate::metamodule::planning::lru_cache::{Memo, mix};
-use crate::metamodule::planning::posture_set::{Place, Postures, Turns};
+use crate::metamodule::planning::posture_set::{Place, PostureSet, Turns};
 use crate::metamodule::pose::to_world;
 use crate::roombots::database::{Database, Table};
 use crate::roombots::grid::GridState;
@@ -39,7 +39,7 @@ pub struct Reach {
 
 /// Postures that lead to each other around some taken cells, and to no others.
 struct Part {
-    postures: Postures,
+    postures: PostureSet,
     /// Those of them that land, as bits by [`Graph::rest`].
     lands: u128,
     /// Taken cells that together keep everybody in it who is in it, once somebody has asked for them.
@@ -72,8 +72,8 @@ pub struct Graph {
     places: Vec<Place>,
     posture_at: Vec<u16>,
     /// The postures that land, and those of every chain.
-    landers: Postures,
-    of_chain: Vec<Postures>,
+    landers: PostureSet,
+    of_chain: Vec<PostureSet>,
     /// The cells of every posture.
     filled: Vec<[Cell; 4]>,
     filled_bits: Vec<Bits>,
@@ -90,7 +90,7 @@ pub struct Graph {
     reached: Memo<(u16, Bits), Arc<Reach>>,
     /// Of all parts those that somebody has asked for.
     parts: Memo<Bits, Arc<Mutex<Vec<Part>>>>,
-    ways: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
+    paths: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
 }
 
 const UNKNOWN: u8 = u8::MAX;
@@ -122,8 +122,8 @@ impl Graph {
         let mut posture_at = vec![u16::MAX; Place::COUNT];
         (0..).zip(&places).for_each(|(posture, place)| posture_at[place.index()] = posture);
         let swept: Vec<Bits> = table.steps().iter().map(|s| bits(&s.core) | bits(&s.graze)).collect();
-        let mut strict = Postures::NO_TURNS;
-        let mut sweepers = vec![Postures::NO_TURNS; cells.len()];
+        let mut strict = PostureSet::NO_TURNS;
+        let mut sweepers = vec![PostureSet::NO_TURNS; cells.len()];
         let mut steps = vec![Vec::new(); places.len()];
         for (i, step) in table.steps().iter().enumerate().filter(|(_, s)| s.floor == FloorContact::Free) {
             let (from, joint) = (usize::from(step.from), usize::from(step.joint));
@@ -132,7 +132,7 @@ impl Graph {
             steps[usize::from(step.to)].push((i as u16, step.from));
             ones(swept[i]).for_each(|cell| sweepers[cell][joint].add(places[from]));
         }
-        let mut of_chain = vec![Postures::NONE; table.chains().len()];
+        let mut of_chain = vec![PostureSet::NONE; table.chains().len()];
         for (entry, place) in table.postures().iter().zip(&places) {
             of_chain[usize::from(entry.chain)].add(*place);
         }
@@ -147,7 +147,7 @@ impl Graph {
         let mut lands = 0..UNKNOWN;
         let number = |l: &Option<(GridState, u16)>| l.and_then(|_| lands.next()).unwrap_or(UNKNOWN);
         let filled: Vec<[Cell; 4]> = table.postures().iter().map(|e| four(e.chain)).collect();
-        let mut landers = Postures::NONE;
+        let mut landers = PostureSet::NONE;
         for (place, _) in places.iter().zip(&landing).filter(|(_, l)| l.is_some()) {
             landers.add(*place);
         }
@@ -170,7 +170,7 @@ impl Graph {
             numbers,
             reached: Memo::new(KEPT.0),
             parts: Memo::new(KEPT.1),
-            ways: Memo::new(KEPT.2),
+            paths: Memo::new(KEPT.2),
         }
     }
 
@@ -222,25 +222,25 @@ impl Graph {
         free
     }
 
-    fn only(&self, posture: u16) -> Option<Postures> {
-        let mut only = Postures::NONE;
+    fn only(&self, posture: u16) -> Option<PostureSet> {
+        let mut only = PostureSet::NONE;
         only.add(*self.places.get(usize::from(posture))?);
         Some(only)
     }
-    fn postures<'a>(&'a self, set: &'a Postures) -> impl Iterator<Item = u16> + 'a {
+    fn postures<'a>(&'a self, set: &'a PostureSet) -> impl Iterator<Item = u16> + 'a {
         set.iter().map(|place| self.posture_at[place.index()])
     }
     /// Those that land, as bits by [`Graph::rest`].
-    fn landing_bits(&self, set: &Postures) -> u128 {
+    fn landing_bits(&self, set: &PostureSet) -> u128 {
         let landers = set.and(&self.landers);
         self.postures(&landers).filter_map(|p| self.rest(p)).fold(0, |bits, i| bits | 1 << i)
     }
 
     /// Tells what can be got to with so many turns and not with fewer, nearest first, until `see` has seen
     /// enough.
-    fn levels(&self, from: u16, free: &Turns, mut see: impl FnMut(u8, &Postures) -> bool) {
+    fn levels(&self, from: u16, free: &Turns, mut see: impl FnMut(u8, &PostureSet) -> bool) {
         let Some(mut level) = self.only(from) else { return };
-        let mut visited = Postures::NONE;
+        let mut visited = PostureSet::NONE;
         for turns in 0..=u8::MAX {
             if level.is_empty() || see(turns, &level) {
                 return;
@@ -281,7 +281,7 @@ impl Graph {
     }
 
     /// Taken cells that together block all steps out of a part.
-    fn find_wall(&self, part: &Postures, taken: Bits) -> Bits {
+    fn find_wall(&self, part: &PostureSet, taken: Bits) -> Bits {
         let mut wall = 0;
         for (step, to) in self.postures(part).flat_map(|posture| self.steps(posture)) {
             let blocked_by = self.swept[usize::from(*step)] & taken;
@@ -306,7 +306,7 @@ impl Graph {
     fn find(&self, from: u16, taken: Bits) -> Reach {
         let (mut landings, mut lands) = (Vec::new(), 0);
         let mut chains: Box<[Option<(u16, u8)>]> = vec![None; self.of_chain.len()].into();
-        let mut known = Postures::NONE;
+        let mut known = PostureSet::NONE;
         self.levels(from, &self.free(taken), |turns, level| {
             let first = landings.len();
             for posture in self.postures(&level.and(&self.landers)) {
@@ -333,12 +333,12 @@ impl Graph {
     /// Everything that strict steps lead to from any of these postures without sweeping a taken cell. Postures
     /// that fill the same cells and lead to each other come together.
     pub fn shapes(&self, from: &[u16], taken: Bits) -> Vec<Vec<u16>> {
-        let (free, mut seen, mut shapes) = (self.free(taken), Postures::NONE, Vec::new());
+        let (free, mut seen, mut shapes) = (self.free(taken), PostureSet::NONE, Vec::new());
         for posture in from {
             let Some(place) = self.places.get(usize::from(*posture)).filter(|p| !seen.has(**p)) else {
                 continue;
             };
-            let mut part = Postures::NONE;
+            let mut part = PostureSet::NONE;
             part.add(*place);
             part = part.flood(&free);
             seen.add_all(&part);
@@ -349,9 +349,9 @@ impl Graph {
     }
 
     /// The shortest way to a posture; none if there is no way.
-    pub fn way(&self, from: u16, to: u16, taken: Bits) -> Option<Arc<Steps>> {
+    pub fn path(&self, from: u16, to: u16, taken: Bits) -> Option<Arc<Steps>> {
         let hash = mix(hash(taken), u64::from(from) << 16 | u64::from(to));
-        self.ways.answer(hash, (from, to, taken), |_| self.find_way(from, to, taken).map(Arc::new))
+        self.paths.answer(hash, (from, to, taken), |_| self.find_way(from, to, taken).map(Arc::new))
     }
 
     fn find_way(&self, from: u16, to: u16, taken: Bits) -> Option<Steps> {
@@ -412,7 +412,7 @@ fn hash(bits: Bits) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Stream;
+    use crate::rng::Rng;
     use crate::roombots::Kind;
     use crate::roombots::database::CellSet;
 
@@ -426,14 +426,14 @@ mod tests {
     #[test]
     fn agrees_with_the_database() {
         let database = Database::build();
-        let mut stream = Stream::named(1, "taken", 0);
+        let mut rng = Rng::named(1, "taken", 0);
         for kind in Kind::METAMODULES {
             let table = database.table(kind);
             let graph = Graph::new(&database, table);
             for round in 0..60 {
-                let from = stream.below(table.postures().len() as u64) as u16;
+                let from = rng.below(table.postures().len() as u64) as u16;
                 let taken: Vec<Cell> = (0..round / 6)
-                    .map(|_| database.cells()[stream.below(database.cells().len() as u64) as usize])
+                    .map(|_| database.cells()[rng.below(database.cells().len() as u64) as usize])
                     .collect();
                 let bits = graph.seen_from(GridState::new(0, 0, 0), &taken);
                 let set: CellSet = database.cell_set(taken.iter().copied());
@@ -458,9 +458,9 @@ mod tests {
                     assert_eq!(graph.lands(from, wall), lands, "it holds by itself");
                 }
                 for (to, _) in expected.into_iter().take(3) {
-                    let way = table.way_within(&slow, from, to).unwrap();
-                    let found = graph.way(from, to, bits).unwrap();
-                    assert_eq!(found.steps.len(), way.steps.len());
+                    let path = table.way_within(&slow, from, to).unwrap();
+                    let found = graph.path(from, to, bits).unwrap();
+                    assert_eq!(found.steps.len(), path.steps.len());
                     let (mut at, mut swept) = (from, 0);
                     for step in &found.steps {
                         let (next, cells) = graph.step(at, *step).unwrap();
@@ -471,7 +471,7 @@ mod tests {
                     assert_eq!(swept & bits, 0);
                 }
             }
-            assert_eq!(graph.way(0, u16::MAX, 0), None);
+            assert_eq!(graph.path(0, u16::MAX, 0), None);
             let turned = (0..graph.filled.len() as u16).filter_map(|p| graph.landing(p)).map(|(_, t)| t);
             assert!(turned.into_iter().all(|t| graph.rest(t).is_some()), "who has landed can land back");
             let seen = graph.seen_from(GridState::new(0, 0, 0), database.cells());

@@ -16,28 +16,28 @@ use std::sync::Arc;
 
 /// A way: strides, and the posture to take at its end.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
-pub struct Course {
+pub struct Route {
     /// The postures that land, one after the other, each seen from the end that is attached then.
-    pub strides: Vec<u16>,
+    pub steps: Vec<u16>,
     /// The posture to take after the last stride; none to stay as landed.
     pub last: Option<u16>,
 }
 
-impl Course {
+impl Route {
     /// Whether nothing is left to do.
     pub fn is_over(&self) -> bool {
-        self.strides.is_empty() && self.last.is_none()
+        self.steps.is_empty() && self.last.is_none()
     }
     /// The posture to turn to next, and whether it lands.
     pub fn next(&self) -> Option<(u16, bool)> {
-        self.strides.first().map(|p| (*p, true)).or(self.last.map(|p| (p, false)))
+        self.steps.first().map(|p| (*p, true)).or(self.last.map(|p| (p, false)))
     }
     /// What is next has been done.
     pub fn advance(&mut self) {
-        if self.strides.is_empty() {
+        if self.steps.is_empty() {
             self.last = None;
         } else {
-            self.strides.remove(0);
+            self.steps.remove(0);
         }
     }
 }
@@ -122,7 +122,7 @@ impl Ground<'_> {
 
     /// A course to a seed with the fewest strides, and with few turns, of at most `most` strides.
     /// `fixed` are those of the taken cells that stay taken.
-    pub fn to_seed(&self, from: Pose, seed: Seed, fixed: &[Cell], most: usize) -> Option<Course> {
+    pub fn to_seed(&self, from: Pose, seed: Seed, fixed: &[Cell], most: usize) -> Option<Route> {
         if seed.cells().iter().any(|c| self.taken.contains(c)) {
             return None;
         }
@@ -130,18 +130,18 @@ impl Ground<'_> {
         self.find_seed(from, seed, &distances, u32::try_from(most).unwrap_or(u32::MAX))
     }
 
-    fn find_seed(&self, from: Pose, seed: Seed, distances: &Distances, most: u32) -> Option<Course> {
+    fn find_seed(&self, from: Pose, seed: Seed, distances: &Distances, most: u32) -> Option<Route> {
         // What moves can only make a way longer, so the strides around what does not move are a bound.
         let left_to_go = |pose: Pose, postures: u128| {
-            let strides = u32::from(distances.strides(pose, postures)?);
-            (strides <= most).then_some(strides)
+            let steps = u32::from(distances.steps(pose, postures)?);
+            (steps <= most).then_some(steps)
         };
         let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
         let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);
         let mut left = Left::new(self.floor);
         while let Some((_, Reverse(at), last)) = queue.pop() {
             if let Some(last) = last {
-                return Some(course(&nodes, at, Some(last)));
+                return Some(route(&nodes, at, Some(last)));
             }
             let Node { pose, cost, .. } = nodes[at as usize];
             if left.has(pose, self.motions.rest_bit(pose.posture)) {
@@ -173,14 +173,14 @@ impl Ground<'_> {
     }
 
     /// The cheapest course to a pose that `fits`; changing its shape on the spot is the cheapest of all.
-    pub fn aside(&self, from: Pose, mut fits: impl FnMut(Pose) -> bool) -> Option<Course> {
+    pub fn aside(&self, from: Pose, mut fits: impl FnMut(Pose) -> bool) -> Option<Route> {
         let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
         let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);
         let mut left = Left::new(self.floor);
         while let Some((_, Reverse(at), last)) = queue.pop() {
             let Node { pose, cost, .. } = nodes[at as usize];
             if let Some(last) = last {
-                return Some(course(&nodes, at, (pose.posture != last).then_some(last)));
+                return Some(route(&nodes, at, (pose.posture != last).then_some(last)));
             }
             if left.has(pose, self.motions.rest_bit(pose.posture)) {
                 continue;
@@ -211,12 +211,12 @@ impl Ground<'_> {
     }
 }
 
-fn course(nodes: &[Node], mut at: u32, last: Option<u16>) -> Course {
-    let mut strides = Vec::new();
+fn route(nodes: &[Node], mut at: u32, last: Option<u16>) -> Route {
+    let mut steps = Vec::new();
     while let Some((before, posture)) = nodes[at as usize].by {
-        strides.push(posture);
+        steps.push(posture);
         at = before;
     }
-    strides.reverse();
-    Course { strides, last }
+    steps.reverse();
+    Route { steps, last }
 }

@@ -12,7 +12,7 @@ const USED: u64 = (1 << 48) - 1;
 
 /// A set of postures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Postures([u64; WORDS]);
+pub struct PostureSet([u64; WORDS]);
 
 /// The number of a posture in such sets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,13 +39,13 @@ impl Place {
 }
 
 /// For every joint the postures that it may turn from, one step forwards.
-pub type Turns = [Postures; MAX_JOINTS];
+pub type Turns = [PostureSet; MAX_JOINTS];
 
-impl Postures {
+impl PostureSet {
     /// No posture.
-    pub const NONE: Postures = Postures([0; WORDS]);
+    pub const NONE: PostureSet = PostureSet([0; WORDS]);
     /// No joint may turn.
-    pub const NO_TURNS: Turns = [Postures::NONE; MAX_JOINTS];
+    pub const NO_TURNS: Turns = [PostureSet::NONE; MAX_JOINTS];
 
     /// Adds one.
     pub fn add(&mut self, place: Place) {
@@ -61,23 +61,23 @@ impl Postures {
     }
     /// Adds all of another set.
     #[inline]
-    pub fn add_all(&mut self, other: &Postures) {
+    pub fn add_all(&mut self, other: &PostureSet) {
         self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word |= other);
     }
     /// Takes out all of another set.
     #[inline]
-    pub fn remove_all(&mut self, other: &Postures) {
+    pub fn remove_all(&mut self, other: &PostureSet) {
         self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word &= !other);
     }
     /// Those in both sets.
     #[inline]
-    pub fn and(mut self, other: &Postures) -> Postures {
+    pub fn and(mut self, other: &PostureSet) -> PostureSet {
         self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word &= other);
         self
     }
     /// Those that are not in the other set.
     #[inline]
-    pub fn without(mut self, other: &Postures) -> Postures {
+    pub fn without(mut self, other: &PostureSet) -> PostureSet {
         self.remove_all(other);
         self
     }
@@ -95,8 +95,8 @@ impl Postures {
 
     /// What one turn leads to from the set. For every joint `turns` has the postures that it may turn from,
     /// one step forwards; it may turn back to the same.
-    pub fn spread(&self, turns: &Turns) -> Postures {
-        let mut to = Postures::NONE;
+    pub fn spread(&self, turns: &Turns) -> PostureSet {
+        let mut to = PostureSet::NONE;
         self.turn_between_words::<9>(&turns[0], &mut to);
         self.turn_within_words(&turns[1], &mut to, 4, 0xFFF0_FFF0_FFF0, 12);
         self.turn_between_words::<3>(&turns[2], &mut to);
@@ -108,7 +108,7 @@ impl Postures {
 
     /// Turns a joint whose three values are so many words apart.
     #[inline]
-    fn turn_between_words<const APART: usize>(&self, free: &Postures, to: &mut Postures) {
+    fn turn_between_words<const APART: usize>(&self, free: &PostureSet, to: &mut PostureSet) {
         for block in (0..WORDS).step_by(3 * APART) {
             for value in 0..3 {
                 let (from, next) = (block + value * APART, block + (value + 1) % 3 * APART);
@@ -124,7 +124,7 @@ impl Postures {
     /// Turns a joint whose values are within every word: a step forwards moves bits up into `moved`, or down
     /// to the rest if they are at the end of their range.
     #[inline]
-    fn turn_within_words(&self, free: &Postures, to: &mut Postures, up: u32, moved: u64, down: u32) {
+    fn turn_within_words(&self, free: &PostureSet, to: &mut PostureSet, up: u32, moved: u64, down: u32) {
         let wrapped = USED & !moved;
         for i in 0..WORDS {
             let (word, free) = (self.0[i], free.0[i]);
@@ -136,7 +136,7 @@ impl Postures {
     }
 
     /// What any number of turns lead to from the set, with the set itself.
-    pub fn flood(mut self, turns: &Turns) -> Postures {
+    pub fn flood(mut self, turns: &Turns) -> PostureSet {
         loop {
             let more = self.spread(turns).without(&self);
             if more.is_empty() {
@@ -155,16 +155,16 @@ mod tests {
 
     #[test]
     fn turning_a_set_turns_each_of_it() {
-        let mut seen = Postures::NONE;
+        let mut seen = PostureSet::NONE;
         for posture in Posture::all(Kind::Par) {
             let place = Place::of(posture);
             assert!(!seen.has(place) && place.index() < Place::COUNT);
             seen.add(place);
-            let mut one = Postures::NONE;
+            let mut one = PostureSet::NONE;
             one.add(place);
             for joint in 0..MAX_JOINTS {
                 let back = (1..values(joint)).fold(posture, |p, _| p.turned(joint));
-                let (mut turns, mut to) = (Postures::NO_TURNS, Postures::NONE);
+                let (mut turns, mut to) = (PostureSet::NO_TURNS, PostureSet::NONE);
                 assert!(one.spread(&turns).is_empty());
                 turns[joint].add(place);
                 to.add(Place::of(posture.turned(joint)));
@@ -176,10 +176,10 @@ mod tests {
         }
         assert_eq!(seen.iter().count(), 1296);
         let all = [seen; MAX_JOINTS];
-        let mut zero = Postures::NONE;
+        let mut zero = PostureSet::NONE;
         zero.add(Place::of(Posture::zero(Kind::Par)));
         assert_eq!(zero.spread(&all).iter().count(), 12);
         assert_eq!(zero.flood(&all), seen);
-        assert_eq!(zero.flood(&Postures::NO_TURNS), zero);
+        assert_eq!(zero.flood(&PostureSet::NO_TURNS), zero);
     }
 }

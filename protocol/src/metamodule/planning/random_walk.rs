@@ -1,16 +1,16 @@
 //! Ways by luck: bodies go here and there until one of them can fill a seed, and what was for nothing is left out.
 //!
 //! Where many stand close together, a way takes many of them, each some steps that bring nobody nearer to a
-//! seed. A search that begins with what looks nearest (`board`) drowns in them; going anywhere does not, as
+//! seed. A search that begins with what looks nearest (`state_space`) drowns in them; going anywhere does not, as
 //! long as the floor is not too full. Its chance is the same every time, so who searches twice finds the same.
 //!
 //! Absent: the proof that there is no way.
 
-use crate::coverage::{Mark, hit};
+use crate::coverage::{CoveragePoint, hit};
 use crate::metamodule::planning::cooperative::{Move, Standstill};
-use crate::metamodule::planning::state_space::Board;
+use crate::metamodule::planning::state_space::StateSpace;
 use crate::metamodule::pose::Pose;
-use crate::rng::Stream;
+use crate::rng::Rng;
 
 /// After so many trips the first try begins anew, each later one after twice as many.
 const FIRST: usize = 16;
@@ -30,18 +30,22 @@ struct Trip {
 
 /// The shortest of the ways of these that are found with so much work, or soon after the first one. Making the
 /// last one short may take a little more.
-pub(super) fn wander(standstill: &Standstill, movers: &[usize], work: usize) -> Option<Vec<Move>> {
-    let mut stream = Stream::named(0, "wander", 0);
+pub(super) fn random_walk_search(
+    standstill: &Standstill,
+    movers: &[usize],
+    work: usize,
+) -> Option<Vec<Move>> {
+    let mut rng = Rng::named(0, "wander", 0);
     let (mut most, mut left, mut best) = (FIRST, work, None::<Vec<Move>>);
     while !movers.is_empty() && left > 0 {
         // Each try has its own: what all of them look at would take too much memory.
-        let mut board = Board::new(standstill, standstill.fixed.clone());
-        let way = Way::by_luck(standstill, movers, &mut board, most, left, &mut stream);
-        let until = board.work + work / SHORTENING;
-        let moves = way.and_then(|way| way.shortened(standstill, &mut board, until));
-        left = left.saturating_sub(board.work);
+        let mut state_space = StateSpace::new(standstill, standstill.fixed.clone());
+        let path = Path::by_random_walk(standstill, movers, &mut state_space, most, left, &mut rng);
+        let until = state_space.work + work / SHORTENING;
+        let moves = path.and_then(|path| path.shortened(standstill, &mut state_space, until));
+        left = left.saturating_sub(state_space.work);
         if moves.is_some() && best.is_none() {
-            hit(Mark::MetaByLuck);
+            hit(CoveragePoint::MetaByLuck);
             left = left.min((work - left).saturating_mul(MORE));
         }
         best = best.into_iter().chain(moves).min_by_key(Vec::len);
@@ -51,32 +55,32 @@ pub(super) fn wander(standstill: &Standstill, movers: &[usize], work: usize) -> 
 }
 
 /// After these trips this body can fill a seed.
-struct Way {
+struct Path {
     body: usize,
     trips: Vec<Trip>,
 }
 
-impl Way {
+impl Path {
     /// So many trips at most of anybody to anywhere, until somebody can fill a seed.
-    fn by_luck(
+    fn by_random_walk(
         standstill: &Standstill,
         movers: &[usize],
-        board: &mut Board<'_>,
+        state_space: &mut StateSpace<'_>,
         most: usize,
         until: usize,
-        stream: &mut Stream,
-    ) -> Option<Way> {
-        let mut pick = |n: usize| stream.below(n as u64) as usize;
+        rng: &mut Rng,
+    ) -> Option<Path> {
+        let mut pick = |n: usize| rng.below(n as u64) as usize;
         let (mut poses, mut trips) = (standstill.free.clone(), Vec::new());
-        while trips.len() <= most && board.work < until {
+        while trips.len() <= most && state_space.work < until {
             let body = movers[pick(movers.len())];
-            let roam = board.roam(&poses, body);
-            if roam.fills.is_some() {
-                return Some(Way { body, trips });
+            let reachable = state_space.reachable(&poses, body);
+            if reachable.fills.is_some() {
+                return Some(Path { body, trips });
             }
             // Everybody may rest where it rests already, so somewhere.
-            let rest = roam.rests.get(pick(roam.rests.len()));
-            let to = rest.map_or(poses[body], |rest| roam.pose(*rest));
+            let rest = reachable.rests.get(pick(reachable.rests.len()));
+            let to = rest.map_or(poses[body], |rest| reachable.pose(*rest));
             poses[body] = to;
             trips.push(Trip { body, to });
         }
@@ -87,18 +91,18 @@ impl Way {
     fn shortened(
         mut self,
         standstill: &Standstill,
-        board: &mut Board<'_>,
+        state_space: &mut StateSpace<'_>,
         until: usize,
     ) -> Option<Vec<Move>> {
-        let mut best = go(standstill, board, &self)?;
+        let mut best = go(standstill, state_space, &self)?;
         let mut size = self.trips.len();
         while size > 0 {
             let mut at = 0;
-            while at < self.trips.len() && board.work < until {
+            while at < self.trips.len() && state_space.work < until {
                 let mut trips = self.trips.clone();
                 trips.drain(at..(at + size).min(trips.len()));
-                let less = Way { body: self.body, trips };
-                match go(standstill, board, &less) {
+                let less = Path { body: self.body, trips };
+                match go(standstill, state_space, &less) {
                     Some(moves) => (self, best) = (less, moves),
                     None => at += size,
                 }
@@ -110,16 +114,16 @@ impl Way {
 }
 
 /// The moves of a way, if it is one.
-fn go(standstill: &Standstill, board: &mut Board<'_>, way: &Way) -> Option<Vec<Move>> {
+fn go(standstill: &Standstill, state_space: &mut StateSpace<'_>, path: &Path) -> Option<Vec<Move>> {
     let (mut poses, mut moves) = (standstill.free.clone(), Vec::new());
     let does_something = |m: &Move| m.lands || m.posture != m.from.posture;
-    for trip in &way.trips {
-        let roam = board.roam(&poses, trip.body);
-        let to = roam.rests.iter().find(|rest| roam.pose(**rest) == trip.to)?;
-        moves.extend(roam.moves(*to).into_iter().filter(does_something));
+    for trip in &path.trips {
+        let reachable = state_space.reachable(&poses, trip.body);
+        let to = reachable.rests.iter().find(|rest| reachable.pose(**rest) == trip.to)?;
+        moves.extend(reachable.moves(*to).into_iter().filter(does_something));
         poses[trip.body] = trip.to;
     }
-    let roam = board.roam(&poses, way.body);
-    moves.extend(roam.moves(roam.fills?));
+    let reachable = state_space.reachable(&poses, path.body);
+    moves.extend(reachable.moves(reachable.fills?));
     Some(moves)
 }

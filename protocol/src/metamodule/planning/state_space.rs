@@ -11,7 +11,7 @@ use super::distances::Distances;
 use super::graph::Bits;
 use crate::lattice::Cell;
 use crate::metamodule::blueprint::Seed;
-use crate::metamodule::planning::cooperative::{Move, Sought, Standstill};
+use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill};
 use crate::metamodule::planning::paths::Ground;
 use crate::metamodule::pose::{End, Pose, to_frame};
 use crate::roombots::grid::GridState;
@@ -24,7 +24,7 @@ const LOOK: usize = 50;
 
 /// What bodies that are looked at may rest in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Rests {
+pub enum StopAt {
     /// Only in postures that land: enough to find most ways, and quick.
     Landings,
     /// In all of them: needed to prove that there is no way.
@@ -37,7 +37,7 @@ struct Shape {
     /// The postures that it may be in. All fill the same cells.
     postures: Vec<u16>,
     cells: [Cell; 4],
-    strides: u16,
+    steps: u16,
 }
 
 /// Where a body is that moves: attached here, in any posture that it can get to.
@@ -51,7 +51,7 @@ struct Place {
     lands: Vec<(u16, Pose)>,
     /// The posture that fills a seed.
     fills: Option<u16>,
-    strides: u16,
+    steps: u16,
 }
 
 /// What leads from one node to the next.
@@ -66,7 +66,7 @@ enum By {
 }
 
 /// Where one body gets while all others stay.
-pub struct Roam {
+pub struct Reachable {
     body: usize,
     stays: Vec<Stay>,
     /// In which posture it may rest, by the number of its stay.
@@ -83,7 +83,7 @@ struct Stay {
     pose: Pose,
 }
 
-impl Roam {
+impl Reachable {
     /// How it stands when it rests there.
     pub fn pose(&self, (stay, posture): (usize, u16)) -> Pose {
         Pose { posture, ..self.stays[stay].pose }
@@ -109,7 +109,7 @@ impl Roam {
 type Node = (u32, Vec<u32>);
 
 /// What does not change while searches go on, and what has been looked at, by numbers.
-pub struct Board<'a> {
+pub struct StateSpace<'a> {
     standstill: &'a Standstill,
     /// The cells that are always taken.
     fixed: Vec<Cell>,
@@ -127,19 +127,19 @@ pub struct Board<'a> {
     pub work: usize,
 }
 
-impl<'a> Board<'a> {
+impl<'a> StateSpace<'a> {
     /// With these cells taken for ever.
-    pub fn new(standstill: &'a Standstill, fixed: Vec<Cell>) -> Board<'a> {
+    pub fn new(standstill: &'a Standstill, fixed: Vec<Cell>) -> StateSpace<'a> {
         let setup = &standstill.setup;
         let open = setup.goal(standstill.task).open(standstill.filled);
         let seeds = open.iter().filter_map(|s| setup.seed(standstill.task, s));
         let seeds = seeds.map(|s| (s, setup.motions.distances(setup.floor, s, &fixed))).collect();
-        Board { seeds, ..Board::without_seeds(standstill, fixed) }
+        StateSpace { seeds, ..StateSpace::without_seeds(standstill, fixed) }
     }
 
     /// The same where no seed counts, only where bodies get to: distances to seeds are most of the work.
-    pub fn without_seeds(standstill: &'a Standstill, fixed: Vec<Cell>) -> Board<'a> {
-        Board {
+    pub fn without_seeds(standstill: &'a Standstill, fixed: Vec<Cell>) -> StateSpace<'a> {
+        StateSpace {
             standstill,
             fixed,
             seeds: Vec::new(),
@@ -154,10 +154,10 @@ impl<'a> Board<'a> {
     }
 
     /// With everybody fixed but these.
-    pub fn around_all_but(standstill: &'a Standstill, movers: &[usize]) -> Board<'a> {
+    pub fn around_all_but(standstill: &'a Standstill, movers: &[usize]) -> StateSpace<'a> {
         let others = (0..).zip(&standstill.free).filter(|(i, _)| !movers.contains(i));
         let others = others.flat_map(|(_, pose)| standstill.setup.motions.cells(*pose));
-        Board::new(standstill, standstill.fixed.iter().copied().chain(others).collect())
+        StateSpace::new(standstill, standstill.fixed.iter().copied().chain(others).collect())
     }
 
     /// A body at rest, by its number.
@@ -168,14 +168,14 @@ impl<'a> Board<'a> {
         }
         let number = self.shapes.len() as u32;
         let cells = self.standstill.setup.motions.cells(attached(state, first(&key.1)));
-        let strides = self.strides(state, &key.1);
-        self.shapes.push(Shape { state, postures: key.1.clone(), cells, strides });
+        let steps = self.steps(state, &key.1);
+        self.shapes.push(Shape { state, postures: key.1.clone(), cells, steps });
         self.shape_numbers.insert(key, number);
         number
     }
 
     /// Strides to the nearest open seed around what is fixed.
-    fn strides(&self, state: GridState, postures: &[u16]) -> u16 {
+    fn steps(&self, state: GridState, postures: &[u16]) -> u16 {
         let setup = &self.standstill.setup;
         let ground = Ground { motions: &setup.motions, floor: setup.floor, taken: &self.fixed };
         let from = |posture: u16| {
@@ -183,7 +183,7 @@ impl<'a> Board<'a> {
             let lands = ground.lands(pose);
             let to = |(seed, distances): &(Seed, Arc<Distances>)| {
                 let fills = pose.foot() == seed.foot && ground.filling(pose, *seed).is_some();
-                fills.then_some(0).or_else(|| distances.strides(pose, lands))
+                fills.then_some(0).or_else(|| distances.steps(pose, lands))
             };
             self.seeds.iter().filter_map(to).min()
         };
@@ -233,12 +233,12 @@ impl<'a> Board<'a> {
             if fills.is_some() || !lands.is_empty() {
                 place.landings.push(shape);
             }
-            nearest = nearest.min(self.shapes[shape as usize].strides);
+            nearest = nearest.min(self.shapes[shape as usize].steps);
             place.shapes.push(shape);
             place.lands.extend(lands);
             place.fills = place.fills.or(fills);
         }
-        place.strides = nearest;
+        place.steps = nearest;
         let number = self.places.len() as u32;
         self.places.push(place);
         self.place_numbers.insert((state, part), number);
@@ -275,14 +275,14 @@ impl<'a> Board<'a> {
     }
 
     /// What can be next.
-    fn next(&mut self, (place, others): &Node, rests: Rests) -> Vec<(Node, By)> {
+    fn next(&mut self, (place, others): &Node, rests: StopAt) -> Vec<(Node, By)> {
         let mut next = Vec::new();
         for (posture, to) in self.places[*place as usize].lands.clone() {
             let node = (self.place(to.state, to.posture, others), others.clone());
             next.push((node, By::Lands(posture, to)));
         }
         let place = &self.places[*place as usize];
-        let shapes = if rests == Rests::Landings { &place.landings } else { &place.shapes };
+        let shapes = if rests == StopAt::Landings { &place.landings } else { &place.shapes };
         for rests in if others.is_empty() { Vec::new() } else { shapes.clone() } {
             for i in 0..others.len() {
                 let mut resting = others.clone();
@@ -297,33 +297,35 @@ impl<'a> Board<'a> {
     }
 
     /// Everywhere that one of these gets while all others stay where they are.
-    pub fn roam(&mut self, poses: &[Pose], body: usize) -> Roam {
+    pub fn reachable(&mut self, poses: &[Pose], body: usize) -> Reachable {
         let from = poses[body];
         let others = poses.iter().enumerate().filter(|(i, _)| *i != body);
         let others: Vec<u32> = others.map(|(_, p)| self.shape(p.state, vec![p.posture])).collect();
-        let mut roam = Roam { body, stays: Vec::new(), rests: Vec::new(), fills: None };
+        let mut reachable = Reachable { body, stays: Vec::new(), rests: Vec::new(), fills: None };
         let (mut seen, mut found) = (BTreeSet::new(), vec![Stay { before: None, pose: from }]);
         let mut places = Vec::new();
         for at in 0.. {
             for stay in found {
                 let place = self.place(stay.pose.state, stay.pose.posture, &others);
                 if seen.insert(place) {
-                    roam.stays.push(stay);
+                    reachable.stays.push(stay);
                     places.push(place);
                 }
             }
             let Some(place) = places.get(at).map(|number| &self.places[*number as usize]) else { break };
-            roam.rests.extend(place.shapes.iter().map(|s| (at, first(&self.shapes[*s as usize].postures))));
-            roam.fills = roam.fills.or(place.fills.map(|posture| (at, posture)));
+            reachable
+                .rests
+                .extend(place.shapes.iter().map(|s| (at, first(&self.shapes[*s as usize].postures))));
+            reachable.fills = reachable.fills.or(place.fills.map(|posture| (at, posture)));
             found = place.lands.iter().map(|(by, to)| Stay { before: Some((at, *by)), pose: *to }).collect();
         }
-        roam
+        reachable
     }
 
     /// If these together have at most so many arrangements with nobody else there: the cells that they never
     /// leave, and whether one of them fills a seed.
     pub fn explore(&mut self, group: &[usize], most: usize) -> Option<(BTreeSet<Cell>, bool)> {
-        let cells = |board: &Board<'_>, shape: u32| board.shapes[shape as usize].cells;
+        let cells = |state_space: &StateSpace<'_>, shape: u32| state_space.shapes[shape as usize].cells;
         let mut front: Vec<Node> = self.begin(group).into_iter().map(|(node, _)| node).collect();
         let mut seen: BTreeSet<Node> = front.iter().cloned().collect();
         let stays = group.iter().flat_map(|i| self.standstill.setup.motions.cells(self.standstill.free[*i]));
@@ -336,7 +338,7 @@ impl<'a> Board<'a> {
                 let mine = cells(self, *shape);
                 stays.retain(|c| others.contains(c) || mine.contains(c));
             }
-            let next = self.next(&node, Rests::Everything).into_iter().map(|(node, _)| node);
+            let next = self.next(&node, StopAt::Everything).into_iter().map(|(node, _)| node);
             front.extend(next.filter(|node| seen.insert(node.clone())));
             if seen.len() > most {
                 return None;
@@ -346,7 +348,7 @@ impl<'a> Board<'a> {
     }
 
     /// Searches from all these starts, what looks nearest to a seed first.
-    pub fn search(&mut self, starts: &[Vec<usize>], rests: Rests, work: usize) -> Sought {
+    pub fn search(&mut self, starts: &[Vec<usize>], rests: StopAt, work: usize) -> SearchResult {
         self.work = 0;
         let (mut seen, mut front) = (BTreeSet::new(), BinaryHeap::new());
         let mut trail: Vec<(Option<usize>, By, Node)> = Vec::new();
@@ -358,18 +360,18 @@ impl<'a> Board<'a> {
                     continue;
                 }
                 let place = &self.places[node.0 as usize];
-                let (fills, strides) = (place.fills, place.strides);
-                let resting = node.1.iter().map(|s| self.shapes[*s as usize].strides);
-                let nearest = resting.chain([strides]).min();
+                let (fills, steps) = (place.fills, place.steps);
+                let resting = node.1.iter().map(|s| self.shapes[*s as usize].steps);
+                let nearest = resting.chain([steps]).min();
                 let moves = moves + usize::from(matches!(by, By::Lands(..)));
                 front.push(Reverse((nearest, moves, trail.len())));
                 trail.push((before, by, node));
                 if let Some(posture) = fills {
-                    return Sought::Way(self.way(&trail, posture));
+                    return SearchResult::Path(self.path(&trail, posture));
                 }
             }
             if self.work > work {
-                return Sought::Undecided;
+                return SearchResult::Undecided;
             }
             let Some(Reverse((_, made, at))) = front.pop() else { break };
             (before, moves) = (Some(at), made);
@@ -377,13 +379,13 @@ impl<'a> Board<'a> {
             found = self.next(&node, rests);
         }
         match rests {
-            Rests::Everything => Sought::NoWay(seen.len()),
-            Rests::Landings => Sought::Undecided,
+            StopAt::Everything => SearchResult::NoWay(seen.len()),
+            StopAt::Landings => SearchResult::Undecided,
         }
     }
 
     /// The moves that have led to the last node, with one more to the posture that fills a seed.
-    fn way(&self, trail: &[(Option<usize>, By, Node)], fills: u16) -> Vec<Move> {
+    fn path(&self, trail: &[(Option<usize>, By, Node)], fills: u16) -> Vec<Move> {
         let mut steps = Vec::new();
         let mut at = trail.len().checked_sub(1);
         while let Some((before, by, _)) = at.map(|at| &trail[at]) {

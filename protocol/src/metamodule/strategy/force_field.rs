@@ -44,9 +44,9 @@ fn length(x: i64, y: i64) -> i64 {
 }
 
 /// Two cells for every stride, and a quarter of the distance as the crow flies to tell equals apart.
-pub fn distance(strides: u16, from: Pose, to: Place) -> i64 {
+pub fn distance(steps: u16, from: Pose, to: Place) -> i64 {
     let (dx, dy) = (i64::from(to.0) - i64::from(from.state.x), i64::from(to.1) - i64::from(from.state.y));
-    2 * ONE * i64::from(strides) + length(dx * ONE, dy * ONE) / 4
+    2 * ONE * i64::from(steps) + length(dx * ONE, dy * ONE) / 4
 }
 
 /// The last stride, to where the seed can be filled from, is worth this much more.
@@ -70,13 +70,13 @@ impl<'a> Field<'a> {
         let (motions, at) = (self.motions, self.at);
         let distances = motions.distances(self.floor, seed, self.fixed);
         let here = Ground { motions, floor: self.floor, taken: self.fixed }.lands(at);
-        let Some(strides) = distances.strides(at, here) else { return };
-        let far = distance(strides, at, seed.foot);
+        let Some(steps) = distances.steps(at, here) else { return };
+        let far = distance(steps, at, seed.foot);
         let gain = |to: &Pose| {
-            let strides = distances.strides(*to, motions.rest_bit(to.posture));
+            let steps = distances.steps(*to, motions.rest_bit(to.posture));
             // A place without a way to the seed loses all of the distance.
-            let gain = strides.map_or(-far, |s| far - distance(s, *to, seed.foot));
-            gain + if strides == Some(0) { HOME } else { 0 }
+            let gain = steps.map_or(-far, |s| far - distance(s, *to, seed.foot));
+            gain + if steps == Some(0) { HOME } else { 0 }
         };
         self.seeds.push((ONE * ONE / far.max(1), self.places.iter().map(gain).collect()));
     }
@@ -159,7 +159,7 @@ mod tests {
                 for (x, y, class) in [(2, 2, 0), (10, 1, 1), (6, 11, 2), (11, 7, 3)] {
                     let state = GridState::new(x, y, class);
                     let mut at = Pose { state, end: End::Foot, both: false, posture: zero };
-                    let mut strides = 0;
+                    let mut steps = 0;
                     while at.foot() != seed.foot || ground.filling(at, *seed).is_none() {
                         let reach = ground.reach(at);
                         let landed = reach.landings.iter();
@@ -170,8 +170,8 @@ mod tests {
                         let best = (0..places.len()).max_by_key(|i| field.score(*i, turns[*i])).unwrap();
                         assert!(field.score(best, turns[best]) > WORTH, "{kind}: {at:?}");
                         at = places[best];
-                        strides += 1;
-                        assert!(strides < 12, "{kind}: {at:?}");
+                        steps += 1;
+                        assert!(steps < 12, "{kind}: {at:?}");
                     }
                 }
             }

@@ -4,7 +4,7 @@
 use super::Decision;
 use super::force_field::{Field, WORTH};
 use super::precedence::goes_before;
-use crate::coverage::{Mark, hit};
+use crate::coverage::{CoveragePoint, hit};
 use crate::lattice::Cell;
 use crate::metamodule::blueprint::{Seed, SeedSet, Task};
 use crate::metamodule::motions::Middle;
@@ -37,7 +37,7 @@ pub(in crate::metamodule) fn look(v: View<'_>, next_expiry: Time) -> Decision {
     }
     if let Some(first) = goes_before(v, &fixed) {
         // It tells when it has moved, settled or got stuck, which starts a new look here.
-        hit(Mark::MetaLetFirst);
+        hit(CoveragePoint::MetaLetFirst);
         return Decision::WaitFor(Some(first), next_expiry);
     }
     moving.extend(v.locks.cells(motions));

@@ -7,7 +7,7 @@ pub(super) mod negotiated;
 mod precedence;
 
 use super::blueprint::SeedSet;
-use super::message::{Claim, Directive, Rank, Way};
+use super::message::{Claim, Directive, Path, Rank};
 use super::outbox::Outbox;
 use super::params::Strategy;
 use super::plan::Plan;
@@ -80,7 +80,7 @@ impl Policy {
         self.negotiated().map_or(Rank::NONE, Negotiated::rank)
     }
     /// The way that it has announced.
-    pub fn announced(&self) -> Option<Way> {
+    pub fn announced(&self) -> Option<Path> {
         self.negotiated().and_then(Negotiated::announced)
     }
     /// Whether the reason for which a motion was chosen has gone, from what is known by now.
@@ -127,8 +127,8 @@ impl Policy {
         }
     }
     /// Notes the way of a neighbour. Returns whether that is news.
-    pub fn hear_way(&mut self, v: View<'_>, port: Port, way: Way) -> bool {
-        self.negotiated_mut().is_some_and(|n| n.hear_way(v, port, way))
+    pub fn hear_way(&mut self, v: View<'_>, port: Port, path: Path) -> bool {
+        self.negotiated_mut().is_some_and(|n| n.hear_way(v, port, path))
     }
     /// Notes what a neighbour orders. Returns whether that is news.
     pub fn hear_directive(&mut self, v: View<'_>, port: Port, directive: Directive) -> bool {

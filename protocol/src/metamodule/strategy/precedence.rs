@@ -49,8 +49,8 @@ pub(super) fn goes_before(v: View<'_>, fixed: &[Cell]) -> Option<ModuleId> {
 fn nearest(v: View<'_>, seeds: &[Seed], pose: Pose, fixed: &[Cell]) -> i64 {
     let lands = v.ground(fixed).lands(pose);
     let far = |seed: &Seed| {
-        let strides = v.motions().distances(v.setup.floor, *seed, fixed).strides(pose, lands)?;
-        Some(distance(strides, pose, seed.foot))
+        let steps = v.motions().distances(v.setup.floor, *seed, fixed).steps(pose, lands)?;
+        Some(distance(steps, pose, seed.foot))
     };
     seeds.iter().filter_map(far).min().unwrap_or(i64::MAX)
 }

@@ -11,7 +11,7 @@ use std::collections::{BTreeSet, VecDeque};
 
 pub(super) fn build() -> Database {
     let mut sweeper = Sweeper::new();
-    let drafts: Vec<Draft> = Kind::ALL.into_iter().map(|kind| draft(kind, &mut sweeper)).collect();
+    let drafts: Vec<TableBuilder> = Kind::ALL.into_iter().map(|kind| draft(kind, &mut sweeper)).collect();
     let mut cells: BTreeSet<Cell> = BTreeSet::new();
     for (_, _, _, sweep) in drafts.iter().flat_map(|d| &d.steps) {
         cells.extend(sweep.core.iter().chain(&sweep.graze).filter(|c| c.z >= 0));
@@ -25,13 +25,13 @@ pub(super) fn build() -> Database {
 }
 
 /// Postures and steps before cells have numbers.
-struct Draft {
+struct TableBuilder {
     kind: Kind,
     postures: Vec<Posture>,
     steps: Vec<(u16, u16, u8, StepSweep)>,
 }
 
-fn draft(kind: Kind, sweeper: &mut Sweeper) -> Draft {
+fn draft(kind: Kind, sweeper: &mut Sweeper) -> TableBuilder {
     let postures: Vec<Posture> = Posture::all(kind).filter(|p| p.placement().above_floor()).collect();
     let mut steps = Vec::new();
     for (from, posture) in postures.iter().enumerate() {
@@ -43,11 +43,11 @@ fn draft(kind: Kind, sweeper: &mut Sweeper) -> Draft {
             }
         }
     }
-    Draft { kind, postures, steps }
+    TableBuilder { kind, postures, steps }
 }
 
-fn table(draft: Draft, database: &Database) -> Table {
-    let Draft { kind, postures, steps } = draft;
+fn table(draft: TableBuilder, database: &Database) -> Table {
+    let TableBuilder { kind, postures, steps } = draft;
     let set = |cells: &[Cell]| database.cell_set(cells.iter().copied());
     let steps: Vec<Step> = steps
         .into_iter()

@@ -3,7 +3,7 @@
 //! Incomplete by nature: from a random start about three of four targets of a metamodule are found.
 
 use super::damped_step;
-use crate::rng::Stream;
+use crate::rng::Rng;
 use crate::roombots::chain::{Chain, Pose, random_angle, wrapped};
 use nalgebra::{Matrix3x6, Matrix6, Vector3, Vector6};
 use std::f64::consts::PI;
@@ -124,18 +124,18 @@ fn weighted_step(
     Some(columns.iter().map(|c| c.dot(&solved)).collect())
 }
 
-/// Tries random starts, all drawn from `stream`, until one leads to the target; returns the best outcome
+/// Tries random starts, all drawn from `rng`, until one leads to the target; returns the best outcome
 /// otherwise.
 pub fn solve_from_random_starts(
     chain: &Chain,
     target: &Pose,
     starts: u32,
-    stream: &mut Stream,
+    rng: &mut Rng,
     options: &Options,
 ) -> Outcome {
     let mut best: Option<Outcome> = None;
     for _ in 0..starts.max(1) {
-        let start: Vec<f64> = chain.joints.iter().map(|_| random_angle(stream)).collect();
+        let start: Vec<f64> = chain.joints.iter().map(|_| random_angle(rng)).collect();
         let outcome = solve(chain, target, &start, options);
         if best.as_ref().is_none_or(|b| outcome.residual < b.residual) {
             best = Some(outcome);

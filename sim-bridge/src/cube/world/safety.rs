@@ -173,7 +173,7 @@ mod tests {
     use metamorph_protocol::cube::body::Move;
     use metamorph_protocol::lattice::MotionKind;
     use metamorph_protocol::ratio::Ratio;
-    use metamorph_protocol::rng::Stream;
+    use metamorph_protocol::rng::Rng;
     use metamorph_protocol::time::Span;
 
     const MOVE: Span = Span::secs(1);
@@ -259,25 +259,25 @@ mod tests {
     fn the_incremental_checks_agree_with_the_whole_one() {
         let (mut broken, mut events) = (0, 0);
         for seed in 0..400 {
-            let mut stream = Stream::named(seed, "safety", 0);
-            let side = 2 + stream.below(4) as i16;
+            let mut rng = Rng::named(seed, "safety", 0);
+            let side = 2 + rng.below(4) as i16;
             let cells = (0..side * side).map(|i| [i % side, i / side, 0]);
             let top = (0..side).map(|i| [i, 0, 1]);
             let mut world = world(&cells.chain(top).collect::<Vec<_>>());
             world.set_failure("20%".parse().unwrap_or(Ratio::ZERO));
             // With careless moves nearly every run breaks soon, without them nearly none gets far.
-            let careless = stream.below(2) == 0;
+            let careless = rng.below(2) == 0;
             let mut now = Time::ZERO;
             for _ in 0..300 {
-                now += Span(stream.below(MOVE.0 / 4));
+                now += Span(rng.below(MOVE.0 / 4));
                 world.advance(now);
                 if !incremental_is_whole(&mut world, now, seed, &mut broken) {
                     break;
                 }
-                let id = stream.below(world.len() as u64) as u32;
-                let support = Face::ALL[stream.below(6) as usize];
-                let heading = support.perpendicular()[stream.below(4) as usize];
-                let kind = if stream.below(2) == 0 { MotionKind::Slide } else { MotionKind::Convex };
+                let id = rng.below(world.len() as u64) as u32;
+                let support = Face::ALL[rng.below(6) as usize];
+                let heading = support.perpendicular()[rng.below(4) as usize];
+                let kind = if rng.below(2) == 0 { MotionKind::Slide } else { MotionKind::Convex };
                 if !careless && !world.is_removable(ModuleId(id)) {
                     continue;
                 }

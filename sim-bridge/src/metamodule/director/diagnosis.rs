@@ -12,7 +12,7 @@ use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::params::Strategy;
-use metamorph_protocol::metamodule::planning::cooperative::{Sought, WORK, search};
+use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, WORK, search};
 use metamorph_protocol::time::Time;
 use std::collections::BTreeSet;
 
@@ -31,7 +31,7 @@ impl MetamoduleDirector {
         let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
         let stays: BTreeSet<Cell> = self.foreign(world).into_iter().chain(stuck).collect();
         let negotiated = self.setup.params.strategy == Strategy::Negotiated;
-        let sought = if negotiated { search(&self.plight(world), WORK) } else { Sought::Undecided };
+        let sought = if negotiated { search(&self.snapshot(world), WORK) } else { SearchResult::Undecided };
         let proof = self.proof(&sought);
         // By precedence a metamodule also waits for one that is refused nothing and has no place to go to.
         let ordered = self.setup.params.precedence.is_some();
@@ -39,9 +39,9 @@ impl MetamoduleDirector {
             MATERIAL_EXHAUSTED
         } else if self.is_seed_blocked(&stays) {
             SEED_BLOCKED
-        } else if matches!(sought, Sought::Way(_)) {
+        } else if matches!(sought, SearchResult::Path(_)) {
             BLOCKED
-        } else if matches!(sought, Sought::NoWay(_)) || self.is_out_of_reach(world) {
+        } else if matches!(sought, SearchResult::NoWay(_)) || self.is_out_of_reach(world) {
             NO_WAY
         } else if negotiated {
             BLOCKED
@@ -74,8 +74,8 @@ impl MetamoduleDirector {
     }
 
     /// Returns what a search at a standstill and at other places has proved.
-    fn proof(&self, sought: &Sought) -> Option<Proof> {
-        let Sought::NoWay(arrangements) = *sought else { return None };
+    fn proof(&self, sought: &SearchResult) -> Option<Proof> {
+        let SearchResult::NoWay(arrangements) = *sought else { return None };
         match self.elsewhere {
             Some(Elsewhere::Barred(places)) => Some(Proof { arrangements, places: Some(places) }),
             None if !self.relocate => Some(Proof { arrangements, places: None }),
@@ -86,11 +86,11 @@ impl MetamoduleDirector {
     fn waiter(&self, module: ModuleId, known: &Known) -> Waiter {
         let on = known.status.and_then(|s| s.waits_for);
         let open = self.setup.goal(self.task).open(self.filled);
-        let barred = known.status.is_some_and(|s| !open.is_empty() && s.barred.holds(open));
+        let unreachable = known.status.is_some_and(|s| !open.is_empty() && s.unreachable.holds(open));
         let why = match on {
             Some(other) if self.dead.contains(&other) => Why::WAITS_FOR_DEAD,
             Some(_) => Why::WAITS,
-            None if barred => BARRED,
+            None if unreachable => BARRED,
             None if self.setup.params.strategy == Strategy::Negotiated => Why::UNKNOWN,
             None => HAS_NO_BETTER_PLACE,
         };

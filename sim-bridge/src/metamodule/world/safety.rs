@@ -9,7 +9,7 @@ use crate::metamodule::invariants::{ATTACHED, attached};
 use crate::world::invariants::ONE_MODULE_PER_CELL;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::message::Deed;
+use metamorph_protocol::metamodule::message::BodyAction;
 use metamorph_protocol::time::Time;
 
 impl MetamoduleWorld {
@@ -62,7 +62,7 @@ impl MetamoduleWorld {
     /// Checks that a body grips the floor; while an end lets go, with the other end.
     fn check_grips(&mut self, now: Time, id: ModuleId) {
         let body = &self.bodies[id.index()];
-        let lets_go = body.under_way.as_ref().is_some_and(|u| u.deed == Deed::Detach);
+        let lets_go = body.under_way.as_ref().is_some_and(|u| u.deed == BodyAction::Detach);
         let floor = |x, y| self.setup.floor.has(x, y);
         let mut ends = Vec::new();
         if body.grips[body.pose.end as usize] && !lets_go {
@@ -115,13 +115,13 @@ mod tests {
     }
 
     /// Returns a step from this pose, and a cell that it sweeps beside the body.
-    fn step(setup: &Setup, from: Pose) -> (Deed, Cell) {
+    fn step(setup: &Setup, from: Pose) -> (BodyAction, Cell) {
         let body = setup.motions.cells(from);
         let mut steps = 0..setup.motions.table().steps().len() as u16;
         let found = steps.find_map(|number| {
             let (_, swept) = setup.motions.graph().step(from.posture, number)?;
             let beside = setup.motions.swept(from.state, Sweep(swept)).find(|c| !body.contains(c))?;
-            Some((Deed::Turn(number), beside))
+            Some((BodyAction::Turn(number), beside))
         });
         found.expect("some step sweeps a cell")
     }

@@ -104,7 +104,7 @@ fn plan(strategy: Strategy, kind: Kind) -> Result<Plan, BenchError> {
         strategy.name()
     );
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
-    read_text("bench", &text, &overrides).map_err(|problems| BenchError::Wrong(problems.to_string()))
+    read_text("bench", &text, &overrides).map_err(|diagnostics| BenchError::Wrong(diagnostics.to_string()))
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::cube::world::CubeWorld;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
@@ -179,7 +179,7 @@ impl Reaper {
     }
 }
 
-impl Direct<CubeWorld> for Reaper {
+impl DirectorPort<CubeWorld> for Reaper {
     fn report(&mut self, _: Time, _: ModuleId, _: <Body as Agent>::Report) {}
     fn died(&mut self, _: Time, id: ModuleId) {
         self.commands.push_back(Command::Restart(id));

@@ -12,7 +12,7 @@ use crate::console::terminal::Live;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::kernel::queue::Queue;
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
@@ -145,7 +145,7 @@ pub fn row(side: u16) -> Result<Row, BenchError> {
 
 fn distances_are_exact<D>(sim: &Sim<StillWorld<Flooded>, D>) -> bool
 where
-    D: metamorph_sim_bridge::director::port::Direct<StillWorld<Flooded>>,
+    D: metamorph_sim_bridge::director::port::DirectorPort<StillWorld<Flooded>>,
 {
     let corner = Cell::new(0, 0, 0);
     sim.agents().iter().all(|(id, agent)| agent.hops() == Some(sim.world().place(id).manhattan(corner)))
@@ -178,7 +178,7 @@ fn floor<Q>(
 ) -> f64 {
     let n = u32::from(side);
     let mut known = vec![false; n.pow(3) as usize];
-    let mut stream = Stream::named(1, "floor", 0);
+    let mut stream = Rng::named(1, "floor", 0);
     let spread = (DELAY.1 - DELAY.0).0 + 1;
     let watch = CpuWatch::start();
     let mut seen = 0u64;

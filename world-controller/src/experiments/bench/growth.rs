@@ -100,7 +100,7 @@ fn row(side: u16, live: &mut Live) -> Result<Row, BenchError> {
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
     let plan_of = |half_cells| {
         let plan = read_text("bench", &scenario(side, half_cells), &overrides)
-            .map_err(|problems| BenchError::Wrong(problems.to_string()))?;
+            .map_err(|diagnostics| BenchError::Wrong(diagnostics.to_string()))?;
         let goal = cubes(&plan)?.setup.goals.first().map_or(0, |g| g.len() as u64);
         Ok::<_, BenchError>((goal, plan))
     };

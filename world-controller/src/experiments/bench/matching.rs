@@ -213,7 +213,7 @@ fn push(buckets: &mut Vec<Vec<usize>>, distance: i32, cell: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_protocol::rng::Stream;
+    use metamorph_protocol::rng::Rng;
     use pathfinding::kuhn_munkres::kuhn_munkres_min;
     use pathfinding::matrix::Matrix;
 
@@ -226,7 +226,7 @@ mod tests {
     #[test]
     fn it_is_the_cost_of_the_best_assignment() {
         for seed in 0..300 {
-            let mut stream = Stream::named(seed, "matching", 0);
+            let mut stream = Rng::named(seed, "matching", 0);
             let mut some = |n: u64, side: u64| -> Vec<Cell> {
                 let mut cells = BTreeSet::new();
                 while (cells.len() as u64) < n {

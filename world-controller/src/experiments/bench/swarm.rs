@@ -13,7 +13,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Never;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
 use metamorph_sim_bridge::testing::flood::{Flooded, Hops};
 use metamorph_sim_bridge::world::World;
@@ -170,7 +170,7 @@ impl Census {
     }
 }
 
-impl Direct<StillWorld<Flooded>> for Census {
+impl DirectorPort<StillWorld<Flooded>> for Census {
     fn report(&mut self, now: Time, _: ModuleId, _: Hops) {
         self.know += 1;
         if self.know == self.modules {

@@ -5,31 +5,31 @@
 //! that only occur without it. Absent: the published connection gradient, which is known to split bodies when
 //! messages are late.
 
-use super::draft::{Break, Draft, FaultDraft, LinkDraft};
-use crate::family::draft::Dice;
+use super::generated_scenario::{Break, GeneratedFault, GeneratedLink, GeneratedScenario};
+use crate::family::generated::Dice;
 use crate::family::{Family, all};
 use crate::scenario::Plan;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 
 /// Attempts to draw a scenario that can be run; some are invalid, such as one with more goals than the floor
 /// has room for.
 const TRIES: u64 = 40;
 
 /// Returns the scenario of a seed, and its plan.
-pub fn draw(seed: u64, family: Option<&'static dyn Family>) -> (Draft, Plan) {
+pub fn draw(seed: u64, family: Option<&'static dyn Family>) -> (GeneratedScenario, Plan) {
     for attempt in 0..TRIES {
-        let mut dice = Dice(Stream::named(seed, "explore", attempt));
+        let mut dice = Dice(Rng::named(seed, "explore", attempt));
         let family = family.unwrap_or_else(|| dice.pick(all()));
         if let Some(drawn) = complete(dice.draft(seed, family)) {
             return drawn;
         }
     }
-    complete(Draft { seed, ..smallest(family.unwrap_or(all()[0])) })
+    complete(GeneratedScenario { seed, ..smallest(family.unwrap_or(all()[0])) })
         .expect("invariant: the smallest scenario can be read, whatever its seed")
 }
 
 /// Creates the plan, and stores what its seed decides in the draft.
-fn complete(mut draft: Draft) -> Option<(Draft, Plan)> {
+fn complete(mut draft: GeneratedScenario) -> Option<(GeneratedScenario, Plan)> {
     let plan = draft.plan("explored.toml", None).ok()?;
     if draft.swarm.settle(&plan.swarm) {
         let plan = draft.plan("explored.toml", None).ok()?;
@@ -39,13 +39,13 @@ fn complete(mut draft: Draft) -> Option<(Draft, Plan)> {
 }
 
 /// Returns a minimal scenario of the family.
-fn smallest(family: &dyn Family) -> Draft {
-    Draft {
+fn smallest(family: &dyn Family) -> GeneratedScenario {
+    GeneratedScenario {
         description: String::new(),
         seed: 0,
         swarm: family.smallest(),
         failed_connections: 0,
-        link: LinkDraft { delay: (10, 100), ..LinkDraft::default() },
+        link: GeneratedLink { delay: (10, 100), ..GeneratedLink::default() },
         faults: Vec::new(),
         patience: None,
     }
@@ -56,15 +56,15 @@ const LASTING_FROM: u64 = 1 << 32;
 
 /// Returns true if impairments are permanent: in one of four runs that have any. The default bounds account
 /// for the link, but not for repeated failures of moves.
-fn lasts(draft: &Draft) -> bool {
-    let drawn = || Stream::named(draft.seed, "explore, lasting harm", 0).below(4) == 0;
+fn lasts(draft: &GeneratedScenario) -> bool {
+    let drawn = || Rng::named(draft.seed, "explore, lasting harm", 0).below(4) == 0;
     draft.seed >= LASTING_FROM && draft.link.harms() && draft.failed_connections == 0 && drawn()
 }
 
 /// Draws what all families share.
 impl Dice {
-    fn draft(&mut self, seed: u64, family: &dyn Family) -> Draft {
-        let mut draft = Draft {
+    fn draft(&mut self, seed: u64, family: &dyn Family) -> GeneratedScenario {
+        let mut draft = GeneratedScenario {
             description: String::new(),
             seed,
             swarm: family.generate(self),
@@ -89,7 +89,7 @@ impl Dice {
         draft
     }
 
-    fn link(&mut self) -> LinkDraft {
+    fn link(&mut self) -> GeneratedLink {
         let delay = match self.0.below(10) {
             0 => (0, 0),
             1 => (1, 10),
@@ -100,7 +100,7 @@ impl Dice {
         };
         // Each impairment is present in one of three runs.
         let mut percent = |of: &[u8]| if self.once_in(3) { self.pick(of) } else { 0 };
-        LinkDraft {
+        GeneratedLink {
             delay,
             loss: percent(&[1, 5, 20]),
             duplicate: percent(&[2, 20]),
@@ -111,12 +111,12 @@ impl Dice {
     }
 
     /// Draws the end of the impairments: with the last fault or later. Delays are permanent.
-    fn end_of_harm(&mut self, draft: &Draft) -> Option<u64> {
+    fn end_of_harm(&mut self, draft: &GeneratedScenario) -> Option<u64> {
         let least = self.pick(&[10_000, 60_000, 150_000, 600_000]);
         draft.link.harms().then(|| draft.faults.iter().map(|f| f.until.unwrap_or(f.at)).fold(least, u64::max))
     }
 
-    fn faults(&mut self, draft: &Draft) -> Vec<FaultDraft> {
+    fn faults(&mut self, draft: &GeneratedScenario) -> Vec<GeneratedFault> {
         let (modules, mut faults) = (draft.modules() as u64, Vec::new());
         let most = modules.div_ceil(4).min(4);
         let horizon = self.pick(&[5_000, 20_000, 60_000, 150_000]);
@@ -142,7 +142,7 @@ impl Dice {
                         Some(cell) => (Break::Obstacle(cell), Some(until).filter(|_| !self.once_in(4))),
                     },
                 };
-                faults.push(FaultDraft { what, at, until });
+                faults.push(GeneratedFault { what, at, until });
             }
         }
         if self.once_in(4) {
@@ -153,13 +153,13 @@ impl Dice {
 
     /// Draws many stops longer than a lease, or restarts, during the busiest time: what depends on time-outs
     /// and earlier promises only matters then.
-    fn storm(&mut self, modules: u64, faults: &mut Vec<FaultDraft>) {
+    fn storm(&mut self, modules: u64, faults: &mut Vec<GeneratedFault>) {
         let (restarts, lasts) = (self.pick(&[0, 1, 4]), self.pick(&[9_000, 15_000, 55_000]));
         for _ in 0..self.within(4, 12) {
             let (id, at) = (self.0.below(modules) as u32, self.within(0, 3_000) * 10);
             faults.push(match self.0.below(4) < restarts {
-                true => FaultDraft { what: Break::Restart(id), at, until: None },
-                false => FaultDraft { what: Break::Pause(id), at, until: Some(at + lasts) },
+                true => GeneratedFault { what: Break::Restart(id), at, until: None },
+                false => GeneratedFault { what: Break::Pause(id), at, until: Some(at + lasts) },
             });
         }
     }
@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn the_smallest_can_always_be_run() {
         for family in all() {
-            let runs = |seed| complete(Draft { seed, ..smallest(*family) }).is_some();
+            let runs = |seed| complete(GeneratedScenario { seed, ..smallest(*family) }).is_some();
             assert!((0..20).all(runs), "{}", family.name());
         }
     }
@@ -186,7 +186,7 @@ mod tests {
             let (draft, plan) = draw(seed, None);
             assert_eq!(draft.to_string(), draw(seed, None).0.to_string());
             assert_eq!((plan.seed, plan.swarm.len()), (seed, draft.modules()));
-            let harms = |f: &FaultDraft| !matches!(f.what, Break::Partition(_));
+            let harms = |f: &GeneratedFault| !matches!(f.what, Break::Partition(_));
             let events: usize =
                 draft.faults.iter().filter(|f| harms(f)).map(|f| 1 + usize::from(f.until.is_some())).sum();
             assert_eq!(plan.schedule.len(), events, "{draft}");

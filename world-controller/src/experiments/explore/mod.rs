@@ -7,8 +7,8 @@
 //! *Invariant.* A seed determines a run, whatever runs beside it; results do not depend on the number of
 //! threads. Absent: the process link, where runs are not deterministic.
 
-pub mod draft;
 pub mod draw;
+pub mod generated_scenario;
 pub mod limits;
 pub mod pool;
 pub mod shrink;
@@ -23,11 +23,11 @@ use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{Channel, Live};
 use crate::family::{self, Family, simulate};
 use crate::scenario::Plan;
-use draft::Draft;
 use draw::draw;
+use generated_scenario::GeneratedScenario;
 use limits::Limits;
-use metamorph_protocol::coverage::{self, Marks};
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::coverage::{self, CoveragePoints};
+use metamorph_protocol::defects::Defect;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
@@ -104,7 +104,7 @@ pub struct Ran {
     /// The outcome; `None` if the run panicked.
     pub outcome: Option<Outcome>,
     /// Coverage points reached.
-    pub marks: Marks,
+    pub marks: CoveragePoints,
     /// Messages delivered to agents, and messages between bodies and agents.
     pub events: u64,
     /// Moves completed.
@@ -152,7 +152,7 @@ pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
 #[derive(Clone, Debug)]
 pub struct Small {
     /// The scenario.
-    pub draft: Draft,
+    pub draft: GeneratedScenario,
     /// The failure.
     pub failure: Failure,
     /// Runs needed for shrinking.
@@ -163,15 +163,15 @@ pub struct Small {
 /// before and fails the same way to `take`, beginning with the given one, or nothing if the given one does not
 /// fail. Ends early when `stop` returns true.
 pub fn make_small(
-    draft: &Draft,
+    draft: &GeneratedScenario,
     kind: &Kind,
-    sabotage: Option<Sabotage>,
+    defect: Option<Defect>,
     budget: u64,
     stop: &dyn Fn() -> bool,
     mut take: impl FnMut(Small),
 ) {
-    let fails = |draft: &Draft| {
-        let plan = draft.plan("shrunk.toml", sabotage).ok()?;
+    let fails = |draft: &GeneratedScenario| {
+        let plan = draft.plan("shrunk.toml", defect).ok()?;
         match run(&plan, stop)?.verdict {
             Verdict::Failed(failure) if failure.kind == *kind => Some(failure),
             _ => None,
@@ -193,7 +193,7 @@ pub fn make_small(
 
 /// Returns the smallest failing scenario found within the limits. The search runs on a thread of its own,
 /// which is not waited for at the limits.
-fn smallest(draft: &Draft, kind: &Kind, budget: u64, limits: &Limits) -> Option<Small> {
+fn smallest(draft: &GeneratedScenario, kind: &Kind, budget: u64, limits: &Limits) -> Option<Small> {
     let (sender, receiver) = channel();
     let (draft, kind, within) = (draft.clone(), kind.clone(), limits.clone());
     let worker = thread::spawn(move || {
@@ -303,7 +303,7 @@ fn found(
             let description = format!("{kind}: {}. Found with `{repeat}`, then shrunk.", small.failure.what);
             fs::create_dir_all(&request.out)
                 .map_err(|error| ExploreError::Directory { path: request.out.clone(), error })?;
-            let text = Draft { description, ..small.draft.clone() }.to_string();
+            let text = GeneratedScenario { description, ..small.draft.clone() }.to_string();
             outputs.writes("--out", &path)?.write(text)?;
             (found.agents, found.faults) = (small.draft.modules(), small.draft.faults.len());
             found.what = small.failure.what;

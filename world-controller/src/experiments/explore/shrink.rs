@@ -3,15 +3,19 @@
 //!
 //! Any change alters the delays drawn, so every candidate is also tried with a few other seeds.
 
-use super::draft::{Break, Draft, LinkDraft};
-use crate::family::draft::{Smaller, SwarmDraft, parts};
+use super::generated_scenario::{Break, GeneratedLink, GeneratedScenario};
+use crate::family::generated::{GeneratedSwarm, Smaller, parts};
 
 /// Seeds tried besides the current one.
 const SEEDS: [u64; 3] = [1, 2, 3];
 
 /// Removes parts while `fails` returns true, calling it at most `budget` times. Also returns the number of
 /// calls.
-pub fn shrink(draft: &Draft, budget: u64, mut fails: impl FnMut(&Draft) -> bool) -> (Draft, u64) {
+pub fn shrink(
+    draft: &GeneratedScenario,
+    budget: u64,
+    mut fails: impl FnMut(&GeneratedScenario) -> bool,
+) -> (GeneratedScenario, u64) {
     let (mut small, mut asked) = (draft.clone(), 0);
     loop {
         let mut smaller = None;
@@ -21,7 +25,7 @@ pub fn shrink(draft: &Draft, budget: u64, mut fails: impl FnMut(&Draft) -> bool)
                     return (small, asked);
                 }
                 asked += 1;
-                let candidate = Draft { seed, ..candidate.clone() };
+                let candidate = GeneratedScenario { seed, ..candidate.clone() };
                 if fails(&candidate) {
                     smaller = Some(candidate);
                     break 'candidates;
@@ -37,7 +41,7 @@ pub fn shrink(draft: &Draft, budget: u64, mut fails: impl FnMut(&Draft) -> bool)
 
 /// Returns all slightly smaller or simpler drafts, the most effective reductions first. Repeated reduction
 /// terminates.
-fn candidates(draft: &Draft) -> Vec<Draft> {
+fn candidates(draft: &GeneratedScenario) -> Vec<GeneratedScenario> {
     let mut found = Vec::new();
     for part in parts(draft.faults.len()) {
         let mut without = draft.clone();
@@ -53,8 +57,12 @@ fn candidates(draft: &Draft) -> Vec<Draft> {
 }
 
 /// Returns the draft with another swarm that lacks these modules.
-fn with(draft: &Draft, swarm: Box<dyn SwarmDraft>, gone: std::ops::Range<usize>) -> Draft {
-    let mut draft = Draft { swarm, ..draft.clone() };
+fn with(
+    draft: &GeneratedScenario,
+    swarm: Box<dyn GeneratedSwarm>,
+    gone: std::ops::Range<usize>,
+) -> GeneratedScenario {
+    let mut draft = GeneratedScenario { swarm, ..draft.clone() };
     for id in gone.rev() {
         draft.faults.retain_mut(|fault| match fault.what.without(id as u32) {
             Some(what) => {
@@ -68,7 +76,7 @@ fn with(draft: &Draft, swarm: Box<dyn SwarmDraft>, gone: std::ops::Range<usize>)
 }
 
 /// Returns the draft with another swarm in which another module takes over the faults of the one removed.
-fn with_another(draft: &Draft, swarm: Box<dyn SwarmDraft>, gone: usize) -> Draft {
+fn with_another(draft: &GeneratedScenario, swarm: Box<dyn GeneratedSwarm>, gone: usize) -> GeneratedScenario {
     let other = if gone == 0 { 1 } else { gone - 1 };
     let mut draft = draft.clone();
     for fault in &mut draft.faults {
@@ -77,24 +85,26 @@ fn with_another(draft: &Draft, swarm: Box<dyn SwarmDraft>, gone: usize) -> Draft
     with(&draft, swarm, gone..gone + 1)
 }
 
-fn simpler_link(draft: &Draft, found: &mut Vec<Draft>) {
+fn simpler_link(draft: &GeneratedScenario, found: &mut Vec<GeneratedScenario>) {
     let link = draft.link;
     let simpler = [
-        LinkDraft { delay: link.delay, ..LinkDraft::default() },
-        LinkDraft { loss: 0, ..link },
-        LinkDraft { duplicate: 0, ..link },
-        LinkDraft { reorder: 0, ..link },
-        LinkDraft { corrupt: 0, ..link },
-        LinkDraft { until: link.until.filter(|_| link.harms()), ..link },
-        LinkDraft { delay: (link.delay.1, link.delay.1), ..link },
+        GeneratedLink { delay: link.delay, ..GeneratedLink::default() },
+        GeneratedLink { loss: 0, ..link },
+        GeneratedLink { duplicate: 0, ..link },
+        GeneratedLink { reorder: 0, ..link },
+        GeneratedLink { corrupt: 0, ..link },
+        GeneratedLink { until: link.until.filter(|_| link.harms()), ..link },
+        GeneratedLink { delay: (link.delay.1, link.delay.1), ..link },
     ];
-    found.extend(simpler.into_iter().filter(|l| *l != link).map(|link| Draft { link, ..draft.clone() }));
+    found.extend(
+        simpler.into_iter().filter(|l| *l != link).map(|link| GeneratedScenario { link, ..draft.clone() }),
+    );
     if draft.failed_connections > 0 {
-        found.push(Draft { failed_connections: 0, ..draft.clone() });
+        found.push(GeneratedScenario { failed_connections: 0, ..draft.clone() });
     }
 }
 
-fn simpler_faults(draft: &Draft, found: &mut Vec<Draft>) {
+fn simpler_faults(draft: &GeneratedScenario, found: &mut Vec<GeneratedScenario>) {
     let whole = |millis: u64| millis / 1000 * 1000;
     for (i, fault) in draft.faults.iter().enumerate() {
         let lasts = fault.until.map(|until| until - fault.at);
@@ -132,17 +142,20 @@ mod tests {
     /// Whatever failure is kept, nothing unnecessary remains; and the rest can be run.
     #[test]
     fn leaves_out_what_does_not_matter() {
-        let kills = |d: &Draft| d.faults.iter().filter(|f| matches!(f.what, Break::Kill(_))).count();
+        let kills =
+            |d: &GeneratedScenario| d.faults.iter().filter(|f| matches!(f.what, Break::Kill(_))).count();
         let mut shrunk = 0;
         for seed in 0..200 {
             let (draft, _) = draw(seed, Some(all()[0]));
             if kills(&draft) == 0 || draft.modules() < 4 {
                 continue;
             }
-            let fails = |d: &Draft| kills(d) >= 1 && d.modules() >= 3 && d.plan("small.toml", None).is_ok();
+            let fails = |d: &GeneratedScenario| {
+                kills(d) >= 1 && d.modules() >= 3 && d.plan("small.toml", None).is_ok()
+            };
             let (small, asked) = shrink(&draft, 20_000, fails);
             assert_eq!((small.faults.len(), small.modules(), small.faults[0].at), (1, 3, 0), "{small}");
-            assert_eq!(small.link, LinkDraft { delay: small.link.delay, ..LinkDraft::default() });
+            assert_eq!(small.link, GeneratedLink { delay: small.link.delay, ..GeneratedLink::default() });
             assert!(asked < 20_000 && small.goal_cells() == 1, "{small}");
             shrunk += 1;
         }

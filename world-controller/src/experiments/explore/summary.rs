@@ -6,9 +6,9 @@ use crate::console::format::{count, many};
 use crate::console::terminal::Paint;
 use crate::family::{Family, all};
 use crate::scenario::quote;
-use metamorph_protocol::coverage::Mark;
+use metamorph_protocol::coverage::CoveragePoint;
 use metamorph_sim_bridge::director::outcome::Outcome;
-use metamorph_sim_bridge::director::proof::Within;
+use metamorph_sim_bridge::director::proof::RuleSet;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -34,7 +34,7 @@ pub struct Failures {
 #[derive(Clone, Debug, Serialize)]
 pub struct Rule {
     /// The name of the rule.
-    pub rule: Within,
+    pub rule: RuleSet,
     /// Its description.
     pub text: &'static str,
     /// Number of runs.
@@ -61,10 +61,10 @@ pub struct Tallies {
     moves: u64,
     messages: u64,
     outcomes: BTreeMap<&'static str, u64>,
-    infeasible: BTreeMap<Within, u64>,
+    infeasible: BTreeMap<RuleSet, u64>,
     undecided: BTreeMap<String, Undecided>,
     failures: BTreeMap<(Kind, String), Failures>,
-    marks: BTreeMap<Mark, u64>,
+    marks: BTreeMap<CoveragePoint, u64>,
 }
 
 impl Tallies {
@@ -75,7 +75,7 @@ impl Tallies {
         self.moves += ran.moves;
         self.messages += ran.messages;
         *self.outcomes.entry(ran.outcome.map_or("panic", |o| o.name())).or_default() += 1;
-        for mark in Mark::ALL.iter().filter(|m| ran.marks.has(**m)) {
+        for mark in CoveragePoint::ALL.iter().filter(|m| ran.marks.has(**m)) {
             *self.marks.entry(*mark).or_default() += 1;
         }
         match &ran.verdict {
@@ -194,15 +194,15 @@ impl Summary {
             undecided.seeds = seeds(seed, &undecided.seeds);
         }
         let failed = tallies.failed();
-        let impossible = tallies.infeasible.remove(&Within::Anything).unwrap_or(0);
+        let impossible = tallies.infeasible.remove(&RuleSet::Anything).unwrap_or(0);
         let undecided: u64 = tallies.undecided.values().map(|u| u.runs).sum();
         let rules = tallies.infeasible.iter();
         let rules = rules.map(|(rule, runs)| Rule { rule: *rule, text: kept(*rule), runs: *runs }).collect();
         // Coverage points of families that were not explored cannot be reached.
         let others = all().iter().filter(|other| family.is_some_and(|family| family.name() != other.name()));
         let others: Vec<String> = others.map(|other| format!("{}:", other.name())).collect();
-        let explored = |m: &Mark| !others.iter().any(|other| m.name().starts_with(other.as_str()));
-        let never = Mark::ALL.iter().filter(|m| explored(m) && !tallies.marks.contains_key(m));
+        let explored = |m: &CoveragePoint| !others.iter().any(|other| m.name().starts_with(other.as_str()));
+        let never = CoveragePoint::ALL.iter().filter(|m| explored(m) && !tallies.marks.contains_key(m));
         Summary {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -227,12 +227,12 @@ impl Summary {
 }
 
 /// Describes the rule of the protocol within which no plan exists.
-const fn kept(rule: Within) -> &'static str {
+const fn kept(rule: RuleSet) -> &'static str {
     match rule {
-        Within::Held => "a module does not release what may hang on it, because that could fall off",
-        Within::Called => "only modules that can learn of the goal, over live modules, move towards it",
-        Within::Grown => "what is built is not taken down again",
-        Within::Anything => "nothing is ruled out",
+        RuleSet::Held => "a module does not release what may hang on it, because that could fall off",
+        RuleSet::Called => "only modules that can learn of the goal, over live modules, move towards it",
+        RuleSet::Grown => "what is built is not taken down again",
+        RuleSet::Anything => "nothing is ruled out",
     }
 }
 
@@ -331,10 +331,10 @@ fn spaced<'a>(seeds: impl IntoIterator<Item = &'a u64>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_protocol::coverage::Marks;
+    use metamorph_protocol::coverage::CoveragePoints;
 
     fn ran(outcome: Outcome, verdict: Verdict) -> Ran {
-        let (protocol, marks) = ("cube, forest".to_owned(), Marks::default());
+        let (protocol, marks) = ("cube, forest".to_owned(), CoveragePoints::default());
         Ran {
             protocol,
             reason: None,
@@ -355,10 +355,10 @@ mod tests {
         let verdicts = [
             (Outcome::Built, Verdict::Built),
             (Outcome::Built, Verdict::Built),
-            (Outcome::Deadlock, Verdict::Infeasible(Within::Held)),
-            (Outcome::Deadlock, Verdict::Infeasible(Within::Called)),
-            (Outcome::Deadlock, Verdict::Infeasible(Within::Called)),
-            (Outcome::Deadlock, Verdict::Infeasible(Within::Anything)),
+            (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Held)),
+            (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Called)),
+            (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Called)),
+            (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Anything)),
             (Outcome::Deadlock, Verdict::Excused("no-lock".into())),
             (Outcome::Deadlock, stuck(Kind::Undecided("blocked".into()))),
             (Outcome::Deadlock, stuck(Kind::Stuck("blocked".into()))),

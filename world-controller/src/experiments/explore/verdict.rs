@@ -3,7 +3,7 @@
 use crate::report::run_result::RunResult;
 use crate::report::schema::Report;
 use metamorph_sim_bridge::director::outcome::Outcome;
-use metamorph_sim_bridge::director::proof::{Found, Within};
+use metamorph_sim_bridge::director::proof::{Found, RuleSet};
 use metamorph_sim_bridge::director::reason::{Excuse, Proves};
 use serde::Serialize;
 use std::fmt;
@@ -14,7 +14,7 @@ pub enum Verdict {
     /// The goal was built.
     Built,
     /// The goal was not built, and an exhaustive search proved that no more of it could be.
-    Infeasible(Within),
+    Infeasible(RuleSet),
     /// The goal was not built for a reason that is no fault of the protocol; no search proved it.
     Excused(String),
     /// The run failed.
@@ -64,7 +64,7 @@ pub struct Failure {
 
 /// Judges a run by its report, and by a search for what could still be built.
 pub fn judge(report: &Report, ran: &RunResult) -> Verdict {
-    let (reason, question) = (ran.stall.as_ref().map(|stall| stall.reason), ran.plight.as_deref());
+    let (reason, question) = (ran.stall.as_ref().map(|stall| stall.reason), ran.snapshot.as_deref());
     if let Some(first) = report.invariants.violated.first() {
         let kind = Kind::Unsafe(first.invariant.clone());
         return Verdict::Failed(Failure { kind, what: format!("at {} s: {}", first.at_s, first.what) });

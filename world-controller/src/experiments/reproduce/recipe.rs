@@ -9,10 +9,10 @@ use super::{Goal, Sweeper, assumptions};
 use crate::console::format::percent;
 use crate::experiments::sweep::SweepError;
 use crate::experiments::sweep::grid::{Axis, Grid, Seeds};
-use crate::family::metamodule::draft::face_name;
+use crate::family::metamodule::generated::face_name;
 use crate::report::statistics::fisher;
 use metamorph_protocol::metamodule::blueprint::{Seed, chair_of_six};
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_sim_bridge::director::outcome::Outcome;
 
 /// Random orders of each kind.
@@ -32,7 +32,7 @@ fn value(seeds: &[Seed]) -> String {
     format!("[{}]", seeds.iter().map(one).collect::<Vec<_>>().join(","))
 }
 
-fn shuffle(seeds: &mut [Seed], stream: &mut Stream) {
+fn shuffle(seeds: &mut [Seed], stream: &mut Rng) {
     for i in (1..seeds.len()).rev() {
         seeds.swap(i, stream.below(i as u64 + 1) as usize);
     }
@@ -42,7 +42,7 @@ fn shuffle(seeds: &mut [Seed], stream: &mut Stream) {
 fn orders(within_levels: bool) -> Vec<String> {
     let mut orders = vec![recipe()];
     for i in 0..ORDERS * 4 {
-        let mut stream = Stream::named(0, "recipe", i);
+        let mut stream = Rng::named(0, "recipe", i);
         let mut levels = chair_of_six(CORNER.0, CORNER.1);
         if within_levels {
             levels.iter_mut().for_each(|level| shuffle(level, &mut stream));

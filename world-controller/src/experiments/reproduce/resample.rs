@@ -9,7 +9,7 @@ use crate::experiments::sweep::summary::Combination;
 use crate::report::statistics::Spread;
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::Strategy;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::Kind;
 use metamorph_sim_bridge::director::outcome::Outcome;
 
@@ -82,10 +82,10 @@ pub fn draw(runs: &Runs) -> Vec<Vec<Run>> {
     if sources.iter().any(|s| s.orders.is_empty()) {
         return Vec::new();
     }
-    (0..DRAWS).map(|i| experiment(&sources, &mut Stream::named(0, "experiment", i))).collect()
+    (0..DRAWS).map(|i| experiment(&sources, &mut Rng::named(0, "experiment", i))).collect()
 }
 
-fn experiment(sources: &[Source<'_>], stream: &mut Stream) -> Vec<Run> {
+fn experiment(sources: &[Source<'_>], stream: &mut Rng) -> Vec<Run> {
     let mut runs = Vec::new();
     for Source { goal, kind, strategy, orders } in sources {
         for _ in 0..goal.table().cells(*kind, *strategy).len() {
@@ -101,7 +101,7 @@ fn experiment(sources: &[Source<'_>], stream: &mut Stream) -> Vec<Run> {
 }
 
 /// Draws a value with this spread, by linear interpolation between the known quantiles.
-fn value(spread: &Spread, stream: &mut Stream) -> f64 {
+fn value(spread: &Spread, stream: &mut Rng) -> f64 {
     const STEPS: u64 = 1_000;
     let at = stream.below(STEPS) as f64 / STEPS as f64;
     let s = spread;

@@ -22,8 +22,8 @@ use crate::console::output::{Output, OutputError, Outputs};
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{Channel, Live};
 use crate::family::read_text;
-use crate::scenario::flaw::Flaw;
-use crate::scenario::problems::Problems;
+use crate::scenario::diagnostics::Diagnostics;
+use crate::scenario::error::ScenarioError;
 use crate::scenario::{LinkKind, Overrides, Plan, load, quote};
 use grid::{Axis, Grid, GridError, Seeds};
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -54,12 +54,12 @@ pub enum SweepError {
     Grid(#[from] GridError),
     /// An invalid scenario.
     #[error(transparent)]
-    Scenario(Problems),
+    Scenario(Diagnostics),
     /// A scenario that is invalid with the values of a combination.
-    #[error("{problems}\n\nin the combination {values}")]
+    #[error("{diagnostics}\n\nin the combination {values}")]
     Combination {
         /// The problems.
-        problems: Problems,
+        diagnostics: Diagnostics,
         /// The values.
         values: Box<str>,
     },
@@ -78,7 +78,7 @@ pub enum SweepError {
         /// The command for this run alone.
         repeat: String,
         /// The cause.
-        error: Box<Flaw>,
+        error: Box<ScenarioError>,
     },
     /// A panic in a run.
     #[error("a run made the program panic, which is a defect of the program. It alone: {0}")]
@@ -111,7 +111,7 @@ pub struct Scenario {
 
 impl Scenario {
     /// Returns the plan of a combination, for any seed.
-    pub fn plan(&self, grid: &Grid, combination: u64) -> Result<Plan, Problems> {
+    pub fn plan(&self, grid: &Grid, combination: u64) -> Result<Plan, Diagnostics> {
         let settings = grid.settings(combination);
         let overrides = Overrides { link: LinkKind::Sim, settings, ..Overrides::default() };
         read_text(&self.origin, &self.text, &overrides)
@@ -120,11 +120,12 @@ impl Scenario {
     /// Reads the scenario with every combination.
     fn check(&self, grid: &Grid) -> Result<(), SweepError> {
         for combination in 0..grid.combinations() {
-            self.plan(grid, combination).map_err(|problems| match grid.values(combination).len() {
-                0 => SweepError::Scenario(problems),
-                _ => {
-                    SweepError::Combination { problems, values: options(grid, combination, "--vary").into() }
-                }
+            self.plan(grid, combination).map_err(|diagnostics| match grid.values(combination).len() {
+                0 => SweepError::Scenario(diagnostics),
+                _ => SweepError::Combination {
+                    diagnostics,
+                    values: options(grid, combination, "--vary").into(),
+                },
             })?;
         }
         Ok(())

@@ -11,7 +11,7 @@ use crate::console::interrupt::Interrupt;
 use crate::console::stopwatch::Stopwatch;
 use crate::family::simulate;
 use crate::scenario::Plan;
-use crate::scenario::flaw::Flaw;
+use crate::scenario::error::ScenarioError;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
@@ -50,7 +50,7 @@ pub enum News {
     /// This run panicked: a defect of the program.
     Defect(u64),
     /// The start places of this run cannot be drawn.
-    NoStart(u64, Flaw),
+    NoStart(u64, ScenarioError),
     /// No news within the interval.
     Nothing,
 }
@@ -99,7 +99,7 @@ fn labour(work: Work<'_>, next: &AtomicU64, sender: &SyncSender<News>) {
         };
         let simulate = || {
             let plan = plan.with_seed(seed)?;
-            Ok::<Row, Flaw>(Row::of(&simulate(&plan, since, &mut |_, _| !work.interrupt.is_set()).0))
+            Ok::<Row, ScenarioError>(Row::of(&simulate(&plan, since, &mut |_, _| !work.interrupt.is_set()).0))
         };
         let news = match catch_unwind(AssertUnwindSafe(simulate)) {
             Ok(Ok(row)) => News::Row(run, Box::new(row)),

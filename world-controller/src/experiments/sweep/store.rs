@@ -9,7 +9,7 @@ use super::grid::Grid;
 use super::row::{self, Row, RowError};
 use crate::console::escape::{Shown, json};
 use crate::console::output::{OutputError, Outputs};
-use crate::scenario::flaw::MAX_BYTES;
+use crate::scenario::error::MAX_BYTES;
 use metamorph_module_agent::regular_file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -20,7 +20,8 @@ pub fn bounds(params: &Params, sides: u64, passage: Passage) -> Bounds {
     let lost = params.heartbeat * passage.repeats(walk, copies)
         + attempt * passage.more_tries(legs, copies).div_ceil(tries);
     // 2.4 moves per cell, and at least the time until cells may be started out of turn.
-    let usual = (params.move_time * (walk * 12 / 5)).max(params.relax + params.relax / 5);
+    let usual =
+        (params.move_time * (walk * 12 / 5)).max(params.out_of_turn_after + params.out_of_turn_after / 5);
     Bounds { stall: usual + late + lost, legs, copies }
 }
 
@@ -28,7 +29,7 @@ pub fn bounds(params: &Params, sides: u64, passage: Passage) -> Bounds {
 mod tests {
     use super::*;
     use crate::scenario::bounds::ONE;
-    use crate::scenario::flaw::{LONGEST, SHORTEST};
+    use crate::scenario::error::{LONGEST, SHORTEST};
     use metamorph_protocol::link::LinkModel;
     use metamorph_protocol::ratio::Ratio;
     use metamorph_protocol::time::{Span, Time};
@@ -75,11 +76,11 @@ mod tests {
     /// With any valid delay, every protocol waits longer than its messages take.
     #[test]
     fn timers_outlast_every_delay() {
-        for beat in [SHORTEST, MOVE, LONGEST] {
+        for time_step in [SHORTEST, MOVE, LONGEST] {
             for delay in [Span::ZERO, SHORTEST, MOVE, LONGEST] {
-                let cube = Params::scaled(beat, delay, 60);
+                let cube = Params::scaled(time_step, delay, 60);
                 // A request and its answer over the longest route, and the move.
-                assert!(cube.start_within() > delay * 8 && cube.lease > delay * 8 + beat);
+                assert!(cube.start_within() > delay * 8 && cube.lease > delay * 8 + time_step);
                 assert!(cube.suspect > cube.heartbeat + delay && cube.hold > cube.heartbeat + delay);
                 let cycles = cube.keeping(Connectivity::Cycles);
                 assert!(cycles.start_within() > delay * 44);

@@ -1,15 +1,15 @@
 //! Generates random swarms of cubes and their goals.
 
-use super::draft::{CubeDraft, CubeGoal};
-use crate::family::draft::Dice;
+use super::generated::{CubeGoal, GeneratedCubes};
+use crate::family::generated::Dice;
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::{Cell, Face};
 use std::collections::BTreeSet;
 
 /// Returns two modules with a minimal goal.
-pub fn smallest() -> CubeDraft {
-    CubeDraft {
+pub fn smallest() -> GeneratedCubes {
+    GeneratedCubes {
         start: vec![Cell::new(0, 0, 0), Cell::new(1, 0, 0)],
         goals: vec![CubeGoal {
             cells: vec![Cell::new(0, 0, 0), Cell::new(0, 0, 1)],
@@ -34,7 +34,7 @@ pub fn patience(fails: bool, delay: u64) -> Option<(u64, u64)> {
 
 impl Dice {
     /// Draws a block thick enough to have an inside, which must be filled before it is closed.
-    fn thick(&mut self) -> CubeDraft {
+    fn thick(&mut self) -> GeneratedCubes {
         let (modules, sides) = (self.within(29, 36) as usize, self.pick(&[[3, 3, 3], [4, 3, 3], [3, 5, 3]]));
         let start = self.blob(Cell::new(0, 0, 0), modules, true);
         let seed = start[self.0.below(modules as u64) as usize];
@@ -45,11 +45,11 @@ impl Dice {
             cells.extend((0..sides[2] as i16).map(cell));
         }
         let goals = vec![CubeGoal { cells, seed, growth: Growth::Solid }];
-        CubeDraft { start, goals, connectivity: Connectivity::Forest, co_owners: true }
+        GeneratedCubes { start, goals, connectivity: Connectivity::Forest, co_owners: true }
     }
 
     /// Draws a swarm of cubes and its goals.
-    pub fn cubes(&mut self) -> CubeDraft {
+    pub fn cubes(&mut self) -> GeneratedCubes {
         if self.once_in(100) {
             return self.thick();
         }
@@ -71,7 +71,7 @@ impl Dice {
             let seed = filled[self.0.below(filled.len() as u64) as usize];
             goals.push(self.cube_goal(seed, modules));
         }
-        CubeDraft {
+        GeneratedCubes {
             start,
             goals,
             connectivity: self.pick(&[Connectivity::Forest, Connectivity::Forest, Connectivity::Cycles]),

@@ -2,8 +2,8 @@
 
 use crate::report::prospect::{Possible, Prospect};
 use crate::report::run_result::Question;
-use metamorph_sim_bridge::cube::reachability::{Plight, search, widest_proof};
-use metamorph_sim_bridge::director::proof::{Found, Within};
+use metamorph_sim_bridge::cube::reachability::{StandstillSnapshot, search, widest_proof};
+use metamorph_sim_bridge::director::proof::{Found, RuleSet};
 
 /// Search budget: arrangements of cubes examined, times the number of modules, because larger arrangements
 /// take longer.
@@ -14,29 +14,29 @@ const ARRANGEMENTS: (usize, usize) = (20_000, 200);
 /// Arrangements that exploration examines at most before a standstill stays undecided.
 const EXPLORED: usize = 20_000;
 
-impl Question for Plight {
+impl Question for StandstillSnapshot {
     fn prospect(&self) -> Prospect {
         let bound = (EFFORT / self.modules.len().max(1)).min(ARRANGEMENTS.0);
         if bound < ARRANGEMENTS.1 {
             return Prospect::UNDECIDED;
         }
-        let held = search(self, Within::Held, bound);
+        let held = search(self, RuleSet::Held, bound);
         let found = match held {
             // A plan within the protocol's own rules is a plan within all wider rules.
             Found::Way(_) => held,
-            _ => search(self, Within::Called, bound),
+            _ => search(self, RuleSet::Called, bound),
         };
-        let proved = matches!(held, Found::Impossible(_)).then_some(Within::Held);
+        let proved = matches!(held, Found::Impossible(_)).then_some(RuleSet::Held);
         match found {
             Found::Way(moves) => Prospect { possible: Possible::Yes(moves), within: proved },
             Found::Undecided => Prospect { possible: Possible::Undecided, within: proved },
             Found::Impossible(_) => {
-                let widest = widest_proof(self, bound).unwrap_or(Within::Called);
-                Prospect { possible: Possible::No, within: Some(widest.max(Within::Called)) }
+                let widest = widest_proof(self, bound).unwrap_or(RuleSet::Called);
+                Prospect { possible: Possible::No, within: Some(widest.max(RuleSet::Called)) }
             }
         }
     }
-    fn judge(&self, _: bool) -> Result<Within, Found> {
+    fn judge(&self, _: bool) -> Result<RuleSet, Found> {
         widest_proof(self, EXPLORED)
     }
     fn blames_whole_modules(&self) -> bool {
@@ -49,7 +49,7 @@ mod tests {
     use super::*;
     use metamorph_protocol::lattice::Cell;
     use metamorph_protocol::time::Time;
-    use metamorph_sim_bridge::cube::reachability::{Plight, Standing};
+    use metamorph_sim_bridge::cube::reachability::{ModuleSnapshot, StandstillSnapshot};
     use metamorph_sim_bridge::cube::reasons::PINNED;
     use metamorph_sim_bridge::director::outcome::Stall;
     use metamorph_sim_bridge::director::reason::NO_WAY;
@@ -69,8 +69,8 @@ mod tests {
     }
 
     /// A built row of two, and a third module on top of it that has to come down at its end.
-    fn plight(pinned: bool, stuck: bool) -> Plight {
-        let module = |x, z, finalized: bool| Standing {
+    fn snapshot(pinned: bool, stuck: bool) -> StandstillSnapshot {
+        let module = |x, z, finalized: bool| ModuleSnapshot {
             cell: Cell::new(x, 0, z),
             alive: true,
             stuck: stuck && !finalized,
@@ -78,7 +78,7 @@ mod tests {
             finalized,
             pinned: pinned && !finalized,
         };
-        Plight {
+        StandstillSnapshot {
             modules: vec![module(0, 0, true), module(1, 0, true), module(1, 1, false)],
             goal: (0..3).map(|x| Cell::new(x, 0, 0)).collect(),
             filled: 2,
@@ -88,18 +88,18 @@ mod tests {
 
     #[test]
     fn a_module_that_holds_on_could_go_if_it_let_go() {
-        let found = Prospect::of(&stall(PINNED), Some(&plight(true, false)));
+        let found = Prospect::of(&stall(PINNED), Some(&snapshot(true, false)));
         assert!(matches!(found.possible, Possible::Yes(1..)), "{found:?}");
-        assert_eq!(found.within, Some(Within::Held));
-        assert!(found.text().contains(Within::Held.text()), "{}", found.text());
+        assert_eq!(found.within, Some(RuleSet::Held));
+        assert!(found.text().contains(RuleSet::Held.text()), "{}", found.text());
     }
 
     #[test]
     fn what_is_possible_is_not_called_impossible_whatever_the_reason() {
-        let found = Prospect::of(&stall(NO_WAY), Some(&plight(false, false)));
+        let found = Prospect::of(&stall(NO_WAY), Some(&snapshot(false, false)));
         assert!(matches!(found, Prospect { possible: Possible::Yes(_), within: None }), "{found:?}");
-        let found = Prospect::of(&stall(NO_WAY), Some(&plight(false, true)));
-        assert_eq!(found, Prospect { possible: Possible::No, within: Some(Within::Anything) });
+        let found = Prospect::of(&stall(NO_WAY), Some(&snapshot(false, true)));
+        assert_eq!(found, Prospect { possible: Possible::No, within: Some(RuleSet::Anything) });
         assert_eq!(Prospect::of(&stall(NO_WAY), None), Prospect::UNDECIDED);
     }
 }

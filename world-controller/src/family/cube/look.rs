@@ -1,8 +1,8 @@
 //! How cubes look, and what they say.
 
-use crate::report::message_timeline::{FAR, Said};
+use crate::report::message_timeline::{FAR, MessageLabel};
 use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone};
-use crate::view::visible::{Colour, Fate, Role, Stage, Standing, Targets, Visible, Words};
+use crate::view::visible::{ActionOutcome, Colour, ModuleView, Role, Stage, Targets, Visible, Words};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept};
 use metamorph_protocol::cube::control::{Order, Status};
@@ -66,34 +66,34 @@ impl Visible for Cube {
         format!("[{}, {}, {}]", cell.x, cell.y, cell.z)
     }
 
-    fn fate(percept: &Percept) -> Fate {
+    fn fate(percept: &Percept) -> ActionOutcome {
         match percept {
-            Percept::Arrived(_) => Fate::Done,
-            Percept::Failed => Fate::Failed,
-            Percept::Refused(_) => Fate::Refused,
+            Percept::Arrived(_) => ActionOutcome::Done,
+            Percept::Failed => ActionOutcome::Failed,
+            Percept::Refused(_) => ActionOutcome::Refused,
         }
     }
 
-    fn standing(s: &Status) -> Standing {
+    fn standing(s: &Status) -> ModuleView {
         let flags = [s.attached, s.immobile, s.pinned, s.attracted];
         let flags = flags.into_iter().rev().fold(0, |bits, flag| bits << 1 | u8::from(flag));
-        Standing { role: s.role as u8, flags, place: s.epoch.into(), waits_for: s.waits_for }
+        ModuleView { role: s.role as u8, flags, place: s.epoch.into(), waits_for: s.waits_for }
     }
 
-    fn said(message: &Message) -> Said {
+    fn said(message: &Message) -> MessageLabel {
         match message {
             Message::Beacon(b) => {
                 let known = b.field.iter().filter(|e| e.is_known()).map(|e| e.moves()).min();
-                Said { distance: Some(known.unwrap_or(FAR)), ..Said::of("beacon") }
+                MessageLabel { distance: Some(known.unwrap_or(FAR)), ..MessageLabel::of("beacon") }
             }
-            Message::Request { id, ask: Ask::Lock, .. } => Said::about("stay, for", id.origin),
+            Message::Request { id, ask: Ask::Lock, .. } => MessageLabel::about("stay, for", id.origin),
             Message::Request { id, ask: Ask::Reserve(_), .. } => {
-                Said::about("keep a cell free, for", id.origin)
+                MessageLabel::about("keep a cell free, for", id.origin)
             }
-            Message::Response { id, denial: None, .. } => Said::about("granted, to", id.origin),
-            Message::Response { denial: Some(why), blocker, .. } => Said {
+            Message::Response { id, denial: None, .. } => MessageLabel::about("granted, to", id.origin),
+            Message::Response { denial: Some(why), blocker, .. } => MessageLabel {
                 whom: *blocker,
-                ..Said::of(match (why, blocker) {
+                ..MessageLabel::of(match (why, blocker) {
                     (Denial::Occupied, None) => "turned down: occupied",
                     (Denial::Occupied, Some(_)) => "turned down: occupied by",
                     (Denial::Reserved, None) => "turned down: reserved",
@@ -106,9 +106,9 @@ impl Visible for Cube {
                     (Denial::Quarantined, _) => "turned down: just restarted",
                 })
             },
-            Message::Release { origin, .. } => Said::about("released, by", *origin),
-            Message::Search { id, .. } => Said::about("looking for a way around", id.origin),
-            Message::Found { id, .. } => Said::about("found a way around", id.origin),
+            Message::Release { origin, .. } => MessageLabel::about("released, by", *origin),
+            Message::Search { id, .. } => MessageLabel::about("looking for a way around", id.origin),
+            Message::Found { id, .. } => MessageLabel::about("found a way around", id.origin),
         }
     }
 

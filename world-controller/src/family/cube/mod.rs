@@ -2,8 +2,8 @@
 
 mod bounds;
 mod describe;
-pub mod draft;
 mod generate;
+pub mod generated;
 mod judge;
 mod look;
 mod run;
@@ -11,15 +11,15 @@ mod scenario;
 mod schema;
 mod words;
 
-use crate::family::draft::{Dice, SwarmDraft};
+use crate::family::generated::{Dice, GeneratedSwarm};
 use crate::family::{ExploredFamily, FamilyParts};
 use crate::scenario::Plan;
+use crate::scenario::diagnostics::Diagnostics;
+use crate::scenario::error::ScenarioError;
 use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words};
-use crate::scenario::flaw::Flaw;
-use crate::scenario::problems::Problems;
 use crate::scenario::table::Section;
 use metamorph_protocol::cube::params::{Connectivity, Setup};
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::lattice::Cell;
 use scenario::RawCubes;
 use std::fmt;
@@ -39,9 +39,9 @@ impl ScenarioFamily for CubeFamily {
         &self,
         swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,
-        problems: &mut Problems,
+        diagnostics: &mut Diagnostics,
     ) -> Box<dyn RawSwarm> {
-        Box::new(RawCubes::read(swarm, others, problems))
+        Box::new(RawCubes::read(swarm, others, diagnostics))
     }
     fn schema(&self) -> FamilySchema {
         schema::schema()
@@ -52,10 +52,10 @@ impl ScenarioFamily for CubeFamily {
 }
 
 impl ExploredFamily for CubeFamily {
-    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
+    fn generate(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm> {
         Box::new(dice.cubes())
     }
-    fn smallest(&self) -> Box<dyn SwarmDraft> {
+    fn smallest(&self) -> Box<dyn GeneratedSwarm> {
         Box::new(generate::smallest())
     }
     fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)> {
@@ -93,15 +93,15 @@ impl SwarmPlan for Cubes {
     fn protocol(&self) -> String {
         name_of(self.setup.params.connectivity).to_owned()
     }
-    fn with_seed(&self, _: u64) -> Result<Option<Swarm>, Flaw> {
+    fn with_seed(&self, _: u64) -> Result<Option<Swarm>, ScenarioError> {
         Ok(None)
     }
-    fn defect(&self) -> Option<Sabotage> {
-        self.setup.params.sabotage
+    fn defect(&self) -> Option<Defect> {
+        self.setup.params.defect
     }
-    fn with_defect(&self, defect: Option<Sabotage>) -> Swarm {
+    fn with_defect(&self, defect: Option<Defect>) -> Swarm {
         let mut swarm = self.clone();
-        Arc::make_mut(&mut swarm.setup).params.sabotage = defect;
+        Arc::make_mut(&mut swarm.setup).params.defect = defect;
         Swarm::new(swarm)
     }
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result {

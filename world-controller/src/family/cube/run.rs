@@ -46,7 +46,7 @@ impl Runnable for Cubes {
             crashed,
             restarted,
             stall: director.stall().cloned(),
-            plight: director.stall().map(|_| Box::new(director.plight(world)) as _),
+            snapshot: director.stall().map(|_| Box::new(director.snapshot(world)) as _),
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),

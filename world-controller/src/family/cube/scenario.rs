@@ -3,9 +3,9 @@
 
 use super::Cubes;
 use super::bounds::bounds;
-use crate::scenario::family::{Draft, DraftContext, Patience, RawSwarm, Sections, Swarm};
-use crate::scenario::flaw::{Flaw, MAX_MODULES, MAX_VOLUME};
-use crate::scenario::problems::{At, Place, Problems};
+use crate::scenario::diagnostics::{At, Diagnostics, Place};
+use crate::scenario::error::{MAX_MODULES, MAX_VOLUME, ScenarioError};
+use crate::scenario::family::{DraftContext, FamilySpec, Patience, RawSwarm, Sections, Swarm};
 use crate::scenario::raw::{goal_sections, protocol_section};
 use crate::scenario::shapes::Layout;
 use crate::scenario::table::Section;
@@ -56,48 +56,55 @@ pub const DEAD: [(&str, bool); 2] = [("hold", true), ("abandon", false)];
 
 impl RawCubes {
     /// Reads the sections of cubes. `swarm` is partly read; it and the others are finished here.
-    pub fn read(mut swarm: Section<'_, '_>, others: &Sections<'_, '_>, problems: &mut Problems) -> RawCubes {
+    pub fn read(
+        mut swarm: Section<'_, '_>,
+        others: &Sections<'_, '_>,
+        diagnostics: &mut Diagnostics,
+    ) -> RawCubes {
         let mut raw = RawCubes {
-            start: swarm.need("start", START, problems),
-            move_time: swarm.get("move_time", problems),
+            start: swarm.need("start", START, diagnostics),
+            move_time: swarm.get("move_time", diagnostics),
             ..RawCubes::default()
         };
-        swarm.finish(problems);
-        for mut section in goal_sections(others.goals, GOAL, problems) {
+        swarm.finish(diagnostics);
+        for mut section in goal_sections(others.goals, GOAL, diagnostics) {
             raw.goals.push(RawGoal {
-                name: section.get("name", problems).map(|n| n.value),
-                shape: section.need("shape", GOAL, problems),
-                seed: section.get("seed", problems),
-                growth: section.choice("growth", "growth", &GROWTH, problems).unwrap_or_default(),
+                name: section.get("name", diagnostics).map(|n| n.value),
+                shape: section.need("shape", GOAL, diagnostics),
+                seed: section.get("seed", diagnostics),
+                growth: section.choice("growth", "growth", &GROWTH, diagnostics).unwrap_or_default(),
             });
-            section.finish(problems);
+            section.finish(diagnostics);
         }
         let example = "connectivity = \"forest\"";
-        if let Some(section) = protocol_section(others.protocol, example, problems) {
-            raw.read_protocol(section, problems);
+        if let Some(section) = protocol_section(others.protocol, example, diagnostics) {
+            raw.read_protocol(section, diagnostics);
         }
         raw
     }
 
-    fn read_protocol(&mut self, mut section: Section<'_, '_>, problems: &mut Problems) {
-        let connectivity = section.choice("connectivity", "connectivity", &CONNECTIVITY, problems);
+    fn read_protocol(&mut self, mut section: Section<'_, '_>, diagnostics: &mut Diagnostics) {
+        let connectivity = section.choice("connectivity", "connectivity", &CONNECTIVITY, diagnostics);
         self.connectivity = connectivity.unwrap_or_default();
         let dead = section.node("dead").map(|node| node.span());
         if let (Some(false), Some(place)) =
-            (section.choice("dead", "policy for dead modules", &DEAD, problems), dead)
+            (section.choice("dead", "policy for dead modules", &DEAD, diagnostics), dead)
         {
             let what = "letting go of dead modules".to_owned();
-            problems.add(place, Flaw::NotYet { what, instead: "write `dead = \"hold\"`, or leave it out" });
+            diagnostics.add(
+                place,
+                ScenarioError::NotYet { what, instead: "write `dead = \"hold\"`, or leave it out" },
+            );
         }
-        self.co_owners = section.get("co_owners", problems).map(|c| c.value);
-        section.finish(problems);
+        self.co_owners = section.get("co_owners", diagnostics).map(|c| c.value);
+        section.finish(diagnostics);
     }
 
-    fn start_cells(&self, layout: &mut Layout, problems: &mut Problems) -> Option<Vec<Cell>> {
+    fn start_cells(&self, layout: &mut Layout, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
         let start = self.start.as_ref()?;
-        let cells = problems.note(&start.place, layout.cells(&start.value))?;
+        let cells = diagnostics.note(&start.place, layout.cells(&start.value))?;
         if cells.len() > MAX_MODULES {
-            problems.add(start.place.clone(), Flaw::TooMany(cells.len()));
+            diagnostics.add(start.place.clone(), ScenarioError::TooMany(cells.len()));
             return None;
         }
         let parts = components(&cells);
@@ -107,7 +114,8 @@ impl RawCubes {
             if parts.len() > 4 {
                 examples.push_str(", …");
             }
-            problems.add(start.place.clone(), Flaw::DisconnectedStart { count: parts.len(), examples });
+            diagnostics
+                .add(start.place.clone(), ScenarioError::DisconnectedStart { count: parts.len(), examples });
         }
         Some(cells)
     }
@@ -117,15 +125,15 @@ impl RawSwarm for RawCubes {
     fn time_step(&self) -> (&Option<At<Span>>, &'static str) {
         (&self.move_time, "move_time")
     }
-    fn draft(&self, context: &DraftContext, problems: &mut Problems) -> Option<Draft> {
+    fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec> {
         let DraftContext { time_step, usual_delay, passage, .. } = *context;
         let mut layout = Layout::default();
-        let cells = self.start_cells(&mut layout, problems);
+        let cells = self.start_cells(&mut layout, diagnostics);
         let shapes: Vec<Option<Vec<Cell>>> =
-            self.goals.iter().map(|goal| goal_cells(goal, &mut layout, problems)).collect();
-        let sides = check_box(cells.iter().flatten().chain(shapes.iter().flatten().flatten()), problems)?;
+            self.goals.iter().map(|goal| goal_cells(goal, &mut layout, diagnostics)).collect();
+        let sides = check_box(cells.iter().flatten().chain(shapes.iter().flatten().flatten()), diagnostics)?;
         let goals = match &cells {
-            Some(cells) => compile_goals(&self.goals, &shapes, cells, problems),
+            Some(cells) => compile_goals(&self.goals, &shapes, cells, diagnostics),
             None => Vec::new(),
         };
         let name =
@@ -135,7 +143,7 @@ impl RawSwarm for RawCubes {
             co_owners: self.co_owners.unwrap_or(CO_OWNERS),
             ..Params::scaled(time_step, usual_delay, range).keeping(self.connectivity)
         };
-        Some(Draft {
+        Some(FamilySpec {
             modules: cells.as_ref().map_or(0, Vec::len),
             goals: self.goals.iter().enumerate().map(name).collect(),
             patience: Patience {
@@ -150,17 +158,17 @@ impl RawSwarm for RawCubes {
     }
 }
 
-fn goal_cells(goal: &RawGoal, layout: &mut Layout, problems: &mut Problems) -> Option<Vec<Cell>> {
+fn goal_cells(goal: &RawGoal, layout: &mut Layout, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
     let shape = goal.shape.as_ref()?;
-    problems.note(&shape.place, layout.cells(&shape.value))
+    diagnostics.note(&shape.place, layout.cells(&shape.value))
 }
 
 /// Returns the sum of the sides of the box around all cells; `None` if the box is too large for memory.
-fn check_box<'c>(cells: impl Iterator<Item = &'c Cell>, problems: &mut Problems) -> Option<u64> {
+fn check_box<'c>(cells: impl Iterator<Item = &'c Cell>, diagnostics: &mut Diagnostics) -> Option<u64> {
     let sides = sides(cells);
     let volume = sides.iter().product();
     if volume > MAX_VOLUME {
-        problems.add(Place::File, Flaw::TooWide(volume));
+        diagnostics.add(Place::File, ScenarioError::TooWide(volume));
         return None;
     }
     Some(sides.iter().sum())
@@ -187,7 +195,7 @@ fn compile_goals(
     raw: &[RawGoal],
     shapes: &[Option<Vec<Cell>>],
     start: &[Cell],
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Vec<Goal> {
     let mut goals: Vec<Goal> = Vec::new();
     let mut volume = 0;
@@ -196,13 +204,13 @@ fn compile_goals(
         // A goal has a table with an entry per cell of its bounding box.
         volume += sides(shape.iter()).iter().product::<u64>();
         if volume > MAX_VOLUME {
-            problems.add(at.place.clone(), Flaw::TooWide(volume));
+            diagnostics.add(at.place.clone(), ScenarioError::TooWide(volume));
             break;
         }
-        let too_few = |goal| Flaw::TooFewModules { goal, modules: start.len() };
+        let too_few = |goal| ScenarioError::TooFewModules { goal, modules: start.len() };
         if goal.growth == Growth::Solid && shape.len() > start.len() {
             // Compiling a goal that is too large takes long.
-            problems.add(at.place.clone(), too_few(shape.len()));
+            diagnostics.add(at.place.clone(), too_few(shape.len()));
             break;
         }
         let before = goals.last();
@@ -214,20 +222,20 @@ fn compile_goals(
         let middle = nearest_to_middle(shape, occupied);
         let seed = match (&goal.seed, middle) {
             (Some(At { value, place }), example) if !occupied(value) => {
-                problems.add(place.clone(), Flaw::SeedEmpty { seed: *value, when, example });
+                diagnostics.add(place.clone(), ScenarioError::SeedEmpty { seed: *value, when, example });
                 break;
             }
             (Some(At { value, .. }), _) => *value,
             (None, Some(cell)) => cell,
             (None, None) => {
-                problems.add(at.place.clone(), Flaw::NoOverlap { when });
+                diagnostics.add(at.place.clone(), ScenarioError::NoOverlap { when });
                 break;
             }
         };
         let place = goal.seed.as_ref().map_or(&at.place, |s| &s.place);
-        let Some(compiled) = problems.note(place, Goal::compile(shape, seed, goal.growth)) else { break };
+        let Some(compiled) = diagnostics.note(place, Goal::compile(shape, seed, goal.growth)) else { break };
         if compiled.len() > start.len() {
-            problems.add(at.place.clone(), too_few(compiled.len()));
+            diagnostics.add(at.place.clone(), too_few(compiled.len()));
             break;
         }
         goals.push(compiled);

@@ -23,7 +23,7 @@ pub fn bounds(params: &Params, passage: Passage) -> Bounds {
 mod tests {
     use super::*;
     use crate::scenario::bounds::ONE;
-    use crate::scenario::flaw::{LONGEST, SHORTEST};
+    use crate::scenario::error::{LONGEST, SHORTEST};
     use metamorph_protocol::link::LinkModel;
     use metamorph_protocol::metamodule::params::Strategy;
     use metamorph_protocol::ratio::Ratio;
@@ -70,12 +70,12 @@ mod tests {
     /// With any valid delay, every protocol waits longer than its messages take.
     #[test]
     fn timers_outlast_every_delay() {
-        for beat in [SHORTEST, MOVE, LONGEST] {
+        for time_step in [SHORTEST, MOVE, LONGEST] {
             for delay in [Span::ZERO, SHORTEST, MOVE, LONGEST] {
-                let metamodule = Params::scaled(Strategy::Negotiated, beat, delay);
+                let metamodule = Params::scaled(Strategy::Negotiated, time_step, delay);
                 assert!(metamodule.resend > delay * 2 && metamodule.patience > delay * 4);
                 // A request, and a move of 30 steps.
-                assert!(metamodule.lease > delay * 2 + beat * 30);
+                assert!(metamodule.lease > delay * 2 + time_step * 30);
             }
         }
     }

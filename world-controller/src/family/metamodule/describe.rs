@@ -4,7 +4,9 @@ use super::Metamodules;
 use crate::console::escape::Shown;
 use crate::console::format::many;
 use crate::scenario::Plan;
-use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy, Teller};
+use metamorph_protocol::metamodule::params::{
+    Params, Precedence, PrecedenceBy, Repulsion, SeedAuthority, Strategy,
+};
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
 
@@ -36,7 +38,7 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt:
     writeln!(
         out,
         "  moves     {} for a step of a joint, {} to connect; {} of connections fail; communication range {} connectors",
-        params.turn_time, params.connect_time, plan.failure, params.hearing
+        params.turn_time, params.connect_time, plan.failure, params.communication_range
     )?;
     let begins = std::iter::once(Time::ZERO).chain(swarm.changes.iter().map(|(at, _)| *at));
     for ((stage, goal), at) in plan.stages.iter().zip(&setup.goals).zip(begins) {
@@ -50,15 +52,15 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt:
             levels.join(" + ")
         )?;
     }
-    let teller = match params.teller {
-        Teller::Controller => "the controller",
-        Teller::Neighbours => "neighbours",
+    let seed_authority = match params.seed_authority {
+        SeedAuthority::Controller => "the controller",
+        SeedAuthority::Neighbours => "neighbours",
     };
     let relocates = if swarm.relocate { "; a goal that cannot be built in place is moved" } else { "" };
     let detects = if params.detector.is_some() { "; the swarm finds deadlocks by itself" } else { "" };
     writeln!(
         out,
-        "  protocol  strategy {}{}; {teller} tells which seeds are open{relocates}{detects}",
+        "  protocol  strategy {}{}; {seed_authority} tells which seeds are open{relocates}{detects}",
         params.strategy.name(),
         field(params),
     )

@@ -1,9 +1,9 @@
 //! The keys of `[protocol]` that vary the force field of the published strategies: `precedence`,
 //! `settled_repel` and `repulsion`. A missing key keeps the strategy's value.
 
-use super::flaw::MetamoduleFlaw;
-use crate::scenario::flaw::Flaw;
-use crate::scenario::problems::{At, Problems};
+use super::error::MetamoduleError;
+use crate::scenario::diagnostics::{At, Diagnostics};
+use crate::scenario::error::ScenarioError;
 use crate::scenario::table::{Node, Read, Section, wrong};
 use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy};
 use toml::de::DeValue;
@@ -41,16 +41,16 @@ impl RawField {
     pub const KEYS: [&'static str; 3] = ["precedence", "settled_repel", "repulsion"];
 
     /// Reads the keys from `[protocol]`.
-    pub fn read(section: &mut Section<'_, '_>, problems: &mut Problems) -> RawField {
+    pub fn read(section: &mut Section<'_, '_>, diagnostics: &mut Diagnostics) -> RawField {
         RawField {
-            precedence: section.get("precedence", problems),
-            settled_repel: section.get("settled_repel", problems),
-            repulsion: section.get("repulsion", problems),
+            precedence: section.get("precedence", diagnostics),
+            settled_repel: section.get("settled_repel", diagnostics),
+            repulsion: section.get("repulsion", diagnostics),
         }
     }
 
     /// Applies the keys to the parameters, and refuses them for a strategy without a force field.
-    pub fn apply(&self, params: &mut Params, problems: &mut Problems) {
+    pub fn apply(&self, params: &mut Params, diagnostics: &mut Diagnostics) {
         let RawField { precedence, settled_repel, repulsion } = self;
         if params.strategy == Strategy::Negotiated {
             let places = [
@@ -60,7 +60,7 @@ impl RawField {
             ];
             for (key, place) in RawField::KEYS.into_iter().zip(places) {
                 if let Some(place) = place {
-                    problems.add(place.clone(), MetamoduleFlaw::NoField(key));
+                    diagnostics.add(place.clone(), MetamoduleError::NoField(key));
                 }
             }
             return;
@@ -68,10 +68,11 @@ impl RawField {
         if let Some(precedence) = precedence {
             params.precedence = match precedence.value {
                 RawPrecedence::Off => None,
-                RawPrecedence::On { within, .. } if within > params.hearing => {
-                    let (low, high) = ("1".to_owned(), params.hearing.to_string());
-                    let flaw = Flaw::Range { what: "within", got: within.to_string(), low, high };
-                    return problems.add(precedence.place.clone(), flaw);
+                RawPrecedence::On { within, .. } if within > params.communication_range => {
+                    let (low, high) = ("1".to_owned(), params.communication_range.to_string());
+                    let scenario_error =
+                        ScenarioError::Range { what: "within", got: within.to_string(), low, high };
+                    return diagnostics.add(precedence.place.clone(), scenario_error);
                 }
                 RawPrecedence::On { within, by } => Some(Precedence { within, by }),
             };
@@ -91,32 +92,33 @@ impl RawField {
 }
 
 impl Read for RawPrecedence {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<RawPrecedence> {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawPrecedence> {
         match node.get_ref() {
             DeValue::String(text) if text == "off" => Some(RawPrecedence::Off),
             DeValue::String(text) => {
                 let got = text.clone().into_owned();
-                problems.add(node.span(), Flaw::Name { what: "precedence", got, known: vec!["off"] });
+                diagnostics
+                    .add(node.span(), ScenarioError::Name { what: "precedence", got, known: vec!["off"] });
                 None
             }
             DeValue::Table(_) => {
-                let mut section = Section::of(node, "precedence", PRECEDENCE, problems)?;
-                let within = number(&mut section, "within", 1..=u64::from(u16::MAX), problems);
+                let mut section = Section::of(node, "precedence", PRECEDENCE, diagnostics)?;
+                let within = number(&mut section, "within", 1..=u64::from(u16::MAX), diagnostics);
                 let names = PrecedenceBy::ALL.map(|by| (by.name(), by));
-                let by = section.choice("by", "precedence", &names, problems);
+                let by = section.choice("by", "precedence", &names, diagnostics);
                 for (key, example, is_there) in [
                     ("within", "within = 4", section.node("within").is_some()),
                     ("by", "by = \"seed-distance\"", section.node("by").is_some()),
                 ] {
                     if !is_there {
-                        section.missing(key, example, problems);
+                        section.missing(key, example, diagnostics);
                     }
                 }
-                section.finish(problems);
+                section.finish(diagnostics);
                 Some(RawPrecedence::On { within: within?, by: by? })
             }
             other => {
-                problems.add(node.span(), wrong("\"off\" or a table", other, PRECEDENCE));
+                diagnostics.add(node.span(), wrong("\"off\" or a table", other, PRECEDENCE));
                 None
             }
         }
@@ -124,13 +126,13 @@ impl Read for RawPrecedence {
 }
 
 impl Read for RawRepulsion {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<RawRepulsion> {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawRepulsion> {
         let example = "repulsion = { strength = 1000, decay = 1000, range = 4 }";
-        let mut section = Section::of(node, "repulsion", example, problems)?;
-        let strength = number(&mut section, "strength", 0..=MAX_THOUSANDTHS, problems);
-        let decay = number(&mut section, "decay", 0..=1000, problems);
-        let range = number(&mut section, "range", 1..=MAX_RANGE, problems);
-        section.finish(problems);
+        let mut section = Section::of(node, "repulsion", example, diagnostics)?;
+        let strength = number(&mut section, "strength", 0..=MAX_THOUSANDTHS, diagnostics);
+        let decay = number(&mut section, "decay", 0..=1000, diagnostics);
+        let range = number(&mut section, "range", 1..=MAX_RANGE, diagnostics);
+        section.finish(diagnostics);
         Some(RawRepulsion { strength, decay, range })
     }
 }
@@ -139,14 +141,14 @@ fn number(
     section: &mut Section<'_, '_>,
     key: &'static str,
     range: std::ops::RangeInclusive<u64>,
-    problems: &mut Problems,
+    diagnostics: &mut Diagnostics,
 ) -> Option<u16> {
-    let At { value, place } = section.get::<u64>(key, problems)?;
+    let At { value, place } = section.get::<u64>(key, diagnostics)?;
     match u16::try_from(value).ok().filter(|_| range.contains(&value)) {
         Some(number) => Some(number),
         None => {
             let (low, high) = (range.start().to_string(), range.end().to_string());
-            problems.add(place, Flaw::Range { what: key, got: value.to_string(), low, high });
+            diagnostics.add(place, ScenarioError::Range { what: key, got: value.to_string(), low, high });
             None
         }
     }

@@ -1,21 +1,21 @@
 //! Generates random swarms of metamodules and their goals.
 
-use super::draft::{MetamoduleDraft, MetamoduleGoal};
-use crate::family::draft::Dice;
+use super::generated::{GeneratedMetamodules, MetamoduleGoal};
+use crate::family::generated::Dice;
 use metamorph_protocol::lattice::Face;
 use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder, box_of_four, chair_of_six};
-use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Strategy, Teller};
+use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, SeedAuthority, Strategy};
 use metamorph_protocol::roombots::Kind;
 
 /// Returns one metamodule with a minimal goal.
-pub fn smallest() -> MetamoduleDraft {
-    MetamoduleDraft {
+pub fn smallest() -> GeneratedMetamodules {
+    GeneratedMetamodules {
         kind: Kind::Srs,
         side: 9,
         start: Err(1),
         goals: vec![(0, MetamoduleGoal { levels: vec![vec![upright(4, 4)]], order: SeedOrder::Circular })],
         strategy: Strategy::Negotiated,
-        teller: Teller::Controller,
+        seed_authority: SeedAuthority::Controller,
         relocate: false,
         precedence: None,
         settled_repel: true,
@@ -34,7 +34,7 @@ fn upright(x: i16, y: i16) -> Seed {
 
 impl Dice {
     /// Draws a swarm of metamodules and its goals.
-    pub fn metamodules(&mut self) -> MetamoduleDraft {
+    pub fn metamodules(&mut self) -> GeneratedMetamodules {
         let mut goals = Vec::new();
         let side = self.within(7, 13) as i16;
         let mut at = 0;
@@ -46,13 +46,13 @@ impl Dice {
         }
         let seeds = goals.iter().map(|(_, g)| g.levels.iter().map(Vec::len).sum::<usize>());
         let count = seeds.max().unwrap_or(0) + self.pick(&[0, 0, 1, 2, 4]);
-        let mut draft = MetamoduleDraft {
+        let mut draft = GeneratedMetamodules {
             kind: self.pick(&Kind::METAMODULES),
             side,
             start: Err(count),
             goals,
             strategy: if self.once_in(3) { self.pick(&Strategy::PUBLISHED) } else { Strategy::Negotiated },
-            teller: self.pick(&[Teller::Controller, Teller::Neighbours]),
+            seed_authority: self.pick(&[SeedAuthority::Controller, SeedAuthority::Neighbours]),
             relocate: self.once_in(2),
             precedence: None,
             settled_repel: true,

@@ -3,8 +3,8 @@
 use crate::report::prospect::{Possible, Prospect};
 use crate::report::run_result::Question;
 use metamorph_protocol::metamodule::params::Strategy;
-use metamorph_protocol::metamodule::planning::cooperative::{Sought, Standstill, WORK, search};
-use metamorph_sim_bridge::director::proof::{Found, Within};
+use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, Standstill, WORK, search};
+use metamorph_sim_bridge::director::proof::{Found, RuleSet};
 
 impl Question for Standstill {
     fn prospect(&self) -> Prospect {
@@ -13,24 +13,24 @@ impl Question for Standstill {
             return Prospect::UNDECIDED;
         }
         match search(self, WORK) {
-            Sought::Way(moves) => {
+            SearchResult::Path(moves) => {
                 let moves = moves.iter().filter(|m| m.lands).count();
                 Prospect { possible: Possible::Yes(moves), within: None }
             }
-            Sought::NoWay(_) => Prospect { possible: Possible::No, within: Some(Within::Grown) },
-            Sought::Undecided => Prospect::UNDECIDED,
+            SearchResult::NoWay(_) => Prospect { possible: Possible::No, within: Some(RuleSet::Grown) },
+            SearchResult::Undecided => Prospect::UNDECIDED,
         }
     }
-    fn judge(&self, misplaced: bool) -> Result<Within, Found> {
+    fn judge(&self, misplaced: bool) -> Result<RuleSet, Found> {
         if self.setup.params.strategy != Strategy::Negotiated {
             return Err(Found::Undecided);
         }
         match search(self, WORK) {
-            Sought::Way(moves) => Err(Found::Way(moves.iter().filter(|m| m.lands).count())),
+            SearchResult::Path(moves) => Err(Found::Way(moves.iter().filter(|m| m.lands).count())),
             // The goal may have to be moved; the search covers its current place only.
-            Sought::NoWay(_) if misplaced => Err(Found::Undecided),
-            Sought::NoWay(_) => Ok(Within::Grown),
-            Sought::Undecided => Err(Found::Undecided),
+            SearchResult::NoWay(_) if misplaced => Err(Found::Undecided),
+            SearchResult::NoWay(_) => Ok(RuleSet::Grown),
+            SearchResult::Undecided => Err(Found::Undecided),
         }
     }
 }

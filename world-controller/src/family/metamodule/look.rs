@@ -1,13 +1,13 @@
 //! How metamodules look, and what they say. A metamodule has eight parts, the halves of its four cubes from
 //! the foot on; the joints are about axes through the centres of cubes.
 
-use crate::report::message_timeline::{FAR, Said};
+use crate::report::message_timeline::{FAR, MessageLabel};
 use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone, centre};
-use crate::view::visible::{Colour, Fate, Floor, Role, Stage, Standing, Targets, Visible, Words};
+use crate::view::visible::{ActionOutcome, Colour, Floor, ModuleView, Role, Stage, Targets, Visible, Words};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::Task;
-use metamorph_protocol::metamodule::message::{Action, Deed, Denial, Message, Order, Percept, Status};
+use metamorph_protocol::metamodule::message::{Action, BodyAction, Denial, Message, Order, Percept, Status};
 use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::{End, Pose};
 use metamorph_protocol::roombots::lattice_pose::{Half, LatticeRotation};
@@ -126,12 +126,14 @@ impl Visible for Metamodule {
         let still =
             |name: &str| Motion { takes: params.connect_time, name: name.to_owned(), segments: Vec::new() };
         match action.deed {
-            Deed::Turn(number) => {
+            BodyAction::Turn(number) => {
                 let (posture, _) = motions.graph().step(from.posture, number)?;
                 Some((turn(setup, from, posture)?, Pose { posture, ..*from }))
             }
-            Deed::Attach => Some((still("grips"), Pose { both: true, ..*from })),
-            Deed::Detach => Some((still("lets go"), Pose { both: false, ..motions.turned_around(*from)? })),
+            BodyAction::Attach => Some((still("grips"), Pose { both: true, ..*from })),
+            BodyAction::Detach => {
+                Some((still("lets go"), Pose { both: false, ..motions.turned_around(*from)? }))
+            }
         }
     }
 
@@ -145,38 +147,38 @@ impl Visible for Metamodule {
         format!("({x}, {y}), turned {}°, {end}", u16::from(pose.state.class) * 90)
     }
 
-    fn fate(percept: &Percept) -> Fate {
+    fn fate(percept: &Percept) -> ActionOutcome {
         match percept {
-            Percept::Done(_) => Fate::Done,
-            Percept::Failed => Fate::Failed,
-            Percept::Refused(_) => Fate::Refused,
+            Percept::Done(_) => ActionOutcome::Done,
+            Percept::Failed => ActionOutcome::Failed,
+            Percept::Refused(_) => ActionOutcome::Refused,
         }
     }
 
-    fn standing(s: &Status) -> Standing {
+    fn standing(s: &Status) -> ModuleView {
         let (role, place) = s.settled.map_or((0, -1), |seed| (2, i32::from(seed)));
-        Standing { role, flags: 0, place, waits_for: s.waits_for }
+        ModuleView { role, flags: 0, place, waits_for: s.waits_for }
     }
 
-    fn said(message: &Message) -> Said {
+    fn said(message: &Message) -> MessageLabel {
         match message {
             Message::State(s) => {
                 let far = s.claim.map_or(FAR, |c| c.cost.into());
-                Said { distance: Some(if s.settled { 0 } else { far }), ..Said::of("state") }
+                MessageLabel { distance: Some(if s.settled { 0 } else { far }), ..MessageLabel::of("state") }
             }
-            Message::Directive(_) => Said::of("leads: says who moves next"),
-            Message::Probe(_) => Said::of("asks whether anybody can go on"),
-            Message::Way(w) if w.legs().is_empty() => Said::of("is where it wants to be"),
-            Message::Way(_) => Said::of("tells its way"),
-            Message::Request { origin, .. } => Said::about("asks for a lock, for", *origin),
-            Message::Response { denial: None, .. } => Said::of("lock granted"),
-            Message::Response { denial: Some(why), .. } => Said::of(match why {
+            Message::Directive(_) => MessageLabel::of("leads: says who moves next"),
+            Message::Probe(_) => MessageLabel::of("asks whether anybody can go on"),
+            Message::Path(w) if w.segments().is_empty() => MessageLabel::of("is where it wants to be"),
+            Message::Path(_) => MessageLabel::of("tells its way"),
+            Message::Request { origin, .. } => MessageLabel::about("asks for a lock, for", *origin),
+            Message::Response { denial: None, .. } => MessageLabel::of("lock granted"),
+            Message::Response { denial: Some(why), .. } => MessageLabel::of(match why {
                 Denial::Occupied => "lock refused: stands in the way",
                 Denial::Held => "lock refused: is moving through",
                 Denial::Younger => "lock refused: has waited longer",
                 Denial::Quarantined => "lock refused: just restarted",
             }),
-            Message::Release { origin, .. } => Said::about("lock released, by", *origin),
+            Message::Release { origin, .. } => MessageLabel::about("lock released, by", *origin),
         }
     }
 
@@ -266,7 +268,7 @@ mod tests {
                 let (class, end) = (turns % 4, if turns % 2 == 0 { End::Foot } else { End::Head });
                 let state = GridState::new(2, -3, class as u8);
                 let from = Pose { state, end, both: false, posture: i as u16 };
-                let action = Action { deed: Deed::Turn(number as u16), not_after: Time::ZERO };
+                let action = Action { deed: BodyAction::Turn(number as u16), not_after: Time::ZERO };
                 let Some((_, to)) = Metamodule::motion(&setup, &from, &action) else { continue };
                 let after = table.postures()[usize::from(to.posture)].posture;
                 let world = LatticeRotation::QUARTER.power(state.class).matrix();
@@ -309,7 +311,7 @@ mod tests {
         for posture in 0..setup.motions.table().postures().len() as u16 {
             for end in [End::Foot, End::Head] {
                 let from = Pose { state: GridState::new(-1, 6, 3), end, both: true, posture };
-                let action = Action { deed: Deed::Detach, not_after: Time::ZERO };
+                let action = Action { deed: BodyAction::Detach, not_after: Time::ZERO };
                 let Some((motion, to)) = Metamodule::motion(&setup, &from, &action) else { continue };
                 assert_eq!((motion.segments, to.end), (Vec::new(), end.other()));
                 let [before, after] = [from, to].map(|pose| seen(&Metamodule::at_rest(&setup, &pose)));

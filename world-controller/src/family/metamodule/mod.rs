@@ -2,10 +2,10 @@
 
 mod bounds;
 mod describe;
-pub mod draft;
+mod error;
 mod field;
-mod flaw;
 mod generate;
+pub mod generated;
 mod judge;
 mod look;
 pub mod motion_database;
@@ -15,15 +15,15 @@ mod scenario;
 mod schema;
 mod words;
 
-use crate::family::draft::{Dice, SwarmDraft};
+use crate::family::generated::{Dice, GeneratedSwarm};
 use crate::family::{ExploredFamily, FamilyParts};
 use crate::scenario::Plan;
+use crate::scenario::diagnostics::Diagnostics;
+use crate::scenario::error::ScenarioError;
 use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words};
-use crate::scenario::flaw::Flaw;
-use crate::scenario::problems::Problems;
 use crate::scenario::table::Section;
-use flaw::MetamoduleFlaw;
-use metamorph_protocol::defects::Sabotage;
+use error::MetamoduleError;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
@@ -46,9 +46,9 @@ impl ScenarioFamily for MetamoduleFamily {
         &self,
         swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,
-        problems: &mut Problems,
+        diagnostics: &mut Diagnostics,
     ) -> Box<dyn RawSwarm> {
-        Box::new(RawMetamodules::read(swarm, others, problems))
+        Box::new(RawMetamodules::read(swarm, others, diagnostics))
     }
     fn schema(&self) -> FamilySchema {
         schema::schema()
@@ -59,10 +59,10 @@ impl ScenarioFamily for MetamoduleFamily {
 }
 
 impl ExploredFamily for MetamoduleFamily {
-    fn generate(&self, dice: &mut Dice) -> Box<dyn SwarmDraft> {
+    fn generate(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm> {
         Box::new(dice.metamodules())
     }
-    fn smallest(&self) -> Box<dyn SwarmDraft> {
+    fn smallest(&self) -> Box<dyn GeneratedSwarm> {
         Box::new(generate::smallest())
     }
     fn patience(&self, _: bool, delay: u64) -> Option<(u64, u64)> {
@@ -109,19 +109,19 @@ impl SwarmPlan for Metamodules {
     fn protocol(&self) -> String {
         self.setup.params.strategy.name().to_owned()
     }
-    fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, Flaw> {
+    fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, ScenarioError> {
         if !self.drawn {
             return Ok(None);
         }
-        let start = draw_start(&self.setup, self.poses.len(), seed).map_err(MetamoduleFlaw::from)?;
+        let start = draw_start(&self.setup, self.poses.len(), seed).map_err(MetamoduleError::from)?;
         Ok(Some(Swarm::new(Metamodules { poses: start.poses, redrawn: start.redrawn, ..self.clone() })))
     }
-    fn defect(&self) -> Option<Sabotage> {
-        self.setup.params.sabotage
+    fn defect(&self) -> Option<Defect> {
+        self.setup.params.defect
     }
-    fn with_defect(&self, defect: Option<Sabotage>) -> Swarm {
+    fn with_defect(&self, defect: Option<Defect>) -> Swarm {
         let mut swarm = self.clone();
-        Arc::make_mut(&mut swarm.setup).params.sabotage = defect;
+        Arc::make_mut(&mut swarm.setup).params.defect = defect;
         Swarm::new(swarm)
     }
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result {

@@ -31,7 +31,7 @@ impl Runnable for Metamodules {
             failure: plan.failure,
             changes: self.changes.to_vec(),
             relocate: self.relocate,
-            heed: true,
+            follow: true,
         };
         MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
     }
@@ -60,7 +60,7 @@ impl Runnable for Metamodules {
             crashed,
             restarted,
             stall: director.stall().cloned(),
-            plight: director.stall().map(|_| Box::new(director.plight(world)) as _),
+            snapshot: director.stall().map(|_| Box::new(director.snapshot(world)) as _),
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),

@@ -6,12 +6,12 @@
 
 use super::Metamodules;
 use super::bounds::bounds;
+use super::error::{MAX_COMMUNICATION_RANGE, MAX_FLOOR, MAX_METAMODULES, MetamoduleError};
 use super::field::RawField;
-use super::flaw::{MAX_FLOOR, MAX_HEARING, MAX_METAMODULES, MetamoduleFlaw};
 use super::motion_database::motions;
-use crate::scenario::family::{Draft, DraftContext, Patience, RawSwarm, SectionKind, Sections, Swarm};
-use crate::scenario::flaw::Flaw;
-use crate::scenario::problems::{At, Place, Problems};
+use crate::scenario::diagnostics::{At, Diagnostics, Place};
+use crate::scenario::error::ScenarioError;
+use crate::scenario::family::{DraftContext, FamilySpec, Patience, RawSwarm, SectionKind, Sections, Swarm};
 use crate::scenario::raw::{goal_sections, protocol_section};
 use crate::scenario::table::{Connector, Node, Read, Section, elements, wrong};
 use metamorph_protocol::lattice::{Cell, Face};
@@ -20,7 +20,7 @@ use metamorph_protocol::metamodule::blueprint::{
 };
 use metamorph_protocol::metamodule::motions::Motions;
 use metamorph_protocol::metamodule::params::{
-    Detector, Floor, LEAST_HEARING, Params, Setup, Strategy, Teller,
+    Detector, Floor, LEAST_COMMUNICATION_RANGE, Params, SeedAuthority, Setup, Strategy,
 };
 use metamorph_protocol::metamodule::pose::{End, Pose, to_world};
 use metamorph_protocol::metamodule::start::{Start, draw_start};
@@ -61,12 +61,12 @@ pub struct RawMetamodules {
     /// The time of a step of a joint, and of a connection.
     turn_time: Option<At<Span>>,
     floor: Floor,
-    hearing: Option<At<u64>>,
+    communication_range: Option<At<u64>>,
     start: At<RawStart>,
     goals: Vec<RawGoal>,
     strategy: Strategy,
     field: RawField,
-    teller: Teller,
+    seed_authority: SeedAuthority,
     relocate: bool,
     detector: Option<At<bool>>,
 }
@@ -92,8 +92,8 @@ pub const FACES: [(&str, Face); 6] = [
     ("west", Face::West),
 ];
 /// Which instance opens seeds.
-pub const TELLERS: [(&str, Teller); 2] =
-    [("controller", Teller::Controller), ("neighbours", Teller::Neighbours)];
+pub const SEED_AUTHORITIES: [(&str, SeedAuthority); 2] =
+    [("controller", SeedAuthority::Controller), ("neighbours", SeedAuthority::Neighbours)];
 /// A goal of the thesis, by name.
 type Library = (&'static str, fn(i16, i16) -> Vec<Vec<Seed>>);
 /// The names of the goals of the thesis.
@@ -105,44 +105,53 @@ impl RawMetamodules {
     pub fn read(
         mut swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,
-        problems: &mut Problems,
+        diagnostics: &mut Diagnostics,
     ) -> RawMetamodules {
         let kinds = Kind::METAMODULES.map(|k| (k.name(), k));
-        let start = swarm.get("start", problems);
+        let start = swarm.get("start", diagnostics);
+        let range = swarm.key_or_former("communication_range", "hearing");
         let mut raw = RawMetamodules {
             place: swarm.place().clone(),
-            kind: swarm.choice("kind", "kind", &kinds, problems).unwrap_or(KIND),
-            count: swarm.get("count", problems),
-            turn_time: swarm.get("turn_time", problems),
-            floor: swarm.get("floor", problems).map_or(FLOOR, |f| f.value),
-            hearing: swarm.get("hearing", problems),
+            kind: swarm.choice("kind", "kind", &kinds, diagnostics).unwrap_or(KIND),
+            count: swarm.get("count", diagnostics),
+            turn_time: swarm.get("turn_time", diagnostics),
+            floor: swarm.get("floor", diagnostics).map_or(FLOOR, |f| f.value),
+            communication_range: swarm.get(range, diagnostics),
             start: start.unwrap_or_else(|| At { value: RawStart::Random, place: swarm.place().clone() }),
             goals: Vec::new(),
             strategy: Strategy::default(),
             field: RawField::default(),
-            teller: Teller::default(),
+            seed_authority: SeedAuthority::default(),
             relocate: false,
             detector: None,
         };
-        swarm.finish(problems);
-        raw.goals = goal_sections(others.goals, GOAL, problems)
+        swarm.finish(diagnostics);
+        raw.goals = goal_sections(others.goals, GOAL, diagnostics)
             .into_iter()
-            .map(|section| read_goal(section, problems))
+            .map(|section| read_goal(section, diagnostics))
             .collect();
         let example = "strategy = \"step\"";
-        if let Some(mut section) = protocol_section(others.protocol, example, problems) {
+        if let Some(mut section) = protocol_section(others.protocol, example, diagnostics) {
             let strategies = Strategy::ALL.map(|s| (s.name(), s));
-            raw.strategy = section.choice("strategy", "strategy", &strategies, problems).unwrap_or_default();
-            raw.field = RawField::read(&mut section, problems);
-            raw.teller = section.choice("teller", "teller", &TELLERS, problems).unwrap_or_default();
-            raw.relocate = section.get("relocate", problems).is_some_and(|r| r.value);
-            raw.detector = section.get("detector", problems).filter(|d: &At<bool>| d.value);
-            section.finish(problems);
+            raw.strategy =
+                section.choice("strategy", "strategy", &strategies, diagnostics).unwrap_or_default();
+            raw.field = RawField::read(&mut section, diagnostics);
+            let key = section.key_or_former("seed_authority", "teller");
+            raw.seed_authority =
+                section.choice(key, "seed authority", &SEED_AUTHORITIES, diagnostics).unwrap_or_default();
+            raw.relocate = section.get("relocate", diagnostics).is_some_and(|r| r.value);
+            raw.detector = section.get("detector", diagnostics).filter(|d: &At<bool>| d.value);
+            section.finish(diagnostics);
         }
         raw
     }
 
-    fn blueprint(&self, goal: &RawGoal, motions: &Motions, problems: &mut Problems) -> Option<Blueprint> {
+    fn blueprint(
+        &self,
+        goal: &RawGoal,
+        motions: &Motions,
+        diagnostics: &mut Diagnostics,
+    ) -> Option<Blueprint> {
         let levels = goal.levels.as_ref()?;
         let bare: Vec<Vec<Seed>> = levels.iter().map(|l| l.iter().map(|s| s.value).collect()).collect();
         let seeds: Vec<&At<Seed>> = levels.iter().flatten().collect();
@@ -152,15 +161,15 @@ impl RawMetamodules {
                 BlueprintError::Empty | BlueprintError::TooMany(_) => None,
             };
             let place = guilty.map_or(&goal.place, |s| &s.place).clone();
-            problems.add(place, MetamoduleFlaw::from(error));
+            diagnostics.add(place, MetamoduleError::from(error));
         });
         let blueprint = blueprint.ok()?;
         for At { value: seed, place } in seeds {
             let (at, floor) = (seed.foot, self.floor);
             if !floor.has(at.0, at.1) {
-                problems.add(place.clone(), MetamoduleFlaw::SeedOffFloor { at, floor });
+                diagnostics.add(place.clone(), MetamoduleError::SeedOffFloor { at, floor });
             } else if !can_fill(motions, seed) {
-                problems.add(place.clone(), MetamoduleFlaw::SeedShape { at, kind: self.kind });
+                diagnostics.add(place.clone(), MetamoduleError::SeedShape { at, kind: self.kind });
             }
         }
         Some(blueprint)
@@ -172,18 +181,19 @@ impl RawMetamodules {
     }
 
     /// Checks that goals are sorted by time.
-    fn check_times(&self, problems: &mut Problems) {
+    fn check_times(&self, diagnostics: &mut Diagnostics) {
         let mut before = Span::ZERO;
         for (i, goal) in self.goals.iter().enumerate() {
             match (&goal.at, i) {
-                (Some(at), 0) => problems.add(at.place.clone(), MetamoduleFlaw::FirstGoalAt),
+                (Some(at), 0) => diagnostics.add(at.place.clone(), MetamoduleError::FirstGoalAt),
                 (None, 0) => {}
                 (None, _) => {
                     let (section, example) = ("a later [[goal]]".into(), "at = \"60s\"");
-                    problems.add(goal.place.clone(), Flaw::Missing { key: "at", section, example });
+                    diagnostics
+                        .add(goal.place.clone(), ScenarioError::Missing { key: "at", section, example });
                 }
                 (Some(At { value, place }), _) if *value <= before => {
-                    problems.add(place.clone(), MetamoduleFlaw::GoalOrder { at: *value, before });
+                    diagnostics.add(place.clone(), MetamoduleError::GoalOrder { at: *value, before });
                 }
                 (Some(at), _) => before = at.value,
             }
@@ -191,41 +201,47 @@ impl RawMetamodules {
     }
 
     /// Returns the number of metamodules; `seeds` is the number that the largest goal needs.
-    fn count(&self, seeds: usize, problems: &mut Problems) -> Option<usize> {
+    fn count(&self, seeds: usize, diagnostics: &mut Diagnostics) -> Option<usize> {
         let listed = match &self.start.value {
             RawStart::Random => None,
             RawStart::Listed(places) => Some(places.len()),
         };
         let (metamodules, place) = match (&self.count, listed) {
             (Some(count), Some(listed)) if count.value != listed as u64 => {
-                problems.add(count.place.clone(), MetamoduleFlaw::Count { count: count.value, listed });
+                diagnostics.add(count.place.clone(), MetamoduleError::Count { count: count.value, listed });
                 return None;
             }
             (Some(count), _) => {
                 let most = MAX_METAMODULES as u64;
-                (range(count, "count", 1, most, problems)? as usize, &count.place)
+                (range(count, "count", 1, most, diagnostics)? as usize, &count.place)
             }
             (None, Some(listed)) => {
                 let count = At::new(listed as u64, self.start.place.clone());
                 let most = MAX_METAMODULES as u64;
-                (range(&count, "the number of places", 1, most, problems)? as usize, &self.start.place)
+                (range(&count, "the number of places", 1, most, diagnostics)? as usize, &self.start.place)
             }
             (None, None) => (seeds, &self.place),
         };
         if metamodules < seeds {
-            problems.add(place.clone(), MetamoduleFlaw::TooFewMetamodules { seeds, metamodules });
+            diagnostics.add(place.clone(), MetamoduleError::TooFewMetamodules { seeds, metamodules });
         }
         Some(metamodules)
     }
 
-    fn placed(&self, setup: Arc<Setup>, count: usize, seed: u64, problems: &mut Problems) -> Option<Swarm> {
+    fn placed(
+        &self,
+        setup: Arc<Setup>,
+        count: usize,
+        seed: u64,
+        diagnostics: &mut Diagnostics,
+    ) -> Option<Swarm> {
         let (drawn, start) = match &self.start.value {
             RawStart::Random => (true, {
-                let start = draw_start(&setup, count, seed).map_err(MetamoduleFlaw::from);
-                problems.note(&self.start.place, start)?
+                let start = draw_start(&setup, count, seed).map_err(MetamoduleError::from);
+                diagnostics.note(&self.start.place, start)?
             }),
             RawStart::Listed(places) => {
-                (false, Start { poses: listed(&setup, places, problems), redrawn: 0 })
+                (false, Start { poses: listed(&setup, places, diagnostics), redrawn: 0 })
             }
         };
         let Start { poses, redrawn } = start;
@@ -238,63 +254,64 @@ impl RawSwarm for RawMetamodules {
     fn time_step(&self) -> (&Option<At<Span>>, &'static str) {
         (&self.turn_time, "turn_time")
     }
-    fn check_end(&self, timeout: Span, problems: &mut Problems) {
+    fn check_end(&self, timeout: Span, diagnostics: &mut Diagnostics) {
         for At { value: at, place } in self.changes().filter(|c| c.value > timeout) {
-            problems.add(place.clone(), Flaw::AfterTheEnd { at: *at, timeout });
+            diagnostics.add(place.clone(), ScenarioError::AfterTheEnd { at: *at, timeout });
         }
     }
-    fn draft(&self, context: &DraftContext, problems: &mut Problems) -> Option<Draft> {
+    fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec> {
         let DraftContext { time_step, usual_delay, passage, seed } = *context;
         // Invariant: only kinds of metamodules can be chosen, and the database is small enough for them.
         let motions = motions(self.kind).ok()?;
         let goals: Vec<Option<Blueprint>> =
-            self.goals.iter().map(|goal| self.blueprint(goal, &motions, problems)).collect();
+            self.goals.iter().map(|goal| self.blueprint(goal, &motions, diagnostics)).collect();
         let goals: Option<Vec<Blueprint>> = goals.into_iter().collect();
-        self.check_times(problems);
+        self.check_times(diagnostics);
         let seeds = self.goals.iter().flat_map(|g| &g.levels).map(|l| l.iter().map(Vec::len).sum());
         let (most, all) = seeds.fold((0, 0), |(most, all): (usize, usize), n: usize| (most.max(n), all + n));
-        let count = self.count(most, problems)?;
+        let count = self.count(most, diagnostics)?;
         let mut params = Params::scaled(self.strategy, time_step, usual_delay);
-        params.teller = self.teller;
-        if let Some(hearing) = &self.hearing {
-            let (least, most) = (u64::from(LEAST_HEARING), MAX_HEARING);
-            params.hearing = range(hearing, "hearing", least, most, problems)? as u16;
+        params.seed_authority = self.seed_authority;
+        if let Some(communication_range) = &self.communication_range {
+            let (least, most) = (u64::from(LEAST_COMMUNICATION_RANGE), MAX_COMMUNICATION_RANGE);
+            params.communication_range =
+                range(communication_range, "communication range", least, most, diagnostics)? as u16;
         }
-        self.field.apply(&mut params, problems);
+        self.field.apply(&mut params, diagnostics);
         let metamodules = u16::try_from(count).unwrap_or(u16::MAX);
         if let Some(asked) = &self.detector {
             params.detector = Some(Detector { after: params.patience, metamodules });
             if self.strategy == Strategy::Negotiated {
-                problems.add(asked.place.clone(), MetamoduleFlaw::NoDetector);
+                diagnostics.add(asked.place.clone(), MetamoduleError::NoDetector);
             }
         }
         let name =
             |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
-        let mut draft = Draft {
+        let mut draft = FamilySpec {
             swarm: None,
             modules: count,
             goals: self.goals.iter().enumerate().map(name).collect(),
             patience: Patience { bounds: bounds(&params, passage), livelock: 16, timeout: all as u64 + 1 },
         };
-        if let (Some(goals), true) = (goals, problems.is_empty()) {
+        if let (Some(goals), true) = (goals, diagnostics.is_empty()) {
             let setup = Setup { params, floor: self.floor, goals, motions };
-            draft.swarm = self.placed(Arc::new(setup), count, seed, problems);
+            draft.swarm = self.placed(Arc::new(setup), count, seed, diagnostics);
         }
         Some(draft)
     }
 }
 
 /// Returns upright poses at these connectors.
-fn listed(setup: &Setup, places: &[At<GridState>], problems: &mut Problems) -> Vec<Pose> {
+fn listed(setup: &Setup, places: &[At<GridState>], diagnostics: &mut Diagnostics) -> Vec<Pose> {
     // Invariant: the zero posture stands upright and is in every database.
     let posture = setup.motions.table().find(Posture::zero(setup.kind())).unwrap_or(0);
     for (second, At { value, place }) in places.iter().enumerate() {
         let at = (value.x, value.y);
         if !setup.floor.has(at.0, at.1) {
-            problems.add(place.clone(), MetamoduleFlaw::StartOffFloor { at, floor: setup.floor });
+            diagnostics.add(place.clone(), MetamoduleError::StartOffFloor { at, floor: setup.floor });
         }
         if let Some(first) = places[..second].iter().position(|p| (p.value.x, p.value.y) == at) {
-            problems.add(place.clone(), MetamoduleFlaw::StartTwice { first, second, at });
+            diagnostics.add(place.clone(), MetamoduleError::StartTwice { first, second, at });
         }
     }
     let upright = |state| Pose { state, end: End::Foot, both: false, posture };
@@ -309,97 +326,103 @@ fn can_fill(motions: &Motions, seed: &Seed) -> bool {
     table.chains().iter().any(|chain| fills(&chain.cells) && table.chain_is_main(chain))
 }
 
-fn range(number: &At<u64>, what: &'static str, low: u64, high: u64, problems: &mut Problems) -> Option<u64> {
+fn range(
+    number: &At<u64>,
+    what: &'static str,
+    low: u64,
+    high: u64,
+    diagnostics: &mut Diagnostics,
+) -> Option<u64> {
     if (low..=high).contains(&number.value) {
         return Some(number.value);
     }
     let (got, low, high) = (number.value.to_string(), low.to_string(), high.to_string());
-    problems.add(number.place.clone(), Flaw::Range { what, got, low, high });
+    diagnostics.add(number.place.clone(), ScenarioError::Range { what, got, low, high });
     None
 }
 
-fn read_goal(mut section: Section<'_, '_>, problems: &mut Problems) -> RawGoal {
+fn read_goal(mut section: Section<'_, '_>, diagnostics: &mut Diagnostics) -> RawGoal {
     let orders = SeedOrder::ALL.map(|o| (o.name(), o));
-    let name = section.get("name", problems).map(|n| n.value);
-    let at = section.get("at", problems);
-    let order = section.choice("order", "order", &orders, problems).unwrap_or_default();
+    let name = section.get("name", diagnostics).map(|n| n.value);
+    let at = section.get("at", diagnostics);
+    let order = section.choice("order", "order", &orders, diagnostics).unwrap_or_default();
     let levels = match (section.node("shape"), section.node("levels")) {
-        (Some(shape), None) => read_shape(shape, problems),
-        (None, Some(levels)) => read_levels(levels, problems),
+        (Some(shape), None) => read_shape(shape, diagnostics),
+        (None, Some(levels)) => read_levels(levels, diagnostics),
         (None, None) => {
-            section.missing("shape", GOAL, problems);
+            section.missing("shape", GOAL, diagnostics);
             None
         }
         (Some(_), Some(levels)) => {
             let (expected, found) = ("either `shape` or `levels`", "both");
-            problems.add(levels.span(), Flaw::Kind { expected, found, example: GOAL });
+            diagnostics.add(levels.span(), ScenarioError::Kind { expected, found, example: GOAL });
             None
         }
     };
     let place = section.place().clone();
-    section.finish(problems);
+    section.finish(diagnostics);
     RawGoal { name, place, at, levels, order }
 }
 
 /// Reads a goal of the thesis: its name and the corner of its place.
-fn read_shape(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Vec<At<Seed>>>> {
-    let mut section = Section::of(node, "the shape of a goal", "{ box = [5, 5] }", problems)?;
+fn read_shape(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Vec<At<Seed>>>> {
+    let mut section = Section::of(node, "the shape of a goal", "{ box = [5, 5] }", diagnostics)?;
     let named = LIBRARY.iter().filter_map(|(name, make)| Some((section.node(name)?, make)));
     let named: Vec<_> = named.collect();
     section.differs_between_families(SectionKind::Shape);
-    let is_foreign = section.finish(problems);
+    let is_foreign = section.finish(diagnostics);
     if named.is_empty() && is_foreign {
         return None;
     }
     let [(corner, make)] = named[..] else {
         let (expected, found) = ("one shape, `box` or `chair`", "none or both");
-        problems.add(node.span(), Flaw::Kind { expected, found, example: "{ box = [5, 5] }" });
+        diagnostics.add(node.span(), ScenarioError::Kind { expected, found, example: "{ box = [5, 5] }" });
         return None;
     };
-    let Connector(x, y) = Connector::read(corner, problems)?;
+    let Connector(x, y) = Connector::read(corner, diagnostics)?;
     let at = |seed| At::new(seed, corner.span());
     Some(make(x, y).into_iter().map(|level| level.into_iter().map(at).collect()).collect())
 }
 
-fn read_levels(node: &Node<'_>, problems: &mut Problems) -> Option<Vec<Vec<At<Seed>>>> {
+fn read_levels(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Vec<At<Seed>>>> {
     let mut levels = Vec::new();
-    for level in elements(node, LEVELS, problems)?.iter() {
-        let seeds = elements(level, LEVELS, problems)?;
+    for level in elements(node, LEVELS, diagnostics)?.iter() {
+        let seeds = elements(level, LEVELS, diagnostics)?;
         if seeds.is_empty() {
-            problems.add(level.span(), MetamoduleFlaw::from(BlueprintError::Empty));
+            diagnostics.add(level.span(), MetamoduleError::from(BlueprintError::Empty));
         }
-        let read = |n: &Node<'_>| Seed::read(n, problems).map(|seed| At::new(seed, n.span()));
+        let read = |n: &Node<'_>| Seed::read(n, diagnostics).map(|seed| At::new(seed, n.span()));
         levels.push(seeds.iter().map(read).collect::<Option<_>>()?);
     }
     Some(levels)
 }
 
 impl Read for Seed {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Seed> {
-        let mut section = Section::of(node, "a seed", SEED, problems)?;
-        let foot = section.need::<Connector>("foot", "foot = [5, 5]", problems);
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Seed> {
+        let mut section = Section::of(node, "a seed", SEED, diagnostics)?;
+        let foot = section.need::<Connector>("foot", "foot = [5, 5]", diagnostics);
         let example = "directions = [\"up\", \"up\", \"east\"]";
         let directions = match section.node("directions") {
-            Some(node) => directions(node, example, problems),
+            Some(node) => directions(node, example, diagnostics),
             None => {
-                section.missing("directions", example, problems);
+                section.missing("directions", example, diagnostics);
                 None
             }
         };
-        section.finish(problems);
+        section.finish(diagnostics);
         let Connector(x, y) = foot?.value;
         Some(Seed { foot: (x, y), directions: directions? })
     }
 }
 
-fn directions(node: &Node<'_>, example: &'static str, problems: &mut Problems) -> Option<[Face; 3]> {
-    let array = elements(node, example, problems)?;
+fn directions(node: &Node<'_>, example: &'static str, diagnostics: &mut Diagnostics) -> Option<[Face; 3]> {
+    let array = elements(node, example, diagnostics)?;
     let mut faces = Vec::new();
     for element in array.iter() {
-        let got = String::read(element, problems)?;
+        let got = String::read(element, diagnostics)?;
         let Some((_, face)) = FACES.iter().find(|(name, _)| *name == got) else {
             let known = FACES.iter().map(|(name, _)| *name).collect();
-            problems.add(element.span(), Flaw::Name { what: "direction", got, known });
+            diagnostics.add(element.span(), ScenarioError::Name { what: "direction", got, known });
             return None;
         };
         faces.push(*face);
@@ -407,24 +430,24 @@ fn directions(node: &Node<'_>, example: &'static str, problems: &mut Problems) -
     let three = <[Face; 3]>::try_from(faces);
     if three.is_err() {
         let (expected, found) = ("three directions, from cell to cell", "a list of another length");
-        problems.add(node.span(), Flaw::Kind { expected, found, example });
+        diagnostics.add(node.span(), ScenarioError::Kind { expected, found, example });
     }
     three.ok()
 }
 
 impl Read for Floor {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<Floor> {
-        let mut section = Section::of(node, "floor", FLOOR_EXAMPLE, problems)?;
-        let min = section.need::<Connector>("min", "min = [0, 0]", problems);
-        let max = section.need::<Connector>("max", "max = [12, 12]", problems);
-        section.finish(problems);
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Floor> {
+        let mut section = Section::of(node, "floor", FLOOR_EXAMPLE, diagnostics)?;
+        let min = section.need::<Connector>("min", "min = [0, 0]", diagnostics);
+        let max = section.need::<Connector>("max", "max = [12, 12]", diagnostics);
+        section.finish(diagnostics);
         let (Connector(x0, y0), Connector(x1, y1)) = (min?.value, max?.value);
         for (low, high) in [(x0, x1), (y0, y1)] {
             let side = i32::from(high) - i32::from(low) + 1;
             if !(1..=i32::from(MAX_FLOOR)).contains(&side) {
                 let what = "the number of connectors along a side of the floor";
                 let (low, high) = ("1".into(), MAX_FLOOR.to_string());
-                problems.add(node.span(), Flaw::Range { what, got: side.to_string(), low, high });
+                diagnostics.add(node.span(), ScenarioError::Range { what, got: side.to_string(), low, high });
                 return None;
             }
         }
@@ -433,32 +456,33 @@ impl Read for Floor {
 }
 
 impl Read for RawStart {
-    fn read(node: &Node<'_>, problems: &mut Problems) -> Option<RawStart> {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawStart> {
         match node.get_ref() {
             DeValue::String(text) if text == "random" => Some(RawStart::Random),
             DeValue::String(text) => {
                 let got = text.clone().into_owned();
-                problems.add(node.span(), Flaw::Name { what: "start", got, known: vec!["random"] });
+                diagnostics
+                    .add(node.span(), ScenarioError::Name { what: "start", got, known: vec!["random"] });
                 None
             }
             DeValue::Array(places) => {
-                let read = |n: &Node<'_>| read_place(n, problems).map(|state| At::new(state, n.span()));
+                let read = |n: &Node<'_>| read_place(n, diagnostics).map(|state| At::new(state, n.span()));
                 places.iter().map(read).collect::<Option<_>>().map(RawStart::Listed)
             }
             other => {
-                problems.add(node.span(), wrong("\"random\" or a list of places", other, START));
+                diagnostics.add(node.span(), wrong("\"random\" or a list of places", other, START));
                 None
             }
         }
     }
 }
 
-fn read_place(node: &Node<'_>, problems: &mut Problems) -> Option<GridState> {
-    let mut section = Section::of(node, "a place", "{ at = [1, 2], class = 0 }", problems)?;
-    let at = section.need::<Connector>("at", "at = [1, 2]", problems);
-    let class = section.get::<u64>("class", problems).unwrap_or_else(|| At::new(CLASS, Place::File));
-    let class = range(&class, "the class, which counts quarter turns,", 0, 3, problems);
-    section.finish(problems);
+fn read_place(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<GridState> {
+    let mut section = Section::of(node, "a place", "{ at = [1, 2], class = 0 }", diagnostics)?;
+    let at = section.need::<Connector>("at", "at = [1, 2]", diagnostics);
+    let class = section.get::<u64>("class", diagnostics).unwrap_or_else(|| At::new(CLASS, Place::File));
+    let class = range(&class, "the class, which counts quarter turns,", 0, 3, diagnostics);
+    section.finish(diagnostics);
     let Connector(x, y) = at?.value;
     Some(GridState::new(x, y, class? as u8))
 }

@@ -1,13 +1,17 @@
 //! The parts of the JSON schema of scenarios that only metamodules have.
 
+use super::error::{MAX_COMMUNICATION_RANGE, MAX_FLOOR, MAX_METAMODULES};
 use super::field::{MAX_RANGE, MAX_THOUSANDTHS};
-use super::flaw::{MAX_FLOOR, MAX_HEARING, MAX_METAMODULES};
-use super::scenario::{CLASS, FACES, FLOOR, KIND, SHAPES, TELLERS};
+use super::scenario::{CLASS, FACES, FLOOR, KIND, SEED_AUTHORITIES, SHAPES};
 use crate::scenario::family::FamilySchema;
 use crate::scenario::plan::BEAT;
-use crate::scenario::schema::{NUMBERED, names, of, one_of, one_of_its_keys, or, said, seldom, table, text};
+use crate::scenario::schema::{
+    NUMBERED, former, names, of, one_of, one_of_its_keys, or, said, seldom, table, text,
+};
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
-use metamorph_protocol::metamodule::params::{HEARING, LEAST_HEARING, PrecedenceBy, Strategy};
+use metamorph_protocol::metamodule::params::{
+    COMMUNICATION_RANGE, LEAST_COMMUNICATION_RANGE, PrecedenceBy, Strategy,
+};
 use metamorph_protocol::roombots::Kind;
 use serde_json::json;
 
@@ -15,6 +19,10 @@ use serde_json::json;
 pub fn schema() -> FamilySchema {
     let start = json!({ "anyOf": [{ "const": "random" }, { "type": "array", "items": of("place") }] });
     let seeds = json!({ "type": "array", "minItems": 1, "items": of("seed") });
+    let range = or(
+        COMMUNICATION_RANGE,
+        json!({ "type": "integer", "minimum": LEAST_COMMUNICATION_RANGE, "maximum": MAX_COMMUNICATION_RANGE }),
+    );
     let direction = names(&FACES.map(|(name, _)| name));
     let mut goal = table(
         "Seeds to be filled, level by level.",
@@ -43,10 +51,8 @@ pub fn schema() -> FamilySchema {
                     json!({ "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES }),
                 ),
                 "floor": or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor")),
-                "hearing": said(
-                    "The communication range in connectors.",
-                    or(HEARING, json!({ "type": "integer", "minimum": LEAST_HEARING, "maximum": MAX_HEARING })),
-                ),
+                "communication_range": said("The communication range in connectors.", range.clone()),
+                "hearing": former("communication_range", range),
                 "start": said("Drawn from the seed of the run, or a list.", or("random", start)),
                 "turn_time": or(BEAT.to_string(), of("time")),
                 "failed_connections": seldom(),
@@ -67,7 +73,8 @@ pub fn schema() -> FamilySchema {
                     json!({ "type": "boolean" }),
                 ),
                 "repulsion": said("The repulsion by neighbours. Default: that of the strategy.", of("repulsion")),
-                "teller": one_of(&TELLERS),
+                "seed_authority": one_of(&SEED_AUTHORITIES),
+                "teller": former("seed_authority", one_of(&SEED_AUTHORITIES)),
                 "relocate": said(
                     "Whether a goal that cannot be built in place is moved.",
                     or(bool::default(), json!({ "type": "boolean" })),
@@ -124,7 +131,7 @@ pub fn schema() -> FamilySchema {
                     "Of two metamodules within this many connectors the one nearer to an open seed, or with the smaller id, goes first.",
                     &["within", "by"],
                     json!({
-                        "within": { "type": "integer", "minimum": 1, "maximum": MAX_HEARING },
+                        "within": { "type": "integer", "minimum": 1, "maximum": MAX_COMMUNICATION_RANGE },
                         "by": names(&PrecedenceBy::ALL.map(PrecedenceBy::name)),
                     }),
                 ),

@@ -5,7 +5,7 @@ use crate::run::replay::words::{Worded, at, waiting};
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::SeedSet;
 use metamorph_protocol::metamodule::message::{
-    Action, Deed, Order as MetamoduleOrder, Percept as MetamodulePercept, Refusal as MetamoduleRefusal,
+    Action, BodyAction, Order as MetamoduleOrder, Percept as MetamodulePercept, Refusal as MetamoduleRefusal,
     Status as MetamoduleStatus,
 };
 use metamorph_protocol::metamodule::pose::{End, Pose};
@@ -24,9 +24,9 @@ impl Worded for Metamodule {
     }
     fn action(Action { deed, not_after }: &Action) -> String {
         let how = match deed {
-            Deed::Turn(step) => format!("turn a joint (step {step} of its posture)"),
-            Deed::Attach => "grip with its free end".to_owned(),
-            Deed::Detach => "release one end".to_owned(),
+            BodyAction::Turn(step) => format!("turn a joint (step {step} of its posture)"),
+            BodyAction::Attach => "grip with its free end".to_owned(),
+            BodyAction::Detach => "release one end".to_owned(),
         };
         if *not_after == Time::NEVER { how } else { format!("{how}, by {}", at(*not_after).trim_start()) }
     }
@@ -65,10 +65,13 @@ impl Worded for Metamodule {
     }
     fn report(s: &MetamoduleStatus) -> String {
         let does = s.settled.map_or("free".to_owned(), |seed| format!("settled in seed {seed}"));
-        let barred =
-            if s.barred.is_empty() { String::new() } else { format!(", no path to {}", seeds(s.barred)) };
+        let unreachable = if s.unreachable.is_empty() {
+            String::new()
+        } else {
+            format!(", no path to {}", seeds(s.unreachable))
+        };
         let stuck = if s.deadlocked { ", deadlock detected" } else { "" };
-        format!("{does}, at {}{barred}{stuck}{}", Metamodule::place(&s.pose), waiting(s.waits_for))
+        format!("{does}, at {}{unreachable}{stuck}{}", Metamodule::place(&s.pose), waiting(s.waits_for))
     }
 }
 

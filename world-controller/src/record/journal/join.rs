@@ -6,7 +6,7 @@
 //! its file ends earlier, is noted ([`Event::Torn`]) and not waited for; so is a torn end. Parts of another
 //! run and missing or damaged parts are errors.
 
-use super::{Damage, Event, Flaw, JournalError, Record, RunHead, Taken, Who};
+use super::{Consumed, Damage, DamageKind, Event, JournalError, Record, RunHead, Who};
 use metamorph_module_agent::journal_file::{Head, Reader, agent_part, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::runtime::Command;
@@ -96,7 +96,7 @@ impl Join {
         paths.sort();
         for path in paths {
             let Some(whose) = named(&path) else { continue };
-            let damage = |flaw| Damage { path: path.clone(), at: 0, flaw };
+            let damage = |kind| Damage { path: path.clone(), at: 0, kind };
             let reader = match Reader::open(&path) {
                 Ok(reader) => reader,
                 // Killed while creating its part; if the controller had started it, the part is missing.
@@ -105,20 +105,24 @@ impl Join {
                     continue;
                 }
                 Err(JournalError::Magic(_) | JournalError::Version(..)) => {
-                    return Err(damage(Flaw::NoPart).into());
+                    return Err(damage(DamageKind::NoPart).into());
                 }
                 Err(e) => return Err(e),
             };
-            let flaw = match *reader.head() {
-                Head::Run(_) => Flaw::NoPart,
-                Head::Part { run: found, .. } if found != run => Flaw::OtherRun { expected: run, found },
-                Head::Part { id, life, .. } if (id, life) != whose => Flaw::OtherPart { id, life },
-                Head::Part { id, life, .. } => {
-                    join.add(Who::Agent(id, life), reader);
+            let kind = match *reader.head() {
+                Head::Run(_) => DamageKind::NoPart,
+                Head::Part { run: found, .. } if found != run => {
+                    DamageKind::OtherRun { expected: run, found }
+                }
+                Head::Part { id, incarnation, .. } if (id, incarnation) != whose => {
+                    DamageKind::OtherPart { id, incarnation }
+                }
+                Head::Part { id, incarnation, .. } => {
+                    join.add(Who::Agent(id, incarnation), reader);
                     continue;
                 }
             };
-            return Err(damage(flaw).into());
+            return Err(damage(kind).into());
         }
         Ok(join)
     }
@@ -164,32 +168,32 @@ impl Join {
         }
     }
 
-    fn life(&mut self, id: ModuleId, life: Incarnation) -> &mut Life {
-        self.lives.entry((id, life)).or_default()
+    fn incarnation(&mut self, id: ModuleId, incarnation: Incarnation) -> &mut Life {
+        self.lives.entry((id, incarnation)).or_default()
     }
 
     /// Returns the writer whose record has to come first, if any.
     fn cause(&self, record: &Record) -> Option<Who> {
-        let life = |id, life| self.lives.get(&(id, life));
+        let incarnation = |id, incarnation| self.lives.get(&(id, incarnation));
         match (record.who, &record.event) {
             (Who::Agent(id, l), Event::Born { .. }) => {
                 let known = self.current.get(&id).is_some_and(|c| *c >= l);
                 (!known).then_some(Who::Controller)
             }
             (Who::Agent(id, l), Event::Step(step)) => match &step.input {
-                Taken::Message { name, .. } => {
-                    let sent = life(name.from, name.life).map_or(0, |s| s.sent);
-                    (sent <= name.number).then_some(Who::Agent(name.from, name.life))
+                Consumed::Message { name, .. } => {
+                    let sent = incarnation(name.from, name.incarnation).map_or(0, |s| s.sent);
+                    (sent <= name.number).then_some(Who::Agent(name.from, name.incarnation))
                 }
-                Taken::Wake => None,
+                Consumed::Wake => None,
                 _ => {
-                    let waits = life(id, l).is_none_or(|s| s.down.taken >= s.down.given);
+                    let waits = incarnation(id, l).is_none_or(|s| s.down.taken >= s.down.given);
                     waits.then_some(Who::Controller)
                 }
             },
             (Who::Controller, Event::Act { id, .. } | Event::Report { id, .. }) => {
                 let l = *self.current.get(id)?;
-                let waits = life(*id, l).is_none_or(|s| s.up.taken >= s.up.given);
+                let waits = incarnation(*id, l).is_none_or(|s| s.up.taken >= s.up.given);
                 waits.then_some(Who::Agent(*id, l))
             }
             _ => None,
@@ -222,29 +226,29 @@ impl Join {
     fn note(&mut self, record: &Record) {
         match (record.who, &record.event) {
             (Who::Agent(id, l), Event::Step(step)) => {
-                let life = self.life(id, l);
-                life.sent += step.sent.len() as u32;
-                life.up.given += step.told.len() as u32;
-                if !matches!(step.input, Taken::Message { .. } | Taken::Wake) {
-                    life.down.taken += 1;
+                let incarnation = self.incarnation(id, l);
+                incarnation.sent += step.sent.len() as u32;
+                incarnation.up.given += step.told.len() as u32;
+                if !matches!(step.input, Consumed::Message { .. } | Consumed::Wake) {
+                    incarnation.down.taken += 1;
                 }
             }
-            (_, Event::Start { id, life, .. }) => {
-                self.current.insert(*id, *life);
-                if !self.index.contains_key(&Who::Agent(*id, *life)) {
-                    let path = agent_part(&self.parts, *id, *life);
-                    let flaw = Flaw::MissingPart { id: *id, life: *life };
-                    self.damage.get_or_insert(Damage { path, at: 0, flaw });
+            (_, Event::Start { id, incarnation, .. }) => {
+                self.current.insert(*id, *incarnation);
+                if !self.index.contains_key(&Who::Agent(*id, *incarnation)) {
+                    let path = agent_part(&self.parts, *id, *incarnation);
+                    let kind = DamageKind::MissingPart { id: *id, incarnation: *incarnation };
+                    self.damage.get_or_insert(Damage { path, at: 0, kind });
                 }
             }
             (_, Event::Sensed { id, .. } | Event::Command(Command::Order(id, _))) => {
                 if let Some(l) = self.current.get(id).copied() {
-                    self.life(*id, l).down.given += 1;
+                    self.incarnation(*id, l).down.given += 1;
                 }
             }
             (_, Event::Act { id, .. } | Event::Report { id, .. }) => {
                 if let Some(l) = self.current.get(id).copied() {
-                    self.life(*id, l).up.taken += 1;
+                    self.incarnation(*id, l).up.taken += 1;
                 }
             }
             _ => {}
@@ -296,6 +300,6 @@ impl Iterator for Join {
 
 /// Returns the module and incarnation that a part is named after.
 fn named(path: &Path) -> Option<(ModuleId, Incarnation)> {
-    let (id, life) = path.file_name()?.to_str()?.split_once('.')?;
-    Some((ModuleId(id.parse().ok()?), Incarnation(life.parse().ok()?)))
+    let (id, incarnation) = path.file_name()?.to_str()?.split_once('.')?;
+    Some((ModuleId(id.parse().ok()?), Incarnation(incarnation.parse().ok()?)))
 }

@@ -19,21 +19,21 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 /// A journal that is being written.
-pub struct Keeping {
+pub struct JournalSession {
     file: PathBuf,
     parts: Option<Parts>,
     writer: Rc<RefCell<Writer>>,
 }
 
-impl Keeping {
+impl JournalSession {
     /// Creates the journal of a simulated run: one file.
-    pub fn simulated(file: &Path, plan: &Plan) -> Result<Keeping, JournalError> {
+    pub fn simulated(file: &Path, plan: &Plan) -> Result<JournalSession, JournalError> {
         let writer = Writer::create(file, &Head::Run(head(file, plan)?))?;
-        Ok(Keeping { file: file.to_owned(), parts: None, writer: Rc::new(RefCell::new(writer)) })
+        Ok(JournalSession { file: file.to_owned(), parts: None, writer: Rc::new(RefCell::new(writer)) })
     }
 
     /// Creates the journal of a run of processes: a directory of parts.
-    pub fn of_processes(file: &Path, plan: &Plan) -> Result<Keeping, JournalError> {
+    pub fn of_processes(file: &Path, plan: &Plan) -> Result<JournalSession, JournalError> {
         // Agents receive the path, and may have another working directory.
         let file = std::path::absolute(file).map_err(|e| JournalError::Create(file.to_owned(), e))?;
         let parts = parts_of(&file);
@@ -47,17 +47,21 @@ impl Keeping {
         let run = head.run;
         let writer = Writer::create(&controller_part(&parts), &Head::Run(head))?;
         let parts = Some(Parts { dir: parts, run });
-        Ok(Keeping { file, parts, writer: Rc::new(RefCell::new(writer)) })
+        Ok(JournalSession { file, parts, writer: Rc::new(RefCell::new(writer)) })
     }
 
     /// Continues the journal of a run of processes whose controller was killed, after the intact records of
     /// the controller's part.
-    pub fn going_on(file: &Path, run: RunId, end: End, at: Time) -> Result<Keeping, JournalError> {
+    pub fn going_on(file: &Path, run: RunId, end: End, at: Time) -> Result<JournalSession, JournalError> {
         let parts = Parts { dir: parts_of(file), run };
         let mut writer = Writer::go_on(&controller_part(&parts.dir), end)?;
         writer.put(&Record { at, who: Who::Controller, event: Event::Resumed });
         writer.commit();
-        Ok(Keeping { file: file.to_owned(), parts: Some(parts), writer: Rc::new(RefCell::new(writer)) })
+        Ok(JournalSession {
+            file: file.to_owned(),
+            parts: Some(parts),
+            writer: Rc::new(RefCell::new(writer)),
+        })
     }
 
     /// Returns the log for records of this process.
@@ -83,8 +87,8 @@ impl Keeping {
         let mut notes = Vec::new();
         let mut writer = self.writer.borrow_mut();
         let mut put = |event| writer.put(&Record { at: end, who: Who::Controller, event });
-        for (id, life, tally) in counts {
-            put(Event::Counted { id: *id, life: *life, tally: *tally });
+        for (id, incarnation, tally) in counts {
+            put(Event::Counted { id: *id, incarnation: *incarnation, tally: *tally });
         }
         put(Event::Ended { outcome: outcome.to_owned(), tally: *tally });
         writer.commit();

@@ -9,9 +9,9 @@
 mod join;
 mod keep;
 
-pub use keep::Keeping;
-pub use metamorph_module_agent::journal_file::{Damage, Flaw, JournalError, RunHead};
-pub use metamorph_protocol::record::{Blob, Event, MessageName, Record, Sent, Step, Taken, Told, Who};
+pub use keep::JournalSession;
+pub use metamorph_module_agent::journal_file::{Damage, DamageKind, JournalError, RunHead};
+pub use metamorph_protocol::record::{Blob, Consumed, Emitted, Event, MessageName, Record, Sent, Step, Who};
 
 use crate::scenario::family::Families;
 use crate::scenario::{LinkKind, Overrides, Plan, read_text};
@@ -147,5 +147,5 @@ pub fn head_of(plan: &Plan) -> Result<RunHead, String> {
 pub fn plan_of(families: Families, head: &RunHead) -> Result<Plan, HeadError> {
     let overrides: Overrides = head.overrides.read().map_err(HeadError::Overrides)?;
     read_text(families, &head.origin, &head.scenario, &overrides)
-        .map_err(|problems| HeadError::Scenario(problems.to_string()))
+        .map_err(|diagnostics| HeadError::Scenario(diagnostics.to_string()))
 }

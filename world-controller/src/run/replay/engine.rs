@@ -4,7 +4,7 @@
 //! Inputs must also have a source: a message received was sent, an action was asked for by its agent, and
 //! what the controller sent arrives in order. Absent: reading files, and printing.
 
-use crate::record::journal::{Event, MessageName, Record, Taken, Told, Who};
+use crate::record::journal::{Consumed, Emitted, Event, MessageName, Record, Who};
 use crate::run::runnable::Runnable;
 use crate::scenario::Plan;
 use metamorph_protocol::agent::Summary;
@@ -19,7 +19,7 @@ use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Wire, WireError};
 use metamorph_sim_bridge::director::outcome::Outcome;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::kernel::recording;
 use metamorph_sim_bridge::kernel::state::{Held, agents_hash, world_hash};
 use metamorph_sim_bridge::world::World;
@@ -36,9 +36,9 @@ struct Life<A: Agent> {
     /// The hash of each message sent, indexed by number.
     sent: Vec<u64>,
     /// Actions and reports that the controller has not consumed yet.
-    told: VecDeque<Told>,
+    told: VecDeque<Emitted>,
     /// Contacts, percepts and orders that the agent has not consumed yet.
-    letters: VecDeque<Taken>,
+    letters: VecDeque<Consumed>,
     tally: Tally,
     summary: Summary,
     /// True if its records are incomplete: it is not followed from here on.
@@ -198,13 +198,14 @@ impl<'a, R: Runnable> Engine<'a, R> {
     }
 
     fn step(&mut self, key: (ModuleId, Incarnation), at: Time, step: &record::Step) -> Result<(), String> {
-        if let Taken::Message { name, message, .. } = &step.input {
+        if let Consumed::Message { name, message, .. } = &step.input {
             self.check_message(*name, message)?;
         }
         let Some(life) = self.lives.get_mut(&key) else {
             return Err("it took an input before it began".to_owned());
         };
-        if !matches!(step.input, Taken::Message { .. } | Taken::Wake) && !take(&mut life.letters, &step.input)
+        if !matches!(step.input, Consumed::Message { .. } | Consumed::Wake)
+            && !take(&mut life.letters, &step.input)
         {
             if !self.torn {
                 return Err(format!("it took {:?}, which the controller had not sent", step.input));
@@ -219,7 +220,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         }
         self.done.steps += 1;
         let input: InputOf<AgentOf<R>> = input(&step.input)?;
-        if let Taken::Message { class, .. } = step.input {
+        if let Consumed::Message { class, .. } = step.input {
             life.tally[class].delivered += 1;
         }
         let digest = agent.handle_hashed(at, input);
@@ -253,7 +254,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
     }
 
     fn check_message(&mut self, name: MessageName, message: &Blob) -> Result<(), String> {
-        let MessageName { from, life, number } = name;
+        let MessageName { from, incarnation: life, number } = name;
         let sender = self.lives.get(&(from, life));
         match sender.and_then(|s| s.sent.get(number as usize)) {
             Some(sent) if *sent == hash(message) => Ok(()),
@@ -269,7 +270,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
     fn controller(&mut self, at: Time, event: &Event) -> Result<(), String> {
         self.done.controller += 1;
         match event {
-            Event::Start { id, life, place } => {
+            Event::Start { id, incarnation: life, place } => {
                 if Blob::of(&self.world.place(*id)) != *place {
                     return Err(format!("module {id} starts at another place"));
                 }
@@ -279,7 +280,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 self.lives.entry((*id, *life)).or_default().died = false;
             }
             Event::Act { id, revision, action, .. } => {
-                self.take_told(*id, &Told::Act { revision: *revision, action: action.clone() })?;
+                self.take_told(*id, &Emitted::Act { revision: *revision, action: action.clone() })?;
                 self.world.act(at, *id, *revision, &read(action)?);
             }
             Event::Advance { ended } => {
@@ -292,7 +293,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 }
             }
             Event::Report { id, report } => {
-                self.take_told(*id, &Told::Report(report.clone()))?;
+                self.take_told(*id, &Emitted::Report(report.clone()))?;
                 self.director.report(at, *id, read(report)?);
             }
             Event::Started { id } => self.director.started(at, *id),
@@ -313,9 +314,9 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 }
                 let letter = match sensed {
                     Sensed::Contact { port, contact, .. } => {
-                        Taken::Contact { port: *port, session: contact.map(|c| c.session) }
+                        Consumed::Contact { port: *port, session: contact.map(|c| c.session) }
                     }
-                    Sensed::Percept(percept) => Taken::Percept(percept.clone()),
+                    Sensed::Percept(percept) => Consumed::Percept(percept.clone()),
                 };
                 self.tell(*id, letter);
             }
@@ -325,17 +326,17 @@ impl<'a, R: Runnable> Engine<'a, R> {
                     return Err(format!("it wants {got:?}, not {wanted:?}"));
                 }
                 if let Command::Order(id, order) = wanted {
-                    self.tell(*id, Taken::Order(order.clone()));
+                    self.tell(*id, Consumed::Order(order.clone()));
                 }
             }
-            Event::Struck { .. } => {
+            Event::Injected { .. } => {
                 let got = self.director.struck().get(self.struck).map(recording::struck);
                 self.struck += 1;
                 if got.as_ref() != Some(event) {
                     return Err(format!("the fault that strikes is {got:?}"));
                 }
             }
-            Event::Counted { id, life, tally } => self.compare_counts(*id, *life, tally)?,
+            Event::Counted { id, incarnation: life, tally } => self.compare_counts(*id, *life, tally)?,
             Event::Ended { outcome, tally } => {
                 self.ended = Some((outcome.clone(), *tally));
                 let account = self.swarm.account(self.plan, &self.director, &self.world);
@@ -358,7 +359,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
     }
 
     /// Records what the controller sends to a module, if it has a process.
-    fn tell(&mut self, id: ModuleId, letter: Taken) {
+    fn tell(&mut self, id: ModuleId, letter: Consumed) {
         if self.alone {
             return;
         }
@@ -367,7 +368,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         }
     }
 
-    fn take_told(&mut self, id: ModuleId, told: &Told) -> Result<(), String> {
+    fn take_told(&mut self, id: ModuleId, told: &Emitted) -> Result<(), String> {
         if self.alone {
             return Ok(());
         }
@@ -431,13 +432,13 @@ fn known(counts: &Counts) -> [u64; 3] {
 
 /// Removes a message of the controller. Contact changes that later ones of the same port have overtaken may
 /// be missing.
-fn take(letters: &mut VecDeque<Taken>, taken: &Taken) -> bool {
+fn take(letters: &mut VecDeque<Consumed>, taken: &Consumed) -> bool {
     while let Some(letter) = letters.pop_front() {
         if letter == *taken {
             return true;
         }
-        let Taken::Contact { port, .. } = letter else { return false };
-        let later = |l: &Taken| matches!(l, Taken::Contact { port: p, .. } if *p == port);
+        let Consumed::Contact { port, .. } = letter else { return false };
+        let later = |l: &Consumed| matches!(l, Consumed::Contact { port: p, .. } if *p == port);
         if !letters.iter().any(later) {
             return false;
         }
@@ -457,12 +458,12 @@ fn read<T: Wire>(blob: &Blob) -> Result<T, String> {
 }
 
 /// Converts a recorded input to an agent's input.
-pub fn input<M: Wire, P: Wire, O: Wire>(taken: &Taken) -> Result<Input<M, P, O>, String> {
+pub fn input<M: Wire, P: Wire, O: Wire>(taken: &Consumed) -> Result<Input<M, P, O>, String> {
     Ok(match taken {
-        Taken::Contact { port, session } => Input::Contact { port: *port, session: *session },
-        Taken::Message { port, message, .. } => Input::Message { port: *port, message: read(message)? },
-        Taken::Percept(percept) => Input::Percept(read(percept)?),
-        Taken::Order(order) => Input::Order(read(order)?),
-        Taken::Wake => Input::Wake,
+        Consumed::Contact { port, session } => Input::Contact { port: *port, session: *session },
+        Consumed::Message { port, message, .. } => Input::Message { port: *port, message: read(message)? },
+        Consumed::Percept(percept) => Input::Percept(read(percept)?),
+        Consumed::Order(order) => Input::Order(read(order)?),
+        Consumed::Wake => Input::Wake,
     })
 }

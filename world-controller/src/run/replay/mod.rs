@@ -113,10 +113,10 @@ where
         if request.until.is_some_and(|until| record.at > until) {
             break;
         }
-        if let Who::Agent(id, life) = record.who
+        if let Who::Agent(id, incarnation) = record.who
             && request.agent == Some(id)
         {
-            words::tell::<AgentOf<R>>(&mut shown, &record, life);
+            words::tell::<AgentOf<R>>(&mut shown, &record, incarnation);
         }
         if let Err(what) = engine.carry_out(&record) {
             let (number, Record { at, who, .. }) = (engine.done().records, record);

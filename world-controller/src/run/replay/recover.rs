@@ -99,15 +99,15 @@ struct Notes<A: Agent> {
 impl<A: Agent> Notes<A> {
     fn take(&mut self, event: &Event) -> Result<(), String> {
         match event {
-            Event::Start { id, life, place } => {
+            Event::Start { id, incarnation, place } => {
                 self.awaited.remove(id);
-                self.counted.restarted += u32::from(*life > Incarnation(0));
+                self.counted.restarted += u32::from(*incarnation > Incarnation(0));
                 if let Some(latest) = self.latest.get_mut(id.index()) {
-                    *latest = *life;
+                    *latest = *incarnation;
                 }
                 let begun = TakenOver {
                     id: *id,
-                    life: *life,
+                    incarnation: *incarnation,
                     place: read(place)?,
                     heard: 0,
                     told: VecDeque::new(),
@@ -149,18 +149,18 @@ impl<A: Agent> Notes<A> {
     fn want(&mut self, wanted: &Command<Blob>) -> Result<(), String> {
         match wanted {
             Command::Kill(id) => {
-                if let Some(life) = self.lives.get_mut(id) {
-                    self.counted.killed += u32::from(!life.condemned);
-                    life.condemned = true;
+                if let Some(incarnation) = self.lives.get_mut(id) {
+                    self.counted.killed += u32::from(!incarnation.condemned);
+                    incarnation.condemned = true;
                 }
             }
             Command::Pause(id) | Command::Resume(id) => {
-                if let Some(life) = self.lives.get_mut(id) {
-                    life.paused = matches!(wanted, Command::Pause(_));
+                if let Some(incarnation) = self.lives.get_mut(id) {
+                    incarnation.paused = matches!(wanted, Command::Pause(_));
                 }
             }
             Command::Restart(id) => {
-                if self.lives.get(id).is_none_or(|life| life.condemned) {
+                if self.lives.get(id).is_none_or(|incarnation| incarnation.condemned) {
                     self.awaited.insert(*id);
                 }
             }
@@ -174,16 +174,16 @@ impl<A: Agent> Notes<A> {
     }
 
     fn heard(&mut self, id: ModuleId) {
-        if let Some(life) = self.lives.get_mut(&id) {
-            life.heard += 1;
+        if let Some(incarnation) = self.lives.get_mut(&id) {
+            incarnation.heard += 1;
         }
     }
 
     /// As the controller loop does: nothing is sent to an agent that is about to be killed.
     fn tell(&mut self, id: ModuleId, letter: ControlMessage<A>) -> bool {
-        let Some(life) = self.lives.get_mut(&id) else { return false };
-        if !life.condemned {
-            life.told.push_back(letter);
+        let Some(incarnation) = self.lives.get_mut(&id) else { return false };
+        if !incarnation.condemned {
+            incarnation.told.push_back(letter);
         }
         true
     }

@@ -2,7 +2,7 @@
 //! Families implement [`Worded`].
 
 use super::engine::input;
-use crate::record::journal::{Event, Record, Step, Taken, Told};
+use crate::record::journal::{Consumed, Emitted, Event, Record, Step};
 use crate::view::visible::Visible;
 use metamorph_protocol::agent::Summary;
 use metamorph_protocol::agent::{Input, InputOf};
@@ -32,11 +32,16 @@ pub fn at(time: Time) -> String {
 }
 
 /// Describes a record of an agent; a wake-up without effect is left out.
-pub fn tell<A: Worded>(out: &mut String, record: &Record, life: Incarnation) {
+pub fn tell<A: Worded>(out: &mut String, record: &Record, incarnation: Incarnation) {
     // Writing to a string cannot fail.
     let _ = match &record.event {
         Event::Born { place } => {
-            writeln!(out, "{}  starts as incarnation {life} at {}", at(record.at), told(place, A::place))
+            writeln!(
+                out,
+                "{}  starts as incarnation {incarnation} at {}",
+                at(record.at),
+                told(place, A::place)
+            )
         }
         Event::State(summary) => writeln!(out, "{}  is now {}", at(record.at), state(summary)),
         Event::Step(step) if is_idle(step) => Ok(()),
@@ -46,7 +51,7 @@ pub fn tell<A: Worded>(out: &mut String, record: &Record, life: Incarnation) {
 }
 
 fn is_idle(step: &Step) -> bool {
-    matches!(step.input, Taken::Wake) && step.sent.is_empty() && step.told.is_empty()
+    matches!(step.input, Consumed::Wake) && step.sent.is_empty() && step.told.is_empty()
 }
 
 fn write_step<A: Worded>(out: &mut String, time: Time, step: &Step) -> std::fmt::Result {
@@ -63,18 +68,18 @@ fn write_step<A: Worded>(out: &mut String, time: Time, step: &Step) -> std::fmt:
     }
     for said in &step.told {
         match said {
-            Told::Act { action, .. } => {
+            Emitted::Act { action, .. } => {
                 writeln!(out, "{indent}asks its body to {}", told(action, A::action))?
             }
-            Told::Report(report) => writeln!(out, "{indent}reports: {}", told(report, A::report))?,
+            Emitted::Report(report) => writeln!(out, "{indent}reports: {}", told(report, A::report))?,
         }
     }
     Ok(())
 }
 
-fn taking<A: Worded>(recorded: &Taken, taken: InputOf<A>) -> String {
+fn taking<A: Worded>(recorded: &Consumed, taken: InputOf<A>) -> String {
     match (recorded, taken) {
-        (Taken::Message { name, class, .. }, Input::Message { message, .. }) => {
+        (Consumed::Message { name, class, .. }, Input::Message { message, .. }) => {
             format!("hears from {}: {} ({class}, message {})", name.from, A::said(&message), name.number)
         }
         (_, Input::Message { port, message }) => format!("hears at port {port}: {}", A::said(&message)),

@@ -2,7 +2,7 @@
 //! what they leave open: telling the two STL formats apart, several solids in one file, and the places of
 //! errors. Absent: whether the triangles enclose a solid (see `voxel`).
 
-use super::flaw::{MAX_GROUPS, MAX_TRIANGLES, SolidError};
+use super::error::{MAX_GROUPS, MAX_TRIANGLES, SolidError};
 use std::collections::HashMap;
 use std::io::Cursor;
 
@@ -78,18 +78,19 @@ fn stl_text(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
     finite(file, triangles)
 }
 
-/// Appends the triangles of one solid. `flaw` creates an error from the number of triangles read so far and
+/// Appends the triangles of one solid. `error` creates an error from the number of triangles read so far and
 /// the cause.
 fn read_solid(
     bytes: &[u8],
     triangles: &mut Vec<Triangle>,
-    flaw: impl Fn(usize, String) -> SolidError,
+    scenario_error: impl Fn(usize, String) -> SolidError,
 ) -> Result<(), SolidError> {
     let short = |error: std::io::Error| error.to_string().chars().take(SHOWN).collect::<String>();
     let mut cursor = Cursor::new(bytes);
-    let reader = stl_io::create_stl_reader(&mut cursor).map_err(|e| flaw(triangles.len(), short(e)))?;
+    let reader =
+        stl_io::create_stl_reader(&mut cursor).map_err(|e| scenario_error(triangles.len(), short(e)))?;
     for triangle in reader {
-        let triangle = triangle.map_err(|e| flaw(triangles.len(), short(e)))?;
+        let triangle = triangle.map_err(|e| scenario_error(triangles.len(), short(e)))?;
         triangles.push(triangle.vertices.map(|corner| corner.0));
         if triangles.len() > MAX_TRIANGLES {
             break;

@@ -2,22 +2,22 @@
 //! VisibleSim.
 //!
 //! `mesh` reads triangles, `voxel` finds the cells that they enclose, `visiblesim` reads configurations,
-//! `survey` says what of a shape cannot be built, `preview` shows it and writes it as a scenario, `flaw` has
+//! `printability` says what of a shape cannot be built, `preview` shows it and writes it as a scenario, `error` has
 //! the errors. The command is in `shape`.
 //!
-//! *Invariant.* No file makes this panic or exceed the memory and time that the limits in `flaw` allow.
+//! *Invariant.* No file makes this panic or exceed the memory and time that the limits in `error` allow.
 //! Absent: repairing broken meshes; a mesh with holes has no inside.
 
-pub mod flaw;
+pub mod error;
 mod mesh;
 mod preview;
+pub mod printability;
 pub mod shape;
-pub mod survey;
 mod visiblesim;
 mod voxel;
 
 use crate::console::escape::Shown;
-use flaw::{MAX_BOX, MAX_BYTES, SolidError};
+use error::{MAX_BOX, MAX_BYTES, SolidError};
 use metamorph_module_agent::regular_file;
 use metamorph_protocol::lattice::Cell;
 use std::collections::BTreeSet;
@@ -139,12 +139,12 @@ pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
             place(&file, &triangles, pitch, how.at)?
         }
     };
-    let volume = survey::volume(&imported.cells);
+    let volume = printability::volume(&imported.cells);
     if volume > MAX_BOX {
         return Err(SolidError::TooWide { file, cells: volume });
     }
     if how.fill_voids {
-        let voids = survey::voids(&imported.cells);
+        let voids = printability::voids(&imported.cells);
         let cells: BTreeSet<Cell> = imported.cells.iter().chain(voids.iter().flatten()).copied().collect();
         imported.cells = cells.into_iter().collect();
     }

@@ -1,6 +1,6 @@
 //! Shows cells to people: as layers of text, as a drawing, and as a scenario that builds them.
 
-use super::survey::corners;
+use super::printability::corners;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::{Cell, Face};
 use std::collections::BTreeSet;

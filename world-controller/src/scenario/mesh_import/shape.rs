@@ -1,15 +1,15 @@
 //! `metamorph shape`: shows the cells of a file, reports what of them cannot be built, and writes a scenario
 //! that builds them.
 
-use super::flaw::SolidError;
+use super::error::SolidError;
 use super::preview::{self, Written};
-use super::survey::{corners, survey};
+use super::printability::{corners, printability};
 use super::{Format, Import, Imported, Part, Up, import, pitch_for};
 use crate::console::escape::{Shown as _, portable};
 use crate::console::format::{count, many};
 use crate::console::output::{OutputError, Outputs};
+use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::family::Families;
-use crate::scenario::problems::Problems;
 use crate::scenario::{LinkKind, Overrides, read_text};
 use clap::{Args, ValueEnum};
 use metamorph_protocol::goal::{Goal, Growth};
@@ -97,7 +97,7 @@ pub enum ShapeError {
     Solid(#[from] SolidError),
     /// The scenario would be invalid.
     #[error("no scenario was written, because it could not be run:\n{0}")]
-    Scenario(Problems),
+    Scenario(Diagnostics),
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -164,7 +164,7 @@ pub fn shape(args: &ShapeArgs, families: Families) -> Result<Shown, ShapeError> 
         }
     }
     let seed = middle(&imported.cells);
-    for finding in survey(&imported.cells, seed, growth) {
+    for finding in printability(&imported.cells, seed, growth) {
         buildable &= !finding.forbids();
         let verdict = if finding.forbids() { "cannot be built" } else { "note" };
         let _ = writeln!(text, "  {verdict}: {finding}");

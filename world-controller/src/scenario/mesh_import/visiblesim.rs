@@ -6,7 +6,7 @@
 //! a sheared shape. Ignored: cameras, lights, colours, orientations. Refused: descriptions of shapes (`csg`,
 //! `blockBox`).
 
-use super::flaw::{MAX_ATTRIBUTES, MAX_ATTRIBUTES_OF_ONE, MAX_NAMESPACES, MAX_NODES, SolidError};
+use super::error::{MAX_ATTRIBUTES, MAX_ATTRIBUTES_OF_ONE, MAX_NAMESPACES, MAX_NODES, SolidError};
 use metamorph_protocol::lattice::Cell;
 use roxmltree::{Document, Error, Node, ParsingOptions};
 use std::collections::BTreeSet;

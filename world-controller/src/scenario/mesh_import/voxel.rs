@@ -8,7 +8,7 @@
 //!
 //! Absent: repairing meshes. Gaps thinner than a cell are closed silently.
 
-use super::flaw::{MAX_GRID, MAX_WORK, SolidError};
+use super::error::{MAX_GRID, MAX_WORK, SolidError};
 use super::mesh::Triangle;
 use metamorph_protocol::lattice::Cell;
 use std::collections::HashMap;

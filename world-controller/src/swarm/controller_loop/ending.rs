@@ -10,12 +10,12 @@ use metamorph_module_agent::transport::Transport;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::wire::Channel;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::time::Duration;
 
-impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
+impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
     pub(super) fn stop(&mut self) -> Result<(), SwarmError> {
         self.outcome.end = self.now();
         self.outcome.slowed = self.pace.slowed();

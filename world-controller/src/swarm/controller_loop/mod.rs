@@ -30,7 +30,7 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::time::Duration;
@@ -86,7 +86,7 @@ pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     retry_at: Option<u64>,
 }
 
-impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
+impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
     /// A controller that has not started any agent. The run was asked for at `begun`.
     pub fn new(
         options: &'a SwarmOptions,
@@ -301,7 +301,7 @@ impl<'a, W: World, D: Direct<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         match frame.message::<RuntimeMessage<<W::Agent as Agent>::Place>>() {
             Ok(RuntimeMessage::Hello { .. }) => self.hear_hello(header.source.index()),
             Ok(RuntimeMessage::Here { told, expected }) => self.hear_here(header, told, expected),
-            Ok(RuntimeMessage::Taken { expected })
+            Ok(RuntimeMessage::Consumed { expected })
                 if self.processes[header.source.index()].stage == Stage::Running =>
             {
                 self.processes[header.source.index()].has_taken(expected);

@@ -13,9 +13,9 @@ use metamorph_module_agent::journal_file::{JournalError, Reader, agent_part};
 use metamorph_module_agent::process::runtime_message::RuntimeMessage;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::Incarnation;
-use metamorph_protocol::record::{Blob, Event, Told};
+use metamorph_protocol::record::{Blob, Emitted, Event};
 use metamorph_protocol::wire::{Header, Wire};
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,7 +24,7 @@ use std::path::Path;
 impl<W, D, B> ControllerLoop<'_, W, D, B>
 where
     W: World,
-    D: Direct<W>,
+    D: DirectorPort<W>,
     B: Backend<Launcher = Supervisor>,
 {
     /// Goes on with the run in `root` to its end.
@@ -58,7 +58,8 @@ where
                 process.incarnation = process.incarnation.max(Incarnation(incarnation));
             }
         }
-        let taken_over: BTreeSet<String> = lives.iter().map(|l| format!("{}.{}", l.id, l.life)).collect();
+        let taken_over: BTreeSet<String> =
+            lives.iter().map(|l| format!("{}.{}", l.id, l.incarnation)).collect();
         for (name, identity) in &known {
             if !taken_over.contains(name) && kill(*identity) {
                 tracing::debug!("{name} had been started, and was not to take part yet");
@@ -68,12 +69,12 @@ where
             let begin = RuntimeMessage::Begin { place: agent.place };
             agent.told.push_front(ControlMessage::Runtime(begin));
             let process = &mut self.processes[agent.id.index()];
-            process.take_over(agent.life, agent.heard, agent.told);
+            process.take_over(agent.incarnation, agent.heard, agent.told);
             process.condemned = agent.condemned;
             process.restart = awaited.remove(&agent.id);
             process.paused = agent.paused;
-            let key = (agent.id, agent.life);
-            let Some(identity) = known.get(&format!("{}.{}", agent.id, agent.life)) else {
+            let key = (agent.id, agent.incarnation);
+            let Some(identity) = known.get(&format!("{}.{}", agent.id, agent.incarnation)) else {
                 let how = "was not there any more when the run was resumed".to_owned();
                 let crashed = !agent.condemned;
                 self.ended(key, how, String::new(), crashed);
@@ -100,7 +101,7 @@ where
     }
 }
 
-impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
+impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
     /// An agent has turned to this controller. What no controller has taken is read from its journal.
     pub(super) fn hear_here(&mut self, header: Header, told: u32, expected: u32) -> bool {
         let i = header.source.index();
@@ -124,7 +125,7 @@ impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         true
     }
 
-    fn told_by(&self, header: Header, heard: u32, told: u32) -> Result<Vec<Told>, JournalError> {
+    fn told_by(&self, header: Header, heard: u32, told: u32) -> Result<Vec<Emitted>, JournalError> {
         let Some(parts) = &self.options.journal else { return Ok(Vec::new()) };
         let path = agent_part(&parts.dir, header.source, header.incarnation);
         let mut all = Vec::new();
@@ -142,17 +143,17 @@ impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         Ok(all.into_iter().take(told as usize).skip(heard as usize).collect())
     }
 
-    fn take_missed(&mut self, header: Header, told: Told) {
+    fn take_missed(&mut self, header: Header, told: Emitted) {
         let now = self.now();
         self.world.advance(now);
         match told {
-            Told::Act { revision, action } => {
+            Emitted::Act { revision, action } => {
                 if let Some(action) = read::<<W::Agent as Agent>::Action>(&action) {
                     self.outcome.body_messages += 1;
                     self.world.act(now, header.source, revision, &action);
                 }
             }
-            Told::Report(report) => {
+            Emitted::Report(report) => {
                 if let Some(report) = read::<<W::Agent as Agent>::Report>(&report) {
                     self.outcome.control_messages += 1;
                     self.director.report(now, header.source, report);

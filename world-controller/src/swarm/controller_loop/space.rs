@@ -4,13 +4,13 @@
 use super::ControllerLoop;
 use crate::swarm::launcher::Backend;
 use metamorph_module_agent::transport::SpaceShortage;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 
 /// Nanoseconds between two looks.
 const EVERY: u64 = 500_000_000;
 
-impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
+impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
     pub(super) fn look_at_space(&mut self) {
         let now = self.pace.monotonic();
         if now.saturating_sub(self.looked) < EVERY {

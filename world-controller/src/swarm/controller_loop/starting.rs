@@ -12,14 +12,14 @@ use metamorph_module_agent::run_dir::controller_lease::mark_resumable;
 use metamorph_module_agent::transport::AgentKey;
 use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::director::port::Direct;
+use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use std::time::Duration;
 
 /// Processes that start at the same time; more would only compete.
 const STARTING: usize = 32;
 
-impl<W: World, D: Direct<W>, B: Backend> ControllerLoop<'_, W, D, B> {
+impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
     pub(super) fn set_up(&mut self) -> Result<(), SwarmError> {
         let timeout = nanos(self.options.setup_timeout);
         let mut deadline = self.begun + timeout;

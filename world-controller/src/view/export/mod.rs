@@ -270,7 +270,9 @@ impl Recording {
                     self.change(id, |body| body.role.clone_from(&summary.role));
                 }
             }
-            Event::Struck { fault, effect, .. } => self.say(Level::Warning, &format!("{fault}: {effect}"))?,
+            Event::Injected { fault, effect, .. } => {
+                self.say(Level::Warning, &format!("{fault}: {effect}"))?
+            }
             Event::Violated { invariant, what } => {
                 self.say(Level::Error, &format!("{invariant} broke: {what}"))?;
             }

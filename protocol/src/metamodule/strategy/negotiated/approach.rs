@@ -7,7 +7,7 @@ use crate::lattice::Cell;
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::Claim;
 use crate::metamodule::plan::{Aim, Plan};
-use crate::metamodule::planning::paths::Course;
+use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::strategy::Context;
 
@@ -38,17 +38,17 @@ impl Permission {
 impl Scene<'_> {
     /// The best course to a seed: around those in the way if that is not longer than what they would need to
     /// make way, through where they stand otherwise.
-    pub fn course_to(&self, number: u8, patient: bool) -> Option<Course> {
+    pub fn route_to(&self, number: u8, patient: bool) -> Option<Route> {
         let seed = self.seed(number)?;
         let find = |fixed: &[Cell]| {
             let pose = self.v.own.pose;
             let through = self.v.ground(fixed).to_seed(pose, seed, fixed, usize::MAX)?;
-            let swept = self.cells_of(pose, &self.legs(&through));
+            let swept = self.cells_of(pose, &self.segments(&through));
             let in_way = self.free.iter().filter(|o| o.cells.iter().any(|c| swept.contains(c))).count();
             if in_way == 0 {
                 return Some(through);
             }
-            let worth = through.strides.len() + in_way + if patient { 0 } else { DETOUR };
+            let worth = through.steps.len() + in_way + if patient { 0 } else { DETOUR };
             let bodies = fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells));
             let bodies: Vec<Cell> = bodies.collect();
             Some(self.v.ground(&bodies).to_seed(pose, seed, fixed, worth).unwrap_or(through))
@@ -119,11 +119,11 @@ impl Negotiated {
         if fits && (self.claims.searched_in == (around, patient) || (patient && is_open())) {
             return None;
         }
-        let Some(course) = scene.course_to(claim.seed, patient) else {
+        let Some(route) = scene.route_to(claim.seed, patient) else {
             self.give_up(cx, scene, claim);
             return None;
         };
-        self.course = course;
+        self.route = route;
         (self.claims.searched_in, self.claims.planned_in) = ((around, patient), planned);
         self.next_leg(scene, &scene.taken, Some(corridor), claim, may)
     }
@@ -138,7 +138,7 @@ impl Negotiated {
         claim: Claim,
         may: Permission,
     ) -> Option<Plan> {
-        let (posture, lands) = self.course.next()?;
+        let (posture, lands) = self.route.next()?;
         let (ground, pose) = (scene.v.ground(taken), scene.v.own.pose);
         if !lands {
             let may_fill = may.fill && (may.close || scene.keeps_open(claim.seed));

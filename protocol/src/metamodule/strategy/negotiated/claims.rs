@@ -1,11 +1,11 @@
 //! Which seed a metamodule goes to: seeds are shared out so that all together make the fewest strides.
 
 use super::scene::{Other, Scene, fingerprint};
-use crate::coverage::{Mark, hit};
+use crate::coverage::{CoveragePoint, hit};
 use crate::digest::Portable;
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::Claim;
-use crate::metamodule::planning::paths::Course;
+use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::view::View;
 use crate::time::{Span, Time};
@@ -127,22 +127,22 @@ impl Claims {
         };
         let outranked = scene.free.iter().any(is_better);
         if outranked {
-            hit(Mark::MetaOutranked);
+            hit(CoveragePoint::MetaOutranked);
         }
         !scene.v.open().has(claim.seed) || outranked
     }
 
     /// Notes that there is no way to a seed.
     pub fn mark_unreachable(&mut self, scene: &Scene<'_>, seed: u8) {
-        hit(Mark::MetaBarred);
+        hit(CoveragePoint::MetaBarred);
         self.unreachable = self.unreachable.with(seed);
         self.unreachable_in = fingerprint(&scene.fixed);
         self.reachable_at = scene.v.now + scene.v.params().patience * UNREACHABLE_FOR;
     }
 
     /// Claims a seed.
-    pub fn take(&mut self, scene: &Scene<'_>, seed: u8, course: &Course) {
-        let cost = u8::try_from(course.strides.len()).unwrap_or(u8::MAX);
+    pub fn take(&mut self, scene: &Scene<'_>, seed: u8, route: &Route) {
+        let cost = u8::try_from(route.steps.len()).unwrap_or(u8::MAX);
         self.claim = Some(Claim { seed, cost });
         self.agreed_at = scene.v.now + scene.v.params().resend;
         self.unclaimed_since = None;
@@ -170,8 +170,8 @@ impl Claims {
         if now < since + params.patience {
             return None;
         }
-        hit(Mark::MetaNearest);
-        open.iter().min_by_key(|s| strides(scene, &[scene.v.own.pose], *s))
+        hit(CoveragePoint::MetaNearest);
+        open.iter().min_by_key(|s| steps(scene, &[scene.v.own.pose], *s))
     }
 
     /// The seed that falls to this metamodule if all unclaimed ones are shared out among those without one,
@@ -185,12 +185,12 @@ impl Claims {
         let poses: Vec<Pose> = walkers.iter().map(|w| w.1).collect();
         let left = scene.v.goal().all().without(own.filled).without(claimed);
         let seeds: Vec<u8> = left.iter().collect();
-        let strides: Vec<Vec<i64>> = seeds.iter().map(|s| strides(scene, &poses, *s)).collect();
+        let steps: Vec<Vec<i64>> = seeds.iter().map(|s| steps(scene, &poses, *s)).collect();
         let cost = |walker: usize, place: usize| {
             let ((_, _, unreachable), seed) = (walkers[walker], seeds[place]);
             let later = if open.has(seed) { 0 } else { LATER };
             let unreachable = if unreachable.has(seed) { UNREACHABLE } else { 0 };
-            strides[place][walker] + later + unreachable
+            steps[place][walker] + later + unreachable
         };
         let mine = walkers.iter().position(|w| w.0 == own.id)?;
         // The method wants as many columns as rows, or more.
@@ -207,11 +207,11 @@ impl Claims {
 }
 
 /// Strides to a seed from each pose, around what will be built before it.
-fn strides(scene: &Scene<'_>, from: &[Pose], number: u8) -> Vec<i64> {
+fn steps(scene: &Scene<'_>, from: &[Pose], number: u8) -> Vec<i64> {
     let Some(seed) = scene.seed(number) else { return vec![UNREACHABLE; from.len()] };
     let planned = scene.planned(number);
     let ground = scene.v.ground(&planned);
     let distances = scene.v.motions().distances(scene.v.setup.floor, seed, &planned);
-    let strides = |pose: &Pose| distances.strides(*pose, ground.lands(*pose)).map_or(FAR, i64::from);
-    from.iter().map(strides).collect()
+    let steps = |pose: &Pose| distances.steps(*pose, ground.lands(*pose)).map_or(FAR, i64::from);
+    from.iter().map(steps).collect()
 }

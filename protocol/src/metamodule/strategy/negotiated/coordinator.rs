@@ -13,15 +13,15 @@
 
 use super::scene::{Scene, fingerprint};
 use crate::counters::Class;
-use crate::coverage::{Mark, hit};
-use crate::defects::Sabotage;
+use crate::coverage::{CoveragePoint, hit};
+use crate::defects::Defect;
 use crate::digest::Portable;
 use crate::ids::ModuleId;
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::{Directive, Instruction, Message};
 use crate::metamodule::params::Setup;
 use crate::metamodule::plan::{Aim, Plan};
-use crate::metamodule::planning::cooperative::{Move, Sought, Standstill, WORK, search};
+use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, WORK, search};
 use crate::metamodule::planning::lru_cache::mix;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::strategy::Context;
@@ -99,7 +99,7 @@ impl Coordinator {
                 if now < self.due(scene, filled_since) {
                     return None;
                 }
-                hit(Mark::MetaLed);
+                hit(CoveragePoint::MetaLed);
                 let params = cx.v.params();
                 let (at, until) = (now + params.resend, now + params.lease);
                 self.stage = Stage::Gathering { at, until };
@@ -119,7 +119,7 @@ impl Coordinator {
                     Some((Instruction::Stay, now))
                 }
                 None => {
-                    hit(Mark::MetaLedInVain);
+                    hit(CoveragePoint::MetaLedInVain);
                     self.in_vain = Some(arrangement(scene));
                     self.give_up(cx);
                     None
@@ -281,15 +281,15 @@ fn plan_together(scene: &Scene<'_>) -> Option<Vec<(ModuleId, Move)>> {
         free: movers.iter().map(|(_, pose)| *pose).collect(),
         fixed: scene.stays.clone(),
     };
-    let Sought::Way(way) = search(&standstill, WORK) else { return None };
-    Some(way.into_iter().map(|m| (movers[m.body].0, m)).collect())
+    let SearchResult::Path(path) = search(&standstill, WORK) else { return None };
+    Some(path.into_iter().map(|m| (movers[m.body].0, m)).collect())
 }
 
 /// The motion that an instruction asks of this metamodule, if it is the mover and the way is free.
 pub(super) fn own_move(scene: &Scene<'_>, instruction: Instruction) -> Option<Plan> {
     let (v, pose) = (scene.v, scene.v.own.pose);
     let Instruction::Move { mover, from, posture, lands } = instruction else { return None };
-    if mover != v.own.id || !stands(pose, from) || v.has(Sabotage::StandInTheWay) {
+    if mover != v.own.id || !stands(pose, from) || v.has(Defect::StandInTheWay) {
         return None;
     }
     let fills = v.seed_filled_in(Pose { posture, ..pose }).filter(|s| v.open().has(*s));
@@ -299,7 +299,7 @@ pub(super) fn own_move(scene: &Scene<'_>, instruction: Instruction) -> Option<Pl
         None => Aim::Shift,
     };
     let plan = Plan::to(&v.ground(&scene.taken), pose, posture, aim)?;
-    hit(Mark::MetaCalled);
+    hit(CoveragePoint::MetaCalled);
     Some(plan)
 }
 

@@ -1,12 +1,12 @@
 //! The cells of ways: of those to keep out of, and of the own one.
 
 use super::scene::Scene;
-use crate::defects::Sabotage;
+use crate::defects::Defect;
 use crate::lattice::Cell;
-use crate::metamodule::message::{LEGS, Leg, Rank, Way};
+use crate::metamodule::message::{LEGS, Path, Rank, Segment};
 use crate::metamodule::motions::Sweep;
 use crate::metamodule::plan::{Aim, Plan};
-use crate::metamodule::planning::paths::Course;
+use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 
 /// The ways to keep out of: the cells and the rank of each.
@@ -29,33 +29,34 @@ impl Corridor {
 
 impl Scene<'_> {
     /// The ways of others that are more important than a rank.
-    fn ways_above(&self, rank: Rank) -> impl Iterator<Item = &Way> {
+    fn ways_above(&self, rank: Rank) -> impl Iterator<Item = &Path> {
         let me = self.v.own.id;
-        let makes_way = !self.v.has(Sabotage::StandInTheWay);
-        let ways = self.free.iter().filter_map(|o| Some((o.id, o.way.as_ref()?)));
-        ways.filter(move |(id, w)| makes_way && (w.rank, *id) < (rank, me)).map(|(_, way)| way)
+        let makes_way = !self.v.has(Defect::StandInTheWay);
+        let paths = self.free.iter().filter_map(|o| Some((o.id, o.path.as_ref()?)));
+        paths.filter(move |(id, w)| makes_way && (w.rank, *id) < (rank, me)).map(|(_, path)| path)
     }
 
     /// The ways that a metamodule of this rank keeps out of.
     pub fn corridor(&self, rank: Rank) -> Corridor {
-        let ways = self.ways_above(rank);
-        Corridor(ways.map(|w| (self.cells_of(w.from, w.legs()), w.rank)).collect())
+        let paths = self.ways_above(rank);
+        Corridor(paths.map(|w| (self.cells_of(w.from, w.segments()), w.rank)).collect())
     }
 
     /// Only the cells in which their legs end.
     pub fn ends_of_ways(&self, rank: Rank) -> Vec<Cell> {
-        let unswept = |leg: &Leg| Leg { sweep: Sweep::default(), ..*leg };
-        let ends = |w: &Way| self.cells_of(w.from, &w.legs().iter().map(unswept).collect::<Vec<Leg>>());
+        let unswept = |segment: &Segment| Segment { sweep: Sweep::default(), ..*segment };
+        let ends =
+            |w: &Path| self.cells_of(w.from, &w.segments().iter().map(unswept).collect::<Vec<Segment>>());
         self.ways_above(rank).flat_map(ends).collect()
     }
 
     /// All cells of a way.
-    pub fn cells_of(&self, from: Pose, legs: &[Leg]) -> Vec<Cell> {
+    pub fn cells_of(&self, from: Pose, segments: &[Segment]) -> Vec<Cell> {
         let motions = self.v.motions();
         let (mut at, mut cells) = (from, Vec::new());
-        for leg in legs {
-            cells.extend(motions.swept(at.state, leg.sweep));
-            let ends = Pose { posture: leg.posture, ..at };
+        for segment in segments {
+            cells.extend(motions.swept(at.state, segment.sweep));
+            let ends = Pose { posture: segment.posture, ..at };
             cells.extend(motions.cells(ends));
             match motions.turned_around(ends) {
                 Some(to) => at = to,
@@ -67,20 +68,20 @@ impl Scene<'_> {
 
     /// The first legs of a course of this metamodule, around others where that is possible without another
     /// course.
-    pub fn legs(&self, course: &Course) -> Vec<Leg> {
+    pub fn segments(&self, route: &Route) -> Vec<Segment> {
         let (fixed, taken) = (self.v.ground(&self.fixed), self.v.ground(&self.taken));
-        let (mut at, mut legs) = (self.v.own.pose, Vec::new());
-        for posture in course.strides.iter().copied().chain(course.last).take(LEGS) {
+        let (mut at, mut segments) = (self.v.own.pose, Vec::new());
+        for posture in route.steps.iter().copied().chain(route.last).take(LEGS) {
             let Some(straight) = Plan::to(&fixed, at, posture, Aim::Land) else { break };
             let is_free = straight.sweep.0 & taken.taken_at(at) == 0;
             let around = || Plan::to(&taken, at, posture, Aim::Land);
             let plan = if is_free { straight } else { around().unwrap_or(straight) };
-            legs.push(Leg { posture, sweep: plan.sweep });
+            segments.push(Segment { posture, sweep: plan.sweep });
             match fixed.landed(at, posture) {
                 Some(to) => at = to,
                 None => break,
             }
         }
-        legs
+        segments
     }
 }

@@ -27,11 +27,11 @@ mod yielding;
 
 use super::{Advertised, Context, Decision};
 use crate::counters::Class;
-use crate::coverage::{Mark, hit};
+use crate::coverage::{CoveragePoint, hit};
 use crate::digest::Portable;
 use crate::ids::Port;
-use crate::metamodule::message::{Claim, Directive, Instruction, Message, Rank, Way};
-use crate::metamodule::planning::paths::Course;
+use crate::metamodule::message::{Claim, Directive, Instruction, Message, Path, Rank};
+use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::view::View;
 use crate::time::Time;
@@ -47,39 +47,39 @@ use yielding::{Need, Yielding};
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::metamodule) struct Negotiated {
     /// Where the metamodule means to go next.
-    course: Course,
+    route: Route,
     claims: Claims,
     yielding: Yielding,
     announcement: Announcement,
     /// The ways that neighbours have announced.
-    ways: BTreeMap<Port, Way>,
+    paths: BTreeMap<Port, Path>,
     coordinator: Coordinator,
 }
 
 impl Negotiated {
     pub fn new() -> Negotiated {
         Negotiated {
-            course: Course::default(),
+            route: Route::default(),
             claims: Claims::default(),
             yielding: Yielding::default(),
             announcement: Announcement::new(),
-            ways: BTreeMap::new(),
+            paths: BTreeMap::new(),
             coordinator: Coordinator::default(),
         }
     }
 
     /// Feeds the state into a hash, without the ways of neighbours; see `digest`.
     pub fn digest(&self, hasher: &mut Portable<'_>) {
-        let Negotiated { course, claims, yielding, announcement, ways: _, coordinator } = self;
-        course.hash(hasher);
+        let Negotiated { route, claims, yielding, announcement, paths: _, coordinator } = self;
+        route.hash(hasher);
         claims.digest(hasher);
         yielding.digest(hasher);
         announcement.digest(hasher);
         coordinator.digest(hasher);
     }
     /// The way that the neighbour on a port has announced.
-    pub fn way_of(&self, port: Port) -> Option<&Way> {
-        self.ways.get(&port)
+    pub fn way_of(&self, port: Port) -> Option<&Path> {
+        self.paths.get(&port)
     }
     pub fn advertised(&self) -> Advertised {
         let (claim, unreachable) = (self.claims.claim, self.claims.unreachable());
@@ -88,17 +88,17 @@ impl Negotiated {
     pub fn rank(&self) -> Rank {
         self.announcement.rank
     }
-    pub fn announced(&self) -> Option<Way> {
-        self.announcement.way()
+    pub fn announced(&self) -> Option<Path> {
+        self.announcement.path()
     }
     /// Whether a metamodule that takes this posture where it stands blocks no other one.
     pub fn is_non_blocking(&self, v: View<'_>, posture: u16) -> bool {
-        Scene::new(v, &self.ways).is_non_blocking(Pose { posture, ..v.own.pose })
+        Scene::new(v, &self.paths).is_non_blocking(Pose { posture, ..v.own.pose })
     }
 
     /// Decides what to do next.
     pub fn look(&mut self, cx: &mut Context<'_>, next_expiry: Time) -> Decision {
-        let scene = Scene::new(cx.v, &self.ways);
+        let scene = Scene::new(cx.v, &self.paths);
         self.review(cx, &scene);
         let filled_since = self.claims.filled_since();
         if let Some((instruction, until)) = self.coordinator.step(cx, &scene, filled_since, next_expiry) {
@@ -123,7 +123,7 @@ impl Negotiated {
             }
         } else {
             if claim.is_none() {
-                self.course = Course::default();
+                self.route = Route::default();
             }
             self.announce(cx, &scene, rank);
         }
@@ -152,7 +152,7 @@ impl Negotiated {
 
     fn drop_claim(&mut self) {
         self.claims.claim = None;
-        self.course = Course::default();
+        self.route = Route::default();
     }
 
     /// Claims an open seed, if the best way of sharing them out gives it one, or if it remains unclaimed for
@@ -160,10 +160,10 @@ impl Negotiated {
     fn claim(&mut self, cx: &mut Context<'_>, scene: &Scene<'_>) {
         while self.claims.claim.is_none() {
             let Some(seed) = self.claims.choose(scene) else { return };
-            match scene.course_to(seed, true) {
-                Some(course) => {
-                    self.claims.take(scene, seed, &course);
-                    self.course = course;
+            match scene.route_to(seed, true) {
+                Some(route) => {
+                    self.claims.take(scene, seed, &route);
+                    self.route = route;
                     *cx.waiting_since = cx.v.now;
                 }
                 None => self.claims.mark_unreachable(scene, seed),
@@ -174,7 +174,7 @@ impl Negotiated {
 
     /// Leaves a seed to others.
     fn give_up(&mut self, cx: &mut Context<'_>, scene: &Scene<'_>, claim: Claim) {
-        hit(Mark::MetaGaveUpSeed);
+        hit(CoveragePoint::MetaGaveUpSeed);
         self.drop_claim();
         self.claims.mark_unreachable(scene, claim.seed);
         self.tell(cx);
@@ -213,8 +213,7 @@ impl Negotiated {
 
     /// Drops its own intentions, and says so.
     fn withdraw(&mut self, cx: &mut Context<'_>) {
-        (self.course, self.claims, self.yielding) =
-            (Course::default(), Claims::default(), Yielding::default());
+        (self.route, self.claims, self.yielding) = (Route::default(), Claims::default(), Yielding::default());
         self.announcement.withdraw(cx);
     }
 
@@ -227,25 +226,25 @@ impl Negotiated {
         self.coordinator.start_over(cx);
     }
     pub fn on_motion(&mut self, moved: bool) {
-        self.course.advance();
+        self.route.advance();
         if moved {
             self.yielding.on_moved();
         }
     }
     pub fn forget(&mut self, port: Port) {
-        self.ways.remove(&port);
+        self.paths.remove(&port);
     }
     pub fn repeat(&mut self, cx: &mut Context<'_>) {
-        if let Some(way) = self.announced() {
-            cx.out.broadcast(cx.v, Class::Liveness, Message::Way(way));
+        if let Some(path) = self.announced() {
+            cx.out.broadcast(cx.v, Class::Liveness, Message::Path(path));
         }
         self.coordinator.repeat(cx);
     }
-    pub fn hear_way(&mut self, v: View<'_>, port: Port, way: Way) -> bool {
-        let is_later = self.ways.get(&port).is_none_or(|w| w.sequence < way.sequence);
+    pub fn hear_way(&mut self, v: View<'_>, port: Port, path: Path) -> bool {
+        let is_later = self.paths.get(&port).is_none_or(|w| w.sequence < path.sequence);
         let is_news = v.neighbours.get(port).is_some() && is_later;
         if is_news {
-            self.ways.insert(port, way);
+            self.paths.insert(port, path);
         }
         is_news
     }

@@ -3,7 +3,7 @@
 use crate::ids::{ModuleId, Port};
 use crate::lattice::Cell;
 use crate::metamodule::blueprint::{Seed, SeedSet};
-use crate::metamodule::message::{Claim, Way};
+use crate::metamodule::message::{Claim, Path};
 use crate::metamodule::planning::enclosure::is_away;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::view::View;
@@ -18,7 +18,7 @@ pub(super) struct Other {
     pub soon: Pose,
     pub claim: Option<Claim>,
     pub unreachable: SeedSet,
-    pub way: Option<Way>,
+    pub path: Option<Path>,
 }
 
 /// What is around. It stays as it is during one look.
@@ -43,7 +43,7 @@ pub(super) struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    pub fn new(v: View<'a>, ways: &BTreeMap<Port, Way>) -> Scene<'a> {
+    pub fn new(v: View<'a>, paths: &BTreeMap<Port, Path>) -> Scene<'a> {
         let (own, motions) = (v.own, v.motions());
         let fixed = v.fixed();
         let (mut stays, mut blocked) = (fixed.clone(), Vec::new());
@@ -69,7 +69,7 @@ impl<'a> Scene<'a> {
                 soon,
                 claim: state.claim.filter(fits),
                 unreachable: state.unreachable,
-                way: ways.get(&port).copied().filter(|w| w.count > 0),
+                path: paths.get(&port).copied().filter(|w| w.count > 0),
             });
         }
         free.sort_by_key(|o| o.id);

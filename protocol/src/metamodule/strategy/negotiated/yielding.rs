@@ -3,12 +3,12 @@
 use super::Negotiated;
 use super::corridor::Corridor;
 use super::scene::{Other, Scene};
-use crate::coverage::{Mark, hit};
+use crate::coverage::{CoveragePoint, hit};
 use crate::digest::Portable;
 use crate::lattice::Cell;
 use crate::metamodule::message::{Claim, Rank};
 use crate::metamodule::plan::{Aim, Plan};
-use crate::metamodule::planning::paths::{Course, Ground};
+use crate::metamodule::planning::paths::{Ground, Route};
 use crate::metamodule::pose::Pose;
 use crate::metamodule::strategy::Context;
 use crate::time::Time;
@@ -59,12 +59,12 @@ impl Yielding {
     pub fn review(&mut self, scene: &Scene<'_>) -> bool {
         let (now, at_least) = (scene.v.now, self.blocked_at_least);
         let is_over = |until: &mut Time| {
-            now >= *until || (now >= at_least && scene.free.iter().all(|o| o.way.is_none()))
+            now >= *until || (now >= at_least && scene.free.iter().all(|o| o.path.is_none()))
         };
         self.blocked_until.take_if(is_over).is_some()
     }
     fn block(&mut self, scene: &Scene<'_>) {
-        hit(Mark::MetaCornered);
+        hit(CoveragePoint::MetaCornered);
         // Longer every time: one that goes around must get past before this one counts as free again.
         let (now, times, retry) = (scene.v.now, self.times_blocked, scene.v.params().patience);
         self.times_blocked = (times + 1).min(MOST_DOUBLED);
@@ -114,19 +114,19 @@ impl Negotiated {
         need: Need,
         has_claim: bool,
     ) -> Option<Plan> {
-        let kept = std::mem::take(&mut self.course);
+        let kept = std::mem::take(&mut self.route);
         let plan = self.find_way_aside(scene, need.rank);
-        if plan.is_none() && need.in_way && self.course.is_over() {
+        if plan.is_none() && need.in_way && self.route.is_over() {
             self.yielding.block(scene);
             self.tell(cx);
         }
         self.announce(cx, scene, need.rank);
         if has_claim {
-            self.course = kept;
+            self.route = kept;
         }
         if plan.is_some() {
-            hit(Mark::MetaMadeWay);
-            self.course = Course::default();
+            hit(CoveragePoint::MetaMadeWay);
+            self.route = Route::default();
         }
         plan
     }
@@ -135,19 +135,19 @@ impl Negotiated {
     /// its first leg, if that is free.
     fn find_way_aside(&mut self, scene: &Scene<'_>, rank: Rank) -> Option<Plan> {
         let (v, pose) = (scene.v, scene.v.own.pose);
-        let course = course_aside(scene, rank)?;
-        let plan = course.next().and_then(|(posture, lands)| {
+        let route = route_aside(scene, rank)?;
+        let plan = route.next().and_then(|(posture, lands)| {
             let non_blocking = scene.is_non_blocking(Pose { posture, ..pose });
             let aim = if lands { Aim::Land } else { Aim::Shift };
             Some(Plan { non_blocking, ..Plan::to(&v.ground(&scene.taken), pose, posture, aim)? })
         });
-        self.course = course;
+        self.route = route;
         plan
     }
 }
 
 /// The course to the best place that is out of the way of a rank.
-fn course_aside(scene: &Scene<'_>, rank: Rank) -> Option<Course> {
+fn route_aside(scene: &Scene<'_>, rank: Rank) -> Option<Route> {
     let (v, corridor) = (scene.v, scene.corridor(rank));
     let (motions, pose) = (v.motions(), v.own.pose);
     let is_clear = |pose: Pose| corridor.is_clear_of(&motions.cells(pose));
@@ -155,9 +155,9 @@ fn course_aside(scene: &Scene<'_>, rank: Rank) -> Option<Course> {
     // What a leg sweeps is one way of many to its end: a body that is out of all ends may be got past.
     let ends = scene.ends_of_ways(rank);
     let is_past = |pose: Pose| !motions.cells(pose).iter().any(|cell| ends.contains(cell));
-    let past = |ground: &Ground<'_>| ground.aside(pose, is_past).filter(|course| !course.is_over());
+    let past = |ground: &Ground<'_>| ground.aside(pose, is_past).filter(|route| !route.is_over());
     // More important metamodules do not make way.
-    let is_firm = |o: &&Other| o.way.is_some_and(|w| (w.rank, o.id) < (rank, v.own.id));
+    let is_firm = |o: &&Other| o.path.is_some_and(|w| (w.rank, o.id) < (rank, v.own.id));
     let firm = scene.free.iter().filter(is_firm).flat_map(|o| o.cells);
     let firm: Vec<Cell> = scene.fixed.iter().copied().chain(firm).collect();
     let (free, firm) = (v.ground(&scene.taken), v.ground(&firm));
@@ -171,21 +171,21 @@ fn course_aside(scene: &Scene<'_>, rank: Rank) -> Option<Course> {
 
 /// The course to the nearest place in which this metamodule may stay, as the most important of those in whose
 /// way it is gets to its seed by some other way then.
-fn let_by(scene: &Scene<'_>, rank: Rank, ground: &Ground<'_>) -> Option<Course> {
+fn let_by(scene: &Scene<'_>, rank: Rank, ground: &Ground<'_>) -> Option<Route> {
     let v = scene.v;
-    let claims = |o: &Other| o.claim.filter(|c| o.way.is_some_and(|w| w.rank == Rank::of_seed(c.seed)));
+    let claims = |o: &Other| o.claim.filter(|c| o.path.is_some_and(|w| w.rank == Rank::of_seed(c.seed)));
     let claims = scene.free.iter().filter_map(|o| Some((claims(o)?.seed, o.pose)));
     let (number, from) = claims.min_by_key(|(seed, _)| *seed).filter(|(s, _)| Rank::of_seed(*s) < rank)?;
     let (seed, planned) = (scene.seed(number)?, scene.planned(number));
     let mut left = MOST_LET_BY;
-    let course = ground.aside(v.own.pose, |pose| {
+    let route = ground.aside(v.own.pose, |pose| {
         let may_look = left > 0;
         left = left.saturating_sub(1);
         let fixed = [&planned[..], &v.motions().cells(pose)].concat();
         may_look && v.ground(&fixed).to_seed(from, seed, &fixed, usize::MAX).is_some()
     })?;
-    if !course.is_over() {
-        hit(Mark::MetaLetBy);
+    if !route.is_over() {
+        hit(CoveragePoint::MetaLetBy);
     }
-    Some(course)
+    Some(route)
 }

@@ -3,7 +3,7 @@
 use super::{Answer, RobotError};
 use clap::{Args, ValueEnum};
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::chain::{Chain, Pose, forward};
 use metamorph_protocol::roombots::collision::contact;
@@ -253,7 +253,7 @@ type Found = Result<Vec<(Vec<f64>, f64)>, metamorph_protocol::roombots::inverse:
 fn damped(args: &IkArgs, target: &Pose) -> Result<Found, RobotError> {
     target.checked(1e-6)?;
     let chain = Chain::of(args.kind);
-    let mut stream = Stream::named(args.seed, "robot ik", 0);
+    let mut stream = Rng::named(args.seed, "robot ik", 0);
     let starts = args.starts.clamp(1, 10_000);
     let outcome = solve_from_random_starts(&chain, target, starts, &mut stream, &Options::default());
     if outcome.reached {

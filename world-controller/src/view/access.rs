@@ -70,15 +70,15 @@ impl Refusal {
 
 /// What stands at the door.
 #[derive(Clone, Debug)]
-pub struct Gate {
+pub struct AccessCheck {
     token: Token,
     port: u16,
 }
 
-impl Gate {
+impl AccessCheck {
     /// A gate of the server on this port.
-    pub fn new(token: Token, port: u16) -> Gate {
-        Gate { token, port }
+    pub fn new(token: Token, port: u16) -> AccessCheck {
+        AccessCheck { token, port }
     }
 
     /// The address of the page.
@@ -117,8 +117,8 @@ mod tests {
     use super::*;
     use hyper::header::HeaderName;
 
-    fn gate() -> Gate {
-        Gate::new(Token("00112233445566778899aabbccddeeff".into()), 4000)
+    fn access() -> AccessCheck {
+        AccessCheck::new(Token("00112233445566778899aabbccddeeff".into()), 4000)
     }
 
     fn admit(method: Method, headers: &[(&str, &str)], path: &str) -> Result<String, Refusal> {
@@ -126,7 +126,7 @@ mod tests {
         for (name, value) in headers {
             map.append(name.parse::<HeaderName>().unwrap(), value.parse().unwrap());
         }
-        gate().admit(&method, &map, path).map(str::to_owned)
+        access().admit(&method, &map, path).map(str::to_owned)
     }
 
     const PATH: &str = "/00112233445566778899aabbccddeeff/scene";
@@ -139,7 +139,7 @@ mod tests {
         let own = [HERE, ("origin", "http://127.0.0.1:4000"), ("sec-fetch-site", "same-origin")];
         assert_eq!(admit(Method::GET, &own, PATH).unwrap(), "scene");
         assert_eq!(admit(Method::GET, &[HERE, ("sec-fetch-site", "none")], PATH).unwrap(), "scene");
-        assert_eq!(gate().address(), "http://127.0.0.1:4000/00112233445566778899aabbccddeeff/");
+        assert_eq!(access().address(), "http://127.0.0.1:4000/00112233445566778899aabbccddeeff/");
     }
 
     #[test]

@@ -3,37 +3,37 @@
 //!
 //! Absent: generating one (`draw`) and reducing one (`shrink`).
 
-use crate::family::draft::{SwarmDraft, cells};
+use crate::family::generated::{GeneratedSwarm, cells};
 use crate::family::read_text;
-use crate::scenario::problems::Problems;
+use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::{LinkKind, Overrides, Plan};
-use metamorph_protocol::defects::Sabotage;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Span;
 use std::fmt;
 
 /// A scenario as a value.
 #[derive(Clone, Debug)]
-pub struct Draft {
+pub struct GeneratedScenario {
     /// Its description.
     pub description: String,
     /// The seed of the run.
     pub seed: u64,
     /// The modules and their goals.
-    pub swarm: Box<dyn SwarmDraft>,
+    pub swarm: Box<dyn GeneratedSwarm>,
     /// Rate at which moves or connections fail, in percent.
     pub failed_connections: u8,
     /// The link.
-    pub link: LinkDraft,
+    pub link: GeneratedLink,
     /// The faults.
-    pub faults: Vec<FaultDraft>,
+    pub faults: Vec<GeneratedFault>,
     /// The bounds for a standstill and for moves without progress, in seconds; `None` for the defaults.
     pub patience: Option<(u64, u64)>,
 }
 
 /// A link: times in milliseconds, probabilities in percent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LinkDraft {
+pub struct GeneratedLink {
     /// The shortest and the longest delay.
     pub delay: (u64, u64),
     /// Messages lost.
@@ -48,7 +48,7 @@ pub struct LinkDraft {
     pub until: Option<u64>,
 }
 
-impl LinkDraft {
+impl GeneratedLink {
     /// Returns true if it does more than delay messages.
     pub fn harms(&self) -> bool {
         [self.loss, self.duplicate, self.reorder, self.corrupt].iter().any(|evil| *evil > 0)
@@ -57,7 +57,7 @@ impl LinkDraft {
 
 /// A fault: times in milliseconds.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FaultDraft {
+pub struct GeneratedFault {
     /// The kind of fault and its target.
     pub what: Break,
     /// Start of the fault.
@@ -136,7 +136,7 @@ impl Break {
     }
 }
 
-impl Draft {
+impl GeneratedScenario {
     /// Returns the number of modules.
     pub fn modules(&self) -> usize {
         self.swarm.modules()
@@ -146,7 +146,7 @@ impl Draft {
         self.swarm.goal_cells()
     }
     /// Creates the plan, with a defect of the protocol if a test wants one.
-    pub fn plan(&self, origin: &str, defect: Option<Sabotage>) -> Result<Plan, Problems> {
+    pub fn plan(&self, origin: &str, defect: Option<Defect>) -> Result<Plan, Diagnostics> {
         let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
         let mut plan = read_text(origin, &self.to_string(), &overrides)?;
         plan.swarm = plan.swarm.with_defect(defect);
@@ -159,7 +159,7 @@ impl Draft {
     }
 }
 
-impl fmt::Display for Draft {
+impl fmt::Display for GeneratedScenario {
     /// Writes the scenario file.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "version = 1")?;
@@ -169,7 +169,7 @@ impl fmt::Display for Draft {
         }
         writeln!(f, "seed = {}\n\n[swarm]", self.seed)?;
         self.swarm.write(f, self.failed_connections)?;
-        let LinkDraft { delay: (min, max), loss, duplicate, reorder, corrupt, until } = self.link;
+        let GeneratedLink { delay: (min, max), loss, duplicate, reorder, corrupt, until } = self.link;
         writeln!(f, "\n[link]\ndelay = \"{}..{}\"", Span::millis(min), Span::millis(max))?;
         for (key, percent) in
             [("loss", loss), ("duplicate", duplicate), ("reorder", reorder), ("corrupt", corrupt)]
@@ -191,7 +191,7 @@ impl fmt::Display for Draft {
     }
 }
 
-impl fmt::Display for FaultDraft {
+impl fmt::Display for GeneratedFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "\n[[fault]]")?;
         let at = Span::millis(self.at);

@@ -69,7 +69,7 @@ impl fmt::Display for Finding {
 }
 
 /// Checks a shape, given as cells in ascending order.
-pub fn survey(cells: &[Cell], seed: Cell, growth: Growth) -> Vec<Finding> {
+pub fn printability(cells: &[Cell], seed: Cell, growth: Growth) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut parts: Vec<(Cell, usize)> = components(cells).iter().map(|part| (part[0], part.len())).collect();
     if parts.len() > 1 {

@@ -1,11 +1,11 @@
 //! A randomly generated swarm of metamodules and its goals.
 
 use super::Metamodules;
-use crate::family::draft::{Dice, Smaller, SwarmDraft};
+use crate::family::generated::{Dice, GeneratedSwarm, Smaller};
 use crate::scenario::family::Swarm;
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder};
-use metamorph_protocol::metamodule::params::{Precedence, Strategy, Teller};
+use metamorph_protocol::metamodule::params::{Precedence, SeedAuthority, Strategy};
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::grid::GridState;
 use metamorph_protocol::time::Span;
@@ -13,7 +13,7 @@ use std::fmt;
 
 /// A swarm of metamodules.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct MetamoduleDraft {
+pub struct GeneratedMetamodules {
     /// The kind of all metamodules.
     pub kind: Kind,
     /// Connectors along each side of the floor.
@@ -25,7 +25,7 @@ pub struct MetamoduleDraft {
     /// The strategy of all metamodules.
     pub strategy: Strategy,
     /// Which instance opens seeds.
-    pub teller: Teller,
+    pub seed_authority: SeedAuthority,
     /// Whether an obstructed goal is moved.
     pub relocate: bool,
     /// Which of two metamodules close together goes first. `negotiated` has neither this nor `settled_repel`.
@@ -43,7 +43,7 @@ pub struct MetamoduleGoal {
     pub order: SeedOrder,
 }
 
-impl SwarmDraft for MetamoduleDraft {
+impl GeneratedSwarm for GeneratedMetamodules {
     fn modules(&self) -> usize {
         self.start.as_ref().map_or_else(|n| *n, Vec::len)
     }
@@ -91,11 +91,15 @@ impl SwarmDraft for MetamoduleDraft {
             let levels: Vec<String> = goal.levels.iter().map(level).collect();
             writeln!(f, "levels = [{}]\norder = \"{}\"", levels.join(", "), goal.order.name())?;
         }
-        let teller = match self.teller {
-            Teller::Controller => "controller",
-            Teller::Neighbours => "neighbours",
+        let seed_authority = match self.seed_authority {
+            SeedAuthority::Controller => "controller",
+            SeedAuthority::Neighbours => "neighbours",
         };
-        writeln!(f, "\n[protocol]\nstrategy = \"{}\"\nteller = \"{teller}\"", self.strategy.name())?;
+        writeln!(
+            f,
+            "\n[protocol]\nstrategy = \"{}\"\nseed_authority = \"{seed_authority}\"",
+            self.strategy.name()
+        )?;
         writeln!(f, "relocate = {}", self.relocate)?;
         if self.strategy == Strategy::Negotiated {
             return Ok(());
@@ -110,7 +114,7 @@ impl SwarmDraft for MetamoduleDraft {
     }
     fn smaller(&self) -> Vec<Smaller> {
         let (metamodules, mut found) = (self, Vec::new());
-        let mut add = |m: MetamoduleDraft, gone| {
+        let mut add = |m: GeneratedMetamodules, gone| {
             found.push(Smaller { swarm: Box::new(m), gone, replaced: false });
         };
         for goal in (0..metamodules.goals.len()).filter(|_| metamodules.goals.len() > 1) {
@@ -142,10 +146,13 @@ impl SwarmDraft for MetamoduleDraft {
         }
         fewer_seeds.into_iter().for_each(|fewer| add(fewer, 0..0));
         if metamodules.relocate {
-            add(MetamoduleDraft { relocate: false, ..metamodules.clone() }, 0..0);
+            add(GeneratedMetamodules { relocate: false, ..metamodules.clone() }, 0..0);
         }
-        if metamodules.teller != Teller::Controller {
-            add(MetamoduleDraft { teller: Teller::Controller, ..metamodules.clone() }, 0..0);
+        if metamodules.seed_authority != SeedAuthority::Controller {
+            add(
+                GeneratedMetamodules { seed_authority: SeedAuthority::Controller, ..metamodules.clone() },
+                0..0,
+            );
         }
         found
     }

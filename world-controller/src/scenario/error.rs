@@ -1,10 +1,10 @@
 //! All errors in scenarios, with their fixes.
 //!
 //! One variant per reason, so that tests and callers can tell them apart; the text of a variant is the
-//! reason, [`Flaw::fix`] says what to do. Absent: the place of the error (see `problems`).
+//! reason, [`ScenarioError::fix`] says what to do. Absent: the place of the error (see `diagnostics`).
 
 use super::settings::KeyError;
-use crate::scenario::mesh_import::flaw::SolidError;
+use crate::scenario::mesh_import::error::SolidError;
 use metamorph_protocol::goal::GoalError;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::RatioError;
@@ -35,7 +35,7 @@ pub const SHORTEST: Span = Span(1_000_000);
 
 /// An error in a scenario.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum Flaw {
+pub enum ScenarioError {
     /// The file cannot be opened or read.
     #[error("cannot read the scenario: {0}")]
     Unreadable(String),
@@ -243,63 +243,73 @@ pub enum Flaw {
     Form(String, &'static str),
 }
 
-impl Flaw {
+impl ScenarioError {
     /// Returns what to do about it.
     pub fn fix(&self) -> String {
         match self {
-            Flaw::Unreadable(_) => "check the path and its permissions".into(),
-            Flaw::NoFile(_) => {
+            ScenarioError::Unreadable(_) => "check the path and its permissions".into(),
+            ScenarioError::NoFile(_) => {
                 "name a file; what another program prints is read from /dev/stdin or <(program)".into()
             }
-            Flaw::NotUtf8 => "save it as UTF-8; is it really a scenario?".into(),
-            Flaw::FileTooLarge => "describe large shapes with box, sphere, union, not cell by cell".into(),
-            Flaw::Syntax(_) => "see https://toml.io for the syntax; text values need quotes".into(),
-            Flaw::Newer { .. } => format!("use a newer metamorph, or write `version = {VERSION}`"),
-            Flaw::UnknownKey { key, known, .. } => did_you_mean(key, known),
-            Flaw::Name { got, known, .. } => did_you_mean(got, known),
-            Flaw::Foreign { theirs, .. } => {
+            ScenarioError::NotUtf8 => "save it as UTF-8; is it really a scenario?".into(),
+            ScenarioError::FileTooLarge => {
+                "describe large shapes with box, sphere, union, not cell by cell".into()
+            }
+            ScenarioError::Syntax(_) => "see https://toml.io for the syntax; text values need quotes".into(),
+            ScenarioError::Newer { .. } => format!("use a newer metamorph, or write `version = {VERSION}`"),
+            ScenarioError::UnknownKey { key, known, .. } => did_you_mean(key, known),
+            ScenarioError::Name { got, known, .. } => did_you_mean(got, known),
+            ScenarioError::Foreign { theirs, .. } => {
                 format!("remove it, or write `family = \"{theirs}\"` in [swarm]")
             }
-            Flaw::Missing { example, .. } | Flaw::Kind { example, .. } => {
+            ScenarioError::Missing { example, .. } | ScenarioError::Kind { example, .. } => {
                 format!("write for example `{example}`")
             }
-            Flaw::NotYet { instead, .. } => (*instead).into(),
-            Flaw::Range { low, high, .. } => format!("write a value from {low} to {high}"),
-            Flaw::Time(_) => "write a number and a unit, such as `200ms`, `1.5s` or `2min`".into(),
-            Flaw::Probability(_) => "write a value from `0%` to `100%`".into(),
-            Flaw::Order { .. } => "choose an end after the beginning".into(),
-            Flaw::Shape(error) => shape_fix(error).into(),
-            Flaw::Solid(error) => error.fix().into(),
-            Flaw::TooManyFiles => "unite the solids before they are exported".into(),
-            Flaw::TooDeep => "a union can hold any number of shapes side by side".into(),
-            Flaw::TooMuch(_) | Flaw::TooWide(_) | Flaw::TooMany(_) => "make it smaller".into(),
-            Flaw::DisconnectedStart { .. } => "connect every module to the rest by a face".into(),
-            Flaw::TooManyGoals(_) => "run it in parts".into(),
-            Flaw::NoGoal => {
+            ScenarioError::NotYet { instead, .. } => (*instead).into(),
+            ScenarioError::Range { low, high, .. } => format!("write a value from {low} to {high}"),
+            ScenarioError::Time(_) => "write a number and a unit, such as `200ms`, `1.5s` or `2min`".into(),
+            ScenarioError::Probability(_) => "write a value from `0%` to `100%`".into(),
+            ScenarioError::Order { .. } => "choose an end after the beginning".into(),
+            ScenarioError::Shape(error) => shape_fix(error).into(),
+            ScenarioError::Solid(error) => error.fix().into(),
+            ScenarioError::TooManyFiles => "unite the solids before they are exported".into(),
+            ScenarioError::TooDeep => "a union can hold any number of shapes side by side".into(),
+            ScenarioError::TooMuch(_) | ScenarioError::TooWide(_) | ScenarioError::TooMany(_) => {
+                "make it smaller".into()
+            }
+            ScenarioError::DisconnectedStart { .. } => "connect every module to the rest by a face".into(),
+            ScenarioError::TooManyGoals(_) => "run it in parts".into(),
+            ScenarioError::NoGoal => {
                 "add for example\n    [[goal]]\n    shape = { box = { min = [0, 0, 0], max = [4, 4, 0] } }"
                     .into()
             }
-            Flaw::Goal(GoalError::SeedOutside(_)) => {
+            ScenarioError::Goal(GoalError::SeedOutside(_)) => {
                 "name a cell of the goal's shape, or leave `seed` out to have one chosen".into()
             }
-            Flaw::Goal(GoalError::Disconnected { .. }) => "make the goal one piece".into(),
-            Flaw::Goal(GoalError::TooDeep(_)) => {
+            ScenarioError::Goal(GoalError::Disconnected { .. }) => "make the goal one piece".into(),
+            ScenarioError::Goal(GoalError::TooDeep(_)) => {
                 "make the goal smaller, or put the seed in its middle".into()
             }
-            Flaw::TooFewModules { .. } => "make `start` larger or the goal's `shape` smaller".into(),
-            Flaw::NoOverlap { .. } => "move one of the shapes so that they share at least one cell".into(),
-            Flaw::SeedEmpty { example: Some(cell), .. } => {
+            ScenarioError::TooFewModules { .. } => "make `start` larger or the goal's `shape` smaller".into(),
+            ScenarioError::NoOverlap { .. } => {
+                "move one of the shapes so that they share at least one cell".into()
+            }
+            ScenarioError::SeedEmpty { example: Some(cell), .. } => {
                 format!("name a cell of both, such as {cell}, or leave `seed` out to have one chosen")
             }
-            Flaw::SeedEmpty { .. } => "move one of the shapes so that they share at least one cell".into(),
-            Flaw::OfFamily { fix, .. } => fix.clone(),
-            Flaw::NoSuchModule { last, .. } => format!("name a module from 0 to {last}"),
-            Flaw::OneVerb(_) => {
+            ScenarioError::SeedEmpty { .. } => {
+                "move one of the shapes so that they share at least one cell".into()
+            }
+            ScenarioError::OfFamily { fix, .. } => fix.clone(),
+            ScenarioError::NoSuchModule { last, .. } => format!("name a module from 0 to {last}"),
+            ScenarioError::OneVerb(_) => {
                 "write one of kill, pause, restart, stick, crash, partition, obstacle per [[fault]]".into()
             }
-            Flaw::AfterTheEnd { .. } => "choose an earlier time, or raise `timeout` in [stop]".into(),
-            Flaw::Key(error) => error.fix(),
-            Flaw::Form(_, form) => format!("write for example `{}`", option_example(form)),
+            ScenarioError::AfterTheEnd { .. } => {
+                "choose an earlier time, or raise `timeout` in [stop]".into()
+            }
+            ScenarioError::Key(error) => error.fix(),
+            ScenarioError::Form(_, form) => format!("write for example `{}`", option_example(form)),
         }
     }
 }

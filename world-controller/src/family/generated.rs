@@ -3,13 +3,13 @@
 
 use crate::scenario::family::Swarm;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::rng::Stream;
+use metamorph_protocol::rng::Rng;
 use std::any::Any;
 use std::fmt;
 use std::ops::Range;
 
 /// The family's part of a generated scenario.
-pub trait SwarmDraft: Any + fmt::Debug + Send + SwarmDraftClone {
+pub trait GeneratedSwarm: Any + fmt::Debug + Send + SwarmDraftClone {
     /// Returns the number of modules.
     fn modules(&self) -> usize;
     /// Returns the number of goal cells or seeds of all goals.
@@ -30,16 +30,16 @@ pub trait SwarmDraft: Any + fmt::Debug + Send + SwarmDraftClone {
 /// Clones a draft behind a trait object.
 pub trait SwarmDraftClone {
     /// Returns a clone.
-    fn boxed(&self) -> Box<dyn SwarmDraft>;
+    fn boxed(&self) -> Box<dyn GeneratedSwarm>;
 }
 
-impl<D: SwarmDraft + Clone> SwarmDraftClone for D {
-    fn boxed(&self) -> Box<dyn SwarmDraft> {
+impl<D: GeneratedSwarm + Clone> SwarmDraftClone for D {
+    fn boxed(&self) -> Box<dyn GeneratedSwarm> {
         Box::new(self.clone())
     }
 }
 
-impl Clone for Box<dyn SwarmDraft> {
+impl Clone for Box<dyn GeneratedSwarm> {
     fn clone(&self) -> Self {
         (**self).boxed()
     }
@@ -48,7 +48,7 @@ impl Clone for Box<dyn SwarmDraft> {
 /// A slightly smaller or simpler swarm.
 pub struct Smaller {
     /// The swarm.
-    pub swarm: Box<dyn SwarmDraft>,
+    pub swarm: Box<dyn GeneratedSwarm>,
     /// The modules removed.
     pub gone: Range<usize>,
     /// True if another module takes over the faults of the one removed.
@@ -56,7 +56,7 @@ pub struct Smaller {
 }
 
 /// A source of random choices.
-pub struct Dice(pub Stream);
+pub struct Dice(pub Rng);
 
 impl Dice {
     /// Draws a number from `low` to `high`, both included.

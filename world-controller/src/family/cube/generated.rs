@@ -1,7 +1,7 @@
 //! A randomly generated swarm of cubes and its goals.
 
 use super::name_of;
-use crate::family::draft::{Dice, Smaller, SwarmDraft, cells, parts};
+use crate::family::generated::{Dice, GeneratedSwarm, Smaller, cells, parts};
 use crate::scenario::family::Swarm;
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
@@ -10,7 +10,7 @@ use std::fmt;
 
 /// A swarm of cubes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CubeDraft {
+pub struct GeneratedCubes {
     /// The start cells, in ascending order: a module's number is its index.
     pub start: Vec<Cell>,
     /// The goals, one after the other; never empty.
@@ -32,7 +32,7 @@ pub struct CubeGoal {
     pub growth: Growth,
 }
 
-impl SwarmDraft for CubeDraft {
+impl GeneratedSwarm for GeneratedCubes {
     fn modules(&self) -> usize {
         self.start.len()
     }
@@ -66,7 +66,7 @@ impl SwarmDraft for CubeDraft {
     }
     fn smaller(&self) -> Vec<Smaller> {
         let (cubes, mut found) = (self, Vec::new());
-        let mut add = |cubes: CubeDraft, gone| {
+        let mut add = |cubes: GeneratedCubes, gone| {
             found.push(Smaller { swarm: Box::new(cubes), gone, replaced: false });
         };
         for goal in (0..cubes.goals.len()).filter(|_| cubes.goals.len() > 1) {
@@ -97,7 +97,7 @@ impl SwarmDraft for CubeDraft {
             }
         }
         if !cubes.co_owners {
-            add(CubeDraft { co_owners: true, ..cubes.clone() }, 0..0);
+            add(GeneratedCubes { co_owners: true, ..cubes.clone() }, 0..0);
         }
         for id in (0..cubes.start.len()).filter(|_| cubes.start.len() > 1) {
             let mut fewer = cubes.clone();

@@ -1,6 +1,6 @@
 //! All errors in the parts of a scenario that only metamodules have, with their fixes.
 
-use crate::scenario::flaw::Flaw;
+use crate::scenario::error::ScenarioError;
 use metamorph_protocol::metamodule::blueprint::BlueprintError;
 use metamorph_protocol::metamodule::params::Floor;
 use metamorph_protocol::metamodule::start::StartError;
@@ -14,11 +14,11 @@ pub const MAX_METAMODULES: usize = 1_000;
 pub const MAX_FLOOR: u16 = 256;
 /// Communication range at most, in connectors. A larger one makes little difference: a metamodule has too few
 /// ports for all that may be within it.
-pub const MAX_HEARING: u64 = 64;
+pub const MAX_COMMUNICATION_RANGE: u64 = 64;
 
 /// An error in a metamodule's section.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum MetamoduleFlaw {
+pub enum MetamoduleError {
     /// The seeds are impossible.
     #[error(transparent)]
     Blueprint(#[from] BlueprintError),
@@ -97,44 +97,44 @@ pub enum MetamoduleFlaw {
     },
 }
 
-impl MetamoduleFlaw {
+impl MetamoduleError {
     /// Returns what to do about it.
     pub fn fix(&self) -> String {
         match self {
-            MetamoduleFlaw::Blueprint(error) => blueprint_fix(error).into(),
-            MetamoduleFlaw::SeedOffFloor { .. } => "move the goal, or make `floor` in [swarm] larger".into(),
-            MetamoduleFlaw::SeedShape { .. } => {
+            MetamoduleError::Blueprint(error) => blueprint_fix(error).into(),
+            MetamoduleError::SeedOffFloor { .. } => "move the goal, or make `floor` in [swarm] larger".into(),
+            MetamoduleError::SeedShape { .. } => {
                 "choose other `directions` or another `kind`; `metamorph robot shapes` lists the possible shapes"
                     .into()
             }
-            MetamoduleFlaw::StartOffFloor { floor: Floor { min, max }, .. } => {
+            MetamoduleError::StartOffFloor { floor: Floor { min, max }, .. } => {
                 format!("name a connector from {min:?} to {max:?}, or make `floor` larger")
             }
-            MetamoduleFlaw::StartTwice { .. } => "give each a connector of its own".into(),
-            MetamoduleFlaw::NoRoom(_) => {
+            MetamoduleError::StartTwice { .. } => "give each a connector of its own".into(),
+            MetamoduleError::NoRoom(_) => {
                 "make `floor` in [swarm] larger, or list the places in `start`".into()
             }
-            MetamoduleFlaw::Count { .. } => "leave `count` out; the list says how many there are".into(),
-            MetamoduleFlaw::TooFewMetamodules { seeds, .. } => {
+            MetamoduleError::Count { .. } => "leave `count` out; the list says how many there are".into(),
+            MetamoduleError::TooFewMetamodules { seeds, .. } => {
                 format!("write at least {seeds} in [swarm]")
             }
-            MetamoduleFlaw::FirstGoalAt => {
+            MetamoduleError::FirstGoalAt => {
                 "leave `at` out, or move this goal behind the one it replaces".into()
             }
-            MetamoduleFlaw::NoDetector => {
+            MetamoduleError::NoDetector => {
                 "leave `detector` out, or choose `greedy`, `slope` or `step`".into()
             }
-            MetamoduleFlaw::NoField(key) => {
+            MetamoduleError::NoField(key) => {
                 format!("leave `{key}` out, or choose `greedy`, `slope` or `step`")
             }
-            MetamoduleFlaw::GoalOrder { .. } => "list the goals in the order of their times".into(),
+            MetamoduleError::GoalOrder { .. } => "list the goals in the order of their times".into(),
         }
     }
 }
 
-impl From<MetamoduleFlaw> for Flaw {
-    fn from(flaw: MetamoduleFlaw) -> Flaw {
-        Flaw::OfFamily { reason: flaw.to_string(), fix: flaw.fix() }
+impl From<MetamoduleError> for ScenarioError {
+    fn from(scenario_error: MetamoduleError) -> ScenarioError {
+        ScenarioError::OfFamily { reason: scenario_error.to_string(), fix: scenario_error.fix() }
     }
 }
 

@@ -1,8 +1,8 @@
 //! The places of errors, and their display: `file:line:column: reason`, the line itself with
 //! a caret, and the fix.
 
+use super::error::{MAX_FILES, ScenarioError};
 use super::family::{Families, SectionKind};
-use super::flaw::{Flaw, MAX_FILES};
 use crate::console::escape::{Shown, is_control, line};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -60,7 +60,7 @@ pub struct Problem {
     /// Its place.
     pub place: Place,
     /// The error.
-    pub flaw: Flaw,
+    pub scenario_error: ScenarioError,
 }
 
 /// The scenario that is read.
@@ -74,7 +74,7 @@ struct Source {
 
 /// All problems of one scenario; never empty when returned as an error.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Problems {
+pub struct Diagnostics {
     source: Box<Source>,
     /// Places of values from options: offsets behind the end of the text.
     options: BTreeMap<usize, String>,
@@ -85,10 +85,10 @@ pub struct Problems {
     list: Vec<Problem>,
 }
 
-impl Problems {
+impl Diagnostics {
     /// Creates an empty list for a text from the file `origin` that may name these families.
-    pub fn new(families: Families, origin: &str, text: &str) -> Problems {
-        Problems {
+    pub fn new(families: Families, origin: &str, text: &str) -> Diagnostics {
+        Diagnostics {
             source: Box::new(Source { origin: origin.into(), text: text.into(), families }),
             options: BTreeMap::new(),
             files: Vec::new(),
@@ -102,9 +102,9 @@ impl Problems {
         Place::Option(option)
     }
     /// Resolves the path of a file that the scenario names, relative to the scenario.
-    pub fn file(&mut self, name: &str) -> Result<PathBuf, Flaw> {
+    pub fn file(&mut self, name: &str) -> Result<PathBuf, ScenarioError> {
         if self.files.len() >= MAX_FILES {
-            return Err(Flaw::TooManyFiles);
+            return Err(ScenarioError::TooManyFiles);
         }
         let path = Path::new(&*self.source.origin).parent().unwrap_or(Path::new("")).join(name);
         self.files.push(path.clone());
@@ -115,10 +115,10 @@ impl Problems {
         &self.files
     }
     /// Creates a single problem with a file whose text is not known.
-    pub fn of_file(origin: &str, flaw: Flaw) -> Problems {
-        let mut problems = Problems::new(Families(&[]), origin, "");
-        problems.add(Place::File, flaw);
-        problems
+    pub fn of_file(origin: &str, scenario_error: ScenarioError) -> Diagnostics {
+        let mut diagnostics = Diagnostics::new(Families(&[]), origin, "");
+        diagnostics.add(Place::File, scenario_error);
+        diagnostics
     }
     /// Returns the families that the scenario may name.
     pub fn families(&self) -> Families {
@@ -137,18 +137,18 @@ impl Problems {
         self.source.families.owner(section, key, self.family)
     }
     /// Adds a problem.
-    pub fn add(&mut self, place: impl Into<Place>, flaw: impl Into<Flaw>) {
+    pub fn add(&mut self, place: impl Into<Place>, scenario_error: impl Into<ScenarioError>) {
         let mut place = place.into();
         if let Place::Text { start, .. } = place
             && let Some(option) = self.options.get(&start)
         {
             place = Place::Option(option.clone());
         }
-        self.list.push(Problem { place, flaw: flaw.into() });
+        self.list.push(Problem { place, scenario_error: scenario_error.into() });
     }
     /// Returns the value, or adds the error.
-    pub fn note<T, F: Into<Flaw>>(&mut self, place: &Place, result: Result<T, F>) -> Option<T> {
-        result.map_err(|flaw| self.add(place.clone(), flaw)).ok()
+    pub fn note<T, F: Into<ScenarioError>>(&mut self, place: &Place, result: Result<T, F>) -> Option<T> {
+        result.map_err(|scenario_error| self.add(place.clone(), scenario_error)).ok()
     }
     /// Returns true if there is no problem so far.
     pub fn is_empty(&self) -> bool {
@@ -160,33 +160,39 @@ impl Problems {
     }
     /// Sorts the problems by place; call before handing them out.
     #[must_use]
-    pub fn sorted(mut self) -> Problems {
+    pub fn sorted(mut self) -> Diagnostics {
         self.list.sort_by(|a, b| a.place.cmp(&b.place));
         self
     }
 
     fn write(&self, f: &mut fmt::Formatter<'_>, problem: &Problem) -> fmt::Result {
         // Reasons quote the input, whatever it contains.
-        let flaw = line(&problem.flaw.to_string(), LONGEST);
+        let scenario_error = line(&problem.scenario_error.to_string(), LONGEST);
         match &problem.place {
-            Place::File => writeln!(f, "{}: {flaw}", self.origin())?,
-            Place::Option(option) => writeln!(f, "{}: {flaw}", option.shown())?,
-            Place::Text { start, end } => self.write_excerpt(f, *start, *end, &flaw)?,
+            Place::File => writeln!(f, "{}: {scenario_error}", self.origin())?,
+            Place::Option(option) => writeln!(f, "{}: {scenario_error}", option.shown())?,
+            Place::Text { start, end } => self.write_excerpt(f, *start, *end, &scenario_error)?,
         }
-        write!(f, "  fix: {}", problem.flaw.fix())
+        write!(f, "  fix: {}", problem.scenario_error.fix())
     }
 
     fn origin(&self) -> String {
         Path::new(&*self.source.origin).shown()
     }
 
-    fn write_excerpt(&self, f: &mut fmt::Formatter<'_>, start: usize, end: usize, flaw: &str) -> fmt::Result {
+    fn write_excerpt(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        start: usize,
+        end: usize,
+        scenario_error: &str,
+    ) -> fmt::Result {
         let start = floor(&self.source.text, start);
         let line_start = self.source.text[..start].rfind('\n').map_or(0, |i| i + 1);
         let whole = self.source.text[line_start..].lines().next().unwrap_or("");
         let number = self.source.text[..line_start].matches('\n').count() + 1;
         let before = self.source.text[line_start..start].chars().count();
-        writeln!(f, "{}:{number}:{}: {flaw}", self.origin(), before + 1)?;
+        writeln!(f, "{}:{number}:{}: {scenario_error}", self.origin(), before + 1)?;
         // Tabs and control characters would shift the caret or reach the terminal.
         let shown: String = whole.chars().take(WIDTH).map(|c| if is_control(c) { ' ' } else { c }).collect();
         let marked =
@@ -208,7 +214,7 @@ fn floor(text: &str, at: usize) -> usize {
     at
 }
 
-impl fmt::Display for Problems {
+impl fmt::Display for Diagnostics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (i, problem) in self.list.iter().take(SHOWN).enumerate() {
             if i > 0 {
@@ -223,7 +229,7 @@ impl fmt::Display for Problems {
     }
 }
 
-impl std::error::Error for Problems {}
+impl std::error::Error for Diagnostics {}
 
 #[cfg(test)]
 mod tests {
@@ -231,10 +237,12 @@ mod tests {
 
     #[test]
     fn points_at_the_place() {
-        let mut problems = Problems::new(crate::family::families(), "a.toml", "version = 1\nfoö = 2 # é\n");
-        problems.add(12..16, Flaw::NoGoal);
-        problems.add(Place::Option("--kill 9@1s".into()), Flaw::NoSuchModule { module: 9, last: 3 });
-        let shown = problems.to_string();
+        let mut diagnostics =
+            Diagnostics::new(crate::family::families(), "a.toml", "version = 1\nfoö = 2 # é\n");
+        diagnostics.add(12..16, ScenarioError::NoGoal);
+        diagnostics
+            .add(Place::Option("--kill 9@1s".into()), ScenarioError::NoSuchModule { module: 9, last: 3 });
+        let shown = diagnostics.to_string();
         assert!(shown.contains("a.toml:2:1: the scenario has no"), "{shown}");
         assert!(shown.contains("  2 | foö = 2 # é\n    | ^^^\n"), "{shown}");
         assert!(shown.contains("--kill 9@1s: there is no module 9; the swarm has modules 0 to 3"), "{shown}");
@@ -244,9 +252,9 @@ mod tests {
     #[test]
     fn survives_places_outside_the_text() {
         for (start, end) in [(0, 0), (3, 900), (900, 901), (1, 2), (2, 1)] {
-            let mut problems = Problems::new(crate::family::families(), "a.toml", "é");
-            problems.add(Place::Text { start, end }, Flaw::NoGoal);
-            assert!(problems.to_string().contains("a.toml:1:"));
+            let mut diagnostics = Diagnostics::new(crate::family::families(), "a.toml", "é");
+            diagnostics.add(Place::Text { start, end }, ScenarioError::NoGoal);
+            assert!(diagnostics.to_string().contains("a.toml:1:"));
         }
     }
 }

@@ -10,7 +10,7 @@ use super::scene::{Event, Scene};
 use super::visible::Visible;
 use crate::record::journal::{HeadError, JournalError};
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::record::{self, Blob, Outside, Record, Sink, Taken, Who};
+use metamorph_protocol::record::{self, Blob, Consumed, Outside, Record, Sink, Who};
 use metamorph_protocol::runtime::{Command, Sensed};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::WireError;
@@ -55,14 +55,14 @@ impl Shared {
 }
 
 /// Writes a scene of one family.
-pub struct Scribe<A: Visible> {
+pub struct SceneBuilder<A: Visible> {
     /// The bodies where they are by now.
     pub bodies: Bodies<A>,
     /// What is written.
     pub scene: Shared,
 }
 
-impl<A: Visible> Scribe<A> {
+impl<A: Visible> SceneBuilder<A> {
     fn place(bodies: &mut Bodies<A>, scene: &mut Scene, id: ModuleId, place: &Blob) -> Result<(), WireError> {
         if let Some(known) = bodies.places.get_mut(id.index()) {
             *known = place.read()?;
@@ -110,9 +110,9 @@ impl<A: Visible> Scribe<A> {
                     scene.goal(at, goal, shift);
                 }
             }
-            E::Struck { fault, module, cell, effect } => scene.struck(at, *module, *cell, fault, effect),
+            E::Injected { fault, module, cell, effect } => scene.struck(at, *module, *cell, fault, effect),
             E::Step(step) => {
-                if let (Some(id), Taken::Message { class, name, message, .. }) = (own, &step.input) {
+                if let (Some(id), Consumed::Message { class, name, message, .. }) = (own, &step.input) {
                     let said = A::said(&message.read()?);
                     scene.flow().delivered(at, name.from, id, *class, said);
                 }
@@ -132,7 +132,7 @@ impl<A: Visible> Scribe<A> {
     }
 }
 
-impl<A: Visible> Sink for Scribe<A> {
+impl<A: Visible> Sink for SceneBuilder<A> {
     fn put(&mut self, record: &Record) {
         if let Err(error) = self.write(record.at, record.who, &record.event) {
             let what = format!("a record of {} at {} makes no sense: {error}", record.who, record.at);
