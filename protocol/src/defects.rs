@@ -1,5 +1,4 @@
-//! Defects of the protocols that tests switch on to prove that the checks find them: a test harness that
-//! cannot find a known defect proves nothing about a sound protocol. Never set by a scenario.
+//! Known defects of the protocols. Tests switch them on to prove that the checks find them; no scenario does.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,9 +6,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[doc(hidden)]
 pub enum Defect {
-    /// Both families: messages are delivered in whatever session they were sent.
+    /// Both families: messages count in whatever session they were sent.
     IgnoreSessions,
-    /// Cubes: moves are started without a latest start time for the body.
+    /// Cubes: moves carry no latest start time for the body.
     NoDeadline,
     /// Cubes: a grant ends long before the mover believes it does.
     ShortLease,
@@ -19,35 +18,35 @@ pub enum Defect {
     KeepLocks,
     /// Cubes: a cell is reserved for every module that asks.
     ReserveTwice,
-    /// Cubes: a silent child is forgotten.
+    /// Cubes: a silent child is dropped.
     DropSilentChildren,
     /// Cubes: a parent is adopted before it has acknowledged.
     AdoptUnacknowledged,
     /// Cubes: a restarted module takes part at once.
     NoListening,
-    /// Cubes: a neighbour that has not spoken yet does not count.
+    /// Cubes: a neighbour that has not been heard yet is ignored.
     IgnoreStrangers,
     /// Cubes: neighbours that a search has not connected count as connected.
     ShallowSearch,
-    /// Cubes: gradient values of any age are accepted.
+    /// Cubes: gradient values are accepted however old they are.
     AcceptStaleValues,
     /// Cubes: solid goals grow by the rule that is enough for scaffolds.
     AnyLowerOnSolids,
     /// Metamodules: every request is granted.
     GrantEverything,
-    /// Metamodules: no neighbour is asked.
+    /// Metamodules: no neighbour is asked for its consent.
     AskNobody,
-    /// Metamodules: locks are forgotten at once, by the holder and by the modules that granted them. Either
-    /// alone is enough to keep others out: a grant that is remembered is planned around.
+    /// Metamodules: locks are dropped at once, by the holder and by the modules that granted them. One side
+    /// alone would not do: motions are planned around a grant that is remembered.
     ForgetLocks,
-    /// Metamodules: a holder goes on after its lock has run out.
+    /// Metamodules: a holder goes on after its lease has ended.
     OutstayLease,
     /// Metamodules: a restarted metamodule grants at once.
     GrantAfterRestart,
-    /// Metamodules: an earlier state replaces a later one, even a certified death. For a living sender the
-    /// next state corrects it.
+    /// Metamodules: an earlier state replaces a later one, even a certified death. The next state of a living
+    /// sender corrects it.
     AcceptStaleStates,
-    /// Metamodules: none makes way, neither by itself nor on a directive.
+    /// Metamodules: none makes way, neither on its own nor on a directive.
     StandInTheWay,
 }
 

@@ -1,8 +1,8 @@
 //! Locks on the cells of a motion, each with a lease.
 //!
-//! A metamodule asks all neighbours in range, and moves when all have granted. A request is granted or denied
-//! at once, and an attempt that is denied is given up, so locks cannot deadlock. A grant ends by itself after
-//! the lease; the lease of the holder begins when it asks, which is earlier, whatever the delay was.
+//! A metamodule asks all neighbours in range and moves once all have granted. A request is answered at once,
+//! and a denied attempt is given up, so locks cannot deadlock. A grant ends with its lease. The lease of the
+//! holder runs from its request on, so it always ends first, whatever the message delay.
 
 use super::message::{Denial, Message, Rank};
 use super::motions::{Motions, Sweep};
@@ -21,9 +21,9 @@ use std::cmp::Reverse;
 /// A lock granted to a neighbour. The digest hashes its fields in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Grant {
-    /// The neighbour's attempt.
+    /// The attempt of the neighbour.
     pub token: Token,
-    /// Where its motion begins.
+    /// The pose in which its motion begins.
     pub pose: Pose,
     pub sweep: Sweep,
     /// The posture at the end of the motion.
@@ -32,7 +32,7 @@ pub(super) struct Grant {
     pub until: Time,
 }
 
-/// What the neighbour on a port has been granted.
+/// The locks of the neighbour on one port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 struct PortLocks {
     grant: Option<Grant>,
@@ -48,7 +48,7 @@ impl LockTable {
     pub fn new(ports: usize) -> LockTable {
         LockTable(vec![PortLocks::default(); ports])
     }
-    /// Forgets what the neighbour on a port was granted: it is another one now.
+    /// Clears a port at the start of a contact: another neighbour is there now.
     pub fn begin(&mut self, port: Port) {
         if let Some(slot) = self.0.get_mut(port.index()) {
             *slot = PortLocks::default();
@@ -57,15 +57,15 @@ impl LockTable {
     pub fn grant_of(&self, port: Port) -> Option<&Grant> {
         self.0.get(port.index())?.grant.as_ref()
     }
-    /// The latest attempt of the neighbour on a port that is over.
+    /// Returns the latest attempt of the neighbour on a port that is over.
     pub fn over(&self, port: Port) -> Token {
         self.0.get(port.index()).map_or(Token(0), |slot| slot.over)
     }
-    /// All grants, by port.
+    /// Iterates over all grants, by port.
     pub fn iter(&self) -> impl Iterator<Item = (Port, &Grant)> {
         self.0.iter().enumerate().filter_map(|(i, slot)| Some((Port(i as u8), slot.grant.as_ref()?)))
     }
-    /// Cells that neighbours have been granted.
+    /// Iterates over the cells granted to neighbours.
     pub fn cells<'a>(&'a self, motions: &'a Motions) -> impl Iterator<Item = Cell> + 'a {
         self.iter().flat_map(|(_, g)| motions.swept(g.pose.state, g.sweep))
     }
@@ -80,7 +80,7 @@ impl LockTable {
             slot.grant = None;
         }
     }
-    /// Ends an attempt of a neighbour and all before it. Returns whether a grant has ended.
+    /// Ends an attempt of a neighbour and all earlier ones. Returns true if a grant has ended.
     pub fn release(&mut self, port: Port, token: Token) -> bool {
         let Some(slot) = self.0.get_mut(port.index()) else { return false };
         slot.over = slot.over.max(token);
@@ -99,7 +99,7 @@ impl LockTable {
     }
 }
 
-/// A lock that a neighbour asks for.
+/// A neighbour's request for a lock.
 #[derive(Clone, Copy)]
 pub(super) struct Request {
     pub origin: ModuleId,
@@ -117,18 +117,18 @@ impl Request {
     }
 }
 
-/// The order of two attempts that want the same cells: the smaller goes first.
+/// The order of two attempts for the same cells: the smaller one goes first.
 pub(super) type Precedence = (Rank, Reverse<Span>, ModuleId);
 
 /// The answer to a request.
 pub(super) enum Verdict {
     Granted,
-    /// It is granted if this metamodule gives its own attempt up, which comes after.
+    /// Granted on condition that this metamodule gives up its own attempt, which ranks lower.
     GrantedBefore,
     Denied(Denial),
 }
 
-/// Decides whether a neighbour may have all cells of a motion. `own` is the precedence of this metamodule's
+/// Decides whether a neighbour is granted all cells of a motion. `own` is the precedence of this metamodule's
 /// own attempt.
 pub(super) fn judge(v: View<'_>, phase: &Phase, own: Precedence, request: &Request) -> Verdict {
     let motions = v.motions();
@@ -160,18 +160,18 @@ pub(super) fn judge(v: View<'_>, phase: &Phase, own: Precedence, request: &Reque
     }
 }
 
-/// The asking side of the locks: this metamodule's attempts, and what has come of them.
+/// The asking side of the locks: the state of this metamodule's attempts.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Requester {
     /// The number of the latest attempt.
     pub token: Token,
-    /// Since when the metamodule has made no progress; of equally important attempts the oldest goes first.
+    /// When the metamodule last made progress; of equal ranks the longest wait goes first.
     pub waiting_since: Time,
-    /// Not before this time it looks for something to do.
+    /// The time before which no further attempt is made.
     pub rest_until: Time,
-    /// The neighbour that denied last, or that goes first.
+    /// The neighbour that denied last, or that has precedence.
     pub waits_for: Option<ModuleId>,
-    /// Attempts that would have led two bodies into one space.
+    /// Number of attempts denied because two bodies would have met.
     pub prevented: u32,
     pub rng: Rng,
 }
@@ -180,11 +180,11 @@ impl Requester {
     pub fn precedence(&self, v: View<'_>, rank: Rank) -> Precedence {
         (rank, Reverse(v.now.since(self.waiting_since)), v.own.id)
     }
-    /// Draws how long to wait before another attempt.
+    /// Draws the time until the next attempt, from `least` to twice as much.
     pub fn back_off(&mut self, least: Span) -> Span {
         least + Span(self.rng.below(least.0 + 1))
     }
-    /// The request for a motion.
+    /// Returns the request for a motion.
     pub fn request(&self, v: View<'_>, rank: Rank, plan: &Plan) -> Message {
         Message::Request {
             origin: v.own.id,
@@ -196,7 +196,7 @@ impl Requester {
             ends: plan.ends,
         }
     }
-    /// Ports of the neighbours whose consent a motion needs, as a mask: those that live and may move.
+    /// Returns the ports of the neighbours whose consent a motion needs, as a mask: live ones that may move.
     pub fn ports_to_ask(v: View<'_>) -> u32 {
         if v.has(Defect::AskNobody) {
             return 0;
@@ -225,7 +225,7 @@ mod tests {
         let held = |locks: &LockTable| locks.iter().map(|(port, g)| (port.0, g.token.0)).collect::<Vec<_>>();
         locks.grant(a, grant(5, 10));
         locks.grant(b, grant(7, 20));
-        // A release of an earlier attempt is over with, and ends nothing.
+        // A release of an earlier attempt ends no grant.
         assert!(!locks.release(a, Token(4)));
         assert_eq!((locks.over(a), held(&locks)), (Token(4), vec![(0, 5), (1, 7)]));
         assert_eq!(locks.expire(Time(9)), Time(10));

@@ -1,14 +1,14 @@
-//! Ways for several at a time: what bodies that stand in each other's way can do together, one after the
-//! other, so that one of them fills one more open seed, with what is built staying. Or the proof that they cannot.
+//! Cooperative search: finds moves of several bodies, one after the other, after which one of them fills one
+//! more open seed while everything built stays; or proves that there are none.
 //!
-//! All bodies together have too many arrangements to look at them all (`state_space`), so what is simple is asked first.
-//! Most standstills have somebody in them who is *held*: it could not get away even if all others were
-//! gone, or all but one or two who could not either. The cells that it never leaves are taken for everybody
-//! else, always; and whoever fills a seed could do it also if all others who are not held were gone. If
-//! nobody can do that, there is no way. On the other hand, most ways take one or two who move while all
-//! others stay where they are. Where nothing is decided in the end, luck may find a way (`random_walk_search`).
+//! The state space of all bodies is too large to enumerate (`state_space`), so simpler problems come first.
+//! In most standstills some bodies are *held*: they are confined even if all others were gone, alone or
+//! together with one or two that are confined too. The cells that a held body never leaves count as taken in
+//! every search. A body that fills a seed could also do so if all bodies that are not held were gone; if none
+//! can, there is no plan. Conversely, most plans move one or two bodies while all others stay where they are.
+//! If the exact searches end undecided, a random walk may still find a plan (`random_walk_search`).
 //!
-//! Absent: what is known to whom, and who tells whom what to do.
+//! Not here: what each agent knows, and the messages that carry a plan out.
 
 use crate::lattice::Cell;
 use crate::metamodule::blueprint::{SeedSet, Task};
@@ -20,24 +20,24 @@ use crate::metamodule::pose::Pose;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// A standstill: who stands where, and what is to be built.
+/// A standstill: the poses of all bodies and the goal.
 #[derive(Clone, Debug)]
 pub struct Standstill {
-    /// What they are, and where.
+    /// The parameters, the floor, the goals and the motion database.
     pub setup: Arc<Setup>,
-    /// What is built.
+    /// The goal to be built.
     pub task: Task,
-    /// What of it is.
+    /// The seeds of it that are filled.
     pub filled: SeedSet,
-    /// Those who live, can move, and are no part of what is built.
+    /// The poses of the bodies that live, can move and are no part of the structure.
     pub free: Vec<Pose>,
     /// The cells of everything that stays.
     pub fixed: Vec<Cell>,
 }
 
 impl Standstill {
-    /// The same after the moves of a way: the body that makes the last one has filled a seed and stays. None if
-    /// that is no way of this standstill.
+    /// Returns the standstill after `path`: the body of the last move has filled a seed and stays there.
+    /// `None` if `path` does not fit this standstill or fills no open seed.
     pub fn after(&self, path: &[Move]) -> Option<Standstill> {
         let (setup, mut next) = (&self.setup, self.clone());
         let ground = Ground { motions: &setup.motions, floor: setup.floor, taken: &[] };
@@ -56,7 +56,7 @@ impl Standstill {
         Some(next)
     }
 
-    /// A free body is in a seed from now on, and stays there.
+    /// Moves a free body to the fixed cells: from now on it fills `seed`.
     pub fn fill(&mut self, body: usize, seed: u8) {
         self.free.remove(body);
         self.filled = self.filled.with(seed);
@@ -64,49 +64,49 @@ impl Standstill {
     }
 }
 
-/// One move of a way: while it is made, all others stay where they are.
+/// One move of a plan; all other bodies rest meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Move {
-    /// Whose, by its place among the free.
+    /// Index of the body among the free ones.
     pub body: usize,
-    /// Where it begins.
+    /// The pose before the move.
     pub from: Pose,
-    /// The posture to turn to.
+    /// The posture after the turns.
     pub posture: u16,
-    /// Whether it lands then.
+    /// True if the free end then connects to the floor and the other end lets go.
     pub lands: bool,
 }
 
-/// What a search came to.
+/// The result of a search.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SearchResult {
-    /// A way.
+    /// A plan.
     Path(Vec<Move>),
-    /// There is none: all arrangements that can be reached were seen, so many.
+    /// There is no plan; holds the number of states that prove it.
     NoWay(usize),
-    /// The bound was reached first.
+    /// The bound on the work was reached first.
     Undecided,
 }
 
-/// Whoever has more arrangements before it than this is not taken to be held: alone, and with one or two others
-/// who could not get away alone.
+/// Numbers of states: a body counts as confined if it can reach at most this many, alone; or together with
+/// one or two others that are confined while everything else stays.
 const HELD: [usize; 2] = [300, 4_000];
-/// So many together are looked at whether they hold each other.
+/// Largest number of bodies examined as a group that confines itself.
 const GROUP: usize = 3;
-/// Each one or two who could move while all others stay are first looked at with so much less work.
+/// Divisor of the work of the first pass over single bodies and pairs.
 const HASTE: usize = 20;
-/// All of these together are looked at with so much more work than everybody at once.
+/// Factor of the work that all single bodies and pairs may take together.
 const FEW: usize = 10;
-/// Ways by luck are looked for with so much more.
+/// Factor of the work that random walks may take.
 const LUCK: usize = 5;
 
-/// So much work is worth it to a swarm that stands still, and to whoever judges it: they see the same ways.
+/// Default work bound, in units of [`search`]. Agents and the judge use the same, so both find the same plans.
 pub const WORK: usize = 2_000_000;
 
-/// Looks for a proof that there is no way, and for a way. Each of the searches that this takes, from the
-/// simplest to that over everything, does so much work at most, those for one or two who move ten times as much
-/// together, and what is tried by luck in the end five times as much; a unit is one that moves looked at in one
-/// place, less than a microsecond.
+/// Searches for a plan and for a proof that there is none, from the simplest problem to the complete one.
+/// Each search takes at most about `work`; all single bodies and pairs together at most ten times as much,
+/// the random walks at the end five times as much. A unit of work is one placement of the moving body
+/// examined, less than a microsecond.
 pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
     let held = Held::find(standstill, work);
     let everybody = 0..standstill.free.len();
@@ -122,7 +122,7 @@ pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
     let movers: Vec<usize> = everybody.filter(|i| !held.still.contains(i)).collect();
     let pairs = movers.iter().flat_map(|i| movers.iter().filter(move |j| *j > i).map(move |j| vec![*i, *j]));
     let mut groups: Vec<Vec<usize>> = movers.iter().map(|i| vec![*i]).chain(pairs).collect();
-    // Most ways are found soon, if there is one.
+    // Most plans take little work to find.
     let mut left = work.saturating_mul(FEW);
     for most in [work / HASTE, work] {
         let mut undecided = Vec::new();
@@ -143,7 +143,7 @@ pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
     }
     let inside = || movers.iter().copied().filter(|i| held.bodies.contains(i));
     let mut starts: Vec<Vec<usize>> = outside.iter().map(|i| inside().chain([*i]).collect()).collect();
-    // Whoever is alone outside is in the way of all others, and in the start before.
+    // A single body outside is part of the start above; without it, the search would move through that body.
     if outside.len() != 1 {
         starts.push(inside().collect());
     }
@@ -163,8 +163,8 @@ pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
         .map_or(SearchResult::Undecided, SearchResult::Path)
 }
 
-/// The cells, from the attached end on, that a free body can come to rest in while all others stay where they
-/// are; or, alone, if they were gone.
+/// Returns the sets of cells, each from the attached end on, in which a free body can come to rest while all
+/// other bodies stay where they are; with `alone`, as if they were gone.
 pub fn reach(standstill: &Standstill, body: usize, alone: bool) -> BTreeSet<[Cell; 4]> {
     let (poses, body) = match alone {
         true => (vec![standstill.free[body]], 0),
@@ -174,14 +174,14 @@ pub fn reach(standstill: &Standstill, body: usize, alone: bool) -> BTreeSet<[Cel
     reachable.rests.iter().map(|rest| standstill.setup.motions.cells(reachable.pose(*rest))).collect()
 }
 
-/// Those who can never get away, alone or together, whatever all others do.
+/// The bodies that can never get away, alone or as a group, whatever the others do.
 struct Held {
     bodies: BTreeSet<usize>,
-    /// Those of them who never leave any of their cells.
+    /// The held bodies that never leave any of their cells.
     still: BTreeSet<usize>,
-    /// The cells of what stays, and those that are never left.
+    /// The fixed cells and those that held bodies never leave.
     stays: Vec<Cell>,
-    /// One of them might fill a seed.
+    /// True if a held body might fill a seed.
     fills: bool,
 }
 
@@ -189,14 +189,14 @@ impl Held {
     fn find(standstill: &Standstill, work: usize) -> Held {
         let (bodies, still) = (BTreeSet::new(), BTreeSet::new());
         let mut held = Held { bodies, still, stays: standstill.fixed.clone(), fills: false };
-        // Only who cannot get away while all others stand still is held.
+        // A body is held only if it is confined while all others stay where they are.
         let is_shut_in =
             |i: &usize| StateSpace::around_all_but(standstill, &[*i]).explore(&[*i], HELD[0]).is_some();
         let shut_in: Vec<usize> = (0..standstill.free.len()).filter(is_shut_in).collect();
         let mut left = work;
         let mut groups: Vec<Vec<usize>> = shut_in.iter().map(|i| vec![*i]).collect();
         let mut at = 0;
-        // Once somebody new is held, it may be that others are too.
+        // Each new held body takes cells, which may confine others, so the search begins anew.
         while let Some(group) = groups.get(at).cloned() {
             at += 1;
             if group.iter().any(|i| held.bodies.contains(i)) {
@@ -274,7 +274,7 @@ mod tests {
         Standstill { setup: Arc::clone(setup), task, filled, free, fixed: fixed.to_vec() }
     }
 
-    /// Makes the moves of a way. Whoever makes the last one fills a seed, and nobody has met anybody.
+    /// Checks the moves of a plan: no motion meets another body, and the last one fills a seed.
     fn go(standstill: &Standstill, moves: &[Move]) {
         let setup = &standstill.setup;
         let motions = &setup.motions;
@@ -317,7 +317,7 @@ mod tests {
         assert!(has_no_way(standstill(&setup, &[(0, 0)], &[Cell::new(4, 4, 2)])), "the seed is taken");
     }
 
-    /// What is seen without a search over everything is what such a search says.
+    /// The staged search agrees with a search of the complete state space.
     #[test]
     fn says_only_what_is_so() {
         let (database, mut rng) = (Arc::new(Database::build()), Rng::named(1, "feasible", 0));

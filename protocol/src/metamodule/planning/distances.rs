@@ -1,8 +1,7 @@
-//! How many strides it takes to a seed from every place on the floor, around what does not move.
+//! The number of steps to a seed from every place on the floor, around cells that stay taken.
 //!
-//! Every motion can be made backwards, so the count begins in the seed and spreads. All postures at one
-//! connector that can be got to from each other are one place: whoever has come to one of them has come
-//! to all.
+//! Every motion is reversible, so the count spreads from the seed. All postures at one connector that turn
+//! into each other count as one place.
 
 use crate::lattice::Cell;
 use crate::metamodule::blueprint::Seed;
@@ -13,29 +12,29 @@ use crate::metamodule::pose::{End, Pose, to_frame};
 use crate::roombots::grid::GridState;
 use std::collections::VecDeque;
 
-/// Numbers grid states of a floor from 0 on.
+/// Returns the number of a grid state of a floor, from 0 on.
 pub fn index(floor: Floor, state: GridState) -> usize {
     let (x, y) = (state.x.abs_diff(floor.min.0), state.y.abs_diff(floor.min.1));
     let wide = usize::from(floor.max.0.abs_diff(floor.min.0)) + 1;
     (usize::from(y) * wide + usize::from(x)) * 4 + usize::from(state.class)
 }
 
-/// How many grid states a floor has.
+/// Returns the number of grid states of a floor.
 pub fn states(floor: Floor) -> usize {
     let side = |a: i16, b: i16| usize::from(b.abs_diff(a)) + 1;
     side(floor.min.0, floor.max.0) * side(floor.min.1, floor.max.1) * 4
 }
 
-/// The count for one seed.
+/// The distances to one seed.
 pub struct Distances {
     floor: Floor,
-    /// By [`index`], the places there that one can come from: the postures that land and lead to each
-    /// other, as bits, and the strides.
+    /// By [`index`]: for each set of connected postures from which the seed can be reached, those that land,
+    /// as bits, and the number of steps.
     places: Vec<Vec<(u128, u16)>>,
 }
 
 impl Distances {
-    /// Counts the strides to a seed around fixed cells.
+    /// Counts the steps to a seed around fixed cells.
     pub fn new(motions: &Motions, floor: Floor, seed: Seed, fixed: &[Cell]) -> Distances {
         let mut distances = Distances { floor, places: Vec::new() };
         distances.places.resize_with(states(floor), Vec::new);
@@ -62,7 +61,7 @@ impl Distances {
         distances
     }
 
-    /// Comes to a place in so many strides; if it is new, the landings that it leads to.
+    /// Enters a place `steps` away. Returns the landings from there as bits; zero if it is known already.
     fn come(&mut self, ground: &Ground<'_>, pose: Pose, postures: u128, steps: u16) -> u128 {
         if postures == 0 {
             return 0;
@@ -78,15 +77,15 @@ impl Distances {
         lands
     }
 
-    /// Whether there is a way from some connector that `is_it` accepts.
+    /// True if there is a route from some connector that `is_it` accepts.
     pub fn reach(&self, is_it: impl Fn((i16, i16)) -> bool) -> bool {
         let (xs, ys) = (self.floor.min.0..=self.floor.max.0, self.floor.min.1..=self.floor.max.1);
         let mut states = ys.flat_map(|y| xs.clone().flat_map(move |x| [(x, y); 4])).zip(&self.places);
         states.any(|(at, places)| !places.is_empty() && is_it(at))
     }
 
-    /// Strides from a place, given by its connector, class and some of its postures that land; none if
-    /// there is no way.
+    /// Returns the number of steps from a place, given by its connector, its class and some of its postures
+    /// that land; `None` if there is no route.
     pub fn steps(&self, pose: Pose, postures: u128) -> Option<u16> {
         let places = self.places.get(index(self.floor, pose.state))?;
         places.iter().find(|(lands, _)| lands & postures != 0).map(|(_, steps)| *steps)

@@ -1,9 +1,9 @@
-//! Whether a body is shut in: it cannot get away from where it stands while nothing else moves.
+//! Decides whether a body is enclosed: it cannot get away from where it stands while nothing else moves.
 //!
-//! The answer is exact, and takes a search over the floor. The same is asked again and again with a
-//! little changed around, so what was learnt from a search is kept: a way out is one wherever none of its
-//! cells is taken, and the cells that ended a search without one are a wall wherever all of them are
-//! taken. What is kept changes how long an answer takes and nothing else.
+//! The answer is exact and takes a search over the floor. Questions recur with few cells changed, so results
+//! of earlier searches are cached: a route out stays valid where none of its cells is taken, and the cells
+//! that stopped a search form a wall where all of them are taken. The cache affects the time an answer takes,
+//! never the answer.
 
 use super::graph::ones;
 use crate::lattice::Cell;
@@ -14,27 +14,27 @@ use crate::metamodule::pose::{Pose, to_frame, to_world};
 use crate::roombots::grid::GridState;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The distance, in connectors from its middle, at which a body is not shut in any more.
+/// The distance, in connectors from its middle, from which on a body counts as not enclosed.
 const AWAY: i64 = 5;
 
-/// Whether a body that has got from around this middle to a connector is not shut in any more. The answer is
-/// the same for both of its ends.
+/// True if a connector is far enough from a middle for a body that started there to count as not enclosed.
+/// The answer is the same for both ends of the body.
 pub fn is_away(from: Middle, to: (i16, i16)) -> bool {
     let (x, y) = (i64::from(to.0) * 4 - from.0, i64::from(to.1) * 4 - from.1);
     x.abs().max(y.abs()) >= AWAY * 4
 }
 
-/// What is kept lies within this distance of the connector that holds the body, along x and y.
+/// Range of cached cells along x and y, in connectors from the one that holds the body.
 const NEAR: i16 = 10;
 const SIDE: usize = 2 * NEAR as usize + 1;
-/// And below this height.
+/// Range of cached cells along z.
 const HEIGHT: usize = 9;
 
-/// A set of cells around a body, seen from the connector that holds it.
+/// A set of cells in the frame of the connector that holds the body.
 struct Near([u64; (SIDE * SIDE * HEIGHT).div_ceil(64)]);
 
 impl Near {
-    /// The number of a cell; none if it is too far away.
+    /// Returns the number of a cell; `None` if it is out of range.
     fn number(cell: Cell) -> Option<u16> {
         let along = |c: i16| usize::try_from(c + NEAR).ok().filter(|i| *i < SIDE);
         let up = usize::try_from(cell.z).ok().filter(|i| *i < HEIGHT)?;
@@ -52,51 +52,51 @@ impl Near {
     }
 }
 
-/// A rectangle of connectors, by its corners.
+/// A rectangle of connectors, by two opposite corners.
 type Rectangle = ((i16, i16), (i16, i16));
 
 fn with((min, max): Rectangle, (x, y): (i16, i16)) -> Rectangle {
     ((min.0.min(x), min.1.min(y)), (max.0.max(x), max.1.max(y)))
 }
 
-/// A way out, from a landing on, seen from the connector that held the body before.
+/// A route out, from its first landing on, in the frame of the connector that held the body before.
 struct EscapePath {
-    /// Where it ends.
+    /// The connector at its end.
     to: (i16, i16),
-    /// The rectangle around all connectors that it uses.
+    /// The bounding rectangle of all connectors that it uses.
     feet: Rectangle,
     cells: Box<[u16]>,
 }
 
-/// What ended a search.
+/// The cells that stopped a search.
 struct Obstruction {
     floor: Floor,
-    /// Where the search began.
+    /// The grid state in which the search began.
     state: GridState,
-    /// The landings there that are on the same side of the wall, as bits.
+    /// The landings there on the same side of the wall, as bits.
     lands: u128,
-    /// The rectangle around all connectors that it got to.
+    /// The bounding rectangle of all connectors that the search visited.
     feet: Rectangle,
     cells: Box<[u16]>,
 }
 
-/// What was learnt from earlier searches.
+/// Results of earlier searches.
 pub struct EnclosureCache(Mutex<CachedEnclosure>);
 
 struct CachedEnclosure {
-    /// By the landing with which they begin.
+    /// By first landing.
     paths: Vec<Vec<EscapePath>>,
-    /// In heaps by place.
+    /// By hash of the grid state.
     walls: Vec<Vec<Obstruction>>,
 }
 
-/// Ways kept for each landing.
+/// Number of routes kept for each landing.
 const WAYS: usize = 32;
-/// Heaps of walls, and walls kept in each.
+/// Number of buckets for walls, and of walls kept in each.
 const WALLS: (usize, usize) = (1 << 10, 32);
 
 impl EnclosureCache {
-    /// Nothing yet.
+    /// Returns an empty cache.
     pub fn new() -> EnclosureCache {
         let (mut paths, mut walls) = (Vec::new(), Vec::new());
         paths.resize_with(u128::BITS as usize, Vec::new);
@@ -117,8 +117,8 @@ impl CachedEnclosure {
     }
 }
 
-/// Whether one of these answers the question. It comes first from then on, and what has not been of use
-/// for longest comes last.
+/// Returns true if an entry answers the question. That entry moves to the front, so the one unused for
+/// longest is last.
 fn finds<T>(kept: &mut [T], answers: impl Fn(&T) -> bool) -> bool {
     let at = kept.iter().position(answers);
     at.inspect(|at| kept[..=*at].rotate_right(1)).is_some()
@@ -129,14 +129,14 @@ fn keep<T>(kept: &mut Vec<T>, new: T, most: usize) {
     kept.insert(0, new);
 }
 
-/// Where a search has come to, from which place and by which posture.
+/// A place visited by the search, with the index of the one before and the posture that landed here.
 struct Step {
     pose: Pose,
     by: Option<(u32, u16)>,
 }
 
 impl Ground<'_> {
-    /// Whether a body in `pose` cannot get away from there.
+    /// True if a body in `pose` cannot get away from there.
     pub fn is_shut_in(&self, pose: Pose) -> bool {
         let (graph, state) = (self.motions.graph(), pose.state);
         let lands = self.lands(pose);
@@ -190,8 +190,8 @@ impl Ground<'_> {
         self.floor.has(a.x, a.y) && self.floor.has(b.x, b.y) && !path.cells.iter().any(|c| near.has(*c))
     }
 
-    /// The strides of a way out, as few as possible; or taken cells that leave none, and the rectangle
-    /// around all connectors that can be got to.
+    /// Returns the landings of a route out with the fewest steps; or else taken cells that block all routes,
+    /// and the bounding rectangle of all connectors visited.
     fn look_for_way_out(&self, from: Pose) -> Result<Vec<u16>, (Vec<Cell>, Rectangle)> {
         let graph = self.motions.graph();
         let middle = self.motions.middle(from);
@@ -226,7 +226,7 @@ impl Ground<'_> {
         Err((wall, places.iter().fold((from.foot(), from.foot()), |feet, p| with(feet, p.foot()))))
     }
 
-    /// A way of these strides as it is kept; none if it leads too far.
+    /// Returns the cached form of a route; `None` if it leaves the range of the cache.
     fn way_out(&self, from: Pose, steps: &[u16]) -> Option<EscapePath> {
         let graph = self.motions.graph();
         let (first, steps) = steps.split_first()?;
@@ -267,7 +267,7 @@ mod tests {
     use crate::roombots::database::Database;
     use std::sync::Arc;
 
-    /// Every answer, whatever has been learnt before it, is that of a search of its own.
+    /// Cached results do not change the answers.
     #[test]
     fn what_was_learnt_changes_no_answer() {
         let database = Arc::new(Database::build());

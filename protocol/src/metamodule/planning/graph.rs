@@ -1,9 +1,9 @@
-//! The motion database of one kind, laid out for searching: which landings and shapes a body can get
-//! to from a posture when some of the cells around its foot are taken.
+//! The motion database of one kind, laid out for searching: the landings and shapes that a body can get to
+//! from a posture while some of the cells around its foot are taken.
 //!
-//! Answers are exact: every strict step of the database is considered, with all cells that it sweeps.
-//! They depend on the posture and on the taken cells only, and the same questions come again and again,
-//! so the latest answers are kept. What is kept changes how long an answer takes and nothing else.
+//! Answers are exact: every strict step of the database is considered, with all cells that it sweeps. They
+//! depend on the posture and the taken cells only, and questions recur, so the latest answers are cached. The
+//! cache affects the time an answer takes, never the answer.
 
 use crate::lattice::Cell;
 use crate::metamodule::planning::lru_cache::{Memo, mix};
@@ -17,88 +17,88 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Cells of the database as bits: bit *i* is the *i*-th cell.
 pub type Bits = u128;
 
-/// A posture that lies with its free end on a connector.
+/// A posture with its free end on a connector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Landed {
     /// The posture.
     pub posture: u16,
-    /// Steps to it.
+    /// Number of turns to it.
     pub turns: u8,
 }
 
-/// What can be got to from one posture.
+/// What can be reached from one posture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reach {
-    /// Landings, nearest first; those equally near by their numbers.
+    /// Landings by number of turns, then by number of the posture.
     pub landings: Box<[Landed]>,
-    /// The same as bits, by [`Graph::rest`].
+    /// The same set as bits, by [`Graph::rest`].
     pub lands: u128,
-    /// The nearest posture of every chain of cells, with the steps to it, by the chain's number.
+    /// By chain of cells: the nearest posture that fills it, and the number of turns to it.
     pub chains: Box<[Option<(u16, u8)>]>,
 }
 
-/// Postures that lead to each other around some taken cells, and to no others.
+/// A connected component: postures that turn into each other, and into no others, while some cells are taken.
 struct Part {
     postures: PostureSet,
-    /// Those of them that land, as bits by [`Graph::rest`].
+    /// Its landings, as bits by [`Graph::rest`].
     lands: u128,
-    /// Taken cells that together keep everybody in it who is in it, once somebody has asked for them.
+    /// Taken cells that suffice to confine it; computed on demand.
     wall: Option<Bits>,
 }
 
-/// A way from one posture to another.
+/// A path from one posture to another.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Steps {
     /// The steps, by their numbers in the database.
     pub steps: Box<[u16]>,
-    /// All cells they sweep.
+    /// All cells that the steps sweep.
     pub swept: Bits,
 }
 
-/// Answers kept about what can be got to, about parts, and about ways.
+/// Capacities of the caches of reachable sets, components and paths, in answers.
 const KEPT: (usize, usize, usize) = (1 << 13, 1 << 14, 1 << 13);
 
-/// The graph of strict steps of one kind.
+/// The graph of the strict steps of one kind.
 pub struct Graph {
-    /// All strict turns.
+    /// By joint: the postures from which a strict step turns it forwards.
     strict: Turns,
-    /// For every cell the turns that sweep it.
+    /// By cell: the turns that sweep it.
     sweepers: Vec<Turns>,
-    /// For every posture the steps that begin or end in it, with the posture at the other end.
+    /// By posture: the steps that begin or end in it, with the posture at the other end.
     steps: Vec<Vec<(u16, u16)>>,
-    /// What every step sweeps, by its number.
+    /// By step: the cells that it sweeps.
     swept: Vec<Bits>,
-    /// The place of every posture in sets, and the other way round.
+    /// The place of each posture in sets, and the inverse.
     places: Vec<Place>,
     posture_at: Vec<u16>,
-    /// The postures that land, and those of every chain.
+    /// The postures that land, and the postures of each chain.
     landers: PostureSet,
     of_chain: Vec<PostureSet>,
-    /// The cells of every posture.
+    /// By posture: the cells that it fills.
     filled: Vec<[Cell; 4]>,
     filled_bits: Vec<Bits>,
     chain: Vec<u16>,
     landing: Vec<Option<(GridState, u16)>>,
-    /// The number of a posture among those that land.
+    /// By posture: its number among those that land; [`UNKNOWN`] for the others.
     rests: Vec<u8>,
-    /// And the other way round.
+    /// The inverse of `rests`.
     resting: Vec<u16>,
     cells: Vec<Cell>,
-    /// The number of a cell around a foot of every class, by [`slot`]; [`UNKNOWN`] if no motion ever
-    /// sweeps it.
+    /// By class of the foot and by [`slot`] around it: the number of a cell; [`UNKNOWN`] if no motion sweeps
+    /// it.
     numbers: [Vec<u8>; 4],
     reached: Memo<(u16, Bits), Arc<Reach>>,
-    /// Of all parts those that somebody has asked for.
+    /// By taken cells: the components found so far.
     parts: Memo<Bits, Arc<Mutex<Vec<Part>>>>,
     paths: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
 }
 
 const UNKNOWN: u8 = u8::MAX;
-/// Motions stay within this distance of the foot, along x and y, and below twice of it.
+/// Range of motions along x and y, in cells from the foot; along z they stay below twice as much.
 const RADIUS: i16 = 4;
 const SIDE: usize = 2 * RADIUS as usize + 1;
 
-/// Numbers the cells within reach.
+/// Returns the number of a cell around the foot; `None` if it is out of range.
 fn slot(cell: Cell) -> Option<usize> {
     let along = |c: i16| usize::from(c.wrapping_add(RADIUS) as u16);
     let (x, y, z) = (along(cell.x), along(cell.y), usize::from(cell.z as u16));
@@ -106,7 +106,7 @@ fn slot(cell: Cell) -> Option<usize> {
 }
 
 impl Graph {
-    /// Lays a table out. Invariant: the caller has checked that 128 bits are enough for the cells.
+    /// Lays out a table. Invariant: the caller has checked that the cells of the database fit 128 bits.
     pub fn new(database: &Database, table: &Table) -> Graph {
         let cells = database.cells().to_vec();
         let numbers = [0, 1, 2, 3].map(|class| {
@@ -174,7 +174,7 @@ impl Graph {
         }
     }
 
-    /// Which cells of the world motions from a foot may sweep.
+    /// Returns those of `cells`, in world coordinates, that motions from a foot may sweep.
     pub fn seen_from(&self, foot: GridState, cells: &[Cell]) -> Bits {
         let numbers = &self.numbers[usize::from(foot.class % 4)];
         let mut bits = 0;
@@ -185,34 +185,34 @@ impl Graph {
         }
         bits
     }
-    /// The cells of a set, in the foot frame.
+    /// Iterates over the cells of a set, in the foot frame.
     pub fn cells(&self, bits: Bits) -> impl Iterator<Item = Cell> + '_ {
         ones(bits).filter_map(|i| self.cells.get(i).copied())
     }
-    /// The cells of a posture, from the foot on; of an unknown one those of the first.
+    /// Returns the cells of a posture, from the foot on; all zero for an unknown one.
     pub fn filled(&self, posture: u16) -> [Cell; 4] {
         self.filled.get(usize::from(posture)).copied().unwrap_or_default()
     }
-    /// The same as bits.
+    /// Returns the cells of a posture as bits.
     pub fn filled_bits(&self, posture: u16) -> Bits {
         self.filled_bits.get(usize::from(posture)).copied().unwrap_or_default()
     }
-    /// The number of the chain of cells that a posture fills.
+    /// Returns the number of the chain of cells that a posture fills.
     pub fn chain(&self, posture: u16) -> Option<u16> {
         self.chain.get(usize::from(posture)).copied()
     }
-    /// Where the free end lies if it lies on the floor, and the posture seen from there.
+    /// Returns where the free end connects to the floor, if it does, and the posture seen from there.
     pub fn landing(&self, posture: u16) -> Option<(GridState, u16)> {
         self.landing.get(usize::from(posture)).copied().flatten()
     }
 
-    /// The number of a posture that lands among those that do. Whoever has landed is in such a posture,
-    /// seen from the end that did: the other end is still where it was.
+    /// Returns the number of a posture among those that land. After a landing the body is in such a posture,
+    /// seen from the end that landed, as the other end is still on its connector.
     pub fn rest(&self, posture: u16) -> Option<u8> {
         self.rests.get(usize::from(posture)).copied().filter(|i| *i < 128)
     }
 
-    /// The strict turns that sweep no taken cell.
+    /// Returns the strict turns that sweep no taken cell.
     fn free(&self, taken: Bits) -> Turns {
         let mut free = self.strict;
         for cell in ones(taken) {
@@ -230,14 +230,13 @@ impl Graph {
     fn postures<'a>(&'a self, set: &'a PostureSet) -> impl Iterator<Item = u16> + 'a {
         set.iter().map(|place| self.posture_at[place.index()])
     }
-    /// Those that land, as bits by [`Graph::rest`].
+    /// Returns the landings in a set, as bits by [`Graph::rest`].
     fn landing_bits(&self, set: &PostureSet) -> u128 {
         let landers = set.and(&self.landers);
         self.postures(&landers).filter_map(|p| self.rest(p)).fold(0, |bits, i| bits | 1 << i)
     }
 
-    /// Tells what can be got to with so many turns and not with fewer, nearest first, until `see` has seen
-    /// enough.
+    /// Passes the postures at each distance in turns to `see`, nearest first, until it returns true.
     fn levels(&self, from: u16, free: &Turns, mut see: impl FnMut(u8, &PostureSet) -> bool) {
         let Some(mut level) = self.only(from) else { return };
         let mut visited = PostureSet::NONE;
@@ -250,13 +249,13 @@ impl Graph {
         }
     }
 
-    /// The landings that can be got to without sweeping a taken cell, as bits by [`Graph::rest`]. This is
-    /// [`Reach::lands`], for less.
+    /// Returns the landings that can be reached without sweeping a taken cell, as bits by [`Graph::rest`]:
+    /// the same as [`Reach::lands`], computed faster.
     pub fn lands(&self, from: u16, taken: Bits) -> u128 {
         self.part(from, taken, |part| part.lands).unwrap_or(0)
     }
 
-    /// Taken cells that together leave no other landings than all of them do.
+    /// Returns a subset of the taken cells that leaves no more landings than all of them.
     pub fn wall(&self, from: u16, taken: Bits) -> Bits {
         let wall = |part: &mut Part| {
             let postures = &part.postures;
@@ -265,7 +264,7 @@ impl Graph {
         self.part(from, taken, wall).unwrap_or(taken)
     }
 
-    /// Asks for something about the part of a posture.
+    /// Applies `ask` to the component of a posture.
     fn part<T>(&self, from: u16, taken: Bits, ask: impl FnOnce(&mut Part) -> T) -> Option<T> {
         let place = *self.places.get(usize::from(from))?;
         let parts = self.parts.answer(hash(taken), taken, |_| Arc::default());
@@ -280,7 +279,7 @@ impl Graph {
         Some(answer)
     }
 
-    /// Taken cells that together block all steps out of a part.
+    /// Returns taken cells that together block all steps out of a component.
     fn find_wall(&self, part: &PostureSet, taken: Bits) -> Bits {
         let mut wall = 0;
         for (step, to) in self.postures(part).flat_map(|posture| self.steps(posture)) {
@@ -292,12 +291,12 @@ impl Graph {
         wall
     }
 
-    /// The postures of a set of landings.
+    /// Iterates over the postures of a set of landings.
     pub fn landings(&self, lands: u128) -> impl Iterator<Item = u16> + '_ {
         ones(lands).filter_map(|i| self.resting.get(i).copied())
     }
 
-    /// Everything that strict steps lead to from a posture without sweeping a taken cell.
+    /// Returns everything that strict steps reach from a posture without sweeping a taken cell.
     pub fn reach(&self, from: u16, taken: Bits) -> Arc<Reach> {
         let hash = mix(hash(taken), u64::from(from));
         self.reached.answer(hash, (from, taken), |_| Arc::new(self.find(from, taken)))
@@ -330,8 +329,8 @@ impl Graph {
         Reach { landings: landings.into_boxed_slice(), lands, chains }
     }
 
-    /// Everything that strict steps lead to from any of these postures without sweeping a taken cell. Postures
-    /// that fill the same cells and lead to each other come together.
+    /// Returns everything that strict steps reach from any of these postures without sweeping a taken cell,
+    /// grouped by shape: connected postures that fill the same cells.
     pub fn shapes(&self, from: &[u16], taken: Bits) -> Vec<Vec<u16>> {
         let (free, mut seen, mut shapes) = (self.free(taken), PostureSet::NONE, Vec::new());
         for posture in from {
@@ -348,7 +347,7 @@ impl Graph {
         shapes
     }
 
-    /// The shortest way to a posture; none if there is no way.
+    /// Returns a shortest path to a posture; `None` if there is none.
     pub fn path(&self, from: u16, to: u16, taken: Bits) -> Option<Arc<Steps>> {
         let hash = mix(hash(taken), u64::from(from) << 16 | u64::from(to));
         self.paths.answer(hash, (from, to, taken), |_| self.find_way(from, to, taken).map(Arc::new))
@@ -378,25 +377,25 @@ impl Graph {
         Some(Steps { steps: steps.into(), swept })
     }
 
-    /// The strict steps that begin or end in a posture, with the posture at the other end.
+    /// Returns the strict steps that begin or end in a posture, with the posture at the other end.
     fn steps(&self, posture: u16) -> &[(u16, u16)] {
         self.steps.get(usize::from(posture)).map_or(&[], |steps| steps)
     }
 
-    /// A posture one free step away.
+    /// Returns a posture one free step away.
     pub fn neighbour(&self, posture: u16, taken: Bits) -> Option<u16> {
         let is_free = |(step, _): &&(u16, u16)| self.swept[usize::from(*step)] & taken == 0;
         self.steps(posture).iter().find(is_free).map(|(_, to)| *to)
     }
 
-    /// What a step leads to from a posture and what it sweeps, if it is strict and begins there.
+    /// Returns the posture that a strict step leads to from `posture` and the cells that it sweeps.
     pub fn step(&self, posture: u16, number: u16) -> Option<(u16, Bits)> {
         let (_, to) = *self.steps(posture).iter().find(|(step, _)| *step == number)?;
         Some((to, self.swept[usize::from(number)]))
     }
 }
 
-/// The numbers of the bits that are set.
+/// Iterates over the indices of the bits that are set.
 pub(super) fn ones(mut bits: Bits) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let i = (bits != 0).then(|| bits.trailing_zeros() as usize)?;
@@ -422,7 +421,7 @@ mod tests {
         postures
     }
 
-    /// The database's own search, which is written for reading and not for speed, says the same.
+    /// The graph agrees with the database's own search, which is simple and slow.
     #[test]
     fn agrees_with_the_database() {
         let database = Database::build();

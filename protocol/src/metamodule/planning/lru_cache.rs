@@ -1,20 +1,20 @@
-//! The latest answers to questions that come again and again. Keeping them changes how long an answer
-//! takes and nothing else, so agents that share them stay independent of each other.
+//! A cache for recurring questions. It affects the time an answer takes, never the answer, so agents that
+//! share one stay independent of each other.
 
 use std::sync::{Mutex, PoisonError};
 
-/// Answers by question: sets of four, of which the one asked for least recently makes room.
+/// Answers by question, in sets of four with LRU replacement.
 pub struct Memo<K, V> {
     sets: Mutex<Vec<Set<K, V>>>,
     count: usize,
 }
 
 const WAYS: usize = 4;
-/// The one used last comes first.
+/// Most recently used first.
 type Set<K, V> = [Option<(K, V)>; WAYS];
 
 impl<K, V> Memo<K, V> {
-    /// Keeps this many answers at most; a multiple of four. Takes room only when it is used.
+    /// Returns an empty cache for `answers` answers, a multiple of four. Memory is allocated on first use.
     pub const fn new(answers: usize) -> Memo<K, V> {
         Memo { sets: Mutex::new(Vec::new()), count: answers / WAYS }
     }
@@ -30,7 +30,7 @@ impl<K, V> Memo<K, V> {
         set[0] = Some((question, answer));
     }
 
-    /// The kept answer, or a new one.
+    /// Returns the cached answer, or the one that `find` computes.
     pub fn answer(&self, hash: u64, question: K, find: impl FnOnce(&K) -> V) -> V
     where
         K: PartialEq,
@@ -54,7 +54,7 @@ impl<K, V> Memo<K, V> {
     }
 }
 
-/// Mixes numbers into a hash.
+/// Mixes a number into a hash.
 pub fn mix(hash: u64, number: u64) -> u64 {
     let mixed = (hash ^ number).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     mixed ^ mixed >> 29

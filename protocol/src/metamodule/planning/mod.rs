@@ -1,5 +1,5 @@
-//! Searches over poses of metamodules: the graph of moves, distances and paths for one body, and
-//! joint searches for several.
+//! Searches over poses of metamodules: the graph of turns, distances and routes of one body, and cooperative
+//! searches for several.
 
 pub mod cooperative;
 pub mod distances;

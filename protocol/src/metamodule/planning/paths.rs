@@ -1,7 +1,7 @@
-//! Ways over the floor: courses of strides to a seed, or out of the way.
+//! Routes over the floor: sequences of steps to a seed, or aside.
 //!
-//! The search is exact on the motion database: every landing of every posture with everything that it
-//! sweeps, every class. What moves is not in it; whoever asks says which cells are taken.
+//! The search is exact on the motion database: it considers every landing of every posture in every class,
+//! with all cells swept. Moving bodies are unknown to it; the caller says which cells are taken.
 
 use super::distances::{Distances, index, states};
 use super::graph::{Bits, Reach};
@@ -14,25 +14,25 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-/// A way: strides, and the posture to take at its end.
+/// A route: steps, and the posture to take at its end.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Route {
-    /// The postures that land, one after the other, each seen from the end that is attached then.
+    /// The landing posture of each step, seen from the end that is attached at that time.
     pub steps: Vec<u16>,
-    /// The posture to take after the last stride; none to stay as landed.
+    /// The posture to take after the last step; `None` to stay as landed.
     pub last: Option<u16>,
 }
 
 impl Route {
-    /// Whether nothing is left to do.
+    /// True if nothing is left to do.
     pub fn is_over(&self) -> bool {
         self.steps.is_empty() && self.last.is_none()
     }
-    /// The posture to turn to next, and whether it lands.
+    /// Returns the posture to turn to next, and whether it lands.
     pub fn next(&self) -> Option<(u16, bool)> {
         self.steps.first().map(|p| (*p, true)).or(self.last.map(|p| (p, false)))
     }
-    /// What is next has been done.
+    /// Removes the part that is done.
     pub fn advance(&mut self) {
         if self.steps.is_empty() {
             self.last = None;
@@ -42,37 +42,37 @@ impl Route {
     }
 }
 
-/// A floor with some cells taken.
+/// A floor with taken cells.
 pub struct Ground<'a> {
-    /// What bodies can do.
+    /// The motion database.
     pub motions: &'a Motions,
     /// The connectors.
     pub floor: Floor,
-    /// Cells to keep out of.
+    /// The cells that motions must not sweep, in world coordinates.
     pub taken: &'a [Cell],
 }
 
-/// What a stride costs in units of a turn: a stride more is only worth it to save this many turns.
+/// Cost of a step in turns: one more step pays off only if it saves more turns than this.
 const STRIDE: u32 = 64;
-/// About as many turns as a stride takes. A little too many, so that of equally long ways the one that
-/// is nearly there is looked at first; it is too little to matter beside [`STRIDE`].
+/// Estimated number of turns of a step. Slightly high, so that of equally long routes the one closest to its
+/// end is expanded first, and too small to outweigh [`STRIDE`].
 const TURNS: u32 = 6;
-/// So many places are left in one search, at most. The floor of the published experiment has about a
-/// thousand; a search that finds its goal leaves a few.
+/// Number of places that one search may expand. The floor of the published experiment has about 1000; a
+/// successful search expands a few.
 const MOST_LEFT: usize = 20_000;
-/// So many strides to get out of the way, at most.
+/// Largest number of steps aside.
 const MOST_ASIDE: u32 = 4;
 
 struct Node {
     pose: Pose,
     cost: u32,
-    /// The node before and the posture that landed here.
+    /// The node before, and the posture that landed here.
     by: Option<(u32, u16)>,
 }
 
-/// Places that a search has left.
+/// The places that a search has expanded.
 pub(super) struct Left {
-    /// For every grid state the postures that land there.
+    /// By grid state: the postures that land there, as bits.
     postures: Vec<u128>,
     count: usize,
     floor: Floor,
@@ -82,7 +82,7 @@ impl Left {
     pub fn new(floor: Floor) -> Left {
         Left { postures: vec![0; states(floor)], count: 0, floor }
     }
-    /// Whether one of these postures has been there.
+    /// True if a place with one of these postures has been expanded.
     pub fn has(&self, pose: Pose, postures: u128) -> bool {
         self.postures[index(self.floor, pose.state)] & postures != 0
     }
@@ -90,38 +90,38 @@ impl Left {
         self.postures[index(self.floor, pose.state)] |= postures;
         self.count += 1;
     }
-    /// Whether another place may be left.
+    /// True if another place may be expanded.
     pub fn is_bounded(&self) -> bool {
         self.count < MOST_LEFT
     }
 }
 
 impl Ground<'_> {
-    /// The taken cells as a body in this place sees them.
+    /// Returns the taken cells as bits in the frame of a body's foot.
     pub fn taken_at(&self, pose: Pose) -> Bits {
         self.motions.graph().seen_from(pose.state, self.taken)
     }
-    /// What can be got to without leaving the place.
+    /// Returns what the body can reach without a landing.
     pub fn reach(&self, pose: Pose) -> Arc<Reach> {
         self.motions.graph().reach(pose.posture, self.taken_at(pose))
     }
-    /// Where that lands, as bits; much less work.
+    /// Returns the landings of [`Ground::reach`] as bits, computed much faster.
     pub fn lands(&self, pose: Pose) -> u128 {
         self.motions.graph().lands(pose.posture, self.taken_at(pose))
     }
-    /// Where a body is after it has landed by this posture; none if there is no connector.
+    /// Returns the pose after landing by `posture`; `None` if no connector is there.
     pub fn landed(&self, pose: Pose, posture: u16) -> Option<Pose> {
         let to = self.motions.turned_around(Pose { posture, ..pose })?;
         self.floor.has(to.state.x, to.state.y).then_some(Pose { both: false, ..to })
     }
-    /// The posture that fills a seed from its connector with the steps to it, if there is a way to it.
+    /// Returns the posture that fills a seed from its connector, and the turns to it; `None` if unreachable.
     pub fn filling(&self, pose: Pose, seed: Seed) -> Option<(u16, u8)> {
         let chain = self.motions.chain_of(seed.cells().map(|c| to_frame(pose.state, c)))?;
         self.reach(pose).chains.get(usize::from(chain)).copied().flatten()
     }
 
-    /// A course to a seed with the fewest strides, and with few turns, of at most `most` strides.
-    /// `fixed` are those of the taken cells that stay taken.
+    /// Returns a route to a seed with the fewest steps, at most `most`, and few turns. `fixed` are those
+    /// taken cells that stay taken.
     pub fn to_seed(&self, from: Pose, seed: Seed, fixed: &[Cell], most: usize) -> Option<Route> {
         if seed.cells().iter().any(|c| self.taken.contains(c)) {
             return None;
@@ -131,7 +131,7 @@ impl Ground<'_> {
     }
 
     fn find_seed(&self, from: Pose, seed: Seed, distances: &Distances, most: u32) -> Option<Route> {
-        // What moves can only make a way longer, so the strides around what does not move are a bound.
+        // Movable obstacles only lengthen a route, so the distance around fixed ones is a lower bound.
         let left_to_go = |pose: Pose, postures: u128| {
             let steps = u32::from(distances.steps(pose, postures)?);
             (steps <= most).then_some(steps)
@@ -172,7 +172,7 @@ impl Ground<'_> {
         None
     }
 
-    /// The cheapest course to a pose that `fits`; changing its shape on the spot is the cheapest of all.
+    /// Returns the cheapest route to a pose that `fits`; a change of posture without a step is cheapest.
     pub fn aside(&self, from: Pose, mut fits: impl FnMut(Pose) -> bool) -> Option<Route> {
         let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
         let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);

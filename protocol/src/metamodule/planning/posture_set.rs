@@ -1,28 +1,28 @@
-//! Sets of postures of a metamodule as bits, and what turning a joint does to all of a set at once.
+//! Sets of postures of a metamodule as bits, and turns of a joint applied to a whole set.
 //!
-//! A posture is six joint values (three, four, three, and again). The outer joints of the first module
-//! and the first of the second choose a word; the other three choose a bit in it, so that turning one of
-//! them moves bits within words.
+//! A posture is six joint values with 3, 4, 3, 3, 4 and 3 positions. The outer joints of the first module and
+//! the first joint of the second choose a word, the other three a bit in it, so that turning one of those
+//! three moves bits within words.
 
 use crate::roombots::posture::{MAX_JOINTS, Posture};
 
 const WORDS: usize = 27;
-/// The bits of a word that are used.
+/// Mask of the bits in use in each word.
 const USED: u64 = (1 << 48) - 1;
 
 /// A set of postures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PostureSet([u64; WORDS]);
 
-/// The number of a posture in such sets.
+/// The number of a posture in a [`PostureSet`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place(u16);
 
 impl Place {
-    /// There are no more numbers than this.
+    /// Bound of the numbers.
     pub const COUNT: usize = WORDS * 64;
 
-    /// That of a posture of a metamodule.
+    /// Returns the number of a posture of a metamodule.
     pub fn of(posture: Posture) -> Place {
         match *posture.steps() {
             [a, b, c, d, e, f] => {
@@ -32,56 +32,56 @@ impl Place {
             _ => Place(0),
         }
     }
-    /// The same as an index.
+    /// Returns the number as an index.
     pub const fn index(self) -> usize {
         self.0 as usize
     }
 }
 
-/// For every joint the postures that it may turn from, one step forwards.
+/// By joint: the postures from which it may turn one position forwards.
 pub type Turns = [PostureSet; MAX_JOINTS];
 
 impl PostureSet {
-    /// No posture.
+    /// The empty set.
     pub const NONE: PostureSet = PostureSet([0; WORDS]);
     /// No joint may turn.
     pub const NO_TURNS: Turns = [PostureSet::NONE; MAX_JOINTS];
 
-    /// Adds one.
+    /// Adds a posture.
     pub fn add(&mut self, place: Place) {
         self.0[place.index() / 64] |= 1 << (place.0 % 64);
     }
-    /// Whether it is in the set.
+    /// True if the posture is in the set.
     pub fn has(&self, place: Place) -> bool {
         self.0[place.index() / 64] >> (place.0 % 64) & 1 == 1
     }
-    /// Whether no posture is in the set.
+    /// True if the set is empty.
     pub fn is_empty(&self) -> bool {
         self.0.iter().all(|w| *w == 0)
     }
-    /// Adds all of another set.
+    /// Adds all postures of another set.
     #[inline]
     pub fn add_all(&mut self, other: &PostureSet) {
         self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word |= other);
     }
-    /// Takes out all of another set.
+    /// Removes all postures of another set.
     #[inline]
     pub fn remove_all(&mut self, other: &PostureSet) {
         self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word &= !other);
     }
-    /// Those in both sets.
+    /// Returns the postures in both sets.
     #[inline]
     pub fn and(mut self, other: &PostureSet) -> PostureSet {
         self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word &= other);
         self
     }
-    /// Those that are not in the other set.
+    /// Returns the postures that are not in `other`.
     #[inline]
     pub fn without(mut self, other: &PostureSet) -> PostureSet {
         self.remove_all(other);
         self
     }
-    /// All of them, in the order of their numbers.
+    /// Iterates over the set in ascending order.
     pub fn iter(&self) -> impl Iterator<Item = Place> + '_ {
         (0..WORDS as u16).zip(&self.0).flat_map(|(i, word)| {
             let mut word = *word;
@@ -93,8 +93,8 @@ impl PostureSet {
         })
     }
 
-    /// What one turn leads to from the set. For every joint `turns` has the postures that it may turn from,
-    /// one step forwards; it may turn back to the same.
+    /// Returns the postures one turn away from the set. For each joint `turns` holds the postures from which
+    /// it may turn one position forwards, or into which it may turn back.
     pub fn spread(&self, turns: &Turns) -> PostureSet {
         let mut to = PostureSet::NONE;
         self.turn_between_words::<9>(&turns[0], &mut to);
@@ -106,7 +106,7 @@ impl PostureSet {
         to
     }
 
-    /// Turns a joint whose three values are so many words apart.
+    /// Turns a joint whose three values lie `APART` words apart.
     #[inline]
     fn turn_between_words<const APART: usize>(&self, free: &PostureSet, to: &mut PostureSet) {
         for block in (0..WORDS).step_by(3 * APART) {
@@ -121,8 +121,8 @@ impl PostureSet {
         }
     }
 
-    /// Turns a joint whose values are within every word: a step forwards moves bits up into `moved`, or down
-    /// to the rest if they are at the end of their range.
+    /// Turns a joint whose values lie within each word: forwards moves bits up into `moved`, or down to the
+    /// other bits at the end of the range.
     #[inline]
     fn turn_within_words(&self, free: &PostureSet, to: &mut PostureSet, up: u32, moved: u64, down: u32) {
         let wrapped = USED & !moved;
@@ -135,7 +135,7 @@ impl PostureSet {
         }
     }
 
-    /// What any number of turns lead to from the set, with the set itself.
+    /// Returns the postures reachable by any number of turns, the set itself included.
     pub fn flood(mut self, turns: &Turns) -> PostureSet {
         loop {
             let more = self.spread(turns).without(&self);

@@ -1,10 +1,10 @@
-//! Ways by luck: bodies go here and there until one of them can fill a seed, and what was for nothing is left out.
+//! Randomised fallback: random walks until a body can fill a seed; redundant trips are then removed.
 //!
-//! Where many stand close together, a way takes many of them, each some steps that bring nobody nearer to a
-//! seed. A search that begins with what looks nearest (`state_space`) drowns in them; going anywhere does not, as
-//! long as the floor is not too full. Its chance is the same every time, so who searches twice finds the same.
+//! In a dense group a plan involves many bodies, each with steps that bring none of them closer to a seed. A
+//! best-first search (`state_space`) drowns in those states; a random walk does not, as long as the floor is
+//! not too full. The generator has a constant seed, so equal standstills give equal plans.
 //!
-//! Absent: the proof that there is no way.
+//! Not here: a proof that there is no plan.
 
 use crate::coverage::{CoveragePoint, hit};
 use crate::metamodule::planning::cooperative::{Move, Standstill};
@@ -12,24 +12,24 @@ use crate::metamodule::planning::state_space::StateSpace;
 use crate::metamodule::pose::Pose;
 use crate::rng::Rng;
 
-/// After so many trips the first try begins anew, each later one after twice as many.
+/// Number of trips of the first try; each later one takes twice as many.
 const FIRST: usize = 16;
-/// No try is longer.
+/// Largest number of trips of a try.
 const LONGEST: usize = 512;
-/// Once there is a way, so many times the work that it took goes into shorter ones.
+/// After the first plan, this many times the work it took is spent on finding shorter ones.
 const MORE: usize = 3;
-/// Each way is made short with at most such a part of the work.
+/// Shortening one plan takes at most this fraction of the work.
 const SHORTENING: usize = 8;
 
-/// One body goes somewhere else while all others stay.
+/// One body moves to another pose while all others stay.
 #[derive(Clone, Copy)]
 struct Trip {
     body: usize,
     to: Pose,
 }
 
-/// The shortest of the ways of these that are found with so much work, or soon after the first one. Making the
-/// last one short may take a little more.
+/// Returns the shortest plan for `movers` found with about `work`; the search ends sooner after the first
+/// plan. Shortening the last one may exceed the bound.
 pub(super) fn random_walk_search(
     standstill: &Standstill,
     movers: &[usize],
@@ -38,7 +38,7 @@ pub(super) fn random_walk_search(
     let mut rng = Rng::named(0, "wander", 0);
     let (mut most, mut left, mut best) = (FIRST, work, None::<Vec<Move>>);
     while !movers.is_empty() && left > 0 {
-        // Each try has its own: what all of them look at would take too much memory.
+        // Each try has a state space of its own: one for all would take too much memory.
         let mut state_space = StateSpace::new(standstill, standstill.fixed.clone());
         let path = Path::by_random_walk(standstill, movers, &mut state_space, most, left, &mut rng);
         let until = state_space.work + work / SHORTENING;
@@ -54,14 +54,14 @@ pub(super) fn random_walk_search(
     best
 }
 
-/// After these trips this body can fill a seed.
+/// Trips after which a body can fill a seed.
 struct Path {
     body: usize,
     trips: Vec<Trip>,
 }
 
 impl Path {
-    /// So many trips at most of anybody to anywhere, until somebody can fill a seed.
+    /// Draws trips of random bodies to random poses, at most about `most`, until a body can fill a seed.
     fn by_random_walk(
         standstill: &Standstill,
         movers: &[usize],
@@ -78,7 +78,7 @@ impl Path {
             if reachable.fills.is_some() {
                 return Some(Path { body, trips });
             }
-            // Everybody may rest where it rests already, so somewhere.
+            // A body may stay where it rests, so there is at least one choice.
             let rest = reachable.rests.get(pick(reachable.rests.len()));
             let to = rest.map_or(poses[body], |rest| reachable.pose(*rest));
             poses[body] = to;
@@ -87,7 +87,7 @@ impl Path {
         None
     }
 
-    /// Its moves, without trips that it does not take.
+    /// Returns the moves of the path without its redundant trips.
     fn shortened(
         mut self,
         standstill: &Standstill,
@@ -113,7 +113,7 @@ impl Path {
     }
 }
 
-/// The moves of a way, if it is one.
+/// Returns the moves of a path; `None` if a trip is impossible or no seed can be filled at the end.
 fn go(standstill: &Standstill, state_space: &mut StateSpace<'_>, path: &Path) -> Option<Vec<Move>> {
     let (mut poses, mut moves) = (standstill.free.clone(), Vec::new());
     let does_something = |m: &Move| m.lands || m.posture != m.from.posture;

@@ -1,11 +1,10 @@
-//! Where bodies can get to together, one after the other: the states of the search of `joint`, and how one leads
-//! to another.
+//! The state space of the cooperative search: where several bodies can get to, one after the other.
 //!
-//! It is exact on the motion database: a body that rests may rest in any posture that it can get to,
-//! not only where it has landed. Postures that fill the same cells and lead to each other are one; and since
-//! all bodies of a swarm are of one kind, only where bodies are counts and not whose they are. Motions at the
-//! same time are no more than motions one after the other: what a motion sweeps is nobody else's until it
-//! is over. While one moves the others do not, so where it is until it rests need not be told apart.
+//! It is exact on the motion database: a body may rest in any posture that it can reach, not only where it
+//! has landed. Connected postures that fill the same cells form one shape; and since all bodies of a swarm
+//! are of one kind, a state holds the filled shapes without the identities of the bodies. Simultaneous
+//! motions add no states, because the cells that a motion sweeps are locked until it ends. While one body
+//! moves the others rest, so the places of the moving body between two rests need not be told apart.
 
 use super::distances::Distances;
 use super::graph::Bits;
@@ -19,77 +18,77 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 use std::sync::Arc;
 
-/// Finding out what can be got to around some taken cells is so much work.
+/// Work of computing the reachable postures around some taken cells, in units of [`StateSpace::work`].
 const LOOK: usize = 50;
 
-/// What bodies that are looked at may rest in.
+/// The postures in which bodies may rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopAt {
-    /// Only in postures that land: enough to find most ways, and quick.
+    /// Only postures that land: fast, and enough to find most plans.
     Landings,
-    /// In all of them: needed to prove that there is no way.
+    /// All postures: needed to prove that there is no plan.
     Everything,
 }
 
 /// A body at rest.
 struct Shape {
     state: GridState,
-    /// The postures that it may be in. All fill the same cells.
+    /// Connected postures, one of which the body is in. All fill the same cells.
     postures: Vec<u16>,
     cells: [Cell; 4],
     steps: u16,
 }
 
-/// Where a body is that moves: attached here, in any posture that it can get to.
+/// A moving body: attached in a grid state, in any of the postures connected to its own.
 #[derive(Default)]
 struct Place {
-    /// What it may rest in there, by the numbers of the shapes.
+    /// The shapes in which it may rest there, by number.
     shapes: Vec<u32>,
-    /// Those of them that land, or fill a seed.
+    /// Those of them that land or fill a seed.
     landings: Vec<u32>,
-    /// The postures that land, and where it is then.
+    /// The postures that land, and the pose after each.
     lands: Vec<(u16, Pose)>,
     /// The posture that fills a seed.
     fills: Option<u16>,
     steps: u16,
 }
 
-/// What leads from one node to the next.
+/// The transition from one node to the next.
 #[derive(Clone, Copy)]
 enum By {
     /// This body is the first to move.
     Begins(usize),
-    /// The one who moves lands by this posture, and is there then.
+    /// The moving body lands by this posture and then has this pose.
     Lands(u16, Pose),
-    /// It rests in this shape, and whoever rests in that one moves, from this posture.
+    /// The moving body rests in shape `rests`; the one in shape `woken` moves next, from `posture`.
     Wakes { rests: u32, woken: u32, posture: u16 },
 }
 
-/// Where one body gets while all others stay.
+/// What one body can reach while all others stay.
 pub struct Reachable {
     body: usize,
     stays: Vec<Stay>,
-    /// In which posture it may rest, by the number of its stay.
+    /// The poses in which it may rest: index of the stay, and posture.
     pub rests: Vec<(usize, u16)>,
-    /// The posture that fills an open seed, by the number of its stay.
+    /// The pose that fills an open seed, in the same form.
     pub fills: Option<(usize, u16)>,
 }
 
-/// Where a body has landed.
+/// A grid state in which the body has landed.
 struct Stay {
-    /// The stay before, and the posture that lands from there; none where it begins.
+    /// Index of the stay before, and the posture that lands from there; `None` for the first.
     before: Option<(usize, u16)>,
-    /// How it stands then.
+    /// The pose after the landing.
     pose: Pose,
 }
 
 impl Reachable {
-    /// How it stands when it rests there.
+    /// Returns the pose of a rest.
     pub fn pose(&self, (stay, posture): (usize, u16)) -> Pose {
         Pose { posture, ..self.stays[stay].pose }
     }
 
-    /// The moves that bring it there.
+    /// Returns the moves that lead to a rest.
     pub fn moves(&self, (mut stay, posture): (usize, u16)) -> Vec<Move> {
         let turn = |stay: usize, posture| {
             let from = self.stays[stay].pose;
@@ -105,30 +104,30 @@ impl Reachable {
     }
 }
 
-/// The place of the one who moves, and the shapes of the others, in order.
+/// The place of the moving body, and the shapes of the others in ascending order.
 type Node = (u32, Vec<u32>);
 
-/// What does not change while searches go on, and what has been looked at, by numbers.
+/// The search problem, and everything computed so far, by number.
 pub struct StateSpace<'a> {
     standstill: &'a Standstill,
     /// The cells that are always taken.
     fixed: Vec<Cell>,
-    /// The open seeds with the strides to them around what is fixed.
+    /// The open seeds with the distances to them around the fixed cells.
     seeds: Vec<(Seed, Arc<Distances>)>,
     shapes: Vec<Shape>,
     shape_numbers: BTreeMap<(GridState, Vec<u16>), u32>,
     places: Vec<Place>,
     place_numbers: BTreeMap<(GridState, u32), u32>,
-    /// Shapes that lead to each other.
+    /// Connected postures, grouped by shape.
     parts: Vec<Vec<Vec<u16>>>,
-    /// The part of a posture around what is taken.
+    /// By taken cells and posture: the index into `parts`.
     part_numbers: BTreeMap<Bits, BTreeMap<u16, u32>>,
-    /// What the last search has done; a unit is less than a microsecond.
+    /// Work done by the last search, in units of less than a microsecond.
     pub work: usize,
 }
 
 impl<'a> StateSpace<'a> {
-    /// With these cells taken for ever.
+    /// Returns the state space around cells that stay taken.
     pub fn new(standstill: &'a Standstill, fixed: Vec<Cell>) -> StateSpace<'a> {
         let setup = &standstill.setup;
         let open = setup.goal(standstill.task).open(standstill.filled);
@@ -137,7 +136,7 @@ impl<'a> StateSpace<'a> {
         StateSpace { seeds, ..StateSpace::without_seeds(standstill, fixed) }
     }
 
-    /// The same where no seed counts, only where bodies get to: distances to seeds are most of the work.
+    /// Like [`StateSpace::new`], for reachability alone: distances to seeds are most of the work.
     pub fn without_seeds(standstill: &'a Standstill, fixed: Vec<Cell>) -> StateSpace<'a> {
         StateSpace {
             standstill,
@@ -153,14 +152,14 @@ impl<'a> StateSpace<'a> {
         }
     }
 
-    /// With everybody fixed but these.
+    /// Returns the state space in which all bodies but `movers` are fixed.
     pub fn around_all_but(standstill: &'a Standstill, movers: &[usize]) -> StateSpace<'a> {
         let others = (0..).zip(&standstill.free).filter(|(i, _)| !movers.contains(i));
         let others = others.flat_map(|(_, pose)| standstill.setup.motions.cells(*pose));
         StateSpace::new(standstill, standstill.fixed.iter().copied().chain(others).collect())
     }
 
-    /// A body at rest, by its number.
+    /// Returns the number of a shape.
     fn shape(&mut self, state: GridState, postures: Vec<u16>) -> u32 {
         let key = (state, postures);
         if let Some(number) = self.shape_numbers.get(&key) {
@@ -174,7 +173,7 @@ impl<'a> StateSpace<'a> {
         number
     }
 
-    /// Strides to the nearest open seed around what is fixed.
+    /// Returns the steps to the nearest open seed around fixed cells; `u16::MAX` if there is no route.
     fn steps(&self, state: GridState, postures: &[u16]) -> u16 {
         let setup = &self.standstill.setup;
         let ground = Ground { motions: &setup.motions, floor: setup.floor, taken: &self.fixed };
@@ -190,7 +189,7 @@ impl<'a> StateSpace<'a> {
         postures.iter().filter_map(|posture| from(*posture)).min().unwrap_or(u16::MAX)
     }
 
-    /// Whether a body fills an open seed.
+    /// True if a body in this pose fills an open seed.
     fn fills(&self, state: GridState, posture: u16) -> bool {
         let motions = &self.standstill.setup.motions;
         let chain = |seed: &Seed| motions.chain_of(seed.cells().map(|c| to_frame(state, c)));
@@ -200,7 +199,7 @@ impl<'a> StateSpace<'a> {
         })
     }
 
-    /// Where a body in a posture is when it moves while these others rest.
+    /// Returns the place of a body that moves from this posture while the others rest.
     fn place(&mut self, state: GridState, posture: u16, others: &[u32]) -> u32 {
         self.work += 1;
         let setup = Arc::clone(&self.standstill.setup);
@@ -245,7 +244,7 @@ impl<'a> StateSpace<'a> {
         number
     }
 
-    /// One of these moves.
+    /// Returns the nodes in which one of these bodies moves and the others rest.
     fn begin(&mut self, bodies: &[usize]) -> Vec<(Node, By)> {
         let poses = bodies.iter().map(|i| self.standstill.free[*i]);
         let resting: Vec<u32> = poses.map(|pose| self.shape(pose.state, vec![pose.posture])).collect();
@@ -259,7 +258,7 @@ impl<'a> StateSpace<'a> {
         nodes
     }
 
-    /// One that has been at rest moves, from each of these postures.
+    /// Returns the nodes in which a body that was at rest moves, from each posture of its shape.
     fn wake(&mut self, shape: u32, mut others: Vec<u32>) -> Vec<(Node, u16)> {
         others.sort_unstable();
         let Shape { state, postures, .. } = &self.shapes[shape as usize];
@@ -274,7 +273,7 @@ impl<'a> StateSpace<'a> {
         nodes
     }
 
-    /// What can be next.
+    /// Returns the nodes that follow a node.
     fn next(&mut self, (place, others): &Node, rests: StopAt) -> Vec<(Node, By)> {
         let mut next = Vec::new();
         for (posture, to) in self.places[*place as usize].lands.clone() {
@@ -288,7 +287,7 @@ impl<'a> StateSpace<'a> {
                 let mut resting = others.clone();
                 let woken = std::mem::replace(&mut resting[i], rests);
                 let nodes = self.wake(woken, resting).into_iter();
-                // Who can do nothing has been looked at already.
+                // A node without any move adds no states.
                 let free = nodes.filter(|((place, _), _)| self.places[*place as usize].is_free());
                 next.extend(free.map(|(node, posture)| (node, By::Wakes { rests, woken, posture })));
             }
@@ -296,7 +295,7 @@ impl<'a> StateSpace<'a> {
         next
     }
 
-    /// Everywhere that one of these gets while all others stay where they are.
+    /// Returns everything that one body reaches while all others stay where they are.
     pub fn reachable(&mut self, poses: &[Pose], body: usize) -> Reachable {
         let from = poses[body];
         let others = poses.iter().enumerate().filter(|(i, _)| *i != body);
@@ -322,8 +321,8 @@ impl<'a> StateSpace<'a> {
         reachable
     }
 
-    /// If these together have at most so many arrangements with nobody else there: the cells that they never
-    /// leave, and whether one of them fills a seed.
+    /// Explores the states of a group with no other body present. Returns the cells that it never leaves, and
+    /// whether one of it fills a seed; `None` if it has more than `most` states.
     pub fn explore(&mut self, group: &[usize], most: usize) -> Option<(BTreeSet<Cell>, bool)> {
         let cells = |state_space: &StateSpace<'_>, shape: u32| state_space.shapes[shape as usize].cells;
         let mut front: Vec<Node> = self.begin(group).into_iter().map(|(node, _)| node).collect();
@@ -347,7 +346,7 @@ impl<'a> StateSpace<'a> {
         Some((stays, fills))
     }
 
-    /// Searches from all these starts, what looks nearest to a seed first.
+    /// Runs a best-first search from all these starts, by distance to the nearest seed.
     pub fn search(&mut self, starts: &[Vec<usize>], rests: StopAt, work: usize) -> SearchResult {
         self.work = 0;
         let (mut seen, mut front) = (BTreeSet::new(), BinaryHeap::new());
@@ -384,7 +383,7 @@ impl<'a> StateSpace<'a> {
         }
     }
 
-    /// The moves that have led to the last node, with one more to the posture that fills a seed.
+    /// Returns the moves that lead to the last node, followed by the turn to the posture that fills a seed.
     fn path(&self, trail: &[(Option<usize>, By, Node)], fills: u16) -> Vec<Move> {
         let mut steps = Vec::new();
         let mut at = trail.len().checked_sub(1);
@@ -394,8 +393,8 @@ impl<'a> StateSpace<'a> {
         }
         steps.reverse();
         let mut poses = self.standstill.free.clone();
-        // Who rests in which shape, and which of the moves has brought it there. By which of the postures of
-        // the shape is seen when it is woken.
+        // By shape: the body at rest in it, and the index of the move that brought it there. The posture of
+        // that move is corrected once the body moves on.
         let mut rests: BTreeMap<u32, (usize, usize)> = BTreeMap::new();
         let (mut moves, mut mover) = (Vec::<Move>::new(), 0);
         let turn = |body: usize, from: Pose, posture: u16| Move { body, from, posture, lands: false };
@@ -415,7 +414,7 @@ impl<'a> StateSpace<'a> {
                     if let Some((body, at)) = moved {
                         (moves[at].posture, mover) = (posture, body);
                     } else {
-                        // Nobody has moved there, so whoever rests there has not moved at all.
+                        // No move led to this shape, so the body in it has not moved since the start.
                         let Shape { state, postures, .. } = &self.shapes[woken as usize];
                         let stands = |p: &Pose| p.state == *state && Some(&p.posture) == postures.first();
                         mover = poses.iter().position(stands).unwrap_or(mover);
@@ -431,18 +430,18 @@ impl<'a> StateSpace<'a> {
 }
 
 impl Place {
-    /// Whether whoever is here can do anything.
+    /// True if the body can land or change its shape here.
     fn is_free(&self) -> bool {
         self.shapes.len() > 1 || !self.lands.is_empty()
     }
 }
 
-/// A body attached here by its foot, in a posture.
+/// Returns the pose of a body attached by its foot.
 fn attached(state: GridState, posture: u16) -> Pose {
     Pose { state, end: End::Foot, both: false, posture }
 }
 
-/// One of the postures of a shape, which has one at least.
+/// Returns the first posture of a shape, which has at least one.
 fn first(postures: &[u16]) -> u16 {
     postures.first().copied().unwrap_or_default()
 }
