@@ -1,8 +1,8 @@
-//! The clock of a run: scenario time from a monotonic clock and the run's clock page ([`source`]).
+//! The clock of a run: scenario time, from a monotonic clock and the run's clock page ([`source`]).
 //!
-//! The controller decides how fast scenario time passes, between not at all and the speed of the
-//! scenario, so that a busy machine slows the run instead of making its agents late. Absent: the date,
-//! which no run may depend on, and deciding the speed.
+//! The controller decides how fast scenario time passes, between not at all and the speed of the scenario, so
+//! that a busy machine slows the run down instead of making its agents late. Not here: calendar time, on
+//! which no run may depend, and how the speed is chosen.
 
 pub mod lateness;
 pub mod page;
@@ -17,12 +17,12 @@ use std::io;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The longest wait while time passes slowly, because it may pass faster before that is over.
+/// The longest wait while time passes slowly, because it may pass faster before the wait is over.
 const SLOW_WAIT: Duration = Duration::from_millis(50);
 /// The wait while the controller is late with the next slice of time.
 const LAPSED_WAIT: Duration = Duration::from_millis(5);
 
-/// How much faster than real time scenario time passes, as a ratio of integers.
+/// The speed of scenario time relative to real time, as a ratio of integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "(u32, u32)", into = "(u32, u32)")]
 pub struct Speed {
@@ -30,7 +30,7 @@ pub struct Speed {
     den: u32,
 }
 
-/// An infinite speed.
+/// The speed is infinite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("a speed of {0}/{1} is not possible; the second number must be above 0")]
 pub struct SpeedError(u32, u32);
@@ -41,12 +41,15 @@ impl Speed {
     /// Scenario time stands still.
     pub const STOPPED: Speed = Speed { num: 0, den: 1 };
 
-    /// `num / den` seconds of scenario time in a second of real time.
+    /// Returns the speed of `num / den` seconds of scenario time per second of real time.
+    ///
+    /// # Errors
+    /// If `den` is zero.
     pub const fn new(num: u32, den: u32) -> Result<Speed, SpeedError> {
         if den == 0 { Err(SpeedError(num, den)) } else { Ok(Speed { num, den }) }
     }
 
-    /// This speed times `part / whole`, rounded down to what two 32-bit numbers can say.
+    /// Returns this speed times `part / whole`, rounded down to a ratio of two 32-bit numbers.
     pub fn scaled(self, part: u32, whole: u32) -> Speed {
         let mut num = u64::from(self.num) * u64::from(part);
         let mut den = u64::from(self.den) * u64::from(whole);
@@ -57,13 +60,13 @@ impl Speed {
         Speed { num: num as u32, den: (den as u32).max(1) }
     }
 
-    /// The scenario time, in nanoseconds, that passes in so much real time.
+    /// Returns the scenario time, in nanoseconds, that passes in `real` nanoseconds.
     pub fn scenario(self, real: u64) -> u64 {
         let scaled = u128::from(real) * u128::from(self.num) / u128::from(self.den);
         u64::try_from(scaled).unwrap_or(u64::MAX)
     }
 
-    /// The real time, in nanoseconds, in which at least so much scenario time passes.
+    /// Returns the real time, in nanoseconds, in which at least `scenario` nanoseconds of scenario time pass.
     pub fn real(self, scenario: u64) -> u64 {
         if self.num == 0 {
             return if scenario == 0 { 0 } else { u64::MAX };
@@ -85,7 +88,7 @@ impl From<Speed> for (u32, u32) {
     }
 }
 
-/// Nanoseconds of CLOCK_MONOTONIC: the same for all processes of one machine.
+/// Returns CLOCK_MONOTONIC in nanoseconds: the same for all processes of a machine.
 pub fn monotonic() -> u64 {
     let t = clock_gettime(ClockId::Monotonic);
     // Invariant: this clock starts at zero at boot and never goes back.
@@ -101,7 +104,7 @@ pub struct Clock<C> {
 }
 
 impl<C: ClockSource> Clock<C> {
-    /// The clock of a run whose time passes with `full` speed at most.
+    /// Creates the clock of a run whose time passes with `full` speed at most.
     ///
     /// # Errors
     /// If the clock page cannot be read.
@@ -110,26 +113,26 @@ impl<C: ClockSource> Clock<C> {
         Ok(Clock { source, page, full })
     }
 
-    /// Nanoseconds of real time.
+    /// Returns the real time in nanoseconds.
     pub fn monotonic(&self) -> u64 {
         self.source.monotonic()
     }
 
-    /// The scenario time now.
+    /// Returns the scenario time now.
     pub fn now(&mut self) -> Time {
         let monotonic = self.source.monotonic();
         self.refresh(monotonic);
         self.page.at(monotonic)
     }
 
-    /// How long to wait, in real time, before looking at the clock again, in order to be there at `time`.
+    /// Returns how long to wait, in real time, before the next look at the clock, not to miss `time`.
     pub fn until(&mut self, time: Time) -> Duration {
         let monotonic = self.source.monotonic();
         self.refresh(monotonic);
         wait(&self.page, self.full, monotonic, time)
     }
 
-    /// Reads the page if the copy says nothing about this instant.
+    /// Reads the page if the copy does not cover this instant.
     fn refresh(&mut self, monotonic: u64) {
         if monotonic < self.page.until() {
             return;
@@ -142,9 +145,9 @@ impl<C: ClockSource> Clock<C> {
     }
 }
 
-/// How long to wait from an instant on before looking at the clock again, in order not to miss `time`:
-/// as long as it takes at full speed, or as it takes at the present speed but not longer than
-/// [`SLOW_WAIT`], since time may pass faster meanwhile.
+/// Returns how long to wait from an instant on before the next look at the clock, in order not to miss
+/// `time`: as long as it takes at full speed; or at the present speed, but at most [`SLOW_WAIT`], since time
+/// may pass faster meanwhile.
 pub fn wait(page: &Page, full: Speed, monotonic: u64, time: Time) -> Duration {
     let left = time.since(page.at(monotonic)).0;
     let soonest = Duration::from_nanos(full.real(left));
@@ -176,13 +179,13 @@ mod tests {
         assert_eq!(speed(3, 1).scaled(1, 2), speed(3, 2));
         assert_eq!(speed(u32::MAX, 1).scaled(1, 4), speed(u32::MAX, 4));
         assert_eq!(speed(3, 1).scaled(0, 4).scenario(u64::MAX), 0);
-        // What cannot be said exactly is slower, never faster.
+        // A result without an exact ratio is rounded to a slower speed.
         let odd = speed(u32::MAX, u32::MAX - 1).scaled(999_999, 1_000_000);
         assert!(odd.scenario(1 << 60) <= (1 << 60) && odd.scenario(1 << 60) > (1 << 60) / 1_000 * 998);
     }
 
     proptest! {
-        /// Having waited as long as asked at full speed, the time has come, and not long before.
+        /// After the wait at full speed the time has come, and not long before.
         #[test]
         fn waits_long_enough(now: u32, left: u32, num in 1u32..1_000, den in 1u32..1_000) {
             let (now, speed) = (u64::from(now), Speed::new(num, den).unwrap());
@@ -193,8 +196,8 @@ mod tests {
             prop_assert!(wait == 0 || page.at(now + wait - 1) < due);
         }
 
-        /// While time passes slowly, no wait is so long that the time could pass unnoticed for longer
-        /// than [`SLOW_WAIT`], whatever becomes of the speed; and none is no wait at all.
+        /// While time passes slowly, no wait is long enough to miss the time by more than [`SLOW_WAIT`],
+        /// whatever becomes of the speed; and no wait is zero.
         #[test]
         fn waits_are_short_while_time_is_slow(left in 1u32.., part in 0u32..1_000, lapsed: bool) {
             let full = Speed::new(20, 1).unwrap();

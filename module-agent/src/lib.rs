@@ -1,10 +1,10 @@
 //! One agent process: its transport, its clock and its wait loop.
 //!
-//! [`run`] turns any [`Agent`](metamorph_protocol::agent::Agent) into a process of a swarm. The
-//! parts that the world-controller needs too (names, outboxes, the swarm file, counter files, the
-//! clock) are in this crate, so that both ends of every channel are the same code.
+//! [`run`] turns any [`Agent`](metamorph_protocol::agent::Agent) into a process of a swarm. The parts that
+//! the world-controller needs too (names, outboxes, the swarm file, counter files, the clock) are in this
+//! crate, so that both ends of every channel share their code.
 //!
-//! Absent: protocol decisions, and, outside of [`registry`], the names of the families of units.
+//! Not here: protocol decisions, and, outside of [`registry`], the names of the families.
 
 pub mod clock;
 pub mod journal_file;

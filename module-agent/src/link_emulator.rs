@@ -1,5 +1,5 @@
-//! What a link does to messages, applied by the sender: loss, duplication, delay, reordering, damage
-//! and partitions, as [`LinkModel::carry`] draws them. Absent: the drawing itself.
+//! The effects of a link on messages, applied by the sender: loss, duplication, delay, reordering, damage and
+//! partitions, as [`LinkModel::carry`] draws them. Not here: the drawing itself.
 
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
@@ -10,7 +10,7 @@ use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Frame;
 use std::collections::BTreeMap;
 
-/// Frames of one agent that may be held back at a time; more are counted as overflowed.
+/// Number of frames of one agent that may be held back at a time; more are counted as overflowed.
 pub const HELD_LIMIT: usize = 4_096;
 
 /// One frame on its way to the peer on a port.
@@ -22,11 +22,11 @@ pub struct DelayedFrame {
     pub peer: ModuleId,
     /// The contact session it belongs to.
     pub session: Session,
-    /// For counting.
+    /// Its class, for the counts.
     pub class: Class,
     /// The frame, damaged if the link damages it.
     pub frame: Frame,
-    /// Whether the link has damaged it.
+    /// True if the link has damaged it.
     pub damaged: bool,
 }
 
@@ -42,7 +42,7 @@ pub struct LinkEmulator {
 }
 
 impl LinkEmulator {
-    /// The links of one incarnation of an agent with `ports` ports, in the run of `seed`.
+    /// Creates the links of one incarnation of an agent with `ports` ports, in the run of `seed`.
     pub fn new(
         model: LinkModel,
         seed: u64,
@@ -64,8 +64,8 @@ impl LinkEmulator {
         }
     }
 
-    /// Takes a frame that was sent at `now`: copies that pass at once go to `out`, the others are held
-    /// back until they are due.
+    /// Takes a frame sent at `now`. Copies that pass at once go to `out`; the others are held back until they
+    /// are due.
     pub fn carry(&mut self, now: Time, frame: DelayedFrame, tally: &mut Tally, out: &mut Vec<DelayedFrame>) {
         if self.transparent {
             out.push(frame);
@@ -98,14 +98,14 @@ impl LinkEmulator {
         }
     }
 
-    /// A new contact on a port: frames of the old one no longer hold back later ones.
+    /// Resets a port for a new contact: frames of the old one no longer hold back later ones.
     pub fn reset(&mut self, port: Port) {
         if let Some((_, last)) = self.ports.get_mut(port.index()) {
             *last = Time::ZERO;
         }
     }
 
-    /// Hands out what is due at `now`, in the order in which it is due.
+    /// Moves the frames due at `now` to `out`, in the order in which they are due.
     pub fn release(&mut self, now: Time, out: &mut Vec<DelayedFrame>) {
         while let Some(first) = self.held.first_entry() {
             if first.key().0 > now {
@@ -115,12 +115,12 @@ impl LinkEmulator {
         }
     }
 
-    /// Drops the frames that are held back, and returns their classes.
+    /// Drops the frames held back, and returns their classes.
     pub fn drain(&mut self) -> impl Iterator<Item = Class> {
         std::mem::take(&mut self.held).into_values().map(|frame| frame.class)
     }
 
-    /// When the next frame is due.
+    /// Returns when the next frame is due.
     pub fn next(&self) -> Time {
         self.held.first_key_value().map_or(Time::NEVER, |((at, _), _)| *at)
     }

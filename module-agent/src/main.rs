@@ -1,5 +1,5 @@
-//! One agent as a process: what `metamorph agent` does, for a machine that only hosts agents.
-//! `module-agent FAMILY ARGS`. Absent: anything but reading the command line and the exit code.
+//! One agent as a process: `module-agent FAMILY ARGS` does what `metamorph agent` does, on a machine that
+//! only hosts agents. Not here: anything but the command line and the exit code.
 
 use metamorph_module_agent::registry;
 use std::fmt::Display;

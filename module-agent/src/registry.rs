@@ -1,5 +1,5 @@
-//! The families of units that an agent process can be, by the names that scenarios and command lines
-//! use. The one place of this crate that knows them.
+//! The families that an agent process can belong to, by the names in scenarios and command lines. The only
+//! place of this crate that knows them.
 
 use crate::process::args::{AgentArgs, ArgsError};
 use crate::process::start::{AgentError, run};
@@ -8,7 +8,7 @@ use metamorph_protocol::metamodule::Metamodule;
 use std::ffi::OsString;
 use std::str::FromStr;
 
-/// A family of units.
+/// A family of modules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub enum Family {
     /// Sliding cubes (thesis 4.1.2).
@@ -19,10 +19,10 @@ pub enum Family {
 }
 
 impl Family {
-    /// All of them.
+    /// All families.
     pub const ALL: [Family; 2] = [Family::Cube, Family::Metamodule];
 
-    /// The name.
+    /// Returns the name.
     pub const fn name(self) -> &'static str {
         match self {
             Family::Cube => "cube",
@@ -31,6 +31,9 @@ impl Family {
     }
 
     /// Runs one agent of this family until its controller stops it or is gone.
+    ///
+    /// # Errors
+    /// If the agent cannot start or go on, for example because its controller is gone.
     pub fn run(self, args: &AgentArgs) -> Result<(), AgentError> {
         match self {
             Family::Cube => run::<Cube>(args),
@@ -49,6 +52,9 @@ impl FromStr for Family {
 }
 
 /// Reads the command line of an agent process, whose first word names its family.
+///
+/// # Errors
+/// If the family is unknown, or an argument is unknown, missing or out of range.
 pub fn parse(line: impl IntoIterator<Item = OsString>) -> Result<(Family, AgentArgs), ArgsError> {
     let mut line = line.into_iter();
     let family = line.next().ok_or(ArgsError::Missing("the family"))?;

@@ -1,5 +1,5 @@
-//! Opens files for reading, and refuses at once what is no regular file: opening a named pipe waits for
-//! a writer, and a device may have no end. Absent: which files are read.
+//! Opens files for reading, and refuses at once all but regular files: opening a named pipe waits for a
+//! writer, and a device may have no end. Not here: which files are read.
 
 use rustix::fs::{Mode, OFlags};
 use std::fs::{self, File, FileType};
@@ -7,9 +7,12 @@ use std::io::{self, Read};
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-/// Opens a regular file. Never waits, also if the file is replaced by a pipe meanwhile.
+/// Opens a regular file. Never waits, even if the file is replaced by a pipe meanwhile.
+///
+/// # Errors
+/// If the file cannot be opened, or is not a regular one.
 pub fn open(path: &Path) -> io::Result<File> {
-    // Looked at before it is opened, because opening some devices does something.
+    // Checked before the open too, because opening a device may have effects.
     must_be_regular(fs::metadata(path)?.file_type())?;
     let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK | OFlags::NOCTTY;
     let file = File::from(rustix::fs::open(path, flags, Mode::empty())?);
@@ -18,6 +21,9 @@ pub fn open(path: &Path) -> io::Result<File> {
 }
 
 /// Reads a regular file of at most `most` bytes.
+///
+/// # Errors
+/// If the file cannot be read, is not a regular one, or is longer.
 pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     open(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes)?;

@@ -173,7 +173,7 @@ fn damaged_missing_and_foreign_parts_are_errors() {
         drop(Writer::create(&new, &head).unwrap());
         new
     });
-    tampered("this is the part of module 7 in life 0", &|parts| {
+    tampered("this is the part of module 7 in incarnation 0", &|parts| {
         fs::copy(part(parts, 7), part(parts, 8)).unwrap();
         part(parts, 8)
     });

@@ -1,14 +1,14 @@
-//! How late an agent is: by how much scenario time what it takes has waited for it, and by how much it
-//! wakes up after it should have. An agent that is later than the run tolerates tells its controller,
-//! which then lets scenario time pass more slowly. Absent: what is done about it.
+//! Lateness of an agent: how much scenario time its inputs waited, and how long after the due time it woke
+//! up. An agent later than the run tolerates tells its controller, which then lets scenario time pass more
+//! slowly. Not here: how the controller reacts.
 
 use metamorph_protocol::time::{Span, Time};
 
-/// The least real time between two reports of one agent, in nanoseconds, in a swarm of up to a hundred.
-/// It grows with the swarm, so that all reports together stay few.
+/// The shortest real time between two reports of one agent, in nanoseconds, in a swarm of up to 100. It grows
+/// with the swarm, so that the total of reports stays small.
 const EVERY: u64 = 25_000_000;
 
-/// Something that was taken late.
+/// An input or a wake-up that was taken late.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Late {
     /// When it was sent, or due.
@@ -18,13 +18,13 @@ pub struct Late {
 }
 
 impl Late {
-    /// The later of two.
+    /// Returns the later of two.
     pub fn worse(self, other: Option<Late>) -> Late {
         other.filter(|o| o.by > self.by).unwrap_or(self)
     }
 }
 
-/// Remembers the worst until it may be reported.
+/// Holds the worst lateness until it may be reported.
 #[derive(Debug)]
 pub struct Lateness {
     least: Span,
@@ -34,13 +34,13 @@ pub struct Lateness {
 }
 
 impl Lateness {
-    /// Reports what is later than half of `tolerance`, in a swarm of `count` agents.
+    /// Creates the record of an agent in a swarm of `count`. Lateness above half of `tolerance` is reported.
     pub fn new(tolerance: Span, count: u32) -> Lateness {
         let every = EVERY * u64::from(count.div_ceil(100)).max(1);
         Lateness { least: tolerance / 2, every, worst: None, reported: 0 }
     }
 
-    /// Something that has waited since `since` is taken at `now`.
+    /// Notes that an input that has waited since `since` is taken at `now`.
     pub fn taken(&mut self, since: Time, now: Time) {
         let by = now.since(since);
         if by > self.least {
@@ -48,7 +48,7 @@ impl Lateness {
         }
     }
 
-    /// What is to be reported now, if anything.
+    /// Returns the lateness to be reported now, if any.
     pub fn report(&mut self, monotonic: u64) -> Option<Late> {
         let due = self.worst.is_some() && monotonic.saturating_sub(self.reported) >= self.every;
         if due {
@@ -72,7 +72,7 @@ mod tests {
         for (since, now) in [(0, 70), (100, 300), (200, 310)] {
             lateness.taken(Time(since), Time(now));
         }
-        // A time in the future is no lateness: clocks do not run apart, but strangers write anything.
+        // A time in the future is no lateness; it comes only from foreign frames, as all clocks agree.
         lateness.taken(Time(900), Time(310));
         assert_eq!(lateness.report(1 << 40), Some(Late { since: Time(100), by: Span(200) }));
         lateness.taken(Time(400), Time(600));

@@ -1,13 +1,13 @@
-//! The clock page: how scenario time passes in a run, in one small file of the run's directory that
-//! the controller writes and every process reads.
+//! The clock page: how scenario time passes in a run, in a small file of the run's directory that the
+//! controller writes and every process reads.
 //!
-//! The page is a promise. It says how scenario time passes until a given instant of CLOCK_MONOTONIC,
-//! and nothing in it is ever taken back: the controller only adds the next slice. A reader may
-//! therefore use its copy until that instant without looking again, all readers agree on the time,
-//! and it neither jumps nor goes back. If the controller does not renew its promise in time (its
-//! machine is busy, it is stopped or killed), scenario time stands still at the end of the last slice.
+//! The page is a promise. It says how scenario time passes until a given instant of CLOCK_MONOTONIC, and is
+//! never taken back: the controller only adds the next slice. A reader may therefore use its copy until that
+//! instant, all readers agree on the time, and it neither jumps nor goes back. If the controller does not
+//! renew its promise in time (its machine is busy, or it is stopped or killed), scenario time stands still at
+//! the end of the last slice.
 //!
-//! Absent: how fast time should pass, which the controller decides.
+//! Not here: how fast time should pass, which the controller decides.
 
 use crate::clock::Speed;
 use metamorph_protocol::time::Time;
@@ -18,17 +18,17 @@ use std::path::{Path, PathBuf};
 
 /// Identifies the file; the last byte is the version of the layout.
 const MAGIC: [u8; 8] = *b"MMCLOCK\x01";
-/// Bytes of the file: magic, two stretches, the end of the promise, a check sum.
+/// Size of the file in bytes: magic, two stretches, the end of the promise, a check sum.
 const SIZE: usize = 8 + 2 * 24 + 8 + 4;
-/// Times that a page is read until its check sum fits; one that is being written does not.
+/// Number of reads until the check sum fits; it does not while the page is being written.
 const ATTEMPTS: usize = 64;
 
-/// The clock page of the run in `root`.
+/// Returns the path of the clock page of the run in `root`.
 pub fn path(root: &Path) -> PathBuf {
     root.join("clock")
 }
 
-/// A stretch of time that passes evenly.
+/// A stretch of time of constant speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stretch {
     /// CLOCK_MONOTONIC at its beginning.
@@ -44,7 +44,7 @@ impl Stretch {
     }
 }
 
-/// How scenario time passes. All instants are nanoseconds of CLOCK_MONOTONIC.
+/// The course of scenario time. All instants are nanoseconds of CLOCK_MONOTONIC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Page {
     now: Stretch,
@@ -53,37 +53,37 @@ pub struct Page {
 }
 
 impl Page {
-    /// A page on which it is `time` from `monotonic` on, until a slice is added.
+    /// Returns a page on which it is `time` from `monotonic` on, until a slice is added.
     pub const fn stopped(monotonic: u64, time: Time) -> Page {
         let stretch = Stretch { from: monotonic, time: time.0, speed: Speed::STOPPED };
         Page { now: stretch, next: stretch, until: monotonic }
     }
 
-    /// Scenario time at an instant; at the end of the promise for any later one.
+    /// Returns the scenario time at an instant; at any later one, that of the end of the promise.
     pub fn at(&self, monotonic: u64) -> Time {
         let monotonic = monotonic.min(self.until);
         let stretch = if monotonic >= self.next.from { &self.next } else { &self.now };
         Time(stretch.at(monotonic))
     }
 
-    /// How fast time passes at an instant; `None` if nothing is promised for it.
+    /// Returns how fast time passes at an instant; `None` if the promise does not cover it.
     pub fn speed_at(&self, monotonic: u64) -> Option<Speed> {
         let stretch = if monotonic >= self.next.from { &self.next } else { &self.now };
         (monotonic < self.until).then_some(stretch.speed)
     }
 
-    /// The end of the promise.
+    /// Returns the end of the promise.
     pub const fn until(&self) -> u64 {
         self.until
     }
 
-    /// When the last slice begins, which is when the next one should be added.
+    /// Returns when the last slice begins, which is when the next one should be added.
     pub const fn renewal(&self) -> u64 {
         self.next.from
     }
 
-    /// Adds a slice of `nanos` in which time passes with `speed`, at an instant not before
-    /// [`Page::renewal`]. It follows on the last one, or begins now if that is over.
+    /// Returns the page with a further slice of `nanos` in which time passes with `speed`, added at an
+    /// instant not before [`Page::renewal`]. The slice follows the last one, or begins now if that is over.
     pub fn extended(&self, monotonic: u64, nanos: u64, speed: Speed) -> Page {
         debug_assert!(monotonic >= self.next.from, "a page holds two slices");
         let from = self.until.max(monotonic);
@@ -108,7 +108,7 @@ impl Page {
         bytes
     }
 
-    /// Reads what [`Page::encode`] wrote; `None` if it is torn, foreign or of another version.
+    /// Decodes the output of [`Page::encode`]; `None` if it is torn, foreign or of another version.
     fn decode(bytes: &[u8; SIZE]) -> Option<Page> {
         let (body, sum) = bytes.split_last_chunk::<4>()?;
         if crc32fast::hash(body) != u32::from_le_bytes(*sum) || !body.starts_with(&MAGIC) {
@@ -124,6 +124,9 @@ impl Page {
     }
 
     /// Reads the page of a run.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or no whole page was seen.
     pub fn read(file: &File) -> io::Result<Page> {
         let mut bytes = [0; SIZE];
         for _ in 0..ATTEMPTS {
@@ -136,6 +139,9 @@ impl Page {
     }
 
     /// Writes the page of a run.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
     pub fn write(&self, file: &File) -> io::Result<()> {
         file.write_all_at(&self.encode(), 0)
     }
@@ -154,7 +160,7 @@ mod tests {
     fn a_slice_follows_on_the_last_one() {
         let page = Page::stopped(1_000, Time(7));
         assert_eq!((page.at(0), page.at(5_000), page.speed_at(1_000)), (Time(7), Time(7), None));
-        // Nothing had been promised until 2,000.
+        // Nothing had been promised up to 2,000.
         let page = page.extended(2_000, 100, speed(3, 1));
         assert_eq!((page.at(2_010), page.at(2_100), page.at(9_000)), (Time(37), Time(307), Time(307)));
         let page = page.extended(2_050, 100, Speed::STOPPED);
@@ -203,8 +209,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the controller does and whichever page a reader holds, no later look shows an
-        /// earlier time, and no look shows a time that a newer page takes back.
+        /// Whatever the controller does and whichever page a reader holds, a later look never shows an
+        /// earlier time, and a newer page never takes back a time that was shown.
         #[test]
         fn time_never_goes_back(
             slices in proptest::collection::vec((0u64..200, 0u64..150, 0u32..50, 1u32..9), 1..40),

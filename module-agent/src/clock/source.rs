@@ -1,6 +1,5 @@
-//! Where the clock of a run gets its two parts from: a monotonic clock, and the clock page that the
-//! controller writes and every agent reads. One source for processes of one machine, one for a single
-//! process.
+//! The two sources of a run's clock: a monotonic clock, and the clock page that the controller writes and
+//! every agent reads. One implementation serves the processes of a machine, one a single process.
 
 use crate::clock::monotonic;
 use crate::clock::page::{Page, path};
@@ -13,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// A monotonic clock and a clock page that all members of a run share.
 pub trait ClockSource {
-    /// Nanoseconds since a fixed instant, the same for all members of the run. Never goes back.
+    /// Returns the nanoseconds since a fixed instant, the same for all members of the run. Never goes back.
     fn monotonic(&self) -> u64;
 
     /// Reads the clock page.
@@ -36,17 +35,26 @@ pub struct FileClock {
 }
 
 impl FileClock {
-    /// The clock of the run in `root`, as an agent uses it.
+    /// Opens the clock of the run in `root`, as an agent uses it.
+    ///
+    /// # Errors
+    /// If the clock page cannot be opened.
     pub fn open(root: &Path) -> io::Result<FileClock> {
         Ok(FileClock { page: File::open(path(root))? })
     }
 
-    /// The clock of the run in `root`, as its controller uses it.
+    /// Opens the clock of the run in `root`, as its controller uses it.
+    ///
+    /// # Errors
+    /// If the clock page cannot be opened for writing.
     pub fn open_writable(root: &Path) -> io::Result<FileClock> {
         Ok(FileClock { page: File::options().read(true).write(true).open(path(root))? })
     }
 
-    /// Creates the clock of a new run in `root`. It stands at zero.
+    /// Creates the clock of a new run in `root`. Scenario time stands at zero.
+    ///
+    /// # Errors
+    /// If the clock page cannot be written.
     pub fn create(root: &Path) -> io::Result<FileClock> {
         let part = root.join("clock.part");
         Page::stopped(monotonic(), Time::ZERO).write(&File::create(&part)?)?;
@@ -71,24 +79,24 @@ impl ClockSource for FileClock {
 #[derive(Clone, Debug)]
 pub struct MemoryClock {
     page: Arc<Mutex<Page>>,
-    /// Nanoseconds of a clock that only [`MemoryClock::advance`] moves; `None` for CLOCK_MONOTONIC.
+    /// The nanoseconds of a clock that only [`MemoryClock::advance`] moves; `None` for CLOCK_MONOTONIC.
     manual: Option<Arc<AtomicU64>>,
 }
 
 impl MemoryClock {
-    /// A clock over CLOCK_MONOTONIC. Scenario time stands at zero.
+    /// Creates a clock over CLOCK_MONOTONIC. Scenario time stands at zero.
     pub fn real() -> MemoryClock {
         let page = Page::stopped(monotonic(), Time::ZERO);
         MemoryClock { page: Arc::new(Mutex::new(page)), manual: None }
     }
 
-    /// A clock that stands still but for [`MemoryClock::advance`]. Scenario time stands at zero.
+    /// Creates a clock that only [`MemoryClock::advance`] moves. Scenario time stands at zero.
     pub fn manual() -> MemoryClock {
         let page = Page::stopped(0, Time::ZERO);
         MemoryClock { page: Arc::new(Mutex::new(page)), manual: Some(Arc::default()) }
     }
 
-    /// Moves a manual clock on; no effect on others.
+    /// Moves a manual clock forwards; without effect on others.
     pub fn advance(&self, nanos: u64) {
         if let Some(manual) = &self.manual {
             manual.fetch_add(nanos, Ordering::Relaxed);

@@ -1,4 +1,4 @@
-//! What can be wrong with a journal: ends that a killed writer leaves, and damage that it does not.
+//! Errors of journals: the ends that a killed writer leaves, and damage, which it does not leave.
 
 use super::{RunId, VERSION};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -6,7 +6,7 @@ use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a journal cannot be written or read at all.
+/// Errors of a whole journal.
 #[derive(Debug, Error)]
 pub enum JournalError {
     /// The file cannot be created.
@@ -26,10 +26,10 @@ pub enum JournalError {
     /// The writer was killed before the head was written.
     #[error("the journal {0} ends within its head, so nothing of it can be read{FIX}")]
     NoHead(PathBuf),
-    /// A journal, but not one that can be used here.
+    /// A journal that cannot be used here.
     #[error("{0}: {1}{FIX}")]
     Unfit(PathBuf, String),
-    /// A file does not hold what its writer wrote.
+    /// The content of a file differs from what its writer wrote.
     #[error(transparent)]
     Damaged(#[from] Damage),
 }
@@ -37,25 +37,25 @@ pub enum JournalError {
 const FIX: &str = "\n  fix: name a whole journal that `metamorph run --journal` of this version wrote";
 
 impl JournalError {
-    /// Whether a file was changed after it was written, or is missing.
+    /// True if a file was changed after it was written, or is missing.
     pub fn is_damage(&self) -> bool {
         matches!(self, JournalError::Damaged(_))
     }
 }
 
-/// A place in a journal where it does not hold what its writer wrote. No killed writer leaves this behind.
+/// A place in a journal where it differs from what its writer wrote. A killed writer does not cause this.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("{}: the journal is damaged at byte {at}: {kind}\n  fix: {}", .path.display(), .kind.fix())]
 pub struct Damage {
     /// The file.
     pub path: PathBuf,
-    /// The first byte of what is wrong.
+    /// Offset of the first wrong byte.
     pub at: u64,
-    /// What is wrong.
+    /// The kind of damage.
     pub kind: DamageKind,
 }
 
-/// What is wrong with a damaged journal.
+/// The kind of damage in a journal.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DamageKind {
     /// Bytes were changed.
@@ -66,13 +66,13 @@ pub enum DamageKind {
         "a frame does not follow the one before it: frames were removed, repeated or put in another order"
     )]
     Order,
-    /// A frame that is whole holds something else.
+    /// A whole frame holds something other than a record.
     #[error("a whole frame holds no record of this version: {0}")]
     Content(String),
     /// The file cannot be read at this place.
     #[error("it cannot be read there: {0}")]
     Unreadable(String),
-    /// Something else lies where a part should.
+    /// Something other than a part is in the place of one.
     #[error("this is no part of a journal of version {VERSION}")]
     NoPart,
     /// The part of another run.
@@ -83,20 +83,20 @@ pub enum DamageKind {
         /// The run of this part.
         found: RunId,
     },
-    /// A part under the name of another.
-    #[error("this is the part of module {id} in life {incarnation}, under the name of another part")]
+    /// A part has the name of another.
+    #[error("this is the part of module {id} in incarnation {incarnation}, under the name of another part")]
     OtherPart {
         /// The module.
         id: ModuleId,
-        /// Its life.
+        /// Its incarnation.
         incarnation: Incarnation,
     },
     /// A part is missing, or empty.
-    #[error("the part of module {id} in life {incarnation}, which the controller started, is missing")]
+    #[error("the part of module {id} in incarnation {incarnation}, which the controller started, is missing")]
     MissingPart {
         /// The module.
         id: ModuleId,
-        /// Its life.
+        /// Its incarnation.
         incarnation: Incarnation,
     },
 }
@@ -117,14 +117,14 @@ impl DamageKind {
     }
 }
 
-/// The end of a journal that a killed writer has left incomplete.
+/// The incomplete end of a journal whose writer was killed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Torn {
     /// The file.
     pub path: PathBuf,
-    /// Bytes of it that are whole.
+    /// Number of whole bytes.
     pub whole: u64,
-    /// Bytes behind them.
+    /// Number of bytes after them.
     pub cut: u64,
 }
 

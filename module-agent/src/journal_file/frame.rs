@@ -1,4 +1,4 @@
-//! Frames, which a journal file is made of, and whether the end of a file is torn or damaged.
+//! The frames of a journal file, and whether the end of a file is torn or damaged.
 //!
 //! A frame is length of the content (4 bytes), check sum of the frame before (4), check sum (4), content.
 //! A check sum is the CRC-32/ISO-HDLC of length, check sum of the frame before, and content, so it depends
@@ -9,17 +9,17 @@ use bincode::config::standard;
 use serde::Serialize;
 use std::io;
 
-/// Bytes of a frame before its content.
+/// Size of the header of a frame in bytes.
 pub const HEADER: usize = 12;
 
-/// Bytes that are hashed at most to find out whether a whole frame follows a broken one. What a killed
-/// writer leaves is less than one frame and takes far less.
+/// Most bytes hashed to find out whether a whole frame follows a broken one. The torn end of a killed writer
+/// is shorter than one frame and takes far less.
 const SEARCH: usize = 64 << 20;
 
-/// What a frame begins with.
+/// The header of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Header {
-    /// Bytes of content.
+    /// Length of the content in bytes.
     pub length: usize,
     /// Check sum of the frame before.
     pub previous: u32,
@@ -28,13 +28,13 @@ pub struct Header {
 }
 
 impl Header {
-    /// Reads a header.
+    /// Decodes a header.
     pub fn read(bytes: [u8; HEADER]) -> Header {
         let [a, b, c, d, e, f, g, h, i, j, k, l] = bytes;
         let [length, previous, sum] = [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(u32::from_le_bytes);
         Header { length: length as usize, previous, sum }
     }
-    /// Whether this is the check sum of a frame with this content.
+    /// True if this is the check sum of a frame with this content.
     pub fn fits(&self, content: &[u8]) -> bool {
         sum(self.previous, content) == self.sum
     }
@@ -49,6 +49,9 @@ fn sum(previous: u32, content: &[u8]) -> u32 {
 }
 
 /// Appends a frame and returns its check sum. Appends nothing if the content is longer than `longest`.
+///
+/// # Errors
+/// If the content cannot be encoded, or is too long.
 pub fn append<T: Serialize>(
     out: &mut Vec<u8>,
     previous: u32,
@@ -71,8 +74,8 @@ pub fn append<T: Serialize>(
     Ok(sum)
 }
 
-/// Whether the last bytes of a file are the beginning of a frame, as a killed writer leaves it. They are
-/// not if a whole frame is among them, with the right or another length: then bytes were changed.
+/// True if the last bytes of a file are the beginning of a frame, as a killed writer leaves it. They are not
+/// if they contain a whole frame, with the right or another length: then bytes were changed.
 pub fn is_torn(rest: &[u8], longest: usize) -> bool {
     let Some((header, content)) = split(rest) else { return true };
     if header.length > longest || header.length <= content.len() || header.fits(content) {

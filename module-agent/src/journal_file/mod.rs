@@ -1,13 +1,13 @@
 //! Journal files: [`Record`]s on their way to a file and back.
 //!
 //! `MMJOURNL`, a version (2 bytes), then frames (`frame`) whose content is in bincode. The first frame is a
-//! [`Head`], all others are records; what the head's check sum calls the frame before it is the CRC-32 of
-//! the ten bytes in front of it. Every file names its run, and no frame fits into another file.
+//! [`Head`], all others are records. The head counts the CRC-32 of the ten bytes in front of it as the check
+//! sum of the frame before. Every file names its run, and no frame fits into another file.
 //!
-//! A writer that is killed leaves at most one frame torn, at the end; readers cut it off and say so.
-//! Everything else that is not as it was written is an error (`damage`). A writer that cannot write any
-//! more stops for good and counts what is lost, because a journal with a gap could not be replayed. Absent:
-//! which records there are, and joining the files of one run.
+//! A killed writer leaves at most one torn frame, at the end; readers cut it off and report it. Any other
+//! difference from what was written is an error (`damage`). A writer that fails stops for good and counts the
+//! lost records, because a journal with a gap cannot be replayed. Not here: the kinds of records, and joining
+//! the files of one run.
 
 mod damage;
 mod frame;
@@ -26,20 +26,20 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"MMJOURNL";
-/// Bytes in front of the first frame.
+/// Number of bytes in front of the first frame.
 const START: usize = MAGIC.len() + 2;
 /// The version of the layout and of all records.
 pub const VERSION: u16 = 4;
-/// Bytes of the longest head, which has a scenario in it.
+/// Largest size of a head, which contains a scenario, in bytes.
 const LONGEST_HEAD: usize = 32 << 20;
-/// Bytes of the longest record.
+/// Largest size of a record in bytes.
 const LONGEST: usize = 1 << 20;
-/// Bytes gathered before they are written.
+/// Number of bytes gathered before a write.
 const GATHER: usize = 64 << 10;
-/// Bytes read at once; joining a run reads many files together.
+/// Number of bytes read at once; joining a run reads many files together.
 const READ_AHEAD: usize = 16 << 10;
 
-/// Tells the files of one run from those of all others.
+/// Identifies the files of one run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 pub struct RunId(pub [u8; 16]);
 
@@ -54,21 +54,21 @@ impl fmt::Display for RunId {
 pub struct Packed(Vec<u8>);
 
 impl Packed {
-    /// Packs a value.
+    /// Encodes a value.
     ///
     /// # Errors
-    /// Says why the value has no form in bincode.
+    /// Returns the reason why the value cannot be encoded.
     pub fn of<T: Serialize>(value: &T) -> Result<Packed, String> {
         bincode::serde::encode_to_vec(value, standard()).map(Packed).map_err(|e| e.to_string())
     }
-    /// Unpacks the value.
+    /// Decodes the value.
     ///
     /// # Errors
-    /// Says why it is no value of this type.
+    /// Returns the reason why the bytes are no value of this type.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, String> {
         decode(&self.0)
     }
-    /// The bytes.
+    /// Returns the bytes.
     pub fn bytes(&self) -> &[u8] {
         &self.0
     }
@@ -82,48 +82,48 @@ fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
     }
 }
 
-/// What a journal file begins with.
+/// The first frame of a journal file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Head {
     /// The journal of a run, or the controller's part of it.
     Run(RunHead),
-    /// The part of one life of an agent.
+    /// The part of one incarnation of an agent.
     Part {
-        /// The run that it is a part of.
+        /// The run that it belongs to.
         run: RunId,
-        /// Which module.
+        /// The module.
         id: ModuleId,
-        /// Which life of it.
+        /// Its incarnation.
         incarnation: Incarnation,
     },
 }
 
-/// What one has to know to understand the records of a run, and to replay it.
+/// The facts needed to understand the records of a run, and to replay it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RunHead {
-    /// Which run.
+    /// The run.
     pub run: RunId,
     /// The version of the program that wrote it.
     pub program: String,
     /// The family of its agents.
     pub family: String,
-    /// What carried messages: `ipc` or `sim`.
+    /// The driver that carried messages: `ipc` or `sim`.
     pub link: String,
-    /// The seed of all chance.
+    /// The seed of all randomness.
     pub seed: u64,
-    /// How many modules there are.
+    /// The number of modules.
     pub modules: u32,
     /// The file that the scenario came from.
     pub origin: String,
     /// The text of the scenario.
     pub scenario: String,
-    /// What was changed in the scenario, in a form that the driver knows.
+    /// The changes of the scenario by options, in a form that the driver knows.
     pub overrides: Packed,
     /// The hosts of a run on several machines; empty for a run on one.
     pub hosts: Vec<String>,
 }
 
-/// Where the parts of a run's journal are written.
+/// The location of the parts of a run's journal.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Parts {
     /// The directory.
@@ -132,19 +132,19 @@ pub struct Parts {
     pub run: RunId,
 }
 
-/// The file that the controller's part of a run is written to, in the directory of parts.
+/// Returns the file of the controller's part of a run, in the directory of parts.
 pub fn controller_part(parts: &Path) -> PathBuf {
     parts.join("controller")
 }
-/// The file that the part of one life of an agent is written to.
+/// Returns the file of the part of one incarnation of an agent.
 pub fn agent_part(parts: &Path, id: ModuleId, incarnation: Incarnation) -> PathBuf {
     parts.join(format!("{id}.{incarnation}"))
 }
 
-/// The end of what is whole of a file, from which a writer can go on.
+/// The end of the whole frames of a file, from which a writer can go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct End {
-    /// Bytes up to there.
+    /// Its offset in bytes.
     pub bytes: u64,
     /// The check sum of the last frame.
     sum: u32,
@@ -158,22 +158,22 @@ pub struct Writer {
     gathered: Vec<u8>,
     /// The check sum of the last frame.
     sum: u32,
-    /// Records in `gathered`.
+    /// Number of records in `gathered`.
     waiting: u64,
-    /// Length of what is written in whole frames.
+    /// Length of the whole frames written, in bytes.
     length: u64,
     lost: u64,
     trouble: Option<String>,
 }
 
 impl Writer {
-    /// Creates a journal file; one that is there is replaced.
+    /// Creates a journal file, or replaces it.
     pub fn create(path: &Path, head: &Head) -> Result<Writer, JournalError> {
         let file = File::create(path).map_err(|e| JournalError::Create(path.to_owned(), e))?;
         Writer::onto(file, path, head)
     }
 
-    /// Begins a journal in a file that is open and empty; `path` is what messages call it.
+    /// Begins a journal in a file that is open and empty; messages call it `path`.
     pub fn onto(file: File, path: &Path, head: &Head) -> Result<Writer, JournalError> {
         let error = |e| JournalError::Create(path.to_owned(), e);
         let start = [&MAGIC[..], &VERSION.to_le_bytes()].concat();
@@ -183,7 +183,7 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Goes on with a file from the end of what is whole.
+    /// Goes on with a file from the end of its whole frames.
     pub fn go_on(path: &Path, end: End) -> Result<Writer, JournalError> {
         let open = || -> io::Result<File> {
             let mut file = File::options().write(true).open(path)?;
@@ -208,7 +208,7 @@ impl Writer {
         }
     }
 
-    /// Records that could not be written, and why.
+    /// Returns the number of records that could not be written, and the reason.
     pub fn lost(&self) -> (u64, Option<&str>) {
         (self.lost, self.trouble.as_deref())
     }
@@ -229,7 +229,7 @@ impl Writer {
 
     fn give_up(&mut self, error: &io::Error) {
         tracing::warn!("the journal {} ends here: {error}", self.path.display());
-        // What is whole stays; that the rest cannot be cut off is found out by its check sum.
+        // The whole frames stay. If the torn one cannot be cut off, readers detect it by its check sum.
         if let Some(file) = self.file.take() {
             let _ = file.set_len(self.length);
         }
@@ -269,11 +269,11 @@ impl Drop for Writer {
     }
 }
 
-/// Why there is no next frame although the file goes on.
+/// Why there is no next frame before the end of the file.
 enum Stop {
     /// The writer was killed.
     Torn,
-    /// Something is wrong.
+    /// The file is damaged.
     Damaged(DamageKind),
 }
 
@@ -283,7 +283,7 @@ impl From<io::Error> for Stop {
     }
 }
 
-/// A journal file that is being read: an iterator over its records that ends with the first damage.
+/// A journal file that is being read: an iterator over its records that ends at the first damage.
 #[derive(Debug)]
 pub struct Reader {
     file: BufReader<File>,
@@ -324,19 +324,19 @@ impl Reader {
         Ok(Reader { file, path: path.to_owned(), head, size, end, torn: None, over: false })
     }
 
-    /// What the file begins with.
+    /// Returns the head of the file.
     pub fn head(&self) -> &Head {
         &self.head
     }
-    /// What was wrong with the end, once all records have been read.
+    /// Returns what is torn off at the end, once all records have been read.
     pub fn torn(&self) -> Option<&Torn> {
         self.torn.as_ref()
     }
-    /// The end of what has been read.
+    /// Returns the end of what has been read.
     pub fn end(&self) -> End {
         self.end
     }
-    /// The file.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -369,7 +369,7 @@ impl Iterator for Reader {
     }
 }
 
-/// The content of the next frame; `None` at the end of the file. `end` is moved behind it.
+/// Returns the content of the next frame and moves `end` behind it; `None` at the end of the file.
 fn next_frame(
     file: &mut BufReader<File>,
     size: u64,
@@ -400,7 +400,7 @@ fn next_frame(
     Ok(Some(content))
 }
 
-/// Why the frame at `at` is longer than what is left of the file.
+/// Returns why the frame at `at` is longer than the rest of the file.
 fn broken(file: &mut BufReader<File>, at: u64, left: usize, longest: usize) -> io::Result<Stop> {
     let mut rest = Vec::new();
     if left < HEADER + longest {
@@ -455,7 +455,7 @@ mod tests {
         assert_eq!(read(&path), ([&all[..7], &[record(99)]].concat(), None));
     }
 
-    /// Whatever a crash leaves of the end: all whole records are read, and the cut is told.
+    /// Whatever end a crash leaves, all whole records are read, and the cut is reported.
     #[test]
     fn a_torn_tail_is_cut_and_told() {
         let dir = tempfile::tempdir().unwrap();
@@ -502,7 +502,7 @@ mod tests {
         assert!(matches!(Reader::open(dir.path()), Err(JournalError::Magic(_) | JournalError::Read(..))));
     }
 
-    /// `/dev/full` takes nothing: writing to it fails as on a full disk.
+    /// Writing to `/dev/full` fails as on a full disk.
     #[test]
     fn a_full_disk_stops_the_journal_and_is_counted() {
         let full = Writer::create(Path::new("/dev/full"), &head());
@@ -524,7 +524,7 @@ mod tests {
         assert_eq!(read(&path), (vec![record(1)], None));
     }
 
-    /// The first damage of a file, after records that are all as they were written.
+    /// Returns the first damage of a file, after checking that the records before it are unchanged.
     fn damage(path: &Path) -> Option<(u64, DamageKind)> {
         let reader = match Reader::open(path) {
             Ok(reader) => reader,
@@ -543,7 +543,7 @@ mod tests {
         None
     }
 
-    /// The places of all frames of a file.
+    /// Returns the ranges of all frames in a file.
     fn frames(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
         let mut at = START;
         std::iter::from_fn(|| {
@@ -555,7 +555,7 @@ mod tests {
         .collect()
     }
 
-    /// Every single changed bit behind the version is damage, also in the last frame and in lengths.
+    /// Every changed bit behind the version is damage, also in the last frame and in lengths.
     #[test]
     fn every_changed_bit_is_damage_at_its_frame() {
         let dir = tempfile::tempdir().unwrap();

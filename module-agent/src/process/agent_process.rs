@@ -1,6 +1,6 @@
-//! The wait loop of one agent: one thread that drains its inbox, hands inputs to the agent, sends what comes
-//! out, and blocks until a sender wakes it or something is due. Absent: decisions of a protocol, polling, and
-//! which transport and clock it runs over.
+//! The wait loop of one agent: a single thread that drains the inbox, hands inputs to the agent, sends its
+//! outputs, and blocks until a sender wakes it or a timer is due. Not here: protocol decisions, polling, and
+//! the kind of transport and clock.
 
 use crate::clock::lateness::Lateness;
 use crate::clock::source::ClockSource;
@@ -34,61 +34,61 @@ use std::time::Duration;
 const LONGEST_WAIT: Duration = Duration::from_secs(2);
 /// The wait when the controller's inbox was full.
 const UPLINK_RETRY: Duration = Duration::from_millis(5);
-/// Frames taken from the inbox before anything is sent.
+/// Number of frames taken from the inbox before anything is sent.
 const DRAIN: usize = 512;
-/// Times that the inbox is drained until it must have been empty once.
+/// Number of drains after which the inbox must have been empty once.
 const DRAINS: usize = 1_000;
-/// Wake inputs in one turn; an agent that wants more in one instant gets them after the next drain.
+/// Number of wake inputs in one turn; an agent that wants more in one instant gets them after the next drain.
 const WAKES: usize = 16;
 
-/// The most messages that may be missing from the counts for a process that was killed: in its inbox, taken
-/// from it or waiting for their contact, gathered to be sent, or held back by its link.
+/// Returns the largest number of messages that the counts of a killed process may miss: in its inbox, taken
+/// from it, waiting for their contact, gathered to be sent, or held back by its link.
 pub fn in_hand(ports: usize, transparent: bool) -> u64 {
     let inbox = (ports + INBOX_SPARE) * INBOX_DEPTH;
     let held = if transparent { 0 } else { HELD_LIMIT };
     (inbox + DRAIN + EARLY_LIMIT + 2 * BURST + 2 * held) as u64
 }
 
-/// What one incarnation of an agent is told before it starts.
+/// The configuration of one incarnation of an agent.
 #[derive(Clone, Debug)]
 pub struct AgentConfig<S> {
-    /// Which incarnation of which module.
+    /// The module and its incarnation.
     pub agent: AgentKey,
-    /// Modules of the swarm.
+    /// The number of modules in the swarm.
     pub count: u32,
     /// The seed of the run.
     pub seed: u64,
-    /// How fast scenario time passes at most.
+    /// The highest speed of scenario time.
     pub speed: Speed,
-    /// By how much scenario time it may be late before it tells the controller.
+    /// The lateness, in scenario time, above which it tells the controller.
     pub tolerance: Span,
-    /// What links do to messages.
+    /// The effects of links on messages.
     pub link: LinkModel,
-    /// What all agents of the swarm share.
+    /// The setup that all agents of the swarm share.
     pub setup: Arc<S>,
     /// The generation of the controller.
     pub generation: u32,
 }
 
-/// What an agent runs over.
+/// The services that an agent runs over.
 #[derive(Debug)]
 pub struct AgentServices<T, C> {
     /// Its inbox.
     pub transport: T,
     /// The clock of the run.
     pub clock: C,
-    /// Where its counters go.
+    /// The store of its counters.
     pub counters: Box<dyn CounterStore>,
-    /// Its part of the journal, if one is kept.
+    /// Its part of the journal; `None` if none is kept.
     pub journal: Option<Writer>,
-    /// What looks for its controller, if it can outlive it.
+    /// The watch over its controller; `None` if it cannot outlive the controller.
     pub orphan_watch: Option<OrphanWatch>,
 }
 
-/// What is to be done after a turn.
+/// The next step after a turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
-    /// Wait for this long at most, or until a sender wakes the agent.
+    /// Wait for at most this long, or until a sender wakes the agent.
     Wait(Duration),
     /// The run is over: [`AgentProcess::close`] ends the agent.
     Over,
@@ -102,19 +102,19 @@ pub struct AgentProcess<A: Agent, T: Transport, C> {
     host: Option<AgentHost<A>>,
     clock: Clock<C>,
     lateness: Lateness,
-    /// When the agent or its link wanted to be woken, as of the last wait.
+    /// When the agent or its link wants to be woken, as of the last wait.
     due: Time,
-    /// The latest scenario time that was read.
+    /// The latest scenario time read.
     last: Time,
     receiver: Receiver,
     sender: Sender,
     contacts: Contacts<T::Link>,
     uplink: Uplink<T::Link>,
     write_ahead: WriteAhead,
-    /// Actions and reports so far.
+    /// Number of actions and reports sent so far.
     told: u32,
     orphan_watch: Option<OrphanWatch>,
-    /// A controller says that it took over.
+    /// True if a controller has announced that it took over.
     returned: bool,
     // Last: links are closed before their transport.
     transport: T,
@@ -168,7 +168,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         }
     }
 
-    /// Does everything that can be done without waiting.
+    /// Does all work that needs no waiting.
     ///
     /// # Errors
     /// As for [`AgentProcess::run`].
@@ -206,11 +206,11 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         Ok(())
     }
 
-    /// Ends the agent: counts the frames in its inbox, to which none is added any more, and the frames that
-    /// wait for a contact that will not come.
+    /// Ends the agent: counts the frames in its inbox, which grows no more, and those that wait for a contact
+    /// that will not come.
     ///
     /// # Errors
-    /// If that cannot be written down.
+    /// If the counts cannot be written.
     pub fn close(mut self) -> Result<(), AgentError> {
         while let Some(shared) = self.transport.receive()? {
             self.accept(&shared)?;
@@ -221,8 +221,8 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         Ok(self.write_ahead.close()?)
     }
 
-    /// Looks whether there is a controller. Bodies are where it was, so without one the agent can do little
-    /// but talk to its neighbours.
+    /// Checks that there is a controller. It hosts the bodies, so without one the agent can do little but
+    /// talk to its neighbours.
     fn watch_controller(&mut self) -> Result<(), AgentError> {
         if std::mem::take(&mut self.returned) {
             self.follow_controller()?;
@@ -236,7 +236,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         }
     }
 
-    /// Turns to the controller that holds the lease now, if it is a later one.
+    /// Connects to the controller that holds the lease, if it is a later one than the last.
     fn follow_controller(&mut self) -> Result<(), AgentError> {
         let Some(lease) = self.orphan_watch.as_ref().and_then(OrphanWatch::successor) else { return Ok(()) };
         let link = match self.transport.connect(Address::Controller(lease.generation)) {
@@ -246,7 +246,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
                 return Ok(());
             }
         };
-        // The old controller sends no more. What it has sent is taken first, and not answered.
+        // The old controller sends no more. Its frames are taken first, and not answered.
         for _ in 0..DRAINS {
             self.uplink.clear();
             if self.drain()? < DRAIN && !self.uplink.is_full() {
@@ -274,7 +274,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         self.last
     }
 
-    /// How long to block.
+    /// Returns how long to block.
     fn poll_timeout(&mut self, drained: usize) -> Duration {
         self.due = Time::NEVER;
         if drained == DRAIN && !self.uplink.is_full() {
@@ -376,8 +376,8 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         Ok(())
     }
 
-    /// Hands in one input; `heard` names it if it is a message from a peer. Without effect before the agent
-    /// begins and after it has fallen silent.
+    /// Hands in one input; `heard` names it if it is a peer's message. Without effect before the agent begins
+    /// and after it has fallen silent.
     fn hand_in(&mut self, input: InputOf<A>, heard: Option<(MessageName, Class)>) -> Result<(), AgentError> {
         let now = self.now();
         let Some(host) = self.host.as_mut().filter(|_| !self.receiver.is_silent()) else { return Ok(()) };
@@ -414,8 +414,8 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         if self.sender.is_full() { self.send_burst(now) } else { Ok(()) }
     }
 
-    /// Sends what has gathered. It is written down first; what could not be sent is written down before the
-    /// next wait.
+    /// Sends the gathered frames. They are written down first; those that could not be sent are written down
+    /// before the next wait.
     fn send_burst(&mut self, now: Time) -> Result<(), AgentError> {
         if self.sender.is_empty() {
             return Ok(());
@@ -442,7 +442,7 @@ mod tests {
 
     const AGENT: AgentKey = (ModuleId(3), Incarnation(1));
 
-    /// Reports each order a second later, as often as the order says.
+    /// Reports each order one second after it came, as often as the order says.
     struct Alarm {
         due: Time,
         order: Cell,
@@ -479,7 +479,7 @@ mod tests {
         fn digest(&self, _: &mut dyn Hasher) {}
     }
 
-    /// An agent and its controller, stepped by one thread and a clock that the test moves.
+    /// An agent and its controller, stepped by one thread over a clock that the test moves.
     struct Bench {
         controller: MemoryTransport,
         link: MemoryLink,
@@ -536,7 +536,7 @@ mod tests {
             assert_eq!(self.link.send(frame), SendStatus::Sent);
         }
 
-        /// Takes what the agent has sent: the channel and the sequence number of each frame.
+        /// Takes the frames that the agent has sent, and returns their channels and sequence numbers.
         fn heard(&mut self) -> Vec<(Channel, u32)> {
             let taken = std::iter::from_fn(|| self.controller.receive().unwrap());
             taken.map(|shared| shared.frame().open().map(|h| (h.channel, h.sequence)).unwrap()).collect()

@@ -1,28 +1,28 @@
-//! The command line of an agent process. Everything else is in the swarm
-//! file. Absent: environment variables, which would be a hidden interface.
+//! The command line of an agent process. All other configuration is in the swarm file. Not here: environment
+//! variables, which would be a hidden interface.
 
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Which agent of which run a process is.
+/// The run and the agent that a process belongs to.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AgentArgs {
     /// The run's directory.
     pub root: PathBuf,
-    /// Which module.
+    /// The module.
     pub id: ModuleId,
-    /// Which incarnation of it.
+    /// Its incarnation.
     pub incarnation: Incarnation,
-    /// Whether to log at the level of debugging.
+    /// True if it logs at the level of debugging.
     pub verbose: bool,
 }
 
-/// Why the arguments of an agent process are refused.
+/// Errors of the arguments of an agent process.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum ArgsError {
-    /// An argument that is not known.
+    /// An unknown argument.
     #[error("unknown argument `{0}`; an agent takes --root DIR --id N --incarnation N [--verbose]")]
     Unknown(String),
     /// An argument without its value.
@@ -31,16 +31,16 @@ pub enum ArgsError {
     /// A value that is not a number in range.
     #[error("`{0}` needs a number in range, not `{1}`")]
     Number(&'static str, String),
-    /// An argument that must be there is not.
+    /// A required argument is missing.
     #[error("`{0}` is missing; agents are started by the world-controller")]
     Missing(&'static str),
-    /// A name that is no family's.
+    /// An unknown family.
     #[error("unknown family `{0}`; an agent is a cube or a metamodule")]
     Family(String),
 }
 
 impl AgentArgs {
-    /// The arguments as a command line, the inverse of [`AgentArgs::parse`].
+    /// Returns the arguments as a command line, the inverse of [`AgentArgs::parse`].
     pub fn to_command_line(&self) -> Vec<OsString> {
         let mut line: Vec<OsString> = vec!["--root".into(), self.root.clone().into()];
         line.extend(["--id".into(), self.id.to_string().into()]);
@@ -51,7 +51,10 @@ impl AgentArgs {
         line
     }
 
-    /// Reads a command line without the program's name.
+    /// Parses a command line without the program's name.
+    ///
+    /// # Errors
+    /// If an argument is unknown, missing, without its value or out of range.
     pub fn parse(line: impl IntoIterator<Item = OsString>) -> Result<AgentArgs, ArgsError> {
         let (mut root, mut id, mut incarnation, mut verbose) = (None, None, None, false);
         let mut line = line.into_iter();

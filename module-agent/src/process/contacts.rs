@@ -1,8 +1,8 @@
-//! The contact on each port with its link, and whether a frame from a peer belongs to it.
+//! The contact on each port with its link, and the contact that a frame from a peer belongs to.
 //!
-//! A peer may learn of a new contact and use it before this process has learnt of it. Frames of
-//! sessions that are not known yet wait here, a bounded number for a bounded time; frames of sessions that
-//! have ended never count for a later contact.
+//! A peer may learn of a new contact and use it before this process has learnt of it. Frames of sessions not
+//! known yet wait here, a bounded number for a bounded time; frames of ended sessions never count for a later
+//! contact.
 
 use crate::transport::INBOX_DEPTH;
 use metamorph_protocol::counters::Class;
@@ -11,35 +11,34 @@ use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::wire::{Frame, Header};
 use std::collections::VecDeque;
 
-/// Frames that may wait for their contact.
+/// Number of frames that may wait for their contact.
 pub const EARLY_LIMIT: usize = 64;
-/// Ended sessions that are remembered. A frame of one forgotten waits and then expires, too.
+/// Number of ended sessions remembered. A frame of a forgotten one waits and then expires as well.
 const ENDED_LIMIT: usize = 64;
-/// How long a frame waits for its contact, in nanoseconds of real time; a busy machine may take seconds
-/// to tell of one.
+/// How long a frame waits for its contact (ns of real time); a busy machine may take seconds to announce one.
 const EARLY_NANOS: u64 = 10_000_000_000;
 
-/// The contact on one port, with the link to the peer once something has been sent.
+/// The contact on one port.
 #[derive(Debug)]
 pub struct PortContact<L> {
     /// The other end.
     pub contact: Contact,
     /// The link to the peer, opened on first use.
     pub link: Option<L>,
-    /// Messages sent over it, by class.
+    /// Number of messages sent over the link, by class.
     pub sent: [u64; Class::ALL.len()],
 }
 
-/// Where a frame from a peer belongs.
+/// The contact that a frame from a peer belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// To the current contact of this port.
+    /// The current contact on this port.
     Here(Port),
-    /// To a contact that is not known yet.
+    /// A contact not known yet.
     Early,
-    /// To a contact that has ended.
+    /// An ended contact.
     Ended,
-    /// To a current contact, but its source is no end of it.
+    /// A current contact, but the source is neither end of it.
     Impostor,
 }
 
@@ -54,7 +53,7 @@ pub struct Contacts<L> {
 }
 
 impl<L> Contacts<L> {
-    /// No contact on any of `ports` ports.
+    /// Creates a table of `ports` ports without contacts.
     pub fn new(ports: usize) -> Contacts<L> {
         Contacts {
             ports: std::iter::repeat_with(|| None).take(ports).collect(),
@@ -65,33 +64,33 @@ impl<L> Contacts<L> {
         }
     }
 
-    /// Messages by class that may have been lost with a link that was closed when its contact ended: a
-    /// receiver that has not looked since the link was opened does not find it any more.
+    /// Returns the number of messages by class that may have been lost with a link that was closed when its
+    /// contact ended: a receiver that has not looked since the link was opened does not find it any more.
     pub fn loose(&self) -> [u64; Class::ALL.len()] {
         self.loose
     }
 
-    /// The last contact change that the agent knows of.
+    /// Returns the revision of the last contact change that the agent knows of.
     pub fn revision(&self) -> Revision {
         self.revision
     }
 
-    /// Whether there is such a port.
+    /// True if there is such a port.
     pub fn has_port(&self, port: Port) -> bool {
         port.index() < self.ports.len()
     }
 
-    /// The contact on a port now.
+    /// Returns the current contact on a port.
     pub fn get(&self, port: Port) -> Option<&Contact> {
         self.ports.get(port.index())?.as_ref().map(|p| &p.contact)
     }
 
-    /// The contact on a port now, with the link to the peer.
+    /// Returns the current contact on a port, with the link to the peer.
     pub fn get_mut(&mut self, port: Port) -> Option<&mut PortContact<L>> {
         self.ports.get_mut(port.index())?.as_mut()
     }
 
-    /// Changes the contact on a port that exists, as of `revision`. Returns the frames that waited for it, in
+    /// Changes the contact on an existing port, as of `revision`. Returns the frames that waited for it, in
     /// order.
     pub fn change(
         &mut self,
@@ -123,7 +122,7 @@ impl<L> Contacts<L> {
         now.into_iter().map(|(_, header, frame)| (header, frame)).collect()
     }
 
-    /// Finds out where a frame from a peer belongs.
+    /// Returns the contact that a frame from a peer belongs to.
     pub fn place(&self, header: &Header) -> Place {
         let session = Session(header.session);
         for (i, port) in self.ports.iter().enumerate() {
@@ -138,8 +137,8 @@ impl<L> Contacts<L> {
         if self.ended.contains(&session) { Place::Ended } else { Place::Early }
     }
 
-    /// Keeps a frame until its contact is known. Returns the class of the one that is dropped for it, if the
-    /// limit is reached.
+    /// Keeps a frame until its contact is known. Returns the class of the frame dropped for it if the limit
+    /// is reached.
     pub fn keep(&mut self, monotonic: u64, header: Header, frame: Frame) -> Option<Class> {
         let gone = if self.early.len() == EARLY_LIMIT { self.early.pop_front() } else { None };
         self.early.push_back((monotonic, header, frame));

@@ -1,5 +1,5 @@
-//! One agent as a process: how it starts, its wait loop, what it receives, what it sends, and what it does
-//! when its controller is gone. Runs over any [`Transport`](crate::transport::Transport) and any
+//! One agent as a process: its start, its wait loop, its receiving and sending halves, and its behaviour
+//! without a controller. Runs over any [`Transport`](crate::transport::Transport) and any
 //! [`ClockSource`](crate::clock::source::ClockSource).
 
 pub mod agent_process;

@@ -1,5 +1,5 @@
-//! What an agent process does when its controller is gone: it waits for a while if the run can be resumed,
-//! and turns to the next controller as soon as there is one. Absent: agents without a process of their own,
+//! The watch over the controller: an agent process whose controller is gone waits for a while if the run can
+//! be resumed, and turns to the next controller as soon as there is one. Not here: agents that are threads,
 //! which end with their controller anyway.
 
 use crate::run_dir::controller_lease::{ControllerLease, is_resumable};
@@ -7,15 +7,15 @@ use crate::run_dir::identity::Guard;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// How often the process looks whether its controller still lives, in nanoseconds.
+/// Time between two checks of the controller, in nanoseconds.
 const CHECK_NANOS: u64 = 900_000_000;
 /// The longest wait if the kernel ends this process with its controller, and otherwise.
 const LONGEST_WAIT: (Duration, Duration) = (Duration::from_secs(2), Duration::from_secs(1));
 
-/// Whether the controller still lives.
+/// The state of the controller, as last checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControllerState {
-    /// It lives, or it is too early to look again.
+    /// It lives, or it is too early for another check.
     Alive,
     /// It is gone, and another may take over.
     Missing,
@@ -29,31 +29,31 @@ pub struct OrphanWatch {
     root: PathBuf,
     lease: ControllerLease,
     guard: Guard,
-    /// How long to go on without a controller, in nanoseconds of real time.
+    /// How long to go on without a controller (ns of real time).
     timeout: u64,
-    /// Since when there has been none.
+    /// Since when the controller has been missing.
     orphaned: Option<u64>,
-    /// When the controller was last looked for.
+    /// When the controller was last checked.
     checked: u64,
 }
 
 impl OrphanWatch {
-    /// Watches the controller that holds `lease` on the run in `root`.
+    /// Starts to watch the controller that holds `lease` on the run in `root`.
     pub fn new(root: PathBuf, lease: ControllerLease, guard: Guard, timeout: u64, now: u64) -> OrphanWatch {
         OrphanWatch { root, lease, guard, timeout, orphaned: None, checked: now }
     }
 
-    /// The process id of the controller.
+    /// Returns the process id of the controller.
     pub fn controller(&self) -> i32 {
         self.lease.controller.pid
     }
 
-    /// The longest that the process may wait before it looks again.
+    /// Returns the longest time that the process may wait before the next check.
     pub fn longest_wait(&self) -> Duration {
         if self.guard.is_signalled() { LONGEST_WAIT.0 } else { LONGEST_WAIT.1 }
     }
 
-    /// Looks for the controller if it is time to.
+    /// Checks the controller if a check is due.
     pub fn check(&mut self, now: u64) -> ControllerState {
         if now.saturating_sub(self.checked) < CHECK_NANOS {
             return ControllerState::Alive;
@@ -71,7 +71,7 @@ impl OrphanWatch {
         }
     }
 
-    /// The lease of a later controller, if there is one.
+    /// Returns the lease of a later controller, if there is one.
     pub fn successor(&self) -> Option<ControllerLease> {
         let lease = ControllerLease::read(&self.root).ok()?;
         (lease.generation > self.lease.generation).then_some(lease)

@@ -1,5 +1,5 @@
-//! What an agent process receives: checks every frame of its inbox, counts the ones that it refuses, and
-//! turns the rest into inputs and life-cycle messages. Absent: handing them to the agent.
+//! The receiving half of an agent process: checks every frame of its inbox, counts those it refuses, and
+//! turns the rest into inputs and life-cycle messages. Not here: handing them to the agent.
 
 use crate::process::contacts::{Contacts, Place};
 use crate::process::runtime_message::RuntimeMessage;
@@ -12,30 +12,30 @@ use metamorph_protocol::record::MessageName;
 use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
 
-/// Where an agent process is in its life cycle.
+/// The stage of an agent process in its life cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Stage {
     /// Its agent has not begun.
     Waiting,
-    /// Its agent runs.
+    /// The agent runs.
     Running,
     /// The run is over: nothing is handed in or sent any more.
     Silent,
-    /// The other agents are silent, too: its inbox is complete.
+    /// All other agents are silent too: the inbox is complete.
     Ending,
 }
 
-/// What a frame means for the process.
+/// The meaning of a frame for the process.
 pub enum Received<A: Agent> {
-    /// Nothing: it is counted, or waits for its contact.
+    /// None: the frame is counted, or waits for its contact.
     Nothing,
-    /// An input for the agent; the name and class of a message from a peer.
+    /// An input for the agent; for a message from a peer, with its name and class.
     Input(InputOf<A>, Option<(MessageName, Class)>),
     /// The agent begins at this place.
     Begin(A::Place),
     /// The contact on a port changed.
     Contact {
-        /// Which port.
+        /// The port.
         port: Port,
         /// The count of contact changes of the body, this one included.
         revision: Revision,
@@ -48,7 +48,7 @@ pub enum Received<A: Agent> {
     End,
     /// There may be a new controller.
     Return,
-    /// The controller asks what has been taken.
+    /// The controller asks which messages have been taken.
     Leave,
 }
 
@@ -56,35 +56,35 @@ pub enum Received<A: Agent> {
 #[derive(Debug)]
 pub struct Receiver {
     id: ModuleId,
-    /// Whether the link damages frames, so that a damaged one need not be foreign.
+    /// True if the link damages frames, so that a damaged one need not be foreign.
     damage_expected: bool,
-    /// The controller's next sequence number.
+    /// The next sequence number of the controller.
     expected: u32,
     stage: Stage,
 }
 
 impl Receiver {
-    /// A receiver whose agent has not begun.
+    /// Creates a receiver whose agent has not begun.
     pub fn new(id: ModuleId, damage_expected: bool) -> Receiver {
         Receiver { id, damage_expected, expected: 0, stage: Stage::Waiting }
     }
 
-    /// The controller's next sequence number.
+    /// Returns the next sequence number of the controller.
     pub fn expected(&self) -> u32 {
         self.expected
     }
 
-    /// Whether the run is over.
+    /// True if the run is over.
     pub fn is_silent(&self) -> bool {
         self.stage >= Stage::Silent
     }
 
-    /// Whether the inbox is complete.
+    /// True if the inbox is complete.
     pub fn is_ending(&self) -> bool {
         self.stage == Stage::Ending
     }
 
-    /// Checks one frame. `monotonic` is asked for the time if the frame has to wait for its contact.
+    /// Checks one frame. `monotonic` reads the clock, only if the frame has to wait for its contact.
     pub fn accept<A: Agent, L>(
         &mut self,
         shared: &SharedFrame,

@@ -1,5 +1,5 @@
-//! What agent processes and the controller tell each other about the life cycle of agents and their
-//! contacts. Its bytes are part of the wire format.
+//! Control messages between agent processes and the controller, about the life cycle of agents and their
+//! contacts. Their bytes are part of the wire format.
 //!
 //! | kind | message | from | payload |
 //! |---|---|---|---|
@@ -21,7 +21,7 @@ use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};
 
-/// A message about life cycle or contacts. `P` is where bodies stand.
+/// A message about life cycle or contacts. `P` is the place of a body.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RuntimeMessage<P> {
     /// The agent's process is up and its inbox is open.
@@ -31,45 +31,45 @@ pub enum RuntimeMessage<P> {
     },
     /// The run begins, or goes on for a restarted agent.
     Begin {
-        /// Where the body stands; at most 95 bytes on the wire.
+        /// The place of the body; at most 95 bytes on the wire.
         place: P,
     },
     /// The contact on a port changed.
     Contact {
-        /// Which port.
+        /// The port.
         port: Port,
         /// The count of contact changes of the body, this one included.
         revision: Revision,
         /// The other end of the port now.
         contact: Option<Contact>,
     },
-    /// The run is over: the agent takes and sends nothing more, says that it is silent, and counts what
-    /// still arrives.
+    /// The run is over: the agent takes and sends nothing more, reports that it is silent, and counts the
+    /// frames that still arrive.
     Stop,
-    /// A new controller took over: read the lease again. Neither authenticated nor in sequence, so it is only
-    /// a hint.
+    /// A new controller took over: read the lease again. Unauthenticated and unsequenced, so it is only a
+    /// hint.
     Return,
     /// The agent has found the new controller.
     Here {
-        /// Actions and reports that this incarnation has sent so far. All of them are in its part of the
+        /// Number of actions and reports that this incarnation has sent. All of them are in its part of the
         /// journal; it does not repeat those that no controller has taken.
         told: u32,
-        /// The sequence number that it expects of the controller next.
+        /// The sequence number expected next from the controller.
         expected: u32,
     },
-    /// The controller is about to close its link to the agent until the next message for it, and asks what
-    /// has been taken. Neither authenticated nor in sequence.
+    /// The controller is about to close its link to the agent until its next message, and asks which messages
+    /// have been taken. Unauthenticated and unsequenced.
     Leave,
     /// The answer: all before this sequence number.
     Consumed {
-        /// The sequence number that the agent expects of the controller next.
+        /// The sequence number expected next from the controller.
         expected: u32,
     },
-    /// The agent has taken something much later than it was sent or due.
+    /// An input was taken, or a wake-up came, later than the run tolerates.
     Late(Late),
     /// The agent sends nothing more.
     Silent,
-    /// All agents are silent: the process counts what is left in its inbox, and ends.
+    /// All agents are silent: the process counts the rest of its inbox, and ends.
     End,
 }
 
@@ -221,7 +221,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever lies in shared memory is read or refused, never a panic.
+        /// Arbitrary bytes in shared memory are read or refused, without a panic.
         #[test]
         fn garbage_never_panics(bytes in proptest::collection::vec(any::<u8>(), Frame::SIZE)) {
             let array: [u8; Frame::SIZE] = bytes.try_into().unwrap();

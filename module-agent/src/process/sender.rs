@@ -1,5 +1,5 @@
-//! What an agent sends to its neighbours: sealed, passed through the link emulator, gathered in bursts, and
-//! put into the peers' inboxes. Absent: what it tells the controller ([`crate::process::uplink`]).
+//! The sending half of an agent process: messages to neighbours are sealed, passed through the link emulator,
+//! gathered in bursts, and put into the peers' inboxes. Not here: the uplink ([`crate::process::uplink`]).
 
 use crate::link_emulator::{DelayedFrame, LinkEmulator};
 use crate::process::contacts::{Contacts, PortContact};
@@ -11,7 +11,7 @@ use metamorph_protocol::ids::Port;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire};
 
-/// Frames gathered before they are sent.
+/// Number of frames gathered before they are sent.
 pub const BURST: usize = 128;
 
 /// The sending half of one incarnation of an agent.
@@ -24,7 +24,7 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// A sender whose links do what `emulator` does.
+    /// Creates a sender whose links are emulated by `emulator`.
     pub fn new(agent: AgentKey, emulator: LinkEmulator) -> Sender {
         Sender { agent, emulator, burst: Vec::new(), sequence: 0 }
     }
@@ -43,7 +43,7 @@ impl Sender {
         let sequence = self.sequence;
         self.sequence = sequence.wrapping_add(1);
         let Some(contact) = contacts.get(port) else {
-            // Nothing touches this port (any more).
+            // The contact of the port has ended, or never began.
             counts.expired += 1;
             return;
         };
@@ -64,7 +64,7 @@ impl Sender {
         self.emulator.carry(now, frame, tally, &mut self.burst);
     }
 
-    /// A new contact on a port: its link has no history.
+    /// Resets a port for a new contact: its link has no history.
     pub fn reset(&mut self, port: Port) {
         self.emulator.reset(port);
     }
@@ -74,17 +74,17 @@ impl Sender {
         self.emulator.release(now, &mut self.burst);
     }
 
-    /// When the link lets the next frame go.
+    /// Returns when the link releases the next frame.
     pub fn next_due(&self) -> Time {
         self.emulator.next()
     }
 
-    /// Whether nothing is gathered.
+    /// True if no frame is gathered.
     pub fn is_empty(&self) -> bool {
         self.burst.is_empty()
     }
 
-    /// Whether enough is gathered to be sent.
+    /// True if enough frames are gathered to be sent.
     pub fn is_full(&self) -> bool {
         self.burst.len() >= BURST
     }
@@ -96,8 +96,8 @@ impl Sender {
         }
     }
 
-    /// Sends the frames that are gathered, which the caller has written down as sent. Those that cannot be
-    /// sent are counted.
+    /// Sends the gathered frames, which the caller has written down as sent. Those that cannot be sent are
+    /// counted.
     pub fn flush<T: Transport>(
         &mut self,
         now: Time,
@@ -149,7 +149,7 @@ impl Sender {
     }
 }
 
-/// The link to the peer on a port, opened on first use.
+/// Returns the link to the peer on a port, opened on first use.
 fn open<'a, T: Transport>(
     port: &'a mut PortContact<T::Link>,
     transport: &mut T,

@@ -1,5 +1,5 @@
-//! How an agent process starts: it reads what its run's directory says, joins the run over iceoryx2, and
-//! hands over to the wait loop ([`crate::process::agent_process`]).
+//! The start of an agent process: it reads the run's directory, joins the run over iceoryx2, and hands over
+//! to the wait loop ([`crate::process::agent_process`]).
 
 use crate::clock::monotonic;
 use crate::clock::source::FileClock;
@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use thiserror::Error;
 
-/// Why an agent process ends before its controller ends it.
+/// Errors that end an agent process before its controller ends it.
 #[derive(Debug, Error)]
 pub enum AgentError {
     /// The swarm file cannot be read.
@@ -32,7 +32,7 @@ pub enum AgentError {
     /// The counters cannot be written.
     #[error(transparent)]
     Counters(#[from] CounterFileError),
-    /// A channel of its own cannot be created.
+    /// A channel of this process cannot be created.
     #[error(transparent)]
     Channel(#[from] ChannelError),
     /// The controller cannot be reached.
@@ -41,16 +41,16 @@ pub enum AgentError {
     /// The inbox failed.
     #[error(transparent)]
     Transport(#[from] TransportError),
-    /// The journal cannot be begun.
+    /// The journal cannot be created.
     #[error(transparent)]
     Journal(#[from] JournalError),
-    /// The process cannot say who it is.
+    /// The identity of this process cannot be written.
     #[error("cannot register this process in {0}: {1}")]
     Register(PathBuf, io::Error),
     /// The clock of the run cannot be read.
     #[error("cannot read the clock of the run: {0}")]
     Clock(io::Error),
-    /// It is not known which process controls the run.
+    /// The lease of the controller cannot be read.
     #[error("cannot find out who controls the run in {0}: {1}")]
     Lease(PathBuf, io::Error),
     /// The inbox has no room in shared memory.
@@ -59,24 +59,24 @@ pub enum AgentError {
     /// The controller is gone.
     #[error("the controller (process {0}) is gone; an agent does not go on without it")]
     Orphan(i32),
-    /// The number of the module is beyond the end of the swarm.
+    /// The number of the module exceeds the size of the swarm.
     #[error("this agent is number {0}, but the swarm has only {1} modules")]
     NoSuchModule(u32, u32),
 }
 
-/// The directory in which the processes of a run say who they are.
+/// Returns the directory in which the processes of a run write their identities.
 pub fn pid_directory(root: &Path) -> PathBuf {
     root.join("pids")
 }
 
-/// The file in which one incarnation of an agent says who it is: its process, then the number of its
-/// membership of the run as soon as it has one.
+/// Returns the file in which one incarnation of an agent writes its identity: its process, and then, once it
+/// has joined, the number of its membership of the run.
 pub fn pid_file(root: &Path, id: ModuleId, incarnation: Incarnation) -> PathBuf {
     pid_directory(root).join(format!("{id}.{incarnation}"))
 }
 
-/// Runs one agent until the controller ends it, or is gone. Returns `Ok` in the first case only; the
-/// program then ends with success, and with any other exit code counts as crashed.
+/// Runs one agent until its controller ends it or is gone. Returns `Ok` in the first case only: the program
+/// then exits with success, and any other exit code counts as a crash.
 ///
 /// # Errors
 /// If the agent cannot start or go on.
@@ -97,7 +97,7 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     let agent = (args.id, args.incarnation);
     let transport = join(args, agent, A::PORTS)?;
     let counters = Box::new(CounterFile::create(&args.root, args.id, args.incarnation)?);
-    // Before the controller knows of this incarnation: each one that it starts has its part of the journal.
+    // Before the controller hears of this incarnation: every incarnation that it knows has its part.
     let journal = swarm.journal.as_ref().map(|parts| begin_journal(parts, agent)).transpose()?;
     let clock = FileClock::open(&args.root).map_err(AgentError::Clock)?;
     let timeout = u64::from(swarm.patience) * 1_000_000;
@@ -121,25 +121,25 @@ fn join(args: &AgentArgs, agent: AgentKey, ports: usize) -> Result<IceoryxTransp
     Ok(transport)
 }
 
-/// Sets up logging, signals and priority. Only rare events are logged above the level of debugging: the file
-/// that they go to is not emptied before the end.
+/// Sets up logging, signals and priority. Only rare events are logged above the level of debugging, because
+/// the file that they go to is not emptied before the end.
 fn prepare_process(verbose: bool) {
     use tracing::level_filters::LevelFilter;
     let level = if verbose { LevelFilter::DEBUG } else { LevelFilter::WARN };
-    // The program may have set up its own.
+    // Fails if the program has set up logging of its own, which then stays.
     let _ = tracing_subscriber::fmt().with_writer(io::stderr).with_max_level(level).try_init();
     set_verbosity(verbose);
     if let Err(e) = survive_file_limits() {
         tracing::debug!("a write beyond the limit of file sizes ends this process: {e}");
     }
-    // The controller carries the traffic of all agents, so it comes before them.
+    // The controller carries the traffic of all agents, so it has priority.
     if let Err(e) = rustix::process::nice(1) {
         tracing::debug!("priority is unchanged: {e}");
     }
 }
 
-/// Leaves the session of the controller. When a process dies, the kernel hangs up on those of its children
-/// that are stopped and in its session, and they would die with it.
+/// Leaves the session of the controller. When a process dies, the kernel sends SIGHUP to its stopped children
+/// in its session, which would end them.
 fn leave_session() {
     // The leader of a process group cannot leave; the supervisor has made this process one.
     let parent = getppid().ok_or(rustix::io::Errno::SRCH);
@@ -150,8 +150,8 @@ fn leave_session() {
     }
 }
 
-/// Writes down which process this is, so that it can be found if its controller is killed, and which member
-/// of the run, so that it can be reaped.
+/// Writes the identity of this process, so that it can be found if its controller is killed, and its
+/// membership of the run, so that it can be reaped.
 fn register(args: &AgentArgs, member: Option<u128>) -> Result<(), AgentError> {
     let path = pid_file(&args.root, args.id, args.incarnation);
     let member = member.map_or_else(String::new, |m| format!("{m}\n"));
@@ -161,6 +161,9 @@ fn register(args: &AgentArgs, member: Option<u128>) -> Result<(), AgentError> {
 }
 
 /// Creates this incarnation's part of the journal.
+///
+/// # Errors
+/// If the file cannot be written.
 pub fn begin_journal(parts: &Parts, agent: AgentKey) -> Result<Writer, JournalError> {
     let head = Head::Part { run: parts.run, id: agent.0, incarnation: agent.1 };
     Writer::create(&agent_part(&parts.dir, agent.0, agent.1), &head)

@@ -1,5 +1,5 @@
-//! What an agent tells the controller: reliable and in order. Frames that do not fit into the controller's
-//! inbox wait here; the wait loop hands in nothing new while more than [`UPLINK_LIMIT`] wait.
+//! The link from an agent to the controller: reliable and in order. Frames that do not fit into the
+//! controller's inbox wait here; the wait loop takes no further input while more than [`UPLINK_LIMIT`] wait.
 
 use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{AgentKey, Link, SendStatus};
@@ -9,10 +9,10 @@ use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
 use std::collections::VecDeque;
 
-/// Frames that may wait before the agent is handed nothing more.
+/// Number of waiting frames at which the agent takes no further input.
 pub const UPLINK_LIMIT: usize = 256;
 
-/// The link to the controller, and what waits for it.
+/// The link to the controller, and the frames that wait for it.
 #[derive(Debug)]
 pub struct Uplink<L> {
     link: L,
@@ -22,7 +22,7 @@ pub struct Uplink<L> {
 }
 
 impl<L: Link> Uplink<L> {
-    /// An uplink of one incarnation of an agent.
+    /// Creates the uplink of one incarnation of an agent.
     pub fn new(link: L, agent: AgentKey) -> Uplink<L> {
         Uplink { link, agent, queue: VecDeque::new(), sequence: 0 }
     }
@@ -44,7 +44,7 @@ impl<L: Link> Uplink<L> {
         self.queue.push_back(Frame::seal(header, message));
     }
 
-    /// Drops the frames that wait.
+    /// Drops the waiting frames.
     pub fn clear(&mut self) {
         self.queue.clear();
     }
@@ -54,7 +54,7 @@ impl<L: Link> Uplink<L> {
         self.link = link;
     }
 
-    /// Sends as much as fits at `now`.
+    /// Sends as many frames as fit at `now`.
     pub fn flush(&mut self, now: Time) {
         while let Some(frame) = self.queue.front() {
             if self.link.send(SharedFrame::new(frame, now)) != SendStatus::Sent {
@@ -65,11 +65,11 @@ impl<L: Link> Uplink<L> {
         self.link.flush();
     }
 
-    /// Whether nothing waits.
+    /// True if no frame waits.
     pub fn is_idle(&self) -> bool {
         self.queue.is_empty()
     }
-    /// Whether [`UPLINK_LIMIT`] frames wait, so that nothing more may be added.
+    /// True if [`UPLINK_LIMIT`] frames wait, so that no more may be added.
     pub fn is_full(&self) -> bool {
         self.queue.len() >= UPLINK_LIMIT
     }

@@ -7,31 +7,37 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-/// Which process controls a run.
+/// The controller of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ControllerLease {
-    /// Its process.
+    /// The process of the controller.
     pub controller: Identity,
     /// The number of controllers before it.
     pub generation: u32,
 }
 
 const NAME: &str = "controller";
-/// Marks a run that has begun, and whose agents wait when their controller is killed.
+/// Name of the file that marks a run whose agents wait when their controller is killed.
 const RESUMABLE: &str = "awaited";
 
 /// Marks the run: from now on its agents wait for a while when their controller is killed.
+///
+/// # Errors
+/// If the file cannot be created.
 pub fn mark_resumable(root: &Path) -> io::Result<()> {
     fs::write(root.join(RESUMABLE), b"")
 }
 
-/// Whether the agents of this run are to wait when their controller is killed.
+/// True if the agents of this run wait when their controller is killed.
 pub fn is_resumable(root: &Path) -> bool {
     root.join(RESUMABLE).exists()
 }
 
 impl ControllerLease {
     /// Reads the lease of the run in `root`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or does not hold a lease.
     pub fn read(root: &Path) -> io::Result<ControllerLease> {
         let text = fs::read_to_string(root.join(NAME))?;
         let parse = |text: &str| {
@@ -42,6 +48,9 @@ impl ControllerLease {
     }
 
     /// Takes the lease of the run in `root`; readers see all of it or the one before.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
     pub fn acquire(&self, root: &Path) -> io::Result<()> {
         let part = root.join("controller.part");
         fs::write(&part, format!("{} {}\n", self.controller.to_line().trim_end(), self.generation))?;

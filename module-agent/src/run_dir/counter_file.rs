@@ -1,9 +1,9 @@
 //! The counters of one incarnation of an agent, in a small file that outlives it.
 //!
-//! A killed process cannot be asked what it had counted, so each agent writes its counters before the
-//! effects that they count are visible to others: a message that was received has been counted as sent.
-//! The file holds two slots, written in turn, so that a torn write leaves the older one; the reader takes
-//! the newest slot whose check sum fits.
+//! A killed process cannot be asked for its counts, so each agent writes its counters before the effects that
+//! they count become visible: a message that was received has been counted as sent. The file holds two slots,
+//! written in turn, so that a torn write leaves the older one; the reader takes the newest slot whose check
+//! sum fits.
 
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::{Counts, Tally};
@@ -19,12 +19,13 @@ use thiserror::Error;
 const MAGIC: [u8; 8] = *b"MMLEDGER";
 const VERSION: u32 = 3;
 const HEADER: usize = 32;
-/// Numbers of a slot: its generation, the counts of all classes, what was left of each and what may be lost,
-/// foreign frames, wake-ups, records that are missing from the journal, whether the counters are final.
+/// Numbers in a slot: the generation, the counts of all classes, the messages of each that were left and that
+/// may be lost, foreign frames, wake-ups, records missing from the journal, and whether the counters are
+/// final.
 const NUMBERS: usize = 1 + Class::ALL.len() * 10 + 4;
 const SLOT: usize = NUMBERS * 8 + 4;
 
-/// What one incarnation of an agent has counted.
+/// The counters of one incarnation of an agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct AgentCounters {
     /// Protocol messages by class.
@@ -34,17 +35,17 @@ pub struct AgentCounters {
     pub left: [u64; Class::ALL.len()],
     /// Messages by class that may be lost with links that were closed (`Contacts::loose`).
     pub loose: [u64; Class::ALL.len()],
-    /// Whether this incarnation ended in order, with all of its messages counted.
+    /// True if this incarnation ended in order, with all of its messages counted.
     pub closed: bool,
     /// Frames that no member of the run wrote: malformed, of unknown kinds, or with a false source.
     pub foreign: u64,
-    /// How often the process woke up; of a killed one, until the last message was counted.
+    /// Number of wake-ups; of a killed process, up to the last message counted.
     pub wakes: u64,
-    /// Records that could not be written to the journal.
+    /// Number of records that could not be written to the journal.
     pub unrecorded: u64,
 }
 
-/// Why counters cannot be written or read.
+/// Errors of writing and reading counters.
 #[derive(Debug, Error)]
 pub enum CounterFileError {
     /// The file cannot be created, written or read.
@@ -61,7 +62,7 @@ pub enum CounterFileError {
     Damaged(PathBuf),
 }
 
-/// The directory of the counter files of a run.
+/// Returns the directory of the counter files of a run.
 pub fn directory(root: &Path) -> PathBuf {
     root.join("ledgers")
 }
@@ -69,7 +70,7 @@ fn path(root: &Path, id: ModuleId, incarnation: Incarnation) -> PathBuf {
     directory(root).join(format!("{id}.{incarnation}"))
 }
 
-/// Where an agent keeps its counters, out of reach of its own end.
+/// Where an agent keeps its counters, so that they outlive it.
 pub trait CounterStore: Debug {
     /// Replaces the counters.
     ///
@@ -78,12 +79,12 @@ pub trait CounterStore: Debug {
     fn write(&mut self, counters: &AgentCounters) -> Result<(), CounterFileError>;
 }
 
-/// Counters in memory, for agents that are threads. Clones are the same counters.
+/// Counters in memory, for agents that are threads. Clones share the counters.
 #[derive(Clone, Debug, Default)]
 pub struct SharedCounters(Arc<Mutex<AgentCounters>>);
 
 impl SharedCounters {
-    /// The counters as they were last written.
+    /// Returns the counters as last written.
     pub fn read(&self) -> AgentCounters {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -106,7 +107,10 @@ pub struct CounterFile {
 }
 
 impl CounterFile {
-    /// Creates the file of one incarnation of an agent, with nothing counted.
+    /// Creates the file of one incarnation of an agent, with all counters zero.
+    ///
+    /// # Errors
+    /// If the file cannot be created.
     pub fn create(
         root: &Path,
         id: ModuleId,
@@ -132,7 +136,10 @@ impl CounterFile {
         Ok(())
     }
 
-    /// Reads what one incarnation of an agent has counted; `None` if it never started.
+    /// Reads the counters of one incarnation of an agent; `None` if it never started.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is foreign or of another version, or has no whole slot.
     pub fn read(
         root: &Path,
         id: ModuleId,
@@ -146,7 +153,7 @@ impl CounterFile {
         };
         let expected = header(id, incarnation);
         if !bytes.starts_with(&MAGIC) || bytes.len() < HEADER {
-            // Killed while creating it.
+            // The process was killed while it created the file.
             return if bytes.is_empty() { Ok(None) } else { Err(CounterFileError::Foreign(path)) };
         }
         let version = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
@@ -178,8 +185,11 @@ impl CounterStore for CounterFile {
     }
 }
 
-/// Adds up the messages that all incarnations of all agents of a run have sent so far. A file that is being
-/// created counts as nothing.
+/// Returns the number of messages that all incarnations of all agents of a run have sent so far. A file that
+/// is being created counts as zero.
+///
+/// # Errors
+/// If the directory or a file cannot be read.
 pub fn sent(root: &Path) -> io::Result<u64> {
     let name = |name: &str| -> Option<(ModuleId, Incarnation)> {
         let (id, incarnation) = name.split_once('.')?;
@@ -208,7 +218,7 @@ fn slot(generation: u64, counters: &AgentCounters) -> [u8; SLOT] {
     let mut numbers = [0u64; NUMBERS];
     numbers[0] = generation;
     for (i, (_, c)) in counters.tally.iter().enumerate() {
-        // Taken apart in full, so that a new count cannot be forgotten here.
+        // All fields are named, so that a new count cannot be forgotten here.
         let Counts { sent, delivered, lost, duplicated, overflowed, expired, refused, bytes } = *c;
         numbers[1 + i * 8..][..8]
             .copy_from_slice(&[sent, delivered, lost, duplicated, overflowed, expired, refused, bytes]);
@@ -327,7 +337,7 @@ mod tests {
         let mut file = CounterFile::create(dir.path(), ME.0, ME.1).unwrap();
         file.write(&counters(1)).unwrap();
         file.write(&counters(2)).unwrap();
-        // Generation 3 lies in slot 1; tear it.
+        // Generation 3 is in slot 1; tear it.
         file.file.write_all_at(&[0xFF; 40], HEADER as u64 + SLOT as u64).unwrap();
         assert_eq!(CounterFile::read(dir.path(), ME.0, ME.1).unwrap(), Some(counters(1)));
         file.file.write_all_at(&[0xFF; 40], HEADER as u64).unwrap();

@@ -1,6 +1,6 @@
-//! Which process it is, and whether it is still alive.
+//! The identity of a process, and whether it is alive.
 //!
-//! A pid alone is no identity, because pids are used again; a pid with the process's start time is.
+//! A pid alone is no identity, because pids are reused; a pid with the start time of its process is.
 
 use rustix::process::{Pid, getpid, getppid};
 use serde::{Deserialize, Serialize};
@@ -14,30 +14,36 @@ use std::sync::Arc;
 pub struct Identity {
     /// The process id.
     pub pid: i32,
-    /// When it started, in clock ticks since boot.
+    /// The time of its start, in clock ticks since boot.
     pub start: u64,
 }
 
 impl Identity {
-    /// This process.
+    /// Returns the identity of this process.
+    ///
+    /// # Errors
+    /// If the process cannot be inspected.
     pub fn own() -> io::Result<Identity> {
         let pid = getpid().as_raw_nonzero().get();
         Identity::of(pid)?.ok_or_else(|| io::Error::other("this process is not in /proc; is /proc mounted?"))
     }
 
-    /// The process that has this pid now, if any.
+    /// Returns the process that has this pid now; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the process cannot be inspected.
     pub fn of(pid: i32) -> io::Result<Option<Identity>> {
         match fs::read_to_string(format!("/proc/{pid}/stat")) {
             Ok(stat) => Ok(start_time(&stat).map(|start| Identity { pid, start })),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
-            // ESRCH: it ended while being read.
+            // ESRCH: the process ended during the read.
             Err(e) if e.raw_os_error() == Some(rustix::io::Errno::SRCH.raw_os_error()) => Ok(None),
             Err(e) => Err(e),
         }
     }
 
-    /// Whether this very process is still alive (a zombie, which its parent has not waited for yet, is not).
-    /// One that cannot be inspected counts as alive: it belongs to another user.
+    /// True if this very process is alive. A zombie, for which its parent has not waited yet, is not. A
+    /// process that cannot be inspected belongs to another user and counts as alive.
     pub fn is_alive(&self) -> bool {
         match fs::read_to_string(format!("/proc/{}/stat", self.pid)) {
             Ok(stat) => start_time(&stat) == Some(self.start) && !matches!(state(&stat), Some('Z' | 'X')),
@@ -48,18 +54,18 @@ impl Identity {
         }
     }
 
-    /// Whether this very process is alive and stopped by a signal.
+    /// True if this very process is alive and stopped by a signal.
     pub fn is_stopped(&self) -> bool {
         let stat = fs::read_to_string(format!("/proc/{}/stat", self.pid)).unwrap_or_default();
         start_time(&stat) == Some(self.start) && state(&stat) == Some('T')
     }
 
-    /// The pid as the type that system calls take.
+    /// Returns the pid as the type that system calls take.
     pub fn as_pid(&self) -> Option<Pid> {
         Pid::from_raw(self.pid)
     }
 
-    /// As one line of text, the inverse of parsing it.
+    /// Returns the identity as one line of text, the inverse of parsing it.
     pub fn to_line(&self) -> String {
         format!("{} {}\n", self.pid, self.start)
     }
@@ -75,7 +81,7 @@ impl FromStr for Identity {
     }
 }
 
-/// The fields after the command name, which may itself hold spaces and brackets.
+/// Returns the fields after the command name, which may itself contain spaces and brackets.
 fn fields(stat: &str) -> Option<std::str::SplitAsciiWhitespace<'_>> {
     Some(stat.rsplit_once(')')?.1.split_ascii_whitespace())
 }
@@ -88,7 +94,10 @@ fn start_time(stat: &str) -> Option<u64> {
 }
 
 /// Makes a write beyond the limit of file sizes (`ulimit -f`) fail with EFBIG, where SIGXFSZ would end this
-/// process. A program that this process starts has the usual behaviour again.
+/// process. Programs that this process starts keep the default behaviour.
+///
+/// # Errors
+/// If the signal handler cannot be installed.
 pub fn survive_file_limits() -> io::Result<()> {
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default()).map(drop)
 }
@@ -102,9 +111,9 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// Remembers whom to watch. Unless this process may outlive its controller for a while, asks the
-    /// kernel besides to kill it when its parent dies; watching is for when the parent is not the
-    /// controller (a debugger, a wrapper) or died just before.
+    /// Remembers the controller. Unless this process may outlive it for a while, the kernel is asked as well
+    /// to kill this process when its parent dies; watching covers a parent that is not the controller (a
+    /// debugger, a wrapper) or that died just before.
     pub fn new(controller: Identity, may_outlive: bool) -> Guard {
         let is_parent = getppid().map(|p| p.as_raw_nonzero().get()) == Some(controller.pid);
         let death = Some(rustix::process::Signal::KILL);
@@ -120,12 +129,12 @@ impl Guard {
         Guard { controller, is_parent, is_signalled }
     }
 
-    /// Whether the kernel ends this process with its controller, so that looking is only a precaution.
+    /// True if the kernel ends this process with its controller, so that watching is only a precaution.
     pub fn is_signalled(&self) -> bool {
         self.is_signalled
     }
 
-    /// Whether the controller is gone, so that this process must end.
+    /// True if the controller is gone, so that this process must end.
     pub fn controller_is_gone(&self) -> bool {
         if self.is_parent {
             getppid().map(|p| p.as_raw_nonzero().get()) != Some(self.controller.pid)

@@ -1,15 +1,15 @@
-//! What a run is called. The name is its directory under /dev/shm and, with an underscore, the
-//! prefix of every shared-memory file of it, so that runs never meet.
+//! The name of a run. It is the name of its directory under /dev/shm and, with an underscore, the prefix of
+//! all its shared-memory files, so that runs do not interfere.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Where run directories are: memory, not a disk (setting up on a disk is six times slower).
+/// The parent of run directories: memory, since setting up on a disk takes six times as long.
 pub const HOME: &str = "/dev/shm";
-/// What every run's name starts with.
+/// The prefix of every run's name.
 pub const MARK: &str = "mm";
-/// Length of a run's name. Short, because socket paths end at 108 bytes.
+/// Length of a run's name in bytes. Short, because socket paths end at 108 bytes.
 const LENGTH: usize = 12;
 const DIGITS: &[u8; 36] = b"0123456789abcdefghijklmnopqrstuvwxyz";
 
@@ -23,12 +23,15 @@ pub struct RunName(String);
 pub struct RunNameError(String);
 
 impl RunName {
-    /// A name for a run of `user`; `salt` makes it differ from the user's other runs.
+    /// Returns a name for a run of `user`; `salt` makes it differ from the user's other runs.
     pub fn new(user: u32, salt: u64) -> RunName {
         RunName(format!("{MARK}{}{}", base36(user.into(), 4), base36(mix(salt), 6)))
     }
 
-    /// The name of a run from the name of its directory.
+    /// Parses the name of a run's directory.
+    ///
+    /// # Errors
+    /// If it is not the name of a run.
     pub fn parse(name: &str) -> Result<RunName, RunNameError> {
         let good = name.len() == LENGTH
             && name.starts_with(MARK)
@@ -36,7 +39,10 @@ impl RunName {
         if good { Ok(RunName(name.to_owned())) } else { Err(RunNameError(name.to_owned())) }
     }
 
-    /// The name of the run whose directory this is.
+    /// Returns the name of the run whose directory this is.
+    ///
+    /// # Errors
+    /// If the last component is not the name of a run.
     pub fn of_root(root: &Path) -> Result<RunName, RunNameError> {
         let err = || RunNameError(root.display().to_string());
         if root.parent() != Some(Path::new(HOME)) {
@@ -45,12 +51,12 @@ impl RunName {
         RunName::parse(root.file_name().and_then(|n| n.to_str()).ok_or_else(err)?)
     }
 
-    /// The run's directory.
+    /// Returns the run's directory.
     pub fn root(&self) -> PathBuf {
         Path::new(HOME).join(&self.0)
     }
 
-    /// What all shared-memory files of the run start with.
+    /// Returns the prefix of all shared-memory files of the run.
     pub fn prefix(&self) -> String {
         format!("{}_", self.0)
     }

@@ -1,5 +1,5 @@
-//! What all agents of a run share, written once by the controller and read by each agent when it
-//! starts: `swarm.bin` in the run's directory. `MMSW`, a version (2 bytes), then bincode.
+//! The configuration that all agents of a run share, written once by the controller and read by each agent
+//! when it starts: `swarm.bin` in the run's directory. `MMSW`, a version (2 bytes), then bincode.
 
 use crate::clock::Speed;
 use crate::journal_file::Parts;
@@ -16,31 +16,31 @@ use thiserror::Error;
 const MAGIC: [u8; 4] = *b"MMSW";
 /// The version of the layout. Any change of [`SwarmFile`] raises it.
 const VERSION: u16 = 4;
-/// A swarm file is never larger; a length in a damaged file must not eat all memory.
+/// Largest size of the file in bytes; bounds the memory that a damaged length can claim.
 const LIMIT: usize = 256 << 20;
 
-/// What all agents of a run share. `S` is the family's setup.
+/// The configuration that all agents of a run share. `S` is the family's setup.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SwarmFile<S> {
     /// The number of modules.
     pub count: u32,
     /// The seed of the run.
     pub seed: u64,
-    /// How fast scenario time passes at most.
+    /// The highest speed of scenario time.
     pub speed: Speed,
-    /// By how much scenario time agents may be late before the controller slows the clock.
+    /// The lateness of agents, in scenario time, above which the controller slows the clock.
     pub tolerance: Span,
-    /// What links do to messages.
+    /// The effects of links on messages.
     pub link: LinkModel,
-    /// Where agents write their parts of the journal, if one is kept.
+    /// The files of the agents' parts of the journal; `None` if none is kept.
     pub journal: Option<Parts>,
-    /// How long, in milliseconds, an agent goes on without a controller, for one to come back.
+    /// How long an agent waits for a controller to come back (ms of real time).
     pub patience: u32,
     /// The family's own part.
     pub setup: S,
 }
 
-/// Why a swarm file cannot be written or read.
+/// Errors of writing and reading a swarm file.
 #[derive(Debug, Error)]
 pub enum SwarmFileError {
     /// The file cannot be written or read.
@@ -54,21 +54,24 @@ pub enum SwarmFileError {
         "{0} has version {1}; this program reads version {VERSION}: start agents with the controller's own program"
     )]
     Version(PathBuf, u16),
-    /// The content does not fit.
+    /// The content cannot be decoded.
     #[error("{0} is damaged or was written by another program: {1}")]
     Content(PathBuf, String),
-    /// The setup is too large or cannot be written.
+    /// The setup is too large or cannot be encoded.
     #[error("the setup of the swarm cannot be written: {0}")]
     Encode(String),
 }
 
-/// The swarm file of the run in `root`.
+/// Returns the path of the swarm file of the run in `root`.
 pub fn path(root: &Path) -> PathBuf {
     root.join("swarm.bin")
 }
 
 impl<S: Serialize> SwarmFile<S> {
     /// Writes the file; readers see all of it or none.
+    ///
+    /// # Errors
+    /// If the setup cannot be encoded, or the file cannot be written.
     pub fn write(&self, root: &Path) -> Result<(), SwarmFileError> {
         let mut bytes = MAGIC.to_vec();
         bytes.extend(VERSION.to_le_bytes());
@@ -87,6 +90,9 @@ impl<S: Serialize> SwarmFile<S> {
 
 impl<S: DeserializeOwned> SwarmFile<S> {
     /// Reads the file of the run in `root`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is foreign, damaged or of another version.
     pub fn read(root: &Path) -> Result<SwarmFile<S>, SwarmFileError> {
         let path = path(root);
         let bytes = fs::read(&path).map_err(|e| SwarmFileError::Io(path.clone(), e))?;
@@ -149,7 +155,7 @@ mod tests {
     }
 
     proptest! {
-        /// A damaged file is refused or read, never a panic and never a huge allocation.
+        /// A damaged file is refused or read; it causes no panic and no huge allocation.
         #[test]
         fn garbage_never_panics(body in proptest::collection::vec(any::<u8>(), 0..200)) {
             let dir = tempfile::tempdir().unwrap();

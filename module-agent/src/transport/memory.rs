@@ -1,9 +1,8 @@
-//! The transport within one process: bounded queues between threads, or between agents that one thread
-//! steps in turn. It holds as many frames of as many senders as the one over shared memory, and refuses
-//! the next.
+//! The transport within one process: bounded queues between threads, or between agents that one thread steps
+//! in turn. Its bounds on frames and senders are those of the transport over shared memory.
 //!
-//! [`Control`] does from outside what signals do to a process: it stops, continues and kills the owner of an
-//! inbox, at the next operation of its transport. Absent: anything that ends a thread between two of them.
+//! [`Control`] has the effects of signals on a process: it stops, continues and kills the owner of an inbox,
+//! at the next operation of its transport. Not here: ending a thread between two operations.
 
 use crate::clock::monotonic;
 use crate::transport::shared_frame::SharedFrame;
@@ -22,19 +21,19 @@ pub struct MemoryNetwork {
     inboxes: Arc<Mutex<BTreeMap<Address, Arc<Inbox>>>>,
 }
 
-/// Why a sending end within one process cannot be opened.
+/// Errors of opening a sending end within one process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum MemoryError {
     /// There is no such inbox.
     #[error("{0:?} has no inbox")]
     NoInbox(Address),
-    /// The inbox has all of its senders.
+    /// The inbox has no free slot for a sender.
     #[error("the inbox of {0:?} has its {1} senders, and takes no more")]
     NoSlot(Address, usize),
 }
 
 impl MemoryNetwork {
-    /// A network without inboxes.
+    /// Creates a network without inboxes.
     pub fn new() -> MemoryNetwork {
         MemoryNetwork::default()
     }
@@ -57,15 +56,15 @@ impl MemoryNetwork {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // Each change under a lock is whole, also if the thread that made it has panicked since.
+    // Each change under a lock is complete, even if its thread has panicked since.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[derive(Debug)]
 struct Inbox {
-    /// Frames that it holds of each sender.
+    /// Number of frames held of each sender.
     depth: usize,
-    /// Senders that it takes.
+    /// Number of senders admitted.
     slots: usize,
     state: Mutex<State>,
     /// Rung when a sender flushes, and when the owner is stopped, continued or killed.
@@ -76,7 +75,7 @@ struct Inbox {
 struct State {
     frames: VecDeque<(u64, SharedFrame)>,
     senders: BTreeMap<u64, Sender>,
-    /// Senders so far, which gives each its number.
+    /// Number of senders so far, the source of their numbers.
     joined: u64,
     rung: bool,
     closed: bool,
@@ -100,7 +99,7 @@ impl State {
         Some(frame)
     }
 
-    /// Gives the slot of a sender back if it is closed and all of its frames are taken.
+    /// Frees the slot of a sender if it is closed and all of its frames are taken.
     fn forget(&mut self, sender: u64) {
         if self.senders.get(&sender).is_some_and(|s| !s.open && s.waiting == 0) {
             self.senders.remove(&sender);
@@ -133,7 +132,7 @@ pub struct MemoryTransport {
 }
 
 impl MemoryTransport {
-    /// What stops, continues, kills and wakes the owner of this inbox.
+    /// Returns the control over the owner of this inbox.
     pub fn control(&self) -> Control {
         Control { inbox: Arc::clone(&self.inbox) }
     }
@@ -190,7 +189,7 @@ impl Drop for MemoryTransport {
 /// The sending end towards one inbox.
 #[derive(Debug)]
 pub struct MemoryLink {
-    /// The sender's own inbox: stopped or killed, it sends nothing.
+    /// The inbox of the sender: while its owner is stopped or killed, nothing is sent.
     from: Arc<Inbox>,
     to: Arc<Inbox>,
     sender: u64,
@@ -232,7 +231,7 @@ impl Drop for MemoryLink {
     }
 }
 
-/// Acts on the owner of an inbox from outside.
+/// Control over the owner of an inbox from outside.
 #[derive(Clone, Debug)]
 pub struct Control {
     inbox: Arc<Inbox>,
@@ -260,7 +259,7 @@ impl Control {
         self.inbox.ring();
     }
 
-    /// Whether the owner was killed.
+    /// True if the owner was killed.
     pub fn is_killed(&self) -> bool {
         lock(&self.inbox.state).killed
     }
@@ -300,7 +299,7 @@ mod tests {
             assert_eq!(one.send(frame(n)), SendStatus::Sent);
         }
         assert_eq!((one.send(frame(99)), other.send(frame(100))), (SendStatus::Full, SendStatus::Sent));
-        // What a closed sender has sent still arrives, and gives its slot back.
+        // The frames of a closed sender still arrive, and then free its slot.
         drop(one);
         assert_eq!(lock(&b.inbox.state).senders.len(), 2);
         let taken: Vec<u8> = std::iter::from_fn(|| first(b.receive().unwrap())).collect();
@@ -369,7 +368,7 @@ mod tests {
                 let taken = b.receive().unwrap();
                 (first(taken), b)
             });
-            // Sent while the receiver cannot have looked.
+            // Sent at a time when the receiver cannot have looked.
             assert_eq!(link.send(frame(7)), SendStatus::Sent);
             control.resume();
             let (taken, mut b) = taken.join().unwrap();

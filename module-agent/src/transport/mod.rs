@@ -1,14 +1,14 @@
-//! What carries frames between the agents of a swarm and its controller: one trait, and one folder or file
-//! for each implementation. [`iceoryx`] joins processes by shared memory; [`memory`] joins agents within one
-//! process, for tests and for users of the library.
+//! The transports of frames between the agents of a swarm and its controller: one trait, and one folder or
+//! file for each implementation. [`iceoryx`] connects processes by shared memory; [`memory`] connects agents
+//! within one process, for tests and for users of the library.
 //!
-//! A transport is one receiving end, its inbox, with the means to open sending ends, one for each receiver.
-//! A sending end costs memory and descriptors, which a large swarm does not have for all of its agents at a
-//! time, so it is a value that its user opens and drops.
+//! A transport is one receiving end, its inbox, with the means to open sending ends, one for each receiver. A
+//! sending end costs memory and descriptors, too many for a large swarm to keep all of them open, so it is a
+//! value that its user opens and drops.
 //!
-//! Sending never blocks, and a frame that was taken is not acknowledged: a receiver that is dead or stopped
-//! takes frames until its inbox is full. Frames of one sending end arrive in order. Absent: sequence numbers,
-//! check sums and retries, which are the work of both ends (`process`).
+//! Sending never blocks, and a taken frame is not acknowledged: a receiver that is dead or stopped takes
+//! frames until its inbox is full. Frames of one sending end arrive in order. Not here: sequence numbers,
+//! check sums and retries, which both ends add (`process`).
 
 pub mod iceoryx;
 pub mod memory;
@@ -22,12 +22,12 @@ use std::fmt::Debug;
 use std::time::Duration;
 use thiserror::Error;
 
-/// Frames of each sender that an agent's inbox holds.
+/// Number of frames of each sender that an agent's inbox holds.
 pub const INBOX_DEPTH: usize = 32;
-/// Senders that an agent's inbox takes beside one for each port: the controller, and dead ones until they
-/// are reaped. Each costs every agent 4.4 kB of shared memory.
+/// Number of senders that an agent's inbox admits beside one per port: the controller, and dead ones until
+/// they are reaped. Each costs every agent 4.4 kB of shared memory.
 pub const INBOX_SPARE: usize = 10;
-/// Frames of each agent that the controller's inbox holds.
+/// Number of frames of each agent that the controller's inbox holds.
 pub const REPORTS_DEPTH: usize = 16;
 
 /// One incarnation of one module.
@@ -42,10 +42,10 @@ pub enum Address {
     Controller(u32),
 }
 
-/// What became of one frame at its sender.
+/// The fate of one frame at its sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SendStatus {
-    /// It lies in the receiver's inbox.
+    /// It is in the receiver's inbox.
     Sent,
     /// The receiver's inbox is full.
     Full,
@@ -64,7 +64,7 @@ pub trait Link: Debug {
 
 /// One inbox, and the means to reach others.
 pub trait Transport {
-    /// A sending end.
+    /// The type of its sending ends.
     type Link: Link;
 
     /// Opens a sending end.
@@ -73,7 +73,7 @@ pub trait Transport {
     /// [`ConnectError::Unreachable`] if the receiver has no inbox (any more).
     fn connect(&mut self, to: Address) -> Result<Self::Link, ConnectError>;
 
-    /// Takes the next frame out of the inbox; `None` if it is empty. Nothing in the frame is checked.
+    /// Takes the next frame out of the inbox, unchecked; `None` if the inbox is empty.
     ///
     /// # Errors
     /// If the inbox has failed for good.
@@ -94,13 +94,13 @@ pub trait Transport {
     .free >> 10, .needed >> 10
 )]
 pub struct SpaceShortage {
-    /// Bytes that are needed.
+    /// Number of bytes needed.
     pub needed: u64,
-    /// Bytes that are free.
+    /// Number of bytes free.
     pub free: u64,
 }
 
-/// Why a sending end cannot be opened.
+/// Errors of opening a sending end.
 #[derive(Debug, Error)]
 pub enum ConnectError {
     /// The receiver has no inbox (any more).
@@ -109,12 +109,12 @@ pub enum ConnectError {
     /// Too little memory is free.
     #[error(transparent)]
     OutOfSpace(SpaceShortage),
-    /// The inbox is there, but cannot be used.
+    /// The inbox exists, but cannot be used.
     #[error(transparent)]
     Failed(Box<dyn Error + Send + Sync>),
 }
 
-/// Why an inbox fails for good.
+/// Errors of an inbox that has failed for good.
 #[derive(Debug, Error)]
 pub enum TransportError {
     /// Frames cannot be read.

@@ -1,16 +1,16 @@
-//! What a transport carries: the bytes of a [`Frame`], and what the transport itself says about them, which
-//! the link model does not touch.
+//! The unit of a transport: the bytes of a [`Frame`] with the transport's own data, which the link model does
+//! not touch.
 //!
-//! It is the one type that lies in shared memory. `Frame` knows nothing of iceoryx2; this wrapper gives it
-//! the name under which all processes of a run must agree on the layout. Every bit pattern is valid, and
-//! nothing in it is trusted before [`Frame::open`] has checked it.
+//! It is the only type in shared memory. `Frame` is independent of iceoryx2; this wrapper gives it the name
+//! under which all processes of a run must agree on the layout. Every bit pattern is valid, and nothing in it
+//! is trusted before [`Frame::open`] has checked it.
 
 use iceoryx2::prelude::ZeroCopySend;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Frame;
 
-/// Marks a frame that the link model has damaged.
+/// Tag bit of a frame that the link model has damaged.
 const DAMAGED: u8 = 0x80;
 
 /// A frame on its way.
@@ -24,32 +24,32 @@ pub struct SharedFrame {
 }
 
 impl SharedFrame {
-    /// Arbitrary bytes, as a foreign or broken writer would leave them.
+    /// Creates a frame of arbitrary bytes, as from a foreign or broken writer.
     pub const fn from_bytes(bytes: [u8; Frame::SIZE]) -> SharedFrame {
         SharedFrame { bytes, sent: [0; 8], tag: 0 }
     }
 
-    /// A frame that goes into a channel at `sent`.
+    /// Creates a frame that enters a channel at `sent`.
     pub fn new(frame: &Frame, sent: Time) -> SharedFrame {
         SharedFrame { bytes: frame.to_bytes(), sent: sent.0.to_le_bytes(), tag: 0 }
     }
 
-    /// The same, of a frame that was sent in this class and has been damaged since.
+    /// Returns the frame marked as damaged; `class` is the class that it was sent in.
     pub fn damaged(self, class: Class) -> SharedFrame {
         SharedFrame { tag: DAMAGED | class.index() as u8, ..self }
     }
 
-    /// The frame, unchecked.
+    /// Returns the frame, unchecked.
     pub fn frame(&self) -> Frame {
         Frame::from_bytes(&self.bytes)
     }
 
-    /// When it was put into the channel, in scenario time.
+    /// Returns when the frame entered the channel, in scenario time.
     pub fn sent(&self) -> Time {
         Time(u64::from_le_bytes(self.sent))
     }
 
-    /// The class that a damaged frame was sent in; `None` if the link has not damaged it.
+    /// Returns the class that a damaged frame was sent in; `None` if the link has not damaged it.
     pub fn damaged_class(&self) -> Option<Class> {
         (self.tag & DAMAGED != 0).then(|| Class::from_index(self.tag & !DAMAGED)).flatten()
     }

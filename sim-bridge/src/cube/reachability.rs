@@ -8,7 +8,7 @@
 //! Simultaneous moves are covered by moves one after the other: each needs the body connected without all
 //! movers.
 //!
-//! Absent: when and by which neighbour a module is recruited; only that the message can reach it at all.
+//! Not here: when and by which neighbour a module is recruited; only that the message can reach it at all.
 
 use crate::director::proof::{Found, RuleSet};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};

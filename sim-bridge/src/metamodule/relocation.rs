@@ -5,7 +5,7 @@
 //! immovable object appears in a seed. [`prospect`] searches for a plan to build the whole goal with the
 //! bodies at their present places: it is used at a standstill, and to prove that the goal cannot be built.
 //!
-//! Absent: telling the swarm, which the director does.
+//! Not here: telling the swarm, which the director does.
 
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};

@@ -1,4 +1,4 @@
-//! The receiving ends of a process: frames come out of channels, and one bell wakes it.
+//! The receiving end of a process: the channels of its frames, and one bell that wakes it.
 
 use crate::transport::TransportError;
 use crate::transport::iceoryx::rendezvous::{
@@ -9,7 +9,7 @@ use iceoryx2::port::listener::ListenerWaitError;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use std::time::Duration;
 
-/// Everything that one process receives.
+/// The inbox of one process.
 #[derive(Debug)]
 pub struct Inbox {
     // Ports before the services that they belong to: fields are dropped in this order.
@@ -21,6 +21,9 @@ pub struct Inbox {
 
 impl Inbox {
     /// Creates the inbox of one incarnation of an agent that has `ports` ports.
+    ///
+    /// # Errors
+    /// If a channel cannot be created.
     pub fn create(
         at: &Rendezvous,
         id: ModuleId,
@@ -31,6 +34,9 @@ impl Inbox {
     }
 
     /// Creates the inbox of a generation of controller: `shards` channels, `senders` agents in each.
+    ///
+    /// # Errors
+    /// If a channel cannot be created.
     pub fn create_for_controller(
         at: &Rendezvous,
         generation: u32,
@@ -47,12 +53,15 @@ impl Inbox {
         Ok(Inbox { subscribers, listener: rendezvous::listen(&bell)?, _services: (frames, bell), next: 0 })
     }
 
-    /// Takes the next frame, unchecked; `None` when all channels are empty.
+    /// Takes the next frame, unchecked; `None` if all channels are empty.
+    ///
+    /// # Errors
+    /// If a channel cannot be read.
     pub fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError> {
         for _ in 0..self.subscribers.len() {
             let subscriber = &self.subscribers[self.next];
-            // A sender that was killed while it attached cannot be connected to. That is reported
-            // once, and the others have been connected by then.
+            // A sender that was killed while it attached cannot be connected to. That is reported once; the
+            // others have been connected by then.
             let sample = subscriber.receive().or_else(|e| {
                 tracing::debug!("a sender could not be connected: {e:?}");
                 subscriber.receive()
@@ -66,11 +75,14 @@ impl Inbox {
         Ok(None)
     }
 
-    /// Blocks until the bell rings or `timeout` has passed. Bells rung before count.
+    /// Blocks until the bell rings or `timeout` has passed. Earlier rings that were not waited for count.
+    ///
+    /// # Errors
+    /// If waiting is not possible.
     pub fn wait(&self, timeout: Duration) -> Result<(), TransportError> {
-        // The socket below counts in microseconds, and waits for ever if there are none.
+        // The socket below counts in microseconds, and would wait for ever on zero.
         match self.listener.timed_wait(|_| {}, timeout.max(Duration::from_micros(1))) {
-            // A signal such as SIGCONT: the caller looks around and waits again.
+            // A signal such as SIGCONT: the caller checks its state and waits again.
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
             Err(e) => Err(TransportError::Wait(format!("{e:?}"))),
         }

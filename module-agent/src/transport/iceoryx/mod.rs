@@ -1,5 +1,5 @@
-//! The transport between processes: iceoryx2, with its discovery, inboxes, outboxes, and what a dead process
-//! leaves behind.
+//! The transport between processes over iceoryx2: discovery, inboxes, outboxes, and cleaning up after dead
+//! processes.
 
 pub mod inbox;
 pub mod outbox;
@@ -28,12 +28,18 @@ pub struct IceoryxTransport {
 
 impl IceoryxTransport {
     /// Creates the inbox of one agent that has `ports` ports.
+    ///
+    /// # Errors
+    /// If a channel cannot be created.
     pub fn agent(at: Rendezvous, agent: AgentKey, ports: usize) -> Result<IceoryxTransport, ChannelError> {
         let inbox = Inbox::create(&at, agent.0, agent.1, ports)?;
         Ok(IceoryxTransport { inbox, owner: agent.0, membership: at })
     }
 
     /// Creates the inbox of a generation of controller: `shards` channels, `senders` agents in each.
+    ///
+    /// # Errors
+    /// If a channel cannot be created.
     pub fn controller(
         at: Rendezvous,
         generation: u32,

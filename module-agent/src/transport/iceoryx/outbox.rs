@@ -8,7 +8,7 @@ use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{Link, SendStatus};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 
-/// Bytes of shared memory that the sending end of a channel takes, with room for other processes that open one.
+/// Shared memory for the sending end of a channel, in bytes, with a margin for other processes that open one.
 const ATTACHING: u64 = 32 << 10;
 
 /// The sending end towards one inbox.
@@ -24,11 +24,17 @@ pub struct Outbox {
 
 impl Outbox {
     /// Opens the sending end to one incarnation of an agent.
+    ///
+    /// # Errors
+    /// If the channel is absent or cannot be used, or too little memory is free.
     pub fn to_agent(at: &Rendezvous, id: ModuleId, incarnation: Incarnation) -> Result<Outbox, ChannelError> {
         Outbox::over(at.open_inbox(id, incarnation)?, at.open_bell(id, incarnation)?)
     }
 
     /// Opens the sending end from agent `id` to a generation of controller.
+    ///
+    /// # Errors
+    /// If the channel is absent or cannot be used, or too little memory is free.
     pub fn to_controller(at: &Rendezvous, id: ModuleId, generation: u32) -> Result<Outbox, ChannelError> {
         Outbox::over(at.open_reports(id, generation)?, at.open_controller_bell(generation)?)
     }
@@ -49,7 +55,7 @@ impl Link for Outbox {
                 if self.frames.dynamic_config().number_of_subscribers() == 0 {
                     SendStatus::Gone
                 } else {
-                    // The receiver is woken for what was sent before.
+                    // Earlier frames still wake the receiver.
                     self.ring = true;
                     SendStatus::Full
                 }

@@ -1,13 +1,13 @@
-//! Gives back what a dead process held in shared memory: its slots in the channels of live processes, and
-//! its files.
+//! Releases the shared memory that a dead process held: its slots in the channels of live processes, and its
+//! files.
 //!
 //! iceoryx2 can do this by itself, but for each port of the dead process it lists all shared memory of the
-//! machine several times, and every process that has a bell which the dead one rang: half a second of work
+//! machine several times, as it does for every process whose bell the dead one rang: half a second of work
 //! for each death in a swarm of 1,000. Here the same code of iceoryx2 is told that connections are in this
 //! process, where there are none, and their files are found by one listing for many deaths.
 //!
-//! Absent: slots at the controller's bell. To give one back, iceoryx2 looks at every process that has a
-//! bell, so the controller's bell has enough slots for all deaths of a run instead
+//! Not here: slots at the controller's bell. To free one, iceoryx2 visits every process that has a bell, so
+//! the controller's bell has enough slots for all deaths of a run instead
 //! ([`crate::transport::iceoryx::rendezvous`]).
 
 use crate::run_dir::run_name::{HOME, RunName, RunNameError};
@@ -60,19 +60,25 @@ pub struct NodeReaper {
     root: PathBuf,
     prefix: String,
     config: Config,
-    /// Ports of dead processes whose files are not removed yet.
+    /// Ports of dead processes whose files have not been removed yet.
     ports: BTreeSet<String>,
 }
 
 impl NodeReaper {
-    /// The reaper of the run in `root`.
+    /// Creates the reaper of the run in `root`.
+    ///
+    /// # Errors
+    /// If `root` is not the directory of a run.
     pub fn of(root: &Path) -> Result<NodeReaper, RunNameError> {
         let run = RunName::of_root(root)?;
         let config = rendezvous::config(&run);
         Ok(NodeReaper { root: root.to_owned(), prefix: run.prefix(), config, ports: BTreeSet::new() })
     }
 
-    /// Gives back the slots of a member of the run, which must be dead.
+    /// Frees the slots of a member of the run, which must be dead.
+    ///
+    /// # Errors
+    /// If its files cannot be read or removed.
     pub fn reap(&mut self, member: u128) -> io::Result<()> {
         let node: UniqueNodeId = bincode::serde::decode_from_slice(
             &member.to_le_bytes(),
@@ -102,7 +108,7 @@ impl NodeReaper {
         Ok(())
     }
 
-    /// The channel with this hash, unless it is the controller's bell.
+    /// Returns the channel with this hash, unless it is the controller's bell.
     fn channel(&self, hash: &str) -> Option<ServiceHash> {
         let path = self.root.join("services").join(format!("{}{hash}.service", self.prefix));
         let text = fs::read_to_string(path).ok()?;
@@ -119,12 +125,15 @@ impl NodeReaper {
         Some(ServiceHash::new::<<Svc as Service>::ServiceNameHasher>(&name, pattern))
     }
 
-    /// Ports whose files wait for [`NodeReaper::clear`].
+    /// Returns the number of ports whose files wait for [`NodeReaper::clear`].
     pub fn waiting(&self) -> usize {
         self.ports.len()
     }
 
     /// Removes the files of all members reaped since the last call. A process that has one open keeps it.
+    ///
+    /// # Errors
+    /// If the files cannot be listed or removed.
     pub fn clear(&mut self) -> io::Result<()> {
         for home in [Path::new(HOME), &self.root] {
             for entry in fs::read_dir(home)? {
@@ -140,7 +149,7 @@ impl NodeReaper {
     }
 }
 
-/// Takes a file that is not there for one that has been removed.
+/// Counts the removal of a missing file as a success.
 fn gone(removed: io::Result<()>) -> io::Result<()> {
     removed.or_else(|e| if e.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
 }

@@ -1,9 +1,9 @@
-//! Where the processes of a run find each other: the iceoryx2 configuration and the names and
-//! quality of service of all channels. Names carry the incarnation, so that a restarted agent does
-//! not have to wait until what its killed predecessor left behind has been cleared away.
+//! The rendezvous of the processes of a run: the iceoryx2 configuration, and the names and quality of service
+//! of all channels. Names carry the incarnation, so that a restarted agent need not wait until the remains of
+//! its killed predecessor are cleared away.
 //!
-//! Absent: the global iceoryx2 configuration, and iceoryx2's own cleaning up after dead processes,
-//! whose cost grows with the square of a swarm. A run's files are removed by name when it ends.
+//! Not here: the global iceoryx2 configuration, and iceoryx2's own cleaning up after dead processes, whose
+//! cost grows with the square of the swarm's size. The files of a run are removed by name when it ends.
 
 use crate::run_dir::run_name::{RunName, RunNameError};
 use crate::transport::iceoryx::service::Svc;
@@ -26,28 +26,28 @@ use thiserror::Error;
 pub type Publisher = publisher::Publisher<Svc, SharedFrame, ()>;
 /// The receiving end of a channel of frames.
 pub type Subscriber = subscriber::Subscriber<Svc, SharedFrame, ()>;
-/// What wakes a process.
+/// The waking end of a wake-up channel.
 pub type Notifier = notifier::Notifier<Svc>;
-/// What a process waits on.
+/// The waiting end of a wake-up channel.
 pub type Listener = listener::Listener<Svc>;
 /// A channel of frames.
 pub type Frames = port_factory::publish_subscribe::PortFactory<Svc, SharedFrame, ()>;
 /// A wake-up channel.
 pub type Wakes = port_factory::event::PortFactory<Svc>;
 
-/// Agents that may die in a run: their slots at the controller's bell are not given back.
+/// Number of agents that may die in a run: their slots at the controller's bell are not freed.
 const CONTROLLER_RINGERS: usize = 20_000;
-/// Agents that share one channel to the controller; the cost of joining grows with their number.
+/// Number of agents that share a channel to the controller; the cost of joining grows with it.
 pub const SHARD: u32 = 1_000;
-/// Bytes of shared memory that a member needs to join and to create its channels.
+/// Shared memory that a member needs to join and to create its channels, in bytes.
 const JOINING: u64 = 64 << 10;
 /// The longest wait for another process to finish creating a service; long, for loaded machines.
 const CREATION_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Why a channel cannot be created or opened.
+/// Errors of creating and opening a channel.
 #[derive(Debug, Error)]
 pub enum ChannelError {
-    /// The directory is not one of a run.
+    /// The directory is not that of a run.
     #[error(transparent)]
     Run(#[from] RunNameError),
     /// Too little shared memory is free.
@@ -61,7 +61,7 @@ pub enum ChannelError {
     CreateFrames {
         /// The channel.
         name: String,
-        /// Why, in the words of iceoryx2.
+        /// The error of iceoryx2.
         cause: publish_subscribe::PublishSubscribeCreateError,
     },
     /// A channel of frames cannot be opened.
@@ -69,7 +69,7 @@ pub enum ChannelError {
     OpenFrames {
         /// The channel.
         name: String,
-        /// Why, in the words of iceoryx2.
+        /// The error of iceoryx2.
         cause: publish_subscribe::PublishSubscribeOpenError,
     },
     /// A wake-up channel cannot be created.
@@ -77,7 +77,7 @@ pub enum ChannelError {
     CreateWakes {
         /// The channel.
         name: String,
-        /// Why, in the words of iceoryx2.
+        /// The error of iceoryx2.
         cause: event::EventCreateError,
     },
     /// A wake-up channel cannot be opened.
@@ -85,7 +85,7 @@ pub enum ChannelError {
     OpenWakes {
         /// The channel.
         name: String,
-        /// Why, in the words of iceoryx2.
+        /// The error of iceoryx2.
         cause: event::EventOpenError,
     },
     /// An end of a channel cannot be created, for example because all its slots are taken.
@@ -93,13 +93,13 @@ pub enum ChannelError {
     Attach {
         /// The channel.
         name: String,
-        /// Why, in the words of iceoryx2.
+        /// The error of iceoryx2.
         cause: String,
     },
 }
 
 impl ChannelError {
-    /// Whether the channel is simply not there (any more).
+    /// True if the channel does not exist, or no longer does.
     pub fn is_absent(&self) -> bool {
         use event::EventOpenError as E;
         use publish_subscribe::PublishSubscribeOpenError as P;
@@ -115,7 +115,7 @@ impl ChannelError {
     }
 }
 
-/// The configuration of iceoryx2 for a run.
+/// Returns the configuration of iceoryx2 for a run.
 pub fn config(run: &RunName) -> Config {
     let mut config = Config::default();
     let root = run.root();
@@ -141,6 +141,9 @@ pub struct Rendezvous {
 
 impl Rendezvous {
     /// Joins the run whose directory is `root`.
+    ///
+    /// # Errors
+    /// If `root` is not the directory of a run, memory is short, or the node cannot be created.
     pub fn join(root: &Path) -> Result<Rendezvous, ChannelError> {
         let run = RunName::of_root(root)?;
         space::require(JOINING)?;
@@ -152,12 +155,15 @@ impl Rendezvous {
         Ok(Rendezvous { node })
     }
 
-    /// The number of this membership, by which it is reaped.
+    /// Returns the number of this membership, by which it is reaped.
     pub fn member(&self) -> u128 {
         self.node.id().value()
     }
 
     /// Creates the channel of frames to one agent that has `ports` ports.
+    ///
+    /// # Errors
+    /// If memory is short, or the channel cannot be created.
     pub fn create_inbox(
         &self,
         id: ModuleId,
@@ -167,10 +173,16 @@ impl Rendezvous {
         self.create_frames(&inbox(id, incarnation), ports + INBOX_SPARE, INBOX_DEPTH)
     }
     /// Opens the channel of frames to one agent.
+    ///
+    /// # Errors
+    /// If the channel is absent or cannot be opened.
     pub fn open_inbox(&self, id: ModuleId, incarnation: Incarnation) -> Result<Frames, ChannelError> {
         self.open_frames(&inbox(id, incarnation))
     }
     /// Creates the wake-up channel of one agent that has `ports` ports.
+    ///
+    /// # Errors
+    /// If the channel cannot be created.
     pub fn create_bell(
         &self,
         id: ModuleId,
@@ -180,10 +192,16 @@ impl Rendezvous {
         self.create_wakes(&bell(id, incarnation), ports + INBOX_SPARE)
     }
     /// Opens the wake-up channel of one agent.
+    ///
+    /// # Errors
+    /// If the channel is absent or cannot be opened.
     pub fn open_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
         self.open_wakes(&bell(id, incarnation))
     }
     /// Creates one channel from agents to this generation of controller, for `senders` agents at a time.
+    ///
+    /// # Errors
+    /// If memory is short, or the channel cannot be created.
     pub fn create_reports(
         &self,
         shard: u32,
@@ -193,14 +211,23 @@ impl Rendezvous {
         self.create_frames(&reports(shard, generation), senders, REPORTS_DEPTH)
     }
     /// Opens the channel by which this agent reaches a generation of controller.
+    ///
+    /// # Errors
+    /// If the channel is absent or cannot be opened.
     pub fn open_reports(&self, id: ModuleId, generation: u32) -> Result<Frames, ChannelError> {
         self.open_frames(&reports(id.0 / SHARD, generation))
     }
     /// Creates the wake-up channel of this generation of controller, for `senders` agents at a time.
+    ///
+    /// # Errors
+    /// If the channel cannot be created.
     pub fn create_controller_bell(&self, generation: u32, senders: usize) -> Result<Wakes, ChannelError> {
         self.create_wakes(&controller_bell(generation), senders + CONTROLLER_RINGERS)
     }
     /// Opens the wake-up channel of a generation of controller.
+    ///
+    /// # Errors
+    /// If the channel is absent or cannot be opened.
     pub fn open_controller_bell(&self, generation: u32) -> Result<Wakes, ChannelError> {
         self.open_wakes(&controller_bell(generation))
     }
@@ -246,13 +273,19 @@ impl Rendezvous {
     }
 }
 
-/// The receiving end of a channel of frames.
+/// Creates the receiving end of a channel of frames.
+///
+/// # Errors
+/// If all slots of the channel are taken.
 pub fn subscribe(frames: &Frames) -> Result<Subscriber, ChannelError> {
     use iceoryx2::prelude::PortFactory as _;
     frames.subscriber_builder().create().map_err(|e| ChannelError::attach(frames.name().as_str(), e))
 }
 
-/// The sending end of a channel of frames. Never blocks: what does not fit is refused.
+/// Creates the sending end of a channel of frames. It never blocks: frames that do not fit are refused.
+///
+/// # Errors
+/// If memory is short, or all slots of the channel are taken.
 pub fn publish(frames: &Frames) -> Result<Publisher, ChannelError> {
     use iceoryx2::prelude::PortFactory as _;
     frames
@@ -263,13 +296,19 @@ pub fn publish(frames: &Frames) -> Result<Publisher, ChannelError> {
         .map_err(|e| ChannelError::attach(frames.name().as_str(), e))
 }
 
-/// The waiting end of a wake-up channel.
+/// Creates the waiting end of a wake-up channel.
+///
+/// # Errors
+/// If all slots of the channel are taken.
 pub fn listen(wakes: &Wakes) -> Result<Listener, ChannelError> {
     use iceoryx2::prelude::PortFactory as _;
     wakes.listener_builder().create().map_err(|e| ChannelError::attach(wakes.name().as_str(), e))
 }
 
-/// The waking end of a wake-up channel.
+/// Creates the waking end of a wake-up channel.
+///
+/// # Errors
+/// If all slots of the channel are taken.
 pub fn ring(wakes: &Wakes) -> Result<Notifier, ChannelError> {
     use iceoryx2::prelude::PortFactory as _;
     wakes.notifier_builder().create().map_err(|e| ChannelError::attach(wakes.name().as_str(), e))
@@ -280,7 +319,7 @@ const CONTROLLER_BELL: &str = "ev/controller/";
 fn controller_bell(generation: u32) -> String {
     format!("{CONTROLLER_BELL}{generation}")
 }
-/// Whether a channel of this name is the bell of some generation of controller.
+/// True if a channel of this name is the bell of some generation of controller.
 pub(crate) fn is_controller_bell(name: &str) -> bool {
     name.starts_with(CONTROLLER_BELL)
 }
@@ -300,8 +339,8 @@ fn service_name(name: &str) -> ServiceName {
     ServiceName::new(name).unwrap()
 }
 
-/// iceoryx2 writes to standard error by itself. What matters comes back as values, so it is quiet
-/// unless it was asked not to be.
+/// Sets the verbosity of iceoryx2, which writes to standard error by itself. Its relevant results come back
+/// as values, so it is quiet unless `verbose`.
 pub fn set_verbosity(verbose: bool) {
     use iceoryx2::prelude::{LogLevel, set_log_level};
     set_log_level(if verbose { LogLevel::Warn } else { LogLevel::Fatal });

@@ -1,10 +1,10 @@
-//! The variant of iceoryx2 that the processes of a run use: shared memory between processes, but with the one
-//! segment that every user of the machine could write in the run's directory.
+//! The variant of iceoryx2 that the processes of a run use: shared memory between processes, except for the
+//! one segment that every user of the machine could write, which is in the run's directory.
 //!
-//! iceoryx2 gives the counter that the numbers of members are made from mode 0666, because members of a run
-//! may belong to several users. In a run of this program they never do, and in `/dev/shm` a stranger could
-//! cut that segment, so that the next process that looks at it dies. A file in the run's directory, which
-//! has mode 0700, is out of reach whatever its own mode is, from the moment it is made.
+//! iceoryx2 gives mode 0666 to the counter from which it makes the numbers of members, because members may
+//! belong to several users. In a run of this program they never do, and in `/dev/shm` another user could
+//! truncate that segment, which ends the next process that reads it. A file in the run's directory, which has
+//! mode 0700, is out of reach whatever its own mode is, from its creation on.
 
 use iceoryx2::prelude::{ZeroCopySend, ipc};
 use iceoryx2::service::Service;

@@ -1,10 +1,10 @@
-//! Free shared memory. iceoryx2 only sets the size of a segment; the system gives it pages when they are first
-//! written, and a write for which it has none ends the process by SIGBUS. So free space is checked before a
-//! segment is created, and the few segments that are not written as a whole at once get all their pages
-//! before anything relies on them ([`allocate`]).
+//! Free shared memory. iceoryx2 only sets the size of a segment; the system gives it pages on first write,
+//! and a write without a free page ends the process by SIGBUS. So free space is checked before a segment is
+//! created, and the few segments that are not written as a whole at once get all their pages before they are
+//! relied on ([`allocate`]).
 //!
-//! Between the check and the first write another program can take the space. That window is microseconds
-//! long; a process that is hit in it dies of SIGBUS, and its supervisor says so.
+//! Another program can take the space between the check and the first write. That window is microseconds
+//! long; a process hit in it dies of SIGBUS, and its supervisor reports so.
 
 use crate::run_dir::run_name::{HOME, RunName};
 use crate::transport::SpaceShortage;
@@ -15,17 +15,23 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 
-/// Bytes in a block of [`MetadataExt::blocks`].
+/// Number of bytes in a block of [`MetadataExt::blocks`].
 const BLOCK: u64 = 512;
 
-/// Bytes of shared memory that are free.
+/// Returns the number of bytes of free shared memory.
+///
+/// # Errors
+/// If the file system cannot be inspected.
 pub fn free() -> io::Result<u64> {
     let fs = statvfs(HOME)?;
     Ok(fs.f_bavail.saturating_mul(fs.f_frsize))
 }
 
-/// Checks that `needed` bytes of shared memory are free. If that cannot be found out, it counts as enough:
-/// the attempt to use them says what is wrong.
+/// Checks that `needed` bytes of shared memory are free. If that cannot be determined, the check passes: the
+/// attempt to use them reports the failure.
+///
+/// # Errors
+/// If fewer bytes are free.
 pub fn require(needed: u64) -> Result<(), SpaceShortage> {
     match free() {
         Ok(free) if free < needed => Err(SpaceShortage { needed, free }),
@@ -34,12 +40,15 @@ pub fn require(needed: u64) -> Result<(), SpaceShortage> {
 }
 
 /// Gives every segment of the run that this process maps all of its pages.
+///
+/// # Errors
+/// If the memory is exhausted.
 pub fn allocate(run: &RunName) -> io::Result<()> {
     let prefix = format!("{HOME}/{}", run.prefix());
     let maps = fs::read_to_string("/proc/self/maps")?;
     let mapped = |line: &str| {
         let start = line.find(&prefix)?;
-        // A segment that has been removed meanwhile is marked after its name.
+        // The name of a removed segment ends with this mark.
         (!line.ends_with(" (deleted)")).then(|| PathBuf::from(&line[start..]))
     };
     for path in maps.lines().filter_map(mapped).collect::<BTreeSet<_>>() {
