@@ -1,5 +1,5 @@
-//! What starts agents, passes signals on to them and notices their ends, as one trait: processes of this
-//! machine (`supervisor`), or threads (`memory`). Absent: when to do so, which the controller loop decides.
+//! The launcher: starts agents, passes signals on and notices their ends, as one trait for processes of this
+//! machine (`supervisor`) and threads (`memory`). Not here: when to do so, which the controller loop decides.
 
 use crate::console::shutdown::Urgency;
 use crate::swarm::outcome::SwarmError;
@@ -9,26 +9,25 @@ use metamorph_module_agent::transport::{AgentKey, Transport};
 use rustix::process::Signal;
 use std::io;
 
-/// What the launcher tells the controller. At most two for each incarnation, two for each stop from outside,
-/// and two more.
+/// Events of the launcher. At most two for each incarnation, two for each stop from outside, and two more.
 #[derive(Debug)]
 pub enum Event {
-    /// It could not be started.
+    /// An agent could not be started.
     SpawnFailed(AgentKey, io::Error),
-    /// It has ended.
+    /// An agent has ended.
     Exited {
-        /// Which incarnation.
+        /// The agent.
         agent: AgentKey,
         /// How it ended, in words.
         how: String,
-        /// The signal that ended it, if it was one.
+        /// The signal that ended it; `None` if none did.
         signal: Option<i32>,
-        /// The end of what it wrote to standard error.
+        /// The end of its standard error.
         stderr_tail: String,
     },
-    /// A signal that this controller did not send has stopped it.
+    /// An agent was stopped by a signal that this controller did not send.
     Stopped(AgentKey, i32),
-    /// It goes on after that, not by this controller.
+    /// An agent goes on after such a stop, not by this controller.
     Continued(AgentKey),
     /// The run is to end early.
     Shutdown(Urgency),
@@ -36,34 +35,34 @@ pub enum Event {
 
 /// Starts, signals and reaps agents. Dropping it ends all of them.
 pub trait Launcher {
-    /// Starts an incarnation of an agent, which says hello to the controller.
+    /// Starts an incarnation of an agent, which then sends a hello to the controller.
     fn start(&mut self, agent: AgentKey);
 
-    /// Sends a signal: SIGKILL, SIGSTOP or SIGCONT. One that has ended does not get it.
+    /// Sends a signal: SIGKILL, SIGSTOP or SIGCONT. An agent that has ended does not get it.
     fn signal(&mut self, agent: AgentKey, signal: Signal);
 
-    /// Gives back what an agent that has ended still holds.
+    /// Releases the resources of an agent that has ended.
     fn reap(&mut self, agent: AgentKey);
 
-    /// The next event, if there is one. Every event also wakes the controller's transport.
+    /// Returns the next event, if any. Every event also wakes the controller's transport.
     ///
     /// # Errors
     /// If the launcher itself has failed.
     fn event(&mut self) -> Result<Option<Event>, SwarmError>;
 
-    /// What an agent has counted; `None` if it never started.
+    /// Returns the counters of an agent; `None` if it never started.
     ///
     /// # Errors
-    /// With the reason, if its counters cannot be read.
+    /// Returns the reason why its counters cannot be read.
     fn counters(&self, agent: AgentKey) -> Result<Option<AgentCounters>, String>;
 }
 
-/// One way to run a swarm: what carries frames, what starts agents, and what tells the time.
+/// One way to run a swarm.
 pub trait Backend {
-    /// What carries frames.
+    /// The transport of frames.
     type Transport: Transport;
-    /// What starts agents.
+    /// The launcher of agents.
     type Launcher: Launcher;
-    /// What tells the time.
+    /// The source of time.
     type Clock: ClockSource;
 }

@@ -1,24 +1,23 @@
-//! The controller's links to its agents. Each costs descriptors, of which there are not enough for all
-//! agents of a large swarm, so a link is opened when there is a message for it, and those that have not
-//! been used for longest are closed. Messages that an agent has not taken would be lost with its link, so it
-//! is asked first (`Process::leave`).
+//! The controller's links to its agents. Each costs descriptors, too many for all agents of a large swarm, so
+//! a link is opened when there is a message for it, and those unused for longest are closed. A link takes the
+//! messages that its agent has not taken with it, so the agent is asked first (`Process::leave`).
 //!
-//! Absent: links from agents to the controller, which stay open; and any limit for swarms that are small
-//! enough to do without.
+//! Not here: links from agents to the controller, which stay open. Swarms small enough to keep all links open
+//! have no limit.
 
 use crate::swarm::outcome::SwarmError;
 use metamorph_module_agent::transport::{Address, AgentKey, ConnectError, Transport};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::rc::Rc;
 
-/// Descriptors that the controller has open for each agent that is alive: its process, and the two
-/// files of its reports.
+/// Number of descriptors that the controller holds for each live agent: its process, and the two files of its
+/// reports.
 const AGENT: u64 = 3;
-/// Descriptors of one link to an agent.
+/// Number of descriptors of one link to an agent.
 const LINK: u64 = 10;
-/// Descriptors of the controller itself.
+/// Number of descriptors of the controller itself.
 const OWN: u64 = 256;
-/// Links that a swarm of any size can have open at a time.
+/// Number of links that a swarm of any size can have open at a time.
 const FEWEST: u64 = 64;
 
 /// One link to an agent.
@@ -33,15 +32,15 @@ pub struct AgentLink<L> {
 }
 
 impl<L> AgentLink<L> {
-    /// The agent has been asked what it has taken.
+    /// Notes that the agent has been asked which messages it has taken.
     pub fn ask(&mut self) {
         self.leaving = Some(Rc::clone(&self.open.leaving));
     }
-    /// Whether it has been asked and has not answered.
+    /// True if the agent has been asked and has not answered.
     pub fn is_asked(&self) -> bool {
         self.leaving.is_some()
     }
-    /// It has answered. Returns whether it had been asked.
+    /// Notes an answer of the agent. Returns true if it had been asked.
     pub fn answer(&mut self) -> bool {
         self.leaving.take().is_some()
     }
@@ -54,7 +53,7 @@ struct LinkCount {
     leaving: Rc<()>,
 }
 
-/// How many links there are, and may be.
+/// The number of links, and its limit.
 #[derive(Debug)]
 pub struct Links {
     most: usize,
@@ -62,18 +61,18 @@ pub struct Links {
 }
 
 impl Links {
-    /// The limit that the descriptors left by `agents` agents allow.
+    /// Returns the limit that the descriptors left by `agents` agents allow.
     pub fn of(agents: u64) -> Links {
         let left = allowed().saturating_sub(OWN + agents * AGENT);
         Links { most: (left / LINK).max(FEWEST).min(agents) as usize, counted: LinkCount::default() }
     }
 
-    /// Whether one more may be opened.
+    /// True if one more link may be opened.
     pub fn has_room(&self) -> bool {
         self.open() < self.most
     }
 
-    /// How many should be closed soon, so that there is room before it is needed.
+    /// Returns the number of links to close soon, so that there is room before it is needed.
     pub fn too_many(&self, agents: usize) -> usize {
         let staying = self.open() - (Rc::strong_count(&self.counted.leaving) - 1 - self.open());
         if agents <= self.most || staying * 4 < self.most * 3 { 0 } else { staying - self.most / 2 }
@@ -98,20 +97,22 @@ fn allowed() -> u64 {
     getrlimit(Resource::Nofile).maximum.unwrap_or(u64::MAX)
 }
 
-/// The most descriptors that this process may open, and the modules of a run for which they are enough.
+/// Returns the most descriptors that this process may open, and the number of modules for which they suffice.
 pub fn descriptor_limit() -> (u64, u64) {
     let allowed = allowed();
     (allowed, (allowed.saturating_sub(OWN + FEWEST * LINK) / AGENT).min(super::MODULE_LIMIT as u64))
 }
 
-/// Allows this process as many descriptors as the controller of `agents` agents needs, and as many as it
-/// can use if there are.
+/// Raises the limit of descriptors of this process to what the controller of `agents` agents can use.
+///
+/// # Errors
+/// If the limit stays below what it needs.
 pub fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
     let (least, useful) = (OWN + agents * AGENT + FEWEST * LINK, OWN + agents * (AGENT + LINK));
     let limit = getrlimit(Resource::Nofile);
     let hard = limit.maximum.unwrap_or(u64::MAX);
     if hard < useful {
-        // Privileged users may raise it; others go on with what they have.
+        // Privileged users may raise the hard limit; for others it stays.
         let raised = Rlimit { current: Some(useful), maximum: Some(useful) };
         match setrlimit(Resource::Nofile, raised) {
             Ok(()) => return Ok(()),

@@ -2,7 +2,7 @@
 //! and the controller loop are those of a swarm of processes, without shared memory, files and signals.
 //!
 //! A thread is stopped, continued and killed at its next operation on a link, so a kill does not end an agent
-//! that computes without end. Absent: a controller that can be killed and replaced.
+//! in an endless computation. Not here: a controller that can be killed and replaced.
 
 use crate::console::shutdown::{Shutdown, Urgency};
 use crate::swarm::controller_loop::{ControllerLoop, Services};
@@ -45,9 +45,9 @@ impl<A: Agent> Backend for Threads<A> {
     type Clock = MemoryClock;
 }
 
-/// Runs a swarm of threads until its director finishes it or a shutdown is asked for. The same as
-/// [`run_swarm`](crate::swarm::run_swarm), but for the options that are about processes and files:
-/// `program`, `program_args`, `verbose`, `watcher`, `patience` and `root` have no effect.
+/// Runs a swarm of threads until its director finishes it or a shutdown is asked for. Like
+/// [`run_swarm`](crate::swarm::run_swarm), except for the options about processes and files: `program`,
+/// `program_args`, `verbose`, `watcher`, `patience` and `root` have no effect.
 ///
 /// # Errors
 /// If the swarm cannot be started, or its controller cannot go on.
@@ -103,7 +103,7 @@ where
     ControllerLoop::new(options, services, world, director, begun).run()
 }
 
-/// One agent's thread.
+/// The thread of one agent.
 struct AgentThread {
     control: Control,
     handle: JoinHandle<Result<(), AgentError>>,
@@ -111,7 +111,7 @@ struct AgentThread {
 
 /// Starts agents as threads of this process.
 struct ThreadLauncher<A: Agent> {
-    /// What all agents are told, with the key of none in particular.
+    /// The configuration of all agents; its key is a placeholder.
     config: AgentConfig<A::Setup>,
     journal: Option<Parts>,
     network: MemoryNetwork,
@@ -120,14 +120,14 @@ struct ThreadLauncher<A: Agent> {
     counters: BTreeMap<AgentKey, SharedCounters>,
     ended: Sender<AgentKey>,
     ends: Receiver<AgentKey>,
-    /// Starts that failed and are not told yet.
+    /// Failed starts that have not been reported yet.
     failed: Vec<(AgentKey, io::Error)>,
     controller: Control,
     shutdown: Shutdown,
     told: Urgency,
 }
 
-/// Tells the launcher that a thread has ended, however it does.
+/// Reports the end of a thread to the launcher, however the thread ends.
 struct TellsEnd {
     agent: AgentKey,
     ended: Sender<AgentKey>,
@@ -136,7 +136,7 @@ struct TellsEnd {
 
 impl Drop for TellsEnd {
     fn drop(&mut self) {
-        // The launcher may be gone, and then asks no more.
+        // If the launcher is gone, the event is not needed.
         let _ = self.ended.send(self.agent);
         self.controller.wake();
     }
@@ -224,7 +224,7 @@ impl<A: Agent> Drop for ThreadLauncher<A> {
     }
 }
 
-/// How a thread has ended, in the words for processes.
+/// Returns the event for the end of a thread, in the words used for processes.
 fn exited(agent: AgentKey, thread: AgentThread) -> Event {
     let killed = thread.control.is_killed();
     let (how, signal, stderr_tail) = match thread.handle.join() {
@@ -239,7 +239,7 @@ fn exited(agent: AgentKey, thread: AgentThread) -> Event {
     Event::Exited { agent, how, signal, stderr_tail }
 }
 
-/// The text of a panic.
+/// Returns the text of a panic.
 fn said(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().copied();
     text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or_default().to_owned()

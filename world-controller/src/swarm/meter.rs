@@ -1,5 +1,5 @@
-//! How many messages the agents of a run have sent so far, for display: each agent writes its counters to a
-//! file before the messages that they count are visible to others, and here they are added up.
+//! The number of messages that the agents of a run have sent so far, for display: the sum of their counter
+//! files, which each agent writes before the messages become visible to others.
 
 use super::SwarmOptions;
 use crate::console::stopwatch::Stopwatch;
@@ -8,12 +8,12 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// The least time between two readings.
+/// The shortest time between two readings.
 const EVERY: Duration = Duration::from_secs(1);
-/// The time between two readings in durations of one reading: reading costs a fiftieth of a core at most.
+/// The same in durations of one reading, which limits the cost to a fiftieth of a core.
 const REST: u32 = 50;
 
-/// Reads counter files now and then.
+/// Reads the counter files at intervals.
 #[derive(Debug)]
 pub struct Meter {
     root: Arc<OnceLock<PathBuf>>,
@@ -23,17 +23,17 @@ pub struct Meter {
 }
 
 impl Meter {
-    /// For the run that is made with these options.
+    /// Creates the meter of the run with these options.
     pub fn new(options: &SwarmOptions) -> Meter {
         Meter { root: Arc::clone(&options.root), read: None, rest: Duration::ZERO, sent: None }
     }
 
-    /// Messages sent, as of the last reading.
+    /// Returns the number of messages sent, as of the last reading.
     pub fn sent(&mut self) -> Option<u64> {
         let root = self.root.get()?;
         if self.read.is_none_or(|read| read.elapsed() >= self.rest) {
             let begun = Stopwatch::start();
-            // What cannot be read now is said at the end, when it matters.
+            // An error here is ignored; it is reported at the end of the run, when it matters.
             self.sent = counter_file::sent(root).ok().or(self.sent);
             self.rest = (begun.elapsed() * REST).max(EVERY);
             self.read = Some(Stopwatch::start());

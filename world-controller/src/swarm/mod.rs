@@ -1,9 +1,9 @@
-//! A swarm of agents that run by themselves, with this process as its controller.
+//! A swarm of agents that run on their own, with this process as their controller.
 //!
-//! [`run_swarm`] drives any world and any director with one process per agent, real time and real
-//! signals; [`run_in_memory`] does so with one thread per agent. The calling thread owns the world, the
-//! director and all links, which cannot change threads (`controller_loop`). Absent: decisions about the
-//! run, which are the director's, and knowledge of which family of units it runs.
+//! [`run_swarm`] drives any world and any director with one process per agent, real time and real signals;
+//! [`run_in_memory`] does so with one thread per agent. The calling thread owns the world, the director and
+//! all links, which cannot change threads (`controller_loop`). Not here: decisions about the run, which the
+//! director takes, and knowledge of the family.
 
 mod controller_loop;
 mod launcher;
@@ -45,49 +45,49 @@ use std::sync::atomic::AtomicU32;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// How a swarm is run.
+/// The options of a swarm.
 #[derive(Clone, Debug)]
 pub struct SwarmOptions {
     /// The program of the agents' processes.
     pub program: PathBuf,
-    /// What comes before an agent's own arguments, such as the name of a subcommand.
+    /// The arguments before an agent's own, such as the name of a subcommand.
     pub program_args: Vec<OsString>,
     /// The seed of the run.
     pub seed: u64,
-    /// How fast scenario time passes, unless agents cannot keep up.
+    /// The speed of scenario time, unless agents cannot keep up.
     pub speed: Speed,
-    /// By how much scenario time agents may be late before time passes more slowly. It should be small
-    /// against the timeouts of the protocol.
+    /// The lateness of agents, in scenario time, above which time passes more slowly. It should be small
+    /// against the time-outs of the protocol.
     pub tolerance: Span,
     /// The present speed in parts of [`FULL`]; for display.
     pub share: Arc<AtomicU32>,
-    /// What links do to messages.
+    /// The effects of links on messages.
     pub link: LinkModel,
-    /// Whether agents log to this process's standard error. Otherwise it is kept, and the end of it
-    /// reported for agents that crash.
+    /// True if agents log to this process's standard error. Otherwise it is kept, and its end is reported for
+    /// agents that crash.
     pub verbose: bool,
-    /// Asks the swarm to end before its director does.
+    /// Requests the end of the swarm before its director does.
     pub shutdown: Shutdown,
-    /// Whether SIGINT, SIGTERM and SIGHUP ask the swarm to end, see [`Interrupt`].
+    /// True if SIGINT, SIGTERM and SIGHUP request the end of the swarm, see [`Interrupt`].
     pub catch_signals: bool,
-    /// A program and its arguments that carry out [`watch`]: it removes what this process leaves in shared
-    /// memory if it is killed. Without it, the next run does.
+    /// A program with arguments that calls [`watch`]: it removes what this process leaves in shared memory
+    /// when it is killed. Without it, the next run does.
     pub watcher: Option<(PathBuf, Vec<OsString>)>,
-    /// Where agents write their parts of the journal, if one is kept.
+    /// The location of the agents' parts of the journal; `None` if none is kept.
     pub journal: Option<Parts>,
-    /// How long agents wait for a controller to come back after theirs was killed. Zero without a
-    /// journal, from which alone it could.
+    /// How long agents wait for a controller to come back after theirs was killed (real time). Zero without a
+    /// journal, which a new controller needs.
     pub patience: Duration,
-    /// Where the run's directory is, as soon as it has one; for display.
+    /// The run's directory, as soon as it exists; for display.
     pub root: Arc<OnceLock<PathBuf>>,
-    /// How long it may take until one more agent has started.
+    /// How long the start of one more agent may take.
     pub setup_timeout: Duration,
-    /// How long it may take until one more agent has stopped, before the rest are killed.
+    /// How long the stop of one more agent may take, before the rest are killed.
     pub stop_timeout: Duration,
 }
 
 impl SwarmOptions {
-    /// Agents of this program; real time, perfect links, nothing caught.
+    /// Returns options for agents of this program: real time, perfect links, no signals caught.
     pub fn new(program: PathBuf) -> SwarmOptions {
         SwarmOptions {
             program,
@@ -110,7 +110,7 @@ impl SwarmOptions {
     }
 }
 
-/// The most modules of one run on one machine; pids and descriptors end soon after.
+/// The most modules of one run on one machine; pids and descriptors run out soon after.
 pub const MODULE_LIMIT: usize = 16_000;
 
 fn catch_signals(options: &SwarmOptions) -> Result<(), SwarmError> {

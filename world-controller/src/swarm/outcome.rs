@@ -1,4 +1,4 @@
-//! What a swarm of processes came to, and why one could not be run.
+//! The outcome of a swarm of processes, and the errors that keep one from running.
 
 use metamorph_module_agent::run_dir::counter_file::AgentCounters;
 use metamorph_module_agent::run_dir::swarm_file::SwarmFileError;
@@ -19,19 +19,19 @@ use super::run_dir::RunDirError;
 /// A process that ended by an error of its own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Crash {
-    /// Which module.
+    /// The module.
     pub id: ModuleId,
-    /// Which incarnation of it.
+    /// Its incarnation.
     pub incarnation: Incarnation,
-    /// When.
+    /// When it ended.
     pub at: Time,
     /// How it ended, in words.
     pub how: String,
-    /// The end of what it wrote to standard error.
+    /// The end of its standard error.
     pub stderr_tail: String,
 }
 
-/// What a swarm came to.
+/// The outcome of a swarm.
 #[derive(Clone, Debug, Default)]
 pub struct SwarmOutcome {
     /// Protocol messages of all incarnations of all agents.
@@ -40,17 +40,17 @@ pub struct SwarmOutcome {
     pub left: [u64; Class::ALL.len()],
     /// Messages by class that may be lost with links that were closed while the receiver was stopped.
     pub loose: [u64; Class::ALL.len()],
-    /// Incarnations that did not end in order, so that messages under way to and from them are not counted.
+    /// Number of incarnations that did not end in order: messages in transit to and from them are not counted.
     pub unclosed: u64,
-    /// By how much the clock was slowed.
+    /// How the clock was slowed.
     pub slowed: Slowed,
-    /// Frames that no member of the run wrote.
+    /// Number of frames that no member of the run wrote.
     pub foreign: u64,
-    /// How often agents woke up.
+    /// Number of wake-ups of agents.
     pub wakes: u64,
-    /// Actions, percepts and sensed contacts.
+    /// Number of actions, percepts and sensed contacts.
     pub body_messages: u64,
-    /// Orders and reports.
+    /// Number of orders and reports.
     pub control_messages: u64,
     /// Real time until all agents were up.
     pub setup: Duration,
@@ -58,32 +58,32 @@ pub struct SwarmOutcome {
     pub wall: Duration,
     /// Scenario time at the end.
     pub end: Time,
-    /// Modules started at least once.
+    /// Number of modules started at least once.
     pub launched: u32,
-    /// Modules alive when the run was finished.
+    /// Number of modules alive when the run was finished.
     pub alive: u32,
-    /// Incarnations begun after the first.
+    /// Number of incarnations after the first.
     pub restarted: u32,
-    /// Processes killed on the director's command.
+    /// Number of processes killed on the director's command.
     pub killed: u32,
-    /// What was done to processes from outside: kills, stops, and ends of these stops.
+    /// Number of interventions from outside: kills, stops, and ends of these stops.
     pub external: u32,
     /// Processes that ended by themselves.
     pub crashes: Vec<Crash>,
     /// Incarnations whose counters could not be read back, with the reason.
     pub missing_counters: Vec<String>,
-    /// What each incarnation of an agent has counted.
+    /// The message counts of each incarnation of an agent.
     pub accounts: Vec<(ModuleId, Incarnation, Tally)>,
-    /// Records that agents could not write to the journal.
+    /// Number of records that agents could not write to the journal.
     pub unrecorded: u64,
-    /// Whether a shutdown was asked for before the director had finished.
+    /// True if a shutdown was asked for before the director had finished.
     pub interrupted: bool,
-    /// Why the swarm was ended before, if shared memory ran short.
+    /// Why the swarm was ended early, if shared memory ran short.
     pub shortage: Option<String>,
 }
 
 impl SwarmOutcome {
-    /// Adds what one incarnation of an agent has counted, if its counters could be read.
+    /// Adds the counters of one incarnation of an agent, if they could be read.
     pub fn count(
         &mut self,
         id: ModuleId,
@@ -110,36 +110,36 @@ impl SwarmOutcome {
     }
 }
 
-/// Why a swarm could not be run.
+/// Errors that keep a swarm from running.
 #[derive(Debug, Error)]
 pub enum SwarmError {
-    /// No modules, or more than one machine holds.
+    /// No modules, or more than a machine can hold.
     #[error("a swarm of {0} modules cannot be run as processes; the least is 1, the most is {limit}", limit = super::MODULE_LIMIT)]
     Size(usize),
-    /// Not enough file descriptors.
+    /// Too few file descriptors.
     #[error(
         "this swarm needs {needed} open files, but only {allowed} are allowed, and asking for more was refused ({why}); raise the hard limit (ulimit -Hn, or LimitNOFILE of the service) or use fewer modules"
     )]
     Descriptors {
-        /// How many.
+        /// The number needed.
         needed: u64,
         /// The hard limit.
         allowed: u64,
         /// Why it could not be raised.
         why: io::Error,
     },
-    /// Not enough shared memory.
+    /// Too little shared memory.
     #[error("this swarm needs about {needed} MB in {home}, but only {available} MB are free; give it more (mount -o remount,size=..., docker: --shm-size) or use fewer modules", home = metamorph_module_agent::run_dir::run_name::HOME)]
     Space {
-        /// How many megabytes.
+        /// Megabytes needed.
         needed: u64,
-        /// How many are free.
+        /// Megabytes free.
         available: u64,
     },
-    /// Files may not become large enough.
+    /// The limit of file sizes is too low.
     #[error("this swarm needs files of {needed} kB in {home}, and the limit of file sizes (ulimit -f) is lower; raise it or use fewer modules", home = metamorph_module_agent::run_dir::run_name::HOME)]
     FileSize {
-        /// How many kilobytes.
+        /// Kilobytes needed.
         needed: u64,
     },
     /// Signals cannot be caught.
@@ -148,7 +148,7 @@ pub enum SwarmError {
     /// The process that cleans up if this one is killed cannot be started.
     #[error("cannot start the process that cleans up if this one is killed: {0}")]
     Watcher(io::Error),
-    /// No shared memory at all.
+    /// Shared memory cannot be used.
     #[error("cannot use {home}: {0}; processes need it to talk to each other", home = metamorph_module_agent::run_dir::run_name::HOME)]
     NoSharedMemory(io::Error),
     /// This process cannot say who it is.
@@ -175,21 +175,21 @@ pub enum SwarmError {
     /// An agent's process cannot be started.
     #[error("cannot start the process of module {id} ({program}): {cause}")]
     Spawn {
-        /// Which module.
+        /// The module.
         id: ModuleId,
         /// Its program.
         program: PathBuf,
-        /// Why.
+        /// The cause.
         cause: String,
     },
     /// An agent ended while the swarm was set up.
     #[error("module {id} {how} before the run began; it said:\n{stderr_tail}")]
     DiedEarly {
-        /// Which module.
+        /// The module.
         id: ModuleId,
         /// How it ended, in words.
         how: String,
-        /// The end of what it wrote to standard error.
+        /// The end of its standard error.
         stderr_tail: String,
     },
     /// Agents did not come up in time.
@@ -197,11 +197,11 @@ pub enum SwarmError {
         "{missing} of {count} agents were not up, and none came up for {seconds} s; is the machine overloaded?"
     )]
     SetupTimeout {
-        /// How many were missing.
+        /// Number of missing agents.
         missing: usize,
-        /// How many there should be.
+        /// Number of agents in the swarm.
         count: usize,
-        /// How long was waited for one more.
+        /// How long the wait for one more lasted (s).
         seconds: u64,
     },
 }

@@ -1,14 +1,14 @@
-//! How fast scenario time passes: as fast as the scenario asks for, unless the machine is too busy for its
+//! The speed of scenario time: the one that the scenario asks for, unless the machine is too busy for its
 //! agents to keep up.
 //!
 //! The controller promises scenario time to all agents in short slices (the clock page), and before each
-//! slice looks at how late agents and itself have been. Lateness counts in scenario time: 20 ms are nothing
-//! for a move of a second, and too much for a move of 20 ms. Where it exceeds what the run tolerates, time
-//! passes more slowly, in proportion; where there is none, slowly faster again. Messages sent and wake-ups
-//! due before time was last slowed say nothing about the new speed and are not judged.
+//! slice looks at its own lateness and that of the agents. Lateness counts in scenario time: 20 ms are
+//! negligible for a move of a second, and too much for a move of 20 ms. While it exceeds the tolerance of the
+//! run, time passes more slowly, in proportion; without lateness, it slowly speeds up again. Messages sent
+//! and wake-ups due before time was last slowed say nothing about the new speed and are not judged.
 //!
-//! An agent that is stopped or hangs takes nothing, and so is not late and does not slow the run. A
-//! controller that is late itself promises nothing, and time stands still until it goes on.
+//! An agent that is stopped or hangs takes no input, so it is not late and does not slow the run. A
+//! controller that is late itself promises no time, which stands still until it goes on.
 
 use metamorph_module_agent::clock::lateness::Late;
 use metamorph_module_agent::clock::page::Page;
@@ -20,24 +20,24 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// One slice of promised time, in nanoseconds of real time.
+/// Length of one slice of promised time (ns of real time).
 const SLICE: u64 = 25_000_000;
 /// Full speed, in the unit that speeds are set in.
 pub const FULL: u32 = 1_000_000;
-/// The least speed that lateness can bring about: a thousandth.
+/// The lowest speed that lateness can cause: a thousandth.
 const LEAST: u32 = FULL / 1_000;
-/// By how much time may be slowed at once: to a quarter.
+/// Largest divisor of the speed in one step.
 const STEEPEST: u64 = 4;
-/// How much faster time may pass in the next slice where no agent is late: by a thirtieth, so twice as fast
-/// after half a second.
+/// Inverse of the relative increase of speed in a slice in which no agent is late: twice as fast after half a
+/// second.
 const RECOVERY: u32 = 30;
 
-/// By how much the clock of a run was slowed.
+/// How the clock of a run was slowed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slowed {
     /// The mean speed of scenario time, as a share of the scenario's.
     pub factor: f64,
-    /// The least speed that was set, as a share of the scenario's.
+    /// The lowest speed that was set, as a share of the scenario's.
     pub lowest: f64,
     /// Real time that passed at less than the scenario's speed.
     pub time: Duration,
@@ -60,17 +60,20 @@ pub struct Pace<C> {
     share: Arc<AtomicU32>,
     /// When time was last slowed.
     slowed_at: Time,
-    /// The worst since the last slice.
+    /// The worst lateness since the last slice.
     worst: Option<Late>,
-    /// When slices began to be promised, and the scenario time then.
+    /// When the first slice was promised, and the scenario time then.
     begun: Option<(u64, Time)>,
-    /// Nanoseconds of real time at less than full speed.
+    /// Real time at less than full speed (ns).
     below: u64,
     lowest: u32,
 }
 
 impl<C: ClockSource> Pace<C> {
-    /// The clock of a run, as it was created or as another controller left it: it stands still.
+    /// Creates the pace of a clock that is new, or left by another controller: it stands still.
+    ///
+    /// # Errors
+    /// If the clock page cannot be read or written.
     pub fn new(source: C, full: Speed, tolerance: Span, share: Arc<AtomicU32>) -> io::Result<Pace<C>> {
         let page = source.read_page()?;
         share.store(FULL, Ordering::Relaxed);
@@ -88,32 +91,34 @@ impl<C: ClockSource> Pace<C> {
         })
     }
 
-    /// Nanoseconds of real time.
+    /// Returns the real time in nanoseconds.
     pub fn monotonic(&self) -> u64 {
         self.source.monotonic()
     }
 
-    /// The scenario time now.
+    /// Returns the scenario time now.
     pub fn now(&self) -> Time {
         self.page.at(self.monotonic())
     }
 
-    /// How long to wait before looking at the clock again, in order to be there at `time` and to promise
-    /// the next slice.
+    /// Returns how long to wait before the next look at the clock, not to miss `time` or the next slice.
     pub fn until(&self, time: Time) -> Duration {
         let monotonic = self.monotonic();
         let renewal = Duration::from_nanos(self.page.renewal().saturating_sub(monotonic));
         wait(&self.page, self.full, monotonic, time).min(renewal)
     }
 
-    /// Something was taken late.
+    /// Notes an input or a wake-up that was late.
     pub fn late(&mut self, late: Late) {
         if late.since >= self.slowed_at {
             self.worst = Some(late.worse(self.worst));
         }
     }
 
-    /// Promises more time if that is due. The first call lets time begin.
+    /// Promises another slice if one is due. The first call starts time.
+    ///
+    /// # Errors
+    /// If the clock page cannot be written.
     pub fn renew(&mut self) -> io::Result<()> {
         let monotonic = self.monotonic();
         if self.page.renewal() > monotonic {
@@ -136,7 +141,7 @@ impl<C: ClockSource> Pace<C> {
         self.page = self.page.extended(monotonic, SLICE, speed);
     }
 
-    /// The speed of the next slice.
+    /// Returns the speed of the next slice.
     fn share(&mut self) -> u32 {
         let share = self.share.load(Ordering::Relaxed);
         let next = match self.worst.take() {
@@ -152,7 +157,7 @@ impl<C: ClockSource> Pace<C> {
         next
     }
 
-    /// By how much time was slowed up to now.
+    /// Returns how much time has been slowed so far.
     pub fn slowed(&self) -> Slowed {
         let Some((begun, time)) = self.begun else { return Slowed::default() };
         let monotonic = self.monotonic();
@@ -249,7 +254,7 @@ mod tests {
         drop(first);
         let mut next = pace(FileClock::open_writable(dir.path()).unwrap());
         assert_eq!(next.page.at(u64::MAX), promised);
-        // Once the slice that was promised has begun.
+        // Until the promised slice has begun.
         while next.page.at(u64::MAX) == promised {
             next.renew().unwrap();
             std::thread::yield_now();

@@ -1,9 +1,8 @@
 //! The controller's view of one agent process: its current incarnation, and the messages that wait for it.
 //!
-//! Messages to an agent are reliable and in order. They wait here while the agent's inbox is full,
-//! for example because its process is stopped, and the queue is bounded: first, contact changes
-//! that a later one of the same port has overtaken are dropped, and if that is not enough the
-//! process counts as unresponsive.
+//! Messages to an agent are reliable and in order. They wait here while the agent's inbox is full, for
+//! example because its process is stopped. The queue is bounded: first, contact changes superseded by a later
+//! one of the same port are dropped; if that is not enough, the process counts as unresponsive.
 
 use crate::swarm::links::AgentLink;
 use metamorph_module_agent::process::runtime_message::RuntimeMessage;
@@ -16,7 +15,7 @@ use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header, Wire};
 use std::collections::{BTreeSet, VecDeque};
 
-/// Messages that may wait for one agent.
+/// Number of messages that may wait for one agent.
 pub const QUEUE_LIMIT: usize = 4_096;
 /// The first and the longest wait before a full inbox is tried again, in nanoseconds.
 const RETRY: (u64, u64) = (1_000_000, 200_000_000);
@@ -24,7 +23,7 @@ const RETRY: (u64, u64) = (1_000_000, 200_000_000);
 /// One message to an agent.
 #[derive(Clone, Debug)]
 pub enum ControlMessage<A: Agent> {
-    /// About life cycle and contacts.
+    /// Life cycle or contacts.
     Runtime(RuntimeMessage<A::Place>),
     /// From the body.
     Percept(A::Percept),
@@ -32,53 +31,53 @@ pub enum ControlMessage<A: Agent> {
     Order(A::Order),
 }
 
-/// Where a process is in its life cycle.
+/// The stage of a process in its life cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Not started, or dead.
     Absent,
-    /// Started, but not heard from yet.
+    /// Started, but not heard of yet.
     Starting,
-    /// Up, waiting for the beginning.
+    /// Up, waiting to begin.
     Up,
-    /// Started under an earlier controller, and not heard from since.
+    /// Started under an earlier controller, and not heard of since.
     Lost,
     /// Its agent has started.
     Running,
-    /// The run is over, and it sends nothing more.
+    /// The run is over, and the agent sends no more.
     Silent,
 }
 
-/// One module's process.
+/// The process of one module.
 pub struct Process<A: Agent, L> {
-    /// Which module.
+    /// The module.
     pub id: ModuleId,
     /// The current or latest incarnation.
     pub incarnation: Incarnation,
-    /// Where this incarnation is in its life cycle.
+    /// The stage of this incarnation.
     pub stage: Stage,
-    /// Whether its end was asked for.
+    /// True if the process is to end.
     pub condemned: bool,
     /// Why the driver itself had to kill it.
     pub verdict: Option<&'static str>,
-    /// Whether it is to be started again as soon as it is dead.
+    /// True if it is restarted as soon as it is dead.
     pub restart: bool,
-    /// Whether it is stopped by a signal of this controller.
+    /// True if it is stopped by a signal of this controller.
     pub paused: bool,
-    /// When it was last told to go on after it had been stopped.
+    /// When it was last continued after a stop.
     pub resumed_at: Time,
-    /// Whether it was stopped from outside.
+    /// True if it was stopped from outside.
     pub halted: bool,
     /// The next sequence number that it will use.
     pub expected: u32,
     /// Actions and reports of this incarnation that earlier controllers have taken.
     pub heard: u32,
-    /// Whether it is listed among the processes for which messages wait.
+    /// True if it is in the list of processes with waiting messages.
     pub listed: bool,
     link: Option<AgentLink<L>>,
     queue: VecDeque<ControlMessage<A>>,
-    /// All messages of earlier controllers to this incarnation, from its beginning on, until it says how many
-    /// it has taken.
+    /// All messages of earlier controllers to this incarnation, from its beginning on, until it reports how
+    /// many it has taken.
     backlog: VecDeque<ControlMessage<A>>,
     sequence: u32,
     retry_at: u64,
@@ -86,7 +85,7 @@ pub struct Process<A: Agent, L> {
 }
 
 impl<A: Agent, L: Link> Process<A, L> {
-    /// A module without a process.
+    /// Returns a module without a process.
     pub fn new(id: ModuleId) -> Process<A, L> {
         Process {
             id,
@@ -110,18 +109,18 @@ impl<A: Agent, L: Link> Process<A, L> {
         }
     }
 
-    /// Its current or latest incarnation.
+    /// Returns its current or latest incarnation.
     pub fn key(&self) -> AgentKey {
         (self.id, self.incarnation)
     }
 
-    /// An incarnation begins.
+    /// Begins an incarnation.
     pub fn launch(&mut self, incarnation: Incarnation) {
         let listed = self.listed;
         *self = Process { incarnation, stage: Stage::Starting, listed, ..Process::new(self.id) };
     }
 
-    /// An incarnation goes on to which earlier controllers have sent `backlog`.
+    /// Takes over an incarnation to which earlier controllers have sent `backlog`.
     pub fn take_over(&mut self, incarnation: Incarnation, heard: u32, backlog: VecDeque<ControlMessage<A>>) {
         let listed = self.listed;
         *self = Process { incarnation, stage: Stage::Lost, heard, backlog, listed, ..Process::new(self.id) };
@@ -132,7 +131,7 @@ impl<A: Agent, L: Link> Process<A, L> {
         self.say_aside(RuntimeMessage::Return, now);
     }
 
-    /// Sends a message out of sequence. Returns whether it was sent.
+    /// Sends a message out of sequence. Returns true if it was sent.
     fn say_aside(&mut self, message: RuntimeMessage<A::Place>, now: Time) -> bool {
         let Some(AgentLink { link, .. }) = &mut self.link else { return false };
         let frame = seal::<A>(&ControlMessage::Runtime(message), self.id, u32::MAX);
@@ -141,10 +140,10 @@ impl<A: Agent, L: Link> Process<A, L> {
         status == SendStatus::Sent
     }
 
-    /// When the link to the process was last used, if it is open and could be closed.
+    /// Returns when the link to the process was last used; `None` if it is closed or has to stay open.
     pub fn idle_since(&self) -> Option<u64> {
         let link = self.link.as_ref()?;
-        // A process that is stopped would not answer.
+        // A stopped process would not answer.
         let idle =
             self.stage == Stage::Running && self.queue.is_empty() && !self.is_stopped() && !link.is_asked();
         idle.then_some(link.used)
@@ -159,7 +158,7 @@ impl<A: Agent, L: Link> Process<A, L> {
         }
     }
 
-    /// It has taken all messages before this number. The link to it is closed if those are all.
+    /// Notes that it has taken all messages before this number. The link is closed if those are all.
     pub fn has_taken(&mut self, expected: u32) {
         let Some(link) = &mut self.link else { return };
         if link.answer() && self.queue.is_empty() && expected == self.sequence {
@@ -167,8 +166,8 @@ impl<A: Agent, L: Link> Process<A, L> {
         }
     }
 
-    /// It has turned to this controller and expects the message of this number. Messages from there on are
-    /// sent again. `false` if there cannot be such a message.
+    /// Notes that it has turned to this controller and expects the message of this number. Messages from
+    /// there on are sent again. Returns false if there cannot be such a message.
     pub fn found(&mut self, expected: u32) -> bool {
         if expected as usize > self.backlog.len() {
             return false;
@@ -181,19 +180,19 @@ impl<A: Agent, L: Link> Process<A, L> {
         true
     }
 
-    /// The link to the process is open.
+    /// Sets the open link to the process.
     pub fn connect(&mut self, link: AgentLink<L>) {
         self.link = Some(link);
     }
-    /// Whether messages wait for it, but it has no link.
+    /// True if messages wait for it, but it has no link.
     pub fn needs_link(&self) -> bool {
         self.link.is_none()
             && !self.queue.is_empty()
             && matches!(self.stage, Stage::Up | Stage::Running | Stage::Silent)
     }
 
-    /// It has taken all messages and sends nothing more. The link to it is closed, since other processes may
-    /// wait for theirs.
+    /// Notes that it has taken all messages and sends no more. The link is closed, as other processes may
+    /// need one.
     pub fn fall_silent(&mut self) {
         self.stage = Stage::Silent;
         if self.queue.is_empty() {
@@ -201,12 +200,12 @@ impl<A: Agent, L: Link> Process<A, L> {
         }
     }
 
-    /// Whether it is stopped, by this controller or from outside.
+    /// True if it is stopped, by this controller or from outside.
     pub fn is_stopped(&self) -> bool {
         self.paused || self.halted
     }
 
-    /// The incarnation has ended; messages that waited for it are void.
+    /// Ends the incarnation and drops the messages that waited for it.
     pub fn end(&mut self) {
         self.stage = Stage::Absent;
         self.link = None;
@@ -214,7 +213,7 @@ impl<A: Agent, L: Link> Process<A, L> {
         (self.paused, self.halted) = (false, false);
     }
 
-    /// Queues a message. `false` if too many wait, which happens only if the process does not run.
+    /// Queues a message. Returns false if too many wait, which happens only if the process does not run.
     pub fn tell(&mut self, message: ControlMessage<A>) -> bool {
         if self.queue.len() >= QUEUE_LIMIT {
             self.drop_overtaken();
@@ -241,8 +240,8 @@ impl<A: Agent, L: Link> Process<A, L> {
         self.queue = kept;
     }
 
-    /// Sends what fits. Returns when to try again, in nanoseconds of CLOCK_MONOTONIC, if something
-    /// is left. Nothing is sent in [`Stage::Lost`]: the agent's next sequence number is not known yet.
+    /// Sends the messages that fit. Returns when to try again, in nanoseconds of CLOCK_MONOTONIC, if any is
+    /// left. Nothing is sent in [`Stage::Lost`]: the agent's next sequence number is not known yet.
     pub fn flush(&mut self, now: u64, time: Time) -> Option<u64> {
         let AgentLink { link, used, .. } = self.link.as_mut()?;
         if self.queue.is_empty() || self.stage == Stage::Lost {
@@ -272,7 +271,7 @@ impl<A: Agent, L: Link> Process<A, L> {
         Some(self.retry_at)
     }
 
-    /// The next flush tries at once, because the process was just told to go on.
+    /// Makes the next flush try at once, because the process was just continued.
     pub fn hurry(&mut self) {
         self.retry_at = 0;
     }
@@ -351,7 +350,7 @@ mod tests {
             assert!(process.tell(contact(revision)));
             assert!(process.queue.len() <= QUEUE_LIMIT);
         }
-        // What is left ends with the newest change of each port, in order.
+        // The rest ends with the latest change of each port, in order.
         process.drop_overtaken();
         let left: Vec<u32> = process
             .queue

@@ -1,4 +1,4 @@
-//! A swarm of processes of this machine: one per agent over iceoryx2, in a run directory of its own, and
+//! A swarm of processes on this machine: one per agent over iceoryx2, in a run directory of its own,
 //! supervised by a second thread with tokio.
 
 use crate::swarm::controller_loop::{ControllerLoop, Services};
@@ -24,11 +24,11 @@ use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use std::sync::Arc;
 
-/// Dead agents of one shard that may wait to be reaped while others are started in their place. A restart
-/// beyond that fails, and is reported as a crash that says so.
+/// Number of dead agents of one shard that may wait to be reaped while others are started in their place. A
+/// restart beyond it fails, and is reported as a crash with this reason.
 const UNREAPED: usize = 1_000;
 
-/// Processes of this machine.
+/// Processes on this machine.
 enum Processes {}
 
 impl Backend for Processes {
@@ -37,12 +37,11 @@ impl Backend for Processes {
     type Clock = FileClock;
 }
 
-/// Runs a swarm until its director finishes it or a shutdown is asked for, and leaves nothing
-/// behind: no process, no shared memory, no file. What earlier runs of this user left when they
-/// were killed is removed first.
+/// Runs a swarm until its director finishes it or a shutdown is asked for, and leaves nothing behind: no
+/// process, no shared memory, no file. Leftovers of this user's earlier, killed runs are removed first.
 ///
-/// Blocks for the whole run, so it must not be called from asynchronous code. A panic in the world
-/// or the director ends the swarm on its way out.
+/// Blocks for the whole run, so it must not be called from asynchronous code. A panic in the world or the
+/// director ends the swarm on its way out.
 ///
 /// # Errors
 /// If the swarm cannot be started, or its controller cannot go on.
@@ -89,8 +88,7 @@ where
     ControllerLoop::new(options, services, world, director, begun).run()
 }
 
-/// Goes on with a swarm whose controller was killed, from what its journal says of it. Otherwise the
-/// same as [`run_swarm`].
+/// Goes on with a swarm whose controller was killed, from its journal. Otherwise like [`run_swarm`].
 ///
 /// # Errors
 /// If the swarm cannot be taken over, or its controller cannot go on.

@@ -1,4 +1,4 @@
-//! A thread that reaps dead agents ([`NodeReaper`]), so that neither launches nor the controller loop wait for it.
+//! A thread that reaps dead agents ([`NodeReaper`]), so that launches and the controller loop need not wait.
 
 use crate::swarm::outcome::SwarmError;
 use metamorph_module_agent::pid_file;
@@ -12,9 +12,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Files of dead agents are removed after this long without a death.
+/// Time without a death after which the files of dead agents are removed.
 const QUIET: Duration = Duration::from_millis(500);
-/// Ports of dead agents whose files are removed together: finding them costs as much for one as for all.
+/// Number of ports of dead agents whose files are removed together: one search finds the files of all.
 const TOGETHER: usize = 1_000;
 
 /// The handle on the thread.
@@ -27,6 +27,9 @@ pub struct ReaperThread {
 
 impl ReaperThread {
     /// Starts the thread for the run in `root`.
+    ///
+    /// # Errors
+    /// If the thread cannot be started.
     pub fn start(root: &Path) -> Result<ReaperThread, SwarmError> {
         let reaper = NodeReaper::of(root).map_err(|e| SwarmError::Supervisor(io::Error::other(e)))?;
         let (dead, waiting) = channel();
@@ -36,7 +39,7 @@ impl ReaperThread {
         Ok(ReaperThread { dead: Some(dead), over, thread: Some(thread.map_err(SwarmError::Supervisor)?) })
     }
 
-    /// Reaps an incarnation that has ended. Few wait: later ones find no slot before earlier ones are reaped.
+    /// Reaps an incarnation that has ended. Few wait: a launch needs the slots of those before it.
     pub fn reap(&self, agent: AgentKey) {
         if let Some(dead) = &self.dead
             && dead.send(agent).is_err()
@@ -48,7 +51,7 @@ impl ReaperThread {
 
 impl Drop for ReaperThread {
     fn drop(&mut self) {
-        // Everything else is removed with the run.
+        // All other files are removed with the run.
         self.over.store(true, Ordering::Relaxed);
         self.dead = None;
         if let Some(thread) = self.thread.take()
@@ -89,7 +92,7 @@ impl Work {
 
     fn reap(&mut self, (id, incarnation): AgentKey) -> io::Result<()> {
         let text = std::fs::read_to_string(pid_file(&self.root, id, incarnation))?;
-        // An agent that died before it had joined has left nothing.
+        // An agent that died before it joined leaves nothing.
         text.lines().nth(1).and_then(|line| line.parse().ok()).map_or(Ok(()), |m| self.reaper.reap(m))
     }
 }

@@ -1,7 +1,6 @@
-//! Shared memory that a run holds before it needs it: a file in the run's directory with all its pages. It is
-//! as large as what agents that are not started yet will take, so that a shortage is an error at the start;
-//! and, as long as the run lasts, as what the end of the run needs when something else fills the shared
-//! memory.
+//! Shared memory that a run reserves ahead: a file in the run's directory with all its pages. It is as large
+//! as the needs of the agents not started yet, so that a shortage is an error at the start; and, as long as
+//! the run lasts, of its end, in case something else fills the shared memory.
 
 use crate::swarm::outcome::SwarmError;
 use metamorph_module_agent::transport::SpaceShortage;
@@ -13,29 +12,32 @@ use std::io;
 use std::path::Path;
 
 const NAME: &str = "reserve";
-/// Bytes of shared memory for each agent, and for the run; twice what was measured.
+/// Shared memory for each agent, and for the run, in bytes; twice as much as measured.
 const SPACE: (u64, u64) = (200 << 10, 8 << 20);
-/// Bytes of that for the run which the controller takes at the start.
+/// The part for the run that the controller takes at the start, in bytes.
 const OWN: u64 = SPACE.1 - LAST;
-/// Bytes that are held until the run ends.
+/// The part that is held until the run ends, in bytes.
 const LAST: u64 = 1 << 20;
-/// With fewer bytes free than this, a run ends.
+/// A run ends when fewer bytes than this are free.
 pub const SCARCE: u64 = 512 << 10;
 
-/// The file. It goes with the run's directory. The default holds nothing, for runs without shared memory.
+/// The file, removed with the run's directory. The default holds nothing, for runs without shared memory.
 #[derive(Debug, Default)]
 pub struct Reserve {
     file: Option<File>,
     held: u64,
-    /// Whether the run uses shared memory.
+    /// True if the run uses shared memory.
     shared: bool,
 }
 
 impl Reserve {
-    /// Holds what `agents` agents need.
+    /// Reserves the needs of `agents` agents.
+    ///
+    /// # Errors
+    /// If too little is free, or the limit of file sizes is too low.
     pub fn take(root: &Path, agents: u64) -> Result<Reserve, SwarmError> {
         let held = agents * SPACE.0 + SPACE.1;
-        // An attempt that fails would take everything for a moment, and other programs die of that.
+        // A failed attempt would take all memory for a moment, which may kill other programs.
         match space::free() {
             Ok(free) if free < held => return Err(shortage(held, free)),
             Ok(_) => {}
@@ -49,34 +51,37 @@ impl Reserve {
         Ok(Reserve { file: Some(create().map_err(|e| refused(e, held))?), held, shared: true })
     }
 
-    /// What is left of the reserve of a run that is taken over.
+    /// Returns the rest of the reserve of a run that is taken over.
     pub fn left(root: &Path) -> Reserve {
         let file = File::options().write(true).open(root.join(NAME)).ok();
         let held = file.as_ref().and_then(|file| Some(file.metadata().ok()?.len())).unwrap_or_default();
         Reserve { file, held, shared: true }
     }
 
-    /// Gives back what the controller is about to take.
+    /// Releases the part that the controller is about to take.
     pub fn release_own(&mut self) {
         self.shrink(self.held.saturating_sub(OWN).max(LAST));
     }
 
-    /// Gives back what one agent needs to start. The other half is for its contacts.
+    /// Releases what one agent needs to start. The other half is for its contacts.
     pub fn release_one(&mut self) {
         self.shrink(self.held.saturating_sub(SPACE.0 / 2).max(LAST));
     }
 
-    /// Gives back what all agents need for their contacts.
+    /// Releases what all agents need for their contacts.
     pub fn release_most(&mut self) {
         self.shrink(LAST);
     }
 
-    /// Gives everything back, because the run ends.
+    /// Releases everything, because the run ends.
     pub fn release(&mut self) {
         self.shrink(0);
     }
 
-    /// Checks that shared memory is not about to run out.
+    /// Checks that shared memory does not run out.
+    ///
+    /// # Errors
+    /// If fewer than [`SCARCE`] bytes are free.
     pub fn check(&self) -> Result<(), SpaceShortage> {
         if self.shared { space::require(SCARCE) } else { Ok(()) }
     }
@@ -96,7 +101,7 @@ fn shortage(needed: u64, free: u64) -> SwarmError {
     SwarmError::Space { needed: needed.div_ceil(1 << 20), available: free >> 20 }
 }
 
-/// What it means that the system has refused the controller its part.
+/// Returns the error for a controller that the system refused its part.
 pub fn refused_own(error: io::Error) -> SwarmError {
     refused(error, OWN)
 }

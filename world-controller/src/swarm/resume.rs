@@ -1,5 +1,5 @@
-//! What a controller needs to go on with a swarm that another controller has left, besides its world and
-//! its director: where the run is, when it began, and the messages sent to each agent.
+//! The input of a controller that goes on with a swarm, besides its world and its director: the run's
+//! directory, the time of its beginning, and the messages sent to each agent.
 
 use super::process::ControlMessage;
 use super::run_dir::{RunDir, RunDirError};
@@ -14,61 +14,61 @@ use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// The most bytes of the file that says which run it is.
+/// Largest size of the file that names the run, in bytes.
 const LONGEST: u64 = 1 << 10;
 
-/// Why a run cannot be resumed.
+/// Errors of resuming a run.
 #[derive(Debug, Error)]
 pub enum NotResumable {
-    /// It is not known which run it is.
+    /// The file that names the run cannot be read.
     #[error("{0}: {1}; the controller was killed before the run began, so there is nothing to go on with")]
     NotBegun(PathBuf, io::Error),
     /// The file that names the run is damaged.
     #[error("{0} does not say which run it is")]
     Damaged(PathBuf),
-    /// Its directory cannot be taken over.
+    /// The run's directory cannot be taken over.
     #[error(transparent)]
     Dir(#[from] RunDirError),
-    /// The name is not one of a run.
+    /// The name is not that of a run.
     #[error(transparent)]
     Name(#[from] RunNameError),
 }
 
 /// One incarnation of an agent that is taken over.
 pub struct TakenOver<A: Agent> {
-    /// Which module.
+    /// The module.
     pub id: ModuleId,
-    /// Which incarnation of it.
+    /// Its incarnation.
     pub incarnation: Incarnation,
-    /// Where its body stood when it began.
+    /// The place of its body when it began.
     pub place: A::Place,
-    /// Actions and reports of it that were taken.
+    /// Number of its actions and reports that were taken.
     pub heard: u32,
     /// All messages to it since its beginning.
     pub told: VecDeque<ControlMessage<A>>,
-    /// Whether it was to be killed.
+    /// True if it was to be killed.
     pub condemned: bool,
-    /// Whether it was to be stopped.
+    /// True if it was to be stopped.
     pub paused: bool,
 }
 
-/// What a run's journal says of its agents.
+/// The state of a run's agents, as recorded in its journal.
 pub struct Resumption<A: Agent> {
     /// Scenario time of the last record.
     pub until: Time,
-    /// Every incarnation that was alive then.
+    /// Every incarnation alive then.
     pub lives: Vec<TakenOver<A>>,
     /// The latest incarnation of every module, alive or not.
     pub latest: Vec<Incarnation>,
-    /// Modules that are to be started again.
+    /// Modules that are to be restarted.
     pub awaited: BTreeSet<ModuleId>,
-    /// Whether the run was over but for ending its agents.
+    /// True if only the agents of the run had still to be ended.
     pub finishing: bool,
-    /// What the controller had counted.
+    /// The counts of the controller.
     pub counted: Counted,
 }
 
-/// A run that has lost its controller and that this process has taken over.
+/// A run whose controller is dead and that this process has taken over.
 pub struct Adopted {
     pub(super) dir: RunDir,
     /// CLOCK_MONOTONIC at scenario time zero.
@@ -76,21 +76,24 @@ pub struct Adopted {
 }
 
 /// Takes over the run whose journal is in `parts`. From here on no other process can.
+///
+/// # Errors
+/// If the run is unknown, gone, or has a controller.
 pub fn adopt(parts: &Path) -> Result<Adopted, NotResumable> {
     let (run, epoch) = read_run(parts)?;
     Ok(Adopted { dir: RunDir::adopt(run)?, epoch })
 }
 
-/// What a controller counts by itself.
+/// The counts of the controller itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counted {
-    /// Actions, percepts and sensed contacts.
+    /// Number of actions, percepts and sensed contacts.
     pub body_messages: u64,
-    /// Orders and reports.
+    /// Number of orders and reports.
     pub control_messages: u64,
-    /// Incarnations begun after the first.
+    /// Number of incarnations after the first.
     pub restarted: u32,
-    /// Processes killed on the director's command.
+    /// Number of processes killed on the director's command.
     pub killed: u32,
 }
 
@@ -98,7 +101,10 @@ fn path(parts: &Path) -> PathBuf {
     parts.join("run")
 }
 
-/// Writes down which run the journal in `parts` is of.
+/// Writes the name of the run that the journal in `parts` belongs to.
+///
+/// # Errors
+/// If the file cannot be written.
 pub fn write_run(parts: &Path, root: &Path, epoch: u64) -> io::Result<()> {
     let name = root.file_name().unwrap_or_default().to_string_lossy();
     let part = parts.join("run.new");
@@ -106,7 +112,7 @@ pub fn write_run(parts: &Path, root: &Path, epoch: u64) -> io::Result<()> {
     fs::rename(part, path(parts))
 }
 
-/// Which run it is, and when it began.
+/// Reads the name of the run, and when it began.
 fn read_run(parts: &Path) -> Result<(RunName, u64), NotResumable> {
     let path = path(parts);
     let bytes = regular_file::read(&path, LONGEST).map_err(|e| NotResumable::NotBegun(path.clone(), e))?;

@@ -1,11 +1,11 @@
-//! Run directories: made so that a live run can be told from what a dead one left behind, and removed without
-//! ever touching a live run or one of another user.
+//! Run directories: created so that a live run can be told from the leftovers of a dead one, and removed
+//! without touching a live run or one of another user.
 //!
-//! A run's directory is prepared under another name that contains the process that prepares it, and gets its own
-//! name only when it holds `owner`, the controller's pid and start time. The controller keeps that
-//! file locked while it is alive, which holds across containers that share memory but not pids.
-//! Shared-memory files of a run lie beside it and start with its name and an underscore. The directory goes last, so that
-//! what a killed cleaner leaves is found by the next.
+//! A run's directory is prepared under another name, which contains the preparing process, and is renamed
+//! once it holds `owner`, the controller's pid and start time. The controller keeps that file locked while it
+//! is alive, which holds across containers that share memory but not pids. The shared-memory files of a run
+//! lie beside it and start with its name and an underscore. The directory is removed last, so that the
+//! leftovers of a killed cleaner are found by the next.
 
 use crate::swarm::watch::Watch;
 use metamorph_module_agent::pid_directory;
@@ -24,10 +24,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use thiserror::Error;
 
-/// Why a run's directory cannot be made.
+/// Errors of creating a run's directory.
 #[derive(Debug, Error)]
 pub enum RunDirError {
-    /// Something in it cannot be created.
+    /// A file in it cannot be created.
     #[error("cannot create {0}: {1}; is {HOME} writable and not full?")]
     Create(PathBuf, io::Error),
     /// The run is gone.
@@ -43,27 +43,27 @@ pub enum RunDirError {
     Names,
 }
 
-/// Why cleaning up failed.
+/// Errors of cleaning up.
 #[derive(Debug, Error)]
 pub enum CleanError {
-    /// The place of all runs cannot be read.
+    /// The parent of run directories cannot be read.
     #[error("cannot look for runs in {HOME}: {0}")]
     List(io::Error),
-    /// Something cannot be removed.
+    /// A file cannot be removed.
     #[error("cannot remove {0}: {1}")]
     Remove(PathBuf, io::Error),
 }
 
-/// What was cleaned up.
+/// The result of cleaning up.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CleanReport {
-    /// The runs of which something was left.
+    /// The runs with leftovers.
     pub runs: Vec<String>,
-    /// Agents that still lived although their controller was dead.
+    /// Number of agents still alive although their controller was dead.
     pub agents_killed: u32,
-    /// Files of shared memory, beside the directories.
+    /// Number of shared-memory files, beside the directories.
     pub files: u64,
-    /// This user's runs that are alive, and were left alone.
+    /// Number of this user's live runs, which were left alone.
     pub alive: u32,
 }
 
@@ -71,19 +71,21 @@ const OWNER: &str = "owner";
 const NAMES_TRIED: u64 = 256;
 static RUNS: AtomicU64 = AtomicU64::new(0);
 
-/// The directory of a run that this process controls. Removed, with the run's shared memory, when
-/// dropped.
+/// The directory of a run that this process controls. Removed, with the run's shared memory, when dropped.
 #[derive(Debug)]
 pub struct RunDir {
     name: RunName,
     root: PathBuf,
     _lock: File,
-    /// Told that everything is removed after it is.
+    /// Notified after everything is removed.
     watch: Option<Watch>,
 }
 
 impl RunDir {
-    /// Makes the directory of a new run.
+    /// Creates the directory of a new run.
+    ///
+    /// # Errors
+    /// If a file cannot be created, or no name is free.
     pub fn create() -> Result<RunDir, RunDirError> {
         let me = Identity::own().map_err(|e| RunDirError::Create("/proc".into(), e))?;
         for _ in 0..NAMES_TRIED {
@@ -104,13 +106,16 @@ impl RunDir {
         Err(RunDirError::Names)
     }
 
-    /// What a process of this user calls its runs, by how many it has begun before.
+    /// Returns the name of a process's next run, given the number of those begun before.
     pub fn name_of(controller: Identity, before: u64) -> RunName {
         let salt = (controller.pid as u64) << 40 ^ controller.start << 8 ^ before;
         RunName::new(geteuid().as_raw(), salt)
     }
 
     /// Takes over the directory of a run whose controller is dead.
+    ///
+    /// # Errors
+    /// If the run is gone, or its controller lives.
     pub fn adopt(name: RunName) -> Result<RunDir, RunDirError> {
         let root = name.root();
         let path = root.join(OWNER);
@@ -125,17 +130,17 @@ impl RunDir {
         Ok(RunDir { name, root, _lock: owner, watch: None })
     }
 
-    /// Keeps what watches over the run until its files are removed.
+    /// Keeps the watcher of the run until its files are removed.
     pub fn keep(&mut self, watch: Watch) {
         self.watch = Some(watch);
     }
 
-    /// What the run is called.
+    /// Returns the name of the run.
     pub fn name(&self) -> &RunName {
         &self.name
     }
 
-    /// The directory.
+    /// Returns the directory.
     pub fn root(&self) -> &Path {
         &self.root
     }
@@ -151,7 +156,7 @@ impl Drop for RunDir {
     }
 }
 
-/// Where the standard error of agents is kept.
+/// Returns the directory of the agents' standard error.
 pub fn log_directory(root: &Path) -> PathBuf {
     root.join("logs")
 }
@@ -162,31 +167,31 @@ fn prepare(part: &Path, me: Identity) -> io::Result<File> {
     for directory in [pid_directory(part), counter_file::directory(part), log_directory(part)] {
         make(&directory)?;
     }
-    // Not inherited by agents: it is closed on exec like all files of the standard library.
+    // Agents do not inherit it: like all files of the standard library it is closed on exec.
     let mut owner = File::create_new(part.join(OWNER))?;
     owner.write_all(me.to_line().as_bytes())?;
     flock(&owner, FlockOperation::NonBlockingLockExclusive)?;
     Ok(owner)
 }
 
-/// The controller of the run in `root`, alive or dead.
+/// Returns the controller of the run in `root`, alive or dead.
 pub fn owner(root: &Path) -> Option<Identity> {
     fs::read_to_string(root.join(OWNER)).ok()?.parse().ok()
 }
 
-/// Whether a live controller holds the lock of this run.
+/// True if a live controller holds the lock of this run.
 fn is_locked(root: &Path) -> bool {
     File::open(root.join(OWNER)).is_ok_and(|owner| {
         flock(&owner, FlockOperation::NonBlockingLockShared) == Err(rustix::io::Errno::WOULDBLOCK)
     })
 }
 
-/// Whether agents of this run still wait. Stopped ones cannot end by themselves, so they do not count.
+/// True if agents of this run still wait. Stopped ones do not count, as they cannot end by themselves.
 pub fn is_awaited(root: &Path) -> bool {
     is_resumable(root) && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
 }
 
-/// The processes of agents that have registered, by the names of their incarnations.
+/// Iterates over the registered processes of agents, by the names of their incarnations.
 pub fn identities(root: &Path) -> impl Iterator<Item = (String, Identity)> {
     fs::read_dir(pid_directory(root)).into_iter().flatten().flatten().filter_map(|entry| {
         let text = fs::read_to_string(entry.path()).ok()?;
@@ -194,8 +199,11 @@ pub fn identities(root: &Path) -> impl Iterator<Item = (String, Identity)> {
     })
 }
 
-/// Removes what this user's dead runs have left: their agents, if any are still alive, their shared
-/// memory and their directories. Never a live run, and never one of another user.
+/// Removes the leftovers of this user's dead runs: agents still alive, shared memory and directories. Never
+/// touches a live run or one of another user.
+///
+/// # Errors
+/// If the runs cannot be listed, or a file cannot be removed.
 pub fn clean() -> Result<CleanReport, CleanError> {
     let user = geteuid().as_raw();
     let mut report = CleanReport::default();
@@ -209,7 +217,7 @@ pub fn clean() -> Result<CleanReport, CleanError> {
             continue;
         }
         let (run, owner) = match name.split_once('~') {
-            // Under preparation: the name says by whom. It has no shared memory yet.
+            // Under preparation: the name contains the process. It has no shared memory yet.
             Some((run, by)) => (run, by.replacen('.', " ", 1).parse::<Identity>().ok()),
             None => (name.as_str(), owner(&entry.path())),
         };
@@ -239,14 +247,14 @@ pub fn clean() -> Result<CleanReport, CleanError> {
     Ok(report)
 }
 
-/// Kills the agents of a dead run that are still alive, and waits for their end.
+/// Kills the live agents of a dead run and waits for their end. Returns their number.
 fn kill_agents(root: &Path) -> u32 {
     identities(root).map(|(_, agent)| u32::from(kill(agent))).sum()
 }
 
-/// Kills an agent that has no supervisor, and waits for its end. `false` if it is dead.
+/// Kills an agent that has no supervisor, and waits for its end. Returns false if it is dead already.
 pub fn kill(agent: Identity) -> bool {
-    // The descriptor is taken before the identity is checked: from then on it cannot change.
+    // The descriptor is opened before the identity is checked: from then on the process is fixed.
     let fd = agent.as_pid().and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
     let Some(fd) = fd.filter(|_| agent.is_alive()) else { return false };
     let killed = pidfd_send_signal(&fd, Signal::KILL).is_ok();
@@ -257,7 +265,7 @@ pub fn kill(agent: Identity) -> bool {
     killed
 }
 
-/// Unlinks this user's shared-memory files of these runs.
+/// Unlinks this user's shared-memory files of these runs. Returns their number.
 fn remove_shared(runs: &BTreeSet<String>) -> Result<u64, CleanError> {
     let user = geteuid().as_raw();
     let mut removed = 0;
@@ -280,7 +288,7 @@ fn remove_shared(runs: &BTreeSet<String>) -> Result<u64, CleanError> {
 fn remove_tree(root: &Path) -> Result<(), CleanError> {
     match fs::remove_dir_all(root) {
         Ok(()) => Ok(()),
-        // Someone else cleans at the same time.
+        // Another process cleans up at the same time.
         Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
         Err(e) => Err(CleanError::Remove(root.to_owned(), e)),
     }
@@ -308,15 +316,15 @@ mod tests {
         let (root, name) = (dir.root().to_owned(), dir.name.to_string());
         let shared = Path::new(HOME).join(format!("{}test", dir.name.prefix()));
         fs::write(&shared, b"x").unwrap();
-        // A pid of this very process, but of another start time: used again.
+        // A pid of this very process, but with another start time: a reused pid.
         let me = Identity::own().unwrap();
         fs::write(root.join(OWNER), Identity { start: me.start + 1, ..me }.to_line()).unwrap();
-        // Locked by someone who is not seen: as alive as can be.
+        // Locked by a process that is not visible: counts as alive.
         clean().unwrap();
         assert!(root.join(OWNER).exists() && shared.exists());
         flock(&dir._lock, FlockOperation::Unlock).unwrap();
         std::mem::forget(dir);
-        // Another test may clean it up at the same time; either way nothing may be left.
+        // Another test may clean it up at the same time; in any case nothing may be left.
         let report = clean().unwrap();
         assert!(!root.exists() && !shared.exists(), "{name} {report:?}");
     }

@@ -1,10 +1,10 @@
-//! What a signal says about the end of a process: its name, and whether the process brought it about
-//! itself. Absent: sending signals (`supervisor`).
+//! The meaning of a signal for the end of a process: its name, and whether the process itself caused it. Not
+//! here: sending signals (`supervisor`).
 
 use rustix::process::Signal;
 
-/// Signals that a process of its own accord may end by: a panic that aborts, a bad address, memory or a
-/// file that could not grow, a limit that it has used up. Any other one comes from outside.
+/// Signals that a process itself may cause: an abort on panic, a bad address, memory or a file that could not
+/// grow, an exhausted limit. All others come from outside.
 const OWN: [Signal; 10] = [
     Signal::ABORT,
     Signal::BUS,
@@ -18,7 +18,7 @@ const OWN: [Signal; 10] = [
     Signal::XFSZ,
 ];
 
-/// Names of the signals that are seen in practice.
+/// Names of the signals that occur in practice.
 const NAMES: [(Signal, &str); 21] = [
     (Signal::ABORT, "SIGABRT"),
     (Signal::BUS, "SIGBUS"),
@@ -43,13 +43,13 @@ const NAMES: [(Signal, &str); 21] = [
     (Signal::TTOU, "SIGTTOU"),
 ];
 
-/// The name of a signal.
+/// Returns the name of a signal.
 pub fn name(signal: i32) -> String {
     let named = NAMES.iter().find(|(known, _)| known.as_raw() == signal);
     named.map_or_else(|| format!("signal {signal}"), |(_, name)| (*name).to_owned())
 }
 
-/// Whether a process that ended by this signal was ended by something else.
+/// True if a process that ended by this signal was ended by something else.
 pub fn is_from_outside(signal: i32) -> bool {
     OWN.iter().all(|own| own.as_raw() != signal)
 }

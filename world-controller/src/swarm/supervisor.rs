@@ -1,5 +1,5 @@
 //! The launcher of processes on this machine: starts them, sends them signals and notices their ends, on a
-//! thread of its own with tokio. It tells the controller by a queue and by ringing its bell.
+//! thread of its own with tokio. It reports to the controller by a queue and by ringing its bell.
 //!
 //! When its handle is dropped, the supervisor kills the agents that still run. Agents are in process groups
 //! of their own, so that Ctrl-C reaches only the controller.
@@ -46,7 +46,7 @@ pub struct Launch {
     pub program: PathBuf,
     pub args: Vec<OsString>,
     pub root: PathBuf,
-    /// Which controller of the run this is.
+    /// The generation of the controller.
     pub generation: u32,
     pub verbose: bool,
 }
@@ -60,9 +60,9 @@ enum Task {
     Signal(AgentKey, Signal),
 }
 
-/// Tasks that may wait; the controller blocks beyond, and the supervisor never waits for it.
+/// Number of tasks that may wait; the controller blocks beyond, and the supervisor never waits for it.
 const TASKS: usize = 1_024;
-/// Signals that may wait for one process.
+/// Number of signals that may wait for one process.
 const SIGNALS: usize = 16;
 /// Bytes of standard error that are reported.
 const TAIL: u64 = 2_048;
@@ -79,6 +79,9 @@ pub struct Supervisor {
 
 impl Supervisor {
     /// Starts the supervisor's thread, and the one that reaps.
+    ///
+    /// # Errors
+    /// If a thread or its channels cannot be created.
     pub fn start(launch: Launch, shutdown: Shutdown) -> Result<Supervisor, SwarmError> {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -91,7 +94,7 @@ impl Supervisor {
         let thread = std::thread::Builder::new()
             .name("supervisor".into())
             .spawn(move || {
-                // Channels stay with their thread, so the bell is made here.
+                // Channels stay with their thread, so the bell is created here.
                 let bell = Bell::new(&launch, sender);
                 let _ = ready.send(bell.as_ref().map(drop).map_err(|e| e.to_string()));
                 if let Ok(bell) = bell {
@@ -154,7 +157,7 @@ impl Launcher for Supervisor {
 
 impl Drop for Supervisor {
     fn drop(&mut self) {
-        // The closed queue tells it to kill and end.
+        // The closed queue makes the supervisor kill all agents and end.
         self.tasks = None;
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
@@ -186,20 +189,20 @@ impl Bell {
     }
 }
 
-/// A process that the supervisor attends to.
+/// A process under supervision.
 struct Attended {
     signals: mpsc::Sender<Signal>,
-    /// Its number, if it is a child of this process; only of those the kernel tells when they stop.
+    /// Its pid if it is a child of this process; the kernel reports stops of children only.
     child: Option<Pid>,
     halt: Arc<Halt>,
 }
 
-/// What has stopped a process.
+/// The cause of a process's stop.
 #[derive(Debug, Default)]
 struct Halt {
-    /// The latest of SIGSTOP and SIGCONT that this controller sent was SIGSTOP.
+    /// True if the latest of SIGSTOP and SIGCONT that this controller sent was SIGSTOP.
     by_us: AtomicBool,
-    /// It was seen stopped by another signal, and this controller has sent no SIGCONT since.
+    /// True if it was stopped by another signal, and this controller has sent no SIGCONT since.
     from_outside: AtomicBool,
 }
 
@@ -215,8 +218,8 @@ impl Halt {
     }
 }
 
-/// Reports children that were stopped or continued from outside. Asks for all of them only if the kernel
-/// says that there is one, so that ends of processes cost one call each.
+/// Reports children that were stopped or continued from outside. Checks all of them only if the kernel says
+/// that there is one, so that ends of processes cost one call each.
 fn look_for_stops(processes: &BTreeMap<AgentKey, Attended>, bell: &Bell) {
     let what = WaitIdOptions::STOPPED | WaitIdOptions::CONTINUED | WaitIdOptions::NOHANG;
     // An error says that there are no children.
@@ -226,8 +229,8 @@ fn look_for_stops(processes: &BTreeMap<AgentKey, Attended>, bell: &Bell) {
     for (agent, Attended { child, halt, .. }) in processes {
         let Some(pid) = *child else { continue };
         let Ok(Some(status)) = waitid(WaitId::Pid(pid), what) else { continue };
-        // The kernel reports a stop only while it lasts, so a stop that this controller has ended is not
-        // taken for one from outside.
+        // The kernel reports a stop only while it lasts, so a stop that this controller has ended does not
+        // count as one from outside.
         if status.stopped() && !halt.by_us.load(Ordering::Relaxed) {
             halt.from_outside.store(true, Ordering::Relaxed);
             bell.tell(Event::Stopped(*agent, status.stopping_signal().unwrap_or_default()));
@@ -263,7 +266,7 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
                     ends.spawn(attend_adopted(agent, identity, inbox));
                 }
                 Some(Task::Signal(agent, signal)) => {
-                    // A process that has ended has no use for signals.
+                    // A process that has ended needs no signals.
                     if let Some(process) = processes.get(&agent) {
                         let _ = process.signals.send(signal).await;
                     }
@@ -289,7 +292,7 @@ async fn supervise(launch: Launch, shutdown: Shutdown, mut tasks: mpsc::Receiver
     while ends.join_next().await.is_some() {}
 }
 
-/// Completes when a child of this process has ended, stopped or gone on.
+/// Completes when a child of this process has ended, stopped or continued.
 async fn next_change(changes: Option<&mut tokio::signal::unix::Signal>) {
     match changes {
         Some(changes) => drop(changes.recv().await),
@@ -301,10 +304,10 @@ fn log_path(launch: &Launch, (id, incarnation): AgentKey) -> PathBuf {
     log_directory(&launch.root).join(format!("{id}.{incarnation}"))
 }
 
-/// Never `fork` alone: shared memory does not survive it. This is fork and exec.
+/// Starts an agent by fork and exec; a bare `fork` would break shared memory.
 ///
-/// iceoryx2 does not mark its files to be closed on exec, and an agent would inherit all that the
-/// controller has open at the time: thousands in a large swarm.
+/// iceoryx2 does not mark its files to be closed on exec, and an agent would inherit all that the controller
+/// has open at the time, thousands in a large swarm. So all files are marked here.
 fn spawn(launch: &Launch, agent: AgentKey) -> io::Result<Child> {
     let (root, verbose) = (launch.root.clone(), launch.verbose);
     let args = AgentArgs { root, id: agent.0, incarnation: agent.1, verbose };
@@ -322,8 +325,8 @@ fn spawn(launch: &Launch, agent: AgentKey) -> io::Result<Child> {
         .spawn()
 }
 
-/// Waits for the end of a process and passes on signals. A process that has been waited for is
-/// never sent one, so that a pid used again cannot be hit.
+/// Waits for the end of a process and passes on signals. A process that has been waited for gets no more
+/// signals, so that they cannot hit a reused pid.
 async fn attend(
     agent: AgentKey,
     mut child: Child,
@@ -345,7 +348,7 @@ async fn attend(
     }
 }
 
-/// The same for a process that is not our child. How it ended cannot be known; it counts as an exit.
+/// Like [`attend`] for a process that is not a child. Its exit status is unknown; its end counts as an exit.
 async fn attend_adopted(
     agent: AgentKey,
     identity: Identity,
@@ -358,7 +361,7 @@ async fn attend_adopted(
         Err(rustix::io::Errno::SRCH) => return (agent, ended),
         Err(e) => return (agent, Err(e.into())),
     };
-    // The descriptor was taken before the identity is checked: from then on it cannot change.
+    // The descriptor was opened before the identity is checked: from then on the process is fixed.
     if !identity.is_alive() {
         return (agent, ended);
     }
@@ -385,7 +388,7 @@ fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> E
         Err(e) => format!("could not be waited for: {e}"),
         Ok(status) => match (status.code(), signal) {
             (Some(0), _) => "exited".to_owned(),
-            // What it said about it may have found no room: that is kept in shared memory, too.
+            // Its own report may have found no room, as standard error is in shared memory too.
             (Some(code), _) if is_scarce() => {
                 format!("exited with code {code}, while shared memory ({HOME}) is full,")
             }
@@ -402,7 +405,7 @@ fn is_scarce() -> bool {
     space::require(SCARCE).is_err()
 }
 
-/// What a signal says of the end of a process. Two of them mean that it was given too little.
+/// Describes the end of a process by a signal. Two signals mean that it was given too little of a resource.
 fn killed_by(signal: i32) -> String {
     match signal {
         SIGBUS if is_scarce() => {

@@ -1,10 +1,10 @@
-//! A process that cleans up after a controller that is killed. It waits for the end of a pipe that only the
-//! controller holds: if the controller has not said before that everything is removed, the watcher says what
-//! happened and removes everything.
+//! The watcher: a process that cleans up after a killed controller. It waits for the end of a pipe that only
+//! the controller holds; unless the controller has reported that everything is removed, the watcher reports
+//! its end and removes everything.
 //!
-//! SIGBUS, which is what a controller gets when it writes to shared memory that has run out, is told by the
-//! pipe too, and ends the controller with an exit code of its own. Absent: runs whose agents wait to be taken
-//! over by `metamorph resume`; those are left alone.
+//! A controller gets SIGBUS when it writes to shared memory that has run out. The pipe reports it too, and
+//! the controller ends with an exit code of its own. Not here: runs whose agents wait to be taken over by
+//! `metamorph resume`; those are left alone.
 
 use crate::console::terminal::print_error;
 use crate::swarm::run_dir::{clean, is_awaited, owner};
@@ -22,16 +22,16 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// The hidden subcommand.
+/// The name of the hidden subcommand.
 pub const SUBCOMMAND: &str = "watch-run";
-/// What a controller says when it has removed everything.
+/// The byte that a controller sends when it has removed everything.
 const DONE: u8 = b'.';
 /// The exit code of a controller that got SIGBUS: the program itself failed.
 const FAILED: i32 = 1;
-/// How long a process may take to be gone after its files are closed, in seconds.
+/// How long a process may take to be gone after its files are closed (s).
 const DYING: i64 = 5;
 
-/// The controller's end.
+/// The controller's end of the pipe.
 #[derive(Debug)]
 pub struct Watch {
     child: Child,
@@ -41,6 +41,9 @@ pub struct Watch {
 
 impl Watch {
     /// Starts the watcher of the run in `root`.
+    ///
+    /// # Errors
+    /// If the pipe or the process cannot be created.
     pub fn start(program: &Path, args: &[OsString], root: &Path) -> io::Result<Watch> {
         let mut child = Command::new(program)
             .args(args)
@@ -53,7 +56,7 @@ impl Watch {
         let pipe = child.stdin.take().ok_or_else(|| io::Error::other("it has no standard input"))?;
         let mut watch = Watch { child, pipe: pipe.into(), handlers: Vec::new() };
         let copy = watch.pipe.try_clone()?;
-        // In this order: what is told last is how it ends.
+        // In this order: the second handler ends the process.
         watch.handlers.push(low_level::pipe::register(SIGBUS, copy)?);
         let always = Arc::new(AtomicBool::new(true));
         watch.handlers.push(flag::register_conditional_shutdown(SIGBUS, FAILED, always)?);
@@ -66,7 +69,7 @@ impl Drop for Watch {
         for handler in self.handlers.drain(..) {
             low_level::unregister(handler);
         }
-        // If it is gone, there is nothing to be told.
+        // Without a watcher there is nothing to report.
         let _ = rustix::io::write(&self.pipe, &[DONE]);
         let _ = self.child.wait();
     }
@@ -74,8 +77,11 @@ impl Drop for Watch {
 
 /// Waits for the end of the controller of the run in `root`, which is the parent of this process, and removes
 /// what it has left.
+///
+/// # Errors
+/// If the leftovers cannot be removed.
 pub fn watch(root: &Path) -> io::Result<()> {
-    // A service or a container ends all of its processes at the same time; this one has to outlast the others.
+    // A service or a container ends all of its processes together; this one has to outlast the others.
     for signal in [SIGHUP, SIGINT, SIGTERM] {
         flag::register(signal, Arc::default())?;
     }

@@ -1,4 +1,4 @@
-//! How a swarm ends: agents are told to stop, those that do not are killed, and the counters of all
+//! The end of a swarm: agents are asked to stop, those that do not are killed, and the counters of all
 //! incarnations are added up.
 
 use super::{ControllerLoop, DRAIN, ProcessOf, nanos};
@@ -29,7 +29,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
             match process.stage {
                 Stage::Absent => continue,
                 Stage::Starting | Stage::Lost => {
-                    // Not up yet, or not found, so it cannot be told.
+                    // Not up yet, or not found, so it gets no message.
                     process.condemned = true;
                     self.launcher.signal(agent, Signal::KILL);
                 }
@@ -51,7 +51,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
                 self.kill_at_once();
             }
             self.drain_after_the_end()?;
-            // An agent has two steps to go: to fall silent, and to end.
+            // Two steps are left for an agent: to fall silent, and to end.
             let steps = |p: &ProcessOf<W, B>| match p.stage {
                 Stage::Absent => 0,
                 Stage::Silent => 1,
@@ -82,8 +82,8 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         Ok(())
     }
 
-    /// No agent sends any more: frames that are in an inbox now stay there, and its owner can count them and
-    /// end.
+    /// Dismisses the agents, once all are silent: the frames in an inbox are now complete, and its owner can
+    /// count them and end.
     fn dismiss(&mut self) {
         for i in 0..self.processes.len() {
             if self.processes[i].stage == Stage::Silent {
@@ -93,7 +93,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         }
     }
 
-    /// Takes note of agents that have fallen silent, and drops all other frames.
+    /// Notes agents that have fallen silent, and drops all other frames.
     fn drain_after_the_end(&mut self) -> Result<(), SwarmError> {
         for _ in 0..DRAIN * 8 {
             let Some(shared) = self.transport.receive()? else { break };
@@ -132,7 +132,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         }
     }
 
-    /// Kills all agents, as was asked for by a second signal.
+    /// Kills all agents, as a second signal asked for.
     fn kill_at_once(&mut self) {
         for process in self.processes.iter_mut().filter(|p| p.stage != Stage::Absent) {
             process.condemned = true;

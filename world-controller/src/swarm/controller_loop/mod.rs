@@ -1,8 +1,8 @@
 //! The controller loop: the thread that owns the world, the director and all links to agents. It carries
 //! actions to bodies and percepts back, reports to the director and its commands to processes.
 //!
-//! One tick: events of the launcher, frames from agents, what is due in the world, the director,
-//! then messages to agents; then it blocks until it is woken or something is due.
+//! One tick: events of the launcher, frames from agents, what is due in the world, the director, then
+//! messages to agents; then it blocks until it is woken or a timer is due.
 
 mod ending;
 mod resuming;
@@ -35,22 +35,22 @@ use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// Frames taken in one tick before the world and the director have their turn.
+/// Number of frames taken in one tick before the world and the director have their turn.
 const DRAIN: usize = 2_048;
-/// Rounds of world and director in one tick.
+/// Number of rounds of world and director in one tick.
 const ROUNDS: usize = 64;
 /// The longest wait.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
-/// What a controller runs over.
+/// The services that a controller runs over.
 pub struct Services<'a, B: Backend> {
-    /// What starts agents.
+    /// The launcher of agents.
     pub launcher: B::Launcher,
     /// Its inbox.
     pub transport: B::Transport,
     /// The clock of the run.
     pub pace: Pace<B::Clock>,
-    /// Shared memory that is held back.
+    /// Shared memory held back.
     pub reserve: Reserve,
     /// The run's directory; `None` for a run that leaves nothing behind.
     pub dir: Option<&'a RunDir>,
@@ -69,7 +69,7 @@ pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     world: &'a mut W,
     director: &'a mut D,
     links: Links,
-    /// Processes for which messages wait, each once.
+    /// Processes with waiting messages, each once.
     unsent: Vec<usize>,
     outcome: SwarmOutcome,
     /// When the run was asked for.
@@ -78,16 +78,16 @@ pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     pace: Pace<B::Clock>,
     last: Time,
     finishing: bool,
-    /// Whether agents are killed instead of asked to stop.
+    /// True if agents are killed instead of asked to stop.
     hurried: bool,
     reserve: Reserve,
-    /// When shared memory was last looked at, in nanoseconds of the monotonic clock.
+    /// When shared memory was last checked (ns of the monotonic clock).
     looked: u64,
     retry_at: Option<u64>,
 }
 
 impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
-    /// A controller that has not started any agent. The run was asked for at `begun`.
+    /// Creates a controller that has not started any agent. The run was asked for at `begun`.
     pub fn new(
         options: &'a SwarmOptions,
         services: Services<'a, B>,
@@ -120,6 +120,9 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
     }
 
     /// Runs the swarm from its start to its end.
+    ///
+    /// # Errors
+    /// If the swarm cannot be started, or its services fail.
     pub fn run(mut self) -> Result<SwarmOutcome, SwarmError> {
         self.set_up()?;
         if !self.finishing {
@@ -206,7 +209,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         Ok(())
     }
 
-    /// Something outside this run has done `what` to a process.
+    /// Reports an intervention in a process from outside this run.
     fn external(&mut self, (id, incarnation): AgentKey, what: &Outside) {
         let now = self.now();
         let current = |p: &&mut Process<_, _>| p.incarnation == incarnation && p.stage == Stage::Running;
@@ -266,13 +269,13 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         Ok(DRAIN)
     }
 
-    /// Takes one frame; `false` if no member of the run can have sent it.
+    /// Takes one frame. Returns false if no member of the run can have sent it.
     fn accept(&mut self, shared: &SharedFrame) -> bool {
         let frame = &shared.frame();
         let Ok(header) = frame.open() else { return false };
         let i = header.source.index();
         let Some(process) = self.processes.get_mut(i) else { return false };
-        // The first frame of an agent that was lost tells its sequence number.
+        // The first frame of a lost agent shows its sequence number.
         let in_sequence = header.sequence == process.expected || process.stage == Stage::Lost;
         let theirs = header.destination == CONTROLLER
             && header.incarnation == process.incarnation
@@ -315,7 +318,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         }
     }
 
-    /// Something that a process has sent or taken was late. The time for which it was stopped does not count.
+    /// Notes lateness of a process, or of a frame it sent. The time for which it was stopped does not count.
     fn judge(&mut self, i: usize, late: Late) {
         let process = &self.processes[i];
         let stopped = process.resumed_at.since(late.since);
@@ -354,7 +357,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         true
     }
 
-    /// Lets the world and the director do everything that is due.
+    /// Runs the world and the director for everything that is due.
     fn step_world(&mut self) {
         for _ in 0..ROUNDS {
             let now = self.now();
@@ -371,7 +374,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         }
     }
 
-    /// Passes on what bodies sensed. Returns whether there was anything.
+    /// Passes on what bodies sensed. Returns true if there was anything.
     fn forward_sensed(&mut self) -> bool {
         let mut any = false;
         while let Some((id, sensed)) = self.world.poll() {
@@ -414,14 +417,14 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         }
     }
 
-    /// Lists a process among those for which messages wait.
+    /// Adds a process to the list of those with waiting messages.
     fn list(&mut self, i: usize) {
         if !std::mem::replace(&mut self.processes[i].listed, true) {
             self.unsent.push(i);
         }
     }
 
-    /// Sends to all agents as much as they take now.
+    /// Sends to all agents as many messages as they take now.
     fn flush(&mut self) {
         self.director.commit();
         self.retry_at = None;
@@ -429,7 +432,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         for i in std::mem::take(&mut self.unsent) {
             self.processes[i].listed = false;
             if self.processes[i].needs_link() && !self.connect(i) {
-                // Tried again when a link was closed, which its agent wakes this thread for.
+                // Tried again when another link is closed, for which its agent wakes this thread.
                 self.list(i);
             } else if let Some(at) = self.processes[i].flush(now, time) {
                 self.retry_at = Some(self.retry_at.map_or(at, |earliest| earliest.min(at)));
@@ -445,7 +448,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         }
     }
 
-    /// Opens the link to an agent. `false` if there is no room for one more.
+    /// Opens the link to an agent. Returns false if there is no room for one more.
     fn connect(&mut self, i: usize) -> bool {
         if !self.links.has_room() {
             return false;
@@ -453,7 +456,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         let process = &mut self.processes[i];
         match self.links.open_to(&mut self.transport, process.key()) {
             Ok(link) => process.connect(link),
-            // It has just died, and its end is heard of soon.
+            // It has just died, and its end will be reported soon.
             Err(ConnectError::Unreachable(e)) => tracing::debug!("module {i} cannot be reached: {e}"),
             Err(ConnectError::OutOfSpace(shortage)) => {
                 self.run_short(shortage);

@@ -1,5 +1,5 @@
-//! How a controller takes a swarm over from one that was killed: it calls every agent that is alive, sends it
-//! again the messages that it has not taken, and reads what it has told meanwhile from its part of the
+//! The takeover of a swarm whose controller was killed: the new controller calls every live agent, sends
+//! again the messages that it has not taken, and reads what it has sent meanwhile from its part of the
 //! journal.
 
 use super::ControllerLoop;
@@ -50,7 +50,7 @@ where
             process.incarnation = incarnation;
         }
         let known: BTreeMap<String, _> = identities(root).collect();
-        // Numbers of incarnations that had not begun are used up, too.
+        // Numbers of incarnations that had not begun are used up too.
         for (id, incarnation) in known.keys().filter_map(|name| name.split_once('.')) {
             if let (Ok(id), Ok(incarnation)) = (id.parse::<usize>(), incarnation.parse())
                 && let Some(process) = self.processes.get_mut(id)
@@ -102,7 +102,7 @@ where
 }
 
 impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
-    /// An agent has turned to this controller. What no controller has taken is read from its journal.
+    /// Handles the answer of an agent. Outputs that no controller has taken are read from its journal.
     pub(super) fn hear_here(&mut self, header: Header, told: u32, expected: u32) -> bool {
         let i = header.source.index();
         let process = &mut self.processes[i];

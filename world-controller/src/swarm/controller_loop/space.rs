@@ -1,5 +1,5 @@
-//! How a run ends when something else fills the shared memory: in order, with the memory that is held back
-//! for that, before its processes die of it.
+//! The orderly end of a run when something else fills the shared memory, with the memory held back for it,
+//! before its processes die of the shortage.
 
 use super::ControllerLoop;
 use crate::swarm::launcher::Backend;
@@ -7,7 +7,7 @@ use metamorph_module_agent::transport::SpaceShortage;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 
-/// Nanoseconds between two looks.
+/// Time between two checks (ns).
 const EVERY: u64 = 500_000_000;
 
 impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {

@@ -1,5 +1,5 @@
-//! How a swarm comes up: processes in batches, hellos, then the clock; and how a restarted process
-//! joins a run that is under way.
+//! The start of a swarm: processes in batches, hellos, then the clock; and how a restarted process joins a
+//! run that is under way.
 
 use super::{ControllerLoop, nanos};
 use crate::swarm::launcher::{Backend, Event, Launcher};
@@ -16,7 +16,7 @@ use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use std::time::Duration;
 
-/// Processes that start at the same time; more would only compete.
+/// Number of processes that start at the same time; more would only compete.
 const STARTING: usize = 32;
 
 impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
@@ -56,7 +56,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
             }
         }
         self.reserve.release_most();
-        // Links to all agents, so that the first orders do not wait for them.
+        // Links to all agents, so that the first orders need not wait for them.
         for i in 0..self.processes.len() {
             if self.processes[i].stage == Stage::Up && self.links.too_many(count) == 0 {
                 self.connect(i);
@@ -74,7 +74,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         SwarmError::Spawn { id, program: self.options.program.clone(), cause }
     }
 
-    /// Every agent gets its place, then its contacts; with the first tick after that the clock starts.
+    /// Sends every agent its place, then its contacts; with the first tick after that the clock starts.
     pub(super) fn begin(&mut self) -> Result<(), SwarmError> {
         self.epoch = self.pace.monotonic();
         self.outcome.setup = Duration::from_nanos(self.epoch - self.begun);
@@ -109,12 +109,12 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         self.tell(i, ControlMessage::Runtime(RuntimeMessage::Begin { place }));
     }
 
-    /// A restarted process is up.
+    /// Lets a restarted process join the run.
     pub(super) fn rejoin(&mut self, i: usize) {
         let (id, incarnation) = (self.processes[i].id, self.processes[i].incarnation);
         let now = self.now();
         self.world.advance(now);
-        // What was sensed up to here was meant for the incarnation before.
+        // Percepts up to here were meant for the incarnation before.
         self.forward_sensed();
         self.send_begin(i);
         self.world.start(now, id, incarnation);
