@@ -611,7 +611,7 @@ fn only_known_facts_are_shown() {
     assert_eq!(said[0], "loading", "{said}");
     let facts = said[1].as_str().unwrap();
     assert!(
-        facts.contains("loading") && !facts.contains("unknown") && !facts.contains("locked bynobody"),
+        facts.contains("loading") && !facts.contains("unknown") && !facts.contains("locked bynone"),
         "{facts}"
     );
     check_clean(&mut browser, &view);

@@ -1,9 +1,9 @@
-//! Who is let in to the page: whoever has the address, from this machine, in a page of this server.
+//! Access to the page: requests with the whole address, from this machine, made by a page of this server.
 //!
-//! The server listens on the loopback interface only, but every page in the user's browser and every
-//! user of the machine can reach that. So the address has a random token in it, and what a browser
-//! tells of where a request comes from must be this server: a page of another origin that has guessed
-//! the port, or has bent a name of its own to this machine (DNS rebinding), is refused.
+//! The server listens on the loopback interface only, which every user of the machine and every page in the
+//! user's browser can reach. So the address contains a random token, and the origin that a browser states
+//! must be this server: a page of another origin that has guessed the port, or has pointed a name of its own
+//! at this machine (DNS rebinding), is refused.
 
 use hyper::header::{HOST, HeaderMap, ORIGIN};
 use hyper::{Method, StatusCode};
@@ -11,12 +11,15 @@ use rustix::rand::{GetRandomFlags, getrandom};
 use std::fmt::Write;
 use std::io;
 
-/// A secret of 128 bits in an address.
+/// A secret of 128 bits in the address.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Token(String);
 
 impl Token {
-    /// A new one, from the system's source of randomness.
+    /// Returns a new token from the system's source of randomness.
+    ///
+    /// # Errors
+    /// If that source cannot be read.
     pub fn random() -> io::Result<Token> {
         let mut bytes = [0u8; 16];
         let n = getrandom(&mut bytes, GetRandomFlags::empty())?;
@@ -30,32 +33,32 @@ impl Token {
         }
         Ok(Token(text))
     }
-    /// As it stands in the address.
+    /// Returns the token as it stands in the address.
     pub fn text(&self) -> &str {
         &self.0
     }
-    /// Whether this is it. Takes as long for a guess that is nearly right as for any other.
+    /// True if the guess is the token. The time taken does not depend on how much of it is right.
     fn is(&self, guess: &str) -> bool {
         let differ = self.0.bytes().zip(guess.bytes()).fold(0, |d, (a, b)| d | (a ^ b));
         guess.len() == self.0.len() && differ == 0
     }
 }
 
-/// Why somebody is not let in.
+/// Why a request is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// Something else than reading.
+    /// Its method is not a reading one.
     Method,
-    /// The request is for another host than this one.
+    /// It is for another host than this one.
     Host,
-    /// The request comes from a page of another server.
+    /// It comes from a page of another server.
     Origin,
-    /// The token is wrong or missing.
+    /// Its token is wrong or missing.
     Token,
 }
 
 impl Refusal {
-    /// The status and what is said.
+    /// Returns the status and the text of the response.
     pub fn answer(self) -> (StatusCode, &'static str) {
         match self {
             Refusal::Method => (StatusCode::METHOD_NOT_ALLOWED, "this page is only for looking\n"),
@@ -68,7 +71,7 @@ impl Refusal {
     }
 }
 
-/// What stands at the door.
+/// The access check of a server.
 #[derive(Clone, Debug)]
 pub struct AccessCheck {
     token: Token,
@@ -76,17 +79,20 @@ pub struct AccessCheck {
 }
 
 impl AccessCheck {
-    /// A gate of the server on this port.
+    /// Creates the check of the server on this port.
     pub fn new(token: Token, port: u16) -> AccessCheck {
         AccessCheck { token, port }
     }
 
-    /// The address of the page.
+    /// Returns the address of the page.
     pub fn address(&self) -> String {
         format!("http://127.0.0.1:{}/{}/", self.port, self.token.text())
     }
 
-    /// What is asked for, behind the token; or why it is not given.
+    /// Returns the path behind the token.
+    ///
+    /// # Errors
+    /// Returns the reason if the request is refused.
     pub fn admit<'a>(&self, method: &Method, headers: &HeaderMap, path: &'a str) -> Result<&'a str, Refusal> {
         if !matches!(*method, Method::GET | Method::HEAD) {
             return Err(Refusal::Method);
@@ -102,7 +108,7 @@ impl AccessCheck {
         if headers.get_all(ORIGIN).iter().any(|o| !o.to_str().is_ok_and(is_ours)) {
             return Err(Refusal::Origin);
         }
-        // What browsers say of the page that a request comes from; `none` is an address typed or opened.
+        // Browsers state here where a request comes from; `none` is an address that was typed or opened.
         let site = headers.get_all("sec-fetch-site").iter();
         if site.into_iter().any(|s| !matches!(s.as_bytes(), b"same-origin" | b"none")) {
             return Err(Refusal::Origin);

@@ -1,4 +1,4 @@
-//! The bodies of a swarm of any family, for all that shows them.
+//! The bodies of a swarm of any family, for views and exports.
 
 use super::parts::Part;
 use super::scene_builder::{SceneBuilder, Shared};
@@ -11,23 +11,23 @@ use std::sync::Arc;
 
 /// The bodies of a swarm at the start of its run.
 pub struct Bodies<A: Visible> {
-    /// What all agents share.
+    /// The setup that all agents share.
     pub setup: Arc<A::Setup>,
-    /// Where each body is.
+    /// The place of each body.
     pub places: Vec<A::Place>,
 }
 
 /// A swarm to be shown, of any family.
 pub trait ShownSwarm {
-    /// What things are called.
+    /// Returns the words of the family.
     fn words(&self) -> &'static Words;
-    /// Where the run takes place.
+    /// Returns the scene of the run.
     fn stage(&self) -> Stage;
-    /// The parts of each body at the start, and where it is.
+    /// Returns the parts of each body at the start, and a description of its place.
     fn start(&self) -> Vec<(Vec<Part>, String)>;
-    /// The parts of a body at rest at a recorded place; `None` if the record makes no sense.
+    /// Returns the parts of a body at rest at a recorded place; `None` if the record cannot be decoded.
     fn parts(&self, place: &Blob) -> Option<Vec<Part>>;
-    /// Makes a scene of the records of the run.
+    /// Returns a log that builds a scene from the records of the run.
     fn scribe(self: Box<Self>, scene: Shared) -> Log;
 }
 

@@ -1,11 +1,12 @@
-//! A run to look at: a page in the browser with the swarm in space and what happened over time.
+//! The view of a run: a page in the browser with the swarm in space and its events over time.
 //!
-//! A [`scene::Scene`] is what a page needs to know of a run; `scribe` writes one from the records of a
-//! run that goes on, on either link, or of its journal. `visible` says what each family has to say of itself, and `parts` of what bodies are made and how
-//! they move; `bodies` holds those of a swarm. `access` decides who is let in, `server` hands out the
-//! scene and the page, which is in the program (`page/`, plain JavaScript, no build step).
+//! A [`scene::Scene`] holds everything that the page shows of a run; `scene_builder` fills one from the
+//! records of a run in progress, on either link, or from its journal. `visible` is what a family implements
+//! to be shown; `parts` are rigid parts of bodies and their motions; `bodies` holds those of a swarm.
+//! `access` checks requests; `server` serves the scene and the page, which is in the program (`page/`, plain
+//! JavaScript, no build step).
 //!
-//! Deliberately absent: a way to change a run from the page; it only looks.
+//! Not here, on purpose: changing a run from the page.
 
 pub mod access;
 pub mod bodies;

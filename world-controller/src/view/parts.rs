@@ -1,11 +1,10 @@
-//! Rigid parts of bodies and how a body moves them: all that a picture of a run needs to know of a body.
+//! Rigid parts of bodies and their motions: all that a picture of a run needs of a body.
 //!
 //! Lengths are edges of a cell. The frame is right-handed with z up, and the cell (x, y, z) has its centre
 //! at (x, y, z + ½): the lowest cells stand on z = 0.
 //!
-//! A motion is made of slides and turns about fixed axes, of which [`Motion::carry`] computes every moment.
-//! Where it has to be computed elsewhere, as in the page between two frames, the motion is handed over and
-//! not its frames.
+//! A motion consists of slides and turns about fixed axes; [`Motion::carry`] computes any moment of it. The
+//! page computes frames by itself, so it gets the motion and not its frames.
 
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Span;
@@ -14,7 +13,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use std::ops::Range;
 
-/// What a part looks like, about the origin of its own frame.
+/// The shape of a part, about the origin of its own frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Shape {
@@ -32,7 +31,7 @@ pub enum Shape {
     },
 }
 
-/// Tells parts of one body apart; the colour is that of the state that the module is in.
+/// The shade of a part, by which the parts of a body are told apart; the hue shows the state of the module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Tone {
@@ -45,63 +44,63 @@ pub enum Tone {
 /// A rigid part of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
-    /// What it looks like.
+    /// Its shape.
     pub shape: Shape,
-    /// Where its frame is in the world.
+    /// The pose of its frame in the world.
     pub pose: Isometry3<f64>,
-    /// How it differs from other parts of the body.
+    /// Its shade.
     pub tone: Tone,
 }
 
 impl Part {
-    /// A part in the middle of a cell.
+    /// Returns a part in the centre of a cell.
     pub fn in_cell(shape: Shape, cell: Cell, rotation: UnitQuaternion<f64>, tone: Tone) -> Part {
         let pose = Isometry3::from_parts(Translation3::from(centre(cell)), rotation);
         Part { shape, pose, tone }
     }
-    /// Its centre.
+    /// Returns its centre.
     pub fn centre(&self) -> Vector3<f64> {
         self.pose.translation.vector
     }
-    /// The cell that its centre is in.
+    /// Returns the cell that its centre is in.
     pub fn cell(&self) -> Cell {
         let [x, y, z]: [f64; 3] = self.centre().into();
         Cell::new(x.round() as i16, y.round() as i16, z.floor() as i16)
     }
 }
 
-/// The centre of a cell.
+/// Returns the centre of a cell.
 pub fn centre(cell: Cell) -> Vector3<f64> {
     Vector3::new(cell.x.into(), cell.y.into(), f64::from(cell.z) + 0.5)
 }
 
-/// How a body moves its parts.
+/// A motion of a body's parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
-    /// How long it takes.
+    /// Its duration.
     pub takes: Span,
     /// What the module does, as in "module 3 slides".
     pub name: String,
-    /// One after the other. None if the body stays as it is, as when a gripper closes.
+    /// The segments in order; empty if the body stays as it is, as when a gripper closes.
     pub segments: Vec<Segment>,
 }
 
 /// A part of a motion that begins and ends at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Segment {
-    /// The share of the motion's time at which it ends: more than that of the one before, at most 1.
+    /// The share of the motion's time at which it ends: greater than that of the one before, at most 1.
     pub until: f64,
-    /// All at the same time. Each is given as if those after it had not happened, so of a chain of joints
-    /// the last one comes first.
+    /// Simultaneous displacements. Each is given as if those after it had not happened, so of a chain of
+    /// joints the last one comes first.
     pub steps: Vec<Step>,
 }
 
 /// A displacement of some parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// Which parts, by their numbers.
+    /// The parts, by number.
     pub parts: Range<usize>,
-    /// What they do.
+    /// Their displacement.
     pub by: Displacement,
 }
 
@@ -114,9 +113,9 @@ pub enum Displacement {
     Turn {
         /// Its direction, of any length.
         axis: [f64; 3],
-        /// How far, counterclockwise seen from where the axis points to.
+        /// The angle, counterclockwise as seen against the axis.
         degrees: f64,
-        /// A point on the axis, seen from the centre of the body's first part before the motion begins.
+        /// A point on the axis, relative to the centre of the body's first part before the motion.
         through: [f64; 3],
     },
 }
@@ -136,7 +135,7 @@ impl Displacement {
 }
 
 impl Motion {
-    /// Moves parts from where they rest to where they are after a share of the motion's time.
+    /// Moves parts from their poses at rest to those after a share of the motion's time.
     pub fn carry(&self, parts: &mut [Part], fraction: f64) {
         let Some(origin) = parts.first().map(Part::centre) else { return };
         let mut begin = 0.0;
@@ -153,8 +152,8 @@ impl Motion {
         }
     }
 
-    /// For the page: how long it takes in microseconds, its name, and of each segment its end and its steps:
-    /// the first part, the one after the last, and a slide, or axis, degrees and point of a turn.
+    /// Returns the form for the page: duration in microseconds, name, and of each segment its end and its
+    /// steps: the first part, the one after the last, and a slide, or axis, degrees and point of a turn.
     pub fn to_json(&self) -> Value {
         let step = |Step { parts, by }: &Step| match by {
             Displacement::Slide([x, y, z]) => json!([parts.start, parts.end, x, y, z]),
@@ -179,7 +178,7 @@ mod tests {
         (0..cells).map(|x| Part::in_cell(BOX, cell(x), UnitQuaternion::identity(), Tone::Plain)).collect()
     }
 
-    /// Two joints of a chain that turn at once do what they do one after the other.
+    /// Simultaneous turns of two joints of a chain equal the same turns in sequence.
     #[test]
     fn joints_that_turn_at_once_carry_what_is_behind_them() {
         let turn = |joint: usize, degrees| Step {

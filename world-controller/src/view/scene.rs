@@ -1,8 +1,8 @@
-//! What a page needs to know of a run: how it began, what happened when, and how it ended. Filled
-//! while a run goes on or from a recording, and read in pieces, so that a page can follow.
+//! The data of the page about a run: its beginning, its events and its end. Filled while a run is in progress
+//! or from a recording, and read in pieces, so that a page can follow.
 //!
-//! Times are microseconds of scenario time. The layout is private to the page, which is in the same
-//! program; [`VERSION`] is for pages that were left open in a browser.
+//! Times are microseconds of scenario time. The layout is private to the page, which is in the same program;
+//! [`VERSION`] is for pages left open in a browser.
 
 use super::bodies::ShownSwarm;
 use super::parts::{Motion, Part, Shape};
@@ -18,18 +18,18 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 
-/// Increased whenever the layout changes.
+/// Version of the layout; raised on every change.
 pub const VERSION: u32 = 2;
-/// More events than this are not kept; the page says so.
+/// Number of events kept; the page says how many more there were.
 const MOST_EVENTS: usize = 5_000_000;
-/// Events handed out at once.
+/// Number of events sent at once.
 const EVENTS_AT_ONCE: usize = 20_000;
-/// Messages shown of a module.
+/// Number of messages shown of a module.
 const LAST_MESSAGES: usize = 40;
-/// Complaints kept; the first ones tell the story.
+/// Number of problems kept; the first ones are the most telling.
 const MOST_TROUBLES: usize = 20;
 
-/// How a run begins.
+/// The beginning of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Beginning {
     version: u32,
@@ -41,28 +41,28 @@ pub struct Beginning {
     repeat: String,
     classes: Vec<&'static str>,
     time_step: u64,
-    /// What parts look like.
+    /// The shapes of all parts.
     shapes: Vec<Shape>,
-    /// Of each body where it is, in words, and its parts.
+    /// Of each body a description of its place, and its parts.
     start: Vec<Value>,
     /// The cell of the first part of each body.
     #[serde(skip)]
     cells: Vec<Option<Cell>>,
-    /// Goals, one after the other.
+    /// The goals in order.
     goals: Vec<Goal>,
     #[serde(skip)]
     targets: Targets,
     floor: Option<Floor>,
-    /// Modules cut off from the others: who, from when, until when.
+    /// Partitions: the modules cut off from the others, and the beginning and end.
     partitions: Vec<(Vec<u32>, u64, u64)>,
-    /// Whether messages between modules are seen.
+    /// True if messages between modules are recorded.
     messages: bool,
 }
 
 #[derive(Clone, Debug, Serialize)]
 struct Goal {
     name: String,
-    /// Cells with their levels.
+    /// The cells with their levels.
     cells: Vec<(i16, i16, i16, u16)>,
     #[serde(skip)]
     set: HashSet<Cell>,
@@ -80,7 +80,7 @@ fn micros(t: Time) -> u64 {
 }
 
 impl Beginning {
-    /// How a plan begins. `messages` is whether messages will be seen.
+    /// Returns the beginning of a plan. `messages` is true if messages will be recorded.
     pub fn of(plan: &Plan, swarm: &dyn ShownSwarm, messages: bool) -> Beginning {
         let Stage { time_step, goals, targets, floor } = swarm.stage();
         let bodies = swarm.start();
@@ -112,8 +112,8 @@ impl Beginning {
     }
 }
 
-/// A body at the start: where it is, and of each part the number of its shape, its tone, its centre, and how
-/// it is turned if it is.
+/// Returns a body at the start: a description of its place, and of each part the number of its shape, its
+/// tone, its centre, and its rotation unless that is the identity.
 fn started(parts: &[Part], whereabouts: &str, shapes: &mut Vec<Shape>) -> Value {
     let mut told = vec![json!(whereabouts)];
     for part in parts {
@@ -133,33 +133,33 @@ fn started(parts: &[Part], whereabouts: &str, shapes: &mut Vec<Shape>) -> Value 
     told.into()
 }
 
-/// What happened to whom.
+/// An event of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// Bodies will do this, under the next free number.
+    /// A motion that bodies will make; it takes the next free number.
     Motion(Motion),
-    /// A body begins the motion of a number, and where it will be after it.
+    /// A body begins the motion of this number, with a description of its place afterwards.
     Does(ModuleId, u32, String),
-    /// It has not worked; the body is where it was before.
+    /// The action has failed; the body is where it was before.
     Failed(ModuleId),
-    /// The body has refused it, so nothing has begun; told after [`Event::Does`] where refusals take time to
-    /// be heard of, as those of processes do.
+    /// The body has refused the action, so it has not begun; follows [`Event::Does`] where refusals are
+    /// delayed, as those of processes are.
     Refused(ModuleId),
-    /// A module tells of itself.
+    /// A module reports its state.
     Tells(ModuleId, ModuleView),
-    /// The process of a module is gone.
+    /// The process of a module has died.
     Died(ModuleId),
-    /// It is there again, without its memory.
+    /// It has been restarted, without its memory.
     Started(ModuleId),
-    /// It is stopped.
+    /// It has been stopped.
     Paused(ModuleId),
-    /// It goes on.
+    /// It has been continued.
     Resumed(ModuleId),
-    /// A fault of the schedule struck: whom, which, and what it found.
+    /// A fault of the schedule struck: the module, the fault, and its effect.
     Injected(Option<ModuleId>, String, String),
-    /// These cells have something foreign in them from now on.
+    /// The cells with a foreign object in them, from now on.
     Obstacles(Vec<Cell>),
-    /// This goal is built from now on, moved so far.
+    /// The goal that is built from now on, and its shift.
     Goal(u16, (i16, i16)),
 }
 
@@ -180,40 +180,40 @@ fn told(at: u64, event: &Event) -> Value {
     }
 }
 
-/// A run, as far as it has come.
+/// A run, up to the present time.
 #[derive(Debug)]
 pub struct Scene {
     beginning: Beginning,
     events: Vec<(Time, Event)>,
     forgotten: u64,
     standings: Vec<Option<ModuleView>>,
-    /// What bodies were asked to do at this moment and have not refused, and where that takes them.
+    /// Actions requested at this moment and not refused so far, with their destinations.
     asked: Vec<(Time, ModuleId, Motion, String)>,
-    /// The numbers of motions by what is told of them.
+    /// The numbers of motions, by their JSON form.
     motions: BTreeMap<String, u32>,
     obstacles: BTreeSet<Cell>,
     goal: Option<(u16, (i16, i16))>,
-    /// Which cells bodies are in, what they were seen to begin and not to end, and whose process is gone.
+    /// The cells of bodies; below, the number of actions in progress of each, and the dead modules.
     cells: Vec<Option<Cell>>,
     moving: BTreeMap<ModuleId, u32>,
-    /// Bodies that were asked for something that cannot be drawn, because they cannot do it.
+    /// Bodies whose requested action cannot be drawn, because they cannot do it.
     unseen: BTreeSet<ModuleId>,
     dead: BTreeSet<ModuleId>,
     flow: Flow,
     now: Time,
-    /// How the run ended, as its journal tells.
+    /// The outcome of the run, from its journal.
     outcome: Option<String>,
     over: bool,
     report: Option<Report>,
     troubles: Vec<String>,
-    /// How many times this run has been told anew.
+    /// Number of times that the scene was replaced.
     telling: u32,
-    /// Beginnings and ends of partitions that are still to come.
+    /// Beginnings and ends of partitions still to come.
     changes: VecDeque<LinkChange>,
 }
 
 impl Scene {
-    /// A run that has not begun.
+    /// Creates the scene of a run that has not begun.
     pub fn new(plan: &Plan, swarm: &dyn ShownSwarm, messages: bool) -> Scene {
         let beginning = Beginning::of(plan, swarm, messages);
         let width = Span(beginning.time_step * 1_000);
@@ -242,7 +242,7 @@ impl Scene {
         }
     }
 
-    /// Something happens.
+    /// Adds an event.
     pub fn note(&mut self, now: Time, event: Event) {
         self.reach(now);
         if let Event::Started(id) = event {
@@ -256,7 +256,7 @@ impl Scene {
             _ => self.events.push((at, event)),
         }
     }
-    /// The run has come so far. Time does not go back: returns how far it has come.
+    /// Advances the run to `now`, or not at all if that is past. Returns the present time.
     pub fn reach(&mut self, now: Time) -> Time {
         while self.changes.front().is_some_and(|change| change.at <= now)
             && let Some(LinkChange { at, name, effect }) = self.changes.pop_front()
@@ -273,7 +273,7 @@ impl Scene {
         }
         self.now
     }
-    /// What was not refused at once has begun.
+    /// Begins the requested actions that were not refused at once.
     fn begin_asked(&mut self) {
         for (at, id, motion, to) in std::mem::take(&mut self.asked) {
             *self.moving.entry(id).or_default() += 1;
@@ -281,7 +281,7 @@ impl Scene {
             self.push(at, Event::Does(id, motion, to));
         }
     }
-    /// The number of a motion. Many bodies do the same, so it is told only once.
+    /// Returns the number of a motion. Each motion is sent only once, as many bodies make the same ones.
     fn number_of(&mut self, at: Time, motion: Motion) -> u32 {
         let next = self.motions.len() as u32;
         let number = *self.motions.entry(motion.to_json().to_string()).or_insert(next);
@@ -316,18 +316,18 @@ impl Scene {
         };
         self.flow.progress(self.now, filled as u64, all as u64);
     }
-    /// The cell that the first part of a body is in now.
+    /// Sets the cell of the first part of a body.
     pub fn placed(&mut self, id: ModuleId, cell: Option<Cell>) {
         if let Some(known) = self.cells.get_mut(id.index()) {
             *known = cell;
         }
     }
-    /// The process of a module is gone.
+    /// Notes that the process of a module has died.
     pub fn died(&mut self, now: Time, id: ModuleId) {
         self.dead.insert(id);
         self.note(now, Event::Died(id));
     }
-    /// A body is asked to do something that takes it there; `None` if it cannot do that from where it is.
+    /// Notes a requested action with its destination; `None` if the body cannot do it from its place.
     pub fn asked(&mut self, now: Time, id: ModuleId, begun: Option<(Motion, String)>) {
         self.reach(now);
         match begun {
@@ -337,7 +337,7 @@ impl Scene {
             }
         }
     }
-    /// How it went.
+    /// Notes the outcome of an action.
     pub fn went(&mut self, now: Time, id: ModuleId, fate: ActionOutcome) {
         self.reach(now);
         match fate {
@@ -350,7 +350,7 @@ impl Scene {
                 self.push(now, Event::Failed(id));
             }
             ActionOutcome::Refused => {
-                // A body refuses before it begins, so what it has been asked last is what it refuses.
+                // A body refuses before it begins, so the refusal is of the latest request.
                 if let Some(i) = self.asked.iter().rposition(|(_, whose, ..)| *whose == id) {
                     self.asked.remove(i);
                 } else if !self.unseen.remove(&id) && self.rests(id) {
@@ -359,7 +359,7 @@ impl Scene {
             }
         }
     }
-    /// A body does one thing less. Says whether it was seen doing anything.
+    /// Ends one action of a body. Returns true if one was in progress.
     fn rests(&mut self, id: ModuleId) -> bool {
         let Some(doing) = self.moving.get_mut(&id) else { return false };
         *doing -= 1;
@@ -368,56 +368,56 @@ impl Scene {
         }
         true
     }
-    /// A module tells of itself. What shows nothing new is left out.
+    /// Notes the state that a module reports, unless it is unchanged.
     pub fn tells(&mut self, now: Time, id: ModuleId, standing: ModuleView) {
         let Some(last) = self.standings.get_mut(id.index()) else { return };
         if last.replace(standing) != Some(standing) {
             self.note(now, Event::Tells(id, standing));
         }
     }
-    /// A fault has struck a module or a cell.
+    /// Notes a fault that struck a module or a cell.
     pub fn struck(&mut self, at: Time, id: Option<ModuleId>, cell: Option<Cell>, fault: &str, effect: &str) {
         self.note(at, Event::Injected(id, fault.to_owned(), effect.to_owned()));
         let Some(cell) = cell else { return };
         let changed = match fault.starts_with("unblock") {
             true => self.obstacles.remove(&cell),
-            // Nothing comes into a cell with a body in it.
+            // No object comes into a cell with a body in it.
             false => effect.ends_with("the cell was free") && self.obstacles.insert(cell),
         };
         if changed {
             self.note(at, Event::Obstacles(self.obstacles.iter().copied().collect()));
         }
     }
-    /// This goal is built from now on.
+    /// Notes that another goal is built from now on.
     pub fn goal(&mut self, now: Time, goal: u16, shift: (i16, i16)) {
         if self.goal.replace((goal, shift)) != Some((goal, shift)) {
             self.note(now, Event::Goal(goal, shift));
         }
     }
-    /// Messages and progress over time.
+    /// Returns the messages and the progress over time.
     pub fn flow(&mut self) -> &mut Flow {
         &mut self.flow
     }
-    /// What could not be read, or is missing.
+    /// Adds a problem: a record that is missing or cannot be read.
     pub fn trouble(&mut self, what: String) {
         if self.troubles.len() < MOST_TROUBLES {
             self.troubles.push(what);
         }
     }
-    /// The same, all of it.
+    /// Returns all problems kept.
     pub fn troubles(&self) -> &[String] {
         &self.troubles
     }
-    /// How the run ended, as its journal tells.
+    /// Sets the outcome of the run, from its journal.
     pub fn ended(&mut self, outcome: &str) {
         self.outcome = Some(outcome.to_owned());
     }
-    /// Nothing follows.
+    /// Ends the scene.
     pub fn end(&mut self, troubles: Vec<String>) {
         self.close(self.now);
         troubles.into_iter().for_each(|trouble| self.trouble(trouble));
     }
-    /// The run is over, and this is its report.
+    /// Ends the scene with the report of the run.
     pub fn finish(&mut self, report: Report) {
         let end = Time((report.time.virtual_s * 1e9) as u64);
         self.close(self.now.max(end));
@@ -430,22 +430,22 @@ impl Scene {
         self.flow.finish(end);
         self.over = true;
     }
-    /// This is told instead of another scene of the same run.
+    /// Makes this scene the replacement of another one of the same run.
     pub fn succeed(&mut self, other: &Scene) {
         self.telling = other.telling + 1;
     }
-    /// Stretches of time with what was counted in them, and how long each is.
+    /// Returns the width of the time bins, and their counts.
     pub fn bins(&self) -> (Span, &[Bin]) {
         (self.flow.width(), self.flow.bins())
     }
 
-    /// How it began.
+    /// Returns the beginning.
     pub fn beginning(&self) -> Value {
         json!(self.beginning)
     }
 
-    /// What happened after the first `from` events; and the totals of the stretches of time from `bin`
-    /// on, or of all if they are not as wide (in microseconds) as the reader thinks.
+    /// Returns the events after the first `from`, and the totals of the time bins from `bin` on, or of all if
+    /// their width differs from the reader's (in microseconds).
     pub fn since(&self, from: usize, bin: usize, width: u64) -> Value {
         let from = from.min(self.events.len());
         let until = (from + EVENTS_AT_ONCE).min(self.events.len());
@@ -471,7 +471,7 @@ impl Scene {
         })
     }
 
-    /// Who talked to whom in some stretches of time.
+    /// Returns the messages between modules in some time bins.
     pub fn talk(&self, first: usize, count: usize) -> Value {
         let bins = self.flow.bins();
         let first = first.min(bins.len());
@@ -488,9 +488,9 @@ impl Scene {
         })
     }
 
-    /// The last messages of a module at a time.
+    /// Returns the last messages of a module at a time.
     pub fn messages(&self, id: ModuleId, at: u64) -> Value {
-        // Everything within the microsecond that the page means.
+        // Up to the end of the microsecond that the page names.
         let at = Time(at.saturating_mul(1_000).saturating_add(999));
         json!({ "messages": self.flow.last_of(id, at, LAST_MESSAGES) })
     }
@@ -508,7 +508,7 @@ mod tests {
         events.iter().map(|e| format!("{} {}", e[0].as_str().unwrap_or("?"), e[2])).collect()
     }
 
-    /// A refusal undoes what it refuses, also where time passes before it is heard of.
+    /// A refusal undoes the refused action, also when it is delayed.
     #[test]
     fn what_is_refused_has_not_happened() {
         let text = "version = 1\n[swarm]\nstart = { cells = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]] }\n\
@@ -520,7 +520,7 @@ mod tests {
         let at = |millis: u64| Time(millis * 1_000_000);
         let motion = Motion { takes: Span::secs(1), name: "slides".into(), segments: Vec::new() };
         let doing = || Some((motion.clone(), String::from("there")));
-        // At once, then later, then later while something else is done; and one that cannot be drawn.
+        // At once, then later, then later during another action; and one that cannot be drawn.
         scene.asked(at(100), ModuleId(1), doing());
         scene.went(at(100), ModuleId(1), ActionOutcome::Refused);
         scene.asked(at(200), ModuleId(2), doing());
@@ -532,9 +532,9 @@ mod tests {
         scene.went(at(304), ModuleId(3), ActionOutcome::Refused);
         scene.went(at(1_300), ModuleId(3), ActionOutcome::Done);
         assert!(scene.moving.is_empty());
-        // A partition is told when its time has come.
+        // A partition is an event at its time.
         scene.reach(at(3_000));
-        // A motion is told once, before the first body that begins it.
+        // A motion is sent once, before the first body that begins it.
         let events = ["d [1000000,\"slides\",[]]", "m 2", "r 2", "m 3", "m 3", "r 3", "x null"];
         assert_eq!(kinds(&scene), events);
     }

@@ -1,8 +1,7 @@
-//! Writes a scene from the records of a run, whether they come from a run that goes on or from its
-//! journal: one way from what happened to what is shown.
+//! Builds a scene from the records of a run, whether it is in progress or in a journal.
 //!
-//! Of processes that run only the controller's records come by; what agents say to each other is in
-//! their parts of the journal.
+//! Of running processes only the controller's records are available; messages between agents are in the
+//! agents' parts of the journal.
 
 use super::bodies::Bodies;
 use super::parts::Part;
@@ -17,18 +16,18 @@ use metamorph_protocol::wire::WireError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use thiserror::Error;
 
-/// Why a journal cannot be shown.
+/// Errors of showing a journal.
 #[derive(Debug, Error)]
 pub enum ReadError {
-    /// It is none.
+    /// It cannot be read.
     #[error(transparent)]
     Journal(#[from] JournalError),
-    /// Its head makes no sense.
+    /// Its head cannot be understood.
     #[error("{0}\n  fix: use the program that wrote the journal")]
     Head(#[from] HeadError),
 }
 
-/// A scene that is written on one side and read on another.
+/// A scene shared by its writer and its readers.
 #[derive(Clone, Debug)]
 pub struct Shared(Arc<Mutex<Scene>>);
 
@@ -37,28 +36,28 @@ impl Shared {
     pub fn new(scene: Scene) -> Shared {
         Shared(Arc::new(Mutex::new(scene)))
     }
-    /// The scene. A reader that has panicked leaves it as it was.
+    /// Locks the scene. A reader that has panicked leaves it as it was.
     pub fn lock(&self) -> MutexGuard<'_, Scene> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    /// Puts another telling of the same run in its place. Pages begin anew.
+    /// Replaces the scene by another version of the same run. Pages begin anew.
     pub fn replace(&self, mut scene: Scene) {
         let mut shared = self.lock();
         scene.succeed(&shared);
         *shared = scene;
     }
-    /// The scene itself, when whoever wrote it is done.
+    /// Returns the scene once its writer is done.
     pub fn into_inner(self) -> Scene {
-        let alone = Arc::try_unwrap(self.0).expect("invariant: whoever fills a scene lets go of it");
+        let alone = Arc::try_unwrap(self.0).expect("invariant: the writer of a scene drops it");
         alone.into_inner().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Writes a scene of one family.
+/// Builds a scene of one family.
 pub struct SceneBuilder<A: Visible> {
-    /// The bodies where they are by now.
+    /// The bodies, at their current places.
     pub bodies: Bodies<A>,
-    /// What is written.
+    /// The scene to fill.
     pub scene: Shared,
 }
 
@@ -74,7 +73,7 @@ impl<A: Visible> SceneBuilder<A> {
     fn write(&mut self, at: Time, who: Who, event: &record::Event) -> Result<(), WireError> {
         use record::Event as E;
         let mut scene = self.scene.lock();
-        // Agents of a process run may be a moment ahead of what the controller has written down.
+        // Agents of a process run may be slightly ahead of the controller's records.
         let at = scene.reach(at);
         let own = match who {
             Who::Agent(id, _) => Some(id),

@@ -1,5 +1,5 @@
-//! The server of the page: on the loopback interface, behind the gate, on a thread of its own. It
-//! hands out the files that are in the program and the scene as JSON, and nothing else.
+//! The server of the page: on the loopback interface, behind the access check, on a thread of its own. It
+//! serves the files that are in the program and the scene as JSON, and nothing else.
 //!
 //! Every user of the machine can connect, so connections, their headers and their time are bounded.
 
@@ -28,28 +28,28 @@ use tokio::net::TcpStream;
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 
-/// Connections at the same time; others wait. A browser makes six.
+/// Number of simultaneous connections; others wait. A browser makes six.
 const CONNECTIONS: usize = 128;
-/// The longest time until a request has its headers, and the longest between two requests.
+/// Time limit for the headers of a request, and for the pause between two requests.
 const HEADERS: Duration = Duration::from_secs(3);
-/// After this time a connection is closed when its latest answer is out. A browser makes a new one.
+/// Time after which a connection is closed once its latest response is sent. A browser makes a new one.
 const LIFETIME: Duration = Duration::from_secs(60);
-/// The longest time that the latest answer may take then.
+/// Time limit for that response.
 const LAST_ANSWER: Duration = Duration::from_secs(10);
-/// The most bytes of headers, and of what is read ahead.
+/// Largest size of the headers, and of the read buffer, in bytes.
 const MAX_HEADER_BYTES: usize = 16 << 10;
-/// The most headers of a request.
+/// Largest number of headers of a request.
 const MAX_HEADERS: usize = 64;
-/// Between two attempts to accept a connection, when the system has no more of something.
+/// Pause before another attempt to accept a connection, when the system is short of a resource.
 const AGAIN: Duration = Duration::from_secs(1);
 
-/// Stretches of time handed out at once.
+/// Number of time bins sent at once.
 const BINS_AT_ONCE: usize = 64;
-/// The page may use what comes from this server, and nothing else; no other page may show it.
+/// The page may only use resources of this server, and no other page may embed it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
                       img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// The files of the page: what they are called, of which type they are, what is in them.
+/// The files of the page: name, type and content.
 const FILES: [(&str, &str, &str); 10] = [
     ("", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
@@ -64,15 +64,15 @@ const FILES: [(&str, &str, &str); 10] = [
 ];
 const JS: &str = "text/javascript; charset=utf-8";
 
-/// Why there is no page.
+/// Errors of serving the page.
 #[derive(Debug, Error)]
 pub enum ServerError {
-    /// No port, or no thread.
+    /// No port or no thread is available.
     #[error("the page cannot be served on this machine's loopback address: {0}")]
     Listen(#[from] io::Error),
 }
 
-/// A page that is being served, until the program ends.
+/// A page that is served until the program ends.
 #[derive(Debug)]
 pub struct Server {
     address: String,
@@ -84,7 +84,10 @@ struct Inside {
 }
 
 impl Server {
-    /// Serves a scene from now on.
+    /// Starts to serve a scene.
+    ///
+    /// # Errors
+    /// If there is no port or no thread.
     pub fn start(scene: Shared) -> Result<Server, ServerError> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
         listener.set_nonblocking(true)?;
@@ -101,13 +104,13 @@ impl Server {
         Ok(Server { address })
     }
 
-    /// The address to open, with its token.
+    /// Returns the address to open, with its token.
     pub fn address(&self) -> &str {
         &self.address
     }
 }
 
-/// Accepts connections, as many at a time as there may be.
+/// Accepts connections, at most [`CONNECTIONS`] at a time.
 async fn serve(listener: tokio::net::TcpListener, inside: Arc<Inside>) {
     let places = Arc::new(Semaphore::new(CONNECTIONS));
     while let Ok(place) = Arc::clone(&places).acquire_owned().await {
@@ -137,7 +140,7 @@ async fn serve_one(stream: TcpStream, inside: Arc<Inside>) {
     http.timer(TokioTimer::new()).header_read_timeout(HEADERS);
     http.max_buf_size(MAX_HEADER_BYTES).max_headers(MAX_HEADERS);
     let mut connection = pin!(http.serve_connection(TokioIo::new(stream), service));
-    // What a connection dies of is told to the other end, and is no business of ours.
+    // An error of a connection concerns its other end only.
     if timeout(LIFETIME, connection.as_mut()).await.is_err() {
         connection.as_mut().graceful_shutdown();
         let _ = timeout(LAST_ANSWER, connection).await;
@@ -180,7 +183,7 @@ fn file(name: &str) -> Option<(&'static str, &'static str)> {
     FILES.into_iter().find(|(n, ..)| *n == name).map(|(_, kind, text)| (kind, text))
 }
 
-/// What of the scene is asked for. Numbers that are missing or wrong count as zero.
+/// Returns the requested part of the scene. Missing or invalid numbers count as zero.
 fn data(scene: &Shared, name: &str, query: &str) -> Option<Value> {
     let number = |key: &str| -> u64 {
         let value = query.split('&').filter_map(|pair| pair.split_once('=')).find(|(k, _)| *k == key);
@@ -204,7 +207,7 @@ mod tests {
     use super::*;
     use metamorph_module_agent::registry::Family;
 
-    /// Families that are added later are shown by the same page: all it says of a family comes from the scene.
+    /// The page shows families added later without a change: everything about a family comes from the scene.
     #[test]
     fn the_page_names_no_family() {
         for (file, _, text) in FILES {

@@ -1,5 +1,4 @@
-//! What a family of modules has to say so that its runs can be shown. Families implement
-//! [`Visible`].
+//! The interface between a family and the views of its runs: families implement [`Visible`].
 
 use super::parts::{Motion, Part};
 use crate::report::message_timeline::MessageLabel;
@@ -8,59 +7,59 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Span;
 use serde::Serialize;
 
-/// What a module tells of itself.
+/// The state that a module reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct ModuleView {
-    /// Its part, a number of [`Words::roles`].
+    /// Its role, an index of [`Words::roles`].
     pub role: u8,
-    /// Bits: 1 attached, 2 immobile, 4 pinned by a dead one, 8 knows a way.
+    /// Bits: 1 attached, 2 immobile, 4 pinned by a dead module, 8 knows a path.
     pub flags: u8,
     /// The goal that it works for, or the number of the target that it fills: see [`Targets`].
     pub place: i32,
-    /// Whom it waits for.
+    /// The module that it waits for.
     pub waits_for: Option<ModuleId>,
 }
 
 /// The role of a module that fills a target.
 pub const FILLS: u8 = 2;
 
-/// How an action went.
+/// The outcome of an action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ActionOutcome {
-    /// As it should.
+    /// It succeeded.
     Done,
-    /// It was tried, and the body is where it was.
+    /// It failed; the body is where it was.
     Failed,
-    /// It was not begun.
+    /// It was refused and has not begun.
     Refused,
 }
 
-/// The colour of a role; those of dead, paused and silent modules are the same in all families.
+/// The colour of a role; dead, paused and silent modules have the same colours in all families.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Colour {
-    /// Has nothing to do.
+    /// Without a task.
     Idle,
     /// On its way.
     Active,
-    /// Where it stays.
+    /// At its final place.
     Done,
 }
 
-/// A part that modules of a family can have.
+/// A role of modules of a family.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Role {
-    /// As in the summary of an agent.
+    /// Its name in the summary of an agent.
     pub name: &'static str,
-    /// How modules with it are painted.
+    /// The colour of modules in it.
     pub colour: Colour,
-    /// What the legend calls it.
+    /// Its name in the legend.
     pub legend: &'static str,
-    /// What is said of one module; `{}` stands for [`ModuleView::place`].
+    /// The text about one module; `{}` stands for [`ModuleView::place`].
     pub about: &'static str,
 }
 
-/// What things of a family are called where they are shown, and how its bodies are best seen.
+/// The words of a family in views, and how its bodies are best drawn.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Words {
     /// A module, with a capital letter.
@@ -69,31 +68,31 @@ pub struct Words {
     pub modules: &'static str,
     /// The place that a module fills.
     pub target: &'static str,
-    /// What a goal is made of.
+    /// The elements of a goal.
     pub targets: &'static str,
-    /// What the way to a target is counted in: one, and several.
+    /// The unit of the distance to a target: one, and several.
     pub distance: [&'static str; 2],
-    /// What bodies do, as it is counted.
+    /// The counted actions of bodies.
     pub actions: &'static str,
     /// The first level of a goal, and the last one.
     pub levels: [&'static str; 2],
-    /// The parts that modules can have; that of number [`FILLS`] is had by modules that fill a target.
+    /// The roles of modules; [`FILLS`] is the role of modules that fill a target.
     pub roles: [Role; 3],
-    /// The role that a module which moves is painted in, if it does not tell of that role itself.
+    /// The colour role of a module that moves, unless it reports that role itself.
     pub moving_role: Option<u8>,
-    /// Parts are drawn this much smaller, so that neighbours are told apart.
+    /// Scale of drawn parts, below 1 so that neighbours can be told apart.
     pub scale: f64,
-    /// The same while messages are shown, if bodies hide what is between them.
+    /// Scale while messages are shown, if bodies hide what is between them.
     pub scale_among_messages: Option<f64>,
 }
 
-/// What modules fill.
+/// The targets that modules fill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Targets {
-    /// Each cell of a goal, by the module whose body is in it. A module says for which goal it is final; a dead
-    /// body that rests there fills a cell, too.
+    /// Each cell of a goal, filled by the body in it. A module reports the goal for which it is finalized; a
+    /// dead body that rests in a cell fills it too.
     Cells,
-    /// Groups of so many cells. A module says the number of the one that it fills.
+    /// Groups of this many cells. A module reports the number of the group that it fills.
     Groups(usize),
 }
 
@@ -104,20 +103,20 @@ pub struct Floor {
     pub min: [i16; 2],
     /// The corner with the largest.
     pub max: [i16; 2],
-    /// How far up bodies on it reach, in cells.
+    /// The height that bodies on it reach, in cells.
     pub headroom: i16,
 }
 
-/// Where a run takes place.
+/// The setting of a run.
 #[derive(Clone, Debug)]
 pub struct Stage {
-    /// How long a typical action takes.
+    /// The duration of a typical action.
     pub time_step: Span,
-    /// The cells of each goal with their levels. Those of a group stand together.
+    /// The cells of each goal with their levels. Those of a group are adjacent in the list.
     pub goals: Vec<Vec<(i16, i16, i16, u16)>>,
-    /// What modules fill.
+    /// The targets that modules fill.
     pub targets: Targets,
-    /// What bodies stand on, if not on each other.
+    /// The floor; `None` if bodies stand on each other.
     pub floor: Option<Floor>,
 }
 
@@ -126,33 +125,33 @@ pub trait Visible: Agent {
     /// The words of the family.
     const WORDS: Words;
 
-    /// Where a run takes place.
+    /// Returns the setting of a run.
     fn stage(setup: &Self::Setup) -> Stage;
-    /// The parts of a body at rest. A body has the same parts in the same order all the time.
+    /// Returns the parts of a body at rest. Their number and order never change.
     fn at_rest(setup: &Self::Setup, place: &Self::Place) -> Vec<Part>;
-    /// How an action moves the parts, and where the body is then; `None` if it cannot begin there.
+    /// Returns the motion of an action and the place after it; `None` if it cannot begin at `place`.
     fn motion(
         setup: &Self::Setup,
         place: &Self::Place,
         action: &Self::Action,
     ) -> Option<(Motion, Self::Place)>;
-    /// Says where a body is.
+    /// Describes the place of a body.
     fn whereabouts(place: &Self::Place) -> String;
-    /// How an action went.
+    /// Returns the outcome that a percept reports.
     fn fate(percept: &Self::Percept) -> ActionOutcome;
-    /// What a report tells.
+    /// Returns the state that a report contains.
     fn standing(report: &Self::Report) -> ModuleView;
-    /// What a message tells.
+    /// Returns the label of a message.
     fn said(message: &Self::Message) -> MessageLabel;
-    /// How far it is to a target, in moves, from what an agent's summary tells; [`FAR`] if it knows of
-    /// none.
+    /// Returns the distance to a target in moves, from the gradient of an agent's summary; [`FAR`] if it
+    /// knows of none.
     ///
     /// [`FAR`]: crate::report::message_timeline::FAR
     fn moves(gradient: Option<u32>) -> u16;
-    /// Which goal an order opens, and how far that is moved.
+    /// Returns the goal that an order opens, and its shift; `None` for other orders.
     fn goal(order: &Self::Order) -> Option<(u16, (i16, i16))>;
 
-    /// The parts of a body: at rest, or after a share of the time of an action.
+    /// Returns the parts of a body: at rest, or after a share of the time of an action.
     fn parts(setup: &Self::Setup, place: &Self::Place, action: Option<(&Self::Action, f64)>) -> Vec<Part> {
         let mut parts = Self::at_rest(setup, place);
         if let Some((action, fraction)) = action

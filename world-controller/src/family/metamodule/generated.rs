@@ -26,11 +26,11 @@ pub struct GeneratedMetamodules {
     pub strategy: Strategy,
     /// Which instance opens seeds.
     pub seed_authority: SeedAuthority,
-    /// Whether an obstructed goal is moved.
+    /// True if an obstructed goal is moved.
     pub relocate: bool,
     /// Which of two metamodules close together goes first. `negotiated` has neither this nor `settled_repel`.
     pub precedence: Option<Precedence>,
-    /// Whether settled metamodules repel others.
+    /// True if settled metamodules repel others.
     pub settled_repel: bool,
 }
 

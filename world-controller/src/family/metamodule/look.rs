@@ -1,5 +1,5 @@
-//! How metamodules look, and what they say. A metamodule has eight parts, the halves of its four cubes from
-//! the foot on; the joints are about axes through the centres of cubes.
+//! The appearance of metamodules, and the words for their state. A metamodule has eight parts, the halves of
+//! its four cubes from the foot on; the axes of its joints go through the centres of cubes.
 
 use crate::report::message_timeline::{FAR, MessageLabel};
 use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone, centre};
@@ -18,19 +18,19 @@ use std::ops::Range;
 
 const HALVES: usize = 8;
 const JOINTS: usize = 6;
-/// A metamodule that stands upright has so many cells above each other.
+/// Height of an upright metamodule in cells.
 const HEIGHT: i16 = 4;
 
-/// A metamodule at rest, from the end that holds on.
+/// A metamodule at rest, from the attached end on.
 #[derive(Default)]
 struct Skeleton {
-    /// How each half cube is turned, and where it is.
+    /// The rotation of each half cube, and its cell.
     halves: Vec<(LatticeRotation, Cell)>,
-    /// The axis of each joint, and a cell that it goes through the centre of.
+    /// The axis of each joint, and a cell whose centre it goes through.
     hinges: Vec<(Half, Cell)>,
 }
 
-/// The skeleton of a pose; empty if the motion database does not have its posture.
+/// Returns the skeleton of a pose; empty if the motion database lacks its posture.
 fn skeleton(setup: &Setup, pose: &Pose) -> Skeleton {
     let mut skeleton = Skeleton::default();
     let motions = &setup.motions;
@@ -57,8 +57,8 @@ fn skeleton(setup: &Setup, pose: &Pose) -> Skeleton {
     skeleton
 }
 
-/// The halves that a joint moves while an end holds; the joint is counted from that end on, the halves
-/// always from the foot on.
+/// Returns the halves that a joint moves while an end holds. The joint is counted from that end on, the
+/// halves always from the foot on.
 fn behind(joint: usize, end: End) -> Range<usize> {
     let before = joint + 1 + usize::from(joint >= JOINTS / 2);
     match end {
@@ -194,7 +194,7 @@ impl Visible for Metamodule {
     }
 }
 
-/// All joints that differ turn at once, the short way.
+/// Returns the motion that turns all joints that differ at once, the short way.
 fn turn(setup: &Setup, from: &Pose, to: u16) -> Option<Motion> {
     let postures = setup.motions.table().postures();
     let steps_of = |posture: u16| postures.get(usize::from(posture)).map(|entry| entry.posture);
@@ -242,8 +242,8 @@ mod tests {
         Arc::clone(&plan.swarm.of::<Metamodules>().expect("metamodules").setup)
     }
 
-    /// What can be seen of halves: centres and where the tips of their domes are. A turn by a third about
-    /// the tip changes neither.
+    /// Returns the visible features of halves: their centres and the tips of their domes. A turn by a third
+    /// about the tip changes neither.
     fn seen(parts: &[Part]) -> Vec<[Vector3<f64>; 2]> {
         parts.iter().map(|p| [p.centre(), p.pose.rotation * Vector3::repeat(1.0)]).collect()
     }
@@ -254,7 +254,7 @@ mod tests {
         assert!(far.fold(0.0, f64::max) < 1e-9, "{about}: {one:?} and {other:?}");
     }
 
-    /// All moments of all turns, against the kinematics of the module with continuous angles.
+    /// All moments of all turns agree with the kinematics of the module with continuous angles.
     #[test]
     fn turning_halves_go_where_the_joints_take_them() {
         let setup = setup();

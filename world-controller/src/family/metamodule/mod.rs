@@ -85,7 +85,7 @@ impl FamilyParts for MetamoduleFamily {
 /// A swarm of metamodules.
 #[derive(Clone, Debug)]
 pub struct Metamodules {
-    /// Whether the start places are drawn from the seed of the run.
+    /// True if the start places are drawn from the seed of the run.
     pub drawn: bool,
     /// The start poses; a metamodule's number is its index.
     pub poses: Vec<Pose>,
@@ -95,7 +95,7 @@ pub struct Metamodules {
     pub setup: Arc<Setup>,
     /// Times at which goals are replaced, with the new goal, sorted by time.
     pub changes: Arc<[(Time, u8)]>,
-    /// Whether a goal that cannot be built in place is moved.
+    /// True if a goal that cannot be built in place is moved.
     pub relocate: bool,
 }
 

@@ -1,7 +1,7 @@
 //! The parts of a scenario that only metamodules have: kind, floor and start places, seeds in levels, the
 //! strategy. Reads and checks them, and creates the swarm.
 //!
-//! Coordinates of the floor are pairs of connectors. Absent: drawing random places, which the protocol's
+//! Coordinates of the floor are pairs of connectors. Not here: drawing random places, which the protocol's
 //! library does.
 
 use super::Metamodules;

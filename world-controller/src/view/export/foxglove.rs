@@ -1,6 +1,6 @@
-//! Messages in the schemas `foxglove.SceneUpdate` and `foxglove.Log`, as far as they are used here; the
-//! schemas that go with them are derived from these types. Absent: primitives other than cubes, whose
-//! lists are there because readers expect them, and are always empty.
+//! Messages in the schemas `foxglove.SceneUpdate` and `foxglove.Log`, as far as needed here; the schemas are
+//! derived from these types. Not here: primitives other than cubes, whose lists are always empty, but expected
+//! by readers.
 
 use crate::view::parts::Part;
 use metamorph_protocol::time::Time;
@@ -8,14 +8,14 @@ use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde::Serialize;
 
-/// The schema of messages of a type. Written out without references, which not every reader follows.
+/// Returns the JSON schema of a type, without references, which some readers do not follow.
 pub fn schema_of<T: JsonSchema>() -> Vec<u8> {
     let settings = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
     let schema = settings.into_generator().into_root_schema_for::<T>();
     serde_json::to_vec(&schema).expect("invariant: a schema is plain JSON")
 }
 
-/// A moment.
+/// A point in time.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 #[schemars(title = "time")]
 pub struct Stamp {
@@ -30,7 +30,7 @@ impl From<Time> for Stamp {
     }
 }
 
-/// A span; zero is "until something else is said".
+/// A duration; zero means until replaced.
 #[derive(Clone, Copy, Debug, Default, Serialize, JsonSchema)]
 #[schemars(title = "duration")]
 struct Lifetime {
@@ -62,7 +62,7 @@ struct Pose {
     orientation: Quaternion,
 }
 
-/// Parts of red, green, blue, and how much covers what is behind.
+/// Red, green, blue and opacity, from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 #[schemars(title = "foxglove.Color")]
 pub struct Colour {
@@ -73,7 +73,7 @@ pub struct Colour {
 }
 
 impl Colour {
-    /// From red, green and blue of 0 to 255.
+    /// Returns the colour for red, green and blue of 0 to 255.
     pub const fn rgb(r: u8, g: u8, b: u8) -> Colour {
         Colour { r: r as f32 / 255.0, g: g as f32 / 255.0, b: b as f32 / 255.0, a: 1.0 }
     }
@@ -89,7 +89,7 @@ pub struct Cube {
 }
 
 impl Cube {
-    /// A box about the centre of a part, with a little air so that one can be told from the next.
+    /// Returns a box about the centre of a part, with a small gap to its neighbours.
     pub fn new(part: &Part, size: [f64; 3], color: Colour) -> Cube {
         const SHARE: f64 = 0.95;
         let vector = |[x, y, z]: [f64; 3]| Vector { x: x as f32, y: y as f32, z: z as f32 };
@@ -99,21 +99,21 @@ impl Cube {
     }
 }
 
-/// What is shown of a thing that is clicked.
+/// A property that is shown of a selected entity.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 #[schemars(title = "foxglove.KeyValuePair")]
 pub struct Pair<'a> {
-    /// What it is about.
+    /// Its name.
     pub key: &'static str,
-    /// What it says.
+    /// Its value.
     pub value: &'a str,
 }
 
-/// What is never written.
+/// A primitive that is never written.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 struct Never {}
 
-/// One thing.
+/// One entity of the scene.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(title = "foxglove.SceneEntity")]
 pub struct Entity<'a> {
@@ -134,7 +134,7 @@ pub struct Entity<'a> {
 }
 
 impl<'a> Entity<'a> {
-    /// Cubes with a name.
+    /// Returns an entity of cubes.
     pub fn new(at: Time, id: String, metadata: [Pair<'a>; 2], cubes: Vec<Cube>) -> Entity<'a> {
         Entity {
             timestamp: at.into(),
@@ -155,7 +155,7 @@ impl<'a> Entity<'a> {
     }
 }
 
-/// Things that look different, or are new.
+/// Entities that are new or have changed.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(title = "foxglove.SceneUpdate")]
 pub struct SceneUpdate<'a> {
@@ -164,20 +164,20 @@ pub struct SceneUpdate<'a> {
 }
 
 impl<'a> SceneUpdate<'a> {
-    /// Things with the same names are replaced, others stay.
+    /// Returns an update that replaces entities with the same names; others stay.
     pub fn new(entities: Vec<Entity<'a>>) -> SceneUpdate<'a> {
         SceneUpdate { deletions: &[], entities }
     }
 }
 
-/// How much a line of the log matters.
+/// The level of a line of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// To know.
+    /// For information.
     Info = 2,
-    /// To look at.
+    /// Deserves attention.
     Warning = 3,
-    /// Not as it should be.
+    /// An error.
     Error = 4,
 }
 
@@ -194,7 +194,7 @@ pub struct Log<'a> {
 }
 
 impl<'a> Log<'a> {
-    /// Something was said.
+    /// Returns a line of the log.
     pub fn new(at: Time, level: Level, message: &'a str) -> Log<'a> {
         Log { timestamp: at.into(), level: level as u8, message, name: "metamorph", file: "", line: 0 }
     }

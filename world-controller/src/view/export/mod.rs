@@ -1,11 +1,10 @@
 //! A journal as a recording that the field's viewers show: an MCAP file with scene updates and a log in
 //! Foxglove's schemas, as JSON.
 //!
-//! Bodies are drawn by their parts, in cells of one metre; a time of the scenario is a time of the
-//! recording. Every update holds all modules: a viewer that jumps to a time shows the last update before
-//! it and nothing older. So updates have a smallest distance, and a file grows with modules times time.
-//! Absent: messages between modules, and the way of a body from one cell to the next; `metamorph view`
-//! is for those who want to know more.
+//! Bodies are drawn by their parts, in cells of one metre; the time of the recording is the scenario's. Every
+//! update holds all modules, because a viewer that jumps to a time shows the last update before it and
+//! nothing older. So updates have a minimum interval, and the file size grows with modules times time. Not
+//! here: messages between modules, and the course of a body between two cells, which `metamorph view` shows.
 
 mod foxglove;
 
@@ -34,7 +33,7 @@ use std::io::BufWriter;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// What `export` takes.
+/// The options of `export`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
     /// The journal of a run (see `run --journal`)
@@ -48,7 +47,7 @@ pub struct ExportArgs {
     pub every: u32,
 }
 
-/// Why there is no recording.
+/// Errors of an export.
 #[derive(Debug, Error)]
 pub enum ExportError {
     /// The journal cannot be read.
@@ -57,27 +56,27 @@ pub enum ExportError {
     /// Its scenario cannot be read.
     #[error("{0}\n  fix: use the program that wrote the journal")]
     Head(#[from] HeadError),
-    /// The recording cannot go where it shall.
+    /// The recording cannot be written to its file.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// A signal came.
+    /// Interrupted by a signal.
     #[error("--mcap {}: interrupted; nothing is written there", .path.shown())]
     Interrupted {
-        /// Where.
+        /// The file.
         path: PathBuf,
     },
     /// The recording cannot be finished.
     #[error("--mcap {}: the recording could not be written to its end: {error}", .path.shown())]
     Write {
-        /// Where.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         error: McapError,
     },
 }
 
 impl ExportError {
-    /// Whether what was typed, or the journal, is to blame.
+    /// True if an option or the journal is at fault.
     pub fn is_input(&self) -> bool {
         match self {
             ExportError::Output(error) => error.is_input(),
@@ -87,7 +86,7 @@ impl ExportError {
     }
 }
 
-/// What is drawn of a module.
+/// The drawn state of a module.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Body {
     parts: Vec<Part>,
@@ -114,7 +113,7 @@ impl Process {
 }
 
 impl Body {
-    /// The light colours of the page.
+    /// Returns the colour that the page uses in its light theme.
     fn colour(&self, words: &Words) -> Colour {
         match self.process {
             Process::Dead => return Colour::rgb(0x43, 0x47, 0x4d),
@@ -128,7 +127,7 @@ impl Body {
             visible::Colour::Done => Colour::rgb(0x3d, 0x83, 0xc0),
         }
     }
-    /// The boxes of a body. The halves of a ball make one.
+    /// Returns the boxes of a body. The two halves of a ball make one.
     fn boxes(&self, colour: Colour) -> Vec<Cube> {
         let mut halves = Vec::new();
         let mut boxes = Vec::new();
@@ -154,7 +153,7 @@ impl Body {
     }
 }
 
-/// The file, and the modules as they are at this time.
+/// The file, and the state of the modules at the current time.
 struct Recording {
     writer: Writer<BufWriter<File>>,
     words: &'static Words,
@@ -163,15 +162,18 @@ struct Recording {
     sequence: u32,
     updates: u64,
     bodies: BTreeMap<ModuleId, Body>,
-    /// Whether anything looks different since the last update.
+    /// True if a module has changed since the last update.
     changed: bool,
     every: Span,
-    /// Before this no update is written.
+    /// The earliest time of the next update.
     due: Time,
     now: Time,
 }
 
-/// Writes the recording and says what is in it.
+/// Writes the recording and prints its contents.
+///
+/// # Errors
+/// If the journal cannot be read, or the file cannot be written.
 pub fn export(
     args: &ExportArgs,
     families: Families,
@@ -192,7 +194,7 @@ pub fn export(
         Recording::begin(file, swarm.words(), Span::millis(args.every.into())).map_err(write)?;
     let mut records = 0;
     for record in journal.by_ref() {
-        // Half a recording would look like a whole one, so what is begun takes its name at the end.
+        // Half a recording would look like a whole one, so the file gets its name at the end.
         let record = record.map_err(JournalError::from)?;
         records += 1;
         if interrupt.is_set() {
@@ -242,7 +244,7 @@ impl Recording {
     }
 
     fn take(&mut self, record: &Record, parts: &dyn Fn(&Blob) -> Option<Vec<Part>>) -> Result<(), McapError> {
-        // Records of several files are in the order of causes; their times are not always.
+        // Records of several files are in causal order; their times are not always.
         if record.at > self.now {
             if self.changed && self.now >= self.due {
                 self.update()?;
@@ -300,7 +302,7 @@ impl Recording {
         Ok(())
     }
 
-    /// How everything stands at the end, and what was missing.
+    /// Writes the final state, and what was missing.
     fn end(&mut self, troubles: &[String]) -> Result<(), McapError> {
         if self.changed {
             self.update()?;

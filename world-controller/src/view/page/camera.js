@@ -1,4 +1,4 @@
-// The eye: turns around a point, comes nearer, moves aside. With pointer, wheel, touch and keys.
+// The camera: orbits a point, zooms and pans, by pointer, wheel, touch and keys.
 
 export class Camera {
   constructor() {
@@ -10,7 +10,7 @@ export class Camera {
     this.onChange = () => {};
   }
 
-  /** Looks at all of these points, from as near as it can. */
+  /** Brings all of these points into view, from as near as possible. */
   fit(points) {
     this.azimuth = -0.9;
     this.height = 0.46;
@@ -22,7 +22,7 @@ export class Camera {
     const { out } = this.eye();
     const t = Math.tan(FIELD / 2);
     const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    // Again and again: each time finds the middle of what is seen, which is not that of the points.
+    // Iterated: each round finds the middle of the projection, which is not that of the points.
     for (let i = 0; i < 4; i++) {
       const seen = points.map((c) => c.map((x, k) => x - this.target[k]));
       const far = (axis, wide) => Math.max(...seen.map((c) => Math.abs(dot(c, axis)) / (t * wide) + dot(c, out)));
@@ -41,7 +41,7 @@ export class Camera {
     return { out, position: this.target.map((x, i) => x + out[i] * this.distance) };
   }
 
-  /** Right and up of the picture, as directions in space. */
+  /** Returns right and up of the picture as directions in space. */
   axes() {
     const [ca, sa] = [Math.cos(this.azimuth), Math.sin(this.azimuth)];
     const [ch, sh] = [Math.cos(this.height), Math.sin(this.height)];
@@ -66,7 +66,7 @@ export class Camera {
     this.onChange();
   }
 
-  /** From space to the picture, by columns. */
+  /** Returns the matrix from space to the picture, by columns. */
   matrix() {
     const { out, position } = this.eye();
     const { right, up } = this.axes();
@@ -85,7 +85,7 @@ export class Camera {
     return m;
   }
 
-  /** The ray through a place of the picture, -1..1 to the right and up. */
+  /** Returns the ray through a point of the picture, -1..1 to the right and up. */
   ray(x, y) {
     const { out, position } = this.eye();
     const { right, up } = this.axes();
@@ -95,7 +95,7 @@ export class Camera {
     return { origin: position, direction: direction.map((d) => d / length) };
   }
 
-  /** Listens to pointers on an element; `onTap` gets a press that did not drag. */
+  /** Listens to pointers on an element; `onTap` receives a press without a drag. */
   listen(element, onTap) {
     const pointers = new Map();
     let moved = 0;

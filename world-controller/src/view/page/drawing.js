@@ -1,10 +1,10 @@
 // Draws with WebGL 2: parts of bodies as instances of one mesh, ribbons between points, a ground with
-// shadows. Knows nothing of swarms. Draws only when asked to.
+// shadows. Independent of swarms. Draws only on request.
 
 export const PATTERN = { plain: 0, dead: 1, paused: 2, stuck: 3 };
-/** Numbers of one part: place and size, rotation, colour and pattern, edge colour and whether it is seen. */
+/** Number of values of one part: place and size, rotation, colour and pattern, edge colour and visibility. */
 export const PART = 16;
-/** Numbers of one ribbon: from, width there, to, width there, colour, how fast it flows. */
+/** Number of values of one ribbon: from, width there, to, width there, colour, speed of flow. */
 export const RIBBON = 13;
 
 const PARTS_VERTEX = `
@@ -22,7 +22,7 @@ flat out vec4 turned;
 vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
 void main() {
   local = vertex;
-  // Of an upright box the three sides that are seen are enough.
+  // Of an upright box only the three visible sides are drawn.
   if (facing) local *= mix(vec3(-1), vec3(1), step(vec3(0), eyeAt - place.xyz));
   paintOf = paint;
   edgeOf = edge;
@@ -55,7 +55,7 @@ precision mediump float;
 out vec4 colour;
 void main() { colour = vec4(1); }`;
 
-/** One colour and nothing else: outlines and wires. */
+/** A single colour, for outlines and wires. */
 const FLAT_FRAGMENT = `
 precision mediump float;
 uniform vec4 flat_;
@@ -146,7 +146,7 @@ void main() {
   vec3 at = mix(begin.xyz, end.xyz, corner.x);
   vec3 side = normalize(cross(span, eyeAt - at) + vec3(1e-6));
   float wide = mix(begin.w, end.w, corner.x);
-  // A line that flows stays at least a line.
+  // A flowing line is at least one pixel wide.
   if (flow > 0.0) wide = max(wide, pixel * length(eyeAt - at));
   at += side * corner.y * wide;
   tintOf = tint;
@@ -194,13 +194,13 @@ uniform sampler2D shade;
 uniform float shadow;
 out vec4 colour;
 void main() {
-  // Cells have their middles at whole numbers.
+  // The centres of cells are at whole numbers.
   vec2 blur = fwidth(at);
   vec2 thin = smoothstep(vec2(0.02) + blur, vec2(0.02), abs(fract(at) - 0.5));
   float lines = max(thin.x, thin.y);
   vec2 edge = min(at - bounds.xy, bounds.zw - at);
   float fade = plates ? 1.0 : smoothstep(0.0, 4.0, min(edge.x, edge.y));
-  // Far away the lines run into each other and would flicker.
+  // Far away the lines merge and would flicker.
   float calm = 1.0 - smoothstep(0.15, 0.5, max(blur.x, blur.y));
   float mark = 0.0;
   if (plates) {
@@ -210,13 +210,13 @@ void main() {
   float k = max(lines, mark) * calm;
   colour = mix(fill, vec4(line.rgb, max(line.a, fill.a)), k * line.a);
   colour.a = (plates ? colour.a : mix(fill.a, line.a, k)) * fade;
-  // The shadow lies over the ground.
+  // The shadow covers the ground.
   float dark = shadow * texture(shade, (at - bounds.xy) / (bounds.zw - bounds.xy)).r;
   float all = dark + colour.a * (1.0 - dark);
   colour = vec4(colour.rgb * colour.a * (1.0 - dark) / max(all, 1e-4), all);
 }`;
 
-/** Sides of the picture that shadows are painted into. */
+/** Side of the texture of shadows, in pixels. */
 const SHADE = 1024;
 
 function isSoftware() {
@@ -230,8 +230,8 @@ function isSoftware() {
 
 export class Drawing {
   constructor(canvas) {
-    // Without a graphics card smooth edges are too slow while things move; when the picture rests,
-    // it is drawn with more pixels instead.
+    // Without a graphics card antialiasing is too slow while bodies move; a picture at rest is drawn with
+    // more pixels instead.
     this.slow = isSoftware();
     const gl = canvas.getContext("webgl2", { alpha: false, antialias: !this.slow });
     if (!gl) throw new Error("this browser has no WebGL 2");
@@ -267,7 +267,7 @@ export class Drawing {
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadePlace);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.shade, 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    /** Whether the shadows are those of the parts. */
+    /** True if the shadows match the parts. */
     this.shaded = false;
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
@@ -286,7 +286,7 @@ export class Drawing {
         throw new Error(gl.getShaderInfoLog(shader));
       }
     }
-    // The same places in every program, so that one mesh can be drawn with each.
+    // The same locations in every program, so that one mesh can be drawn with each.
     ["vertex", "place", "rotation", "paint", "edge"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
@@ -327,9 +327,9 @@ export class Drawing {
   }
 
   /**
-   * A mesh whose instances can be drawn, this many times as large. `round` is half a ball with plates of
-   * this radius and half edge; instances of others may be `turned`, or stand upright: `facing` are the three
-   * sides of an upright box that are mirrored to where they are seen.
+   * Returns a mesh whose instances can be drawn, scaled by `size`. `round` is half a ball with plates of this
+   * radius and half edge; instances of others may be `turned` or stand upright. `facing` has only three sides
+   * of an upright box, mirrored to those that are visible.
    */
   mesh(vertices, { size = [1, 1, 1], round = null, turned = false, facing = false } = {}) {
     const mesh = { count: vertices.length / 3, instances: this.gl.createBuffer(), size, round, turned, facing };
@@ -349,7 +349,7 @@ export class Drawing {
     gl.bufferData(gl.ARRAY_BUFFER, numbers, gl.DYNAMIC_DRAW);
   }
 
-  /** The parts that are seen, the nearest first: what is behind them need not be painted. */
+  /** Returns the visible parts, nearest first, so that hidden pixels are not painted. */
   nearestFirst(mesh, numbers, out) {
     if ((mesh.room ?? 0) < numbers.length) {
       mesh.room = numbers.length * 2;
@@ -372,7 +372,7 @@ export class Drawing {
     return sorted.subarray(0, seen * PART);
   }
 
-  /** Paints the shadows that the parts throw on the ground. */
+  /** Paints the shadows of the parts on the ground. */
   paintShadows(groups, ground, light) {
     const gl = this.gl;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadePlace);
@@ -410,8 +410,8 @@ export class Drawing {
   }
 
   /**
-   * Draws one picture: `paper` behind, the `ground`, `groups` of parts (a mesh and its numbers), what is
-   * `chosen` with an `outline`, `ghosts` as wires, `links` among the parts and `marks` over them.
+   * Draws one picture: the background `paper`, the `ground`, `groups` of parts (a mesh and its values), the
+   * `chosen` ones with an `outline`, `ghosts` as wires, `links` among the parts and `marks` over them.
    */
   draw({ camera, paper, ground, groups, ghosts, chosen, outline, links, marks, light, clock, dark }) {
     const gl = this.gl;
@@ -470,7 +470,7 @@ export class Drawing {
       this.fill(ghosts.mesh.instances, ghosts.numbers);
       this.flat(ghosts, eye, 0, ghosts.colour, gl.LINES);
     }
-    // What is chosen is seen through everything.
+    // The chosen module shows through everything.
     gl.disable(gl.DEPTH_TEST);
     for (const one of chosen) this.flat(one, eye, 0.1, [...outline, 0.2]);
     gl.enable(gl.DEPTH_TEST);
@@ -480,7 +480,7 @@ export class Drawing {
     gl.bindVertexArray(null);
   }
 
-  /** From where a mesh is seen, and how much larger than it is. */
+  /** Sets the view of a mesh, and by how much it grows. */
   look(program, mesh, { view, position }, grow) {
     const gl = this.gl;
     gl.useProgram(program.program);
@@ -500,7 +500,7 @@ export class Drawing {
 
   instances(mesh, count, what = this.gl.TRIANGLES) {
     const gl = this.gl;
-    // Mirrored sides have no inside and outside.
+    // Mirroring reverses the winding of sides.
     if (mesh.facing) gl.disable(gl.CULL_FACE);
     gl.bindVertexArray(mesh.array);
     gl.drawArraysInstanced(what, 0, mesh.count, count);

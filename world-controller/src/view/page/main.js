@@ -1,4 +1,4 @@
-// Puts the page together: reads the story, plays it, and answers buttons and keys.
+// The page: reads the story, plays it, and handles buttons and keys.
 
 import { Camera } from "./camera.js";
 import { Drawing } from "./drawing.js";
@@ -30,14 +30,14 @@ const KEYS = [
 class Page {
   constructor(story) {
     this.story = story;
-    // A run that goes on is looked at where it is.
+    // A run in progress is shown at its present.
     this.t = story.over ? 0 : story.now;
     this.playing = false;
     this.speed = 1;
     this.chosen = null;
     this.meaning = "state";
     this.dirty = true;
-    /** Whether more than the eye has moved since the picture was built. */
+    /** True if more than the camera has changed since the picture was built. */
     this.stale = true;
     this.seen = null;
     this.clock = 0;
@@ -98,7 +98,7 @@ class Page {
     this.offer();
   }
 
-  /** Offers only what can be shown: what modules tell each other is not seen while processes run. */
+  /** Disables what cannot be shown: messages between modules are not available while processes run. */
   offer() {
     const { messages } = this.story.scene;
     const why = messages ? "" : UNSEEN;
@@ -110,7 +110,7 @@ class Page {
     }
   }
 
-  /** The run is told anew. The moment and the view stay as they are. */
+  /** Handles a replaced scene. The time and the view stay as they are. */
   anew() {
     this.offer();
     this.panel.forget();
@@ -194,7 +194,7 @@ class Page {
     };
     Object.keys(MEANINGS).forEach((meaning, i) => (actions[`${i + 1}`] = () => this.setMeaning(meaning)));
     const action = actions[e.key.length === 1 ? e.key.toLowerCase() : e.key];
-    // Buttons and the scrubber keep the keys that are theirs.
+    // Buttons and the scrubber keep their own keys.
     if (!action || (e.key === " " && e.target.matches?.("button, input"))) return;
     if (onScrub && e.key.startsWith("Arrow")) return;
     e.preventDefault();
@@ -228,7 +228,7 @@ class Page {
   }
 
   setPlaying(playing) {
-    // From the end it begins anew.
+    // At the end, playing starts over.
     if (playing && this.story.over && this.t >= this.story.now) this.t = 0;
     this.playing = playing;
     by("play").textContent = playing ? "❚❚" : "▶";
@@ -284,7 +284,7 @@ class Page {
       return this.lost(error);
     }
     this.timeline.refresh();
-    // The page may have been sent to another moment while the answer was on its way.
+    // The time may have changed before the response arrived.
     if (this.t >= end && !this.playing) this.t = this.story.now;
     this.redraw();
     if (!this.story.over) setTimeout(() => this.follow(), FOLLOW_EVERY);
@@ -312,9 +312,9 @@ class Page {
   }
 
   /**
-   * A slow machine draws less while things move: first no shadows of bodies that move, then fewer pixels.
-   * `passed` is the time from one picture to the next. One step makes a picture less than twice as quick,
-   * so what is too slow and what is quick enough are that far apart.
+   * Draws less on a slow machine while things move: first no shadows of moving bodies, then fewer pixels.
+   * `passed` is the time from one picture to the next. One step speeds a picture up by less than a factor of
+   * two, so the limits for slower and faster are that far apart.
    */
   adapt(passed) {
     this.passed = passed;
@@ -331,17 +331,17 @@ class Page {
     }
   }
 
-  /** As fast as needed while things move, as fine as possible when they rest. */
+  /** Sets the quality: as fast as needed in motion, as fine as possible at rest. */
   quality() {
     const { drawing } = this;
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     clearTimeout(this.rested);
     if (this.playing || this.moving) {
       drawing.sharpness = ratio * this.scale;
-      // Shadows are painted anew only when bodies have moved.
+      // Shadows are repainted only after bodies have moved.
       drawing.shadows = !(this.playing && this.plain);
       if (this.playing) return;
-      // Where pictures take long, the next movement may come late as well.
+      // If pictures take long, the next input may be late too.
       const rest = Math.min(200 + 4 * this.passed, 2000);
       this.rested = setTimeout(() => {
         this.moving = false;
@@ -366,7 +366,7 @@ class Page {
     };
     if (this.stale) this.seen = this.picture.build(this.t, options);
     this.picture.draw(this.camera, options, this.clock);
-    // Words are read less quickly than pictures are seen.
+    // Text is read more slowly than pictures, so it changes less often.
     const told = !this.playing || this.clock - this.said > 0.1 || this.clock < this.said;
     if (this.stale) {
       this.timeline.draw(this.t);
@@ -375,7 +375,7 @@ class Page {
     this.stale = false;
   }
 
-  /** Everything that is said in words about what is seen. */
+  /** Updates all texts about the picture. */
   say(seen) {
     this.said = this.clock;
     const time = by("time");
@@ -400,7 +400,7 @@ class Page {
 const story = new Story();
 try {
   await story.begin();
-  // For whoever wants to look closer, from the console of the browser.
+  // For the console of the browser.
   window.page = new Page(story);
   window.page.setPlaying(false);
 } catch (error) {

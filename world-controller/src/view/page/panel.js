@@ -1,5 +1,5 @@
-// What is said beside the picture: how the run went, what colours mean, the chosen module with its last
-// messages, faults. Everything that comes from a run is put in as text, never as HTML.
+// The panel beside the picture: outcome of the run, legend, the chosen module with its last messages, faults.
+// Everything that comes from a run is inserted as text, never as HTML.
 
 export const make = (tag, attributes = {}, ...inside) => {
   const element = document.createElement(tag);
@@ -12,7 +12,7 @@ export const make = (tag, attributes = {}, ...inside) => {
   return element;
 };
 
-/** Modules shown of those that wait at the end. */
+/** Number of modules shown of those that wait at the end. */
 const SHOWN = 6;
 
 const number = (n) => n.toLocaleString("en");
@@ -30,14 +30,14 @@ export class Panel {
     this.outcomeText = "";
   }
 
-  /** What was said is said anew. */
+  /** Makes all texts be written again. */
   forget() {
     this.asked = null;
     this.faultCount = -1;
     this.outcomeText = "";
   }
 
-  /** How the run went, or how far it has come. */
+  /** Shows the outcome of the run, or its progress. */
   outcome() {
     const { story } = this;
     const report = story.report;
@@ -125,7 +125,7 @@ export class Panel {
     this.part("faults-section").hidden = faults.length === 0;
   }
 
-  /** The chosen module at a moment. */
+  /** Shows the chosen module at a time. */
   module(id, t, { talk, waits, circle }) {
     const section = this.part("module-section");
     section.hidden = id === null;
@@ -138,7 +138,7 @@ export class Panel {
     const role = standing.role === null ? "not heard of yet" : words.roles[standing.role].about.replace("{}", standing.place);
     const does = body.doing ? body.motion.name + (body.doing.failed ? ", which fails" : "") : "rests";
     const [one, several] = words.distance;
-    // What modules tell each other is on its way here, or not seen at all.
+    // Messages between modules are being loaded, or not available at all.
     const untold = story.scene.messages ? "loading" : "not seen from outside";
     const target = known.gradient === null ? untold : known.gradient === 65535 ? "knows none" : `${known.gradient} ${known.gradient === 1 ? one : several}`;
     const flags = [
@@ -154,9 +154,9 @@ export class Panel {
       ["at", (body.part >= 1 ? body.to : body.from).at],
       ["does", dead ? null : does],
       [`${words.target} in`, dead ? null : target],
-      ["waits for", dead || standing.role === null ? null : standing.waits === null ? "nobody" : this.link(standing.waits)],
+      ["waits for", dead || standing.role === null ? null : standing.waits === null ? "none" : this.link(standing.waits)],
       ["in a circle", circle.has(id) ? "yes" : null],
-      ["locked by", dead ? null : !talk ? untold : owner === null ? "nobody" : this.link(owner)],
+      ["locked by", dead ? null : !talk ? untold : owner === null ? "none" : this.link(owner)],
       ["knows", flags.length && !dead ? flags.map(([, text]) => text).join(", ") : null],
     ].filter(([, value]) => value !== null);
     section.dataset.id = id;
@@ -171,7 +171,7 @@ export class Panel {
     return null;
   }
 
-  /** The last messages of the chosen module, asked for when the picture rests. */
+  /** Shows the last messages of the chosen module, requested when the picture is at rest. */
   async messages(id, t) {
     const list = this.part("messages");
     if (id === null) return;

@@ -1,5 +1,5 @@
-// Rigid parts of bodies: where they are during a motion, and the meshes of their shapes. The same rules are
-// in view/parts.rs.
+// Rigid parts of bodies: their poses during a motion, and the meshes of their shapes. view/parts.rs has the
+// same rules.
 
 const S = Math.SQRT1_2;
 
@@ -31,12 +31,12 @@ function about([x, y, z], angle) {
 export const UPRIGHT = [0, 0, 0, 1];
 const DIAGONAL = [1 / Math.sqrt(3), 1 / Math.sqrt(3), 1 / Math.sqrt(3)];
 
-/** Numbers of the pose of one part: its centre, and how it is turned. */
+/** Number of values of the pose of one part: its centre and its rotation. */
 export const POSE = 7;
 
 const ease = (x) => x * x * (3 - 2 * x);
 
-/** The poses of all parts after a share of a motion. */
+/** Returns the poses of all parts after a share of a motion. */
 export function carried(poses, segments, part) {
   const out = [...poses];
   let begin = 0;
@@ -69,13 +69,13 @@ function rotate(poses, first, last, rotation, point) {
   }
 }
 
-/** The poses of the parts of a body that is between two stances. */
+/** Returns the poses of the parts of a body between two stances. */
 export function posesAt({ from, to, part, motion }) {
   if (part <= 0 || !motion) return from.poses;
   return part >= 1 ? to.poses : carried(from.poses, motion.segments, part);
 }
 
-/** The corners of a box of edge 1, by triangles; or only of its sides towards +x, +y and +z. */
+/** Returns the corners of a box of edge 1, by triangles; or only of its sides towards +x, +y and +z. */
 export function box(half) {
   const vertices = [];
   for (let axis = 0; axis < 3; axis++) {
@@ -96,7 +96,7 @@ export function box(half) {
   return new Float32Array(vertices);
 }
 
-/** The edges of a box of edge 1, as lines. */
+/** Returns the edges of a box of edge 1, as lines. */
 export function wires() {
   const vertices = [];
   for (let axis = 0; axis < 3; axis++) {
@@ -115,7 +115,7 @@ export function wires() {
   return new Float32Array(vertices);
 }
 
-/** Half a ball, cut by three plates and by the plane across the diagonal between them. */
+/** Returns half a ball, cut by three plates and by the plane across the diagonal between them. */
 export function halfCube(radius, edge) {
   const [d, a] = [DIAGONAL, [S, -S, 0]];
   const b = [d[1] * a[2] - d[2] * a[1], d[2] * a[0] - d[0] * a[2], d[0] * a[1] - d[1] * a[0]];

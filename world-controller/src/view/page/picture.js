@@ -1,11 +1,11 @@
-// From what was at a moment to what is drawn: which part is where, in which colour; who is linked with
-// whom. Colours are those of the style sheet.
+// From the state at a time to the drawing: the place and colour of each part, and the links between modules.
+// Colours are those of the style sheet.
 
 import { PART, PATTERN, RIBBON } from "./drawing.js";
 import { POSE, UPRIGHT, box, halfCube, posesAt, wires } from "./parts.js";
 import { FILLS } from "./story.js";
 
-/** What colours can mean, and what that is called. */
+/** The meanings of colours, and their names. */
 export const MEANINGS = {
   state: "state",
   level: "level of the goal",
@@ -13,13 +13,13 @@ export const MEANINGS = {
   locks: "locks",
 };
 
-/** Colours that follow from what modules tell each other. */
+/** Meanings that depend on messages between modules. */
 export const TOLD = ["gradient", "locks"];
-export const UNSEEN = "what modules tell each other is not seen while processes run";
+export const UNSEEN = "messages between modules are not available while processes run";
 
 const FAR = 65535;
 
-/** A scale of colours from near to far that is read in grey and by the colour-blind (viridis). */
+/** A scale of colours from near to far, readable in grey and without colour vision (viridis). */
 const SCALE = [
   [0.267, 0.005, 0.329],
   [0.231, 0.318, 0.545],
@@ -36,19 +36,19 @@ export function scale(x) {
 
 const css = (rgb) => `rgb(${rgb.map((c) => Math.round(c * 255)).join(" ")})`;
 
-/** A colour of its own for every module, for locks. */
+/** Returns a distinct colour for every module, for locks. */
 const ownColour = (id) => {
   const hue = (id * 0.618034) % 1;
   return [0, 1 / 3, 2 / 3].map((o) => 0.5 + 0.32 * Math.cos(2 * Math.PI * (hue + o)));
 };
 
-/** The middle of a cell. */
+/** Returns the centre of a cell. */
 const middle = ([x, y, z]) => [x, y, z + 0.5];
 
-/** A cell as one number. */
+/** Returns a cell as one number. */
 const key = ([x, y, z]) => ((x + 32768) * 65536 + (y + 32768)) * 65536 + z + 32768;
 
-/** The same of the cell that the centre of a part is in. */
+/** Returns the number of the cell that the centre of a part is in. */
 const cellKey = (poses, at) => key([Math.round(poses[at]), Math.round(poses[at + 1]), Math.floor(poses[at + 2])]);
 
 const least = (list) => list.reduce((a, b) => Math.min(a, b), Infinity);
@@ -71,7 +71,7 @@ class Numbers {
     this.list.set(numbers, this.length);
     this.length += numbers.length;
   }
-  /** One part, whose pose is in a list. */
+  /** Adds a part whose pose is in a list. */
   part(poses, from, size, [r, g, b], pattern, [er, eg, eb]) {
     if (this.length + PART > this.list.length) this.push();
     const { list } = this;
@@ -94,7 +94,7 @@ class Numbers {
     list[at++] = 1;
     this.length = at;
   }
-  /** A part that stands upright in a cell. */
+  /** Adds a part that stands upright in a cell. */
   inCell(cell, size, paint, edge) {
     this.part([...middle(cell), ...UPRIGHT], 0, size, paint, 0, edge);
   }
@@ -103,10 +103,10 @@ class Numbers {
   }
 }
 
-/** Which cells near the start and the goals are filled by bodies that rest. */
+/** The cells near the start and the goals that resting bodies fill. */
 class Filled {
   constructor({ low, high }) {
-    // Bodies wander a little around what is built; whoever goes farther is not looked up.
+    // A margin for bodies that walk around the structure; cells beyond it are not tracked.
     this.low = low.map((x) => Math.floor(x) - 3);
     this.size = high.map((x, i) => Math.ceil(x) + 4 - this.low[i]);
     const cells = this.size.reduce((a, b) => a * b, 1);
@@ -116,7 +116,7 @@ class Filled {
   clear() {
     this.stamp++;
   }
-  /** The place of the cell with this middle; -1 at the rim and outside. */
+  /** Returns the index of the cell with this centre; -1 at the rim and outside. */
   place(x, y, z) {
     const [i, j, k] = [x - this.low[0], y - this.low[1], z - 0.5 - this.low[2]];
     const [a, b, c] = this.size;
@@ -127,7 +127,7 @@ class Filled {
     const at = this.place(x, y, z);
     if (at >= 0) this.stamps[at] = this.stamp;
   }
-  /** Whether a cell has a filled one on each side. */
+  /** Returns true if all neighbours of a cell are filled. */
   encloses(x, y, z) {
     const at = this.place(x, y, z);
     if (at < 0) return false;
@@ -146,11 +146,11 @@ export class Picture {
     this.story = story;
     this.words = story.scene.words;
     const layer = (mesh, fills = false) => ({ mesh, fills, parts: new Numbers() });
-    /** Of each shape what is drawn of upright parts, of turned ones, and of the outline of a chosen one. */
+    /** By shape: the layers of upright parts, of turned ones, and of the outline of a chosen one. */
     this.shapes = story.scene.shapes.map((shape) => {
       if (shape.kind === "box") {
         const { size } = shape;
-        // The outline of what is chosen is made of the far sides, so it needs all of them.
+        // The outline of the chosen module consists of its far sides, so it needs all of them.
         const turned = () => layer(drawing.mesh(box(false), { size, turned: true }));
         const upright = layer(drawing.mesh(box(true), { size, facing: true }), size.every((x) => x === 1));
         return { upright, turned: turned(), chosen: turned(), half: Math.max(...size) / 2 };
@@ -177,12 +177,12 @@ export class Picture {
 
   readGoal({ cells }) {
     const levels = new Map(cells.map(([x, y, z, level]) => [key([x, y, z]), level]));
-    // Of a large goal the outside is enough to be seen.
+    // Of a large goal only the outside is drawn.
     const inside = (c) => [0, 1, 2].every((i) => [-1, 1].every((d) => levels.has(key(c.slice(0, 3).map((x, k) => x + (k === i ? d : 0))))));
     return { cells, levels, highest: most([1, ...levels.values()]), outside: cells.filter((c) => !inside(c)) };
   }
 
-  /** The corners of what will be there, about (start, each goal, floor), and the lowest height. */
+  /** Measures the corners of the scene, roughly (start, each goal, floor), and its lowest height. */
   measure() {
     const points = [];
     const box = (middles) => {
@@ -205,7 +205,7 @@ export class Picture {
     return { points, low, high };
   }
 
-  /** Reads the colours of the page again. */
+  /** Rereads the colours of the page. */
   theme() {
     const style = getComputedStyle(document.documentElement);
     const probe = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
@@ -225,7 +225,7 @@ export class Picture {
     this.dark = style.getPropertyValue("--dark").trim() === "1";
   }
 
-  /** What is known of a module at a moment, for the picture and for people. */
+  /** Returns the state of a module at a time, for the picture and the panel. */
   of(id, t, talk) {
     const { story } = this;
     const life = story.lifeAt(id, t);
@@ -255,7 +255,7 @@ export class Picture {
     const locking = new Set(owners.values());
     let farthest = 1;
     if (options.meaning === "gradient") talk?.gradient.forEach((d) => d !== FAR && (farthest = Math.max(farthest, d)));
-    // Where bodies hide what is between them, they step back among messages.
+    // If bodies hide what is between them, they are drawn smaller while messages are shown.
     const back = options.messages && this.words.scale_among_messages !== null;
     const size = back ? this.words.scale_among_messages : this.words.scale;
     const { goal, shift } = story.goalAt(t);
@@ -304,8 +304,8 @@ export class Picture {
       }
     }
     if (options.messages && talk) this.drawTalk(talk, options);
-    // Modules that wait for each other while a run goes on mostly get on a moment later. Only where the run
-    // has ended in a deadlock, at its end, they stand still.
+    // Modules that wait for each other during a run mostly go on a moment later. They are stuck only at the
+    // end of a run that ended in a deadlock.
     const stalled = t >= story.now && story.over && story.outcome === "deadlock";
     const stall = stalled ? story.report?.unbuilt : null;
     for (const { module, waits_for } of stall?.waiting ?? []) if (waits_for !== null) waits.set(module, waits_for);
@@ -319,7 +319,7 @@ export class Picture {
     return { talk, waits, circle, counts, farthest, arrows };
   }
 
-  /** A box that has a neighbour on each side is not seen, and need not be drawn. */
+  /** Hides boxes that have a neighbour on each side, as they are invisible. */
   hideEnclosed() {
     for (const { fills, parts } of this.layers) {
       const { list, length } = parts;
@@ -356,7 +356,7 @@ export class Picture {
     this.poses[id] = poses;
   }
 
-  /** One ribbon. */
+  /** Adds a ribbon. */
   ribbon(into, a, wa, b, wb, rgba, flow) {
     into.push(...a, wa, ...b, wb, ...rgba, flow);
   }
@@ -378,12 +378,12 @@ export class Picture {
       const often = Math.log2(1 + sum / seconds);
       const strong = Math.min(1, 0.5 + 0.2 * often);
       const width = 0.03 + 0.05 * Math.min(1, often / 5);
-      // The two directions run beside each other.
+      // The two directions are drawn side by side.
       const d = to.map((x, k) => x - from[k]);
       const across = [d[1] - d[2], d[2] - d[0], d[0] - d[1]];
       const length = Math.hypot(...across) || 1;
       const aside = across.map((x) => (x / length) * 0.09);
-      // Bodies that step back let what is between them be seen; others are drawn over.
+      // Smaller bodies leave the links between them visible; other links are drawn over the bodies.
       const back = this.words.scale_among_messages !== null;
       const lift = back ? 0 : 0.15;
       const place = (p) => p.map((x, k) => x + aside[k] + (k === 2 ? lift : 0));
@@ -391,7 +391,7 @@ export class Picture {
     }
   }
 
-  /** At the end of a run that stands still all are drawn, those that wait in a circle in another colour. */
+  /** Draws who waits for whom: all of it at a final deadlock, and circles in another colour. */
   drawWaits(waits, circle, options, stalled) {
     for (const [from, to] of waits) {
       const within = circle.has(from) && circle.has(to);
@@ -401,7 +401,7 @@ export class Picture {
     }
   }
 
-  /** A bent arrow from one module to another, over everything. */
+  /** Adds a bent arrow from one module to another, over everything. */
   arrow(from, to, rgba, width) {
     const [a, b] = [this.middles[from], this.middles[to]];
     if (!a || !b) return;
@@ -454,7 +454,7 @@ export class Picture {
     });
   }
 
-  /** The module that a ray meets first; null if none. */
+  /** Returns the first module on a ray; null if none. */
   pick({ origin, direction }) {
     let [best, found] = [Infinity, null];
     for (let id = 0; id < this.poses.length; id++) {
@@ -475,7 +475,7 @@ export class Picture {
     return found;
   }
 
-  /** What the colours mean, for the legend: text, colour, and the pattern that goes with it. */
+  /** Returns the entries of the legend: text, colour and pattern. */
   legend(meaning, { farthest, circle, arrows, counts, talk }) {
     const { colour } = this;
     const swatch = (text, rgb, pattern) => ({ text, colour: css(rgb), pattern });
@@ -508,7 +508,7 @@ export class Picture {
       case "gradient":
         return [ramp(1, 0, "at a target", `${farthest} ${distance[1]}`), swatch("knows no target", colour.none)];
       default:
-        return [swatch("locks somebody, or is locked by it", ownColour(3)), swatch("no lock", colour.none)];
+        return [swatch("locks a module, or is locked by one", ownColour(3)), swatch("no lock", colour.none)];
     }
   }
 }

@@ -1,5 +1,5 @@
-// What happened in a run, and what was at any moment of it. Filled piece by piece from the server;
-// asked by the drawing. Times are microseconds. Knows nothing of how things look.
+// The events of a run, and its state at any time. Filled piece by piece from the server; queried by the
+// drawing. Times are microseconds. Independent of how things look.
 
 import { UPRIGHT, carried } from "./parts.js";
 
@@ -8,7 +8,7 @@ const AT_ONCE = 8;
 /** The role of a module that fills a target. */
 export const FILLS = 2;
 
-/** The place of the last entry of `list` that is not after `t`, by its `t`; -1 if there is none. */
+/** Returns the index of the last entry of `list` with a `t` up to `t`; -1 if there is none. */
 export function before(list, t) {
   let low = 0;
   let high = list.length;
@@ -20,7 +20,7 @@ export function before(list, t) {
   return low - 1;
 }
 
-/** Of a module that has not told anything. */
+/** The state of a module that has not reported. */
 const UNHEARD = { role: null, flags: 0, place: -1, waits: null };
 
 export class Story {
@@ -67,7 +67,7 @@ export class Story {
     return { shapes, tones, first, stance: first, doings: [], standings: [], lives: [], stuck: [] };
   }
 
-  /** The run is told anew, with more in it. What was known stays in sight until all of that is here. */
+  /** Loads a replaced scene of the run. The known part stays visible until all of it is loaded. */
   async beginAgain() {
     const fresh = new Story();
     await fresh.begin();
@@ -76,7 +76,7 @@ export class Story {
     this.onAnew();
   }
 
-  /** Takes what has happened since; says whether there is more at once. */
+  /** Takes the events since the last call. Returns true if more are available at once. */
   async follow() {
     const last = Math.max(this.totals.length - 1, 0);
     const more = await this.ask(`events?from=${this.next}&bin=${last}&width=${this.width}`);
@@ -136,7 +136,7 @@ export class Story {
         break;
       }
       case "r": {
-        // Refused: it has not happened.
+        // Refused, so it has not begun.
         const last = module.doings.pop();
         if (last) module.stance = last.from;
         break;
@@ -168,7 +168,7 @@ export class Story {
     }
   }
 
-  /** The next moment at which something begins or ends, or the one before. */
+  /** Returns the next time at which something begins or ends, or the previous one. */
   moment(t, forward) {
     if (!this.momentsSorted) {
       this.moments = [...new Set(this.moments)].sort((a, b) => a - b);
@@ -185,7 +185,7 @@ export class Story {
     return low > 0 ? this.moments[low - 1] : 0;
   }
 
-  /** What a body does or where it rests: `from`, `to` and how far between, 0..1. */
+  /** Returns the action of a body, or its rest: `from`, `to` and the share between, 0..1. */
   bodyAt(id, t) {
     const module = this.modules[id];
     const i = before(module.doings, t);
@@ -194,25 +194,25 @@ export class Story {
     const { from, to, motion } = doing;
     const part = Math.min((t - doing.t) / Math.max(doing.until - doing.t, 1), 1);
     if (doing.failed) {
-      // There and back: what was tried is seen, and that it came to nothing.
+      // There and back, to show the attempt and its failure.
       const swing = part < 1 ? 0.5 * Math.sin(Math.PI * part) : 0;
       return { from, to, part: swing, doing: part < 1 ? doing : null, motion };
     }
     return { from, to, part, doing: part < 1 ? doing : null, motion };
   }
 
-  /** What a module has told of itself; its role is null before it has told anything. */
+  /** Returns the last report of a module; its role is null before the first one. */
   standingAt(id, t) {
     const list = this.modules[id].standings;
     const i = before(list, t);
-    // A process that was started again has forgotten what it told before.
+    // Reports from before a restart do not count.
     const lives = this.modules[id].lives;
     let k = before(lives, t);
     while (k >= 0 && lives[k].life !== "restarted") k--;
     return i < 0 || (k >= 0 && lives[k].t > list[i].t) ? UNHEARD : list[i];
   }
 
-  /** "alive", "dead" or "paused". */
+  /** Returns "alive", "dead" or "paused". */
   lifeAt(id, t) {
     const list = this.modules[id].lives;
     const i = before(list, t);
@@ -240,13 +240,13 @@ export class Story {
     return Math.max(Math.min(Math.floor(t / this.width), this.totals.length - 1), 0);
   }
 
-  /** Totals of the run up to a moment, and how far the goal had come. */
+  /** Returns the number of filled targets at a time, and the size of the goal. */
   progressAt(t) {
     const [, , filled, goal] = this.totals[this.binAt(t)] ?? [[], 0, 0, 0];
     return { filled, goal };
   }
 
-  /** Who talked to whom at a moment; null until the server has answered, which calls `onTalk`. */
+  /** Returns the messages between modules at a time; null until they are loaded, which calls `onTalk`. */
   talkAt(t) {
     const bin = this.binAt(t);
     const chunk = Math.floor(bin / AT_ONCE);
@@ -265,7 +265,7 @@ export class Story {
       const { width: theirs, bins } = await this.ask(`talk?first=${first}&count=${AT_ONCE}`);
       if (theirs !== width || width !== this.width || telling !== this.telling) return;
       this.talk.set(chunk, bins);
-      // What is still going on is asked for again.
+      // Time bins still in progress are requested again.
       if (!this.over && first + AT_ONCE >= last) setTimeout(() => this.asked.delete(chunk), 500);
       if (this.talk.size > 64) this.forgetTalk(chunk);
       this.onTalk();
@@ -285,7 +285,7 @@ export class Story {
     return this.ask(`messages?id=${id}&at=${Math.floor(t)}`).then((answer) => answer.messages);
   }
 
-  /** Modules that wait for each other in a circle, by what they say of whom they wait for. */
+  /** Returns the modules that wait for each other in a circle. */
   circle(waits) {
     const seen = new Map();
     const inCircle = new Set();

@@ -1,5 +1,5 @@
-// What happened over time, under the picture: how far the goal has come, moves, messages by class,
-// faults. One row each; a line where the picture is; press or drag to go there.
+// The timeline under the picture: progress of the goal, moves, messages by class, faults. One row each, with a
+// line at the time of the picture; a press or drag goes to a time.
 
 import { UNSEEN } from "./picture.js";
 
@@ -75,12 +75,12 @@ export class Timeline {
     this.tip.style.top = `${box.top - this.tip.offsetHeight - 6}px`;
   }
 
-  /** Draws everything anew the next time. */
+  /** Makes the next call draw everything. */
   refresh() {
     this.drawn = false;
   }
 
-  /** Shows a moment. The rest is drawn only when something has changed. */
+  /** Marks a time. The rest is drawn only after a change. */
   draw(t) {
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
@@ -114,7 +114,7 @@ export class Timeline {
       const tall = (room * row.share) / shares;
       const base = top + tall;
       const parts = this.rows(row.key, seconds);
-      // A single high peak, as at the beginning, shall not flatten all the rest; it is cut and told.
+      // A single high peak, as at the beginning, would flatten the rest; it is cut, and marked as such.
       const sorted = [...parts.tops].sort((a, b) => a - b);
       const usual = sorted[Math.floor(sorted.length * 0.97)] ?? 0;
       const cut = usual > 0 && parts.most > 2.5 * usual;
@@ -151,7 +151,7 @@ export class Timeline {
     this.faults(paint, height, colour);
   }
 
-  /** The areas of a row, from bottom to top, and the highest value. */
+  /** Returns the areas of a row, from bottom to top, and the highest value. */
   rows(key, seconds) {
     const { totals, scene } = this.story;
     if (key === "filled") {
@@ -175,7 +175,7 @@ export class Timeline {
     return { most: Math.max(0, ...low), tops: low, areas };
   }
 
-  /** Follows values from left to right, one step for each stretch of time, or back. */
+  /** Traces values from left to right, one step for each time bin, or back. */
   outline(values, line, back) {
     const width = this.story.width;
     const corner = (i) => {

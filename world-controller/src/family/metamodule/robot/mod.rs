@@ -1,6 +1,6 @@
 //! `metamorph robot`: queries the kinematic model of the Roombots.
 //!
-//! Answers are written as text, or as one JSON value with `--json`. Absent: running a swarm.
+//! Answers are written as text, or as one JSON value with `--json`. Not here: running a swarm.
 
 mod motions;
 mod poses;
