@@ -313,7 +313,7 @@ mod tests {
         ));
         assert_eq!(search(&standstill(&setup, &[(0, 0), (1, 1)], &[]), 0), SearchResult::Undecided);
         let has_no_way = |standstill| matches!(search(&standstill, 100_000), SearchResult::NoWay(_));
-        assert!(has_no_way(standstill(&setup, &[], &[])), "nobody is free");
+        assert!(has_no_way(standstill(&setup, &[], &[])), "there is no free body");
         assert!(has_no_way(standstill(&setup, &[(0, 0)], &[Cell::new(4, 4, 2)])), "the seed is taken");
     }
 
