@@ -38,7 +38,7 @@ pub enum Place {
     Early,
     /// An ended contact.
     Ended,
-    /// A current contact, but the source is neither end of it.
+    /// A current contact, but the frame is not from its peer.
     Impostor,
 }
 

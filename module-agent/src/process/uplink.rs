@@ -1,5 +1,5 @@
 //! The link from an agent to the controller: reliable and in order. Frames that do not fit into the
-//! controller's inbox wait here; the wait loop takes no further input while more than [`UPLINK_LIMIT`] wait.
+//! controller's inbox wait here; the wait loop takes no further input while [`UPLINK_LIMIT`] wait.
 
 use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{AgentKey, Link, SendStatus};

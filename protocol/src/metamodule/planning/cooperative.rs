@@ -82,7 +82,7 @@ pub struct Move {
 pub enum SearchResult {
     /// A plan.
     Path(Vec<Move>),
-    /// There is no plan; holds the number of states that prove it.
+    /// There is no plan; holds the number of reachable states, all of them examined.
     NoWay(usize),
     /// The bound on the work was reached first.
     Undecided,
