@@ -1,4 +1,4 @@
-//! Whether cubes at a standstill could have gone on: an exhaustive search over the arrangements that the
+//! Decides if cubes at a standstill could have gone on: an exhaustive search over the arrangements that the
 //! broken robot can reach, up to a bound. Broken modules stay broken.
 //!
 //! Four sets of rules are tried, from those of the protocol to those of any robot. Each allows every motion

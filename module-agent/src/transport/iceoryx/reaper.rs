@@ -2,7 +2,7 @@
 //! files.
 //!
 //! iceoryx2 can do this by itself, but for each port of the dead process it lists all shared memory of the
-//! machine several times, as it does for every process whose bell the dead one rang: half a second of work
+//! machine several times, and every process with a bell that the dead one rang: half a second of work
 //! for each death in a swarm of 1,000. Here the same code of iceoryx2 is told that connections are in this
 //! process, where there are none, and their files are found by one listing for many deaths.
 //!
