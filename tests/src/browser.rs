@@ -68,9 +68,9 @@ impl Browser {
         // Further output must be read, or the browser would block.
         std::thread::spawn(move || lines.map_while(Result::ok).for_each(drop));
         let host = address.trim_start_matches("ws://").split('/').next().unwrap_or_default().to_owned();
-        let rng = TcpStream::connect(host).expect("the browser listens");
-        rng.set_read_timeout(Some(WATCHDOG)).expect("a socket can have a timeout");
-        let (socket, _) = client(address.trim(), rng).expect("the browser speaks its protocol");
+        let stream = TcpStream::connect(host).expect("the browser listens");
+        stream.set_read_timeout(Some(WATCHDOG)).expect("a socket can have a timeout");
+        let (socket, _) = client(address.trim(), stream).expect("the browser speaks its protocol");
         let (complaints, loaded) = (Vec::new(), Vec::new());
         let session = String::new();
         let mut browser =

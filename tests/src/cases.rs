@@ -12,7 +12,8 @@ use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::director::faults::{Fault, Target};
+use metamorph_sim_bridge::metamodule::faults::{OBSTACLE, OBSTACLE_GONE};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::panic::catch_unwind;
@@ -90,8 +91,10 @@ fn obstacles(assembly: Assembly, stay: u64) -> Assembly {
     let half = |from: (i16, i16)| Cell::new((from.0 + seed.0) / 2, (from.1 + seed.1) / 2, 0);
     let mut cells: Vec<Cell> = assembly.start.iter().map(|pose| half(pose.foot())).collect();
     cells.push(Cell::new(seed.0, seed.1, 0));
-    let come = |a: Assembly, cell: &Cell| a.fault(seconds(3), Fault::Block(*cell));
-    let go = |a: Assembly, cell: &Cell| a.fault(seconds(3 + stay), Fault::Unblock(*cell));
+    let come = |a: Assembly, cell: &Cell| a.fault(seconds(3), Fault::World(&OBSTACLE, Target::Cell(*cell)));
+    let go = |a: Assembly, cell: &Cell| {
+        a.fault(seconds(3 + stay), Fault::World(&OBSTACLE_GONE, Target::Cell(*cell)))
+    };
     let there = cells.iter().fold(assembly, come);
     cells.iter().fold(there, go)
 }
@@ -109,7 +112,7 @@ fn change(case: &Case, assembly: Assembly) -> Assembly {
 fn relocation(_: &Case, assembly: Assembly) -> Assembly {
     let seeds = assembly.setup.goals[0].seeds();
     let (x, y) = seeds[seeds.len() - 1].foot;
-    assembly.relocating().fault(seconds(3), Fault::Block(Cell::new(x, y, 0)))
+    assembly.relocating().fault(seconds(3), Fault::World(&OBSTACLE, Target::Cell(Cell::new(x, y, 0))))
 }
 
 fn stuck_joint(case: &Case, assembly: Assembly) -> Assembly {

@@ -1,6 +1,8 @@
 //! The command `metamorph` as a user runs it, and the scenarios that ship with it.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use crate::chaos::signal_to;
+use metamorph_world_controller::report::schema::Report;
 use rustix::process::Signal;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -125,4 +127,30 @@ pub fn run_processes(args: &[&str]) -> Ran {
         panic!("{args:?} was not over in time");
     };
     output.expect("a child can be waited for").into()
+}
+
+/// Runs a command on a scenario with this text; `{}` in the arguments is its path.
+pub fn on(text: &str, args: &[&str]) -> Ran {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("scenario.toml");
+    fs::write(&path, text).unwrap();
+    let path = path.display().to_string();
+    let args: Vec<&str> = args.iter().map(|a| if *a == "{}" { path.as_str() } else { a }).collect();
+    run(&args)
+}
+
+/// Asserts that a command is refused, with these parts in the error.
+pub fn refused(text: &str, args: &[&str], parts: &[&str]) {
+    let ran = on(text, args);
+    assert_eq!(ran.code, Some(2), "{args:?}: {ran:?}");
+    assert!(ran.out.is_empty(), "{ran:?}");
+    for part in parts.iter().chain(&["fix: "]) {
+        assert!(ran.err.contains(part), "`{part}` is missing in: {}", ran.err);
+    }
+    assert!(!ran.err.contains("panicked"), "{}", ran.err);
+}
+
+/// Parses a report.
+pub fn report(text: &str) -> Report {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }

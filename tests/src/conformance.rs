@@ -70,7 +70,7 @@ fn clear() -> LinkModel {
 
 /// Sends `rounds` times `size` messages from the first module to the second, without letting the
 /// inbox overflow.
-fn rng(mut script: Script, rounds: u32, size: u32) -> Script {
+fn stream(mut script: Script, rounds: u32, size: u32) -> Script {
     for round in 0..rounds {
         script = script.send(0, 1, round * size, size).settle(0).settle(1);
     }
@@ -173,7 +173,7 @@ pub fn actions_carry_what_the_agent_had_sensed(bed: &mut impl Testbed) {
 /// Lost messages are counted as lost.
 pub fn counts_what_is_lost(bed: &mut impl Testbed) {
     let model = LinkModel { loss: "30%".parse().expect("a probability"), ..clear() };
-    let script = rng(Script::new(2), 20, 20).settle(1);
+    let script = stream(Script::new(2), 20, 20).settle(1);
     let (script, counts) = run(bed, &model, &mut ProbeWorld::line(2), script);
     assert_eq!(counts.sent, 400);
     assert!((60..180).contains(&counts.lost), "{counts:?}");
@@ -184,7 +184,7 @@ pub fn counts_what_is_lost(bed: &mut impl Testbed) {
 /// Duplicates arrive and are counted as such.
 pub fn tolerates_duplicates(bed: &mut impl Testbed) {
     let model = LinkModel { duplicate: "1/2".parse().expect("a probability"), ..clear() };
-    let script = rng(Script::new(2), 20, 10).settle(1);
+    let script = stream(Script::new(2), 20, 10).settle(1);
     let (script, counts) = run(bed, &model, &mut ProbeWorld::line(2), script);
     assert!((60..140).contains(&counts.duplicated), "{counts:?}");
     assert_eq!(counts.delivered, counts.sent + counts.duplicated);
@@ -196,7 +196,7 @@ pub fn tolerates_duplicates(bed: &mut impl Testbed) {
 /// Damaged messages are refused and counted, and never arrive as something else.
 pub fn refuses_what_was_damaged(bed: &mut impl Testbed) {
     let model = LinkModel { corrupt: "1/4".parse().expect("a probability"), ..clear() };
-    let mut script = rng(Script::new(2), 20, 20).settle(1);
+    let mut script = stream(Script::new(2), 20, 20).settle(1);
     // A damaged class makes a message count as one of another class: only the sum adds up.
     let tally = bed.run(&model, &mut ProbeWorld::line(2), &mut script);
     assert_eq!(script.gave_up, None);

@@ -113,5 +113,5 @@ fn a_deadlock_ends_with_the_alarm() {
     assert_eq!(outcome, Outcome::Deadlock);
     let stall = ran.stall.expect("a standstill is explained");
     assert!(stall.detected.is_some_and(|(at, _)| at <= end));
-    assert!(!stall.waiting.is_empty() && !stall.unfilled.is_empty());
+    assert!(!stall.waiting.is_empty() && !stall.open.is_empty());
 }

@@ -121,7 +121,7 @@ fn origin() -> String {
 }
 
 /// Returns the errors of the reader for a text with a value put into it.
-fn flaws(text: &str, setting: &str) -> Vec<ScenarioError> {
+fn errors_of(text: &str, setting: &str) -> Vec<ScenarioError> {
     let read = read_text(&origin(), text, &overrides(setting));
     read.err().map_or_else(Vec::new, |diagnostics| {
         diagnostics.list().iter().map(|p| p.scenario_error.clone()).collect()
@@ -197,7 +197,7 @@ fn every_shipped_scenario_is_valid() {
 fn the_reader_and_the_schema_know_the_same_keys() {
     let (schema, validator) = (schema(families()), validator());
     for text in [CUBES, METAMODULES] {
-        assert!(flaws(text, "version=1").is_empty(), "{:?}", flaws(text, "version=1"));
+        assert!(errors_of(text, "version=1").is_empty(), "{:?}", errors_of(text, "version=1"));
         let errors: Vec<String> = validator
             .iter_errors(&document(text, None))
             .map(|e| format!("{} {e}", e.instance_path()))
@@ -208,26 +208,42 @@ fn the_reader_and_the_schema_know_the_same_keys() {
     for (text, table, definition, others) in tables() {
         described.insert(definition);
         let key = format!("{table}zzz");
-        let flaws = flaws(text, &format!("{key}=1"));
-        let known = flaws.iter().find_map(|scenario_error| match scenario_error {
+        let errors_of = errors_of(text, &format!("{key}=1"));
+        let known = errors_of.iter().find_map(|scenario_error| match scenario_error {
             ScenarioError::UnknownKey { key, known, .. } if key == "zzz" => Some(known),
             _ => None,
         });
         let known: BTreeSet<&str> = known
-            .unwrap_or_else(|| panic!("the reader takes {key}: {flaws:?}"))
+            .unwrap_or_else(|| panic!("the reader takes {key}: {errors_of:?}"))
             .iter()
             .copied()
             .filter(|known| !others.contains(known))
             .collect();
         let place = if definition.is_empty() { &schema } else { &schema["$defs"][definition] };
+        let properties = place["properties"].as_object().unwrap().iter();
         let properties: BTreeSet<&str> =
-            place["properties"].as_object().unwrap().keys().map(String::as_str).collect();
+            properties.filter(|(_, p)| p.get("deprecated").is_none()).map(|(key, _)| key.as_str()).collect();
         assert_eq!(known, properties, "keys of `{table}`: the reader's, and the schema's");
         assert!(!validator.is_valid(&document(text, Some((&key, Value::from(1))))), "the schema takes {key}");
     }
     let tables = schema["$defs"].as_object().unwrap().iter();
     let tables = tables.filter(|(_, d)| d.get("properties").is_some()).map(|(name, _)| name.as_str());
     assert_eq!(tables.chain([""]).collect::<BTreeSet<_>>(), described, "a table that is not compared");
+}
+
+/// Keys that were renamed are read under their former names, and refused beside the new ones.
+#[test]
+fn former_keys_are_read() {
+    let validator = validator();
+    for (key, former) in [("communication_range", "hearing"), ("seed_authority", "teller")] {
+        let text = METAMODULES.replace(key, former);
+        assert!(text != METAMODULES && errors_of(&text, "version=1").is_empty(), "{former}");
+        assert!(validator.is_valid(&document(&text, None)), "{former}");
+        let line = METAMODULES.lines().find(|line| line.starts_with(key)).unwrap();
+        let both = METAMODULES.replace(line, &format!("{line}\n{}", line.replace(key, former)));
+        let unknown = |e: &ScenarioError| matches!(e, ScenarioError::UnknownKey { key, .. } if key == former);
+        assert!(errors_of(&both, "version=1").iter().any(unknown), "{former}");
+    }
 }
 
 #[test]
@@ -250,12 +266,12 @@ fn the_reader_and_the_schema_know_the_same_names() {
         (METAMODULES, "protocol.precedence.by", Some("precedence/properties/by")),
     ];
     for (text, key, place) in names {
-        let flaws = flaws(text, &format!("{key}=zzz"));
-        let known = flaws.iter().find_map(|scenario_error| match scenario_error {
+        let errors_of = errors_of(text, &format!("{key}=zzz"));
+        let known = errors_of.iter().find_map(|scenario_error| match scenario_error {
             ScenarioError::Name { got, known, .. } if got == "zzz" => Some(known.iter().copied().collect()),
             _ => None,
         });
-        let known: BTreeSet<&str> = known.unwrap_or_else(|| panic!("the reader takes {key}: {flaws:?}"));
+        let known: BTreeSet<&str> = known.unwrap_or_else(|| panic!("the reader takes {key}: {errors_of:?}"));
         let in_schema: BTreeSet<&str> = match place {
             // Each family has a section of its own.
             None => ["cubeSwarm", "metamoduleSwarm"]

@@ -8,6 +8,7 @@ use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Strategy};
 use metamorph_protocol::roombots::Kind;
 use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::metamodule::faults::OBSTACLE;
 use metamorph_tests::cases::{Case, REPEAT, VARIATIONS, Variation, check_all, run_all};
 use metamorph_tests::metamodules::{Assembled, Assembly, Goal};
 
@@ -158,7 +159,7 @@ fn variations_vary() {
         assert_eq!((plain.struck.len(), plain.deeds.failed, plain.shift), (0, 0, (0, 0)));
         let hindered = of("passing-obstacles", seed).run().0;
         let came = |s: &&metamorph_sim_bridge::director::faults::FaultRecord| {
-            matches!(s.fault, Fault::Block(_)) && s.effect.ends_with("the cell was free")
+            matches!(s.fault, Fault::World(&OBSTACLE, _)) && s.effect.ends_with("the cell was free")
         };
         assert!(hindered.struck.iter().filter(came).count() >= 3, "{:?}", hindered.struck);
         assert!(hindered.outcome.unwrap().0 > plain.outcome.unwrap().0, "the first seed has to wait");

@@ -69,13 +69,13 @@ pub fn diagnose(
         since,
         reason: NO_WAY,
         text: "",
-        unfilled,
+        open: unfilled.iter().map(|cell| (*cell).into()).collect(),
         wait_cycle: wait_cycle(known),
         waiting: Vec::new(),
         detected: None,
         proof: None,
     };
-    stall.reason = if spare.len() < stall.unfilled.len() {
+    stall.reason = if spare.len() < unfilled.len() {
         MATERIAL_EXHAUSTED
     } else if targets.is_empty() {
         NO_ACTIVE_TARGET

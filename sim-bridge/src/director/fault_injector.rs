@@ -66,12 +66,8 @@ impl FaultInjector {
                 self.restarted += 1;
                 commands.push_back(Command::Restart(id));
             }
-            // The first two hit bodies, the next two cells; the last has happened already.
-            Fault::Stick(_)
-            | Fault::Unstick(_)
-            | Fault::Block(_)
-            | Fault::Unblock(_)
-            | Fault::External(_) => {}
+            // The first two hit bodies, the next the world; the last has happened already.
+            Fault::Stick(_) | Fault::Unstick(_) | Fault::World(..) | Fault::External(_) => {}
         }
     }
     /// Notes that a process was killed, stopped or continued from outside; `found` describes its state.

@@ -4,12 +4,35 @@
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Time;
-use serde::Serialize;
 use std::fmt;
 
+/// A fault of the world that only some families know, such as an obstacle that appears. The family's director
+/// injects it; everything else needs only what is here.
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct WorldFault {
+    /// The name used in reports.
+    pub name: &'static str,
+    /// True if it makes things worse, rather than ending another fault.
+    pub harms: bool,
+}
+
+/// What a [`WorldFault`] hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Target {
+    /// A cell.
+    Cell(Cell),
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Target::Cell(cell) => cell.fmt(f),
+        }
+    }
+}
+
 /// One fault.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Fault {
     /// The process is killed. The body stays, as an obstacle.
     Kill(ModuleId),
@@ -23,16 +46,14 @@ pub enum Fault {
     Stick(ModuleId),
     /// The joint is free again.
     Unstick(ModuleId),
-    /// A foreign object comes into a cell.
-    Block(Cell),
-    /// The foreign object is removed.
-    Unblock(Cell),
+    /// Something happens to the world that only some families know.
+    World(&'static WorldFault, Target),
     /// A process was killed, stopped or continued from outside the run; no schedule contains this.
     External(ModuleId),
 }
 
 impl Fault {
-    /// Returns the module that it hits; `None` if it hits a cell.
+    /// Returns the module that it hits; `None` if it hits the world.
     pub const fn module(self) -> Option<ModuleId> {
         Some(match self {
             Fault::Kill(id)
@@ -42,12 +63,15 @@ impl Fault {
             | Fault::Stick(id)
             | Fault::Unstick(id)
             | Fault::External(id) => id,
-            Fault::Block(_) | Fault::Unblock(_) => return None,
+            Fault::World(..) => return None,
         })
     }
     /// Returns true if it makes things worse, rather than ending another fault.
     pub const fn harms(self) -> bool {
-        !matches!(self, Fault::Resume(_) | Fault::Unstick(_) | Fault::Unblock(_))
+        match self {
+            Fault::World(kind, _) => kind.harms,
+            _ => !matches!(self, Fault::Resume(_) | Fault::Unstick(_)),
+        }
     }
 }
 
@@ -60,21 +84,20 @@ impl fmt::Display for Fault {
             Fault::Restart(id) => write!(f, "restart {id}"),
             Fault::Stick(id) => write!(f, "stick {id}"),
             Fault::Unstick(id) => write!(f, "unstick {id}"),
-            Fault::Block(cell) => write!(f, "block {cell}"),
-            Fault::Unblock(cell) => write!(f, "unblock {cell}"),
+            Fault::World(kind, target) => write!(f, "{} {target}", kind.name),
             Fault::External(id) => write!(f, "external {id}"),
         }
     }
 }
 
 /// A fault and its visible effect at the moment of injection.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FaultRecord {
     /// The time.
     pub at: Time,
     /// The fault.
     pub fault: Fault,
-    /// The state of the module or cell.
+    /// The state of the module or of the world.
     pub effect: String,
 }
 

@@ -88,6 +88,21 @@ pub struct Proof {
     pub places: Option<usize>,
 }
 
+/// Something that a goal asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Objective {
+    /// What it is, for people.
+    pub text: String,
+    /// Its cell, if it is to fill one.
+    pub cell: Option<Cell>,
+}
+
+impl From<Cell> for Objective {
+    fn from(cell: Cell) -> Objective {
+        Objective { text: cell.to_string(), cell: Some(cell) }
+    }
+}
+
 /// A standstill, with the evidence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stall {
@@ -97,8 +112,8 @@ pub struct Stall {
     pub reason: Reason,
     /// The reason in words.
     pub text: &'static str,
-    /// Goal cells that are not filled.
-    pub unfilled: Vec<Cell>,
+    /// The objectives that are not reached: for most families goal cells.
+    pub open: Vec<Objective>,
     /// Modules that wait for each other in a circle, if they do.
     pub wait_cycle: Vec<ModuleId>,
     /// Spare modules that have a path to a goal cell and do not take it; of metamodules, all that are free.

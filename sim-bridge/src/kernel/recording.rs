@@ -3,7 +3,7 @@
 //!
 //! Absent: steps of agents (the agent host records those), and files.
 
-use crate::director::faults::{Fault, FaultRecord};
+use crate::director::faults::{Fault, FaultRecord, Target};
 use crate::director::port::DirectorPort;
 use crate::kernel::sim::{Agents, Audited};
 use crate::world::World;
@@ -28,7 +28,7 @@ fn put(log: &Log, at: Time, event: Event) {
 /// Converts the record of a fault to an event.
 pub fn struck(struck: &FaultRecord) -> Event {
     let cell = match struck.fault {
-        Fault::Block(cell) | Fault::Unblock(cell) => Some(cell),
+        Fault::World(_, Target::Cell(cell)) => Some(cell),
         _ => None,
     };
     Event::Injected {

@@ -4,10 +4,11 @@
 mod diagnosis;
 
 use crate::director::fault_injector::FaultInjector;
-use crate::director::faults::{Fault, FaultRecord, Schedule};
+use crate::director::faults::{Fault, FaultRecord, Schedule, Target};
 use crate::director::outcome::{Outcome, Stall};
 use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
+use crate::metamodule::faults::{OBSTACLE, OBSTACLE_GONE};
 use crate::metamodule::relocation::{Elsewhere, Shift, Trials, clear_places};
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
@@ -232,8 +233,8 @@ impl MetamoduleDirector {
 
     fn strike_cell(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
         let (cell, there, done) = match fault {
-            Fault::Block(cell) => (cell, true, world.block(cell)),
-            Fault::Unblock(cell) => (cell, false, world.unblock(cell)),
+            Fault::World(&OBSTACLE, Target::Cell(cell)) => (cell, true, world.block(cell)),
+            Fault::World(&OBSTACLE_GONE, Target::Cell(cell)) => (cell, false, world.unblock(cell)),
             _ => return,
         };
         let effect = match (there, done) {

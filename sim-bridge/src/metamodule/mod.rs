@@ -2,6 +2,7 @@
 
 pub mod audit;
 pub mod director;
+pub mod faults;
 pub mod invariants;
 pub mod reasons;
 pub mod relocation;

@@ -88,10 +88,11 @@ where
     AgentOf<F::Swarm>: Worded<Place: 'static> + 'static,
 {
     fn simulate(&self, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) {
-        simulated::run(swarm::<F>(plan), plan, simulation)
+        let (report, result) = simulated::run(swarm::<F>(plan), plan, simulation);
+        (with_all_parts(report), result)
     }
     fn run_processes(&self, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
-        processes::run(swarm::<F>(plan), plan, processes)
+        processes::run(swarm::<F>(plan), plan, processes).map(with_all_parts)
     }
     fn resume(
         &self,
@@ -101,7 +102,7 @@ where
         scribe: Option<Log>,
     ) -> Result<Report, ProcessError> {
         let shared = left.plan.swarm.clone();
-        processes::resume(own::<F>(&shared), left, live, since, scribe)
+        processes::resume(own::<F>(&shared), left, live, since, scribe).map(with_all_parts)
     }
     fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed {
         replay::run(swarm::<F>(plan), plan, journal, request)
@@ -114,6 +115,14 @@ where
         let (setup, places) = (Arc::clone(swarm.setup()), self.places(swarm));
         Box::new(Bodies::<AgentOf<F::Swarm>> { setup, places })
     }
+}
+
+/// Adds the fields that other families fill, as null: every report has the same fields.
+fn with_all_parts(mut report: Report) -> Report {
+    for (key, _) in families().0.iter().filter_map(|family| family.report_part()) {
+        report.family_parts.entry(key.to_owned()).or_default();
+    }
+    report
 }
 
 fn swarm<F: FamilyParts>(plan: &Plan) -> &F::Swarm {

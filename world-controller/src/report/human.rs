@@ -92,23 +92,7 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
     if let Some(unbuilt) = &r.unbuilt {
         write_unbuilt(out, unbuilt, words, paint)?;
     }
-    if !r.faults.is_empty() || r.faults_planned > 0 {
-        let external = r.faults.iter().filter(|f| f.fault == EXTERNAL).count() as u64;
-        writeln!(out)?;
-        writeln!(
-            out,
-            "  {} ({} of {} planned struck{})",
-            paint.strong("faults"),
-            count(r.faults.len() as u64 - external),
-            count(r.faults_planned),
-            if external > 0 { format!(", {} from outside", count(external)) } else { String::new() }
-        )?;
-        for f in r.faults.iter().take(SHOWN) {
-            let whom = f.module.map(|m| m.to_string()).unwrap_or_default();
-            writeln!(out, "    {:>9}  {:<9}{:>6}  {}", seconds(f.at_s), f.fault, whom, f.effect)?;
-        }
-        more(out, r.faults.len())?;
-    }
+    write_faults(out, r, paint)?;
     for note in &r.notes {
         writeln!(out, "  note: {note}")?;
     }
@@ -125,35 +109,40 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
     Ok(())
 }
 
+fn write_faults(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
+    if r.faults.is_empty() && r.faults_planned == 0 {
+        return Ok(());
+    }
+    let external = r.faults.iter().filter(|f| f.fault == EXTERNAL).count() as u64;
+    writeln!(out)?;
+    writeln!(
+        out,
+        "  {} ({} of {} planned struck{})",
+        paint.strong("faults"),
+        count(r.faults.len() as u64 - external),
+        count(r.faults_planned),
+        if external > 0 { format!(", {} from outside", count(external)) } else { String::new() }
+    )?;
+    for f in r.faults.iter().take(SHOWN) {
+        let whom = f.module.map(|m| m.to_string()).unwrap_or_default();
+        writeln!(out, "    {:>9}  {:<9}{:>6}  {}", seconds(f.at_s), f.fault, whom, f.effect)?;
+    }
+    more(out, r.faults.len())?;
+    Ok(())
+}
+
 fn write_moves(out: &mut String, r: &Report) -> std::fmt::Result {
     let per_module = r.moves as f64 / r.agents.launched.max(1) as f64;
     let (moves, d) = (count(r.moves), &r.move_details);
-    let Some(m) = &r.metamodules else {
+    if r.family_text.moves.is_empty() {
         let (begun, failed) = (count(d.started), count(d.failed));
-        return writeln!(
+        writeln!(
             out,
             "  moves       {moves} completed ({per_module:.1} a module) of {begun} begun, {failed} failed"
-        );
-    };
-    writeln!(out, "  moves       {moves} completed ({per_module:.1} a metamodule of kind {})", m.kind)?;
-    writeln!(
-        out,
-        "  actions     {} completed of {} begun, {} failed: {}, {}, {}",
-        count(d.completed),
-        count(d.started),
-        count(d.failed),
-        many(m.turns, "joint step"),
-        many(m.connections, "connection"),
-        many(m.releases, "release")
-    )?;
-    let levels: Vec<String> = m.levels.iter().map(|l| format!("{} of {}", l.filled, l.seeds)).collect();
-    let moved = match m.shift {
-        [0, 0] => String::new(),
-        [x, y] => format!("; moved by ({x}, {y}) to where it could be built"),
-    };
-    writeln!(out, "  levels      {} seeds, from the ground up{moved}", levels.join(", "))?;
-    if r.goal.filled > 0 {
-        writeln!(out, "  last seed   filled at {}", seconds(m.last_fill_s))?;
+        )?;
+    }
+    for (label, text) in &r.family_text.moves {
+        writeln!(out, "  {label:<11} {text}")?;
     }
     Ok(())
 }
@@ -193,12 +182,12 @@ fn write_messages(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Resul
 }
 
 fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) -> std::fmt::Result {
-    let cells: Vec<String> = s.unfilled.iter().take(5).map(|c| format!("{c:?}")).collect();
-    let dots = if s.unfilled.len() > 5 { ", …" } else { "" };
+    let open = s.open.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
+    let dots = if s.open.len() > 5 { ", …" } else { "" };
     writeln!(out)?;
     writeln!(out, "  {} since {}: {}", paint.strong("unbuilt"), seconds(s.since_s), s.text)?;
-    let unfilled = many(s.unfilled.len() as u64, words.cell);
-    writeln!(out, "    {unfilled}: {}{dots}", cells.join(", "))?;
+    let unfilled = many(s.open.len() as u64, words.cell);
+    writeln!(out, "    {unfilled}: {open}{dots}")?;
     writeln!(out, "    {}", s.prospect)?;
     if !s.wait_cycle.is_empty() {
         let ids: Vec<String> = s.wait_cycle.iter().take(10).map(u32::to_string).collect();

@@ -3,6 +3,7 @@
 
 pub mod balance;
 pub mod document;
+pub mod family_part;
 mod human;
 pub mod message_timeline;
 mod over_time;
@@ -89,6 +90,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
     let collides = |v: &&Violation| v.invariant.is_collision;
     let suffered = facts.violations.iter().filter(collides).count() as u64;
     let (prevented, refused) = (account.prevented, account.bodies.refused_taken);
+    let part = account.family_part.as_ref();
     Report {
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -111,9 +113,10 @@ pub fn report(facts: &Facts<'_>) -> Report {
         livelocks: listed(Outcome::Livelock),
         unbuilt,
         collisions: Collisions { attempted: refused + prevented + suffered, prevented, refused, suffered },
-        moves: account.metamodules.as_ref().map_or(account.bodies.completed, |m| m.connections),
+        moves: account.moves,
         move_details: account.bodies.clone(),
-        metamodules: account.metamodules.clone(),
+        family_parts: part.map(|part| (part.key.to_owned(), part.value.clone())).into_iter().collect(),
+        family_text: part.map(|part| part.text.clone()).unwrap_or_default(),
         messages: messages(facts.tally, facts.left.as_ref()),
         body_messages: facts.body_messages,
         time: Times {
@@ -189,7 +192,8 @@ fn standstill(stall: &Stall, prospect: &Prospect) -> Standstill {
         way: if let Possible::Yes(moves) = prospect.possible { Some(moves as u64) } else { None },
         prospect: prospect.text(),
         text: stall.text.to_owned(),
-        unfilled: stall.unfilled.iter().map(|c| (*c).into()).collect(),
+        unfilled: stall.open.iter().filter_map(|o| Some(o.cell?.into())).collect(),
+        open: stall.open.iter().map(|o| o.text.clone()).collect(),
         wait_cycle: stall.wait_cycle.iter().map(|id| id.0).collect(),
         waiting: stall
             .waiting

@@ -69,7 +69,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
 fn standstill(s: &Standstill, words: &Words) -> Markup {
     let list = |ids: &[u32]| ids.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
     html! {
-        p { "Since " (seconds(s.since_s)) " nothing has changed; " (many(s.unfilled.len() as u64, words.cell)) " not filled; " (s.prospect) "." }
+        p { "Since " (seconds(s.since_s)) " nothing has changed; " (many(s.open.len() as u64, words.cell)) " not filled; " (s.prospect) "." }
         @if !s.wait_cycle.is_empty() {
             p.warning { "These wait for each other in a circle: " (list(&s.wait_cycle)) "." }
         }
@@ -236,13 +236,7 @@ fn numbers(report: &Report, words: &Words) -> Markup {
                 } } }
             } }
         }
-        @if let Some(m) = &report.metamodules {
-            p {
-                "Kind " (m.kind) ", strategy " (m.strategy) ". A move is all that a metamodule does from one connection to "
-                "the next; its actions are " (many(m.turns, "joint step")) ", " (many(m.connections, "connection")) " and "
-                (many(m.releases, "release")) "."
-            }
-        }
+        @if !report.family_text.note.is_empty() { p { (report.family_text.note) } }
         @if !report.invariants.violated.is_empty() {
             h2 { "Invariants that broke" }
             ul { @for v in report.invariants.violated.iter().take(SHOWN) { li.bad { (v.invariant) " at " (seconds(v.at_s)) ": " (v.what) } } }

@@ -1,7 +1,8 @@
 //! The results of world and director at the end of a run, from which reports are made.
 
+use crate::report::family_part::FamilyPart;
 use crate::report::prospect::Prospect;
-use crate::report::schema::{MetamoduleReport, MoveReport, StageReport};
+use crate::report::schema::{MoveReport, StageReport};
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::faults::FaultRecord;
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
@@ -44,6 +45,8 @@ pub struct RunResult {
     pub stages: Vec<StageReport>,
     /// Counts of the bodies' actions.
     pub bodies: MoveReport,
-    /// Additional results of metamodules.
-    pub metamodules: Option<MetamoduleReport>,
+    /// The number of moves completed, as the family counts moves.
+    pub moves: u64,
+    /// The results that only this family has.
+    pub family_part: Option<FamilyPart>,
 }

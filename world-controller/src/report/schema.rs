@@ -1,8 +1,10 @@
 //! The report as written to JSON. A field is never renamed, redefined or removed without a new [`SCHEMA`];
 //! new fields may be added. Times end in `_s` and are seconds of scenario time unless stated otherwise.
 
+use super::family_part::FamilyText;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// The version of this layout.
@@ -50,8 +52,12 @@ pub struct Report {
     pub moves: u64,
     /// Results of moves; of metamodules, of all steps of joints, connections and releases.
     pub move_details: MoveReport,
-    /// Additional results of metamodules; null for other families.
-    pub metamodules: Option<MetamoduleReport>,
+    /// The results that only one family has, each family's in a field of its own; null for other families.
+    #[serde(flatten)]
+    pub family_parts: BTreeMap<String, Value>,
+    /// The same for people.
+    #[serde(skip)]
+    pub family_text: FamilyText,
     /// Protocol messages.
     pub messages: Messages,
     /// Messages between agents, bodies and controller: actions, percepts, contact changes, reports, orders.
@@ -157,6 +163,9 @@ pub struct Standstill {
     pub text: String,
     /// Goal cells that are not filled; of seeds, the cells of their feet.
     pub unfilled: Vec<[i16; 3]>,
+    /// Objectives that are not reached, as text: goal cells by their coordinates.
+    #[serde(default)]
+    pub open: Vec<String>,
     /// Modules that wait for each other in a cycle; empty if there is none.
     pub wait_cycle: Vec<u32>,
     /// Spare modules that have a path to a goal cell and do not take it (the first 20); of metamodules, all
@@ -237,36 +246,6 @@ pub struct MoveReport {
     pub refused_stale: u64,
     /// Refused by the body as impossible from its state, or because it was already acting; 0 for cubes.
     pub refused_impossible: u64,
-}
-
-/// Additional results of metamodules.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct MetamoduleReport {
-    /// `PAR`, `PER`, `SRS` or `SRZ`.
-    pub kind: String,
-    /// The strategy: `greedy`, `slope`, `step` or `negotiated`.
-    pub strategy: String,
-    /// The levels of the last goal, from the ground up.
-    pub levels: Vec<LevelReport>,
-    /// How far that goal was moved along x and y, to a place where it could be built.
-    pub shift: [i16; 2],
-    /// Steps of joints.
-    pub turns: u64,
-    /// Connections made; the same as `moves`.
-    pub connections: u64,
-    /// Connections released.
-    pub releases: u64,
-    /// Time at which the last seed was filled; 0 if none was.
-    pub last_fill_s: f64,
-}
-
-/// One level of a goal.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct LevelReport {
-    /// Its seeds.
-    pub seeds: u64,
-    /// Seeds of the level filled at the end.
-    pub filled: u64,
 }
 
 /// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired + refused

@@ -6,9 +6,11 @@ use super::Plan;
 use super::bounds::{Bounds, Passage};
 use super::diagnostics::{At, Diagnostics};
 use super::error::ScenarioError;
+use super::faults;
 use super::table::{Node, Section};
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::time::Span;
+use metamorph_sim_bridge::director::faults::{Target, WorldFault};
 use serde_json::Value;
 use std::any::Any;
 use std::fmt;
@@ -31,8 +33,39 @@ pub trait ScenarioFamily: Sync {
     ) -> Box<dyn RawSwarm>;
     /// Returns the family's part of the JSON schema of scenarios.
     fn schema(&self) -> FamilySchema;
-    /// Returns the keys of the `[[fault]]` kinds that apply to its bodies.
-    fn faults(&self) -> &'static [&'static str];
+    /// Returns the name and the JSON schema of the field of reports that only it fills; `None` if it has none.
+    fn report_part(&self) -> Option<(&'static str, Value)> {
+        None
+    }
+    /// Returns the keys of the shared `[[fault]]` kinds that apply to it.
+    fn faults(&self) -> &'static [&'static str] {
+        faults::KINDS
+    }
+    /// Returns the `[[fault]]` kinds of its own.
+    fn world_faults(&self) -> &'static [WorldFaultKind] {
+        &[]
+    }
+}
+
+/// A `[[fault]]` kind that only some families have: it hits the world rather than a module.
+#[derive(Debug)]
+pub struct WorldFaultKind {
+    /// The key that names what it hits.
+    pub key: &'static str,
+    /// Its beginning, at `at`.
+    pub begin: &'static WorldFault,
+    /// Its end, at `until` if that is given.
+    pub end: &'static WorldFault,
+    /// Reads and checks the value of the key.
+    pub target: fn(&Node<'_>, &mut Diagnostics) -> Option<Target>,
+    /// Returns the schema of the table.
+    pub schema: fn() -> Value,
+}
+
+/// Returns the keys of all `[[fault]]` kinds of a family.
+pub fn fault_keys(family: &dyn ScenarioFamily) -> Vec<&'static str> {
+    let own = family.world_faults().iter().map(|kind| kind.key);
+    family.faults().iter().copied().chain(own).collect()
 }
 
 /// The sections, besides `[swarm]`, whose meaning depends on the family.
@@ -227,7 +260,7 @@ pub enum SectionKind {
 fn has_key(family: &dyn ScenarioFamily, section: SectionKind, key: &str) -> bool {
     let schema = family.schema();
     let properties = match section {
-        SectionKind::Fault => return family.faults().contains(&key),
+        SectionKind::Fault => return fault_keys(family).contains(&key),
         SectionKind::Swarm => &schema.swarm,
         SectionKind::Goal => &schema.goal,
         SectionKind::Protocol => &schema.protocol,

@@ -3,15 +3,16 @@
 
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::ScenarioError;
-use super::family::{ScenarioFamily, SectionKind};
+use super::family::{ScenarioFamily, SectionKind, WorldFaultKind, fault_keys};
+use super::schema::{Definitions, fault, for_good, natural, of, or, said, table};
 use super::table::{Node, Read, Section, Window, elements, span, span_range};
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::Partition;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::faults::{Fault, Schedule};
+use metamorph_sim_bridge::director::faults::{Fault, Schedule, Target, WorldFault};
+use serde_json::json;
 
 /// A fault that hits named modules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,10 +59,12 @@ pub enum RawFault {
         /// Where it is written.
         place: Place,
     },
-    /// A foreign object is in a cell.
-    Obstacle {
-        /// The cell.
-        cell: At<Cell>,
+    /// The world is hit.
+    World {
+        /// The kind of fault, and that of its end.
+        kinds: [&'static WorldFault; 2],
+        /// What it hits.
+        target: Target,
         /// Start of the fault.
         from: At<Span>,
         /// End of the fault.
@@ -77,6 +80,9 @@ pub enum RawFault {
         until: At<Span>,
     },
 }
+
+/// The kinds of fault that every family may have.
+pub const KINDS: &[&str] = &["kill", "pause", "restart", "stick", "crash", "partition"];
 
 const VERBS: [(&str, Verb); 4] =
     [("kill", Verb::Kill), ("pause", Verb::Pause), ("restart", Verb::Restart), ("stick", Verb::Stick)];
@@ -94,15 +100,11 @@ pub fn read(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diag
 fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diagnostics) -> Option<RawFault> {
     let mut section = Section::of(node, "[[fault]]", "kill = 3\nat = \"2s\"", diagnostics)?;
     section.differs_between_families(SectionKind::Fault);
-    let obstacle = match family.faults().contains(&"obstacle") {
-        false if section.present(&["obstacle"]).is_empty() => None,
-        false => {
-            ask_for_times(&mut section);
-            section.finish(diagnostics);
-            return None;
-        }
-        true => section.node("obstacle"),
-    };
+    let world: Vec<_> = family
+        .world_faults()
+        .iter()
+        .filter_map(|kind| section.node(kind.key).map(|target| (kind, target)))
+        .collect();
     let named: Vec<_> = VERBS
         .iter()
         .filter(|(key, _)| family.faults().contains(key))
@@ -116,18 +118,19 @@ fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diag
         diagnostics.add(controller.span(), ScenarioError::NotYet { what, instead });
         return None;
     }
-    let kinds = ["kill", "pause", "restart", "stick", "crash", "partition", "obstacle"];
-    let fault = match (&named[..], crash, partition, obstacle) {
-        ([(verb, modules)], None, None, None) => read_named(*verb, modules, &mut section, diagnostics),
-        ([], Some(crash), None, None) => read_crashes(crash, diagnostics),
-        ([], None, Some(partition), None) => read_partition(partition, diagnostics),
-        ([], None, None, Some(cell)) => read_obstacle(cell, &mut section, diagnostics),
+    let fault = match (&named[..], crash, partition, &world[..]) {
+        ([(verb, modules)], None, None, []) => read_named(*verb, modules, &mut section, diagnostics),
+        ([], Some(crash), None, []) => read_crashes(crash, diagnostics),
+        ([], None, Some(partition), []) => read_partition(partition, diagnostics),
+        ([], None, None, [(kind, target)]) => read_world(kind, target, &mut section, diagnostics),
         _ => {
-            let present = section.present(&kinds);
-            let names = if present.is_empty() { "nothing".into() } else { present.join(" and ") };
             ask_for_times(&mut section);
-            diagnostics.add(section.place().clone(), ScenarioError::OneVerb(names));
-            None
+            let (place, present) = (section.place().clone(), section.present(&fault_keys(family)));
+            let names = if present.is_empty() { "nothing".into() } else { present.join(" and ") };
+            if !section.finish(diagnostics) {
+                diagnostics.add(place, ScenarioError::OneVerb(names));
+            }
+            return None;
         }
     };
     section.finish(diagnostics);
@@ -192,15 +195,16 @@ fn read_crashes(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawFau
     Some(RawFault::Crashes { amount: amount?, window: window?, place: node.span().into() })
 }
 
-fn read_obstacle(
-    cell: &Node<'_>,
+fn read_world(
+    kind: &'static WorldFaultKind,
+    target: &Node<'_>,
     section: &mut Section<'_, '_>,
     diagnostics: &mut Diagnostics,
 ) -> Option<RawFault> {
     let from = section.need("at", "at = \"2s\"", diagnostics);
     let until = section.get("until", diagnostics);
-    let cell = Cell::read(cell, diagnostics).map(|value| At::new(value, cell.span()));
-    Some(RawFault::Obstacle { cell: cell?, from: from?, until })
+    let target = (kind.target)(target, diagnostics);
+    Some(RawFault::World { kinds: [kind.begin, kind.end], target: target?, from: from?, until })
 }
 
 fn read_partition(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawFault> {
@@ -349,16 +353,10 @@ pub fn compile(
                     planned.extend(end.zip(second).map(|(at, fault)| Planned::At(at, fault)));
                 }
             }
-            RawFault::Obstacle { cell, from, until } => {
+            RawFault::World { kinds: [first, second], target, from, until } => {
                 let (begin, end) = bounds.span(from, until.as_ref(), diagnostics);
-                let At { value: cell, place } = cell;
-                if cell.z < 0 {
-                    let (got, high) = (cell.z.to_string(), Cell::LIMIT.to_string());
-                    let what = "the height of the obstacle above the floor";
-                    diagnostics.add(place.clone(), ScenarioError::Range { what, got, low: "0".into(), high });
-                }
-                planned.push(Planned::At(begin, Fault::Block(*cell)));
-                planned.extend(end.map(|at| Planned::At(at, Fault::Unblock(*cell))));
+                planned.push(Planned::At(begin, Fault::World(first, *target)));
+                planned.extend(end.map(|at| Planned::At(at, Fault::World(second, *target))));
             }
             RawFault::Crashes { amount, window, place } => {
                 let Window(from, until) = window.value;
@@ -403,6 +401,49 @@ fn events(verb: Verb, id: ModuleId) -> (Fault, Option<Fault>) {
         Verb::Restart => (Fault::Restart(id), None),
         Verb::Stick => (Fault::Stick(id), Some(Fault::Unstick(id))),
     }
+}
+
+/// Returns the definitions of the faults that every family may have, for the JSON schema.
+pub fn schema() -> Definitions {
+    vec![
+        ("kill", fault("A process is killed; its body stays.", "kill", &["at"], json!({}))),
+        ("pause", fault("A process is stopped for a while.", "pause", &["from", "until"], json!({}))),
+        (
+            "restart",
+            fault(
+                "A process is started again without its memory.",
+                "restart",
+                &["at"],
+                json!({ "memory": or(false, json!({ "const": false })) }),
+            ),
+        ),
+        ("stick", fault("A joint sticks.", "stick", &["at"], json!({ "until": for_good() }))),
+        (
+            "crash",
+            fault("Modules drawn at random are killed.", "crash", &[], json!({ "crash": of("crashes") })),
+        ),
+        (
+            "crashes",
+            table(
+                "How many, and when.",
+                &["between"],
+                json!({
+                    "count": said("If left out, `fraction` says it.", natural()),
+                    "fraction": said("Of all modules; if left out, `count` says it.", of("probability")),
+                    "between": of("window"),
+                }),
+            ),
+        ),
+        ("partition", fault("Modules are cut off.", "partition", &[], json!({ "partition": of("cut") }))),
+        (
+            "cut",
+            table(
+                "The modules, and when.",
+                &["modules", "from", "until"],
+                json!({ "modules": of("modules"), "from": of("time"), "until": of("time") }),
+            ),
+        ),
+    ]
 }
 
 /// Draws `count` different modules (Fisher-Yates shuffle, stopped early).

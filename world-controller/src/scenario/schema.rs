@@ -8,7 +8,8 @@
 //! happens without it.
 
 use super::error::{MAX_GOALS, VERSION};
-use super::family::{Families, FamilySchema, ScenarioFamily};
+use super::family::{Families, FamilySchema, ScenarioFamily, fault_keys};
+use super::faults;
 use super::plan::{NEVER, TIME_SCALE};
 use super::raw::SEED;
 use super::shapes::{AXES, PARTS, THIN, UPS, VOIDS};
@@ -73,15 +74,16 @@ fn definition(family: &dyn ScenarioFamily, part: &str) -> String {
 
 fn definitions(families: Families) -> Value {
     let mut all = Map::new();
-    for (name, value) in values().into_iter().chain(shared()).chain(shapes()) {
+    for (name, value) in values().into_iter().chain(shared()).chain(faults::schema()).chain(shapes()) {
         all.insert(name.to_owned(), value);
     }
     for family in families.0 {
         let FamilySchema { swarm, goal, protocol, definitions, .. } = family.schema();
         let parts =
-            [("Swarm", swarm), ("Goal", goal), ("Protocol", protocol), ("Fault", any(family.faults()))];
+            [("Swarm", swarm), ("Goal", goal), ("Protocol", protocol), ("Fault", any(&fault_keys(*family)))];
         all.extend(parts.map(|(part, value)| (definition(*family, part), value)));
-        all.extend(definitions.into_iter().map(|(name, value)| (name.to_owned(), value)));
+        let own = family.world_faults().iter().map(|kind| (kind.key, (kind.schema)()));
+        all.extend(definitions.into_iter().chain(own).map(|(name, value)| (name.to_owned(), value)));
     }
     Value::Object(all)
 }
@@ -158,52 +160,6 @@ fn shared() -> Definitions {
                         of("time"),
                     ),
                 }),
-            ),
-        ),
-        ("kill", fault("A process is killed; its body stays.", "kill", &["at"], json!({}))),
-        ("pause", fault("A process is stopped for a while.", "pause", &["from", "until"], json!({}))),
-        (
-            "restart",
-            fault(
-                "A process is started again without its memory.",
-                "restart",
-                &["at"],
-                json!({ "memory": or(false, json!({ "const": false })) }),
-            ),
-        ),
-        ("stick", fault("A joint sticks.", "stick", &["at"], json!({ "until": for_good() }))),
-        (
-            "crash",
-            fault("Modules drawn at random are killed.", "crash", &[], json!({ "crash": of("crashes") })),
-        ),
-        (
-            "crashes",
-            table(
-                "How many, and when.",
-                &["between"],
-                json!({
-                    "count": said("If left out, `fraction` says it.", natural()),
-                    "fraction": said("Of all modules; if left out, `count` says it.", of("probability")),
-                    "between": of("window"),
-                }),
-            ),
-        ),
-        ("partition", fault("Modules are cut off.", "partition", &[], json!({ "partition": of("cut") }))),
-        (
-            "cut",
-            table(
-                "The modules, and when.",
-                &["modules", "from", "until"],
-                json!({ "modules": of("modules"), "from": of("time"), "until": of("time") }),
-            ),
-        ),
-        (
-            "obstacle",
-            fault(
-                "A foreign object enters a cell.",
-                "obstacle",
-                &["at"],
-                json!({ "obstacle": of("cell"), "until": for_good() }),
             ),
         ),
     ]
@@ -367,7 +323,7 @@ pub fn one_of_its_keys(mut table: Value) -> Value {
 }
 
 /// Returns the schema of a fault: its kind and target, required times, and more optional keys.
-fn fault(description: &str, verb: &str, times: &[&str], more: Value) -> Value {
+pub fn fault(description: &str, verb: &str, times: &[&str], more: Value) -> Value {
     let mut schema = table(description, &[&[verb], times].concat(), json!({ (verb): of("modules") }));
     for time in times {
         schema["properties"][*time] = of("time");

@@ -3,7 +3,6 @@
 
 use crate::leader::{Leader, Lowest};
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
@@ -99,12 +98,12 @@ impl ElectionDirector {
         }
         self.ended = Some((now, outcome));
         self.commands.push_back(Command::Finish);
-        let unfilled: Vec<Cell> = self.dissenters().into_iter().map(|id| world.place(id)).collect();
+        let open = self.dissenters().into_iter().map(|id| world.place(id).into()).collect();
         self.stall = (outcome != Outcome::Built).then(|| Stall {
             since: self.last_change,
             reason: DIVIDED,
             text: DIVIDED.text,
-            unfilled,
+            open,
             wait_cycle: Vec::new(),
             waiting: Vec::new(),
             detected: None,

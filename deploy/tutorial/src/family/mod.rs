@@ -117,7 +117,8 @@ impl Runnable for Plate {
             prevented: 0,
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             bodies: MoveReport::default(),
-            metamodules: None,
+            moves: 0,
+            family_part: None,
         }
     }
     fn last_check(_: &mut StillWorld<Leader>, _: Time) -> (Vec<Violation>, u64) {

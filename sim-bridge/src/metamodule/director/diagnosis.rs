@@ -60,11 +60,11 @@ impl MetamoduleDirector {
             since,
             reason,
             text: reason.text,
-            unfilled: unfilled
+            open: unfilled
                 .iter()
                 .filter_map(|s| self.setup.seed(self.task, s))
                 .map(|s| s.foot)
-                .map(|(x, y)| Cell::new(x, y, 0))
+                .map(|(x, y)| Cell::new(x, y, 0).into())
                 .collect(),
             wait_cycle: cycle(&waits),
             waiting: free,

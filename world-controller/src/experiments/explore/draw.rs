@@ -9,6 +9,7 @@ use super::generated_scenario::{Break, GeneratedFault, GeneratedLink, GeneratedS
 use crate::family::generated::Dice;
 use crate::family::{Family, all};
 use crate::scenario::Plan;
+use crate::scenario::family::fault_keys;
 use metamorph_protocol::rng::Rng;
 
 /// Attempts to draw a scenario that can be run; some are invalid, such as one with more goals than the floor
@@ -78,7 +79,7 @@ impl Dice {
                 draft.failed_connections = self.pick(&[2, 10, 30]);
             }
             draft.faults = self.faults(&draft);
-            draft.faults.retain(|fault| family.faults().contains(&fault.what.key()));
+            draft.faults.retain(|fault| fault_keys(family).contains(&fault.what.key()));
         }
         draft.link.until = self.end_of_harm(&draft);
         draft.patience = family.patience(draft.failed_connections > 0, draft.link.delay.1);

@@ -102,7 +102,7 @@ pub fn judge(report: &Report, ran: &RunResult) -> Verdict {
         report.time.virtual_s,
         stall.since_s,
         stall.text,
-        stall.unfilled.len(),
+        stall.open.len(),
         stall.waiting.iter().map(|w| w.module.to_string()).collect::<Vec<_>>().join(" ")
     );
     Verdict::Failed(Failure { kind, what })

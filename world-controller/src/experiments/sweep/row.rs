@@ -108,7 +108,7 @@ impl Row {
             filled: report.goal.filled,
             cells: report.goal.cells,
             moves: report.moves,
-            turns: report.metamodules.as_ref().map(|m| m.turns),
+            turns: report.family_text.joint_steps,
             collisions_prevented: report.collisions.prevented,
             collisions_refused: report.collisions.refused,
             collisions_suffered: report.collisions.suffered,

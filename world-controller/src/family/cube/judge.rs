@@ -60,7 +60,7 @@ mod tests {
             since: Time::ZERO,
             reason,
             text: reason.text,
-            unfilled: vec![Cell::new(2, 0, 0)],
+            open: vec![Cell::new(2, 0, 0).into()],
             wait_cycle: Vec::new(),
             waiting: Vec::new(),
             detected: None,

@@ -46,9 +46,6 @@ impl ScenarioFamily for CubeFamily {
     fn schema(&self) -> FamilySchema {
         schema::schema()
     }
-    fn faults(&self) -> &'static [&'static str] {
-        &["kill", "pause", "restart", "stick", "crash", "partition"]
-    }
 }
 
 impl ExploredFamily for CubeFamily {

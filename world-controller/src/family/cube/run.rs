@@ -59,7 +59,8 @@ impl Runnable for Cubes {
                 refused_stale: motions.stale,
                 refused_impossible: 0,
             },
-            metamodules: None,
+            moves: motions.completed,
+            family_part: None,
         }
     }
     fn last_check(world: &mut CubeWorld, now: Time) -> (Vec<Violation>, u64) {

@@ -3,12 +3,14 @@
 mod bounds;
 mod describe;
 mod error;
+mod faults;
 mod field;
 mod generate;
 pub mod generated;
 mod judge;
 mod look;
 pub mod motion_database;
+pub mod report;
 pub mod robot;
 mod run;
 mod scenario;
@@ -20,7 +22,9 @@ use crate::family::{ExploredFamily, FamilyParts};
 use crate::scenario::Plan;
 use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::error::ScenarioError;
-use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words};
+use crate::scenario::family::{
+    FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words, WorldFaultKind,
+};
 use crate::scenario::table::Section;
 use error::MetamoduleError;
 use metamorph_protocol::defects::Defect;
@@ -53,8 +57,11 @@ impl ScenarioFamily for MetamoduleFamily {
     fn schema(&self) -> FamilySchema {
         schema::schema()
     }
-    fn faults(&self) -> &'static [&'static str] {
-        &["kill", "pause", "restart", "stick", "crash", "partition", "obstacle"]
+    fn report_part(&self) -> Option<(&'static str, serde_json::Value)> {
+        Some((report::KEY, report::schema()))
+    }
+    fn world_faults(&self) -> &'static [WorldFaultKind] {
+        &[faults::OBSTACLE_KIND]
     }
 }
 

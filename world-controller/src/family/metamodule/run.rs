@@ -1,8 +1,9 @@
 //! Runs a swarm of metamodules and collects its results.
 
 use super::Metamodules;
+use super::report::{self, LevelReport, MetamoduleReport};
 use crate::report::run_result::RunResult;
-use crate::report::schema::{LevelReport, MetamoduleReport, MoveReport};
+use crate::report::schema::MoveReport;
 use crate::run::runnable::{Runnable, stage};
 use crate::scenario::Plan;
 use metamorph_protocol::metamodule::params::Setup;
@@ -54,6 +55,15 @@ impl Runnable for Metamodules {
             let filled = seeds.by_ref().take(usize::from(*seeds_of_it)).filter(|s| filled.has(*s)).count();
             LevelReport { seeds: u64::from(*seeds_of_it), filled: filled as u64 }
         });
+        let bodies = MoveReport {
+            started: deeds.started,
+            completed: deeds.turns + deeds.moves + deeds.released,
+            failed: deeds.failed,
+            refused_taken: deeds.blocked,
+            refused_late: deeds.late,
+            refused_stale: deeds.stale,
+            refused_impossible: deeds.impossible,
+        };
         RunResult {
             ended: director.outcome(),
             progress,
@@ -64,25 +74,23 @@ impl Runnable for Metamodules {
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
-            bodies: MoveReport {
-                started: deeds.started,
-                completed: deeds.turns + deeds.moves + deeds.released,
-                failed: deeds.failed,
-                refused_taken: deeds.blocked,
-                refused_late: deeds.late,
-                refused_stale: deeds.stale,
-                refused_impossible: deeds.impossible,
-            },
-            metamodules: Some(MetamoduleReport {
-                kind: self.setup.kind().name().to_owned(),
-                strategy: self.setup.params.strategy.name().to_owned(),
-                levels: levels.collect(),
-                shift: task.shift.into(),
-                turns: deeds.turns,
-                connections: deeds.moves,
-                releases: deeds.released,
-                last_fill_s: director.last_fill().as_secs_f64(),
-            }),
+            moves: deeds.moves,
+            family_part: Some(report::part(
+                &MetamoduleReport {
+                    kind: self.setup.kind().name().to_owned(),
+                    strategy: self.setup.params.strategy.name().to_owned(),
+                    levels: levels.collect(),
+                    shift: task.shift.into(),
+                    turns: deeds.turns,
+                    connections: deeds.moves,
+                    releases: deeds.released,
+                    last_fill_s: director.last_fill().as_secs_f64(),
+                },
+                &bodies,
+                world.len(),
+                progress.filled > 0,
+            )),
+            bodies,
         }
     }
     fn last_check(world: &mut MetamoduleWorld, now: Time) -> (Vec<Violation>, u64) {

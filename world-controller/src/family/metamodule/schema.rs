@@ -13,17 +13,11 @@ use metamorph_protocol::metamodule::params::{
     COMMUNICATION_RANGE, LEAST_COMMUNICATION_RANGE, PrecedenceBy, Strategy,
 };
 use metamorph_protocol::roombots::Kind;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Returns the schema of the metamodules' sections.
 pub fn schema() -> FamilySchema {
-    let start = json!({ "anyOf": [{ "const": "random" }, { "type": "array", "items": of("place") }] });
     let seeds = json!({ "type": "array", "minItems": 1, "items": of("seed") });
-    let range = or(
-        COMMUNICATION_RANGE,
-        json!({ "type": "integer", "minimum": LEAST_COMMUNICATION_RANGE, "maximum": MAX_COMMUNICATION_RANGE }),
-    );
-    let direction = names(&FACES.map(|(name, _)| name));
     let mut goal = table(
         "Seeds to be filled, level by level.",
         &[],
@@ -39,124 +33,139 @@ pub fn schema() -> FamilySchema {
         }),
     );
     goal["oneOf"] = json!([{ "required": ["shape"] }, { "required": ["levels"] }]);
-    FamilySchema {
-        swarm: table(
-            "Two Roombots modules each, which walk over a floor of connectors.",
-            &["family"],
-            json!({
-                "family": { "const": super::NAME },
-                "kind": or(KIND.name(), names(&Kind::METAMODULES.map(Kind::name))),
-                "count": said(
-                    "Default: the length of `start`, or one for each seed of the largest goal.",
-                    json!({ "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES }),
-                ),
-                "floor": or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor")),
-                "communication_range": said("The communication range in connectors.", range.clone()),
-                "hearing": former("communication_range", range),
-                "start": said("Drawn from the seed of the run, or a list.", or("random", start)),
-                "turn_time": or(BEAT.to_string(), of("time")),
-                "failed_connections": seldom(),
-            }),
+    FamilySchema { swarm: swarm(), goal, protocol: protocol(), shapes: &SHAPES, definitions: definitions() }
+}
+
+/// Returns the schema of `[swarm]`.
+fn swarm() -> Value {
+    let start = json!({ "anyOf": [{ "const": "random" }, { "type": "array", "items": of("place") }] });
+    let range = or(
+        COMMUNICATION_RANGE,
+        json!({ "type": "integer", "minimum": LEAST_COMMUNICATION_RANGE, "maximum": MAX_COMMUNICATION_RANGE }),
+    );
+    table(
+        "Two Roombots modules each, which walk over a floor of connectors.",
+        &["family"],
+        json!({
+            "family": { "const": super::NAME },
+            "kind": or(KIND.name(), names(&Kind::METAMODULES.map(Kind::name))),
+            "count": said(
+                "Default: the length of `start`, or one for each seed of the largest goal.",
+                json!({ "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES }),
+            ),
+            "floor": or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor")),
+            "communication_range": said("The communication range in connectors.", range.clone()),
+            "hearing": former("communication_range", range),
+            "start": said("Drawn from the seed of the run, or a list.", or("random", start)),
+            "turn_time": or(BEAT.to_string(), of("time")),
+            "failed_connections": seldom(),
+        }),
+    )
+}
+
+/// Returns the schema of `[protocol]`.
+fn protocol() -> Value {
+    table(
+        "How metamodules decide.",
+        &[],
+        json!({
+            "strategy": or(Strategy::default().name(), names(&Strategy::ALL.map(Strategy::name))),
+            "precedence": said(
+                "Which of two close together goes first, with `greedy`, `slope` and `step`. Default: within 4 by seed-distance for `greedy`, `off` for the others.",
+                json!({ "anyOf": [{ "const": "off" }, of("precedence")] }),
+            ),
+            "settled_repel": said(
+                "Whether settled metamodules repel others, with `slope` and `step`. Default: true.",
+                json!({ "type": "boolean" }),
+            ),
+            "repulsion": said("The repulsion by neighbours. Default: that of the strategy.", of("repulsion")),
+            "seed_authority": one_of(&SEED_AUTHORITIES),
+            "teller": former("seed_authority", one_of(&SEED_AUTHORITIES)),
+            "relocate": said(
+                "Whether a goal that cannot be built in place is moved.",
+                or(bool::default(), json!({ "type": "boolean" })),
+            ),
+            "detector": said(
+                "Whether the swarm detects deadlocks by itself.",
+                or(bool::default(), json!({ "type": "boolean" })),
+            ),
+        }),
+    )
+}
+
+/// Returns what the sections refer to.
+fn definitions() -> Vec<(&'static str, Value)> {
+    let direction = names(&FACES.map(|(name, _)| name));
+    vec![
+        (
+            "floor",
+            table(
+                &format!("Both corners belong to it; at most {MAX_FLOOR} connectors along each side."),
+                &["min", "max"],
+                json!({ "min": of("connector"), "max": of("connector") }),
+            ),
         ),
-        goal,
-        protocol: table(
-            "How metamodules decide.",
-            &[],
-            json!({
-                "strategy": or(Strategy::default().name(), names(&Strategy::ALL.map(Strategy::name))),
-                "precedence": said(
-                    "Which of two close together goes first, with `greedy`, `slope` and `step`. Default: within 4 by seed-distance for `greedy`, `off` for the others.",
-                    json!({ "anyOf": [{ "const": "off" }, of("precedence")] }),
-                ),
-                "settled_repel": said(
-                    "Whether settled metamodules repel others, with `slope` and `step`. Default: true.",
-                    json!({ "type": "boolean" }),
-                ),
-                "repulsion": said("The repulsion by neighbours. Default: that of the strategy.", of("repulsion")),
-                "seed_authority": one_of(&SEED_AUTHORITIES),
-                "teller": former("seed_authority", one_of(&SEED_AUTHORITIES)),
-                "relocate": said(
-                    "Whether a goal that cannot be built in place is moved.",
-                    or(bool::default(), json!({ "type": "boolean" })),
-                ),
-                "detector": said(
-                    "Whether the swarm detects deadlocks by itself.",
-                    or(bool::default(), json!({ "type": "boolean" })),
-                ),
-            }),
+        (
+            "place",
+            table(
+                "The start of a metamodule: a connector, and quarter turns.",
+                &["at"],
+                json!({
+                    "at": of("connector"),
+                    "class": or(CLASS, json!({ "type": "integer", "minimum": 0, "maximum": 3 })),
+                }),
+            ),
         ),
-        shapes: &SHAPES,
-        definitions: vec![
-            (
-                "floor",
-                table(
-                    &format!("Both corners belong to it; at most {MAX_FLOOR} connectors along each side."),
-                    &["min", "max"],
-                    json!({ "min": of("connector"), "max": of("connector") }),
-                ),
+        (
+            "library",
+            one_of_its_keys(table(
+                "A goal of the thesis, by the corner of its place.",
+                &[],
+                json!({ "box": of("connector"), "chair": of("connector") }),
+            )),
+        ),
+        (
+            "seed",
+            table(
+                "A connector, and the directions from cell to cell.",
+                &["foot", "directions"],
+                json!({
+                    "foot": of("connector"),
+                    "directions": { "type": "array", "minItems": 3, "maxItems": 3, "items": direction },
+                }),
             ),
-            (
-                "place",
-                table(
-                    "The start of a metamodule: a connector, and quarter turns.",
-                    &["at"],
-                    json!({
-                        "at": of("connector"),
-                        "class": or(CLASS, json!({ "type": "integer", "minimum": 0, "maximum": 3 })),
-                    }),
-                ),
+        ),
+        (
+            "precedence",
+            table(
+                "Of two metamodules within this many connectors the one nearer to an open seed, or with the smaller id, goes first.",
+                &["within", "by"],
+                json!({
+                    "within": { "type": "integer", "minimum": 1, "maximum": MAX_COMMUNICATION_RANGE },
+                    "by": names(&PrecedenceBy::ALL.map(PrecedenceBy::name)),
+                }),
             ),
-            (
-                "library",
-                one_of_its_keys(table(
-                    "A goal of the thesis, by the corner of its place.",
-                    &[],
-                    json!({ "box": of("connector"), "chair": of("connector") }),
-                )),
+        ),
+        (
+            "repulsion",
+            table(
+                "The repulsion by neighbours, in thousandths of the attraction and in cells; the defaults are those of the strategy.",
+                &[],
+                json!({
+                    "strength": said(
+                        "The strength, in thousandths of the attraction. Default: that of the strategy.",
+                        json!({ "type": "integer", "minimum": 0, "maximum": MAX_THOUSANDTHS }),
+                    ),
+                    "decay": said(
+                        "The decrease with distance. Default: that of the strategy.",
+                        json!({ "type": "integer", "minimum": 0, "maximum": 1000 }),
+                    ),
+                    "range": said(
+                        "The range in cells. Default: that of the strategy.",
+                        json!({ "type": "integer", "minimum": 1, "maximum": MAX_RANGE }),
+                    ),
+                }),
             ),
-            (
-                "seed",
-                table(
-                    "A connector, and the directions from cell to cell.",
-                    &["foot", "directions"],
-                    json!({
-                        "foot": of("connector"),
-                        "directions": { "type": "array", "minItems": 3, "maxItems": 3, "items": direction },
-                    }),
-                ),
-            ),
-            (
-                "precedence",
-                table(
-                    "Of two metamodules within this many connectors the one nearer to an open seed, or with the smaller id, goes first.",
-                    &["within", "by"],
-                    json!({
-                        "within": { "type": "integer", "minimum": 1, "maximum": MAX_COMMUNICATION_RANGE },
-                        "by": names(&PrecedenceBy::ALL.map(PrecedenceBy::name)),
-                    }),
-                ),
-            ),
-            (
-                "repulsion",
-                table(
-                    "The repulsion by neighbours, in thousandths of the attraction and in cells; the defaults are those of the strategy.",
-                    &[],
-                    json!({
-                        "strength": said(
-                            "The strength, in thousandths of the attraction. Default: that of the strategy.",
-                            json!({ "type": "integer", "minimum": 0, "maximum": MAX_THOUSANDTHS }),
-                        ),
-                        "decay": said(
-                            "The decrease with distance. Default: that of the strategy.",
-                            json!({ "type": "integer", "minimum": 0, "maximum": 1000 }),
-                        ),
-                        "range": said(
-                            "The range in cells. Default: that of the strategy.",
-                            json!({ "type": "integer", "minimum": 1, "maximum": MAX_RANGE }),
-                        ),
-                    }),
-                ),
-            ),
-        ],
-    }
+        ),
+    ]
 }

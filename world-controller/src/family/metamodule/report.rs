@@ -1,0 +1,82 @@
+//! The results that only metamodules have, as a part of the report.
+
+use crate::console::format::{count, many, seconds};
+use crate::report::family_part::{FamilyPart, FamilyText};
+use crate::report::schema::MoveReport;
+use schemars::JsonSchema;
+use schemars::generate::SchemaSettings;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+/// The field of the report.
+pub const KEY: &str = "metamodules";
+
+/// Additional results of metamodules.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MetamoduleReport {
+    /// `PAR`, `PER`, `SRS` or `SRZ`.
+    pub kind: String,
+    /// The strategy: `greedy`, `slope`, `step` or `negotiated`.
+    pub strategy: String,
+    /// The levels of the last goal, from the ground up.
+    pub levels: Vec<LevelReport>,
+    /// How far that goal was moved along x and y, to a place where it could be built.
+    pub shift: [i16; 2],
+    /// Steps of joints.
+    pub turns: u64,
+    /// Connections made; the same as `moves`.
+    pub connections: u64,
+    /// Connections released.
+    pub releases: u64,
+    /// Time at which the last seed was filled; 0 if none was.
+    pub last_fill_s: f64,
+}
+
+/// One level of a goal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LevelReport {
+    /// Its seeds.
+    pub seeds: u64,
+    /// Seeds of the level filled at the end.
+    pub filled: u64,
+}
+
+/// Returns the JSON schema of the field.
+pub fn schema() -> Value {
+    let settings = SchemaSettings::draft2020_12().for_serialize().with(|s| s.inline_subschemas = true);
+    settings.into_generator().into_root_schema_for::<MetamoduleReport>().to_value()
+}
+
+/// Returns the field and its text. `modules` is the size of the swarm; `is_begun` says whether a seed was filled.
+pub fn part(m: &MetamoduleReport, d: &MoveReport, modules: usize, is_begun: bool) -> FamilyPart {
+    let per_module = m.connections as f64 / modules.max(1) as f64;
+    let actions =
+        [many(m.turns, "joint step"), many(m.connections, "connection"), many(m.releases, "release")];
+    let levels: Vec<String> = m.levels.iter().map(|l| format!("{} of {}", l.filled, l.seeds)).collect();
+    let moved = match m.shift {
+        [0, 0] => String::new(),
+        [x, y] => format!("; moved by ({x}, {y}) to where it could be built"),
+    };
+    let (completed, begun, failed) = (count(d.completed), count(d.started), count(d.failed));
+    let mut moves = vec![
+        (
+            "moves",
+            format!("{} completed ({per_module:.1} a metamodule of kind {})", count(m.connections), m.kind),
+        ),
+        (
+            "actions",
+            format!("{completed} completed of {begun} begun, {failed} failed: {}", actions.join(", ")),
+        ),
+        ("levels", format!("{} seeds, from the ground up{moved}", levels.join(", "))),
+    ];
+    if is_begun {
+        moves.push(("last seed", format!("filled at {}", seconds(m.last_fill_s))));
+    }
+    let [turns, connections, releases] = actions;
+    let note = format!(
+        "Kind {}, strategy {}. A move is all that a metamodule does from one connection to the next; its actions \
+         are {turns}, {connections} and {releases}.",
+        m.kind, m.strategy
+    );
+    FamilyPart { key: KEY, value: json!(m), text: FamilyText { moves, note, joint_steps: Some(m.turns) } }
+}
