@@ -4,7 +4,7 @@
 //! [`mod@conformance`] is the suite that every driver passes, written against it; [`chaos`] breaks swarms of
 //! real processes from outside; [`mod@hostile`] gives hostile inputs to commands; [`growth`] is the
 //! experiment that tests of the cube protocol vary, [`metamodules`] the one of the thesis, whose variations
-//! [`cases`] gives names; [`command`] is `metamorph` as a user runs it; [`checker`] reads journals without
+//! [`cases`] gives names; [`command`] is `metamorph` as a user runs it, [`view`] its page; [`checker`] reads journals without
 //! code of the program and checks every position; [`statistics`] compares samples.
 
 pub mod browser;
@@ -21,3 +21,4 @@ pub mod probe;
 pub mod script;
 pub mod statistics;
 pub mod testbed;
+pub mod view;

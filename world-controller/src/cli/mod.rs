@@ -2,4 +2,5 @@
 
 pub mod args;
 pub mod dispatch;
+mod examples;
 pub mod reference;

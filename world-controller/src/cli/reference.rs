@@ -9,7 +9,7 @@ use clap::{Args, CommandFactory, ValueEnum};
 use clap_complete::Shell;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::fs;
 use std::io;
 use std::path::PathBuf;
@@ -53,10 +53,22 @@ pub struct ManArgs {
 pub fn schema(of: Described) -> String {
     let schema = match of {
         Described::Scenario => scenario::schema(families()),
-        Described::Report => written::<Report>(),
+        Described::Report => report(),
         Described::Summary => written::<Summary>(),
     };
     serde_json::to_string_pretty(&schema).expect("invariant: a schema consists of plain values and text keys")
+}
+
+/// Returns the schema of reports, with the fields of every family.
+fn report() -> Value {
+    let mut schema = written::<Report>();
+    for (key, part) in families().0.iter().filter_map(|family| family.report_part()) {
+        schema["properties"][key] = json!({ "anyOf": [part, { "type": "null" }] });
+        if let Some(required) = schema["required"].as_array_mut() {
+            required.push(json!(key));
+        }
+    }
+    schema
 }
 
 /// Returns the schema of an output: every field is required.

@@ -5,8 +5,9 @@
 //! process that runs finds several, and wakes the next one once for all of them; a socket takes two system
 //! calls for each.
 
+use super::ends::{End, Files, OursHalf, ask, seqpacket_pair, system};
 use super::part::{Peer, command};
-use super::wire::{End, Files, Mechanism, Mode, OursHalf, ask, seqpacket_pair, standard_streams, system};
+use super::wire::{Mechanism, Mode, standard_streams};
 use super::{BenchError, median};
 use crate::console::format::many;
 use crate::console::stopwatch::Stopwatch;

@@ -8,6 +8,7 @@
 mod busy;
 mod chairs;
 mod churn;
+mod ends;
 mod flood;
 mod growth;
 mod machine;

@@ -306,20 +306,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
             Event::External { id, what } => self.director.external(at, *id, what, &self.world),
             Event::Wake => self.director.wake(at, &mut self.world),
             Event::Input { kind, bytes } => self.director.input(at, kind, bytes)?,
-            Event::Sensed { id, sensed } => {
-                let got = self.world.poll();
-                let got = got.map(|(id, s)| (id, s.map(Blob::of)));
-                if got.as_ref() != Some(&(*id, sensed.clone())) {
-                    return Err(format!("the body of module {id} senses {got:?}, not {sensed:?}"));
-                }
-                let letter = match sensed {
-                    Sensed::Contact { port, contact, .. } => {
-                        Consumed::Contact { port: *port, session: contact.map(|c| c.session) }
-                    }
-                    Sensed::Percept(percept) => Consumed::Percept(percept.clone()),
-                };
-                self.tell(*id, letter);
-            }
+            Event::Sensed { id, sensed } => self.sensed(*id, sensed)?,
             Event::Command(wanted) => {
                 let got = self.director.poll().map(|c| c.map(Blob::of));
                 if got.as_ref() != Some(wanted) {
@@ -337,21 +324,40 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 }
             }
             Event::Counted { id, incarnation: life, tally } => self.compare_counts(*id, *life, tally)?,
-            Event::Ended { outcome, tally } => {
-                self.ended = Some((outcome.clone(), *tally));
-                let account = self.swarm.account(self.plan, &self.director, &self.world);
-                let got = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
-                if got.name() != outcome {
-                    return Err(format!("the run ended {outcome}, and now it ends {got}"));
-                }
-                self.compare_totals(tally)?;
-            }
+            Event::Ended { outcome, tally } => self.end(outcome, tally)?,
             // Found by audits, which are not repeated.
             Event::Violated { .. } | Event::Resumed => {}
             Event::Torn => self.torn = true,
             other => return Err(format!("{other:?} is no event of the controller")),
         }
         Ok(())
+    }
+
+    /// Takes what a body senses from the world, compares it, and hands it to the agent.
+    fn sensed(&mut self, id: ModuleId, sensed: &Sensed<Blob>) -> Result<(), String> {
+        let got = self.world.poll().map(|(id, s)| (id, s.map(Blob::of)));
+        if got.as_ref() != Some(&(id, sensed.clone())) {
+            return Err(format!("the body of module {id} senses {got:?}, not {sensed:?}"));
+        }
+        let letter = match sensed {
+            Sensed::Contact { port, contact, .. } => {
+                Consumed::Contact { port: *port, session: contact.map(|c| c.session) }
+            }
+            Sensed::Percept(percept) => Consumed::Percept(percept.clone()),
+        };
+        self.tell(id, letter);
+        Ok(())
+    }
+
+    /// Compares the outcome and the counts of the whole run.
+    fn end(&mut self, outcome: &str, tally: &Tally) -> Result<(), String> {
+        self.ended = Some((outcome.to_owned(), *tally));
+        let account = self.swarm.account(self.plan, &self.director, &self.world);
+        let got = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
+        if got.name() != outcome {
+            return Err(format!("the run ended {outcome}, and now it ends {got}"));
+        }
+        self.compare_totals(tally)
     }
 
     fn current_life(&mut self, id: ModuleId) -> Option<&mut Life<AgentOf<R>>> {

@@ -103,24 +103,7 @@ pub fn fk(args: &FkArgs) -> Result<Answer, RobotError> {
     let own = if touch.own_body { "cubes overlap" } else { "cubes do not overlap" };
     let _ = writeln!(text, "{floor}, {own}");
 
-    let lattice = Posture::from_degrees(kind, &args.angles, 1e-9).ok();
-    let mut on_lattice = Value::Null;
-    if let Some(posture) = lattice {
-        let placement = posture.placement();
-        let cells: &[Cell] = &placement.cells[..kind.cubes()];
-        let d = placement.directions;
-        let shape = (kind != Kind::Single).then(|| Shape::of([d[0], d[1], d[2]])).flatten();
-        let lands = landing(posture);
-        let _ = write!(text, "cells {cells:?}");
-        if let Some(shape) = shape {
-            let _ = write!(text, ", shape {shape}");
-        }
-        if let Some(state) = lands {
-            let _ = write!(text, ", head lands on {state}");
-        }
-        text.push('\n');
-        on_lattice = json!({"cells": cells, "shape": shape.map(Shape::name), "landing": lands});
-    }
+    let on_lattice = write_lattice(&mut text, args);
 
     let load = Load { payload: args.payload, ..Load::floor() };
     let torques = torques(kind, &q, &load)?;
@@ -138,9 +121,45 @@ pub fn fk(args: &FkArgs) -> Result<Answer, RobotError> {
         );
     }
 
+    let connectors = write_connectors(&mut text, args, &q)?;
+    let json = json!({
+        "kind": kind, "joint_angles": args.angles, "head": rows(&head),
+        "floor_penetration_mm": floor_mm.max(0.0), "self_collision": touch.own_body,
+        "lattice": on_lattice,
+        "torque_nm": torques.iter().map(|t| json!({
+            "exact": t.exact, "reasonable": t.reasonable, "printed": t.printed, "worst": t.worst,
+        })).collect::<Vec<_>>(),
+        "connectors": connectors,
+    });
+    Ok(Answer::new(text, json))
+}
+
+/// Writes the cells and the landing of a posture of the lattice, and returns them; null between postures.
+fn write_lattice(text: &mut String, args: &FkArgs) -> Value {
+    let kind = args.kind;
+    let Ok(posture) = Posture::from_degrees(kind, &args.angles, 1e-9) else { return Value::Null };
+    let placement = posture.placement();
+    let cells: &[Cell] = &placement.cells[..kind.cubes()];
+    let d = placement.directions;
+    let shape = (kind != Kind::Single).then(|| Shape::of([d[0], d[1], d[2]])).flatten();
+    let lands = landing(posture);
+    let _ = write!(text, "cells {cells:?}");
+    if let Some(shape) = shape {
+        let _ = write!(text, ", shape {shape}");
+    }
+    if let Some(state) = lands {
+        let _ = write!(text, ", head lands on {state}");
+    }
+    text.push('\n');
+    json!({"cells": cells, "shape": shape.map(Shape::name), "landing": lands})
+}
+
+/// Writes the poses of the connectors asked for, and returns them.
+fn write_connectors(text: &mut String, args: &FkArgs, q: &[f64]) -> Result<Vec<Value>, RobotError> {
+    let kind = args.kind;
     let mut connectors = Vec::new();
     for site in sites(kind, args.connector.as_deref())? {
-        let pose = connector_pose(kind, &q, site)?;
+        let pose = connector_pose(kind, q, site)?;
         let n = -pose.rotation.column(2);
         let _ = writeln!(
             text,
@@ -155,16 +174,7 @@ pub fn fk(args: &FkArgs) -> Result<Answer, RobotError> {
         );
         connectors.push(json!({"connector": site.to_string(), "pose": rows(&pose)}));
     }
-    let json = json!({
-        "kind": kind, "joint_angles": args.angles, "head": rows(&head),
-        "floor_penetration_mm": floor_mm.max(0.0), "self_collision": touch.own_body,
-        "lattice": on_lattice,
-        "torque_nm": torques.iter().map(|t| json!({
-            "exact": t.exact, "reasonable": t.reasonable, "printed": t.printed, "worst": t.worst,
-        })).collect::<Vec<_>>(),
-        "connectors": connectors,
-    });
-    Ok(Answer::new(text, json))
+    Ok(connectors)
 }
 
 fn sites(kind: Kind, wanted: Option<&str>) -> Result<Vec<Site>, RobotError> {

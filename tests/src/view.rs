@@ -1,0 +1,96 @@
+//! `metamorph view` as a process, and requests to it.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use crate::command::{command, run, scenario};
+use rustix::process::{Pid, Signal, kill_process};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+/// Runs a scenario on the simulated link with a journal, and returns the journal's name.
+pub fn record(directory: &Path, name: &str, options: &[&str]) -> String {
+    let (file, journal) = (scenario(name).display().to_string(), directory.join("run.journal"));
+    let journal = journal.display().to_string();
+    let ran = run(&[&["run", &file, "--link", "sim", "--quiet", "--journal", &journal], options].concat());
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    journal
+}
+
+/// A running `metamorph view`, ended when dropped.
+pub struct View {
+    /// The process.
+    pub process: Child,
+    /// The address that it printed.
+    pub address: String,
+}
+
+impl View {
+    /// Shows a shipped scenario.
+    pub fn of(name: &str, options: &[&str]) -> View {
+        let file = scenario(name).display().to_string();
+        View::start(&[&["view", &file], options].concat())
+    }
+
+    /// Starts a command that shows a run.
+    pub fn start(args: &[&str]) -> View {
+        let mut command = command(args);
+        // The standard output of a run is for its report.
+        let process = match args[0] {
+            "run" => command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn(),
+            _ => command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn(),
+        };
+        let mut view = View { process: process.expect("metamorph starts"), address: String::new() };
+        let pipes = (view.process.stdout.take(), view.process.stderr.take());
+        let said: Box<dyn Read + Send> = match pipes {
+            (Some(out), _) => Box::new(out),
+            (_, err) => Box::new(err.unwrap()),
+        };
+        let mut lines = BufReader::new(said).lines().map_while(Result::ok);
+        let address = lines.find_map(|line| {
+            line.split_whitespace().find(|word| word.starts_with("http://")).map(str::to_owned)
+        });
+        view.address = address.expect("the address is printed");
+        // Further output must be read.
+        std::thread::spawn(move || lines.for_each(drop));
+        view
+    }
+
+    /// Returns host and port, and the path with the token.
+    pub fn parts(&self) -> (&str, &str) {
+        let rest = self.address.strip_prefix("http://").unwrap();
+        rest.split_at(rest.find('/').unwrap())
+    }
+
+    /// Returns the answer to a raw request.
+    pub fn raw(&self, request: &str) -> (u16, String) {
+        let mut stream = TcpStream::connect(self.parts().0).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let status = answer.split(' ').nth(1).and_then(|code| code.parse().ok());
+        (status.unwrap_or_else(|| panic!("no HTTP: {answer}")), answer)
+    }
+
+    /// Returns the answer to a request of a path.
+    pub fn get(&self, path: &str, headers: &str) -> (u16, String) {
+        let host = self.parts().0;
+        self.raw(&format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n"))
+    }
+
+    /// Sends Ctrl-C, and returns the exit code.
+    pub fn end(mut self) -> Option<i32> {
+        kill_process(Pid::from_child(&self.process), Signal::INT).unwrap();
+        self.process.wait().unwrap().code()
+    }
+}
+
+impl Drop for View {
+    fn drop(&mut self) {
+        // It may have ended. If not, it takes its processes with it.
+        let _ = kill_process(Pid::from_child(&self.process), Signal::TERM);
+        let _ = self.process.wait();
+    }
+}

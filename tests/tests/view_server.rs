@@ -1,0 +1,157 @@
+//! Access to the page of `metamorph view`, over plain HTTP.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_tests::command::run;
+use metamorph_tests::view::{View, record};
+use serde_json::Value;
+use std::fs;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{Shutdown, TcpStream};
+use std::time::Duration;
+
+#[test]
+fn only_the_address_with_the_token_gives_access() {
+    let view = View::of("chair.toml", &[]);
+    let (host, root) = view.parts();
+    assert!(host.starts_with("127.0.0.1:") && root.len() == 34, "{}", view.address);
+    for (file, part) in [("", "<title>Metamorph</title>"), ("main.js", "import"), ("scene", "\"classes\"")] {
+        let (status, answer) = view.get(&format!("{root}{file}"), "");
+        assert!(status == 200 && answer.contains(part), "{file}: {answer}");
+        for header in ["content-security-policy: default-src 'none'", "nosniff", "no-referrer", "no-store"] {
+            assert!(answer.contains(header), "{file} lacks {header}");
+        }
+    }
+    let wrong: String = root.chars().map(|c| if c == '0' { '1' } else { c }).collect::<String>() + "x";
+    let without = [wrong.as_str(), "/", "/scene", "/main.js", "//scene", &root[..33], &root[..20]];
+    for path in without {
+        let (status, answer) = view.get(path, "");
+        assert!(status == 404 && !answer.contains("classes"), "{path}: {answer}");
+    }
+    // Only the page is served behind the token.
+    for file in ["../../etc/passwd", "..%2f..%2fetc%2fpasswd", "Cargo.toml", "scene/", "page/main.js", "%00"]
+    {
+        assert_eq!(view.get(&format!("{root}{file}"), "").0, 404, "{file}");
+    }
+    let scene = format!("{root}scene");
+    for headers in [
+        "Origin: http://evil.example\r\n",
+        "Origin: null\r\n",
+        "Sec-Fetch-Site: cross-site\r\n",
+        "Sec-Fetch-Site: same-site\r\n",
+        "Host: evil.example\r\n",
+    ] {
+        let (status, answer) = view.get(&scene, headers);
+        assert!(status == 403 || status == 400, "{headers}: {answer}");
+        assert!(!answer.contains("classes"), "{headers}: {answer}");
+    }
+    let rebound = format!("GET {scene} HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n");
+    assert_eq!(view.raw(&rebound).0, 403);
+    for method in ["POST", "PUT", "DELETE", "OPTIONS"] {
+        let request = format!(
+            "{method} {scene} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+        );
+        assert_eq!(view.raw(&request).0, 405, "{method}");
+    }
+    // Meaningless numbers have no effect.
+    for query in [
+        "events?from=99999999999999999999",
+        "talk?first=18446744073709551615&count=9",
+        "messages?id=-1",
+        "talk?count=x",
+    ] {
+        assert_eq!(view.get(&format!("{root}{query}"), "").0, 200, "{query}");
+    }
+    let port = host.rsplit(':').next().and_then(|p| p.parse::<u16>().ok()).unwrap();
+    let listening: Vec<String> = fs::read_to_string("/proc/net/tcp")
+        .unwrap()
+        .lines()
+        .filter_map(|line| line.split_whitespace().nth(1).map(str::to_owned))
+        .filter(|local| local.ends_with(&format!(":{port:04X}")))
+        .collect();
+    assert!(!listening.is_empty() && listening.iter().all(|l| l.starts_with("0100007F:")), "{listening:?}");
+    assert_eq!(view.end(), Some(0));
+}
+
+/// As any program on the machine can send: requests that do not end, and data that is not a request.
+#[test]
+fn the_server_survives_invalid_requests() {
+    let view = View::of("chair.toml", &[]);
+    let (host, root) = view.parts();
+    let connect = || {
+        let stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        stream
+    };
+    // The server closes them all.
+    let closed = |mut stream: TcpStream, about: &str| {
+        let ended = stream.read_to_end(&mut Vec::new()).map_err(|error| error.kind());
+        assert!(!matches!(ended, Err(ErrorKind::WouldBlock | ErrorKind::TimedOut)), "{about} is still open");
+    };
+    let unfinished: Vec<TcpStream> = (0..400)
+        .map(|_| {
+            let mut stream = connect();
+            stream.write_all(format!("GET {root} HTTP/1.1\r\nHost: {host}\r\nX-Slow: ").as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    unfinished.into_iter().for_each(|stream| closed(stream, "an unfinished request"));
+    let start = format!("GET {root}scene HTTP/1.1\r\nHost: {host}\r\n");
+    let requests: Vec<Vec<u8>> = vec![
+        Vec::new(),
+        vec![0; 100_000],
+        b"\r\n".repeat(50_000),
+        b"GET".to_vec(),
+        b"GET /\r\n".to_vec(),
+        b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n".to_vec(),
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03".to_vec(),
+        format!("GET /{} HTTP/1.1\r\nHost: {host}\r\n\r\n", "x".repeat(1 << 20)).into(),
+        format!("{start}X: {}\r\n\r\n", "x".repeat(1 << 20)).into(),
+        format!("{start}{}\r\n", "X: y\r\n".repeat(100_000)).into(),
+        format!("{start}Content-Length: 18446744073709551615\r\n\r\nx").into(),
+        format!("{start}Content-Length: -1\r\n\r\n").into(),
+        format!("{start}Content-Length: 3\r\nContent-Length: 4\r\n\r\n").into(),
+        format!("{start}Transfer-Encoding: chunked\r\n\r\nffffffffffffffff\r\nx").into(),
+        format!("{start}Connection: upgrade\r\nUpgrade: websocket\r\n\r\n").into(),
+        format!("{start}Expect: 100-continue\r\nContent-Length: 9\r\n\r\n").into(),
+        format!("{start}\0: x\r\n\r\n").into(),
+        format!("GET {root}\x1b[31m HTTP/1.1\r\nHost: {host}\r\n\r\n").into(),
+        format!("GET http://evil.example{root} HTTP/1.1\r\nHost: {host}\r\n\r\n").into(),
+        format!("CONNECT {host} HTTP/1.1\r\nHost: {host}\r\n\r\n").into(),
+        format!("{start}\r\n").repeat(200).into(),
+    ];
+    for request in &requests {
+        let mut stream = connect();
+        // The server may have closed it before all of it was read.
+        let _ = stream.write_all(request).and_then(|()| stream.shutdown(Shutdown::Write));
+        closed(stream, &String::from_utf8_lossy(&request[..request.len().min(80)]));
+    }
+    let (status, answer) = view.get(&format!("{root}scene"), "");
+    assert!(status == 200 && answer.contains("\"classes\""), "{answer}");
+    let facts = fs::read_to_string(format!("/proc/{}/status", view.process.id())).unwrap();
+    let peak = facts.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
+    let peak: u64 = peak.unwrap().parse().unwrap();
+    assert!(peak < 512 << 10, "{peak} kB of memory");
+    assert_eq!(view.end(), Some(0));
+}
+
+#[test]
+fn a_cut_journal_is_shown_as_far_as_it_goes_and_other_files_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let journal = record(directory.path(), "swarm.toml", &[]);
+    let whole = fs::read(&journal).unwrap();
+    fs::write(&journal, &whole[..whole.len() / 2]).unwrap();
+    let view = View::start(&["view", &journal]);
+    let (_, answer) = view.get(&format!("{}events", view.parts().1), "");
+    let events: Value = serde_json::from_str(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap();
+    assert!(events["troubles"].as_array().is_some_and(|t| !t.is_empty()), "{}", events["troubles"]);
+    assert!(events["next"].as_u64().unwrap() > 50 && events["outcome"].is_null() && events["over"] == true);
+    assert_eq!(view.end(), Some(0));
+    for (content, part) in [(&b"nothing of the kind"[..], "run.journal"), (&whole[..5], "run.journal")] {
+        fs::write(&journal, content).unwrap();
+        let ran = run(&["view", &journal]);
+        assert_eq!(ran.code, Some(2), "{ran:?}");
+        assert!(ran.err.contains(part) && ran.err.contains("fix: ") && ran.out.is_empty(), "{ran:?}");
+    }
+    let ran = run(&["view", "/nowhere/run.journal"]);
+    assert!(ran.code == Some(2) && ran.err.contains("/nowhere/run.journal"), "{ran:?}");
+}
