@@ -6,7 +6,7 @@
 use clap::CommandFactory;
 use jsonschema::Validator;
 use metamorph_tests::command::{run, scenario, scenarios};
-use metamorph_world_controller::cli::args::CommandLine;
+use metamorph_world_controller::cli::commands::CommandLine;
 use metamorph_world_controller::family::families;
 use metamorph_world_controller::family::read_text;
 use metamorph_world_controller::scenario::error::ScenarioError;

@@ -1,20 +1,15 @@
 //! The command line as typed values. Absent: executing commands (see `dispatch`).
 
-use crate::cli::examples::*;
-use crate::cli::reference::{CompletionArgs, ManArgs, SchemaArgs};
 use crate::experiments::bench;
 use crate::experiments::explore;
 use crate::experiments::reproduce::{self, Experiment};
 use crate::experiments::sweep::Request;
-use crate::family::metamodule::robot::RobotArgs;
 use crate::family::{self, Family};
 use crate::run::replay;
-use crate::scenario::mesh_import::shape::ShapeArgs;
 use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, NEVER, Overrides, SEED, TIME_SCALE};
-use crate::view::export::ExportArgs;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, ValueEnum};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, SpanError, Time};
 use std::ffi::OsString;
@@ -23,73 +18,6 @@ use std::fmt::Display;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Duration;
-
-/// Runs swarms of self-reconfiguring modules: every module is a process, or all are simulated in
-/// virtual time.
-#[derive(Debug, Parser)]
-#[command(name = "metamorph", version, after_help = TOP_EXAMPLES, after_long_help = format!("{TOP_EXAMPLES}\n\n{EXIT_CODES}{JOURNAL_EXIT_CODES}"))]
-pub struct CommandLine {
-    /// The command.
-    #[command(subcommand)]
-    pub command: Command,
-    /// Log more to standard error; repeatable
-    #[arg(short, long, action = ArgAction::Count, global = true)]
-    pub verbose: u8,
-}
-
-/// The commands.
-#[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Run a scenario and report what happened
-    #[command(after_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
-    Run(RunArgs),
-    /// Show a run in the browser: in 3D, with a timeline
-    #[command(after_help = VIEW_EXAMPLES)]
-    View(ViewArgs),
-    /// Run a scenario with many seeds and varied values, and compare
-    #[command(after_help = SWEEP_EXAMPLES)]
-    Sweep(SweepArgs),
-    /// Resume a run whose controller was killed
-    #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}{DAMAGED_EXIT_CODE}"))]
-    Resume(ResumeArgs),
-    /// Replay the journal of a run, and report the first difference
-    #[command(after_help = REPLAY_EXAMPLES)]
-    Replay(ReplayArgs),
-    /// Run experiments of the thesis and print the published numbers beside ours
-    #[command(after_help = REPRODUCE_EXAMPLES)]
-    Reproduce(ReproduceArgs),
-    /// Measure both links beside bare mechanisms, in tables and as JSON
-    #[command(after_help = BENCH_EXAMPLES)]
-    Bench(BenchArgs),
-    /// Generate random scenarios, run them, and shrink failures
-    #[command(after_help = EXPLORE_EXAMPLES)]
-    Explore(ExploreArgs),
-    /// Check a scenario and show what would run
-    #[command(after_help = CHECK_EXAMPLES)]
-    Check(CheckArgs),
-    /// Convert a solid from a CAD program to cells, and write it as a scenario
-    #[command(after_help = SHAPE_EXAMPLES)]
-    Shape(ShapeArgs),
-    /// Remove what killed runs left behind
-    #[command(after_help = CLEAN_EXAMPLES)]
-    Clean,
-    /// Query the Roombots model: shapes, moves, kinematics, published tables
-    Robot(RobotArgs),
-    /// Export a journal as a recording for other viewers
-    #[command(after_help = EXPORT_EXAMPLES)]
-    Export(ExportArgs),
-    /// Print the JSON schema of scenarios or reports
-    #[command(after_help = SCHEMA_EXAMPLES)]
-    Schema(SchemaArgs),
-    /// Print a script that completes command lines in a shell
-    #[command(after_help = COMPLETION_EXAMPLES)]
-    Completions(CompletionArgs),
-    /// Write man pages
-    Man(ManArgs),
-    /// One agent process; started by `run`
-    #[command(hide = true)]
-    Agent(AgentArgs),
-}
 
 /// Arguments of `run`.
 #[derive(Debug, Args)]

@@ -1,6 +1,8 @@
-//! The command line: arguments, the command that each subcommand calls, and the generated reference.
+//! The command line: arguments, the function that executes each command, and the generated reference.
 
 pub mod args;
+pub mod commands;
 pub mod dispatch;
 mod examples;
 pub mod reference;
+mod runs;

@@ -1,6 +1,7 @@
 //! The generated reference: JSON schemas of input and output, shell completions, and man pages.
 
-use crate::cli::args::CommandLine;
+use crate::cli::commands::CommandLine;
+use crate::console::command_error::CommandError;
 use crate::experiments::sweep::summary::Summary;
 use crate::family::families;
 use crate::report::schema::Report;
@@ -13,6 +14,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::io;
 use std::path::PathBuf;
+use thiserror::Error;
 
 /// Arguments of `schema`.
 #[derive(Debug, Args)]
@@ -83,6 +85,18 @@ pub fn completions(shell: Shell) -> String {
     clap_complete::generate(shell, &mut CommandLine::command(), "metamorph", &mut script);
     String::from_utf8_lossy(&script).into_owned()
 }
+
+/// Man pages cannot be written.
+#[derive(Debug, Error)]
+#[error("{path}: cannot write man pages there: {error}\n  fix: name a directory that is yours")]
+pub struct PagesError {
+    /// The directory.
+    pub path: String,
+    /// The cause.
+    pub error: io::Error,
+}
+
+impl CommandError for PagesError {}
 
 /// Returns a page for the program and one for each command, with their paths.
 pub fn man(ManArgs { dir }: &ManArgs) -> io::Result<Vec<(PathBuf, Vec<u8>)>> {

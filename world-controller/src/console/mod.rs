@@ -1,5 +1,6 @@
 //! The terminal, output files, signals, and how numbers and foreign text are written.
 
+pub mod command_error;
 pub mod escape;
 pub mod format;
 pub mod interrupt;

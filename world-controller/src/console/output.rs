@@ -10,6 +10,7 @@
 //! Absent: result directories (see `sweep::store`), and journals of active runs, which are written piece by
 //! piece because they are for runs that are killed.
 
+use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
 use crate::console::escape::{Shown, json};
 use crate::console::terminal::print_data;
 use rustix::fs::{AtFlags, CWD, Mode, OFlags, fcntl_setfl};
@@ -62,6 +63,12 @@ impl OutputError {
     /// Returns true if the command line is at fault, not the disk.
     pub fn is_input(&self) -> bool {
         !matches!(self, OutputError::Write { .. })
+    }
+}
+
+impl CommandError for OutputError {
+    fn exit_code(&self) -> u8 {
+        if self.is_input() { BAD_USAGE } else { FAILED }
     }
 }
 

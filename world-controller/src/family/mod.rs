@@ -8,6 +8,7 @@ pub mod cube;
 pub mod generated;
 pub mod metamodule;
 
+use crate::console::command_error::CommandError;
 use crate::console::interrupt::Interrupt;
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::Live;
@@ -246,6 +247,8 @@ pub enum AgentProcessError {
     #[error(transparent)]
     Agent(#[from] AgentError),
 }
+
+impl CommandError for AgentProcessError {}
 
 /// Runs one agent process, started by a controller with these arguments, until its controller stops it or is
 /// gone. The first argument is the family.

@@ -1,6 +1,7 @@
 //! Runs a plan with one process per module, over shared memory: a plan goes in and a report comes out. The
 //! swarm of processes and its supervision are in `swarm`.
 
+use crate::console::command_error::{CommandError, DAMAGED, FAILED};
 use crate::console::escape::Shown;
 use crate::console::format::{many, seconds};
 use crate::console::progress::Status;
@@ -74,6 +75,15 @@ pub enum ProcessError {
     /// Cleaning up after killed runs failed.
     #[error(transparent)]
     Clean(#[from] CleanError),
+}
+
+impl CommandError for ProcessError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            ProcessError::Journal(error) if error.is_damage() => DAMAGED,
+            _ => FAILED,
+        }
+    }
 }
 
 impl From<RecoverError> for ProcessError {

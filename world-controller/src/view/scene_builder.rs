@@ -7,6 +7,7 @@ use super::bodies::Bodies;
 use super::parts::Part;
 use super::scene::{Event, Scene};
 use super::visible::Visible;
+use crate::console::command_error::{BAD_USAGE, CommandError};
 use crate::record::journal::{HeadError, JournalError};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::{self, Blob, Consumed, Outside, Record, Sink, Who};
@@ -25,6 +26,21 @@ pub enum ReadError {
     /// Its head cannot be understood.
     #[error("{0}\n  fix: use the program that wrote the journal")]
     Head(#[from] HeadError),
+}
+
+impl CommandError for ReadError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            ReadError::Journal(error) => error.exit_code(),
+            ReadError::Head(_) => BAD_USAGE,
+        }
+    }
+    fn text(&self) -> String {
+        match self {
+            ReadError::Journal(error) if error.is_damage() => error.text(),
+            _ => format!("metamorph: {self}, or a scenario that ends in .toml"),
+        }
+    }
 }
 
 /// A scene shared by its writer and its readers.

@@ -5,6 +5,7 @@
 
 use super::access::{AccessCheck, Token};
 use super::scene_builder::Shared;
+use crate::console::command_error::CommandError;
 use http_body_util::Full;
 use hyper::body::{Bytes, Incoming};
 use hyper::header::{
@@ -71,6 +72,8 @@ pub enum ServerError {
     #[error("the page cannot be served on this machine's loopback address: {0}")]
     Listen(#[from] io::Error),
 }
+
+impl CommandError for ServerError {}
 
 /// A page that is served until the program ends.
 #[derive(Debug)]

@@ -18,8 +18,9 @@ mod swarm;
 mod text;
 mod wire;
 
-pub use part::{PartError, SUBCOMMAND, part};
+pub use part::{SUBCOMMAND, part};
 
+use crate::console::command_error::{CommandError, FAILED};
 use crate::console::escape::{self, Shown};
 use crate::console::interrupt::Interrupt;
 use crate::console::output::{OutputError, Outputs};
@@ -30,6 +31,7 @@ use clap::ValueEnum;
 use machine::Machine;
 use metamorph_module_agent::transport::TransportError;
 use metamorph_module_agent::transport::iceoryx::rendezvous::ChannelError;
+use metamorph_sim_bridge::director::outcome::Outcome;
 use serde::Serialize;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -103,6 +105,16 @@ pub enum BenchError {
     /// This executable cannot be found.
     #[error(transparent)]
     Process(#[from] ProcessError),
+}
+
+impl CommandError for BenchError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            BenchError::Json(error) => error.exit_code(),
+            BenchError::Interrupted(_) => Outcome::Aborted.exit_code(),
+            _ => FAILED,
+        }
+    }
 }
 
 /// The contents of `bench.json`.

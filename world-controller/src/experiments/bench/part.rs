@@ -2,6 +2,7 @@
 
 use super::wire::{self, Mechanism, Mode};
 use super::{BenchError, busy, flood};
+use crate::console::command_error::CommandError;
 use crate::console::terminal::print_data;
 use crate::run::processes::ProcessError;
 use metamorph_module_agent::process::args::ArgsError;
@@ -33,6 +34,8 @@ pub enum PartError {
     #[error(transparent)]
     Agent(#[from] AgentError),
 }
+
+impl CommandError for PartError {}
 
 /// Runs a part.
 pub fn part(args: &[OsString]) -> Result<(), PartError> {

@@ -15,6 +15,7 @@ pub mod shrink;
 pub mod summary;
 pub mod verdict;
 
+use crate::console::command_error::{CommandError, FAILED};
 use crate::console::escape::{Shown, portable};
 use crate::console::format::{many, rate, seconds};
 use crate::console::interrupt::Interrupt;
@@ -90,6 +91,15 @@ pub enum ExploreError {
         /// The cause.
         error: io::Error,
     },
+}
+
+impl CommandError for ExploreError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            ExploreError::Output(error) => error.exit_code(),
+            _ => FAILED,
+        }
+    }
 }
 
 /// The result of a run.

@@ -15,6 +15,7 @@ pub mod store;
 pub mod summary;
 pub mod table;
 
+use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
 use crate::console::escape::{Shown, json, portable};
 use crate::console::format::{count, many, rate, seconds};
 use crate::console::interrupt::Interrupt;
@@ -85,17 +86,17 @@ pub enum SweepError {
     Defect(String),
 }
 
-impl SweepError {
-    /// Returns true if the command line or the scenario is at fault, not the program or the machine.
-    pub fn is_input(&self) -> bool {
+impl CommandError for SweepError {
+    fn exit_code(&self) -> u8 {
         match self {
             SweepError::Grid(_)
             | SweepError::Scenario(_)
             | SweepError::Combination { .. }
-            | SweepError::NoStart { .. } => true,
-            SweepError::Store(error) => !matches!(error, StoreError::Write { .. }),
-            SweepError::Output(error) => error.is_input(),
-            SweepError::Signals(_) | SweepError::Defect(_) => false,
+            | SweepError::NoStart { .. } => BAD_USAGE,
+            SweepError::Store(StoreError::Write { .. }) => FAILED,
+            SweepError::Store(_) => BAD_USAGE,
+            SweepError::Output(error) => error.exit_code(),
+            SweepError::Signals(_) | SweepError::Defect(_) => FAILED,
         }
     }
 }

@@ -9,6 +9,7 @@ pub mod words;
 pub use engine::{Done, Engine, input};
 pub use recover::{RecoverError, Recovered, recover};
 
+use crate::console::command_error::{BAD_USAGE, CommandError};
 use crate::console::escape::Shown;
 use crate::console::format::digits;
 use crate::console::format::{count, many, seconds};
@@ -48,6 +49,18 @@ pub enum ReplayError {
     /// There is no such module.
     #[error("--agent {0}: the run has modules 0 to {1} only")]
     NoSuchAgent(ModuleId, u32),
+}
+
+impl CommandError for ReplayError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            ReplayError::Journal(error) => error.exit_code(),
+            _ => BAD_USAGE,
+        }
+    }
+    fn text(&self) -> String {
+        format!("metamorph: {self}")
+    }
 }
 
 /// The first place where a replay differs from its journal.

@@ -5,6 +5,7 @@ use super::error::SolidError;
 use super::preview::{self, Written};
 use super::printability::{corners, printability};
 use super::{Format, Import, Imported, Part, Up, import, pitch_for};
+use crate::console::command_error::{BAD_USAGE, CommandError};
 use crate::console::escape::{Shown as _, portable};
 use crate::console::format::{count, many};
 use crate::console::output::{OutputError, Outputs};
@@ -103,12 +104,11 @@ pub enum ShapeError {
     Output(#[from] OutputError),
 }
 
-impl ShapeError {
-    /// Returns true if the command line or the file is at fault, not the program or the disk.
-    pub fn is_input(&self) -> bool {
+impl CommandError for ShapeError {
+    fn exit_code(&self) -> u8 {
         match self {
-            ShapeError::Output(error) => error.is_input(),
-            ShapeError::Solid(_) | ShapeError::Scenario(_) => true,
+            ShapeError::Output(error) => error.exit_code(),
+            ShapeError::Solid(_) | ShapeError::Scenario(_) => BAD_USAGE,
         }
     }
 }

@@ -8,6 +8,7 @@
 
 mod foxglove;
 
+use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
 use crate::console::escape::Shown;
 use crate::console::format::{many, seconds};
 use crate::console::interrupt::Interrupt;
@@ -26,6 +27,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Blob;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::director::outcome::Outcome;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -75,14 +77,18 @@ pub enum ExportError {
     },
 }
 
-impl ExportError {
-    /// True if an option or the journal is at fault.
-    pub fn is_input(&self) -> bool {
+impl CommandError for ExportError {
+    fn exit_code(&self) -> u8 {
         match self {
-            ExportError::Output(error) => error.is_input(),
-            ExportError::Journal(_) | ExportError::Head(_) => true,
-            ExportError::Interrupted { .. } | ExportError::Write { .. } => false,
+            ExportError::Output(error) => error.exit_code(),
+            ExportError::Journal(error) => error.exit_code(),
+            ExportError::Head(_) => BAD_USAGE,
+            ExportError::Interrupted { .. } => Outcome::Aborted.exit_code(),
+            ExportError::Write { .. } => FAILED,
         }
+    }
+    fn text(&self) -> String {
+        format!("metamorph: {self}")
     }
 }
 

@@ -7,6 +7,7 @@ mod poses;
 mod report;
 mod svg;
 
+use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
 use crate::console::output::OutputError;
 use clap::{Args, Subcommand};
 use metamorph_protocol::roombots::inverse::InverseError;
@@ -77,14 +78,16 @@ pub enum RobotError {
     Output(io::Error),
 }
 
-impl RobotError {
-    /// Returns the exit code of the process: 2 for an invalid query, 1 otherwise.
-    pub fn exit_code(&self) -> u8 {
+impl CommandError for RobotError {
+    fn exit_code(&self) -> u8 {
         match self {
-            RobotError::Usage(_) | RobotError::Kinematics(_) => 2,
-            RobotError::File(error) if error.is_input() => 2,
-            RobotError::OutOfReach(_) | RobotError::File(_) | RobotError::Output(_) => 1,
+            RobotError::Usage(_) | RobotError::Kinematics(_) => BAD_USAGE,
+            RobotError::File(error) => error.exit_code(),
+            RobotError::OutOfReach(_) | RobotError::Output(_) => FAILED,
         }
+    }
+    fn text(&self) -> String {
+        format!("metamorph: {self}")
     }
 }
 

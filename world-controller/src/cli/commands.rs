@@ -1,0 +1,157 @@
+//! All commands: the arguments of each, and the function that executes it.
+
+use crate::cli::args::*;
+use crate::cli::examples::*;
+use crate::cli::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
+use crate::cli::runs::{plan, resume, run, view};
+use crate::console::command_error::{BAD_USAGE, DIFFERENT, Failure};
+use crate::console::escape::Shown;
+use crate::console::interrupt::Interrupt;
+use crate::console::output::Outputs;
+use crate::console::stopwatch::Stopwatch;
+use crate::console::terminal::{print_data, print_out};
+use crate::experiments::bench;
+use crate::experiments::explore::explore;
+use crate::experiments::reproduce::reproduce;
+use crate::experiments::sweep::sweep;
+use crate::family::metamodule::robot::{self, RobotArgs};
+use crate::family::{self, families};
+use crate::record::journal::JournalError;
+use crate::run::processes;
+use crate::run::replay;
+use crate::scenario::mesh_import::shape::{ShapeArgs, shape};
+use crate::scenario::plan_summary::overview;
+use crate::view::export::{ExportArgs, export};
+use clap::{ArgAction, Parser, Subcommand};
+
+/// Runs swarms of self-reconfiguring modules: every module is a process, or all are simulated in
+/// virtual time.
+#[derive(Debug, Parser)]
+#[command(name = "metamorph", version, after_help = TOP_EXAMPLES, after_long_help = format!("{TOP_EXAMPLES}\n\n{EXIT_CODES}{JOURNAL_EXIT_CODES}"))]
+pub struct CommandLine {
+    /// The command.
+    #[command(subcommand)]
+    pub command: Command,
+    /// Log more to standard error; repeatable
+    #[arg(short, long, action = ArgAction::Count, global = true)]
+    pub verbose: u8,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run a scenario and report what happened
+    #[command(after_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
+    Run(RunArgs),
+    /// Show a run in the browser: in 3D, with a timeline
+    #[command(after_help = VIEW_EXAMPLES)]
+    View(ViewArgs),
+    /// Run a scenario with many seeds and varied values, and compare
+    #[command(after_help = SWEEP_EXAMPLES)]
+    Sweep(SweepArgs),
+    /// Resume a run whose controller was killed
+    #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}{DAMAGED_EXIT_CODE}"))]
+    Resume(ResumeArgs),
+    /// Replay the journal of a run, and report the first difference
+    #[command(after_help = REPLAY_EXAMPLES)]
+    Replay(ReplayArgs),
+    /// Run experiments of the thesis and print the published numbers beside ours
+    #[command(after_help = REPRODUCE_EXAMPLES)]
+    Reproduce(ReproduceArgs),
+    /// Measure both links beside bare mechanisms, in tables and as JSON
+    #[command(after_help = BENCH_EXAMPLES)]
+    Bench(BenchArgs),
+    /// Generate random scenarios, run them, and shrink failures
+    #[command(after_help = EXPLORE_EXAMPLES)]
+    Explore(ExploreArgs),
+    /// Check a scenario and show what would run
+    #[command(after_help = CHECK_EXAMPLES)]
+    Check(CheckArgs),
+    /// Convert a solid from a CAD program to cells, and write it as a scenario
+    #[command(after_help = SHAPE_EXAMPLES)]
+    Shape(ShapeArgs),
+    /// Remove what killed runs left behind
+    #[command(after_help = CLEAN_EXAMPLES)]
+    Clean,
+    /// Query the Roombots model: shapes, moves, kinematics, published tables
+    Robot(RobotArgs),
+    /// Export a journal as a recording for other viewers
+    #[command(after_help = EXPORT_EXAMPLES)]
+    Export(ExportArgs),
+    /// Print the JSON schema of scenarios or reports
+    #[command(after_help = SCHEMA_EXAMPLES)]
+    Schema(SchemaArgs),
+    /// Print a script that completes command lines in a shell
+    #[command(after_help = COMPLETION_EXAMPLES)]
+    Completions(CompletionArgs),
+    /// Write man pages
+    Man(ManArgs),
+    /// One agent process; started by `run`
+    #[command(hide = true)]
+    Agent(AgentArgs),
+}
+
+/// Executes a command, and returns the exit code. `since` was started with the program.
+pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    match command {
+        Command::Run(args) => run(args, since, interrupt),
+        Command::View(args) => view(args, since, interrupt),
+        Command::Check(args) => {
+            let (path, overrides) = args.plan.into();
+            print_out(&overview(&plan(&path, &overrides)?));
+            Ok(0)
+        }
+        Command::Sweep(args) => Ok(sweep(&args.into())?),
+        Command::Resume(args) => resume(args, since, interrupt),
+        Command::Replay(args) => {
+            let quiet = args.quiet;
+            let (plan, replayed) = family::replay(&args.into())?;
+            if !quiet {
+                print_out(&replay::text(&plan, &replayed));
+            }
+            match replayed.damage {
+                Some(damage) => Err(JournalError::from(damage).into()),
+                None => Ok(if replayed.difference.is_some() { DIFFERENT } else { 0 }),
+            }
+        }
+        Command::Reproduce(args) => Ok(reproduce(&args.into())?),
+        Command::Shape(args) => {
+            let shown = shape(&args, families())?;
+            print_out(&shown.text);
+            Ok(if shown.buildable { 0 } else { BAD_USAGE })
+        }
+        Command::Explore(args) => Ok(explore(&args.into())?),
+        Command::Bench(args) => Ok(bench::bench(&args.into())?),
+        Command::Clean => {
+            print_out(&processes::clean_up()?);
+            Ok(0)
+        }
+        Command::Robot(args) => {
+            robot::run(args)?;
+            Ok(0)
+        }
+        Command::Export(args) => {
+            print_out(&export(&args, families(), |plan| family::of(plan).shown(plan), interrupt)?);
+            Ok(0)
+        }
+        Command::Schema(args) => {
+            print_data(&schema(args.of));
+            Ok(0)
+        }
+        Command::Completions(args) => {
+            print_data(&completions(args.shell));
+            Ok(0)
+        }
+        Command::Man(args) => {
+            let path = args.dir.shown();
+            for (file, page) in man(&args).map_err(|error| PagesError { path, error })? {
+                Outputs::new().writes("man", &file)?.write(page)?;
+            }
+            Ok(0)
+        }
+        Command::Agent(args) => {
+            family::agent(&args.args)?;
+            Ok(0)
+        }
+    }
+}

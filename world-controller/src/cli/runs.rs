@@ -1,0 +1,230 @@
+//! The commands that run a scenario or show a run: `run`, `resume` and `view`.
+
+use crate::cli::args::{ResumeArgs, RunArgs, ViewArgs};
+use crate::console::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
+use crate::console::interrupt::Interrupt;
+use crate::console::output::{Json, Output, Outputs};
+use crate::console::stopwatch::Stopwatch;
+use crate::console::terminal::{self, Channel, Live, print_error, print_out};
+use crate::family::{self, families, read_file, run_simulated, scene};
+use crate::record::journal::{Damage, Journal, JournalError, JournalSession, parts_of, plan_of};
+use crate::report::human;
+use crate::report::page::page;
+use crate::report::schema::Report;
+use crate::run::processes::{self, Processes};
+use crate::scenario::{LinkKind, Overrides, Plan};
+use crate::view::scene::Scene;
+use crate::view::scene_builder::{self, Shared};
+use crate::view::server::{Server, ServerError};
+use metamorph_sim_bridge::director::outcome::Outcome;
+use metamorph_sim_bridge::kernel::recording::Log;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// The journal cannot be created.
+#[derive(Debug, Error)]
+#[error("--journal: {0}")]
+struct JournalFailure(JournalError);
+
+impl CommandError for JournalFailure {
+    fn exit_code(&self) -> u8 {
+        self.0.exit_code()
+    }
+}
+
+/// Reads a scenario.
+pub fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
+    read_file(path, overrides)
+        .map_err(|diagnostics| Failure { text: diagnostics.to_string(), exit_code: BAD_USAGE })
+}
+
+/// Runs a scenario.
+pub fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    let (path, overrides) = args.plan.into();
+    let plan = plan(&path, &overrides)?;
+    let mut outputs = Outputs::new();
+    outputs.reads("the scenario", &path);
+    plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
+    if let Some(file) = &args.journal {
+        // The journal is written during the run; only its permission is checked here.
+        outputs.writes("--journal", file)?;
+    }
+    let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
+    let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
+    let mut live = Live::new(!args.quiet);
+    let begin = match overrides.link {
+        LinkKind::Sim => JournalSession::simulated,
+        LinkKind::Ipc => JournalSession::of_processes,
+    };
+    let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
+    let keeping = keeping.map_err(JournalFailure)?;
+    let log = show.log(&plan);
+    let report = match overrides.link {
+        LinkKind::Sim => run_simulated(&plan, &show.interrupt, &mut live, since, keeping, log),
+        LinkKind::Ipc => {
+            let (patience, live) = (args.patience, &mut live);
+            let processes = Processes { live, since, keeping, patience, scribe: log };
+            family::of(&plan).run_processes(&plan, processes)?
+        }
+    };
+    drop(live);
+    show.end(&plan, &report, args.journal.as_deref())
+}
+
+/// Resumes a run whose controller was killed.
+pub fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    let left = processes::left_behind(families(), &args.file)?;
+    let plan = left.plan.clone();
+    let mut outputs = Outputs::new();
+    outputs.reads("the scenario", Path::new(&plan.origin));
+    plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
+    outputs.reads_directory("a part of the journal,", &parts_of(&args.file));
+    outputs.writes("the journal", &args.file)?;
+    let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
+    let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
+    let mut live = Live::new(!args.quiet);
+    let report = family::of(&plan).resume(left, &mut live, since, show.log(&plan))?;
+    drop(live);
+    show.end(&plan, &report, Some(&args.file))
+}
+
+/// The requested outputs of a run.
+struct Asked {
+    json: Option<PathBuf>,
+    html: Option<PathBuf>,
+    view: bool,
+    quiet: bool,
+}
+
+/// Observers of a run: the page during it, the reports afterwards.
+struct Show {
+    json: Json,
+    html: Option<Output>,
+    view: bool,
+    quiet: bool,
+    scene: Option<Shared>,
+    interrupt: Interrupt,
+}
+
+impl Show {
+    fn begin(
+        plan: &Plan,
+        asked: Asked,
+        outputs: &mut Outputs,
+        interrupt: &Interrupt,
+    ) -> Result<Show, Failure> {
+        interrupt.begin();
+        let Asked { json, html, view, quiet } = asked;
+        let json = Json::of(json.as_deref(), outputs)?;
+        let html = html.map(|file| outputs.writes("--html", &file)).transpose()?;
+        let watched = view || html.is_some();
+        let messages = plan.overrides.link == LinkKind::Sim;
+        let scene = watched.then(|| Shared::new(scene(plan, messages)));
+        if let Some(scene) = scene.as_ref().filter(|_| view) {
+            // Standard output is for the report.
+            print_error(&address(scene)?);
+        }
+        Ok(Show { json, html, view, quiet, scene, interrupt: interrupt.clone() })
+    }
+
+    /// Returns the log that records go to so that they are shown.
+    fn log(&self, plan: &Plan) -> Option<Log> {
+        self.scene.as_ref().map(|scene| family::of(plan).shown(plan).scribe(scene.clone()))
+    }
+
+    fn end(self, plan: &Plan, report: &Report, journal: Option<&Path>) -> Result<u8, Failure> {
+        let Show { json, html, view, quiet, scene, interrupt } = self;
+        if let Some(scene) = &scene {
+            finish(scene, plan, report, journal);
+        }
+        let channel = Channel::beside(json.is_out(), quiet);
+        // The terminal repeats the command as typed here; files may be read elsewhere.
+        let here = Report { repeat: plan.repeat_here(), ..report.clone() };
+        channel.say(&human(&here, plan.swarm.words(), channel.paint()));
+        // Write each, even if another fails.
+        let written = json.write(report);
+        if let (Some(file), Some(scene)) = (&html, &scene) {
+            let scene = scene.lock();
+            let (width, bins) = scene.bins();
+            file.write(page(report, plan, width, bins))?;
+        }
+        written?;
+        if view {
+            interrupt.wait();
+        }
+        let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
+        Ok(outcome.map_or(FAILED, Outcome::exit_code))
+    }
+}
+
+/// Serves a scene, and returns the text with its address.
+fn address(scene: &Shared) -> Result<String, ServerError> {
+    let server = Server::start(scene.clone())?;
+    Ok(format!("open {} in a browser\nCtrl-C ends it", server.address()))
+}
+
+/// Ends a scene with the report. Messages between processes are in the journal only.
+fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) {
+    if plan.overrides.link == LinkKind::Ipc
+        && let Some(journal) = journal
+    {
+        match recorded(journal) {
+            Ok((mut whole, None)) => {
+                // First complete the scene: a page stops asking once a run is over.
+                whole.finish(report.clone());
+                return scene.replace(whole);
+            }
+            Ok((_, Some(damage))) => tracing::warn!("the page shows no messages: {damage}"),
+            Err(error) => tracing::warn!("the page shows no messages: {error}"),
+        }
+    }
+    scene.lock().finish(report.clone());
+}
+
+/// Reads the scene of a journal, up to its damage.
+fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scene_builder::ReadError> {
+    let mut journal = Journal::open(file)?;
+    let plan = plan_of(families(), journal.head())?;
+    let scene = Shared::new(scene(&plan, true));
+    let log = family::of(&plan).shown(&plan).scribe(scene.clone());
+    let whole = journal.by_ref().try_for_each(|record| {
+        log.borrow_mut().put(&record?);
+        Ok(())
+    });
+    drop(log);
+    let (mut scene, damage) = (scene.into_inner(), whole.err());
+    let troubles = journal.troubles().into_iter().chain(damage.as_ref().map(Damage::to_string));
+    scene.end(troubles.collect());
+    Ok((scene, damage))
+}
+
+/// Shows a journal, or a scenario that is simulated meanwhile.
+pub fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    if args.file.extension().is_none_or(|extension| extension != "toml") {
+        let (scene, damage) = recorded(&args.file)?;
+        for trouble in scene.troubles() {
+            print_error(&format!("note: {trouble}"));
+        }
+        interrupt.begin();
+        print_out(&address(&Shared::new(scene))?);
+        wait_for_end(interrupt);
+        return damage.map_or(Ok(0), |damage| Err(JournalError::from(damage).into()));
+    }
+    let file = args.file.clone();
+    let plan = plan(&file, &args.overrides())?;
+    let scene = Shared::new(scene(&plan, true));
+    interrupt.begin();
+    print_out(&address(&scene)?);
+    let scribe = Some(family::of(&plan).shown(&plan).scribe(scene.clone()));
+    let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, scribe);
+    scene.lock().finish(report);
+    wait_for_end(interrupt);
+    Ok(0)
+}
+
+/// Waits until the page is no longer wanted. Returns at once if its address cannot be printed.
+fn wait_for_end(interrupt: &Interrupt) {
+    if terminal::failure().is_none() {
+        interrupt.wait();
+    }
+}
