@@ -154,6 +154,11 @@ pub struct Beacon {
 impl Beacon {
     /// No finalized module is reached, not even over modules that have forgotten their role.
     pub const NO_FINAL: u8 = u8::MAX;
+
+    /// Returns true if all but the distances and the number is the same in another beacon.
+    pub(super) fn differs_in_field_only(&self, other: &Beacon) -> bool {
+        (Beacon { sequence: self.sequence, field: self.field, ..*other }) == *self
+    }
 }
 
 /// What the last module of a route is asked for.
