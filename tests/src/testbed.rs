@@ -10,7 +10,8 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::port::DirectorPort;
-use metamorph_sim_bridge::kernel::sim::{Agents, Audited, Sim, SimConfig};
+use metamorph_sim_bridge::kernel::audited::{Agents, Audited};
+use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
 use metamorph_world_controller::swarm::{SwarmOptions, SwarmOutcome, run_in_memory, run_swarm};
@@ -136,7 +137,7 @@ impl World for Borrowed<'_> {
 
 /// Probes have nothing to audit.
 impl Audited for Borrowed<'_> {
-    fn audit_agent(&self, _: Time, _: ModuleId, _: &Agents<'_, Probe>, _: &mut Vec<Violation>) {}
+    fn audit_agent(&mut self, _: Time, _: ModuleId, _: &Agents<'_, Probe>, _: &mut Vec<Violation>) {}
     fn audit_action(&self, _: Time, _: ModuleId, _: &Agents<'_, Probe>, _: &mut Vec<Violation>) {}
     fn audit_all(&mut self, _: Time, _: &Agents<'_, Probe>, _: &mut Vec<Violation>) {}
     fn take_violations(&mut self) -> Vec<Violation> {

@@ -13,7 +13,7 @@ use crate::digest::Portable;
 use crate::goal::Growth;
 use crate::lattice::Face;
 use crate::time::{Span, Time};
-use std::hash::Hash;
+use std::hash::{Hash, Hasher};
 
 /// `via` of an offer that comes from another face of the same module.
 pub(super) const OWN: u8 = 6;
@@ -49,6 +49,31 @@ pub(super) struct Attraction {
     unfilled_since: [Option<Time>; 6],
     /// True if something that the field follows from may have changed.
     stale: bool,
+    /// Faces whose value has to be chosen anew; the others would come out the same (see [`Self::tend`]).
+    dirty: u8,
+    /// The masks of open faces and of supports when the field was last computed.
+    seen: (u8, u8),
+    /// When the field was last computed.
+    seen_at: Time,
+    /// When the first value ceases to be usable unless it is renewed; follows from the values.
+    expires: Time,
+}
+
+/// What computing the field has led to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Tended {
+    /// Faces whose value has changed.
+    pub changed: u8,
+    /// Faces outside which this finalized module wants the cell filled.
+    pub wanted: u8,
+}
+
+/// All six faces.
+pub(super) const ALL_FACES: u8 = 0b11_1111;
+
+/// Returns the four faces at right angles to a face.
+pub(super) fn beside(face: Face) -> u8 {
+    ALL_FACES & !(face.bit() | face.opposite().bit())
 }
 
 impl Attraction {
@@ -59,6 +84,10 @@ impl Attraction {
             corners_until: [Time::ZERO; 6],
             unfilled_since: [None; 6],
             stale: true,
+            dirty: ALL_FACES,
+            seen: (0, 0),
+            seen_at: Time::ZERO,
+            expires: Time::NEVER,
         }
     }
 
@@ -66,10 +95,17 @@ impl Attraction {
     pub fn on_goal(&mut self) {
         self.unfilled_since = [None; 6];
         self.faces = std::array::from_fn(|_| FaceField::new());
+        self.expires = Time::NEVER;
     }
-    /// Makes the next step recompute the field.
+    /// Makes the next step recompute the field of all faces.
     pub fn touch(&mut self) {
+        (self.stale, self.dirty) = (true, ALL_FACES);
+    }
+    /// Makes the next step recompute the field of the faces in a mask, the only ones that may come out
+    /// differently.
+    pub fn touch_faces(&mut self, faces: u8) {
         self.stale = true;
+        self.dirty |= faces;
     }
     /// Feeds the field of one face into a hash; see `digest`.
     pub fn digest_field(&self, face: Face, hasher: &mut Portable<'_>) {
@@ -103,9 +139,15 @@ impl Attraction {
 
     /// Notes the corners over a face that a walker found blocked.
     pub fn note_corners(&mut self, v: View<'_>, face: Face, corners: u8) {
-        if corners != 0 {
-            self.corners[face.index()] |= corners;
-            self.corners_until[face.index()] = v.now + v.params().corner_hint;
+        if corners == 0 {
+            return;
+        }
+        let i = face.index();
+        let known = if v.now < self.corners_until[i] { self.corners[i] } else { 0 };
+        self.corners[i] |= corners;
+        self.corners_until[i] = v.now + v.params().corner_hint;
+        if known != self.corners[i] {
+            self.touch();
         }
     }
 
@@ -117,20 +159,7 @@ impl Attraction {
         for since in self.unfilled_since.iter_mut().flatten() {
             *since = (*since).max(earliest);
         }
-        self.stale = true;
-    }
-
-    /// Returns true if this finalized module wants the cell outside a face filled.
-    pub fn wants(&self, v: View<'_>, face: Face) -> bool {
-        self.target(v, face).is_some()
-    }
-
-    /// Returns the faces outside which this finalized module wants the cell filled.
-    pub fn wanted(&self, v: View<'_>) -> u8 {
-        if v.own.role != Role::Final || v.own.masks.cells == 0 {
-            return 0;
-        }
-        Face::ALL.into_iter().filter(|f| self.wants(v, *f)).fold(0, |mask, f| mask | f.bit())
+        self.touch();
     }
 
     /// Returns the distance at which the cell outside a face attracts, if this finalized module wants it
@@ -165,30 +194,105 @@ impl Attraction {
         })
     }
 
-    /// Recomputes the field of all faces from the last messages of the neighbours, if anything it follows
-    /// from may have changed. Returns true if any value changed.
-    pub fn tend(&mut self, v: View<'_>) -> bool {
-        let due =
-            self.expires(v.params().hold) <= v.now || (v.own.role == Role::Final && self.targets_are_old(v));
+    /// Recomputes the field from the last messages of the neighbours, if anything it follows from may have
+    /// changed.
+    ///
+    /// A value follows from the neighbours and the faces at right angles to it, and from the memory of its
+    /// face. Choosing again from the same values gives the same, so only faces are recomputed for which one
+    /// of these has changed, or may change with time alone. A debug build recomputes all, and compares.
+    pub fn tend(&mut self, v: View<'_>) -> Tended {
+        let is_final = v.own.role == Role::Final;
+        let targets = self.targets(v);
+        let due = self.expires <= v.now || (is_final && self.are_old(v, &targets));
         if !self.stale && !due {
-            return false;
+            return Tended { changed: 0, wanted: mask_of(&targets) };
         }
+        #[cfg(debug_assertions)]
+        let mut anew = Attraction { dirty: ALL_FACES, ..self.clone() };
+        let changed = self.recompute(v, due);
+        #[cfg(debug_assertions)]
+        {
+            anew.recompute_all(v);
+            self.assert_same(&anew);
+        }
+        self.expires = self.first_expiry(v.params().hold);
+        Tended { changed, wanted: mask_of(&self.targets(v)) }
+    }
+
+    /// Recomputes the faces that may come out differently; returns those that have changed.
+    fn recompute(&mut self, v: View<'_>, due: bool) -> u8 {
         self.stale = false;
-        if v.own.role == Role::Final {
+        let wanted = if v.own.role == Role::Final {
             self.note_unfilled(v);
-        }
-        let mut changed_any = false;
+            v.own.masks.cells
+        } else {
+            0
+        };
+        self.dirty |= self.dirty_by_time(v, due) | wanted;
+        let mut changed = 0;
         for _ in 0..ROUNDS {
-            let mut changed = false;
+            let mut changed_now = 0;
             for face in Face::ALL {
-                changed |= self.tend_face(v, face);
+                if self.dirty & face.bit() == 0 {
+                    self.faces[face.index()].renew(v.now);
+                    continue;
+                }
+                self.dirty &= !face.bit();
+                if self.tend_face(v, face) {
+                    changed_now |= face.bit();
+                    // Whether a cell is filled out of turn depends on the values of all faces.
+                    self.dirty |= beside(face) | wanted;
+                }
             }
-            changed_any |= changed;
-            if !changed {
+            changed |= changed_now;
+            if changed_now == 0 {
                 break;
             }
         }
-        changed_any
+        changed
+    }
+
+    /// Returns the faces whose value may come out differently though the neighbours have said nothing new:
+    /// others can be seen alive, a corner may be free again, a value has expired, or time has made room for
+    /// another source.
+    fn dirty_by_time(&mut self, v: View<'_>, due: bool) -> u8 {
+        let seen = (v.sides.open_mask(), v.sides.terrain_mask());
+        let is_other = std::mem::replace(&mut self.seen, seen) != seen;
+        let before = std::mem::replace(&mut self.seen_at, v.now);
+        let is_free_again = |until: &Time| before < *until && *until <= v.now;
+        if due || is_other || v.own.restarted || self.corners_until.iter().any(is_free_again) {
+            return ALL_FACES;
+        }
+        let is_full = |f: &Face| self.faces[f.index()].records.len() == MAX_RECORDS;
+        Face::ALL.into_iter().filter(is_full).fold(0, |mask, f| mask | f.bit())
+    }
+
+    /// Recomputes all faces in all rounds.
+    #[cfg(debug_assertions)]
+    fn recompute_all(&mut self, v: View<'_>) {
+        if v.own.role == Role::Final {
+            self.note_unfilled(v);
+        }
+        for _ in 0..ROUNDS {
+            let changed = Face::ALL.map(|face| self.tend_face(v, face));
+            if changed == [false; 6] {
+                break;
+            }
+        }
+    }
+
+    #[cfg(debug_assertions)]
+    fn assert_same(&self, anew: &Attraction) {
+        assert_eq!(self.faces, anew.faces, "a face was left alone and would change");
+        assert_eq!(self.unfilled_since, anew.unfilled_since);
+    }
+
+    /// Returns the distance at which the cell outside each face attracts.
+    fn targets(&self, v: View<'_>) -> [Option<u16>; 6] {
+        if v.own.role != Role::Final || v.own.masks.cells == 0 {
+            return [None; 6];
+        }
+        Face::ALL.map(|f| self.target(v, f))
     }
 
     fn tend_face(&mut self, v: View<'_>, face: Face) -> bool {
@@ -218,11 +322,11 @@ impl Attraction {
     }
 
     /// Returns true if a face that is a target does not announce itself in the present version.
-    fn targets_are_old(&self, v: View<'_>) -> bool {
+    fn are_old(&self, v: View<'_>, targets: &[Option<u16>; 6]) -> bool {
         let version = version(v);
         Face::ALL.into_iter().filter(|f| !v.sides.is_touching(*f)).any(|f| {
             let value = self.value(f);
-            self.target(v, f).is_some_and(|distance| (value.distance, value.version) != (distance, version))
+            targets[f.index()].is_some_and(|distance| (value.distance, value.version) != (distance, version))
         })
     }
 
@@ -293,9 +397,17 @@ impl Attraction {
     }
 
     /// Returns when the first value ceases to be usable unless it is renewed.
-    pub fn expires(&self, hold: Span) -> Time {
+    pub fn expires(&self) -> Time {
+        self.expires
+    }
+    fn first_expiry(&self, hold: Span) -> Time {
         self.faces.iter().map(|f| f.expires(hold)).min().unwrap_or(Time::NEVER)
     }
+}
+
+/// Returns the faces with a target.
+fn mask_of(targets: &[Option<u16>; 6]) -> u8 {
+    Face::ALL.into_iter().filter(|f| targets[f.index()].is_some()).fold(0, |mask, f| mask | f.bit())
 }
 
 /// Applies rule G2: returns true if every lower neighbour of the cell outside a face is finalized, as far as
@@ -377,11 +489,22 @@ struct Limits {
 }
 
 /// The value of one face and the memory behind it.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 struct FaceField {
     value: Entry,
+    /// The origin of the offer that was chosen; 255 if none was.
     via: u8,
+    /// The index of the record of the value's source, if an offer was chosen.
+    chosen: u8,
     records: Vec<Record>,
+}
+
+impl Hash for FaceField {
+    /// The index of a record follows from the rest.
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        let FaceField { value, via, chosen: _, records } = self;
+        (value, via, records).hash(hasher);
+    }
 }
 
 /// Returns true if version `a` is newer than `b`, modulo 2¹⁶.
@@ -391,7 +514,7 @@ fn newer(a: u16, b: u16) -> bool {
 
 impl FaceField {
     fn new() -> FaceField {
-        FaceField { value: Entry::NONE, via: u8::MAX, records: Vec::new() }
+        FaceField { value: Entry::NONE, via: u8::MAX, chosen: 0, records: Vec::new() }
     }
 
     fn value(&self) -> Entry {
@@ -401,7 +524,7 @@ impl FaceField {
     /// Sets a value that needs no choice: this face is a target itself, or not open at all.
     fn set(&mut self, value: Entry) -> bool {
         let changed = self.value != value;
-        (self.value, self.via) = (value, u8::MAX);
+        (self.value, self.via, self.chosen) = (value, u8::MAX, 0);
         changed
     }
 
@@ -420,13 +543,23 @@ impl FaceField {
                 best = Some((distance, *offer));
             }
         }
-        let Some((distance, offer)) = best.filter(|(d, o)| self.remember(now, limits, *d, o)) else {
+        let Some((distance, offer)) = best else { return self.set(Entry::NONE) };
+        let Some(chosen) = self.remember(now, limits, distance, &offer) else {
             return self.set(Entry::NONE);
         };
         let value = Entry { distance, ..offer.entry };
         let changed = self.value != value;
-        (self.value, self.via) = (value, offer.via);
+        (self.value, self.via, self.chosen) = (value, offer.via, chosen);
         changed
+    }
+
+    /// Notes that the same choice has been made again.
+    fn renew(&mut self, now: Time) {
+        if self.via != u8::MAX
+            && let Some(record) = self.records.get_mut(usize::from(self.chosen))
+        {
+            record.used = now;
+        }
     }
 
     fn feasible(&self, now: Time, limits: Limits, offer: &Offer) -> bool {
@@ -448,17 +581,19 @@ impl FaceField {
         current && fresh && closer
     }
 
-    /// Notes the choice; returns false if there is no room to remember its source.
-    fn remember(&mut self, now: Time, limits: Limits, distance: u16, offer: &Offer) -> bool {
+    /// Notes the choice and returns the index of its record; `None` if there is no room to remember its
+    /// source.
+    fn remember(&mut self, now: Time, limits: Limits, distance: u16, offer: &Offer) -> Option<u8> {
         let (source, version) = (offer.entry.source, offer.entry.version);
-        if let Some(record) = self.records.iter_mut().find(|r| r.source == source) {
+        if let Some(i) = self.records.iter().position(|r| r.source == source) {
+            let record = &mut self.records[i];
             if record.version == version {
                 record.feasible = record.feasible.min(distance);
             } else {
                 (record.version, record.feasible, record.first) = (version, distance, now);
             }
             record.used = now;
-            return true;
+            return Some(i as u8);
         }
         if self.records.len() == MAX_RECORDS {
             let oldest = (0..MAX_RECORDS).min_by_key(|i| self.records[*i].used);
@@ -469,12 +604,12 @@ impl FaceField {
                 }
                 _ => {
                     hit(CoveragePoint::CubeSourcesFull);
-                    return false;
+                    return None;
                 }
             }
         }
         self.records.push(Record { source, version, feasible: distance, first: now, used: now });
-        true
+        Some(self.records.len() as u8 - 1)
     }
 
     /// Returns when the version of the current value was first heard.
@@ -484,13 +619,10 @@ impl FaceField {
 
     /// Returns when the current value ceases to be usable unless it is renewed.
     fn expires(&self, hold: Span) -> Time {
-        if !self.value.is_known() || self.via == u8::MAX {
+        if self.via == u8::MAX {
             return Time::NEVER;
         }
-        self.records
-            .iter()
-            .find(|r| r.source == self.value.source)
-            .map_or(Time::NEVER, |r| r.first + hold + Span(1))
+        self.records.get(usize::from(self.chosen)).map_or(Time::NEVER, |r| r.first + hold + Span(1))
     }
 }
 

@@ -3,7 +3,7 @@
 //! State is soft: everything is repeated, so that a lost beacon costs only time.
 
 use super::Cube;
-use super::message::{Beacon, Message, Role};
+use super::message::{Beacon, Claim, Entry, Message, Role};
 use crate::counters::Class;
 use crate::lattice::Face;
 use crate::time::{Span, Time};
@@ -22,10 +22,72 @@ struct Sender {
     stale: bool,
     /// When news that can wait is sent.
     later: Option<Time>,
+    /// What the beacon composed last followed from, as far as it changes with time; `None` if anything else
+    /// has changed since.
+    composed_from: Option<Timed>,
+}
+
+/// When a beacon has to be sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Due {
+    Now(Class),
+    /// Not before the next repetition: it is the one sent before.
+    Never,
+    At(Time),
+}
+
+/// What a beacon follows from and changes with time alone, unless an input changes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Timed {
+    wanted: u8,
+    finals: u8,
+    terrain: u8,
+    live: u8,
+    open: u8,
+    is_quarantined: bool,
+    is_stranded: bool,
+    /// It has been settled for so long that children are asked for a path as well.
+    asks_children: bool,
 }
 
 impl Sender {
-    const NEW: Sender = Sender { sent: None, sent_at: Time::ZERO, sequence: 0, stale: true, later: None };
+    const NEW: Sender = Sender {
+        sent: None,
+        sent_at: Time::ZERO,
+        sequence: 0,
+        stale: true,
+        later: None,
+        composed_from: None,
+    };
+
+    /// Judges when a beacon has to be sent, and of which class it is then. Its number becomes that of the one
+    /// before, so that the two can be compared.
+    fn judge(&self, now: Time, beacon: &mut Beacon, advertise: Span, heartbeat: Span) -> Due {
+        beacon.sequence = self.sequence;
+        let age = now.since(self.sent_at);
+        let Some(before) = &self.sent else { return Due::Now(Class::Liveness) };
+        if before == beacon {
+            return if age < heartbeat { Due::Never } else { Due::Now(Class::Liveness) };
+        }
+        let class = class_of_news(before, beacon);
+        if class == Class::Gradient {
+            let wait = news_delay(before, beacon, advertise).min(heartbeat);
+            if age < wait {
+                return Due::At(self.sent_at + wait);
+            }
+        }
+        Due::Now(class)
+    }
+
+    /// Returns true if composing a beacon would lead to what it led to last time: the beacon sent last, before
+    /// it has to be repeated, or news that can still wait.
+    fn would_wait(&self, now: Time, from: Timed, heartbeat: Span) -> bool {
+        let waits = match self.later {
+            None => now.since(self.sent_at) < heartbeat,
+            Some(later) => now < later,
+        };
+        self.sent.is_some() && self.composed_from == Some(from) && waits
+    }
 
     /// Returns the latest time at which a beacon is due.
     fn due_at(&self, advertise: Span, heartbeat: Span) -> Time {
@@ -58,8 +120,15 @@ impl Beacons {
     }
     /// Makes the next step compare all beacons with those sent last.
     pub fn touch(&mut self) {
-        for sender in &mut self.senders {
+        self.touch_faces(super::attraction::ALL_FACES);
+    }
+    /// The same, if only the beacons of the faces in a mask may differ.
+    pub fn touch_faces(&mut self, faces: u8) {
+        for (face, sender) in Face::ALL.into_iter().zip(&mut self.senders) {
             sender.stale = true;
+            if faces & face.bit() != 0 {
+                sender.composed_from = None;
+            }
         }
     }
 }
@@ -69,35 +138,34 @@ impl Cube {
     /// later, the rest per `heartbeat`.
     pub(super) fn tend_beacons(&mut self, now: Time) {
         let (advertise, heartbeat) = (self.own.params().advertise, self.own.params().heartbeat);
+        let (mut timed, mut common) = (None, None);
         for face in Face::ALL {
             let sender = &self.beacons.senders[face.index()];
             if !self.sides.is_touching(face) || now < sender.due_at(advertise, heartbeat) {
                 continue;
             }
-            let mut beacon = self.compose(now, face, sender.sequence);
+            let timed = *timed.get_or_insert_with(|| self.timed(now));
+            if sender.would_wait(now, timed, heartbeat) {
+                #[cfg(debug_assertions)]
+                self.assert_waits(now, face);
+                self.beacons.senders[face.index()].stale = false;
+                continue;
+            }
+            let common = common.get_or_insert_with(|| self.compose_common(now));
+            let mut beacon = self.compose(now, face, common);
             let sender = &mut self.beacons.senders[face.index()];
-            sender.stale = false;
-            let age = now.since(sender.sent_at);
-            let class = match &sender.sent {
-                None => Class::Liveness,
-                Some(before) if *before == beacon => {
+            (sender.stale, sender.composed_from) = (false, Some(timed));
+            let class = match sender.judge(now, &mut beacon, advertise, heartbeat) {
+                Due::Now(class) => class,
+                Due::Never => {
                     sender.later = None;
-                    if age < heartbeat {
-                        continue;
-                    }
-                    Class::Liveness
-                }
-                Some(before) => class_of_news(before, &beacon),
-            };
-            if class == Class::Gradient
-                && let Some(before) = &sender.sent
-            {
-                let wait = news_delay(before, &beacon, advertise).min(heartbeat);
-                if age < wait {
-                    sender.later = Some(sender.sent_at + wait);
                     continue;
                 }
-            }
+                Due::At(later) => {
+                    sender.later = Some(later);
+                    continue;
+                }
+            };
             sender.later = None;
             sender.sequence += 1;
             beacon.sequence = sender.sequence;
@@ -106,29 +174,69 @@ impl Cube {
         }
     }
 
-    fn compose(&self, now: Time, face: Face, sequence: u32) -> Beacon {
+    /// Checks that a beacon that is not composed would not have been sent.
+    #[cfg(debug_assertions)]
+    fn assert_waits(&self, now: Time, face: Face) {
+        let (advertise, heartbeat) = (self.own.params().advertise, self.own.params().heartbeat);
+        let mut beacon = self.compose(now, face, &self.compose_common(now));
+        let sender = &self.beacons.senders[face.index()];
+        let expected = sender.later.map_or(Due::Never, Due::At);
+        let due = sender.judge(now, &mut beacon, advertise, heartbeat);
+        assert_eq!(due, expected, "a beacon was not composed and would differ");
+    }
+
+    fn timed(&self, now: Time) -> Timed {
+        Timed {
+            wanted: self.wanted,
+            finals: self.finals,
+            terrain: self.sides.terrain_mask(),
+            live: self.sides.live_mask(),
+            open: self.sides.open_mask(),
+            is_quarantined: self.own.is_quarantined(now),
+            is_stranded: self.is_stranded(now),
+            asks_children: now.since(self.own.settled) > self.own.params().suspect,
+        }
+    }
+
+    /// Composes what all neighbours are told alike.
+    fn compose_common(&self, now: Time) -> Beacon {
         let (own, v) = (&self.own, self.view(now));
-        let activated_here = own.role == Role::Final && own.activator == Some(face);
         Beacon {
             id: own.id,
-            sequence,
+            sequence: 0,
             epoch: own.epoch,
             role: own.role,
             attached: self.forest.is_attached(v),
             immobile: own.immobile || self.is_stranded(now),
-            anchored_here: activated_here || (own.role == Role::Walker && own.anchor == Some(face)),
-            wants_you: self.wanted & face.bit() != 0,
+            anchored_here: false,
+            wants_you: false,
             quarantined: v.is_quarantined(),
             final_hops: v.final_hops(),
             terrain: self.sides.terrain_mask(),
             finals: self.finals,
             rank: self.forest.told_rank(v),
+            renew: Time::ZERO,
+            claim: Claim::None,
+            ack: None,
+            corners: 0,
+            subtree: 0,
+            field: [Entry::NONE; 4],
+        }
+    }
+
+    fn compose(&self, now: Time, face: Face, common: &Beacon) -> Beacon {
+        let (own, v) = (&self.own, self.view(now));
+        let activated_here = own.role == Role::Final && own.activator == Some(face);
+        Beacon {
+            anchored_here: activated_here || (own.role == Role::Walker && own.anchor == Some(face)),
+            wants_you: self.wanted & face.bit() != 0,
             renew: self.forest.renewal(v, face),
             claim: self.forest.claim(v, face),
             ack: self.forest.child(face),
             corners: self.planner.corners_seen(face),
             subtree: if activated_here { self.subtree(now) } else { 0 },
             field: self.attraction.advertised(v, face),
+            ..*common
         }
     }
 

@@ -38,6 +38,9 @@ impl LockTable {
     pub fn find(&self, id: RequestId) -> Option<&Lock> {
         self.locks.iter().find(|l| l.id == id)
     }
+    pub fn len(&self) -> usize {
+        self.locks.len()
+    }
     pub fn is_full(&self) -> bool {
         self.locks.len() == MAX_LOCKS
     }

@@ -33,6 +33,9 @@ pub mod route;
 mod sides;
 mod view;
 
+#[cfg(all(test, debug_assertions))]
+mod comparison_tests;
+
 pub use attraction::Successor;
 
 use crate::agent::Summary;
@@ -106,6 +109,26 @@ impl Outbox {
             self.push(Output::Send { port: Port(face as u8), class, message });
         }
     }
+}
+
+/// What is new in a beacon.
+enum News {
+    /// Anything.
+    All,
+    /// Distances alone, of the cells outside these faces.
+    Field(u8),
+}
+
+/// Returns the faces outside which the distances of two beacons of a neighbour differ.
+fn slots_that_differ(face: Face, before: &Beacon, after: &Beacon) -> u8 {
+    let slots = before.field.iter().zip(&after.field).zip(face.perpendicular());
+    slots.filter(|((b, a), _)| b != a).fold(0, |mask, (_, f)| mask | f.bit())
+}
+
+/// Returns the faces at right angles to any face of a mask.
+fn beside_any(faces: u8) -> u8 {
+    let among = Face::ALL.into_iter().filter(|f| faces & f.bit() != 0);
+    among.fold(0, |mask, f| mask | attraction::beside(f))
 }
 
 /// An event that an agent waits for.
@@ -333,6 +356,7 @@ impl Cube {
 
     fn on_beacon(&mut self, now: Time, face: Face, beacon: Beacon) {
         let suspect = self.own.params().suspect;
+        let mut news = News::All;
         if let Some(before) = self.sides.peer(face) {
             // One session has one neighbour; any other sender is garbage.
             if before.sequence >= beacon.sequence || before.id != beacon.id {
@@ -345,6 +369,9 @@ impl Cube {
             }
             if is_known {
                 return self.sides.hear(now, suspect, face, beacon);
+            }
+            if beacon.differs_in_field_only(before) {
+                news = News::Field(slots_that_differ(face, before, &beacon));
             }
         }
         if beacon.id == self.own.id {
@@ -365,7 +392,14 @@ impl Cube {
                 self.planner.hear_of(now, entry.source);
             }
         }
-        self.touch();
+        match news {
+            News::All => self.touch(),
+            News::Field(faces) => {
+                self.attraction.touch_faces(faces);
+                // The neighbour may have become a child.
+                self.beacons.touch_faces(faces | face.bit());
+            }
+        }
         self.decide_soon(now);
     }
 
@@ -436,10 +470,11 @@ impl Cube {
         self.finalize_if_wanted(now);
         self.tend_forest(now);
         let v = View { now, own: &self.own, sides: &self.sides };
-        if self.attraction.tend(v) {
-            self.beacons.touch();
+        let tended = self.attraction.tend(v);
+        if tended.changed != 0 {
+            self.beacons.touch_faces(beside_any(tended.changed));
         }
-        self.wanted = self.attraction.wanted(v);
+        self.wanted = tended.wanted;
         let is_final = |f: &Face| v.terrain(*f).is_some_and(|b| v.is_final(b));
         self.finals = Face::ALL.into_iter().filter(is_final).fold(0, |mask, f| mask | f.bit());
         self.tend_attempt(now);
@@ -474,7 +509,7 @@ impl Cube {
             Timer::Decision => self.planner.decide_at,
             Timer::Answers => self.attempt.as_ref().map_or(Time::NEVER, |a| a.timeout),
             Timer::Beacon => self.beacons_due(),
-            Timer::Field => self.attraction.expires(self.own.params().hold),
+            Timer::Field => self.attraction.expires(),
             Timer::Refresh if self.wanted != 0 => attraction::next_refresh(self.view(now)),
             Timer::Quarantine if self.own.is_quarantined(now) => self.own.quarantine_until,
             Timer::Refresh | Timer::Quarantine => Time::NEVER,

@@ -102,7 +102,7 @@ pub(super) struct MotionPlanner {
     denied: u8,
     /// The number of actions of the body that failed in a row.
     failed: u8,
-    corners_seen: [u8; 6],
+    pub corners_seen: [u8; 6],
     /// Targets heard of while in reserve.
     targets: Vec<Target>,
     /// The random walk, while no target is known to a walker.

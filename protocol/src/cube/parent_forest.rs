@@ -416,10 +416,12 @@ impl ParentForest {
 
     /// Returns true if a neighbour that seems dead keeps this module from ever leaving.
     pub fn is_pinned(&self, v: View<'_>) -> bool {
-        let is_gone = |f: Face| v.sides.is_certified_dead(f) || (v.peer(f).is_some() && v.live(f).is_none());
+        let gone = v.sides.gone();
         // A dead finalized neighbour would have to say whether this one was finalized.
         let holds = |f: Face| v.may_be_final() || self.held_by(v, f).is_some();
-        v.own.role == Role::Reserve && Face::ALL.into_iter().any(|f| is_gone(f) && holds(f))
+        v.own.role == Role::Reserve
+            && gone != 0
+            && Face::ALL.into_iter().any(|f| gone & f.bit() != 0 && holds(f))
     }
 }
 

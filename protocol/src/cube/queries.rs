@@ -42,6 +42,18 @@ impl Cube {
     pub fn has_child(&self, face: Face) -> bool {
         self.forest.child(face).is_some()
     }
+    /// Returns the faces whose neighbour has been heard in its contact session.
+    pub fn heard_faces(&self) -> u8 {
+        self.sides.heard_mask()
+    }
+    /// Returns the faces with registered children.
+    pub fn child_faces(&self) -> u8 {
+        Face::ALL.into_iter().filter(|f| self.has_child(*f)).fold(0, |mask, f| mask | f.bit())
+    }
+    /// Returns the number of locks that the module has granted.
+    pub fn granted(&self) -> usize {
+        self.locks.len()
+    }
     /// Returns the number of registered children.
     pub fn children(&self) -> usize {
         self.forest.child_count()

@@ -97,6 +97,22 @@ impl Sides {
     pub fn terrain_mask(&self) -> u8 {
         self.masks.terrain
     }
+    /// Returns the faces whose neighbour has been heard in this session.
+    pub fn heard_mask(&self) -> u8 {
+        self.masks.heard
+    }
+    /// Returns the faces with a live neighbour.
+    pub fn live_mask(&self) -> u8 {
+        self.masks.live
+    }
+    /// Returns the faces outside which the cell can hold a walker.
+    pub fn open_mask(&self) -> u8 {
+        self.masks.open
+    }
+    /// Returns the faces whose neighbour is certified dead, or has been heard and is silent.
+    pub fn gone(&self) -> u8 {
+        self.certified_dead | (self.masks.heard & !self.masks.live)
+    }
     /// Returns true if the cell outside a face can hold a walker: it is empty, or holds one that moves on.
     pub fn is_open(&self, face: Face) -> bool {
         self.masks.open & face.bit() != 0

@@ -31,6 +31,8 @@ pub struct Director {
     stage: u16,
     stages: Vec<Stage>,
     known: Vec<Known>,
+    /// The number of modules that are dead, or finalized in the present stage.
+    done: usize,
     dead: BTreeMap<ModuleId, BTreeSet<Session>>,
     commands: VecDeque<Command<Order>>,
     filled: usize,
@@ -71,6 +73,8 @@ impl Director {
             stage: 0,
             stages,
             known: vec![Known::default(); modules],
+            // Modules are dead until they are started.
+            done: modules,
             dead: BTreeMap::new(),
             commands: VecDeque::new(),
             filled: 0,
@@ -220,6 +224,7 @@ impl Director {
             return self.finish(now, Outcome::Built);
         }
         self.stage += 1;
+        self.done = self.count_done();
         self.stages.push(Stage {
             cells: self.goal().len(),
             filled: 0,
@@ -268,9 +273,21 @@ impl Director {
     }
 
     fn may_be_built(&self) -> bool {
-        let done =
-            |k: &&Known| !k.alive || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == self.stage);
-        self.known.iter().filter(done).count() >= self.goal().len()
+        debug_assert_eq!(self.done, self.count_done());
+        self.done >= self.goal().len()
+    }
+
+    fn is_done(&self, known: &Known) -> bool {
+        !known.alive || known.is_final(self.stage)
+    }
+    fn count_done(&self) -> usize {
+        self.known.iter().filter(|k| self.is_done(k)).count()
+    }
+    /// Replaces what is known of a module.
+    fn learn(&mut self, id: ModuleId, known: Known) {
+        let before = std::mem::replace(&mut self.known[id.index()], known);
+        self.done += usize::from(self.is_done(&known));
+        self.done -= usize::from(self.is_done(&before));
     }
 
     fn explain(&self, world: &mut CubeWorld, since: Time) -> Stall {
@@ -289,12 +306,12 @@ impl DirectorPort<CubeWorld> for Director {
             stage.known.get_or_insert(now);
         }
         self.recount |= report.role == Role::Final;
-        self.known[id.index()].status = Some(report);
+        self.learn(id, Known { status: Some(report), ..self.known[id.index()] });
     }
 
     fn died(&mut self, _now: Time, id: ModuleId) {
         self.faults.died(id);
-        self.known[id.index()].alive = false;
+        self.learn(id, Known { alive: false, ..self.known[id.index()] });
         self.dead.insert(id, BTreeSet::new());
         self.recount = true;
         // Deaths are certified as soon as the world can be read.
@@ -309,7 +326,7 @@ impl DirectorPort<CubeWorld> for Director {
     fn started(&mut self, _now: Time, id: ModuleId) {
         let before = self.known[id.index()].status.map_or(0, |s| s.prevented);
         self.prevented_before += u64::from(before);
-        self.known[id.index()] = Known { alive: true, restarted: true, status: None };
+        self.learn(id, Known { alive: true, restarted: true, status: None });
         self.dead.remove(&id);
         if self.stage > 0 {
             self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));

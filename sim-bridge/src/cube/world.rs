@@ -6,6 +6,7 @@
 
 mod safety;
 
+use crate::cube::audit::AuditKey;
 use crate::world::grid::{Grid, Occupant};
 use crate::world::invariants::ONE_MODULE_PER_CELL;
 use crate::world::invariants::{Invariant, Violation};
@@ -71,6 +72,8 @@ pub struct CubeWorld {
     joints: Rng,
     motions: MotionCounts,
     violations: Vec<Violation>,
+    /// What each module was like when it was audited last and found sound.
+    audited: Vec<Option<AuditKey>>,
     /// Marks of the last search for connections, by module, and the number of the search.
     marks: Vec<(u64, u32)>,
     search: u64,
@@ -91,6 +94,7 @@ impl CubeWorld {
             joints: Rng::named(seed, "joints", 0),
             motions: MotionCounts::default(),
             violations: Vec::new(),
+            audited: vec![None; cells.len()],
             marks: vec![(0, 0); cells.len()],
             search: 0,
         };
@@ -170,6 +174,23 @@ impl CubeWorld {
     /// Returns the invariants broken since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
         std::mem::take(&mut self.violations)
+    }
+
+    /// Returns how often the contacts of a module have changed.
+    pub(super) fn revision(&self, id: ModuleId) -> Revision {
+        self.bodies[id.index()].revision
+    }
+    /// Returns true if a module was like this when it was audited last, and found sound.
+    pub(super) fn is_audited(&self, id: ModuleId, key: &AuditKey) -> bool {
+        self.audited[id.index()].as_ref() == Some(key)
+    }
+    /// Notes that a module was audited and found sound.
+    pub(super) fn note_audit(&mut self, id: ModuleId, key: AuditKey) {
+        self.audited[id.index()] = Some(key);
+    }
+    /// Makes the next audit of a module check it again.
+    pub(super) fn forget_audit(&mut self, id: ModuleId) {
+        self.audited[id.index()] = None;
     }
 
     fn violate(&mut self, invariant: Invariant, at: Time, what: String) {
@@ -297,6 +318,7 @@ impl World for CubeWorld {
     }
 
     fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
+        self.forget_audit(id);
         let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
         if before == incarnation {
             // First incarnation: the sessions are as old as the contacts, only this module must hear of them.

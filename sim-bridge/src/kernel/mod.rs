@@ -1,6 +1,7 @@
 //! The discrete-event simulator that drives agents, links and a world of any family: event queue, trace hash,
 //! state hash and recording.
 
+pub mod audited;
 pub mod queue;
 pub mod recording;
 pub mod sim;

@@ -5,7 +5,7 @@
 
 use crate::director::faults::{Fault, FaultRecord, Target};
 use crate::director::port::DirectorPort;
-use crate::kernel::sim::{Agents, Audited};
+use crate::kernel::audited::{Agents, Audited};
 use crate::world::World;
 use crate::world::invariants::Violation;
 use metamorph_protocol::agent::Agent;
@@ -135,7 +135,7 @@ impl<W: World> World for RecordedWorld<W> {
 
 impl<W: Audited> Audited for RecordedWorld<W> {
     fn audit_agent(
-        &self,
+        &mut self,
         now: Time,
         id: ModuleId,
         agents: &Agents<'_, W::Agent>,

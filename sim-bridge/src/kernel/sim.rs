@@ -6,29 +6,31 @@
 //! The state of all modules lies in flat arrays, and messages under way in one slab, so that a message costs
 //! no allocation and a module a few hundred bytes.
 
+mod module;
+
 use crate::director::port::DirectorPort;
+use crate::kernel::audited::{Agents, Audited};
 use crate::kernel::queue::Queue;
 use crate::kernel::recording::Log;
 use crate::kernel::state::{self, Hashes, Held, States};
 use crate::kernel::trace::Trace;
-use crate::world::World;
 use crate::world::invariants::{self, Violation};
 use crate::world::invariants::{MESSAGES_BALANCE, SESSION_CURRENT, TIME_PASSES};
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
-use metamorph_protocol::counters::Class;
-use metamorph_protocol::counters::Tally;
+use metamorph_protocol::counters::{Class, Tally};
 use metamorph_protocol::coverage::{CoveragePoint, hit};
 use metamorph_protocol::host::{AgentHost, StepContext};
-use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::record::MessageName;
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
-use metamorph_protocol::wire::{Channel, Frame, Header, Wire, WireError};
+use metamorph_protocol::wire::Wire;
+use module::{Backlog, InFlight, Link, Module, Process, Sent, Waiting};
 use slab::Slab;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The largest number of messages that wait for a stopped process, as in a real inbox.
@@ -38,67 +40,6 @@ const AT_HAND: usize = 16;
 /// The largest number of violations kept; a broken protocol makes many, and the first ones suffice for a
 /// diagnosis.
 const MAX_VIOLATIONS: usize = 100;
-
-/// A world whose agents can be audited: the invariants that involve agents and the world.
-pub trait Audited: World {
-    /// Checks what one agent's last input may have broken.
-    fn audit_agent(
-        &self,
-        now: Time,
-        id: ModuleId,
-        agents: &Agents<'_, Self::Agent>,
-        found: &mut Vec<Violation>,
-    );
-    /// Checks an action at the moment the world has accepted or refused it.
-    fn audit_action(
-        &self,
-        now: Time,
-        id: ModuleId,
-        agents: &Agents<'_, Self::Agent>,
-        found: &mut Vec<Violation>,
-    );
-    /// Checks everything, at intervals.
-    fn audit_all(&mut self, now: Time, agents: &Agents<'_, Self::Agent>, found: &mut Vec<Violation>);
-    /// Takes the violations that the world itself has found.
-    fn take_violations(&mut self) -> Vec<Violation>;
-}
-
-/// A driver that lets audits read its agents.
-pub trait Swarm<A> {
-    /// Returns the number of modules.
-    fn modules(&self) -> usize;
-    /// Returns the agent of the module with this number, if its process lives.
-    fn living(&self, index: usize) -> Option<&A>;
-}
-
-/// Read access to the living agents, for audits.
-pub struct Agents<'a, A> {
-    swarm: &'a dyn Swarm<A>,
-}
-
-impl<'a, A> Agents<'a, A> {
-    /// Creates access to the agents of a swarm.
-    pub fn of(swarm: &'a dyn Swarm<A>) -> Agents<'a, A> {
-        Agents { swarm }
-    }
-    /// Returns the agent of a module, if its process lives.
-    pub fn get(&self, id: ModuleId) -> Option<&A> {
-        self.swarm.living(id.index())
-    }
-    /// Iterates over all living agents.
-    pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {
-        (0..self.swarm.modules() as u32).map(ModuleId).filter_map(|id| self.get(id).map(|a| (id, a)))
-    }
-}
-
-impl<A: Agent> Swarm<A> for Vec<Module<A>> {
-    fn modules(&self) -> usize {
-        self.len()
-    }
-    fn living(&self, index: usize) -> Option<&A> {
-        self.get(index).filter(|m| m.is_alive()).and_then(|m| m.agent.as_ref()).map(AgentHost::agent)
-    }
-}
 
 /// The configuration of a simulated run, besides its world and its director.
 pub struct SimConfig<A: Agent> {
@@ -115,135 +56,11 @@ pub struct SimConfig<A: Agent> {
     pub ignore_sessions: bool,
 }
 
-/// The process of a module.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Process {
-    Dead,
-    Running,
-    Stopped,
-}
-
-/// The state of a module besides its links.
-struct Module<A: Agent> {
-    rng: Rng,
-    /// The time of the wake-up that is in the queue.
-    wake: Time,
-    revision: Revision,
-    /// The number of messages sent in this incarnation.
-    sent: u32,
-    incarnation: Incarnation,
-    process: Process,
-    /// The agent, or its last state if its process died; `None` before the start.
-    agent: Option<AgentHost<A>>,
-}
-
-impl<A: Agent> Module<A> {
-    fn is_alive(&self) -> bool {
-        self.process != Process::Dead
-    }
-
-    /// Returns the wake-up to schedule, if the agent wants another one than the one that is in the queue.
-    fn plan_wake(&mut self, now: Time) -> Option<Time> {
-        let at = self.agent.as_ref().map(AgentHost::wake_at)?;
-        if at == self.wake {
-            return None;
-        }
-        self.wake = if at == Time::NEVER { at } else { at.max(now) };
-        (at != Time::NEVER).then_some(self.wake)
-    }
-
-    /// Draws the fate of a message, counts it, and schedules its arrivals.
-    fn send(
-        &mut self,
-        on: &LinkModel,
-        now: Time,
-        Sent { from, port, class, message }: Sent<A::Message>,
-        link: &mut Link,
-        tally: &mut Tally,
-        mut put: impl FnMut(Time, InFlight<A::Message>),
-    ) {
-        let counts = &mut tally[class];
-        counts.sent += 1;
-        counts.bytes += message.wire_len() as u64;
-        let number = self.sent;
-        self.sent = number.wrapping_add(1);
-        let Some(contact) = link.contact else {
-            counts.expired += 1;
-            return;
-        };
-        let fate = on.carry(now, from, contact.peer, &mut self.rng, &mut link.last_arrival);
-        let mut copies = 0;
-        for arrival in fate.arrivals.into_iter().flatten() {
-            copies += 1;
-            let message = match arrival.flipped_bit {
-                None => Ok(message.clone()),
-                Some(bit) => damaged(from, contact, port, class, &message, bit),
-            };
-            let Ok(message) = message else {
-                hit(CoveragePoint::DriverDamaged);
-                counts.refused += 1;
-                continue;
-            };
-            let Contact { session, peer: to, peer_port: port, .. } = contact;
-            put(arrival.at, InFlight { to, session, port, class, number, message });
-        }
-        match copies {
-            0 => counts.lost += 1,
-            n => counts.duplicated += n - 1,
-        }
-    }
-}
-
-/// One port of a module.
-#[derive(Clone, Copy)]
-struct Link {
-    contact: Option<Contact>,
-    last_arrival: Time,
-}
-
-/// The inputs that wait for a stopped process, in order.
-struct Backlog<A: Agent> {
-    waiting: VecDeque<Waiting<A>>,
-    messages: usize,
-}
-
-impl<A: Agent> Default for Backlog<A> {
-    fn default() -> Self {
-        Backlog { waiting: VecDeque::new(), messages: 0 }
-    }
-}
-
-/// An input to a stopped process.
-enum Waiting<A: Agent> {
-    Sensed(Sensed<A::Percept>),
-    Message(InFlight<A::Message>),
-    Order(A::Order),
-}
-
 #[derive(Clone, Copy)]
 enum Event {
     /// A message arrives; its index in the slab.
     Arrive(u32),
     Wake(ModuleId),
-}
-
-/// A message at its port, before its fate is known.
-struct Sent<M> {
-    from: ModuleId,
-    port: Port,
-    class: Class,
-    message: M,
-}
-
-/// A message under way.
-struct InFlight<M> {
-    to: ModuleId,
-    session: Session,
-    port: Port,
-    class: Class,
-    /// Its number among all messages of its sender's incarnation.
-    number: u32,
-    message: M,
 }
 
 /// A simulated run.
@@ -756,30 +573,4 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         let (agents, world) = (self.agents_hash(), state::world_hash(&self.world));
         self.states.fold(self.trace.events(), agents, world);
     }
-}
-
-/// Returns a message after a bit of its frame has flipped: refused almost always.
-fn damaged<M: Wire>(
-    from: ModuleId,
-    contact: Contact,
-    port: Port,
-    class: Class,
-    message: &M,
-    bit: u64,
-) -> Result<M, WireError> {
-    let header = Header {
-        channel: Channel::Peer,
-        kind: message.kind(),
-        class,
-        port,
-        incarnation: Incarnation(0),
-        source: from,
-        destination: contact.peer,
-        session: contact.session.0,
-        sequence: 0,
-    };
-    let mut frame = Frame::seal(header, message);
-    frame.flip(bit);
-    frame.open()?;
-    frame.message()
 }

@@ -1,6 +1,6 @@
 //! Invariants of metamodules that involve agents and the world.
 
-use crate::kernel::sim::{Agents, Audited};
+use crate::kernel::audited::{Agents, Audited};
 use crate::metamodule::invariants::{ONE_HOLDER_PER_LOCK, one_holder_per_lock};
 use crate::metamodule::world::MetamoduleWorld;
 use crate::world::World;
@@ -35,7 +35,7 @@ fn locks(
 }
 
 impl Audited for MetamoduleWorld {
-    fn audit_agent(&self, _: Time, _: ModuleId, _: &Agents<'_, Metamodule>, _: &mut Vec<Violation>) {
+    fn audit_agent(&mut self, _: Time, _: ModuleId, _: &Agents<'_, Metamodule>, _: &mut Vec<Violation>) {
         // Locks change hands with actions, which are audited one by one.
     }
 

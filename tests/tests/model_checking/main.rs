@@ -20,7 +20,7 @@ use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::cube::world::CubeWorld;
-use metamorph_sim_bridge::kernel::sim::Audited;
+use metamorph_sim_bridge::kernel::audited::Audited;
 use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
 use metamorph_tests::metamodules::{Assembly, Goal as Shape};
 use model::{BUILT, BUILT_IN_TIME, Bounds, Budget, SAFE, SwarmModel};

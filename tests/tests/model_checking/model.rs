@@ -19,7 +19,7 @@ use metamorph_protocol::host::AgentHost;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::kernel::sim::{Agents, Audited, Swarm};
+use metamorph_sim_bridge::kernel::audited::{Agents, Audited, Swarm};
 use stateright::{Model, Property};
 use std::fmt;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -486,7 +486,7 @@ where
                 Output::Report(_) => {}
             }
         }
-        world.audit_agent(now, id, &Agents::of(processes), &mut found);
+        Arc::make_mut(world).audit_agent(now, id, &Agents::of(processes), &mut found);
         moment.broken = moment.broken.take().or_else(|| found.first().map(ToString::to_string));
         self.settle(moment);
     }

@@ -11,7 +11,7 @@ use metamorph_protocol::agent::Agent;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::{Progress, Stage};
-use metamorph_sim_bridge::kernel::sim::Audited;
+use metamorph_sim_bridge::kernel::audited::Audited;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;

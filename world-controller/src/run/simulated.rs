@@ -12,8 +12,9 @@ use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::kernel::audited::Audited;
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
-use metamorph_sim_bridge::kernel::sim::{Audited, Sim, SimConfig};
+use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
 use std::sync::Arc;
 
 /// A callback with the scenario time and the progress of the run; returning false ends the run.

@@ -1,0 +1,94 @@
+//! A debug build computes field and beacons in two ways and compares. These tests plant a difference, to show
+//! that the comparison fires.
+
+use super::control::Order;
+use super::message::{Beacon, Claim, Entry, Message, Rank, Role};
+use super::params::{Params, Setup};
+use super::{Cube, Percept};
+use crate::agent::{Agent, Birth, Input};
+use crate::goal::{Goal, Growth};
+use crate::ids::{Incarnation, ModuleId, Port, Session};
+use crate::lattice::{Cell, Face};
+use crate::time::{Span, Time};
+use std::sync::Arc;
+
+fn beacon(sequence: u32, distance: u16) -> Beacon {
+    Beacon {
+        id: ModuleId(1),
+        sequence,
+        epoch: 0,
+        role: Role::Reserve,
+        attached: true,
+        immobile: false,
+        anchored_here: false,
+        wants_you: false,
+        quarantined: false,
+        final_hops: Beacon::NO_FINAL,
+        terrain: Face::West.bit(),
+        finals: 0,
+        rank: Rank { rooted: Time::ZERO, label: 3 },
+        renew: Time::ZERO,
+        claim: Claim::None,
+        ack: None,
+        corners: 0,
+        subtree: 0,
+        field: [Entry { distance, source: 80, version: 1 }; 4],
+    }
+}
+
+/// A module with a neighbour in the east that has spoken, after it has told the neighbour so.
+fn beside_one() -> (Cube, Time) {
+    let seed = Cell::new(5, 0, 0);
+    let setup = Setup {
+        params: Params::scaled(Span::secs(1), Span::millis(10), 100),
+        goals: vec![Goal::compile(&[seed], seed, Growth::Solid).unwrap()],
+    };
+    let birth = Birth { id: ModuleId(0), place: Cell::default(), incarnation: Incarnation(0), seed: 1 };
+    let mut cube = Cube::new(&Arc::new(setup), birth, Time::ZERO);
+    for face in [Face::East, Face::North] {
+        let (port, session) = (Port(face as u8), Some(Session(1)));
+        cube.handle(Time::ZERO, Input::Contact { port, session });
+    }
+    hear(&mut cube, Time::ZERO, beacon(1, 32));
+    let now = Time::ZERO + Span::secs(2);
+    cube.handle(now, Input::<Message, Percept, Order>::Wake);
+    (cube, now)
+}
+
+fn hear(cube: &mut Cube, now: Time, beacon: Beacon) {
+    let (port, message) = (Port(Face::East as u8), Message::Beacon(beacon));
+    cube.handle(now, Input::Message { port, message });
+}
+
+/// Lets a module hear a beacon without noting what is new in it.
+fn hear_secretly(cube: &mut Cube, now: Time, beacon: Beacon) {
+    let suspect = cube.own.params().suspect;
+    cube.sides.hear(now, suspect, Face::East, beacon);
+}
+
+#[test]
+fn news_is_followed() {
+    let (mut cube, now) = beside_one();
+    let before = cube.attraction(Face::Up).0;
+    hear(&mut cube, now, beacon(2, 16));
+    assert!(cube.attraction(Face::Up).0.distance < before.distance);
+}
+
+#[test]
+#[should_panic = "a face was left alone and would change"]
+fn a_face_that_is_wrongly_left_alone_is_seen() {
+    let (mut cube, now) = beside_one();
+    hear_secretly(&mut cube, now, beacon(2, 16));
+    cube.attraction.touch_faces(0);
+    cube.handle(now, Input::Wake);
+}
+
+#[test]
+#[should_panic = "a beacon was not composed and would differ"]
+fn a_beacon_that_is_wrongly_not_composed_is_seen() {
+    let (mut cube, now) = beside_one();
+    // The neighbour in the north is told of blocked corners.
+    cube.planner.corners_seen[Face::North.index()] = 1;
+    cube.beacons.touch_faces(0);
+    cube.handle(now + Span::millis(500), Input::Wake);
+}

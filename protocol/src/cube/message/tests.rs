@@ -1,0 +1,222 @@
+use super::*;
+use crate::counters::Class;
+use crate::cube::body::{Move, Percept, Refusal};
+use crate::cube::control::{Order, Status};
+use crate::cube::route::MAX_HOPS;
+use crate::ids::{Incarnation, Port, Session};
+use crate::lattice::{Cell, Motion, MotionKind};
+use crate::time::Time;
+use crate::wire::{Channel, Frame, HEADER, Header};
+use proptest::prelude::*;
+
+fn header() -> Header {
+    Header {
+        channel: Channel::Peer,
+        kind: 0,
+        class: Class::Connectivity,
+        port: Port(1),
+        incarnation: Incarnation(0),
+        source: ModuleId(1),
+        destination: ModuleId(2),
+        session: 3,
+        sequence: 4,
+    }
+}
+
+fn beacon() -> Beacon {
+    let entry = |i: u16| Entry { distance: i, source: u32::from(i) << 8, version: i + 1 };
+    Beacon {
+        id: ModuleId(0x0102_0304),
+        sequence: 5,
+        epoch: 1,
+        role: Role::Reserve,
+        attached: true,
+        immobile: false,
+        anchored_here: true,
+        wants_you: false,
+        quarantined: true,
+        final_hops: 3,
+        terrain: 0b11_0101,
+        finals: 0b00_0001,
+        rank: Rank { rooted: Time(0x0C0D), label: 0x0A0B },
+        renew: Time(0x0E0F),
+        claim: Claim::Parent(Token(0xAABB_CCDD)),
+        ack: Some(Token(7)),
+        corners: 0b10_0000,
+        subtree: 9,
+        field: [entry(1), entry(2), entry(3), Entry::NONE],
+    }
+}
+
+fn samples() -> Vec<Message> {
+    let id = RequestId { origin: ModuleId(9), token: Token(8), number: 7 };
+    let route = Route::new(&[Face::Up, Face::West, Face::North]).unwrap();
+    let longest = Route::new(&[Face::Down; MAX_HOPS]).unwrap();
+    vec![
+        Message::Beacon(beacon()),
+        Message::Beacon(Beacon { claim: Claim::None, ack: None, role: Role::Final, ..beacon() }),
+        Message::Request { id, age: Span(5), hop: 1, ask: Ask::Lock, route: longest },
+        Message::Request { id, age: Span(5), hop: 3, ask: Ask::Reserve(Face::South), route },
+        Message::Response {
+            id,
+            hop: 2,
+            denial: Some(Denial::Younger),
+            blocker: Some(ModuleId(3)),
+            co_owners: 0b1100,
+            route,
+        },
+        Message::Response { id, hop: 0, denial: None, blocker: None, co_owners: 0, route },
+        Message::Release { origin: ModuleId(9), token: Token(8) },
+        Message::Search { id, ttl: 22, route },
+        Message::Found { id, hop: 2, back: Some(Face::East), route },
+        Message::Found { id, hop: 0, back: None, route: longest },
+    ]
+}
+
+#[test]
+fn every_message_survives_the_wire_and_knows_its_length() {
+    for message in samples() {
+        let frame = Frame::seal(header(), &message);
+        assert!(frame.open().is_ok());
+        assert_eq!(frame.message::<Message>(), Ok(message));
+        assert_eq!(frame.wire_len(), message.wire_len(), "{message:?}");
+    }
+    for percept in [Percept::Arrived(Cell::new(1, 2, 3)), Percept::Failed, Percept::Refused(Refusal::Late)] {
+        assert_eq!(Frame::seal(header(), &percept).message::<Percept>(), Ok(percept));
+    }
+    let condemn = Order::Condemn { port: Port(5), session: Session(6), epoch: 1, finalized: true };
+    for order in [Order::Goal { epoch: 3 }, condemn] {
+        assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));
+    }
+    let motion = Motion { kind: MotionKind::Convex, support: Face::Down, heading: Face::East };
+    let action = Move { motion, not_after: Time(77) };
+    assert_eq!(Frame::seal(header(), &action).message::<Move>(), Ok(action));
+}
+
+/// The layout is part of the format: these bytes change only together with the wire version.
+#[test]
+fn golden_beacon() {
+    let bytes = Frame::seal(header(), &Message::Beacon(beacon())).to_bytes();
+    let expected: [u8; 79] = [
+        4,
+        3,
+        2,
+        1,
+        5,
+        0,
+        0,
+        0,
+        1,
+        0,
+        0b0101_0100,
+        0x35,
+        0x01,
+        0x0B,
+        0x0A,
+        0x0D,
+        0x0C,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0x0F,
+        0x0E,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        3,
+        2,
+        0xDD,
+        0xCC,
+        0xBB,
+        0xAA,
+        1,
+        7,
+        0,
+        0,
+        0,
+        0x20,
+        9,
+        0,
+        0,
+        0,
+        1,
+        0,
+        0,
+        1,
+        0,
+        0,
+        2,
+        0,
+        2,
+        0,
+        0,
+        2,
+        0,
+        0,
+        3,
+        0,
+        3,
+        0,
+        0,
+        3,
+        0,
+        0,
+        4,
+        0,
+        0xFF,
+        0xFF,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    ];
+    assert_eq!(bytes[HEADER..HEADER + 79], expected);
+}
+
+#[test]
+fn routes_are_bounded() {
+    assert!(Route::new(&[]).is_none() && Route::new(&[Face::Up; MAX_HOPS + 1]).is_none());
+    let mut route = Route::new(&[Face::Up]).unwrap();
+    for _ in 1..MAX_HOPS {
+        route = route.then(Face::East).unwrap();
+    }
+    assert!(route.then(Face::East).is_none());
+    assert_eq!(route.faces().count(), MAX_HOPS);
+}
+
+proptest! {
+    /// Decoding any bytes in shared memory refuses them or returns a message that encodes to the very
+    /// same bytes: no content is lost or accepted unchecked.
+    #[test]
+    fn garbage_is_refused_or_encodes_to_the_same_bytes(kind in 0u8..8, payload in proptest::collection::vec(any::<u8>(), 0..=96)) {
+        let mut frame = Frame::seal(header(), &Message::Release { origin: ModuleId(0), token: Token(0) }).to_bytes();
+        frame[2] = kind;
+        frame[5] = payload.len() as u8;
+        frame[HEADER..HEADER + payload.len()].copy_from_slice(&payload);
+        if let Ok(message) = Frame::from_bytes(&frame).message::<Message>() {
+            let again = Frame::seal(header(), &message);
+            prop_assert_eq!(&again.to_bytes()[HEADER..HEADER + payload.len()], &payload[..]);
+        }
+        let _ = Frame::from_bytes(&frame).message::<Percept>();
+        let _ = Frame::from_bytes(&frame).message::<Order>();
+        let _ = Frame::from_bytes(&frame).message::<Status>();
+        let _ = Frame::from_bytes(&frame).message::<Move>();
+    }
+
+    /// The same with one flipped bit of a valid message.
+    #[test]
+    fn a_flipped_bit_never_panics(sample in 0usize..10, bit in 0u64..1024) {
+        let mut frame = Frame::seal(header(), &samples()[sample]);
+        frame.flip(bit);
+        prop_assert!(frame.open().is_err());
+        let _ = frame.message::<Message>();
+    }
+}
