@@ -1,4 +1,4 @@
-//! A family of units for testing drivers: bodies with ports that a test joins and separates, and
+//! A family of modules for testing drivers: bodies with ports that a test joins and separates, and
 //! agents that send what they are ordered to and report all that happens to them.
 
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};

@@ -155,11 +155,11 @@ fn damaged_missing_and_foreign_parts_are_errors() {
         assert_eq!(resumed.out, "");
         fs::remove_dir_all(parts).unwrap();
     };
-    tampered("which the controller started, is missing", &|parts| {
+    tampered("is missing or empty", &|parts| {
         fs::remove_file(part(parts, 7)).unwrap();
         part(parts, 7)
     });
-    tampered("which the controller started, is missing", &|parts| {
+    tampered("is missing or empty", &|parts| {
         fs::write(part(parts, 7), b"").unwrap();
         part(parts, 7)
     });

@@ -209,7 +209,7 @@ fn bad_arguments_are_named() {
         (&["--vary", "link.loss=1%,,2%"], &["one of the values is empty"]),
         (&["--vary", "link.loss=1%,1%"], &["the value `1%` is there twice"]),
         (&["--vary", "seed=1,2"], &["--vary seed=1,2: the seed is given with --seeds"]),
-        (&["--vary", "link.loss=1%", "--vary", "link.loss=2%"], &["`link.loss` is varied already"]),
+        (&["--vary", "link.loss=1%", "--vary", "link.loss=2%"], &["`link.loss` overlaps with"]),
         (&["--seeds", "0-5"], &["--seeds 0-5: ", "A..B"]),
         (&["--seeds", "5..5"], &["--seeds 5..5: there is no seed"]),
         (&["--seeds", "-1..5"], &["--seeds -1..5: "]),

@@ -4,7 +4,7 @@
 //! to files; `scenario` makes a checked plan of a scenario file; `swarm` runs one process per module;
 //! `report` says what a run did; `record` reads and writes journals; `view` makes the page and
 //! recordings for other viewers; `run` carries out one run, simulated, on processes or from a journal;
-//! `family` holds what belongs to one family of units, and the list of them; `experiments` carries out
+//! `family` holds what belongs to one family of modules, and the list of them; `experiments` carries out
 //! many runs; `cli` is the command line.
 //!
 //! Absent: decisions of the protocol, which are in `protocol`, and ground truth about the world, which

@@ -92,7 +92,9 @@ pub enum DamageKind {
         incarnation: Incarnation,
     },
     /// A part is missing, or empty.
-    #[error("the part of module {id} in incarnation {incarnation}, which the controller started, is missing")]
+    #[error(
+        "the controller started module {id} in incarnation {incarnation}, but its part of the journal is missing or empty"
+    )]
     MissingPart {
         /// The module.
         id: ModuleId,

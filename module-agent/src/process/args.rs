@@ -35,7 +35,7 @@ pub enum ArgsError {
     #[error("`{0}` is missing; agents are started by the world-controller")]
     Missing(&'static str),
     /// An unknown family.
-    #[error("unknown family `{0}`; an agent is a cube or a metamodule")]
+    #[error("unknown family `{0}`; this program has no agents of that name")]
     Family(String),
 }
 

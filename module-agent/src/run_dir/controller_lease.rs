@@ -44,10 +44,11 @@ impl ControllerLease {
             let (identity, generation) = text.trim_end().rsplit_once(' ')?;
             Some(ControllerLease { controller: identity.parse().ok()?, generation: generation.parse().ok()? })
         };
-        parse(&text).ok_or_else(|| io::Error::other("it does not say who controls the run"))
+        parse(&text).ok_or_else(|| io::Error::other("its file `controller` holds no lease"))
     }
 
-    /// Takes the lease of the run in `root`; readers see all of it or the one before.
+    /// Takes the lease of the run in `root`; a reader sees either the whole new lease or the whole
+    /// previous one.
     ///
     /// # Errors
     /// If the file cannot be written.

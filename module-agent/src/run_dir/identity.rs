@@ -93,8 +93,8 @@ fn start_time(stat: &str) -> Option<u64> {
     fields(stat)?.nth(22 - 3)?.parse().ok()
 }
 
-/// Makes a write beyond the limit of file sizes (`ulimit -f`) fail with EFBIG, where SIGXFSZ would end this
-/// process. Programs that this process starts keep the default behaviour.
+/// Makes a write beyond the limit of file sizes (`ulimit -f`) fail with EFBIG; without this, SIGXFSZ would
+/// end the process. Programs that this process starts keep the default behaviour.
 ///
 /// # Errors
 /// If the signal handler cannot be installed.

@@ -79,8 +79,8 @@ pub trait Transport {
     /// If the inbox has failed for good.
     fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError>;
 
-    /// Blocks until a sender flushes or `timeout` has passed. A flush since the last call counts. May return
-    /// early.
+    /// Blocks until a sender flushes or `timeout` has passed. Returns at once if a sender has flushed
+    /// since the last call. May also return early for no reason.
     ///
     /// # Errors
     /// If the inbox has failed for good.

@@ -41,7 +41,7 @@ fn beside_one() -> (Cube, Time) {
     let seed = Cell::new(5, 0, 0);
     let setup = Setup {
         params: Params::scaled(Span::secs(1), Span::millis(10), 100),
-        goals: vec![Goal::compile(&[seed], seed, Growth::Solid).unwrap()],
+        goals: vec![Goal::compile(&[seed], seed, Growth::Solid).expect("one cell is a goal")],
     };
     let birth = Birth { id: ModuleId(0), place: Cell::default(), incarnation: Incarnation(0), seed: 1 };
     let mut cube = Cube::new(&Arc::new(setup), birth, Time::ZERO);

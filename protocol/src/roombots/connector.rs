@@ -59,9 +59,9 @@ impl Connector {
     pub const fn name(self) -> &'static str {
         ["C0X", "C0Y", "C0Z", "C1Y", "C1Z", "C2Y", "C2Z", "C3X", "C3Y", "C3Z"][self as usize]
     }
-    /// Returns the position index of report chapter 4.1, which counts left-back, left-end, left-up,
-    /// left-down, left-front, right-front, right-down, right-end, right-up, right-back. It names positions of
-    /// the posture with the middle joint at 180°, the report's default.
+    /// Returns the number, from 0, of the position in chapter 4.1 of the report, which counts left-back, left-end, left-up,
+    /// left-down, left-front, right-front, right-down, right-end, right-up, right-back. These names hold
+    /// for the posture with the middle joint at 180°, the report's default.
     pub const fn report_index(self) -> u8 {
         match self {
             C0Y => 0,

@@ -235,7 +235,10 @@ impl MetamoduleDirector {
         let (cell, there, done) = match fault {
             Fault::World(&OBSTACLE, Target::Cell(cell)) => (cell, true, world.block(cell)),
             Fault::World(&OBSTACLE_GONE, Target::Cell(cell)) => (cell, false, world.unblock(cell)),
-            _ => return,
+            _ => {
+                let effect = "metamodules have no such fault".to_owned();
+                return self.faults.inject(now, fault, false, effect, &mut self.commands);
+            }
         };
         let effect = match (there, done) {
             (true, true) => "the cell was free",

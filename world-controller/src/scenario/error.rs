@@ -225,8 +225,13 @@ pub enum ScenarioError {
         last: usize,
     },
     /// A fault with no kind or several.
-    #[error("a [[fault]] has one kind; this one has {0}")]
-    OneVerb(String),
+    #[error("a [[fault]] has one kind; this one has {names}")]
+    OneVerb {
+        /// The kinds that it names.
+        names: String,
+        /// The kinds that the family has.
+        kinds: Vec<&'static str>,
+    },
     /// A fault after the end of the run.
     #[error("it happens at {at}, but the run ends at {timeout} at the latest")]
     AfterTheEnd {
@@ -302,8 +307,8 @@ impl ScenarioError {
             }
             ScenarioError::OfFamily { fix, .. } => fix.clone(),
             ScenarioError::NoSuchModule { last, .. } => format!("name a module from 0 to {last}"),
-            ScenarioError::OneVerb(_) => {
-                "write one of kill, pause, restart, stick, crash, partition, obstacle per [[fault]]".into()
+            ScenarioError::OneVerb { kinds, .. } => {
+                format!("write one of {} per [[fault]]", kinds.join(", "))
             }
             ScenarioError::AfterTheEnd { .. } => {
                 "choose an earlier time, or raise `timeout` in [stop]".into()

@@ -114,7 +114,7 @@ fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diag
     let partition = section.node("partition");
     if let Some(controller) = section.node("controller") {
         let what = "a fault of the controller itself".to_owned();
-        let instead = "remove it; faults hit modules (kill, pause, restart, stick, crash, partition) and cells (obstacle)";
+        let instead = "remove it; to end the controller, kill the process of `metamorph run`, and go on with `metamorph resume`";
         diagnostics.add(controller.span(), ScenarioError::NotYet { what, instead });
         return None;
     }
@@ -125,10 +125,11 @@ fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diag
         ([], None, None, [(kind, target)]) => read_world(kind, target, &mut section, diagnostics),
         _ => {
             ask_for_times(&mut section);
-            let (place, present) = (section.place().clone(), section.present(&fault_keys(family)));
+            let kinds = fault_keys(family);
+            let (place, present) = (section.place().clone(), section.present(&kinds));
             let names = if present.is_empty() { "nothing".into() } else { present.join(" and ") };
             if !section.finish(diagnostics) {
-                diagnostics.add(place, ScenarioError::OneVerb(names));
+                diagnostics.add(place, ScenarioError::OneVerb { names, kinds });
             }
             return None;
         }

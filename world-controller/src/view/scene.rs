@@ -112,8 +112,9 @@ impl Beginning {
     }
 }
 
-/// Returns a body at the start: a description of its place, and of each part the number of its shape, its
-/// tone, its centre, and its rotation unless that is the identity.
+/// Returns a body at the start as a JSON array: a description of its place, and for each part an array of the
+/// number of its shape, its tone, its centre, and its rotation unless that is the identity. New shapes are added
+/// to `shapes`.
 fn started(parts: &[Part], whereabouts: &str, shapes: &mut Vec<Shape>) -> Value {
     let mut told = vec![json!(whereabouts)];
     for part in parts {
@@ -142,8 +143,8 @@ pub enum Event {
     Does(ModuleId, u32, String),
     /// The action has failed; the body is where it was before.
     Failed(ModuleId),
-    /// The body has refused the action, so it has not begun; follows [`Event::Does`] where refusals are
-    /// delayed, as those of processes are.
+    /// The body has refused the action, which therefore never began. Written only after an [`Event::Does`]:
+    /// that is, if the refusal came later than the request, as it does with processes.
     Refused(ModuleId),
     /// A module reports its state.
     Tells(ModuleId, ModuleView),

@@ -1,4 +1,4 @@
-//! Elections as a family of units: with this folder, `metamorph` has scenarios, reports, the page, replay
+//! Elections as a family of modules: with this folder, `metamorph` has scenarios, reports, the page, replay
 //! and exploration of them.
 
 mod director;

@@ -75,7 +75,7 @@ impl NodeReaper {
         Ok(NodeReaper { root: root.to_owned(), prefix: run.prefix(), config, ports: BTreeSet::new() })
     }
 
-    /// Frees the slots of a member of the run, which must be dead.
+    /// Frees the channel slots of a dead member of the run. The caller makes sure that it is dead.
     ///
     /// # Errors
     /// If its files cannot be read or removed.

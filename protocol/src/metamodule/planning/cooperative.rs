@@ -103,10 +103,10 @@ const LUCK: usize = 5;
 /// Default work bound, in units of [`search`]. Agents and the judge use the same, so both find the same plans.
 pub const WORK: usize = 2_000_000;
 
-/// Searches for a plan and for a proof that there is none, from the simplest problem to the complete one.
-/// Each search takes at most about `work`; all single bodies and pairs together at most ten times as much,
-/// the random walks at the end five times as much. A unit of work is one placement of the moving body
-/// examined, less than a microsecond.
+/// Searches for a plan, or for a proof that there is none, from the simplest problem to the complete one. Each
+/// search may take about `work`, all those for single bodies and pairs together ten times `work`, and the random
+/// walks at the end five times `work`. One unit of work is one placement of the moving body examined, which takes
+/// less than a microsecond.
 pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
     let held = Held::find(standstill, work);
     let everybody = 0..standstill.free.len();

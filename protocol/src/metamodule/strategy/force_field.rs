@@ -96,8 +96,9 @@ impl<'a> Field<'a> {
         self.push.1 += strength * (dy << 8) / distance;
     }
 
-    /// What the stride to a place in `turns` steps is worth: nearer to the seeds, away from neighbours,
-    /// short motions first, and at best to where a seed can be filled from.
+    /// Returns the score of the move to the place with this index, which takes `turns` turns of joints: the pull
+    /// of the seeds, with a bonus where one can be filled from, plus the push of the neighbours, minus
+    /// [`ONE`] / 100 for each turn.
     pub fn score(&self, place: usize, turns: u8) -> i64 {
         let sum: i64 = self.seeds.iter().map(|(weight, _)| weight).sum();
         let pull: i64 = self.seeds.iter().map(|(weight, gains)| gains[place] * weight / sum.max(1)).sum();

@@ -29,7 +29,7 @@ const MAGIC: &[u8; 6] = b"MMRBDB";
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DatabaseError {
     /// The bytes are not a motion database.
-    #[error("this is not a motion database")]
+    #[error("these bytes are not a motion database; build it anew")]
     NotADatabase,
     /// Written by another version of the generator.
     #[error(

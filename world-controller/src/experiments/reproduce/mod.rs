@@ -224,8 +224,8 @@ struct Sweeper<'a> {
 }
 
 impl Sweeper<'_> {
-    /// Runs a scenario over a grid. With `kept` and a directory all runs are written there, in a directory
-    /// named after the goal and `kept`.
+    /// Runs a scenario over a grid. If `kept` is given and the request names an output directory, all runs are
+    /// written to a directory in it whose name is that of the goal followed by `kept`.
     fn run(
         &mut self,
         goal: Goal,

@@ -37,7 +37,7 @@ pub enum GridError {
     Form(String),
     /// An empty value.
     #[error(
-        "--vary {0}: one of the values is empty\n  fix: write one value between two commas; an empty text is `\"\"`"
+        "--vary {0}: one of the values is empty\n  fix: write a value after the = and after every comma; an empty text is `\"\"`"
     )]
     EmptyValue(String),
     /// A control character, such as a line break, which would break the lines of the results.
@@ -53,7 +53,7 @@ pub enum GridError {
     },
     /// A key varied by two arguments, or a table and a key in it.
     #[error(
-        "--vary {axis}: `{key}` is varied already, by `{by}`\n  fix: write all values of a key in one --vary, and do not vary a table together with keys in it"
+        "--vary {axis}: `{key}` overlaps with `{by}`, which another --vary sets\n  fix: write all values of a key in one --vary, and do not vary a table together with keys in it"
     )]
     Overlap {
         /// The argument.

@@ -74,7 +74,7 @@ pub enum SweepError {
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
     /// A seed with which the start cannot be drawn.
-    #[error("{error}\n  in the run: {repeat}\n  fix: {}", .error.fix())]
+    #[error("{error}\n  this run alone: {repeat}\n  fix: {}", .error.fix())]
     NoStart {
         /// The command for this run alone.
         repeat: String,

@@ -63,7 +63,7 @@ pub enum StoreError {
         found: u32,
     },
     /// The directory contains another sweep.
-    #[error("--out {}: the sweep there has {what}: {theirs}, not {ours}\n  fix: resume with exactly the options it was started with, or start anew in another directory", .dir.shown())]
+    #[error("--out {}: the sweep there has {what}: {theirs} there, {ours} here\n  fix: resume with the program and exactly the options that started it, or start anew in another directory", .dir.shown())]
     Different {
         /// The directory.
         dir: PathBuf,

@@ -10,8 +10,11 @@ use metamorph_sim_bridge::director::faults::Target;
 use metamorph_sim_bridge::metamodule::faults::{OBSTACLE, OBSTACLE_GONE};
 use serde_json::{Value, json};
 
+/// The kinds of fault of the world of metamodules.
+pub const WORLD_FAULTS: &[WorldFaultKind] = &[OBSTACLE_KIND];
+
 /// A foreign object in a cell.
-pub const OBSTACLE_KIND: WorldFaultKind = WorldFaultKind {
+const OBSTACLE_KIND: WorldFaultKind = WorldFaultKind {
     key: "obstacle",
     begin: &OBSTACLE,
     end: &OBSTACLE_GONE,

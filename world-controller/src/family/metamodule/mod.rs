@@ -61,7 +61,7 @@ impl ScenarioFamily for MetamoduleFamily {
         Some((report::KEY, report::schema()))
     }
     fn world_faults(&self) -> &'static [WorldFaultKind] {
-        &[faults::OBSTACLE_KIND]
+        faults::WORLD_FAULTS
     }
 }
 

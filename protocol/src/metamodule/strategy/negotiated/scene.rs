@@ -135,9 +135,9 @@ impl<'a> Scene<'a> {
     pub fn is_outside_zone(&self, pose: Pose) -> bool {
         self.v.motions().cells(pose).iter().all(|c| self.is_beyond(c.x, c.y, 1))
     }
-    /// Whether this metamodule in `pose` is out of the way of what is built, and can get away when all of it
-    /// is, even if no other one moves: the zone is kept free, and a metamodule beside it may need room that
-    /// the goal will take.
+    /// True if this metamodule in `pose` is outside the zone, and can still get away from there once the whole
+    /// goal is built, even if no free neighbour moves any more. The second matters because a metamodule beside
+    /// the zone may need room that the goal will take.
     pub fn is_safe(&self, pose: Pose) -> bool {
         let mut taken = self.built.clone();
         taken.extend(self.free.iter().flat_map(|o| self.v.motions().cells(o.soon)));
