@@ -29,7 +29,7 @@ const MAGIC: [u8; 8] = *b"MMJOURNL";
 /// Bytes in front of the first frame.
 const START: usize = MAGIC.len() + 2;
 /// The version of the layout and of all records.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 /// Bytes of the longest head, which has a scenario in it.
 const LONGEST_HEAD: usize = 32 << 20;
 /// Bytes of the longest record.
