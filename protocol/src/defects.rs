@@ -32,6 +32,16 @@ pub enum Defect {
     AcceptStaleValues,
     /// Cubes: solid goals grow by the rule that is enough for scaffolds.
     AnyLowerOnSolids,
+    /// Cubes: a module announces that it holds a dead neighbour without proof that it does not hang on it.
+    LetGoUnproved,
+    /// Cubes: a registered child counts as proof that this module does not hang on it.
+    ChildProves,
+    /// Cubes: a late beacon of a dead neighbour ends that this module holds it, whatever was announced.
+    ForgetSaid,
+    /// Cubes: an announcement for another death of the same module counts.
+    LetGoOldDeath,
+    /// Cubes: an announcement for another goal counts.
+    EpochWords,
     /// Metamodules: every request is granted.
     GrantEverything,
     /// Metamodules: no neighbour is asked for its consent.
@@ -52,7 +62,7 @@ pub enum Defect {
 
 impl Defect {
     /// All defects.
-    pub const ALL: [Defect; 20] = [
+    pub const ALL: [Defect; 25] = [
         Defect::IgnoreSessions,
         Defect::NoDeadline,
         Defect::ShortLease,
@@ -66,6 +76,11 @@ impl Defect {
         Defect::ShallowSearch,
         Defect::AcceptStaleValues,
         Defect::AnyLowerOnSolids,
+        Defect::LetGoUnproved,
+        Defect::ChildProves,
+        Defect::ForgetSaid,
+        Defect::LetGoOldDeath,
+        Defect::EpochWords,
         Defect::GrantEverything,
         Defect::AskNobody,
         Defect::ForgetLocks,

@@ -29,7 +29,7 @@ use std::fmt::Debug;
 use thiserror::Error;
 
 /// The version number of the layout and of every message in it.
-pub const VERSION: u8 = 3;
+pub const VERSION: u8 = 4;
 /// The length of the header in bytes.
 pub const HEADER: usize = 32;
 /// The maximum length of a payload in bytes.

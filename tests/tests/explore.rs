@@ -60,6 +60,10 @@ fn is_found(defect: Defect, family: &'static dyn Family, within: u64, from: u64)
     assert!(agents <= 4 || faults <= 10, "{defect:?} is still large:\n{}", small.draft);
 }
 
+/// Defects that need an order to come late, which it never does on the simulated link. The tests of custody show
+/// what each of them does (`protocol/src/cube/custody.rs`).
+const OF_LATE_ORDERS: [Defect; 2] = [Defect::LetGoOldDeath, Defect::EpochWords];
+
 /// Declares a test for each defect, and a list of them.
 macro_rules! known_defects {
     ($($(#[$how:meta])? $name:ident: $family:ident, $defect:ident, $within:literal $(, from $from:literal)?;)*) => {
@@ -73,7 +77,9 @@ macro_rules! known_defects {
         /// Every defect has a test.
         #[test]
         fn every_known_defect_has_a_test() {
-            assert_eq!([$(Defect::$defect),*], Defect::ALL);
+            let mut tested = [&[$(Defect::$defect),*][..], &OF_LATE_ORDERS].concat();
+            tested.sort_unstable();
+            assert_eq!(tested, Defect::ALL);
         }
     };
 }
@@ -92,6 +98,9 @@ known_defects! {
     finds_shallow_searches: CUBE, ShallowSearch, 400;
     finds_stale_distances: CUBE, AcceptStaleValues, 400;
     finds_walled_in_cells: CUBE, AnyLowerOnSolids, 2_000;
+    finds_holders_without_proof: CUBE, LetGoUnproved, 400;
+    finds_children_taken_for_proof: CUBE, ChildProves, 2_000;
+    finds_forgotten_announcements: CUBE, ForgetSaid, 2_000;
     finds_careless_grants: METAMODULE, GrantEverything, 60;
     finds_moves_without_requests: METAMODULE, AskNobody, 60;
     finds_forgotten_locks: METAMODULE, ForgetLocks, 60;
@@ -224,10 +233,11 @@ fn a_budget_of_time_ends_it_all() {
         serde_json::Value::Array(rules) => rules.iter().filter_map(|r| r["runs"].as_u64()).sum::<u64>(),
         other => other.as_object().unwrap().values().filter_map(|r| r["runs"].as_u64()).sum(),
     };
-    let undecided = sum(&summary["undecided"]);
-    assert_eq!(number("buildable") + number("impossible") + undecided, number("runs"), "{summary}");
-    assert!(number("built") + sum(&summary["rules"]) <= number("buildable"), "{summary}");
-    assert!(ran.out.contains("that could be"), "{ran:?}");
+    let could = |key: &str| summary["could"][key].as_u64().unwrap();
+    assert!(could("built") <= could("of"), "{summary}");
+    assert_eq!(could("of") + could("undecided") + number("impossible"), number("runs"), "{summary}");
+    assert!(sum(&summary["rules"]) + could("built") <= number("runs"), "{summary}");
+    assert!(ran.out.contains("that any robot could have built"), "{ran:?}");
 }
 
 /// A single run shows its scenario first, and that scenario can be run.

@@ -13,7 +13,8 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Never;
 use metamorph_sim_bridge::cube::invariants::{
-    BODY_CONNECTED, FIELD_LOOP_FREE, MOVER_HAS_NO_DEPENDANTS, MOVER_SUPPORTED,
+    BODY_CONNECTED, DEAD_HELD, FIELD_LOOP_FREE, HOLDER_DESCENDS, MOVER_HAS_NO_DEPENDANTS, MOVER_SUPPORTED,
+    PARENT_DESCENDS,
 };
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
@@ -71,6 +72,23 @@ fn without_a_deadline_a_stopped_module_moves_too_late() {
 #[test]
 fn forgetting_silent_children_lets_parents_leave() {
     breaks(MOVER_HAS_NO_DEPENDANTS, 6, |e| defect(e.pauses(Span::secs(300)), Defect::DropSilentChildren));
+}
+
+#[test]
+fn adopting_a_parent_that_has_not_agreed_is_found() {
+    breaks(PARENT_DESCENDS, 6, |e| defect(e.loss("10%"), Defect::AdoptUnacknowledged));
+}
+
+/// A module that hangs on a dead one announces that it holds it.
+#[test]
+fn holding_the_dead_without_proof_is_found() {
+    breaks(HOLDER_DESCENDS, 6, |e| defect(e.loss("10%").crashes(20), Defect::LetGoUnproved));
+}
+
+/// A beacon of a dead module that comes after its certificate lets its holder leave.
+#[test]
+fn forgetting_what_was_announced_is_found() {
+    breaks(DEAD_HELD, 6, |e| defect(e.loss("10%").crashes(20), Defect::ForgetSaid));
 }
 
 #[test]

@@ -173,7 +173,7 @@ impl Attraction {
         {
             return None;
         }
-        let is_next = masks.next & face.bit() != 0
+        let is_next = (masks.next & face.bit() != 0 || starters_are_dead(v, face))
             && (v.own.grows_as() == Growth::Scaffold
                 || v.has(Defect::AnyLowerOnSolids)
                 || lower_are_filled(v, face));
@@ -419,9 +419,20 @@ fn lower_are_filled(v: View<'_>, face: Face) -> bool {
             // The cell itself, opposite fronts, or no module in between: nothing is known.
             return true;
         }
-        // The lower cell lies beside ours, seen by the module that both touch.
-        v.terrain(toward).is_some_and(|b| b.finals & face.bit() != 0)
+        // The lower cell lies beside ours, seen by the module that both touch; a dead one says nothing.
+        v.sides.is_certified_dead(toward) || v.terrain(toward).is_some_and(|b| b.filled & face.bit() != 0)
     })
+}
+
+/// Returns true if the cell outside a face may only be started by modules that are dead, as far as the common
+/// neighbours that can see them say. It is started in their place.
+fn starters_are_dead(v: View<'_>, face: Face) -> bool {
+    let lower = v.own.masks.lower[face.index()];
+    let is_dead = |toward: Face| {
+        let aside = toward != face && toward != face.opposite();
+        aside && v.terrain(toward).is_some_and(|b| b.filled & !b.finals & face.bit() != 0)
+    };
+    lower != 0 && Face::ALL.into_iter().all(|toward| lower & toward.bit() == 0 || is_dead(toward))
 }
 
 /// Returns the version of the module's own targets: the number of refresh periods of this module, whose phase

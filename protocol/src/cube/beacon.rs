@@ -41,6 +41,7 @@ enum Due {
 struct Timed {
     wanted: u8,
     finals: u8,
+    filled: u8,
     terrain: u8,
     live: u8,
     open: u8,
@@ -189,6 +190,7 @@ impl Cube {
         Timed {
             wanted: self.wanted,
             finals: self.finals,
+            filled: self.filled,
             terrain: self.sides.terrain_mask(),
             live: self.sides.live_mask(),
             open: self.sides.open_mask(),
@@ -214,6 +216,7 @@ impl Cube {
             final_hops: v.final_hops(),
             terrain: self.sides.terrain_mask(),
             finals: self.finals,
+            filled: self.filled,
             rank: self.forest.told_rank(v),
             renew: Time::ZERO,
             claim: Claim::None,
@@ -293,7 +296,8 @@ fn class_of_news(before: &Beacon, after: &Beacon) -> Class {
     let connectivity = |b: &Beacon| {
         (b.attached, b.rank, b.renew, b.claim, b.ack, b.anchored_here, b.quarantined, b.final_hops)
     };
-    let seed = |b: &Beacon| (b.epoch, b.role, b.wants_you, b.terrain, b.finals, b.subtree, b.immobile);
+    let seed =
+        |b: &Beacon| (b.epoch, b.role, b.wants_you, b.terrain, b.finals, b.filled, b.subtree, b.immobile);
     if connectivity(before) != connectivity(after) {
         Class::Connectivity
     } else if seed(before) != seed(after) {

@@ -26,6 +26,7 @@ fn beacon(sequence: u32, distance: u16) -> Beacon {
         final_hops: Beacon::NO_FINAL,
         terrain: Face::West.bit(),
         finals: 0,
+        filled: 0,
         rank: Rank { rooted: Time::ZERO, label: 3 },
         renew: Time::ZERO,
         claim: Claim::None,

@@ -2,6 +2,8 @@
 
 use super::message::{NO_MODULE, Role};
 use crate::ids::{ModuleId, Port, Session};
+use crate::lattice::{Cell, Face};
+use crate::time::Time;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
 /// An order of the world-controller to a cube.
@@ -23,7 +25,50 @@ pub enum Order {
         epoch: u16,
         /// True if it was finalized in that goal: it stays for good, and so does all that it hangs on.
         finalized: bool,
+        /// The time after which it did nothing more. It names the death: no two deaths have the same.
+        died: Time,
     },
+    /// Another module holds a dead one.
+    Custody(CustodyAnnouncement),
+}
+
+/// "The module behind this face of a dead one holds it, and does not hang on it."
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct CustodyAnnouncement {
+    /// The cell of the dead module.
+    pub dead: Cell,
+    /// Its time of death.
+    pub died: Time,
+    /// The goal for which this holds.
+    pub epoch: u16,
+    /// The face of the dead module behind which the holder is.
+    pub face: Face,
+    /// True if the holder is finalized.
+    pub is_final: bool,
+}
+
+impl CustodyAnnouncement {
+    /// Returns the cell of the holder.
+    pub fn holder(&self) -> Cell {
+        self.dead.step(self.face)
+    }
+    /// Returns the holder's place in the order of holders, for the goal that grows from `seed`.
+    pub fn key(&self, seed: Cell) -> CustodyKey {
+        let holder = self.holder();
+        CustodyKey { is_loose: !(self.is_final || holder == seed), distance: holder.manhattan(seed), holder }
+    }
+}
+
+/// The place of a module in the order of holders of a dead one; the least holds it. Finalized modules come
+/// first, since they never leave, and then modules near the seed, since they are finalized first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CustodyKey {
+    /// False if the module is finalized, or stands in the seed cell.
+    pub is_loose: bool,
+    /// Its distance from the seed.
+    pub distance: u32,
+    /// Its cell.
+    pub holder: Cell,
 }
 
 impl Wire for Order {
@@ -31,16 +76,25 @@ impl Wire for Order {
         match self {
             Order::Goal { .. } => 0,
             Order::Condemn { .. } => 1,
+            Order::Custody(_) => 2,
         }
     }
     fn encode(&self, out: &mut Encoder) {
         match self {
             Order::Goal { epoch } => out.u16(*epoch),
-            Order::Condemn { port, session, epoch, finalized } => {
+            Order::Condemn { port, session, epoch, finalized, died } => {
                 out.u8(port.0);
                 out.u32(session.0);
                 out.u16(*epoch);
                 out.bool(*finalized);
+                out.time(*died);
+            }
+            Order::Custody(CustodyAnnouncement { dead, died, epoch, face, is_final }) => {
+                out.cell(*dead);
+                out.time(*died);
+                out.u16(*epoch);
+                out.face(*face);
+                out.bool(*is_final);
             }
         }
     }
@@ -52,7 +106,15 @@ impl Wire for Order {
                 session: Session(from.u32()?),
                 epoch: from.u16()?,
                 finalized: from.bool("finalized")?,
+                died: from.time()?,
             }),
+            2 => Ok(Order::Custody(CustodyAnnouncement {
+                dead: from.cell()?,
+                died: from.time()?,
+                epoch: from.u16()?,
+                face: from.face("face")?,
+                is_final: from.bool("final")?,
+            })),
             _ => Err(WireError::Kind(kind)),
         }
     }
@@ -81,6 +143,9 @@ pub struct Status {
     pub prevented: u32,
     /// The module that it waits for.
     pub waits_for: Option<ModuleId>,
+    /// For each face, the time of death of a dead neighbour that the module holds without hanging on it; zero
+    /// if there is none.
+    pub custody: [Time; 6],
 }
 
 impl Wire for Status {
@@ -97,12 +162,15 @@ impl Wire for Status {
         out.u32(self.subtree);
         out.u32(self.prevented);
         out.u32(self.waits_for.map_or(NO_MODULE, |id| id.0));
+        let held = Face::ALL.into_iter().filter(|f| self.custody[f.index()] != Time::ZERO);
+        out.u8(held.clone().fold(0, |mask, f| mask | f.bit()));
+        held.for_each(|f| out.time(self.custody[f.index()]));
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
         if kind != 0 {
             return Err(WireError::Kind(kind));
         }
-        Ok(Status {
+        let mut status = Status {
             epoch: from.u16()?,
             role: Role::decode(from.u8()?)?,
             attached: from.bool("attached")?,
@@ -113,6 +181,19 @@ impl Wire for Status {
             subtree: from.u32()?,
             prevented: from.u32()?,
             waits_for: Some(from.u32()?).filter(|id| *id != NO_MODULE).map(ModuleId),
-        })
+            custody: [Time::ZERO; 6],
+        };
+        let held = from.u8()?;
+        if held >= 64 {
+            return Err(WireError::Field("custody"));
+        }
+        for face in Face::ALL.into_iter().filter(|f| held & f.bit() != 0) {
+            let died = from.time()?;
+            if died == Time::ZERO {
+                return Err(WireError::Field("died"));
+            }
+            status.custody[face.index()] = died;
+        }
+        Ok(status)
     }
 }

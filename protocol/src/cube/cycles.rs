@@ -273,6 +273,7 @@ mod tests {
             final_hops: Beacon::NO_FINAL,
             terrain: Face::West.bit(),
             finals: 0,
+            filled: 0,
             rank: Rank { rooted: Time::ZERO, label: 3 },
             renew: Time::ZERO,
             claim: Claim::None,
@@ -282,7 +283,8 @@ mod tests {
             field: [Entry::NONE; 4],
         };
         cube.handle(Time::ZERO, Input::Message { port: east, message: Message::Beacon(beacon) });
-        let order = Order::Condemn { port: west, session, epoch: 0, finalized: west_was_final };
+        let now = Time::ZERO;
+        let order = Order::Condemn { port: west, session, epoch: 0, finalized: west_was_final, died: now };
         cube.handle(Time::ZERO, Input::Order(order));
         cube
     }

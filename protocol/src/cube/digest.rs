@@ -29,6 +29,7 @@ impl Cube {
             reporter: _,
             wanted: _,
             finals: _,
+            filled: _,
             wake: _,
             out: _,
         } = self;

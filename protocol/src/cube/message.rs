@@ -134,6 +134,8 @@ pub struct Beacon {
     pub terrain: u8,
     /// Faces behind which the sender knows finalized modules.
     pub finals: u8,
+    /// Faces behind which it knows goal cells that are filled for good: those, and dead modules in goal cells.
+    pub filled: u8,
     /// The sender's place in the parent forest.
     pub rank: Rank,
     /// The sender needs the receiver's path to the finalized modules to be confirmed anew, no earlier than
@@ -329,6 +331,7 @@ impl Wire for Message {
                 out.u8(bits << 2 | b.role as u8);
                 out.u8(b.terrain);
                 out.u8(b.finals);
+                out.u8(b.filled);
                 out.u16(b.rank.label);
                 out.u64(b.rank.rooted.0);
                 out.u64(b.renew.0);
@@ -405,6 +408,7 @@ impl Wire for Message {
                 }
                 let flag = |i: u8| bits >> (2 + i) & 1 == 1;
                 let (terrain, finals) = (mask(from.u8()?)?, mask(from.u8()?)?);
+                let filled = mask(from.u8()?)?;
                 let (label, rooted, renew) = (from.u16()?, Time(from.u64()?), Time(from.u64()?));
                 let final_hops = from.u8()?;
                 let claim = match (from.u8()?, Token(from.u32()?)) {
@@ -435,6 +439,7 @@ impl Wire for Message {
                     final_hops,
                     terrain,
                     finals,
+                    filled,
                     rank: Rank { rooted, label },
                     renew,
                     claim,
@@ -479,7 +484,7 @@ impl Wire for Message {
         // Fixed layouts; a test compares them with what `encode` writes.
         crate::wire::HEADER
             + match self {
-                Message::Beacon(_) => 79,
+                Message::Beacon(_) => 80,
                 Message::Request { .. } => 30,
                 Message::Response { .. } => 27,
                 Message::Release { .. } => 8,

@@ -5,7 +5,7 @@
 //!
 //! * `sides` — the six contacts, and the last beacon of each neighbour;
 //! * `attraction` — the field towards unfilled goal cells, on faces of empty surface cells;
-//! * `parent_forest`, `cycles` — the connectivity checks;
+//! * `parent_forest`, `custody`, `cycles` — the connectivity checks, and what they keep of the dead;
 //! * `lock_table`, `negotiation` — locks and reservations along routes, with leases;
 //! * `motion_planner` — where to go, and when;
 //! * `beacon` — telling the neighbours; `reporter` — telling the world-controller;
@@ -19,6 +19,7 @@ mod attraction;
 mod beacon;
 pub mod body;
 pub mod control;
+mod custody;
 mod cycles;
 mod digest;
 mod lock_table;
@@ -43,6 +44,7 @@ use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use crate::counters::Class;
 use crate::coverage::{CoveragePoint, hit};
 use crate::defects::Defect;
+use crate::goal::Growth;
 use crate::ids::{Incarnation, Port, Session};
 use crate::lattice::{Cell, Face};
 use crate::rng::Rng;
@@ -91,6 +93,8 @@ pub struct Cube {
     wanted: u8,
     /// Faces behind which live finalized modules of the same goal are; computed in every step.
     finals: u8,
+    /// Faces behind which goal cells are filled for good; computed in every step.
+    filled: u8,
     wake: Time,
     out: Outbox,
 }
@@ -210,6 +214,7 @@ impl Agent for Cube {
             tokens: Tokens(u32::from(birth.incarnation.0) << 20),
             wanted: 0,
             finals: 0,
+            filled: 0,
             wake: now,
             out: Outbox::default(),
         }
@@ -288,12 +293,32 @@ impl Cube {
         if !settled || !self.own.masks.own {
             return;
         }
+        if self.is_started_by_dead(now) {
+            hit(CoveragePoint::CubeStartedByDead);
+            self.abort_attempt(now, None);
+            return self.become_final(None);
+        }
         let v = self.view(now);
         let wanted_by = |f: &Face| v.live(*f).is_some_and(|b| b.wants_you && v.is_final(b));
         if let Some(face) = Face::ALL.into_iter().find(wanted_by) {
             self.abort_attempt(now, None);
             self.become_final(Some(face));
         }
+    }
+
+    /// Returns true if a dead neighbour would want this cell filled: it stands in a goal cell, is held by a
+    /// finalized module or was one, and growth has come this far.
+    fn is_started_by_dead(&self, now: Time) -> bool {
+        let (v, masks) = (self.view(now), &self.own.masks);
+        let dead = v.sides.certified_mask() & masks.starters;
+        if dead == 0 || !custody::is_kept(v) || self.own.restarted {
+            return false;
+        }
+        let is_filled = |f: Face| v.sides.is_certified_dead(f) || v.live(f).is_some_and(|b| v.is_final(b));
+        let may_grow = self.own.grows_as() == Growth::Scaffold
+            || Face::ALL.into_iter().all(|f| masks.own_lower & f.bit() == 0 || is_filled(f));
+        let is_fixed = |f: Face| v.died_finalized(f) || self.forest.custody().is_fixed(f);
+        may_grow && Face::ALL.into_iter().any(|f| dead & f.bit() != 0 && is_fixed(f))
     }
 
     fn become_final(&mut self, activator: Option<Face>) {
@@ -355,6 +380,11 @@ impl Cube {
     }
 
     fn on_beacon(&mut self, now: Time, face: Face, beacon: Beacon) {
+        let is_dead = self.sides.is_certified_dead(face);
+        if is_dead && custody::is_kept(self.view(now)) && !self.own.has(Defect::ForgetSaid) {
+            // It was sent before the death, and must not end what the certificate began.
+            return hit(CoveragePoint::CubeDeadSpoke);
+        }
         let suspect = self.own.params().suspect;
         let mut news = News::All;
         if let Some(before) = self.sides.peer(face) {
@@ -406,18 +436,24 @@ impl Cube {
     fn on_order(&mut self, now: Time, order: Order) {
         match order {
             Order::Goal { epoch } => self.follow_epoch(now, epoch),
-            Order::Condemn { port, session, epoch, finalized } => {
+            Order::Condemn { port, session, epoch, finalized, died } => {
                 self.follow_epoch(now, epoch);
                 if let Some(face) = Face::from_index(port.0)
                     && self.sides.session(face) == Some(session)
                 {
                     self.sides.certify_dead(face, finalized.then_some(epoch));
-                    if self.view(now).died_finalized(face) {
-                        self.forest.forget_child(face);
-                    }
+                    let v = View { now, own: &self.own, sides: &self.sides };
+                    self.forest.begin_custody(v, face, died);
                     self.touch();
                     self.decide_soon(now);
                 }
+            }
+            Order::Custody(announcement) => {
+                self.follow_epoch(now, announcement.epoch);
+                let v = View { now, own: &self.own, sides: &self.sides };
+                self.forest.hear_of_custody(v, &announcement);
+                self.touch();
+                self.decide_soon(now);
             }
         }
     }
@@ -477,6 +513,7 @@ impl Cube {
         self.wanted = tended.wanted;
         let is_final = |f: &Face| v.terrain(*f).is_some_and(|b| v.is_final(b));
         self.finals = Face::ALL.into_iter().filter(is_final).fold(0, |mask, f| mask | f.bit());
+        self.filled = self.finals | (v.sides.certified_mask() & v.own.masks.cells);
         self.tend_attempt(now);
         if now >= self.planner.decide_at {
             self.decide(now);
@@ -495,7 +532,8 @@ impl Cube {
             // With cycles the gradient only tells which modules are farther out, and should leave first.
             Connectivity::Gradient | Connectivity::Cycles => self.forest.tend_gradient(v),
         };
-        if effect != Effect::None {
+        let is_news = self.forest.tend_custody(v, self.moving.is_some());
+        if effect != Effect::None || is_news {
             self.touch();
         }
         if effect == Effect::TellAndDecide {

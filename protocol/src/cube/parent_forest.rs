@@ -13,6 +13,8 @@
 //!
 //! Also here: the published rule without registration, for comparison.
 
+use super::control::CustodyAnnouncement;
+use super::custody::{self, Custody};
 use super::message::{Beacon, Claim, Rank, Role};
 use super::params::Connectivity;
 use super::view::View;
@@ -69,6 +71,7 @@ pub(super) struct ParentForest {
     want: Option<(Face, Token)>,
     /// Neighbours that are registered as children, with their claims.
     children: [Option<Token>; 6],
+    custody: Custody,
 }
 
 impl ParentForest {
@@ -77,13 +80,21 @@ impl ParentForest {
     /// confirmed after the restart cannot lead over it.
     pub fn new(restarted: Option<Time>) -> ParentForest {
         let rank = restarted.map_or(UNRANKED, |rooted| Rank { rooted, label: 0 });
-        ParentForest { rank, renew: Time::ZERO, parent: None, want: None, children: [None; 6] }
+        ParentForest {
+            rank,
+            renew: Time::ZERO,
+            parent: None,
+            want: None,
+            children: [None; 6],
+            custody: Custody::default(),
+        }
     }
 
     /// Feeds all but the children into a hash; see `digest`.
     pub fn digest(&self, hasher: &mut Portable<'_>) {
-        let ParentForest { rank, renew, parent, want, children: _ } = self;
+        let ParentForest { rank, renew, parent, want, children: _, custody } = self;
         (rank, renew, parent, want).hash(hasher);
+        custody.digest(hasher);
     }
     pub fn rank(&self) -> Rank {
         self.rank
@@ -102,6 +113,7 @@ impl ParentForest {
     /// Begins a session on a face, or ends it.
     pub fn on_contact(&mut self, face: Face, is_gone: bool) {
         self.children[face.index()] = None;
+        self.custody.forget(face);
         if is_gone && self.parent == Some(face) {
             // The contact has ended. A restarted neighbour is a new session instead, and what hangs on it
             // stays so.
@@ -121,10 +133,79 @@ impl ParentForest {
         self.rank = if self.rank.rooted > Time::ZERO { Rank { label: 0, ..self.rank } } else { UNRANKED };
         (self.renew, self.parent, self.want) = (Time::ZERO, None, None);
         self.children = [None; 6];
+        self.custody.on_goal();
     }
     /// Resets the state of a module that has arrived at another cell.
     pub fn on_arrival(&mut self) {
         (self.rank, self.parent, self.want, self.children) = (UNRANKED, None, None, [None; 6]);
+        self.custody = Custody::default();
+    }
+    /// Returns what is known of the custody of dead neighbours.
+    pub fn custody(&self) -> &Custody {
+        &self.custody
+    }
+    /// Notes that the neighbour on a face is certified dead.
+    pub fn begin_custody(&mut self, v: View<'_>, face: Face, died: Time) {
+        if custody::is_kept(v) {
+            self.custody.begin(face, died);
+        }
+        if v.died_finalized(face) {
+            self.forget_child(face);
+        }
+    }
+    /// Takes up the announcement of a module that holds a dead neighbour.
+    pub fn hear_of_custody(&mut self, v: View<'_>, of: &CustodyAnnouncement) {
+        if let Some(face) = self.custody.hear(v, of)
+            && self.custody.is_released(v, face)
+        {
+            hit(CoveragePoint::CubeCustodyReleased);
+            self.forget_child(face);
+        }
+    }
+    /// Announces that this module holds a dead neighbour, if it is proved that it does not hang on it.
+    /// Returns true if there is such news.
+    pub fn tend_custody(&mut self, v: View<'_>, is_moving: bool) -> bool {
+        if self.custody.is_empty() || is_moving || v.own.role == Role::Walker || v.is_quarantined() {
+            return false;
+        }
+        let mut is_news = false;
+        for face in Face::ALL.into_iter().filter(|f| !v.died_finalized(*f)) {
+            let Some(died) = self.custody.died(face).filter(|_| !self.custody.is_announced(face)) else {
+                continue;
+            };
+            let holds = v.own.role == Role::Final || self.held_by(v, face).is_some();
+            if holds && self.is_above_dead(v, face, died) {
+                hit(CoveragePoint::CubeCustodyAnnounced);
+                self.custody.announce(face);
+                is_news = true;
+            }
+        }
+        is_news
+    }
+    /// Returns true if it is proved that this module does not hang on a dead neighbour, and never will.
+    fn is_above_dead(&self, v: View<'_>, face: Face, died: Time) -> bool {
+        let is_carried = || v.peer(face).is_some_and(|b| b.role == Role::Walker && b.anchored_here);
+        let is_child = || self.child(face).is_some();
+        v.own.role == Role::Final
+            || (self.is_attached(v)
+                && self.parent != Some(face)
+                && (self.rank.rooted > died
+                    || is_carried()
+                    || v.has(Defect::LetGoUnproved)
+                    || (v.has(Defect::ChildProves) && is_child())))
+    }
+    /// Returns the time after which this module's path has to be confirmed, so that it may announce that it
+    /// holds a dead neighbour; zero if there is none.
+    fn custody_needs(&self, v: View<'_>) -> Time {
+        if self.custody.is_empty() || v.own.role != Role::Reserve || !self.is_attached(v) {
+            return Time::ZERO;
+        }
+        let needs = |face: &Face| {
+            let died = self.custody.died(*face).filter(|_| !self.custody.is_announced(*face))?;
+            let lacks_proof = self.parent != Some(*face) && !self.is_above_dead(v, *face, died);
+            (lacks_proof && self.held_by(v, *face).is_some()).then_some(died + Span(1))
+        };
+        Face::ALL.iter().filter_map(needs).max().unwrap_or(Time::ZERO)
     }
     /// Forgets a neighbour that is certified to have died finalized: it hangs on no module.
     pub fn forget_child(&mut self, face: Face) {
@@ -199,6 +280,7 @@ impl ParentForest {
     fn dead_root(&self, v: View<'_>) -> Option<Face> {
         let is_root = |f: &Face| {
             v.died_finalized(*f)
+                || self.custody.is_fixed(*f)
                 || (v.sides.is_certified_dead(*f) && v.peer(*f).is_some_and(|b| v.is_final(b)))
         };
         self.parent.into_iter().chain(Face::ALL).find(is_root)
@@ -272,11 +354,12 @@ impl ParentForest {
         renews
     }
 
-    /// Returns the latest time of confirmation that any neighbour but one asks for.
+    /// Returns the latest time of confirmation that any neighbour but one asks for, or the dead ones that this
+    /// module holds.
     fn asked(&self, v: View<'_>, except: Option<Face>) -> Time {
         let others = Face::ALL.into_iter().filter(|f| Some(*f) != except);
         let renew = others.filter_map(|f| v.peer(f)).filter(|b| b.epoch == v.own.epoch).map(|b| b.renew);
-        renew.max().unwrap_or(Time::ZERO)
+        renew.max().unwrap_or(Time::ZERO).max(self.custody_needs(v))
     }
 
     /// Returns what a neighbour is asked for, as [`Beacon::renew`]: what this module itself needs, or what it
@@ -390,10 +473,18 @@ impl ParentForest {
         Face::ALL.into_iter().find_map(|face| self.held_by(v, face)).map_or(Ok(()), Err)
     }
 
+    /// Returns true if the neighbour on a face may hang on this module, as far as it has said.
+    pub fn holds(&self, v: View<'_>, face: Face) -> bool {
+        self.held_by(v, face).is_some()
+    }
+
     /// Returns why the neighbour on a face may hang on this module, as far as it has said.
     fn held_by(&self, v: View<'_>, face: Face) -> Option<Held> {
-        if !v.sides.is_touching(face) || v.died_finalized(face) {
+        if !v.sides.is_touching(face) || v.died_finalized(face) || self.custody.is_released(v, face) {
             return None;
+        }
+        if self.custody.is_announced(face) && !v.has(Defect::ForgetSaid) {
+            return Some(Held(v.peer(face).map(|b| b.id)));
         }
         let Some(b) = v.peer(face) else {
             return (!v.has(Defect::IgnoreStrangers)).then_some(Held(None));

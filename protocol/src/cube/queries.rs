@@ -1,9 +1,10 @@
 //! What audits, viewers and the model checker may ask of a cube. Not here: any change of its state.
 
+use super::control::CustodyKey;
 use super::message::{Entry, Rank, Role};
 use super::params::Connectivity;
 use super::parent_forest::UNLABELLED;
-use super::{Cube, Successor};
+use super::{Cube, Successor, custody};
 use crate::ids::{ModuleId, Session};
 use crate::lattice::{Cell, Face};
 use crate::time::Time;
@@ -53,6 +54,31 @@ impl Cube {
     /// Returns the number of locks that the module has granted.
     pub fn granted(&self) -> usize {
         self.locks.len()
+    }
+    /// Returns the faces whose neighbour is certified dead.
+    pub fn certified_faces(&self) -> u8 {
+        self.sides.certified_mask()
+    }
+    /// Returns the time of death of a dead neighbour that the module has announced to hold, for its goal.
+    pub fn custody(&self, face: Face) -> Option<Time> {
+        let custody = self.forest.custody();
+        custody.died(face).filter(|_| custody.is_announced(face))
+    }
+    /// Returns the module's place in the order of holders of a dead neighbour.
+    pub fn custody_key(&self) -> CustodyKey {
+        custody::own_key(self.view(self.own.settled))
+    }
+    /// Returns true if the module stays because of the neighbour on a face, or stays anyway.
+    pub fn keeps(&self, now: Time, face: Face) -> bool {
+        let v = self.view(now);
+        match self.own.role {
+            Role::Final => true,
+            Role::Walker => false,
+            Role::Reserve => {
+                let stays = v.is_quarantined() || v.may_be_final() || !self.forest.is_attached(v);
+                stays || self.forest.holds(v, face)
+            }
+        }
     }
     /// Returns the number of registered children.
     pub fn children(&self) -> usize {

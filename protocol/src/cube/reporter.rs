@@ -26,8 +26,10 @@ impl Cube {
         let own = &self.own;
         let is_seed = own.role == Role::Final && own.masks.seed;
         let subtree = if is_seed { self.subtree(now) } else { 0 };
+        let custody = self.forest.custody().announced();
         let urgent = self.reporter.reported.is_none_or(|r| {
             (r.epoch, r.role, r.immobile) != (own.epoch, own.role, own.immobile)
+                || r.custody != custody
                 || (is_seed && r.subtree != subtree)
         });
         let rested = now.since(self.reporter.reported_at) >= own.params().heartbeat;
@@ -46,6 +48,7 @@ impl Cube {
             subtree,
             prevented: self.prevented,
             waits_for: self.planner.waits_for,
+            custody,
         };
         if self.reporter.reported != Some(status) {
             (self.reporter.reported, self.reporter.reported_at) = (Some(status), now);

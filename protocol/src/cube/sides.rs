@@ -101,6 +101,10 @@ impl Sides {
     pub fn heard_mask(&self) -> u8 {
         self.masks.heard
     }
+    /// Returns the faces whose neighbour is certified dead.
+    pub fn certified_mask(&self) -> u8 {
+        self.certified_dead
+    }
     /// Returns the faces with a live neighbour.
     pub fn live_mask(&self) -> u8 {
         self.masks.live

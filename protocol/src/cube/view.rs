@@ -46,16 +46,24 @@ pub(super) struct GoalMasks {
     pub next: u8,
     /// For each neighbouring goal cell, the faces towards its lower neighbours.
     pub lower: [u8; 6],
+    /// Neighbouring goal cells from which this one may be started, by rule G1.
+    pub starters: u8,
+    /// The lower neighbours of the cell itself.
+    pub own_lower: u8,
 }
 
 impl GoalMasks {
     pub fn of(goal: &Goal, cell: Cell) -> GoalMasks {
         let mut masks =
             GoalMasks { own: goal.contains(cell), seed: cell == goal.seed(), ..GoalMasks::default() };
+        if masks.own {
+            masks.own_lower = goal.lower_neighbours(cell).fold(0, |mask, toward| mask | toward.bit());
+        }
         for face in Face::ALL {
             let outside = cell.step(face);
             if goal.contains(outside) {
                 masks.cells |= face.bit();
+                masks.starters |= if goal.may_start(outside, face.opposite()) { face.bit() } else { 0 };
                 masks.next |= if goal.may_start(cell, face) { face.bit() } else { 0 };
                 masks.lower[face.index()] =
                     goal.lower_neighbours(outside).fold(0, |mask, toward| mask | toward.bit());

@@ -15,7 +15,7 @@ use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::time::{Span, Time};
 
 impl CubeWorld {
-    fn neighbour(&self, id: ModuleId, face: Face) -> Option<ModuleId> {
+    pub(super) fn neighbour(&self, id: ModuleId, face: Face) -> Option<ModuleId> {
         self.body_at(self.cell(id).step(face))
     }
 
@@ -186,7 +186,13 @@ impl CubeWorld {
     }
 }
 
-fn note(found: &mut Vec<Violation>, invariant: Invariant, at: Time, id: ModuleId, check: Result<(), String>) {
+pub(super) fn note(
+    found: &mut Vec<Violation>,
+    invariant: Invariant,
+    at: Time,
+    id: ModuleId,
+    check: Result<(), String>,
+) {
     if let Err(what) = check {
         found.push(Violation { invariant, at, what: format!("module {id}: {what}") });
     }
@@ -208,6 +214,9 @@ impl Audited for CubeWorld {
                 self.audit_forest_by_key(now, cube, id, agents, found);
             }
         }
+        if cube.connectivity() == Connectivity::Forest {
+            self.audit_custody(now, id, agents, found);
+        }
         if cube.granted() > 1 {
             note(found, RESERVED_ONCE, now, id, invariants::reserved_once(&cube.reservations()));
         }
@@ -219,6 +228,9 @@ impl Audited for CubeWorld {
         if cube.role() == Role::Reserve {
             let check = invariants::mover_has_no_dependants(cube.children());
             note(found, MOVER_HAS_NO_DEPENDANTS, now, id, check);
+        }
+        if cube.connectivity() == Connectivity::Forest {
+            self.audit_left_behind(now, id, agents, found);
         }
         if let Some(grantor) = agents.get(landing)
             // Finalized modules stay in any case, restarted ones until they have listened long enough.

@@ -21,7 +21,7 @@ use petgraph::graph::DiGraph;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What the controller knows of a module.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Known {
     /// True if its process lives.
     pub alive: bool,
@@ -331,6 +331,7 @@ mod tests {
             subtree: 1,
             prevented: 0,
             waits_for: waits_for.map(ModuleId),
+            custody: [Time::ZERO; 6],
         }
     }
 

@@ -3,6 +3,7 @@
 
 use crate::cube::diagnosis::{Known, diagnose, snapshot};
 use crate::cube::reachability::StandstillSnapshot;
+use crate::cube::registrar::Registrar;
 use crate::cube::world::CubeWorld;
 use crate::director::fault_injector::FaultInjector;
 use crate::director::faults::{Fault, FaultRecord, Schedule};
@@ -13,13 +14,12 @@ use metamorph_protocol::cube::control::{Order, Status};
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::Setup;
 use metamorph_protocol::goal::Goal;
-use metamorph_protocol::ids::{ModuleId, Session};
-use metamorph_protocol::lattice::Face;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// The director of a swarm of cubes.
@@ -33,7 +33,7 @@ pub struct Director {
     known: Vec<Known>,
     /// The number of modules that are dead, or finalized in the present stage.
     done: usize,
-    dead: BTreeMap<ModuleId, BTreeSet<Session>>,
+    registrar: Registrar,
     commands: VecDeque<Command<Order>>,
     filled: usize,
     recount: bool,
@@ -75,7 +75,7 @@ impl Director {
             known: vec![Known::default(); modules],
             // Modules are dead until they are started.
             done: modules,
-            dead: BTreeMap::new(),
+            registrar: Registrar::default(),
             commands: VecDeque::new(),
             filled: 0,
             recount: true,
@@ -182,19 +182,11 @@ impl Director {
         }
     }
 
-    /// Tells all modules that touch a dead one that it is dead: its process has ended, so it cannot come back
-    /// in that contact session.
-    fn certify_deaths(&mut self, world: &CubeWorld) {
-        for (victim, told) in &mut self.dead {
-            let finalized = self.known[victim.index()].is_final(self.stage);
-            for contact in Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)) {
-                if told.insert(contact.session) {
-                    let (port, session) = (contact.peer_port, contact.session);
-                    let order = Order::Condemn { port, session, epoch: self.stage, finalized };
-                    self.commands.push_back(Command::Order(contact.peer, order));
-                }
-            }
-        }
+    /// Certifies deaths, and forwards who holds the dead.
+    fn tell_of_the_dead(&mut self, world: &CubeWorld) {
+        let (stage, known) = (self.stage, &self.known);
+        let seed = self.setup.goals[usize::from(stage)].seed();
+        self.registrar.tell(world, known, stage, seed, &mut self.commands);
     }
 
     fn count_filled(&mut self, now: Time, world: &CubeWorld) {
@@ -306,13 +298,17 @@ impl DirectorPort<CubeWorld> for Director {
             stage.known.get_or_insert(now);
         }
         self.recount |= report.role == Role::Final;
+        if self.registrar.has_news(id, &report) {
+            // It is forwarded as soon as the world can be read.
+            self.next_check = Time::ZERO;
+        }
         self.learn(id, Known { status: Some(report), ..self.known[id.index()] });
     }
 
-    fn died(&mut self, _now: Time, id: ModuleId) {
+    fn died(&mut self, now: Time, id: ModuleId) {
         self.faults.died(id);
         self.learn(id, Known { alive: false, ..self.known[id.index()] });
-        self.dead.insert(id, BTreeSet::new());
+        self.registrar.died(now, id);
         self.recount = true;
         // Deaths are certified as soon as the world can be read.
         self.next_check = Time::ZERO;
@@ -327,7 +323,7 @@ impl DirectorPort<CubeWorld> for Director {
         let before = self.known[id.index()].status.map_or(0, |s| s.prevented);
         self.prevented_before += u64::from(before);
         self.learn(id, Known { alive: true, restarted: true, status: None });
-        self.dead.remove(&id);
+        self.registrar.started(id);
         if self.stage > 0 {
             self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));
         }
@@ -341,7 +337,7 @@ impl DirectorPort<CubeWorld> for Director {
         while let Some(fault) = self.faults.due(now) {
             self.inject(now, fault, world);
         }
-        self.certify_deaths(world);
+        self.tell_of_the_dead(world);
         self.watch(now, world);
     }
 

@@ -21,6 +21,33 @@ pub const MOVER_HAS_NO_DEPENDANTS: Invariant = Invariant::new("mover-has-no-depe
 pub const FIELD_LOOP_FREE: Invariant = Invariant::new("field-loop-free");
 /// Each module keeps a cell for at most one other.
 pub const RESERVED_ONCE: Invariant = Invariant::new("reserved-once");
+/// A dead module touches one that stays for it: it is finalized, or cannot let go of it.
+pub const DEAD_HELD: Invariant = Invariant::new("dead-held");
+/// The holder of a dead module does not hang on it: it is finalized, or has the better rank.
+pub const HOLDER_DESCENDS: Invariant = Invariant::new("holder-descends");
+/// The best holder of a dead module that ever announced itself, for one death and goal, stays.
+pub const BEST_HOLDER_STAYS: Invariant = Invariant::new("best-holder-stays");
+
+/// Checks [`DEAD_HELD`] for one dead module, by the number of its neighbours that stay for it.
+pub fn dead_held(holders: usize) -> Result<(), String> {
+    if holders > 0 { Ok(()) } else { Err("no neighbour stays for it, and it is dead".into()) }
+}
+
+/// Checks [`HOLDER_DESCENDS`] for one holder: its rank, `None` if it is finalized, and the last rank of the
+/// dead module, `None` if it was carried as a walker.
+pub fn holder_descends(holder: Option<Rank>, dead: Option<Rank>) -> Result<(), String> {
+    match (holder, dead) {
+        (Some(holder), Some(dead)) if !holder.is_above(dead) => {
+            Err(format!("it announces that it holds a dead module of {dead}, with {holder}"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Checks [`BEST_HOLDER_STAYS`] for the best holder of one death.
+pub fn best_holder_stays(stays: bool) -> Result<(), String> {
+    if stays { Ok(()) } else { Err("it let go of a dead module, and was its best holder".into()) }
+}
 
 /// Checks [`PARENT_DESCENDS`] for one child: its rank, its parent's rank, and whether the parent has
 /// registered it.
@@ -88,6 +115,26 @@ mod tests {
         assert!(parent_descends(rank(1, 3), rank(1, 3), true).is_err());
         assert!(parent_descends(rank(1, 3), rank(0, 2), true).is_err());
         assert!(parent_descends(rank(1, 3), rank(1, 2), false).is_err());
+    }
+
+    #[test]
+    fn dead_held_fires() {
+        assert!(dead_held(1).is_ok());
+        assert!(dead_held(0).is_err());
+    }
+
+    #[test]
+    fn holder_descends_fires() {
+        let rank = |rooted, label| Some(Rank { rooted: Time(rooted), label });
+        assert!(holder_descends(None, rank(2, 3)).is_ok() && holder_descends(rank(2, 3), None).is_ok());
+        assert!(holder_descends(rank(2, 9), rank(1, 1)).is_ok());
+        assert!(holder_descends(rank(1, 1), rank(2, 9)).is_err());
+    }
+
+    #[test]
+    fn best_holder_stays_fires() {
+        assert!(best_holder_stays(true).is_ok());
+        assert!(best_holder_stays(false).is_err());
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! Sliding cubes: their world, the director of their goals, and their invariants.
 
 pub mod audit;
+mod custody_audit;
 pub mod diagnosis;
 pub mod director;
 
 pub mod invariants;
 pub mod reachability;
 pub mod reasons;
+pub mod registrar;
 pub mod world;

@@ -7,6 +7,7 @@
 mod safety;
 
 use crate::cube::audit::AuditKey;
+use crate::cube::custody_audit::Announced;
 use crate::world::grid::{Grid, Occupant};
 use crate::world::invariants::ONE_MODULE_PER_CELL;
 use crate::world::invariants::{Invariant, Violation};
@@ -74,6 +75,7 @@ pub struct CubeWorld {
     violations: Vec<Violation>,
     /// What each module was like when it was audited last and found sound.
     audited: Vec<Option<AuditKey>>,
+    pub(super) announced: Announced,
     /// Marks of the last search for connections, by module, and the number of the search.
     marks: Vec<(u64, u32)>,
     search: u64,
@@ -95,6 +97,7 @@ impl CubeWorld {
             motions: MotionCounts::default(),
             violations: Vec::new(),
             audited: vec![None; cells.len()],
+            announced: Announced::default(),
             marks: vec![(0, 0); cells.len()],
             search: 0,
         };
@@ -302,7 +305,7 @@ impl Hash for CubeWorld {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.bodies.hash(state);
         due(&self.due).hash(state);
-        (self.sessions, &self.joints).hash(state);
+        (self.sessions, &self.joints, &self.announced).hash(state);
     }
 }
 
@@ -319,6 +322,7 @@ impl World for CubeWorld {
 
     fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
         self.forget_audit(id);
+        self.forget_announced(id);
         let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
         if before == incarnation {
             // First incarnation: the sessions are as old as the contacts, only this module must hear of them.

@@ -36,6 +36,8 @@ pub trait Swarm<A> {
     fn modules(&self) -> usize;
     /// Returns the agent of the module with this number, if its process lives.
     fn living(&self, index: usize) -> Option<&A>;
+    /// Returns the agent of the module with this number, or its last state if its process has died.
+    fn last(&self, index: usize) -> Option<&A>;
 }
 
 /// Read access to the living agents, for audits.
@@ -51,6 +53,10 @@ impl<'a, A> Agents<'a, A> {
     /// Returns the agent of a module, if its process lives.
     pub fn get(&self, id: ModuleId) -> Option<&A> {
         self.swarm.living(id.index())
+    }
+    /// Returns the agent of a module, or its last state if its process has died.
+    pub fn last(&self, id: ModuleId) -> Option<&A> {
+        self.swarm.last(id.index())
     }
     /// Iterates over all living agents.
     pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {

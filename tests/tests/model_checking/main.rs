@@ -8,23 +8,30 @@ mod model;
 
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::cube::Cube;
+use metamorph_protocol::cube::control::{Order, Status};
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::{Connectivity, Params, Setup};
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::goal::{Goal, Growth};
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, Seed, SeedOrder};
 use metamorph_protocol::metamodule::params::{Floor, Strategy};
 use metamorph_protocol::metamodule::start::random_start;
 use metamorph_protocol::roombots::Kind;
+use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::cube::diagnosis::Known;
+use metamorph_sim_bridge::cube::registrar::Registrar;
 use metamorph_sim_bridge::cube::world::CubeWorld;
 use metamorph_sim_bridge::kernel::audited::Audited;
 use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
+use metamorph_sim_bridge::world::World;
 use metamorph_tests::metamodules::{Assembly, Goal as Shape};
-use model::{BUILT, BUILT_IN_TIME, Bounds, Budget, SAFE, SwarmModel};
+use model::{BUILT, BUILT_IN_TIME, Bounds, Budget, Controller, SAFE, SwarmModel};
 use stateright::{Checker, HasDiscoveries, Model};
+use std::collections::VecDeque;
 use std::hash::Hash;
 use std::sync::Arc;
 
@@ -44,6 +51,7 @@ fn metamodules_of(count: u8, strategy: Strategy, budget: Budget) -> SwarmModel<M
     let setup = Arc::new(setup);
     let params = setup.params;
     SwarmModel {
+        controller: (),
         world: MetamoduleWorld::new(Arc::clone(&setup), &start, 1),
         setup,
         seed: 1,
@@ -59,6 +67,47 @@ fn metamodules_of(count: u8, strategy: Strategy, budget: Budget) -> SwarmModel<M
     }
 }
 
+/// A controller that certifies the deaths of cubes and forwards which modules hold the dead.
+#[derive(Clone, Hash)]
+struct Certifying {
+    registrar: Registrar,
+    known: Vec<Known>,
+    seed: Cell,
+}
+
+impl Controller<CubeWorld> for Certifying {
+    fn died(&mut self, now: Time, id: ModuleId) {
+        self.known[id.index()].alive = false;
+        self.registrar.died(now, id);
+    }
+    fn started(&mut self, id: ModuleId) {
+        self.known[id.index()] = Known { alive: true, restarted: true, status: None };
+        self.registrar.started(id);
+    }
+    fn report(&mut self, id: ModuleId, report: &Status) {
+        self.known[id.index()].status = Some(*report);
+        self.registrar.has_news(id, report);
+    }
+    fn orders(&mut self, world: &CubeWorld) -> Vec<(ModuleId, Order)> {
+        let mut commands = VecDeque::new();
+        self.registrar.tell(world, &self.known, 0, self.seed, &mut commands);
+        let orders = commands.into_iter().filter_map(|command| match command {
+            Command::Order(id, order) => Some((id, order)),
+            _ => None,
+        });
+        orders.collect()
+    }
+}
+
+/// Returns the same model with a controller.
+fn certified(model: SwarmModel<CubeWorld>) -> SwarmModel<CubeWorld, Certifying> {
+    let SwarmModel { controller: (), setup, world, seed, bounds, done, needed } = model;
+    let known = vec![Known { alive: true, ..Known::default() }; world.len()];
+    let registrar = Registrar::default();
+    let controller = Certifying { registrar, known, seed: setup.goals[0].seed() };
+    SwarmModel { controller, setup, world, seed, bounds, done, needed }
+}
+
 /// Returns a model of cubes in the start cells that are to fill the goal cells; the first of these is the
 /// seed.
 fn cubes(start: &[[i16; 3]], goal: &[[i16; 3]], budget: Budget) -> SwarmModel<CubeWorld> {
@@ -71,6 +120,7 @@ fn cubes(start: &[[i16; 3]], goal: &[[i16; 3]], budget: Budget) -> SwarmModel<Cu
     };
     let start: Vec<Cell> = start.iter().copied().map(Cell::from).collect();
     SwarmModel {
+        controller: (),
         setup: Arc::new(setup),
         world: CubeWorld::new(&start, MOVE, 1),
         seed: 1,
@@ -97,11 +147,13 @@ struct Found {
 
 /// Explores breadth first, so that the run found is a shortest one; up to `most` states.
 #[allow(clippy::print_stdout, reason = "the counts are a result of the test")]
-fn explore<W>(name: &str, model: SwarmModel<W>, most: usize) -> Found
+fn explore<W, C>(name: &str, model: SwarmModel<W, C>, most: usize) -> Found
 where
     W: Audited + Clone + Hash + Send + Sync + 'static,
     W::Agent: Clone + Hash + Send + Sync,
+    C: Controller<W> + 'static,
     <W::Agent as Agent>::Message: Hash + Send + Sync,
+    <W::Agent as Agent>::Order: Hash + Send + Sync,
     <W::Agent as Agent>::Percept: Send + Sync,
 {
     let budget = model.bounds.budget;
@@ -129,11 +181,13 @@ where
 }
 
 /// Asserts that every run within the budget is safe, and builds the goal in time unless a module crashed.
-fn holds<W>(name: &str, model: SwarmModel<W>)
+fn holds<W, C>(name: &str, model: SwarmModel<W, C>)
 where
     W: Audited + Clone + Hash + Send + Sync + 'static,
     W::Agent: Clone + Hash + Send + Sync,
+    C: Controller<W> + 'static,
     <W::Agent as Agent>::Message: Hash + Send + Sync,
+    <W::Agent as Agent>::Order: Hash + Send + Sync,
     <W::Agent as Agent>::Percept: Send + Sync,
 {
     let found = explore(name, model, 5_000_000);
@@ -184,6 +238,13 @@ fn stopped_and_crashed_processes() {
     holds("rivals", cubes(&RIVALS, &TWO_HIGH, budget(|b| (b.crashed, b.restarted) = (1, 1))));
 }
 
+/// A dead module stays held, whenever it dies and its neighbours hear of it.
+#[test]
+fn custody_of_the_dead() {
+    holds("a row", certified(cubes(&ROW, &TOWER, budget(|b| b.crashed = 1))));
+    holds("a plate", certified(cubes(&PLATE, &TOWER, budget(|b| b.crashed = 1))));
+}
+
 /// Metamodules and as many seeds, without a controller.
 #[test]
 fn metamodules() {
@@ -222,6 +283,17 @@ fn a_missing_deadline_is_found() {
     let found = explore("no deadline", model, 20_000);
     let run = found.unsafe_run.expect("the checker does not see a late move");
     assert!(run.contains("move-within-lease"), "{run}");
+}
+
+/// The same with orders that overtake each other, and with modules that are started again.
+#[test]
+#[ignore = "minutes"]
+fn custody_with_larger_budgets() {
+    holds("a row", certified(cubes(&ROW, &TWO_HIGH, budget(|b| (b.crashed, b.restarted) = (1, 1)))));
+    holds("a row", certified(cubes(&ROW, &TWO_HIGH, budget(|b| (b.crashed, b.late) = (1, 1)))));
+    holds("a row", certified(cubes(&ROW, &TWO_HIGH, budget(|b| b.crashed = 2))));
+    holds("a plate", certified(cubes(&PLATE, &TWO_HIGH, budget(|b| b.crashed = 2))));
+    holds("a plate", certified(cubes(&PLATE, &TWO_HIGH, budget(|b| (b.crashed, b.lost) = (1, 1)))));
 }
 
 #[test]

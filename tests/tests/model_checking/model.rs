@@ -12,7 +12,8 @@
 //! *What is not.* More deviations than the budget; other delays than those named; timers that fire late
 //! without a pause; events after the goal is built or after [`Bounds::horizon`]. Agents draw their random
 //! numbers for [`SwarmModel::seed`] only. Two modules that act at one instant do so in the order of their
-//! numbers. There is no controller, so no module is told of deaths or of later goals.
+//! numbers. The controller, if there is one, certifies deaths and forwards reports about them; its orders take as
+//! long as messages and may be late, and are not lost. There are no later goals.
 
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output};
 use metamorph_protocol::host::AgentHost;
@@ -20,6 +21,7 @@ use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::kernel::audited::{Agents, Audited, Swarm};
+use metamorph_sim_bridge::world::World;
 use stateright::{Model, Property};
 use std::fmt;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -57,8 +59,31 @@ pub struct Bounds {
     pub horizon: Time,
 }
 
+/// The part of the world-controller that is explored: what it knows, and its orders.
+pub trait Controller<W: World>: Clone + Hash + Send + Sync {
+    /// Notes that the process of a module was killed.
+    fn died(&mut self, now: Time, id: ModuleId);
+    /// Notes that it was started again.
+    fn started(&mut self, id: ModuleId);
+    /// Takes up a report.
+    fn report(&mut self, id: ModuleId, report: &<W::Agent as Agent>::Report);
+    /// Returns the orders that follow.
+    fn orders(&mut self, world: &W) -> Vec<(ModuleId, <W::Agent as Agent>::Order)>;
+}
+
+/// No controller.
+impl<W: World> Controller<W> for () {
+    fn died(&mut self, _: Time, _: ModuleId) {}
+    fn started(&mut self, _: ModuleId) {}
+    fn report(&mut self, _: ModuleId, _: &<W::Agent as Agent>::Report) {}
+    fn orders(&mut self, _: &W) -> Vec<(ModuleId, <W::Agent as Agent>::Order)> {
+        Vec::new()
+    }
+}
+
 /// A small swarm.
-pub struct SwarmModel<W: Audited> {
+pub struct SwarmModel<W: Audited, C = ()> {
+    pub controller: C,
     pub setup: Arc<<W::Agent as Agent>::Setup>,
     pub world: W,
     pub seed: u64,
@@ -89,22 +114,29 @@ pub enum Step {
     Restart(ModuleId),
 }
 
-/// A message under way.
+/// A message or an order under way.
 #[derive(Clone, PartialEq, Eq, Hash)]
-struct InFlight<M> {
+struct InFlight<M, O> {
     due: Time,
-    from: ModuleId,
+    /// The sender; `None` if it is the controller.
+    from: Option<ModuleId>,
     to: ModuleId,
-    port: Port,
-    session: Session,
-    message: Arc<M>,
+    load: Load<M, O>,
 }
+
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+enum Load<M, O> {
+    Message(Port, Session, Arc<M>),
+    Order(O),
+}
+
+type InFlightOf<W> = InFlight<<<W as World>::Agent as Agent>::Message, <<W as World>::Agent as Agent>::Order>;
 
 /// An input to a stopped process.
 #[derive(Clone, Debug)]
-enum Waiting<P, M> {
+enum Waiting<P, M, O> {
     Sensed(Sensed<P>),
-    Message(Port, Session, Arc<M>),
+    Load(Load<M, O>),
 }
 
 /// The process of a module. Agents are large and most steps change one, so states share them.
@@ -115,7 +147,7 @@ struct Process<A: Agent> {
     contacts: Vec<Option<Contact>>,
     revision: Revision,
     paused: Option<Time>,
-    waiting: Vec<Waiting<A::Percept, A::Message>>,
+    waiting: Vec<Waiting<A::Percept, A::Message, A::Order>>,
     /// The digest of all fields above.
     digest: u64,
 }
@@ -149,11 +181,12 @@ impl<A: Agent + Hash> Process<A> {
 }
 
 /// A state of a run.
-pub struct Moment<W: Audited> {
+pub struct Moment<W: Audited, C = ()> {
+    controller: C,
     now: Time,
     world: Arc<W>,
     processes: Processes<W::Agent>,
-    under_way: Vec<InFlight<<W::Agent as Agent>::Message>>,
+    under_way: Vec<InFlightOf<W>>,
     left: Budget,
     /// The first invariant that broke.
     pub broken: Option<String>,
@@ -169,11 +202,15 @@ impl<A: Agent> Swarm<A> for Processes<A> {
     fn living(&self, index: usize) -> Option<&A> {
         self.0.get(index).filter(|p| p.alive).map(|p| p.agent.agent())
     }
+    fn last(&self, index: usize) -> Option<&A> {
+        self.0.get(index).map(|p| p.agent.agent())
+    }
 }
 
-impl<W: Audited> Clone for Moment<W> {
+impl<W: Audited, C: Clone> Clone for Moment<W, C> {
     fn clone(&self) -> Self {
         Moment {
+            controller: self.controller.clone(),
             now: self.now,
             world: Arc::clone(&self.world),
             processes: Processes(self.processes.0.clone()),
@@ -185,11 +222,13 @@ impl<W: Audited> Clone for Moment<W> {
     }
 }
 
-impl<W: Audited + Hash> Hash for Moment<W>
+impl<W: Audited + Hash, C: Hash> Hash for Moment<W, C>
 where
     <W::Agent as Agent>::Message: Hash,
+    <W::Agent as Agent>::Order: Hash,
 {
     fn hash<H: Hasher>(&self, state: &mut H) {
+        self.controller.hash(state);
         self.now.hash(state);
         self.world.hash(state);
         self.processes.0.iter().for_each(|p| p.digest.hash(state));
@@ -198,17 +237,18 @@ where
     }
 }
 
-impl<W: Audited> fmt::Debug for Moment<W> {
+impl<W: Audited, C> fmt::Debug for Moment<W, C> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "at {}: {} messages under way", self.now, self.under_way.len())?;
         self.broken.iter().try_for_each(|broken| write!(f, ", {broken}"))
     }
 }
 
-impl<W: Audited> PartialEq for Moment<W>
+impl<W: Audited, C: Hash> PartialEq for Moment<W, C>
 where
     W: Hash,
     <W::Agent as Agent>::Message: Hash,
+    <W::Agent as Agent>::Order: Hash,
 {
     /// As exact as the checker itself, which tells states apart by their hash.
     fn eq(&self, other: &Self) -> bool {
@@ -221,12 +261,13 @@ where
     }
 }
 
-impl<W> SwarmModel<W>
+impl<W, C> SwarmModel<W, C>
 where
     W: Audited + Clone,
     W::Agent: Clone + Hash,
+    C: Controller<W>,
 {
-    fn begin(&self) -> Moment<W> {
+    fn begin(&self) -> Moment<W, C> {
         let mut world = self.world.clone();
         let process = |id| {
             let place = world.place(id);
@@ -246,6 +287,7 @@ where
             world.start(Time::ZERO, id, Incarnation(0));
         }
         let mut moment = Moment {
+            controller: self.controller.clone(),
             now: Time::ZERO,
             world: Arc::new(world),
             processes: Processes(processes),
@@ -271,7 +313,7 @@ where
 
     /// Returns the messages that are due at the first module that has any: those of one sender in their
     /// order. Events of other modules at the same instant do not depend on them.
-    fn due(&self, moment: &Moment<W>) -> Vec<usize> {
+    fn due(&self, moment: &Moment<W, C>) -> Vec<usize> {
         let mut due: Vec<usize> = Vec::new();
         let is_due = |i: &usize| moment.under_way[*i].due <= moment.now;
         let Some(to) = (0..moment.under_way.len()).filter(is_due).map(|i| moment.under_way[i].to).min()
@@ -287,7 +329,7 @@ where
         due
     }
 
-    fn choices(&self, moment: &Moment<W>) -> Vec<Step> {
+    fn choices(&self, moment: &Moment<W, C>) -> Vec<Step> {
         let (left, bounds) = (moment.left, &self.bounds);
         let mut steps = Vec::new();
         if moment.broken.is_some() || moment.built || moment.now > bounds.horizon {
@@ -296,10 +338,11 @@ where
         let due = self.due(moment);
         for i in &due {
             steps.push(Step::Deliver(*i));
-            if left.lost > 0 {
+            let is_message = moment.under_way[*i].from.is_some();
+            if left.lost > 0 && is_message {
                 steps.push(Step::Lose(*i));
             }
-            if left.doubled > 0 {
+            if left.doubled > 0 && is_message {
                 steps.extend(bounds.late.iter().map(|by| Step::Double(*i, *by)));
             }
             if left.late > 0 {
@@ -327,14 +370,14 @@ where
     }
 
     /// Advances as long as there is no choice.
-    fn hurry(&self, mut moment: Moment<W>) -> Moment<W> {
+    fn hurry(&self, mut moment: Moment<W, C>) -> Moment<W, C> {
         while let [only] = &self.choices(&moment)[..] {
             moment = self.take(&moment, only);
         }
         moment
     }
 
-    fn take(&self, moment: &Moment<W>, step: &Step) -> Moment<W> {
+    fn take(&self, moment: &Moment<W, C>, step: &Step) -> Moment<W, C> {
         let mut next = moment.clone();
         match step {
             Step::Advance => self.advance(&mut next),
@@ -366,6 +409,8 @@ where
                 let process = &mut next.processes.0[id.index()];
                 (process.alive, process.paused) = (false, None);
                 process.waiting.clear();
+                next.controller.died(next.now, *id);
+                self.settle(&mut next);
             }
             Step::Restart(id) => {
                 next.left.restarted -= 1;
@@ -375,6 +420,7 @@ where
                 process.agent = Arc::new(self.born(*id, incarnation, place, next.now));
                 (process.alive, process.incarnation) = (true, incarnation);
                 process.contacts.fill(None);
+                next.controller.started(*id);
                 Arc::make_mut(&mut next.world).start(next.now, *id, incarnation);
                 self.settle(&mut next);
             }
@@ -384,7 +430,7 @@ where
     }
 
     /// Advances to the next event.
-    fn advance(&self, moment: &mut Moment<W>) {
+    fn advance(&self, moment: &mut Moment<W, C>) {
         let running =
             |p: &Process<W::Agent>| if p.alive { p.paused.unwrap_or(p.agent.wake_at()) } else { Time::NEVER };
         let timers = moment.processes.0.iter().map(running);
@@ -403,9 +449,7 @@ where
                     for waiting in std::mem::take(&mut process.waiting) {
                         match waiting {
                             Waiting::Sensed(sensed) => self.sense(moment, id, sensed),
-                            Waiting::Message(port, session, message) => {
-                                self.receive(moment, id, port, session, &message)
-                            }
+                            Waiting::Load(load) => self.receive(moment, id, load),
                         }
                     }
                     self.feed(moment, id, Input::Wake);
@@ -416,30 +460,33 @@ where
         }
     }
 
-    fn arrive(&self, moment: &mut Moment<W>, parcel: InFlight<<W::Agent as Agent>::Message>) {
+    fn arrive(&self, moment: &mut Moment<W, C>, parcel: InFlightOf<W>) {
         let process = &mut moment.processes.0[parcel.to.index()];
         if process.paused.is_some() {
-            process.waiting.push(Waiting::Message(parcel.port, parcel.session, parcel.message));
+            process.waiting.push(Waiting::Load(parcel.load));
         } else if process.alive {
-            self.receive(moment, parcel.to, parcel.port, parcel.session, &parcel.message);
+            self.receive(moment, parcel.to, parcel.load);
         }
     }
 
     fn receive(
         &self,
-        moment: &mut Moment<W>,
+        moment: &mut Moment<W, C>,
         to: ModuleId,
-        port: Port,
-        session: Session,
-        message: &<W::Agent as Agent>::Message,
+        load: Load<<W::Agent as Agent>::Message, <W::Agent as Agent>::Order>,
     ) {
-        let current = moment.processes.0[to.index()].contacts[port.index()].map(|c| c.session);
-        if current == Some(session) {
-            self.feed(moment, to, Input::Message { port, message: message.clone() });
+        match load {
+            Load::Message(port, session, message) => {
+                let current = moment.processes.0[to.index()].contacts[port.index()].map(|c| c.session);
+                if current == Some(session) {
+                    self.feed(moment, to, Input::Message { port, message: (*message).clone() });
+                }
+            }
+            Load::Order(order) => self.feed(moment, to, Input::Order(order)),
         }
     }
 
-    fn sense(&self, moment: &mut Moment<W>, id: ModuleId, sensed: Sensed<<W::Agent as Agent>::Percept>) {
+    fn sense(&self, moment: &mut Moment<W, C>, id: ModuleId, sensed: Sensed<<W::Agent as Agent>::Percept>) {
         let process = &mut moment.processes.0[id.index()];
         if !process.alive {
             return;
@@ -458,9 +505,9 @@ where
         self.feed(moment, id, input);
     }
 
-    fn feed(&self, moment: &mut Moment<W>, id: ModuleId, input: InputOf<W::Agent>) {
+    fn feed(&self, moment: &mut Moment<W, C>, id: ModuleId, input: InputOf<W::Agent>) {
         let now = moment.now;
-        let Moment { world, processes, under_way, .. } = moment;
+        let Moment { world, processes, under_way, controller, .. } = moment;
         let mut found = Vec::new();
         Arc::make_mut(&mut processes.0[id.index()].agent).handle(now, input);
         while let Some(output) = Arc::make_mut(&mut processes.0[id.index()].agent).poll() {
@@ -469,11 +516,9 @@ where
                     if let Some(contact) = processes.0[id.index()].contacts[port.index()] {
                         let parcel = InFlight {
                             due: now + self.bounds.delay,
-                            from: id,
+                            from: Some(id),
                             to: contact.peer,
-                            port: contact.peer_port,
-                            session: contact.session,
-                            message: Arc::new(message),
+                            load: Load::Message(contact.peer_port, contact.session, Arc::new(message)),
                         };
                         post(under_way, parcel);
                     }
@@ -483,7 +528,7 @@ where
                     Arc::make_mut(world).act(now, id, revision, &action);
                     world.audit_action(now, id, &Agents::of(processes), &mut found);
                 }
-                Output::Report(_) => {}
+                Output::Report(report) => controller.report(id, &report),
             }
         }
         Arc::make_mut(world).audit_agent(now, id, &Agents::of(processes), &mut found);
@@ -491,15 +536,19 @@ where
         self.settle(moment);
     }
 
-    /// Hands agents what their bodies sensed.
-    fn settle(&self, moment: &mut Moment<W>) {
+    /// Hands agents what their bodies sensed, and sends the controller's orders.
+    fn settle(&self, moment: &mut Moment<W, C>) {
         while let Some((id, sensed)) = Arc::make_mut(&mut moment.world).poll() {
             self.sense(moment, id, sensed);
+        }
+        for (to, order) in moment.controller.orders(&moment.world) {
+            let due = moment.now + self.bounds.delay;
+            post(&mut moment.under_way, InFlight { due, from: None, to, load: Load::Order(order) });
         }
     }
 
     /// Checks the properties of a complete state.
-    fn conclude(&self, moment: &mut Moment<W>) {
+    fn conclude(&self, moment: &mut Moment<W, C>) {
         let mut found = Arc::make_mut(&mut moment.world).take_violations();
         Arc::make_mut(&mut moment.world).audit_all(moment.now, &Agents::of(&moment.processes), &mut found);
         moment.broken = moment.broken.take().or_else(|| found.first().map(ToString::to_string));
@@ -510,7 +559,7 @@ where
 }
 
 /// Inserts a message in its order: by time, then in the order of sending.
-fn post<M>(under_way: &mut Vec<InFlight<M>>, parcel: InFlight<M>) {
+fn post<M, O>(under_way: &mut Vec<InFlight<M, O>>, parcel: InFlight<M, O>) {
     let at = under_way.partition_point(|p| p.due <= parcel.due);
     under_way.insert(at, parcel);
 }
@@ -523,32 +572,34 @@ pub const BUILT: &str = "built";
 /// crash, which may take the last module for a cell.
 pub const BUILT_IN_TIME: &str = "built in time";
 
-impl<W> Model for SwarmModel<W>
+impl<W, C> Model for SwarmModel<W, C>
 where
     W: Audited + Clone + Hash,
     W::Agent: Clone + Hash,
     <W::Agent as Agent>::Message: Hash,
+    <W::Agent as Agent>::Order: Hash,
+    C: Controller<W>,
 {
-    type State = Moment<W>;
+    type State = Moment<W, C>;
     type Action = Step;
 
-    fn init_states(&self) -> Vec<Moment<W>> {
+    fn init_states(&self) -> Vec<Moment<W, C>> {
         vec![self.begin()]
     }
 
-    fn actions(&self, moment: &Moment<W>, steps: &mut Vec<Step>) {
+    fn actions(&self, moment: &Moment<W, C>, steps: &mut Vec<Step>) {
         steps.extend(self.choices(moment));
     }
 
-    fn next_state(&self, moment: &Moment<W>, step: Step) -> Option<Moment<W>> {
+    fn next_state(&self, moment: &Moment<W, C>, step: Step) -> Option<Moment<W, C>> {
         Some(self.hurry(self.take(moment, &step)))
     }
 
     fn properties(&self) -> Vec<Property<Self>> {
         vec![
-            Property::always(SAFE, |_, moment: &Moment<W>| moment.broken.is_none()),
-            Property::sometimes(BUILT, |_, moment: &Moment<W>| moment.built),
-            Property::always(BUILT_IN_TIME, |model: &Self, moment: &Moment<W>| {
+            Property::always(SAFE, |_, moment: &Moment<W, C>| moment.broken.is_none()),
+            Property::sometimes(BUILT, |_, moment: &Moment<W, C>| moment.built),
+            Property::always(BUILT_IN_TIME, |model: &Self, moment: &Moment<W, C>| {
                 let crashed = moment.left.crashed < model.bounds.budget.crashed;
                 moment.built || crashed || moment.now <= model.bounds.horizon
             }),

@@ -16,6 +16,11 @@ pub trait Question {
     /// Returns the widest rules under which progress is proved impossible, or else the search's result.
     /// `misplaced` says whether more may be possible with the goal at another place.
     fn judge(&self, misplaced: bool) -> Result<RuleSet, Found>;
+    /// Returns whether any robot with these modules could have built the whole goal; `None` if the search does
+    /// not decide it.
+    fn could_be_built(&self) -> Option<bool> {
+        None
+    }
     /// Returns true if intact modules are at fault when nothing can be done any more, because they brought
     /// themselves there.
     fn blames_whole_modules(&self) -> bool {

@@ -1,7 +1,9 @@
+//! Tests of the messages: every one survives the wire, and garbage is refused.
+
 use super::*;
 use crate::counters::Class;
 use crate::cube::body::{Move, Percept, Refusal};
-use crate::cube::control::{Order, Status};
+use crate::cube::control::{CustodyAnnouncement, Order, Status};
 use crate::cube::route::MAX_HOPS;
 use crate::ids::{Incarnation, Port, Session};
 use crate::lattice::{Cell, Motion, MotionKind};
@@ -38,6 +40,7 @@ fn beacon() -> Beacon {
         final_hops: 3,
         terrain: 0b11_0101,
         finals: 0b00_0001,
+        filled: 0b00_0011,
         rank: Rank { rooted: Time(0x0C0D), label: 0x0A0B },
         renew: Time(0x0E0F),
         claim: Claim::Parent(Token(0xAABB_CCDD)),
@@ -84,8 +87,16 @@ fn every_message_survives_the_wire_and_knows_its_length() {
     for percept in [Percept::Arrived(Cell::new(1, 2, 3)), Percept::Failed, Percept::Refused(Refusal::Late)] {
         assert_eq!(Frame::seal(header(), &percept).message::<Percept>(), Ok(percept));
     }
-    let condemn = Order::Condemn { port: Port(5), session: Session(6), epoch: 1, finalized: true };
-    for order in [Order::Goal { epoch: 3 }, condemn] {
+    let condemn =
+        Order::Condemn { port: Port(5), session: Session(6), epoch: 1, finalized: true, died: Time(8) };
+    let custody = CustodyAnnouncement {
+        dead: Cell::new(1, -2, 3),
+        died: Time(9),
+        epoch: 1,
+        face: Face::Up,
+        is_final: true,
+    };
+    for order in [Order::Goal { epoch: 3 }, condemn, Order::Custody(custody)] {
         assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));
     }
     let motion = Motion { kind: MotionKind::Convex, support: Face::Down, heading: Face::East };
@@ -97,7 +108,7 @@ fn every_message_survives_the_wire_and_knows_its_length() {
 #[test]
 fn golden_beacon() {
     let bytes = Frame::seal(header(), &Message::Beacon(beacon())).to_bytes();
-    let expected: [u8; 79] = [
+    let expected: [u8; 80] = [
         4,
         3,
         2,
@@ -111,6 +122,7 @@ fn golden_beacon() {
         0b0101_0100,
         0x35,
         0x01,
+        0x03,
         0x0B,
         0x0A,
         0x0D,
@@ -178,7 +190,7 @@ fn golden_beacon() {
         0,
         0,
     ];
-    assert_eq!(bytes[HEADER..HEADER + 79], expected);
+    assert_eq!(bytes[HEADER..HEADER + 80], expected);
 }
 
 #[test]

@@ -144,6 +144,9 @@ impl<A: Agent> Swarm<A> for Vec<Module<A>> {
     fn living(&self, index: usize) -> Option<&A> {
         self.get(index).filter(|m| m.is_alive()).and_then(|m| m.agent.as_ref()).map(AgentHost::agent)
     }
+    fn last(&self, index: usize) -> Option<&A> {
+        self.get(index).and_then(|m| m.agent.as_ref()).map(AgentHost::agent)
+    }
 }
 
 /// Returns a message after a bit of its frame has flipped: refused almost always.

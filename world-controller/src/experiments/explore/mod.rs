@@ -41,7 +41,7 @@ use std::thread;
 use std::time::Duration;
 use summary::{Found, Summary, Tallies};
 use thiserror::Error;
-use verdict::{Failure, Kind, Verdict, judge};
+use verdict::{Failure, Kind, Verdict, could_be_built, judge};
 
 /// Kinds of failures that are shrunk at most.
 const MOST_FOUND: usize = 16;
@@ -111,6 +111,8 @@ pub struct Ran {
     pub reason: Option<&'static str>,
     /// The verdict.
     pub verdict: Verdict,
+    /// Whether any robot with these modules could have built the goal; `None` if no search decided it.
+    pub could: Option<bool>,
     /// The outcome; `None` if the run panicked.
     pub outcome: Option<Outcome>,
     /// Coverage points reached.
@@ -138,6 +140,7 @@ pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
             protocol,
             reason: None,
             verdict,
+            could: None,
             outcome: None,
             marks,
             events: 0,
@@ -146,15 +149,19 @@ pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
         });
     };
     let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
-    (outcome != Some(Outcome::Aborted)).then(|| Ran {
-        protocol,
-        reason: account.stall.as_ref().map(|stall| stall.text),
-        verdict: judge(&report, &account),
-        outcome,
-        marks,
-        events: report.messages.all.delivered + report.body_messages,
-        moves: report.moves,
-        messages: report.messages.total,
+    (outcome != Some(Outcome::Aborted)).then(|| {
+        let (verdict, could) = could_be_built(judge(&report, &account), &account);
+        Ran {
+            protocol,
+            reason: account.stall.as_ref().map(|stall| stall.text),
+            could,
+            verdict,
+            outcome,
+            marks,
+            events: report.messages.all.delivered + report.body_messages,
+            moves: report.moves,
+            messages: report.messages.total,
+        }
     })
 }
 

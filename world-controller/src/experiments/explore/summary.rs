@@ -7,7 +7,6 @@ use crate::console::terminal::Paint;
 use crate::family::{Family, all};
 use crate::scenario::quote;
 use metamorph_protocol::coverage::CoveragePoint;
-use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::proof::RuleSet;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -15,7 +14,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 /// The version of the layout of [`Summary`].
-pub const SCHEMA: u32 = 4;
+pub const SCHEMA: u32 = 5;
 /// Seeds listed per group of similar runs at most.
 const NAMED: usize = 20;
 
@@ -28,6 +27,17 @@ pub struct Failures {
     pub first: Vec<u64>,
     /// The observation in the first.
     pub what: String,
+}
+
+/// The runs that any robot with the same modules could have built, and those of them that were.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Could {
+    /// Runs that were built.
+    pub built: u64,
+    /// Runs that were built, or for which a search found a plan of any robot.
+    pub of: u64,
+    /// Runs for which a search found neither a plan nor a proof that there is none.
+    pub undecided: u64,
 }
 
 /// Runs not built because of a rule of the protocol.
@@ -60,6 +70,7 @@ pub struct Tallies {
     events: u64,
     moves: u64,
     messages: u64,
+    could: Could,
     outcomes: BTreeMap<&'static str, u64>,
     infeasible: BTreeMap<RuleSet, u64>,
     undecided: BTreeMap<String, Undecided>,
@@ -78,8 +89,10 @@ impl Tallies {
         for mark in CoveragePoint::ALL.iter().filter(|m| ran.marks.has(**m)) {
             *self.marks.entry(*mark).or_default() += 1;
         }
+        self.could.of += u64::from(ran.could == Some(true));
+        self.could.undecided += u64::from(ran.could.is_none());
         match &ran.verdict {
-            Verdict::Built => {}
+            Verdict::Built => self.could.built += 1,
             Verdict::Infeasible(within) => *self.infeasible.entry(*within).or_default() += 1,
             Verdict::Excused(reason) => self.note_undecided(reason, ran.reason, number),
             Verdict::Failed(failure) => {
@@ -134,10 +147,8 @@ pub struct Summary {
     pub messages: u64,
     /// Number of runs by outcome.
     pub outcomes: BTreeMap<&'static str, u64>,
-    /// Runs whose goal is not known to be unbuildable: all but those that are impossible or undecided.
-    pub buildable: u64,
-    /// Of these, runs that were built.
-    pub built: u64,
+    /// How many runs any robot could have built, and how many were.
+    pub could: Could,
     /// Failed runs: an invariant was violated, a plan existed within the rules, or an undecided standstill
     /// had no excuse.
     pub failed: u64,
@@ -195,7 +206,6 @@ impl Summary {
         }
         let failed = tallies.failed();
         let impossible = tallies.infeasible.remove(&RuleSet::Anything).unwrap_or(0);
-        let undecided: u64 = tallies.undecided.values().map(|u| u.runs).sum();
         let rules = tallies.infeasible.iter();
         let rules = rules.map(|(rule, runs)| Rule { rule: *rule, text: kept(*rule), runs: *runs }).collect();
         // Coverage points of families that were not explored cannot be reached.
@@ -212,8 +222,7 @@ impl Summary {
             events: tallies.events,
             moves: tallies.moves,
             messages: tallies.messages,
-            buildable: tallies.runs - impossible - undecided,
-            built: tallies.outcomes.get(Outcome::Built.name()).copied().unwrap_or(0),
+            could: tallies.could,
             failed,
             rules,
             impossible,
@@ -246,7 +255,10 @@ pub fn text(summary: &Summary, paint: Paint) -> String {
 
 /// Writes what could be built, what was, and why the rest was not.
 fn write_shares(out: &mut String, summary: &Summary) -> std::fmt::Result {
-    writeln!(out, "  built {} of {} that could be", count(summary.built), count(summary.buildable))?;
+    let Could { built, of, undecided } = summary.could;
+    let undecided = if undecided == 0 { String::new() } else { format!(" ({} undecided)", count(undecided)) };
+    let (built, of) = (count(built), count(of));
+    writeln!(out, "  built {built} of {of} that any robot could have built{undecided}")?;
     let line = |out: &mut String, n: u64, text: &str| writeln!(out, "    {:>9}  {text}", count(n));
     if !summary.rules.is_empty() {
         let excused = count(summary.rules.iter().map(|rule| rule.runs).sum());
@@ -332,12 +344,18 @@ fn spaced<'a>(seeds: impl IntoIterator<Item = &'a u64>) -> String {
 mod tests {
     use super::*;
     use metamorph_protocol::coverage::CoveragePoints;
+    use metamorph_sim_bridge::director::outcome::Outcome;
 
     fn ran(outcome: Outcome, verdict: Verdict) -> Ran {
         let (protocol, marks) = ("cube, forest".to_owned(), CoveragePoints::default());
         Ran {
             protocol,
             reason: None,
+            could: match verdict {
+                Verdict::Built | Verdict::Infeasible(RuleSet::Called) => Some(true),
+                Verdict::Infeasible(RuleSet::Anything) => Some(false),
+                _ => None,
+            },
             verdict,
             outcome: Some(outcome),
             marks,
@@ -368,16 +386,18 @@ mod tests {
             tallies.add(number, &ran(outcome, verdict));
         }
         let summary = Summary::new(10, None, tallies, Vec::new());
-        assert_eq!((summary.runs, summary.buildable, summary.built, summary.failed), (runs, 6, 2, 2));
+        let Could { built, of, undecided } = summary.could;
+        assert_eq!((summary.runs, summary.failed), (runs, 2));
+        assert_eq!((built, of, undecided), (2, 4, 4));
         assert_eq!((summary.impossible, summary.undecided.len()), (1, 2));
         let excused: u64 = summary.rules.iter().map(|r| r.runs).sum();
         let undecided: u64 = summary.undecided.values().map(|u| u.runs).sum();
         // One of the two failures is undecided.
-        assert_eq!(summary.built + excused + summary.impossible + undecided + summary.failed - 1, runs);
+        assert_eq!(built + excused + summary.impossible + undecided + summary.failed - 1, runs);
         let text = text(&summary, Paint::PLAIN);
         for part in [
             "9 runs from seed 10: 2 failed",
-            "built 2 of 6 that could be",
+            "built 2 of 4 that any robot could have built (4 undecided)",
             "3 not built because a rule",
             "2  only modules that can learn of the goal",
             "1 that no robot could build",

@@ -62,6 +62,22 @@ pub struct Failure {
     pub what: String,
 }
 
+/// Returns a verdict, and whether any robot with these modules could have built the goal; `None` if no search
+/// decided it. A proof that none could replaces one within narrower rules.
+pub fn could_be_built(verdict: Verdict, ran: &RunResult) -> (Verdict, Option<bool>) {
+    let could = match verdict {
+        Verdict::Built => Some(true),
+        Verdict::Infeasible(RuleSet::Anything) => Some(false),
+        _ => ran.snapshot.as_deref().and_then(|question| question.could_be_built()),
+    };
+    match (verdict, could) {
+        (Verdict::Infeasible(_) | Verdict::Excused(_), Some(false)) => {
+            (Verdict::Infeasible(RuleSet::Anything), could)
+        }
+        (verdict, could) => (verdict, could),
+    }
+}
+
 /// Judges a run by its report, and by a search for what could still be built.
 pub fn judge(report: &Report, ran: &RunResult) -> Verdict {
     let (reason, question) = (ran.stall.as_ref().map(|stall| stall.reason), ran.snapshot.as_deref());

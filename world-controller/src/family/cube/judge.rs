@@ -39,6 +39,13 @@ impl Question for StandstillSnapshot {
     fn judge(&self, _: bool) -> Result<RuleSet, Found> {
         widest_proof(self, EXPLORED)
     }
+    fn could_be_built(&self) -> Option<bool> {
+        match search(self, RuleSet::Anything, EXPLORED) {
+            Found::Way(_) => Some(true),
+            Found::Impossible(_) => Some(false),
+            Found::Undecided => None,
+        }
+    }
     fn blames_whole_modules(&self) -> bool {
         true
     }

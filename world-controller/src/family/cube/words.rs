@@ -42,6 +42,9 @@ impl Worded for Cube {
                 let was = if *finalized { ", and was finalized" } else { "" };
                 format!("the neighbour at port {port} is dead{was}")
             }
+            CubeOrder::Custody(of) => {
+                format!("the dead module at {} is held by the one at {}", of.dead, of.holder())
+            }
         }
     }
     fn report(s: &CubeStatus) -> String {

@@ -1,0 +1,101 @@
+//! Invariants of the custody of dead modules.
+
+use crate::cube::audit::note;
+use crate::cube::invariants::{self, BEST_HOLDER_STAYS, DEAD_HELD, HOLDER_DESCENDS};
+use crate::cube::world::CubeWorld;
+use crate::kernel::audited::Agents;
+use crate::world::invariants::Violation;
+use metamorph_protocol::cube::Cube;
+use metamorph_protocol::cube::control::CustodyKey;
+use metamorph_protocol::cube::message::Role;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_protocol::time::Time;
+use std::collections::BTreeMap;
+
+/// One death and goal: the module, where it lies, its time of death and the goal.
+type Custody = (ModuleId, Cell, Time, u16);
+
+/// The best holder that ever announced itself, of every death and for every goal.
+#[derive(Clone, Debug, Default, Hash)]
+pub(super) struct Announced(BTreeMap<Custody, (CustodyKey, ModuleId)>);
+
+impl CubeWorld {
+    /// Checks the custody of the dead neighbours of a module that may have changed it.
+    pub(super) fn audit_custody(
+        &mut self,
+        now: Time,
+        id: ModuleId,
+        agents: &Agents<'_, Cube>,
+        found: &mut Vec<Violation>,
+    ) {
+        let Some(cube) = agents.get(id).filter(|cube| cube.certified_faces() != 0) else { return };
+        if cube.cell() != self.cell(id) {
+            return;
+        }
+        for face in Face::ALL.into_iter().filter(|f| cube.certified_faces() & f.bit() != 0) {
+            let Some(dead) = self.neighbour(id, face).filter(|d| agents.get(*d).is_none()) else { continue };
+            let Some(last) = agents.last(dead) else { continue };
+            if let Some(died) = cube.custody(face) {
+                let rank = (cube.role() != Role::Final).then(|| cube.rank());
+                let theirs = (last.role() != Role::Walker).then(|| last.rank());
+                note(found, HOLDER_DESCENDS, now, id, invariants::holder_descends(rank, theirs));
+                let best = self.announced.0.entry((dead, self.cell(dead), died, cube.epoch()));
+                let mine = (cube.custody_key(), id);
+                best.and_modify(|best| *best = mine.min(*best)).or_insert(mine);
+            }
+            self.audit_dead(now, dead, agents, found);
+        }
+    }
+
+    /// Checks the custody of the dead neighbours of a module that leaves.
+    pub(super) fn audit_left_behind(
+        &self,
+        now: Time,
+        id: ModuleId,
+        agents: &Agents<'_, Cube>,
+        found: &mut Vec<Violation>,
+    ) {
+        for dead in Face::ALL.into_iter().filter_map(|f| self.neighbour(id, f)) {
+            if agents.get(dead).is_none() {
+                self.audit_dead(now, dead, agents, found);
+            }
+        }
+    }
+
+    /// Checks that a dead module is held.
+    fn audit_dead(&self, now: Time, dead: ModuleId, agents: &Agents<'_, Cube>, found: &mut Vec<Violation>) {
+        let Some(last) = agents.last(dead).filter(|_| !self.is_moving(dead)) else { return };
+        let beside = Face::ALL.into_iter().filter_map(|f| Some((self.neighbour(dead, f)?, f.opposite())));
+        let beside: Vec<(ModuleId, Face)> = beside.filter(|(id, _)| !self.is_moving(*id)).collect();
+        let is_of_present_goal =
+            |(id, _): &(ModuleId, Face)| agents.get(*id).is_none_or(|cube| cube.epoch() <= last.epoch());
+        if last.role() == Role::Final && beside.iter().all(is_of_present_goal) {
+            return;
+        }
+        let holders = beside.iter().filter(|(id, face)| self.stays(now, *id, *face, agents)).count();
+        note(found, DEAD_HELD, now, dead, invariants::dead_held(holders));
+        let at = self.cell(dead);
+        let all = (dead, at, Time::ZERO, 0)..=(dead, at, Time::NEVER, u16::MAX);
+        let Some(((.., epoch), (_, best))) = self.announced.0.range(all).next_back() else { return };
+        // Modules that have not heard of the latest goal still hold for the one before.
+        let best = beside.iter().find(|(id, _)| id == best);
+        let stays = best.is_some_and(|(id, face)| {
+            let is_of_goal = agents.last(*id).is_some_and(|cube| cube.epoch() == *epoch);
+            !is_of_goal || self.stays(now, *id, *face, agents)
+        });
+        note(found, BEST_HOLDER_STAYS, now, dead, invariants::best_holder_stays(stays));
+    }
+
+    /// Returns true if a module stays for the dead one on a face. What a module kept when it died, it keeps; and
+    /// one that has not heard of a new contact yet, since it is stopped or dead, cannot begin to move.
+    fn stays(&self, now: Time, id: ModuleId, face: Face, agents: &Agents<'_, Cube>) -> bool {
+        let session = self.contact(id, face).map(|contact| contact.session);
+        agents.last(id).is_some_and(|cube| cube.session(face) != session || cube.keeps(now, face))
+    }
+
+    /// Forgets the deaths of a module that is started again.
+    pub(super) fn forget_announced(&mut self, id: ModuleId) {
+        self.announced.0.retain(|(dead, ..), _| *dead != id);
+    }
+}

@@ -1,0 +1,128 @@
+//! The registrar: certifies deaths to all modules that touch a dead one, and forwards the announcement of its
+//! best holder to them, so that the others may let go. It only forwards; safety is that of the announcements.
+
+use crate::cube::diagnosis::Known;
+use crate::cube::world::CubeWorld;
+use metamorph_protocol::cube::control::{CustodyAnnouncement, CustodyKey, Order, Status};
+use metamorph_protocol::cube::message::Role;
+use metamorph_protocol::ids::{ModuleId, Session};
+use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_protocol::runtime::Command;
+use metamorph_protocol::time::{Span, Time};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+/// The death of a module.
+#[derive(Clone, Debug, Hash)]
+struct Death {
+    died: Time,
+    /// The contacts whose module has been told of the death.
+    told: BTreeSet<Session>,
+    /// The goal and the cell that the best holder belongs to: a body may come to rest after its death.
+    of: (u16, Option<Cell>),
+    best: Option<(CustodyKey, CustodyAnnouncement)>,
+    /// The contacts whose module has been told of the best holder.
+    informed: BTreeSet<Session>,
+}
+
+/// The deaths of a run.
+#[derive(Clone, Debug, Default, Hash)]
+pub struct Registrar {
+    deaths: BTreeMap<ModuleId, Death>,
+    /// The time of the last death; no two have the same.
+    last: Time,
+    /// The latest reports of the modules that announce that they hold dead ones.
+    news: BTreeMap<ModuleId, Status>,
+}
+
+impl Registrar {
+    /// Notes the death of a module.
+    pub fn died(&mut self, now: Time, id: ModuleId) {
+        self.last = now.max(self.last + Span(1));
+        let (told, informed) = (BTreeSet::new(), BTreeSet::new());
+        self.deaths.insert(id, Death { died: self.last, told, of: (0, None), best: None, informed });
+        self.news.remove(&id);
+    }
+    /// Notes that a module was started.
+    pub fn started(&mut self, id: ModuleId) {
+        self.deaths.remove(&id);
+        self.news.remove(&id);
+    }
+    /// Takes up a report. Returns true if it announces that the module holds a dead one.
+    pub fn has_news(&mut self, id: ModuleId, report: &Status) -> bool {
+        let has_news = report.custody != [Time::ZERO; 6];
+        if has_news {
+            self.news.insert(id, *report);
+        } else {
+            self.news.remove(&id);
+        }
+        has_news
+    }
+
+    /// Tells all modules that touch a dead one that it is dead, since its process has ended and cannot come
+    /// back in that contact session; and which module holds it, if one has announced that.
+    pub fn tell(
+        &mut self,
+        world: &CubeWorld,
+        known: &[Known],
+        stage: u16,
+        seed: Cell,
+        commands: &mut VecDeque<Command<Order>>,
+    ) {
+        for (victim, death) in &mut self.deaths {
+            let of = (stage, Some(world.cell(*victim)));
+            if death.of != of {
+                (death.of, death.best) = (of, None);
+                death.informed.clear();
+            }
+            // A body that is still moving is held by none, and nothing may hang on it before it is at rest.
+            let rests = !world.is_moving(*victim);
+            if rests {
+                death.take_up(world, *victim, &self.news, seed);
+            }
+            let finalized = known[victim.index()].is_final(stage);
+            for contact in Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)) {
+                let (port, session, peer) = (contact.peer_port, contact.session, contact.peer);
+                if death.told.insert(session) {
+                    let died = death.died;
+                    let order = Order::Condemn { port, session, epoch: stage, finalized, died };
+                    commands.push_back(Command::Order(peer, order));
+                }
+                if let Some((key, best)) = death.best
+                    && rests
+                    && key.holder != world.cell(peer)
+                    && death.informed.insert(session)
+                {
+                    commands.push_back(Command::Order(peer, Order::Custody(best)));
+                }
+            }
+        }
+    }
+}
+
+impl Death {
+    /// Compares the announcements with the best one so far.
+    fn take_up(
+        &mut self,
+        world: &CubeWorld,
+        victim: ModuleId,
+        news: &BTreeMap<ModuleId, Status>,
+        seed: Cell,
+    ) {
+        let (epoch, dead) = (self.of.0, world.cell(victim));
+        for face in Face::ALL {
+            let Some(contact) = world.contact(victim, face) else { continue };
+            let port = usize::from(contact.peer_port.0);
+            let Some(status) = news.get(&contact.peer).filter(|s| s.epoch == epoch) else { continue };
+            if status.custody.get(port) != Some(&self.died) {
+                continue;
+            }
+            let is_final = status.role == Role::Final;
+            let announcement = CustodyAnnouncement { dead, died: self.died, epoch, face, is_final };
+            let key = announcement.key(seed);
+            if self.best.is_none_or(|(best, _)| key < best) {
+                self.best = Some((key, announcement));
+                self.informed.clear();
+            }
+        }
+    }
+}
