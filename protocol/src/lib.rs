@@ -19,6 +19,7 @@ pub mod ids;
 pub mod lattice;
 pub mod link;
 pub mod metamodule;
+pub mod on_grid;
 pub mod plan;
 pub mod ratio;
 pub mod record;
