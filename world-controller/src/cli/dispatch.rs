@@ -13,6 +13,7 @@ use crate::experiments::reproduce::reproduce;
 use crate::experiments::sweep::{SweepError, sweep};
 use crate::family::metamodule::robot::{self, RobotError};
 use crate::family::{self, AgentProcessError, families, read_file, run_simulated, scene};
+use crate::plan::{self as planning, PlanError};
 use crate::record::journal::{Damage, Journal, JournalError, JournalSession, parts_of, plan_of};
 use crate::report::human;
 use crate::report::page::page;
@@ -99,6 +100,9 @@ enum Failure {
     /// A shape cannot be read or shown.
     #[error(transparent)]
     Shape(#[from] ShapeError),
+    /// There is no plan to speak of.
+    #[error("metamorph: {0}")]
+    Plan(#[from] PlanError),
     /// An exploration failed.
     #[error(transparent)]
     Explore(#[from] ExploreError),
@@ -133,11 +137,16 @@ impl Failure {
             Failure::Robot(error) => error.exit_code(),
             Failure::Sweep(error) if error.is_input() => BAD_USAGE,
             Failure::Shape(error) if error.is_input() => BAD_USAGE,
+            Failure::Plan(error) if error.is_input() => BAD_USAGE,
             Failure::Export(ExportError::Interrupted { .. }) => Outcome::Aborted.exit_code(),
             Failure::Export(error) if error.is_input() => BAD_USAGE,
             Failure::Output(error) | Failure::Bench(BenchError::Json(error)) if error.is_input() => BAD_USAGE,
             Failure::Explore(ExploreError::Output(error)) if error.is_input() => BAD_USAGE,
-            Failure::Shape(_) | Failure::Sweep(_) | Failure::Export(_) | Failure::Explore(_) => FAILED,
+            Failure::Plan(_)
+            | Failure::Shape(_)
+            | Failure::Sweep(_)
+            | Failure::Export(_)
+            | Failure::Explore(_) => FAILED,
             Failure::Input(_) | Failure::Journal(_) | Failure::Replay(_) | Failure::NoJournal(_) => BAD_USAGE,
             Failure::Output(_) | Failure::Pages { .. } | Failure::Signals(_) | Failure::Watch(_) => FAILED,
             Failure::Processes(_) | Failure::Agent(_) | Failure::Server(_) => FAILED,
@@ -248,6 +257,7 @@ fn carry_out(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Resul
             print_out(&shown.text);
             Ok(if shown.buildable { 0 } else { BAD_USAGE })
         }
+        Command::Plan(args) => Ok(planning::plan(&args, interrupt)?),
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Clean => {

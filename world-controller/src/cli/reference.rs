@@ -3,6 +3,7 @@
 use crate::cli::args::CommandLine;
 use crate::experiments::sweep::summary::Summary;
 use crate::family::families;
+use crate::plan::document::{PlanFile, Structure};
 use crate::report::schema::Report;
 use crate::scenario::schema as scenario;
 use clap::{Args, CommandFactory, ValueEnum};
@@ -31,6 +32,10 @@ pub enum Described {
     Report,
     /// The summary.json of a sweep
     Summary,
+    /// A plan of free modules, as `plan -o` writes it
+    Plan,
+    /// A structure of free modules, as `plan --from` reads it
+    Structure,
 }
 
 /// Arguments of `completions`.
@@ -55,6 +60,8 @@ pub fn schema(of: Described) -> String {
         Described::Scenario => scenario::schema(families()),
         Described::Report => written::<Report>(),
         Described::Summary => written::<Summary>(),
+        Described::Plan => written::<PlanFile>(),
+        Described::Structure => written::<Structure>(),
     };
     serde_json::to_string_pretty(&schema).expect("invariant: a schema consists of plain values and text keys")
 }
