@@ -7,6 +7,7 @@
 //! Absent: clock, thread, socket, file, global randomness, and floating point in the state of an agent.
 
 pub mod agent;
+pub mod assembly;
 pub mod counters;
 pub mod coverage;
 pub mod cube;
@@ -18,6 +19,8 @@ pub mod ids;
 pub mod lattice;
 pub mod link;
 pub mod metamodule;
+pub mod on_grid;
+pub mod plan;
 pub mod ratio;
 pub mod record;
 pub mod rng;

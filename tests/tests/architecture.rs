@@ -120,6 +120,9 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "record",
             "host",
             "roombots",
+            "plan",
+            "on_grid",
+            "assembly",
             "cube",
             "metamodule",
         ],
@@ -140,7 +143,19 @@ const LAYERS: [(&str, &[&str]); 4] = [
     ),
     (
         "world-controller",
-        &["console", "scenario", "swarm", "report", "record", "view", "run", "family", "experiments", "cli"],
+        &[
+            "console",
+            "scenario",
+            "swarm",
+            "report",
+            "record",
+            "view",
+            "run",
+            "family",
+            "plan",
+            "experiments",
+            "cli",
+        ],
     ),
 ];
 

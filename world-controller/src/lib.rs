@@ -4,8 +4,8 @@
 //! to files; `scenario` makes a checked plan of a scenario file; `swarm` runs one process per module;
 //! `report` says what a run did; `record` reads and writes journals; `view` makes the page and
 //! recordings for other viewers; `run` carries out one run, simulated, on processes or from a journal;
-//! `family` holds what belongs to one family of modules, and the list of them; `experiments` carries out
-//! many runs; `cli` is the command line.
+//! `family` holds what belongs to one family of modules, and the list of them; `plan` plans for free modules;
+//! `experiments` carries out many runs; `cli` is the command line.
 //!
 //! Absent: decisions of the protocol, which are in `protocol`, and ground truth about the world, which
 //! is in `sim-bridge`.
@@ -14,6 +14,7 @@ pub mod cli;
 pub mod console;
 pub mod experiments;
 pub mod family;
+pub mod plan;
 pub mod record;
 pub mod report;
 pub mod run;

@@ -250,7 +250,7 @@ mod tests {
         fn adopt(&mut self) {
             let rank = Rank { rooted: Time::ZERO, label: 3 };
             self.speaks(PARENT, rank, |_| {});
-            self.now = self.now + Span::millis(500);
+            self.now += Span::millis(500);
             self.hand_in(Input::Wake);
             let wants = |(port, b): &(Port, Beacon)| match b.claim {
                 Claim::Want(token) if *port == Port(PARENT as u8) => Some(token),
@@ -281,7 +281,7 @@ mod tests {
         let mut bench = Bench::new(None);
         assert!(!bench.is_free() && !bench.has_announced());
         let asked = |b: &Bench| b.beacons.iter().any(|(_, beacon)| beacon.renew == DIED + Span(1));
-        bench.now = bench.now + Span::secs(1);
+        bench.now += Span::secs(1);
         bench.hand_in(Input::Wake);
         assert!(asked(&bench), "it asks for a path later than the death");
         bench.confirm();

@@ -3,7 +3,7 @@
 use crate::cli::args::*;
 use crate::cli::examples::*;
 use crate::cli::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
-use crate::cli::runs::{plan, resume, run, view};
+use crate::cli::runs::{self, resume, run, view};
 use crate::console::command_error::{BAD_USAGE, DIFFERENT, Failure};
 use crate::console::escape::Shown;
 use crate::console::interrupt::Interrupt;
@@ -16,6 +16,7 @@ use crate::experiments::reproduce::reproduce;
 use crate::experiments::sweep::sweep;
 use crate::family::metamodule::robot::{self, RobotArgs};
 use crate::family::{self, families};
+use crate::plan::{self, PlanArgs as ReconfigurationArgs};
 use crate::record::journal::JournalError;
 use crate::run::processes;
 use crate::run::replay;
@@ -61,6 +62,9 @@ pub enum Command {
     /// Measure both links beside bare mechanisms, in tables and as JSON
     #[command(after_help = BENCH_EXAMPLES)]
     Bench(BenchArgs),
+    /// Plan the reconfiguration of free modules, exactly; check, compare and count
+    #[command(after_help = plan::EXAMPLES)]
+    Plan(Box<ReconfigurationArgs>),
     /// Generate random scenarios, run them, and shrink failures
     #[command(after_help = EXPLORE_EXAMPLES)]
     Explore(ExploreArgs),
@@ -98,7 +102,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         Command::View(args) => view(args, since, interrupt),
         Command::Check(args) => {
             let (path, overrides) = args.plan.into();
-            print_out(&overview(&plan(&path, &overrides)?));
+            print_out(&overview(&runs::plan(&path, &overrides)?));
             Ok(0)
         }
         Command::Sweep(args) => Ok(sweep(&args.into())?),
@@ -120,6 +124,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
             print_out(&shown.text);
             Ok(if shown.buildable { 0 } else { BAD_USAGE })
         }
+        Command::Plan(args) => Ok(plan::plan(&args, interrupt)?),
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Clean => {

@@ -4,6 +4,7 @@ use crate::cli::commands::CommandLine;
 use crate::console::command_error::CommandError;
 use crate::experiments::sweep::summary::Summary;
 use crate::family::families;
+use crate::plan::document::{PlanFile, Structure};
 use crate::report::schema::Report;
 use crate::scenario::schema as scenario;
 use clap::{Args, CommandFactory, ValueEnum};
@@ -33,6 +34,10 @@ pub enum Described {
     Report,
     /// The summary.json of a sweep
     Summary,
+    /// A plan of free modules, as `plan -o` writes it
+    Plan,
+    /// A structure of free modules, as `plan --from` reads it
+    Structure,
 }
 
 /// Arguments of `completions`.
@@ -57,6 +62,8 @@ pub fn schema(of: Described) -> String {
         Described::Scenario => scenario::schema(families()),
         Described::Report => report(),
         Described::Summary => written::<Summary>(),
+        Described::Plan => written::<PlanFile>(),
+        Described::Structure => written::<Structure>(),
     };
     serde_json::to_string_pretty(&schema).expect("invariant: a schema consists of plain values and text keys")
 }

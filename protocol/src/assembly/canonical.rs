@@ -1,0 +1,163 @@
+//! The canonical form of a configuration, by geometry: equal for configurations that differ only by a rigid
+//! motion, the numbers of modules and the names of their ends.
+//!
+//! In a connected configuration one module fixes all others. So every module is taken as root, from
+//! either end; the others are written in the frame of the root, each from the end whose cell is smaller, and sorted by
+//! cell; the least of these lists is the form. Roots are first compared by their own posture and connectors, which
+//! leaves one of them in most cases. Exact, and of order n² log n at worst.
+//!
+//! **Equivalent hemispheres.** The three connectors of an outer hemisphere follow each other by 120° about its
+//! diagonal, and so does its body. If all connectors may be used alike and the goal does not name joint values, the
+//! angle of an outer joint matters to nothing: [`Detail::Frames`] leaves out both outer joint values, which
+//! merges up to 9 configurations a module into one. Joints still turn by the same steps to the same places.
+
+use super::configuration::{Configuration, MAX_MODULES, Module};
+use super::tables::{TABLES, sub};
+
+/// What two configurations must agree in to be the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Detail {
+    /// Everything.
+    Joints,
+    /// Everything but outer joint values, and which connectors of an outer hemisphere are at which faces.
+    Frames,
+}
+
+/// The offset of coordinates in keys, in cells.
+const OFFSET: i8 = 64;
+
+impl Detail {
+    /// Returns the bytes of a module other than the root: cell 21 bits, rotation 5, connectors 10, joints 6 or 2.
+    const fn bytes(self) -> usize {
+        match self {
+            Detail::Joints => 6,
+            Detail::Frames => 5,
+        }
+    }
+    /// Returns the number of bytes of the keys of `modules` modules.
+    pub const fn key_width(self, modules: usize) -> usize {
+        2 + (modules - 1) * self.bytes()
+    }
+
+    /// Returns the module as this detail sees it.
+    pub fn seen(self, m: &Module) -> Module {
+        match self {
+            Detail::Joints => *m,
+            Detail::Frames => without_outer_joints(m),
+        }
+    }
+
+    /// Writes the key of a configuration.
+    pub fn key(self, configuration: &Configuration, key: &mut [u8]) {
+        let n = configuration.len();
+        let mut ends = [[Module::default(); 2]; MAX_MODULES];
+        let mut codes = [[0; 2]; MAX_MODULES];
+        let mut least = u16::MAX;
+        for (i, m) in configuration.modules().iter().enumerate() {
+            let m = self.seen(m);
+            ends[i] = [m, m.reversed()];
+            codes[i] = ends[i].map(|m| self.local(&m));
+            least = least.min(codes[i][0]).min(codes[i][1]);
+        }
+        let mut best = [u64::MAX; MAX_MODULES];
+        let mut list = [0; MAX_MODULES];
+        for (root, of_ends) in codes[..n].iter().enumerate() {
+            for (end, code) in of_ends.iter().enumerate() {
+                if *code != least {
+                    continue;
+                }
+                self.list(&ends[..n], root, end, &mut list);
+                if list[..n - 1] < best[..n - 1] {
+                    best = list;
+                }
+            }
+        }
+        key[..2].copy_from_slice(&least.to_be_bytes());
+        let bytes = self.bytes();
+        for (to, module) in key[2..].chunks_exact_mut(bytes).zip(&best) {
+            to.copy_from_slice(&module.to_be_bytes()[8 - bytes..]);
+        }
+    }
+
+    /// Returns what does not depend on the place of a module.
+    fn local(self, m: &Module) -> u16 {
+        match self {
+            Detail::Joints => u16::from(m.posture) << 10 | m.held,
+            Detail::Frames => u16::from(m.posture / 3) << 10 | m.held,
+        }
+    }
+
+    /// Lists all modules but the root in the frame of the root, in order.
+    fn list(self, ends: &[[Module; 2]], root: usize, end: usize, list: &mut [u64; MAX_MODULES]) {
+        let t = &**TABLES;
+        let origin = ends[root][end].cell;
+        let back = t.inverse[usize::from(ends[root][end].rotation)];
+        let mut at = 0;
+        for (i, module) in ends.iter().enumerate() {
+            if i == root {
+                continue;
+            }
+            let cells = [0, 1].map(|e| pack(t.rotate(back, sub(module[e].cell, origin))));
+            let first = usize::from(cells[1] < cells[0]);
+            let m = &module[first];
+            let rotation = u64::from(t.times(back, m.rotation));
+            let local_bits = if self == Detail::Joints { 16 } else { 12 };
+            list[at] = (cells[first] << 5 | rotation) << local_bits | u64::from(self.local(m));
+            at += 1;
+        }
+        list[..at].sort_unstable();
+    }
+
+    /// Returns the configuration with this key whose root is at the origin.
+    pub fn configuration(self, key: &[u8]) -> Configuration {
+        let mut modules = [Module::default(); MAX_MODULES];
+        let local = |m: &mut Module, code: u16| {
+            m.held = code & 0x3ff;
+            m.posture = (code >> 10) as u8 * if self == Detail::Frames { 3 } else { 1 };
+        };
+        local(&mut modules[0], u16::from_be_bytes([key[0], key[1]]));
+        let bytes = self.bytes();
+        let mut n = 1;
+        for from in key[2..].chunks_exact(bytes) {
+            let code = from.iter().fold(0_u64, |code, b| code << 8 | u64::from(*b));
+            let local_bits = if self == Detail::Joints { 16 } else { 12 };
+            local(&mut modules[n], (code & ((1 << local_bits) - 1)) as u16);
+            modules[n].rotation = (code >> local_bits & 31) as u8;
+            modules[n].cell = unpack(code >> (local_bits + 5));
+            n += 1;
+        }
+        Configuration::new(&modules[..n]).expect("invariant: keys have at most 16 modules")
+    }
+}
+
+/// Packs a cell into 21 bits; the order is that of the coordinates.
+fn pack(cell: [i8; 3]) -> u64 {
+    cell.iter().fold(0, |code, c| code << 7 | (c + OFFSET) as u64)
+}
+fn unpack(code: u64) -> [i8; 3] {
+    [14, 7, 0].map(|shift| (code >> shift & 127) as i8 - OFFSET)
+}
+
+/// Returns the module with both outer joints at 0, and the same hemispheres between them and connections at the
+/// same faces.
+fn without_outer_joints(m: &Module) -> Module {
+    let t = &**TABLES;
+    let (first, middle, last) = (m.posture / 12, m.posture / 3 % 4, m.posture % 3);
+    let turn = |n: u8| (0..n).fold(0, |r, _| t.times(r, t.diagonal));
+    // Connector k of the hemisphere at the foot has the frame R D^k = (R D^first) D^(k - first); of that at the
+    // head H D^(last + k).
+    let foot = rotated_bits(m.held & 7, 3 - first);
+    let head = rotated_bits(m.held >> 7, last);
+    Module {
+        cell: m.cell,
+        rotation: t.times(m.rotation, turn(first)),
+        posture: middle * 3,
+        held: m.held & 0b00_0111_1000 | foot | head << 7,
+    }
+}
+
+/// Moves bit k of three to bit k + n modulo 3.
+fn rotated_bits(bits: u16, n: u8) -> u16 {
+    let n = n % 3;
+    (bits << n | bits >> (3 - n)) & 7
+}

@@ -1,0 +1,261 @@
+//! The kept-edges bound: what a plan must cost that keeps some connections from beginning to end.
+//!
+//! Let K be the connections that a plan never lets go of. Every other one is detached, every join of the goal that K
+//! does not cover is attached, and every module turns its joints from their values of now to those of its place in
+//! the goal; a kept connection keeps the rotation between its two connectors. The bound is the least sum over all K,
+//! all places of modules in the goal and all of their 144 end poses (4 frames about the long axis, 36 postures).
+//!
+//! It is computed in one pass over a spanning tree of the connections, from the leaves: for each module, its place and
+//! the frame of the connector towards its parent the least cost of what hangs behind. A connection is cut or leads
+//! to the place that the goal joins there. That two modules have different places is not demanded, nor that
+//! connections outside of the tree fit: both only lower the bound. Values of outer joints are relative to those of
+//! now (see [`canonical`](super::canonical)), so turns count the same under every name of the connectors.
+
+use super::canonical::Detail;
+use super::configuration::{Configuration, MAX_MODULES};
+use super::shape::{Shape, frames_along};
+use super::shape_graph::Prices;
+use super::tables::{ROTATIONS, Rot, TABLES, hemisphere};
+use crate::plan::Cost;
+use crate::roombots::connector::Connector;
+use std::sync::LazyLock;
+
+/// End poses of a module whose long axis is given.
+const POSES: usize = 144;
+/// More than any cost.
+const NEVER: u16 = 0x3fff;
+
+/// The end poses by direction of the long axis.
+struct Poses {
+    /// The frame of each connector.
+    frames: [[[Rot; 10]; POSES]; 6],
+    /// Steps of joints from the posture with outer joints at 0, by the middle joint.
+    turns: [[u8; POSES]; 4],
+    /// Of a module with one kept connection: the fewest steps by the frame of its connector.
+    leaf: Box<[[[[u8; ROTATIONS]; 10]; 4]; 6]>,
+}
+
+static END_POSES: LazyLock<Box<Poses>> = LazyLock::new(|| {
+    let t = &**TABLES;
+    let mut poses = Box::new(Poses {
+        frames: [[[0; 10]; POSES]; 6],
+        turns: [[0; POSES]; 4],
+        leaf: Box::new([[[[u8::MAX; ROTATIONS]; 10]; 4]; 6]),
+    });
+    let power = |one: Rot, n: usize| (0..n).fold(0, |r, _| t.times(r, one));
+    for pose in 0..POSES {
+        let (class, first, middle, last) = (pose / 36, pose / 12 % 3, pose / 3 % 4, pose % 3);
+        for now in 0..4 {
+            let apart = middle.abs_diff(now);
+            poses.turns[now][pose] =
+                (apart.min(4 - apart) + usize::from(first > 0) + usize::from(last > 0)) as u8;
+        }
+        for direction in 0..6 {
+            let behind = frames_along(direction as u8)[class];
+            let front = t.times(behind, power(t.diagonal, (3 - first) % 3));
+            let second = t.times(behind, power(t.quarter, middle));
+            let end = t.times(second, power(t.diagonal, last));
+            for connector in Connector::ALL {
+                let base = [front, behind, second, end][connector.hemisphere()];
+                let own = t.rotations.iter().position(|r| *r == connector.frame());
+                let frame = t.times(base, own.expect("the rotations are a group") as Rot);
+                poses.frames[direction][pose][connector as usize] = frame;
+                for now in 0..4 {
+                    let turns = poses.turns[now][pose];
+                    let least = &mut poses.leaf[direction][now][connector as usize][usize::from(frame)];
+                    *least = turns.min(*least);
+                }
+            }
+        }
+    }
+    poses
+});
+
+/// A cube: its module, and which of the two it is.
+type Cube = (u8, u8);
+
+/// The joins of a goal, prepared for the bound.
+#[derive(Clone, Debug)]
+pub struct KeptEdges {
+    modules: usize,
+    prices: Prices,
+    directions: Vec<u8>,
+    /// At each face of each cube of each module the module and cube that it is joined with.
+    joined: Vec<[[Option<Cube>; 6]; 2]>,
+    joins: Cost,
+}
+
+/// A connection of the spanning tree, seen from the child.
+#[derive(Clone, Copy, Default)]
+struct Branch {
+    parent: u8,
+    /// The connectors of the child and of the parent.
+    own: u8,
+    other: u8,
+    /// The child's connector frame in that of the parent.
+    relative: Rot,
+}
+
+/// Of a module the least cost of what hangs behind it, by place and frame of its connector towards the parent.
+type Costs = [[u16; ROTATIONS]; 2 * MAX_MODULES];
+
+impl KeptEdges {
+    /// Prepares the bound for a goal.
+    pub fn to(goal: &Shape, prices: Prices) -> KeptEdges {
+        let mut joined = vec![[[None; 6]; 2]; goal.len()];
+        let joins = goal.joins();
+        for j in &joins {
+            joined[usize::from(j.a.0)][usize::from(j.a.1)][usize::from(j.face)] = Some(j.b);
+            joined[usize::from(j.b.0)][usize::from(j.b.1)][usize::from(j.face ^ 1)] = Some(j.a);
+        }
+        let directions = goal.bars().iter().map(|b| b.direction).collect();
+        KeptEdges { modules: goal.len(), prices, directions, joined, joins: joins.len() as Cost }
+    }
+
+    /// Returns a lower bound of the cost from a configuration to the goal.
+    pub fn of(&self, configuration: &Configuration) -> Cost {
+        let mut seen = *configuration;
+        for m in seen.modules_mut() {
+            *m = Detail::Frames.seen(m);
+        }
+        let connections = seen.connections();
+        let (order, branches) = spanning_tree(&seen, &connections);
+        let mut children = [[0_u8; MAX_MODULES]; MAX_MODULES];
+        let mut count = [0; MAX_MODULES];
+        for m in &order[1..self.modules] {
+            let parent = usize::from(branches[usize::from(*m)].parent);
+            children[parent][count[parent]] = *m;
+            count[parent] += 1;
+        }
+        let cut = (self.prices.detach + self.prices.attach) as u16;
+        // By child: what the parent pays for it, by the place and the connector frame of the parent.
+        let mut paid: [Costs; MAX_MODULES] = [[[NEVER; ROTATIONS]; 2 * MAX_MODULES]; MAX_MODULES];
+        let mut total = NEVER;
+        for m in order[..self.modules].iter().rev() {
+            let own = usize::from(*m);
+            let mut costs: Costs = [[NEVER; ROTATIONS]; 2 * MAX_MODULES];
+            let children = &children[own][..count[own]];
+            let towards = (*m != order[0]).then_some(branches[own].own);
+            let least = self.behind(&seen, &branches, own, children, towards, &paid, &mut costs);
+            match towards {
+                None => total = least,
+                Some(_) => self.pay(&branches[own], least + cut, &costs, &mut paid[own]),
+            }
+        }
+        self.with_other_edges(connections.len() as Cost, total.into())
+    }
+
+    /// Adds what connections beyond a tree cost.
+    fn with_other_edges(&self, edges: Cost, tree: Cost) -> Cost {
+        let Prices { attach, detach, .. } = self.prices;
+        if edges <= self.joins {
+            return attach * (self.joins - edges) + tree;
+        }
+        // As many may be cut for their detachment alone.
+        let excess = edges - self.joins;
+        (detach * excess).max(tree.saturating_sub(attach * excess))
+    }
+
+    /// Computes the costs of a module with its children by place and frame, and returns the least.
+    #[allow(clippy::too_many_arguments)]
+    fn behind(
+        &self,
+        seen: &Configuration,
+        branches: &[Branch; MAX_MODULES],
+        own: usize,
+        children: &[u8],
+        towards: Option<u8>,
+        paid: &[Costs; MAX_MODULES],
+        costs: &mut Costs,
+    ) -> u16 {
+        let ends = &**END_POSES;
+        let now = usize::from(seen.modules()[own].posture / 3);
+        let price = self.prices.turn as u16;
+        let mut least = NEVER;
+        for place in 0..2 * self.modules {
+            let direction = usize::from(self.directions[place / 2] ^ (place % 2) as u8);
+            if let (Some(connector), []) = (towards, children) {
+                // In any pose that needs no turn.
+                least = 0;
+                let leaf = &ends.leaf[direction][now][usize::from(connector)];
+                for (cost, turns) in costs[place].iter_mut().zip(leaf) {
+                    *cost = if *turns == u8::MAX { NEVER } else { u16::from(*turns) * price };
+                }
+                continue;
+            }
+            let turns = &ends.turns[now];
+            for (pose, frames) in ends.frames[direction].iter().enumerate() {
+                let mut cost = u16::from(turns[pose]) * price;
+                for child in children {
+                    let child = usize::from(*child);
+                    let frame = frames[usize::from(branches[child].other)];
+                    cost += paid[child][place][usize::from(frame)];
+                }
+                least = least.min(cost);
+                if let Some(connector) = towards {
+                    let known = &mut costs[place][usize::from(frames[usize::from(connector)])];
+                    *known = cost.min(*known);
+                }
+            }
+        }
+        least
+    }
+
+    /// Computes what a parent pays for a child: cutting it off, or keeping it where the goal joins the two.
+    fn pay(&self, branch: &Branch, cut: u16, costs: &Costs, paid: &mut Costs) {
+        let t = &**TABLES;
+        let cubes = [branch.other, branch.own].map(|c| hemisphere(c) / 2);
+        for (place, paid) in paid.iter_mut().enumerate().take(2 * self.modules) {
+            let cube = cubes[0] ^ (place % 2);
+            for frame in 0..ROTATIONS as u8 {
+                // The outward normal is −z.
+                let face = usize::from(t.face[usize::from(frame)][5]);
+                let to = &mut paid[usize::from(frame)];
+                *to = cut;
+                if let Some((module, at)) = self.joined[place / 2][cube][face] {
+                    let child = 2 * usize::from(module) + (usize::from(at) ^ cubes[1]);
+                    let own = usize::from(t.times(frame, branch.relative));
+                    *to = cut.min(costs[child][own]);
+                }
+            }
+        }
+    }
+}
+
+/// Returns the modules, parents first, and of each the connection to its parent. The root is a module with the most
+/// neighbours, so that the tree is shallow.
+fn spanning_tree(
+    seen: &Configuration,
+    connections: &[super::configuration::Pair],
+) -> ([u8; MAX_MODULES], [Branch; MAX_MODULES]) {
+    let t = &**TABLES;
+    let mut degree = [0; MAX_MODULES];
+    for pair in connections {
+        degree[usize::from(pair.a.0)] += 1;
+        degree[usize::from(pair.b.0)] += 1;
+    }
+    let root = (0..seen.len()).max_by_key(|m| (degree[*m], std::cmp::Reverse(*m))).unwrap_or(0);
+    let mut order = [0; MAX_MODULES];
+    order[0] = root as u8;
+    let mut branches = [Branch::default(); MAX_MODULES];
+    let mut reached = 1_u32 << root;
+    let (mut next, mut len) = (0, 1);
+    while next < len {
+        let parent = order[next];
+        next += 1;
+        for pair in connections {
+            for (from, to) in [(pair.a, pair.b), (pair.b, pair.a)] {
+                if from.0 != parent || reached & 1 << to.0 != 0 {
+                    continue;
+                }
+                reached |= 1 << to.0;
+                let frame = |(m, c): (u8, u8)| seen.modules()[usize::from(m)].connector_frame(c);
+                let relative = t.times(t.inverse[usize::from(frame(from))], frame(to));
+                branches[usize::from(to.0)] = Branch { parent, own: to.1, other: from.1, relative };
+                order[len] = to.0;
+                len += 1;
+            }
+        }
+    }
+    (order, branches)
+}

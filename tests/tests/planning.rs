@@ -1,0 +1,272 @@
+//! `metamorph plan` as a user runs it: answers, exit codes, plan files, and every bad input.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_tests::command::{Ran, run};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::Path;
+
+fn refused(args: &[&str], parts: &[&str]) {
+    let ran = run(args);
+    assert_eq!(ran.code, Some(2), "{args:?}: {ran:?}");
+    assert!(ran.out.is_empty(), "{ran:?}");
+    for part in parts.iter().chain(&["fix: "]) {
+        assert!(ran.err.contains(part), "{args:?}: `{part}` is missing in: {}", ran.err);
+    }
+    assert!(!ran.err.contains("panicked"), "{}", ran.err);
+}
+
+fn answer(args: &[&str]) -> (Ran, Value) {
+    let ran = run(&[args, &["--json", "-", "--quiet"]].concat());
+    let value = serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"));
+    (ran, value)
+}
+
+#[test]
+fn a_line_becomes_a_loop_and_the_plan_checks() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("plan.json").display().to_string();
+    for collision in ["final", "core", "strict"] {
+        let args = ["plan", "--from", "line:4", "--to", "loop:3x3", "--types", "000"];
+        let ran = run(&[&args[..], &["--collision", collision, "-o", &file]].concat());
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        assert!(ran.out.contains("optimal: 6 actions, proved"), "{}", ran.out);
+        assert!(ran.out.contains("attach"), "{}", ran.out);
+        let ran = run(&["plan", "--check", &file]);
+        assert_eq!((ran.code, ran.out.contains("valid: 6 actions")), (Some(0), true), "{ran:?}");
+    }
+}
+
+#[test]
+fn other_engines_and_objectives_answer_the_same_question() {
+    let base = ["plan", "--from", "line:3", "--to", "loop:2x3", "--collision", "final"];
+    for planner in ["auto", "astar", "ara", "ida"] {
+        let (ran, value) = answer(&[&base[..], &["--planner", planner]].concat());
+        assert_eq!((ran.code, &value["cost"], &value["verdict"]), (Some(0), &json!(4), &json!("optimal")));
+    }
+    for (objective, cost) in [("connections", 1), ("moves", 1), ("turns", 3)] {
+        let (ran, value) = answer(&[&base[..], &["--objective", objective]].concat());
+        assert_eq!((ran.code, &value["cost"]), (Some(0), &json!(cost)), "{objective}: {value}");
+    }
+    let (_, value) = answer(&[&base[..], &["--weight", "2"]].concat());
+    assert!(value["factor"].as_f64().unwrap() <= 2.0, "{value}");
+    let (_, value) = answer(&[&base[..], &["--connectors", "active"]].concat());
+    assert!(value["cost"].as_u64().unwrap() >= 4, "{value}");
+}
+
+/// A goal with joint values is one configuration; both engines find the same number of actions.
+#[test]
+fn a_goal_with_joint_values_is_reached_from_both_ends() {
+    let directory = tempfile::tempdir().unwrap();
+    let (plan, goal) = (directory.path().join("plan.json"), directory.path().join("goal.json"));
+    let file = plan.display().to_string();
+    let from = ["plan", "--from", "line:2", "--seed", "3", "--to", "line:2"];
+    assert_eq!(run(&[&from[..], &["-o", &file]].concat()).code, Some(0));
+    let text: Value = serde_json::from_str(&fs::read_to_string(&plan).unwrap()).unwrap();
+    fs::write(&goal, text["start"].to_string()).unwrap();
+    let goal = goal.display().to_string();
+    let base = ["plan", "--from", "line:2", "--types", "0", "--collision", "final", "--to", &goal];
+    let (ran, both) = answer(&base);
+    assert_eq!((ran.code, &both["planner"]), (Some(0), &json!("bidirectional")), "{ran:?}");
+    let (_, one) = answer(&[&base[..], &["--planner", "astar"]].concat());
+    assert_eq!((&both["cost"], &both["verdict"]), (&one["cost"], &json!("optimal")));
+    // The start itself: an empty plan.
+    let (ran, none) = answer(&["plan", "--from", &goal, "--to", &goal]);
+    assert_eq!((ran.code, &none["cost"], &none["plan"]["actions"]), (Some(0), &json!(0), &json!([])));
+}
+
+#[test]
+fn what_is_impossible_is_proved_and_what_is_too_much_is_bounded() {
+    // Two modules in a line never let go of each other, so the shape that has both connections in another way is
+    // beyond reach for some goals; a U of two modules side by side with one join is such a shape.
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("side.json");
+    let side = json!({ "format": "metamorph structure", "version": 1,
+        "modules": [[[0, 0, 0], [1, 0, 0]], [[0, 1, 0], [1, 1, 0]]], "joined": [[[0, 0, 0], [0, 1, 0]]] });
+    fs::write(&path, side.to_string()).unwrap();
+    let side = path.display().to_string();
+    let (ran, value) = answer(&["plan", "--from", "line:2", "--to", &side, "--collision", "final"]);
+    let verdict = value["verdict"].as_str().unwrap();
+    assert!(matches!((ran.code, verdict), (Some(3), "impossible") | (Some(0), "optimal")), "{value}");
+    let hard = ["plan", "--from", "quadruped:6", "--to", "line:6", "--work", "50"];
+    let (ran, value) = answer(&hard);
+    assert_eq!((ran.code, &value["verdict"]), (Some(4), &json!("undecided")), "{value}");
+    assert!(value["lower"].as_u64().unwrap() >= 2, "{value}");
+    assert_eq!(value["ended_by"], "work");
+    let ran = run(&["plan", "--from", "quadruped:6", "--to", "line:6", "--timeout", "100ms"]);
+    assert_eq!(ran.code, Some(4), "{ran:?}");
+    assert!(ran.out.contains("no plan was found (out of time); every plan costs at least"), "{}", ran.out);
+}
+
+#[test]
+fn counts_distances_and_names() {
+    let (_, counted) = answer(&["plan", "--count", "line:2", "--collision", "final"]);
+    assert_eq!(counted["shapes"]["levels"], json!([1, 1, 4, 1]));
+    assert_eq!(counted["configurations"]["total"], 666);
+    let (_, counted) = answer(&["plan", "--count", "line:3", "--work", "1000", "--collision", "final"]);
+    assert_eq!((&counted["shapes"]["total"], &counted["shapes"]["complete"]), (&json!(187), &json!(true)));
+    assert_eq!(counted["configurations"]["complete"], false);
+    let (_, distance) = answer(&["plan", "--distance", "line:4", "loop:3x3"]);
+    assert_eq!((&distance["shape"], &distance["shape_exact"]), (&json!(4), &json!(true)));
+    assert_eq!(distance["joins"], 4);
+    let (_, same) = answer(&["plan", "--distance", "ell:4", "ell:4"]);
+    assert_eq!(
+        (&same["shape"], &same["hausdorff_squared"], &same["assignment"]),
+        (&json!(0), &json!(0), &json!(0))
+    );
+    assert_eq!(same["common_subgraph"], 3);
+    let ran = run(&["plan", "--recognise", "loop:3x3"]);
+    assert!(ran.out.contains("loop:3x3: 4 modules with 4 joined faces"), "{ran:?}");
+}
+
+fn write(directory: &Path, name: &str, content: &str) -> String {
+    let path = directory.join(name);
+    fs::write(&path, content).unwrap();
+    path.display().to_string()
+}
+
+#[test]
+fn bad_options_are_refused_with_place_reason_and_fix() {
+    let to = ["--to", "line:4"];
+    let plan = |from: &[&'static str]| [&["plan", "--from"][..], from, &to].concat();
+    refused(&plan(&["circle:4"]), &["--from circle:4", "no shape is called"]);
+    refused(&plan(&["line:x"]), &["`x` is no size of a line"]);
+    refused(&plan(&["line:0"]), &["`0` is no size of a line"]);
+    refused(&plan(&["line:17"]), &["17 modules", "at most 16", "metamodule"]);
+    refused(&plan(&["line:18446744073709551616"]), &["no size of a line"]);
+    refused(&plan(&["loop:1x3"]), &["no size of a loop", "2x2"]);
+    refused(&plan(&["loop:3"]), &["no size of a loop"]);
+    refused(&plan(&["loop:99999999999x99999999999"]), &["at most 16"]);
+    refused(&plan(&["quadruped:5"]), &["quadruped:4 and quadruped:6"]);
+    refused(&plan(&["line:3"]), &["--to", "the start has 3 modules, the goal 4"]);
+    refused(&plan(&["./nowhere.json"]), &["--from ./nowhere.json", "cannot be read"]);
+    refused(&plan(&["line:4", "--types", "00"]), &["--types 00", "3 digits"]);
+    refused(&plan(&["line:4", "--types", "004"]), &["--types 004"]);
+    refused(&plan(&["ell:4", "--types", "000"]), &["the start is no line"]);
+    refused(&plan(&["line:4", "--weight", "0.5"]), &["--weight 0.5", "1 or more"]);
+    refused(&plan(&["line:4", "--weight", "NaN"]), &["--weight NaN"]);
+    refused(&plan(&["line:4", "--weight", "-1"]), &["--weight -1"]);
+    refused(&plan(&["line:4", "--weight", "x"]), &["this is no number"]);
+    refused(&plan(&["line:4", "--weight", "2", "--planner", "ara"]), &["only astar has one weight"]);
+    refused(&plan(&["line:4", "--memory", "1MiB"]), &["--memory 1MiB", "a search needs"]);
+    refused(&plan(&["line:4", "--memory", "-5"]), &["--memory -5", "no size"]);
+    refused(&plan(&["line:4", "--memory", "99999999999GiB"]), &["more than a machine has"]);
+    refused(&plan(&["line:4", "--timeout", "60"]), &["--timeout 60"]);
+    refused(&plan(&["line:4", "--planner", "bidirectional"]), &["the goal has no joint values"]);
+    refused(&["plan", "--distance", "line:4", "line:3"], &["--distance", "4 modules"]);
+}
+
+#[test]
+fn bad_structures_are_refused_with_place_reason_and_fix() {
+    let directory = tempfile::tempdir().unwrap();
+    let structure = |modules: Value, joined: Value| {
+        json!({ "format": "metamorph structure", "version": 1, "modules": modules, "joined": joined })
+            .to_string()
+    };
+    let two = json!([[[0, 0, 0], [1, 0, 0]], [[2, 0, 0], [3, 0, 0]]]);
+    let join = json!([[[1, 0, 0], [2, 0, 0]]]);
+    let posed = |rotation: Value, joints: Value| json!([{ "cells": [[0, 0, 0], [0, 0, 1]], "foot_rotation": rotation, "joints_deg": joints }]);
+    let unit = json!([[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+    let cases = [
+        ("empty", structure(json!([]), json!([])), "there is no module"),
+        (
+            "overlap",
+            structure(json!([[[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [2, 0, 0]]]), json!([])),
+            "both fill the cell",
+        ),
+        ("apart", structure(json!([[[0, 0, 0], [2, 0, 0]]]), json!([])), "are not neighbours"),
+        ("untouched", structure(two.clone(), json!([[[0, 0, 0], [2, 0, 0]]])), "do not touch"),
+        ("nowhere", structure(two.clone(), json!([[[1, 0, 0], [1, 1, 0]]])), "no module fills the cell"),
+        ("itself", structure(two.clone(), json!([[[0, 0, 0], [1, 0, 0]]])), "both cells belong to module 0"),
+        ("parted", structure(two.clone(), json!([])), "module 1 is not connected"),
+        ("far", structure(json!([[[0, 0, 0], [9223372036854775807_i64, 0, 0]]]), json!([])), "farther apart"),
+        ("angle", structure(posed(unit.clone(), json!([45, 0, 0])), json!([])), "joint 1 at 45"),
+        ("huge", structure(posed(unit.clone(), json!([1e300, 0, 0])), json!([])), "module 0"),
+        (
+            "mirror",
+            structure(posed(json!([[1, 0, 0], [0, 1, 0], [0, 0, -1]]), json!([0, 0, 0])), json!([])),
+            "no rotation",
+        ),
+        ("other", structure(posed(unit, json!([120, 0, 0])), json!([])), "the second cell is"),
+        ("many", structure(Value::Array(vec![json!([[0, 0, 0], [1, 0, 0]]); 17]), json!([])), "17 modules"),
+        ("version", structure(two, join).replace("\"version\":1", "\"version\":2"), "version 2, not"),
+        ("truncated", "{ \"format\": \"metamorph".to_owned(), "line 1, column"),
+        ("nan", "{ \"format\": NaN }".to_owned(), "line 1, column"),
+    ];
+    for (name, text, reason) in cases {
+        let file = write(directory.path(), &format!("{name}.json"), &text);
+        refused(&["plan", "--recognise", &file], &["--recognise", name, reason]);
+    }
+    let long = directory.path().join("long.json");
+    fs::File::create(&long).unwrap().set_len(1 << 30).unwrap();
+    refused(&["plan", "--recognise", &long.display().to_string()], &["long.json", "longer than"]);
+    refused(&["plan", "--recognise", &directory.path().display().to_string()], &["a directory"]);
+}
+
+/// Every way in which a plan can be wrong is named with its action.
+#[test]
+fn plans_that_do_not_check_are_told_apart() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("plan.json").display().to_string();
+    let made = run(&["plan", "--from", "line:3", "--to", "loop:2x3", "-o", &file]);
+    assert_eq!(made.code, Some(0), "{made:?}");
+    let plan: Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
+    let last = plan["actions"].as_array().unwrap().len() - 1;
+    let changed = |name: &str, change: &dyn Fn(&mut Value)| {
+        let mut other = plan.clone();
+        change(&mut other);
+        let file = write(directory.path(), name, &other.to_string());
+        run(&["plan", "--check", &file])
+    };
+    let differs = |name: &str, change: &dyn Fn(&mut Value), reason: &str| {
+        let ran = changed(name, change);
+        assert_eq!(ran.code, Some(8), "{name}: {ran:?}");
+        assert!(ran.err.contains(reason) && ran.err.contains("fix: "), "{name}: {}", ran.err);
+    };
+    differs("order.json", &|p| p["actions"].as_array_mut().unwrap().swap(0, last), "action 0: ");
+    differs("cycle.json", &|p| p["actions"][0]["after"] = json!([last]), "does not come before it");
+    differs(
+        "module.json",
+        &|p| p["actions"][0]["do"] = json!({ "turn": [9, 1, 120] }),
+        "there is no module 9",
+    );
+    differs("joint.json", &|p| p["actions"][0]["do"] = json!({ "turn": [0, 4, 120] }), "no step of a joint");
+    differs("cost.json", &|p| p["cost"] = json!(3), "its cost is 4");
+    differs("bound.json", &|p| p["lower"] = json!(5), "at least 5");
+    differs(
+        "short.json",
+        &|p| {
+            p["actions"].as_array_mut().unwrap().pop();
+            p["cost"] = json!(3);
+            p["lower"] = json!(3);
+        },
+        "does not end in the goal",
+    );
+    differs(
+        "bridge.json",
+        &|p| {
+            p["actions"][0]["do"] = json!({ "detach": [[0, "C3X"], [1, "C0X"]] });
+        },
+        "would no longer be connected",
+    );
+    let ran = changed("version.json", &|p| p["version"] = json!(7));
+    assert!(ran.code == Some(2) && ran.err.contains("version 7, not `metamorph plan` version 1"), "{ran:?}");
+    let ran = changed("unknown.json", &|p| p["extra"] = json!(1));
+    assert!(ran.code == Some(2) && ran.err.contains("schema plan"), "{ran:?}");
+    let text = fs::read_to_string(&file).unwrap();
+    let cut = write(directory.path(), "cut.json", &text[..text.len() / 2]);
+    assert_eq!(run(&["plan", "--check", &cut]).code, Some(2));
+}
+
+#[test]
+fn plans_are_valid_by_their_schema() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("plan.json").display().to_string();
+    assert_eq!(run(&["plan", "--from", "line:3", "--to", "loop:2x3", "-o", &file]).code, Some(0));
+    let plan: Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
+    for (name, document) in [("plan", &plan), ("structure", &plan["start"]), ("structure", &plan["goal"])] {
+        let schema: Value = serde_json::from_str(&run(&["schema", name]).out).unwrap();
+        let validator = jsonschema::validator_for(&schema).unwrap();
+        assert!(validator.is_valid(document), "{name}");
+    }
+}

@@ -1,0 +1,118 @@
+//! Why a plan cannot be made, read or checked: place, reason and fix.
+
+use crate::console::command_error::{BAD_USAGE, CommandError};
+use crate::console::output::OutputError;
+use metamorph_protocol::assembly::named::NameError;
+use metamorph_protocol::assembly::structure::StructureError;
+use std::io;
+use thiserror::Error;
+
+/// What to do about a shape that is not understood.
+const SHAPES: &str = "name a file, or line:N, loop:WxH, ell:N, zigzag:N, quadruped:4 or quadruped:6";
+
+/// Why there is no answer.
+#[derive(Debug, Error)]
+pub enum PlanError {
+    /// An option is missing or wrong.
+    #[error("{place}: {reason}\n  fix: {fix}")]
+    Option {
+        /// The option.
+        place: String,
+        /// What is wrong.
+        reason: String,
+        /// What to do.
+        fix: String,
+    },
+    /// A name is no shape.
+    #[error("{place}: {error}\n  fix: {fix}", fix = name_fix(.error))]
+    Name {
+        /// The option.
+        place: String,
+        /// What is wrong.
+        error: NameError,
+    },
+    /// A file cannot be read.
+    #[error("{place}: cannot be read: {error}\n  fix: {SHAPES}")]
+    Read {
+        /// The option and the file.
+        place: String,
+        /// What is wrong.
+        error: io::Error,
+    },
+    /// A file is no document of this format.
+    #[error("{place}: {reason}\n  fix: `metamorph schema {schema}` describes the format")]
+    Format {
+        /// The option, the file and the place in it.
+        place: String,
+        /// What is wrong.
+        reason: String,
+        /// The name of the schema.
+        schema: &'static str,
+    },
+    /// A file describes no structure.
+    #[error("{place}: {error}\n  fix: {fix}", fix = structure_fix(.error))]
+    Structure {
+        /// The option and the file.
+        place: String,
+        /// What is wrong.
+        error: StructureError,
+    },
+    /// An output cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A plan does not lead where it says.
+    #[error("{place}: {reason}\n  fix: {fix}")]
+    Check {
+        /// The file and the action.
+        place: String,
+        /// What is wrong.
+        reason: String,
+        /// What to do.
+        fix: String,
+    },
+}
+
+impl PlanError {
+    /// Describes a wrong option.
+    pub fn option(place: &str, reason: impl Into<String>, fix: impl Into<String>) -> PlanError {
+        PlanError::Option { place: place.to_owned(), reason: reason.into(), fix: fix.into() }
+    }
+}
+
+impl CommandError for PlanError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            PlanError::Output(error) => error.exit_code(),
+            _ => BAD_USAGE,
+        }
+    }
+    fn text(&self) -> String {
+        format!("metamorph: {self}")
+    }
+}
+
+fn name_fix(error: &NameError) -> &'static str {
+    match error {
+        NameError::Unknown(_) | NameError::Size { .. } => SHAPES,
+        NameError::TooMany(_) => {
+            "plan parts of at most 16 modules, or let metamodules build it: `metamorph run` with a metamodule scenario"
+        }
+    }
+}
+
+fn structure_fix(error: &StructureError) -> &'static str {
+    match error {
+        StructureError::Empty => "list at least one module",
+        StructureError::TooMany(_) => name_fix(&NameError::TooMany(0)),
+        StructureError::NotAdjacent { .. } => "a module fills two cells that differ by 1 in one coordinate",
+        StructureError::Overlap { .. } => "give every cell to one module",
+        StructureError::NoModule { .. } => "name cells that modules fill",
+        StructureError::NotTouching { .. } => "join cells that differ by 1 in one coordinate",
+        StructureError::SameModule { .. } => "join cells of different modules",
+        StructureError::Disconnected { .. } => "join it with the others, or move it to them",
+        StructureError::NotARotation { .. } => {
+            "write three rows with one 1 or -1 each, of determinant 1, such as [[1,0,0],[0,1,0],[0,0,1]]"
+        }
+        StructureError::OtherCell { .. } => "correct the cells, the rotation or the joint values",
+    }
+}

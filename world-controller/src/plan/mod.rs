@@ -1,0 +1,451 @@
+//! `metamorph plan`: plans the reconfiguration of free modules, exactly; checks plans, compares and counts structures.
+//!
+//! `input` and `document` read and write files, `solve` drives a planner, `order` finds what may happen at once, `check`
+//! is the independent check of a plan, `compare` has the questions without a plan. The planners themselves are in
+//! `metamorph_protocol::plan` and `assembly`.
+
+mod check;
+mod compare;
+pub mod document;
+mod error;
+mod input;
+mod order;
+pub mod solve;
+
+pub use error::PlanError;
+
+use crate::console::format::{bytes, count, many};
+use crate::console::interrupt::Interrupt;
+use crate::console::output::{Json, Outputs};
+use crate::console::terminal::{Channel, Live, print_error};
+use clap::{Args, ValueEnum};
+use document::{Answer, Verdict};
+use input::{Structured, structured};
+use metamorph_protocol::assembly::action::{Connectors, Rules};
+use metamorph_protocol::assembly::collision::{Collision, Model};
+use metamorph_protocol::assembly::configuration::Configuration;
+use metamorph_protocol::assembly::named;
+use metamorph_protocol::assembly::space::Objective;
+use metamorph_protocol::plan::Limits;
+use metamorph_protocol::rng::Rng;
+use metamorph_protocol::time::Span;
+use metamorph_sim_bridge::director::outcome::Outcome;
+use solve::{Planner, Problem};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// The end of the command's help.
+pub const EXAMPLES: &str = "\
+Examples:
+  metamorph plan --from line:4 --to loop:3x3             an optimal plan, proved
+  metamorph plan --from line:4 --to loop:3x3 --types 123 --collision final -o plan.json
+  metamorph plan --check plan.json                       carry it out, independently of the planner
+  metamorph plan --from zigzag:4 --to line:4 --seed 1 --planner ara --timeout 60s
+  metamorph plan --distance line:4 ell:4
+  metamorph plan --recognise structure.json
+  metamorph plan --count line:4
+
+Plans free Roombots modules, at most 16: attachments, detachments and steps of joints. A goal given as a shape
+leaves joint values free. Structure files are described by `metamorph schema structure`, plans by
+`metamorph schema plan`.
+
+Exit codes:
+  0  a plan was found, or the question is answered
+  1  the program itself failed, for example because a file could not be written
+  2  the command line or a file is wrong; the error names its place, reason and fix
+  3  no plan exists: all configurations that can be reached were examined
+  4  memory, work or time ended before a plan was found; the answer has the proven bound
+  7  stopped by Ctrl-C, SIGTERM or SIGHUP; the answer has the best plan so far and the bound
+  8  a plan does not check";
+
+/// Arguments of `plan`.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// The start: line:N, loop:WxH, ell:N, zigzag:N, quadruped:4|6, or a structure file
+    #[arg(long, value_name = "SHAPE", required_unless_present_any = ["check", "distance", "recognise", "count"], requires = "to")]
+    pub from: Option<String>,
+    /// The goal: a shape, with joint values left free, or a file with joint values
+    #[arg(long, value_name = "SHAPE", requires = "from")]
+    pub to: Option<String>,
+    /// Of a line: the quarter turns of its connections, one digit 0..3 each; default: all 0
+    #[arg(long, value_name = "DIGITS")]
+    pub types: Option<String>,
+    /// A structure file with the joint values of the start; default: all 0
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["types", "seed"])]
+    pub joints: Option<PathBuf>,
+    /// Draw the joint values of the start from this seed
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// What the cost counts
+    #[arg(long, value_enum, default_value_t = ObjectiveArg::Actions)]
+    pub objective: ObjectiveArg,
+    /// What a turn may touch: only the final cells must be free (final), no cell is entered deeper than 11 mm (core), no
+    /// bodies touch (strict)
+    #[arg(long, value_enum, default_value_t = CollisionArg::Strict)]
+    pub collision: CollisionArg,
+    /// Which connectors can connect: all, or one of the two must be C0X or C3X (active)
+    #[arg(long, value_enum, default_value_t = ConnectorsArg::All)]
+    pub connectors: ConnectorsArg,
+    /// The planner
+    #[arg(long, value_enum, default_value_t = Planner::Auto)]
+    pub planner: Planner,
+    /// Accept a plan that costs at most W times the least, with astar; default: 1
+    #[arg(long, value_name = "W", allow_hyphen_values = true)]
+    pub weight: Option<String>,
+    /// Memory for states, at least 16MiB
+    #[arg(long, value_name = "SIZE", default_value = "2GiB", allow_hyphen_values = true)]
+    pub memory: String,
+    /// Stop after this real time, such as 60s; default: none
+    #[arg(long, value_name = "T", allow_hyphen_values = true)]
+    pub timeout: Option<String>,
+    /// Stop after N expanded states; default: none
+    #[arg(long, value_name = "N")]
+    pub work: Option<u64>,
+    /// Check a plan file: carry it out, and name the first action that is not possible
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["from", "distance", "recognise", "count"])]
+    pub check: Option<PathBuf>,
+    /// Compare two structures
+    #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with_all = ["from", "recognise", "count"])]
+    pub distance: Option<Vec<String>>,
+    /// Name a shape, its symmetries, and the metamodules in it
+    #[arg(long, value_name = "SHAPE", conflicts_with_all = ["from", "count"])]
+    pub recognise: Option<String>,
+    /// Count shapes and configurations by their distance from this one
+    #[arg(long, value_name = "SHAPE", conflicts_with = "from")]
+    pub count: Option<String>,
+    /// Write the plan to this file
+    #[arg(short, long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Write the answer as JSON to a file, or to standard output with `-` (text for people then goes
+    /// to standard error)
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
+    pub json: Option<PathBuf>,
+    /// Print errors only, and JSON if requested
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// An objective, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ObjectiveArg {
+    /// Attachments, detachments and steps of joints
+    Actions,
+    /// Attachments and detachments
+    Connections,
+    /// Steps of joints
+    Turns,
+    /// Attachments
+    Moves,
+}
+
+/// A collision model, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CollisionArg {
+    /// The final cells must be free
+    Final,
+    /// And no cell is entered deeper than 11 mm
+    Core,
+    /// And no two bodies touch
+    Strict,
+}
+
+/// Which connectors connect, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ConnectorsArg {
+    /// All
+    All,
+    /// One of the two is C0X or C3X
+    Active,
+}
+
+/// Exit code: no plan exists.
+const IMPOSSIBLE: u8 = 3;
+/// Exit code: a limit was reached before a plan was found.
+const UNDECIDED: u8 = 4;
+/// Exit code: a plan does not check.
+const DIFFERENT: u8 = 8;
+
+/// Answers the request, and returns the exit code.
+pub fn plan(args: &PlanArgs, interrupt: &Interrupt) -> Result<u8, PlanError> {
+    let mut outputs = Outputs::new();
+    for file in [&args.joints, &args.check].into_iter().flatten() {
+        outputs.reads("the file", file);
+    }
+    for shape in [&args.from, &args.to, &args.recognise, &args.count].into_iter().flatten() {
+        outputs.reads("the structure", shape.as_ref());
+    }
+    let json = Json::of(args.json.as_deref(), &mut outputs)?;
+    let channel = Channel::beside(json.is_out(), args.quiet);
+    if let Some(file) = &args.check {
+        return match check::check_file(file) {
+            Ok(plan) => {
+                let lower = if plan.lower == plan.cost { ", the least".to_owned() } else { String::new() };
+                channel.say(&format!(
+                    "valid: {}, cost {}{lower}",
+                    many(plan.actions.len() as u64, "action"),
+                    plan.cost
+                ));
+                Ok(0)
+            }
+            Err(error @ PlanError::Check { .. }) => {
+                print_error(&error.to_string());
+                Ok(DIFFERENT)
+            }
+            Err(error) => Err(error),
+        };
+    }
+    if let Some([a, b]) = args.distance.as_deref().map(|d| [&d[0], &d[1]]) {
+        let found = compare::distance(&structured("--distance", a)?, &structured("--distance", b)?, [a, b])?;
+        json.write(&found)?;
+        channel.say(&compare::distance_text(&found));
+        return Ok(0);
+    }
+    if let Some(shape) = &args.recognise {
+        let found = compare::recognised(&structured("--recognise", shape)?);
+        json.write(&found)?;
+        channel.say(&compare::recognised_text(&found));
+        return Ok(0);
+    }
+    if let Some(shape) = &args.count {
+        return counted(args, shape, &json, channel, interrupt);
+    }
+    let problem = problem(args)?;
+    let file = args.out.as_ref().map(|file| outputs.writes("-o", file)).transpose()?;
+    interrupt.begin();
+    let answer = problem.solve(interrupt, &mut Live::new(!args.quiet));
+    // A plan is only as good as its check, which shares nothing with the search.
+    if let Some(plan) = &answer.plan
+        && let Err(error) = check::check("this plan (an error of the planner)", plan)
+    {
+        print_error(&error.to_string());
+        return Ok(DIFFERENT);
+    }
+    if let (Some(file), Some(plan)) = (&file, &answer.plan) {
+        file.write(crate::console::escape::json(plan) + "\n")?;
+    }
+    json.write(&answer)?;
+    channel.say(&text(&answer));
+    Ok(exit_code(&answer))
+}
+
+fn exit_code(answer: &Answer) -> u8 {
+    match (answer.verdict, answer.ended_by.as_deref()) {
+        (_, Some("interrupt")) => Outcome::Aborted.exit_code(),
+        (Verdict::Optimal | Verdict::Bounded, _) => 0,
+        (Verdict::Impossible, _) => IMPOSSIBLE,
+        (Verdict::Undecided, _) => UNDECIDED,
+    }
+}
+
+fn counted(
+    args: &PlanArgs,
+    shape: &str,
+    json: &Json,
+    channel: Channel,
+    interrupt: &Interrupt,
+) -> Result<u8, PlanError> {
+    let start = start(args, "--count", shape)?;
+    interrupt.begin();
+    let found = compare::counted(&start, &rules(args), limits(args)?, interrupt, &mut Live::new(!args.quiet));
+    json.write(&found)?;
+    channel.say(&compare::counted_text(&found));
+    Ok(if interrupt.is_set() { Outcome::Aborted.exit_code() } else { 0 })
+}
+
+/// Returns the problem that the options describe.
+fn problem(args: &PlanArgs) -> Result<Problem, PlanError> {
+    let (from, to) = (args.from.as_deref().unwrap_or_default(), args.to.as_deref().unwrap_or_default());
+    let start = start(args, "--from", from)?;
+    let goal = structured("--to", to)?;
+    let (n, m) = (start.len(), goal.shape().len());
+    if n != m {
+        let reason = format!("the start has {}, the goal {m}", many(n as u64, "module"));
+        return Err(PlanError::option("--to", reason, "name a goal of as many modules as the start"));
+    }
+    let objective = match args.objective {
+        ObjectiveArg::Actions => Objective::Actions,
+        ObjectiveArg::Connections => Objective::Connections,
+        ObjectiveArg::Turns => Objective::Turns,
+        ObjectiveArg::Moves => Objective::Moves,
+    };
+    let problem = Problem {
+        start,
+        goal,
+        rules: rules(args),
+        objective,
+        planner: args.planner,
+        weight: weight(args)?,
+        limits: limits(args)?,
+        timeout: args.timeout.as_deref().map(timeout).transpose()?,
+    };
+    if args.planner == Planner::Bidirectional {
+        let fix = "name a file with joint values by --to, or use --planner astar";
+        if matches!(problem.goal, Structured::Shape(_)) {
+            return Err(PlanError::option("--planner bidirectional", "the goal has no joint values", fix));
+        }
+        if objective != Objective::Actions {
+            let reason = "it counts actions only";
+            return Err(PlanError::option("--planner bidirectional", reason, "use --planner astar"));
+        }
+    }
+    Ok(problem)
+}
+
+fn rules(args: &PlanArgs) -> Rules {
+    let model = match args.collision {
+        CollisionArg::Final => Model::Final,
+        CollisionArg::Core => Model::Core,
+        CollisionArg::Strict => Model::Strict,
+    };
+    let connectors = match args.connectors {
+        ConnectorsArg::All => Connectors::All,
+        ConnectorsArg::Active => Connectors::Active,
+    };
+    Rules { connectors, collision: Collision::new(model) }
+}
+
+/// Returns the configuration to start from.
+fn start(args: &PlanArgs, option: &str, text: &str) -> Result<Configuration, PlanError> {
+    let given = structured(option, text)?;
+    if let Some(file) = &args.joints {
+        let posed = structured("--joints", &file.display().to_string())?;
+        let Structured::Configuration(configuration) = posed else {
+            let fix = "give every module cells, foot_rotation and joints_deg";
+            return Err(PlanError::option("--joints", "the file has no joint values", fix));
+        };
+        if posed.shape().canonical() != given.shape().canonical() {
+            let reason = format!("the file has another shape than {option}");
+            return Err(PlanError::option("--joints", reason, "name the file by --from"));
+        }
+        return Ok(configuration);
+    }
+    if let Structured::Configuration(configuration) = given {
+        if args.seed.is_some() || args.types.is_some() {
+            print_error(&format!("note: {option} has joint values, so --seed and --types change nothing"));
+        }
+        return Ok(configuration);
+    }
+    let shape = given.shape();
+    if let Some(types) = &args.types {
+        let place = format!("--types {types}");
+        if !text.starts_with("line:") {
+            return Err(PlanError::option(&place, "the start is no line", "use --joints FILE"));
+        }
+        let digits: Option<Vec<u8>> = types.chars().map(|c| c.to_digit(4).map(|d| d as u8)).collect();
+        let wanted = shape.len() - 1;
+        return digits.filter(|d| d.len() == wanted).and_then(|d| named::line(&d)).ok_or_else(|| {
+            let fix = format!("write {} of 0, 1, 2 or 3", many(wanted as u64, "digit"));
+            PlanError::option(&place, "these are no types of the connections", fix)
+        });
+    }
+    if let Some(seed) = args.seed {
+        let mut rng = Rng::named(seed, "joint values", 0);
+        let mut draw = |n: u64| rng.below(n) as u8;
+        return Ok(shape.filled(|_| (draw(4), [draw(3), draw(4), draw(3)])));
+    }
+    if text.starts_with("line:") {
+        let straight = named::line(&vec![0; shape.len() - 1]);
+        return Ok(straight.expect("invariant: the shape has so many modules"));
+    }
+    Ok(shape.filled(|_| (0, [0; 3])))
+}
+
+fn weight(args: &PlanArgs) -> Result<u32, PlanError> {
+    let Some(text) = &args.weight else { return Ok(100) };
+    let wrong = |reason: &str| {
+        let fix = "write a number from 1 to 100, such as 1.5";
+        PlanError::option(&format!("--weight {text}"), reason, fix)
+    };
+    let number: f64 = text.parse().map_err(|_| wrong("this is no number"))?;
+    if !(1.0..=100.0).contains(&number) {
+        return Err(wrong("a bound is weighted by 1 or more"));
+    }
+    if !matches!(args.planner, Planner::Auto | Planner::Astar) {
+        let fix = "use --planner astar";
+        return Err(PlanError::option("--weight", "only astar has one weight", fix));
+    }
+    Ok((number * 100.0).round() as u32)
+}
+
+fn limits(args: &PlanArgs) -> Result<Limits, PlanError> {
+    let text = args.memory.trim();
+    let wrong = |reason: String| {
+        let fix = format!("write at least {}, such as 512MiB or 2GiB", bytes(Limits::LEAST_MEMORY as u64));
+        PlanError::option(&format!("--memory {text}"), reason, fix)
+    };
+    let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
+    let unit = match &text[end..] {
+        "" | "B" => 1,
+        "KiB" => 1 << 10,
+        "MiB" => 1 << 20,
+        "GiB" => 1_u64 << 30,
+        _ => return Err(wrong("this is no size".to_owned())),
+    };
+    let number: u64 = text[..end].parse().map_err(|_| wrong("this is no size".to_owned()))?;
+    let memory = number.checked_mul(unit).and_then(|n| usize::try_from(n).ok());
+    let memory = memory.ok_or_else(|| wrong("this is more than a machine has".to_owned()))?;
+    if memory < Limits::LEAST_MEMORY {
+        return Err(wrong(format!("a search needs {}", bytes(Limits::LEAST_MEMORY as u64))));
+    }
+    Ok(Limits { memory, work: args.work.unwrap_or(u64::MAX) })
+}
+
+fn timeout(text: &str) -> Result<Duration, PlanError> {
+    let span: Result<Span, _> = text.parse();
+    match span {
+        Ok(Span(nanos)) => Ok(Duration::from_nanos(nanos)),
+        Err(error) => {
+            let place = format!("--timeout {text}");
+            Err(PlanError::option(&place, error.to_string(), "write a time with a unit, such as 60s"))
+        }
+    }
+}
+
+/// Describes an answer.
+fn text(answer: &Answer) -> String {
+    let mut lines = Vec::new();
+    let progress = &answer.progress;
+    let by = answer.ended_by.as_deref().map_or_else(String::new, |by| match by {
+        "interrupt" => " (interrupted)".to_owned(),
+        by => format!(" (out of {by})"),
+    });
+    match (answer.verdict, answer.cost, &answer.plan) {
+        (Verdict::Optimal, Some(cost), Some(plan)) => {
+            lines.push(format!("optimal: {}, proved", many(cost.into(), check::unit(plan.objective))));
+        }
+        (Verdict::Bounded, Some(cost), Some(plan)) => lines.push(format!(
+            "a plan of {}{by}; every plan has at least {}, so it is within a factor of {:.2}",
+            many(cost.into(), check::unit(plan.objective)),
+            answer.lower,
+            answer.factor.unwrap_or(0.0)
+        )),
+        (Verdict::Impossible, ..) => lines.push(format!(
+            "impossible: all {} that can be reached were examined",
+            many(progress.kept, "configuration")
+        )),
+        _ => lines.push(format!("no plan was found{by}; every plan costs at least {}", answer.lower)),
+    }
+    for (i, step) in answer.plan.iter().flat_map(|p| &p.actions).enumerate() {
+        lines.push(format!("{:>4}  {}", i, check::words(&step.what)));
+    }
+    if let Some(c) = &answer.counts {
+        lines.push(format!(
+            "  {}, {}, {}; {}; {} one after another; {}",
+            many(c.turns.into(), "turn"),
+            many(c.attachments.into(), "attachment"),
+            many(c.detachments.into(), "detachment"),
+            many(c.moves.into(), "move"),
+            c.makespan,
+            many(c.lifted.into(), "cube lifted"),
+        ));
+    }
+    lines.push(format!(
+        "  {}: {} expanded, {} generated, {} kept in {}",
+        answer.planner,
+        count(progress.expanded),
+        count(progress.generated),
+        count(progress.kept),
+        bytes(progress.bytes)
+    ));
+    lines.join("\n")
+}

@@ -1,0 +1,104 @@
+//! Which actions of a plan must come after which, and what a plan consists of.
+//!
+//! Two turns are independent if the modules of the parts that they move are different and the cells within reach of
+//! these parts are disjoint. A change of a connection changes what moves, so it keeps its place among all others.
+
+use super::document::Counts;
+use metamorph_protocol::assembly::action::{Action, Rules};
+use metamorph_protocol::assembly::configuration::{Configuration, Links, at_hemispheres};
+use metamorph_protocol::assembly::tables::sub;
+
+/// The order of a plan.
+pub struct Order {
+    /// Of each action those that must be done before it; what follows from others is left out.
+    pub after: Vec<Vec<usize>>,
+    /// What the plan consists of.
+    pub counts: Counts,
+}
+
+/// What a turn moves.
+struct Moved {
+    modules: u16,
+    cubes: u32,
+    /// The box of cells that the part may reach.
+    low: [i16; 3],
+    high: [i16; 3],
+}
+
+/// Determines the order of a plan. Its actions must be possible one after another.
+pub fn of(rules: &Rules, start: &Configuration, actions: &[Action]) -> Order {
+    let mut at = *start;
+    let mut moved: Vec<Option<Moved>> = Vec::new();
+    let mut counts = Counts { actions: actions.len() as u32, ..Counts::default() };
+    let mut pending = 0;
+    for action in actions {
+        pending += 1;
+        match action {
+            Action::Attach(_) => {
+                counts.attachments += 1;
+                counts.moves += 1;
+                pending = 0;
+            }
+            Action::Detach(_) => counts.detachments += 1,
+            Action::Turn { .. } => counts.turns += 1,
+        }
+        let part = part(&at, *action);
+        counts.lifted += part.as_ref().map_or(0, |p| p.cubes);
+        moved.push(part);
+        at = rules.apply(&at, *action).expect("invariant: plans are possible");
+    }
+    counts.moves += u32::from(pending > 0);
+    let mut after: Vec<Vec<usize>> = Vec::new();
+    let mut before: Vec<Vec<bool>> = Vec::new();
+    let mut depth: Vec<u32> = Vec::new();
+    for i in 0..actions.len() {
+        let (mut known, mut direct, mut deepest) = (vec![false; i], Vec::new(), 0);
+        for j in (0..i).rev() {
+            if known[j] || independent(moved[i].as_ref(), moved[j].as_ref()) {
+                continue;
+            }
+            direct.push(j);
+            deepest = deepest.max(depth[j]);
+            known[j] = true;
+            before[j].iter().enumerate().for_each(|(k, b)| known[k] |= b);
+        }
+        direct.reverse();
+        after.push(direct);
+        before.push(known);
+        depth.push(deepest + 1);
+    }
+    counts.makespan = depth.into_iter().max().unwrap_or(0);
+    Order { after, counts }
+}
+
+fn independent(a: Option<&Moved>, b: Option<&Moved>) -> bool {
+    let (Some(a), Some(b)) = (a, b) else { return false };
+    a.modules & b.modules == 0 && (0..3).any(|i| a.high[i] < b.low[i] || b.high[i] < a.low[i])
+}
+
+/// Returns what a turn moves: the smaller side.
+fn part(at: &Configuration, action: Action) -> Option<Moved> {
+    let Action::Turn { module, joint, .. } = action else { return None };
+    let connections = at.connections();
+    let links = Links::of(at.len(), connections.iter().copied());
+    let sides = at_hemispheres(&links, &connections, module);
+    let split = usize::from(joint) + 1;
+    let [front, behind] = [&sides[..split], &sides[split..]].map(|s| s.iter().fold(0, |all, m| all | m));
+    let own = at.modules()[usize::from(module)].cells();
+    // Cubes of the module itself that are beyond the joint, seen from either side.
+    let cubes = |set: u16, own: u32| 2 * set.count_ones() + own;
+    let front_cubes = cubes(front, u32::from(joint > 0));
+    let behind_cubes = cubes(behind, u32::from(joint < 2));
+    let (set, cubes) =
+        if front_cubes <= behind_cubes { (front, front_cubes) } else { (behind, behind_cubes) };
+    let pivot = own[usize::from(joint == 2)];
+    let far = at.modules().iter().enumerate().filter(|(i, _)| set & 1 << i != 0 || *i == usize::from(module));
+    let squares = far.flat_map(|(_, m)| m.cells()).map(|c| {
+        let d = sub(c, pivot).map(i32::from);
+        d.iter().map(|x| x * x).sum::<i32>()
+    });
+    // A cube reaches 0.58 cells from its centre, so one cell beyond the distance is enough.
+    let reach = squares.max().unwrap_or(0).isqrt() as i16 + 1;
+    let corner = |sign: i16| [0, 1, 2].map(|i| i16::from(pivot[i]) + sign * reach);
+    Some(Moved { modules: set | 1 << module, cubes, low: corner(-1), high: corner(1) })
+}

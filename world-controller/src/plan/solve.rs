@@ -1,0 +1,304 @@
+//! Drives a planner: slices of work, time limit, Ctrl-C, progress; and makes a plan file of its path.
+
+use super::document::{Answer, Counts, PLAN, PlanFile, Step as PlannedStep, VERSION, Verdict, What};
+use super::input::{Structured, configuration_document, shape_document};
+use super::order;
+use crate::console::format::{bytes, count};
+use crate::console::interrupt::Interrupt;
+use crate::console::stopwatch::Stopwatch;
+use crate::console::terminal::Live;
+use clap::ValueEnum;
+use metamorph_protocol::assembly::action::{Action, Rules};
+use metamorph_protocol::assembly::checker::{Deed, Law, World, robot};
+use metamorph_protocol::assembly::collision::Model;
+use metamorph_protocol::assembly::configuration::Configuration;
+use metamorph_protocol::assembly::space::{Assembly, Goal, Objective};
+use metamorph_protocol::assembly::tables::TABLES;
+use metamorph_protocol::plan::bidirectional::Bidirectional;
+use metamorph_protocol::plan::search::{Method, Search};
+use metamorph_protocol::plan::{Limits, Outcome, Path, Progress, Resource, Step, actions};
+use metamorph_protocol::roombots::Kind;
+use metamorph_protocol::roombots::connector::Connector;
+use metamorph_protocol::roombots::posture::Posture;
+use std::time::Duration;
+
+/// Shapes whose distance to the goal is computed at most.
+const SHAPES: usize = 30_000;
+/// Shapes of four modules are counted to the last one.
+const ALL_OF_FOUR: usize = 20_000;
+/// Expansions between two looks at the clock.
+const SLICE: u64 = 256;
+
+/// A planner, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Planner {
+    /// `bidirectional` for a goal with joint values, else `astar`
+    Auto,
+    /// A*: an optimal plan; on reaching --memory, iterative deepening from there
+    Astar,
+    /// A first plan soon, then better ones (weights 3, 2, 1.5, 1)
+    Ara,
+    /// Iterative deepening: hardly any memory
+    Ida,
+    /// From both ends; the goal needs joint values
+    Bidirectional,
+}
+
+/// A question to a planner.
+#[derive(Clone, Debug)]
+pub struct Problem {
+    /// Where it begins.
+    pub start: Configuration,
+    /// Where it ends.
+    pub goal: Structured,
+    /// What is possible.
+    pub rules: Rules,
+    /// What the cost is.
+    pub objective: Objective,
+    /// Who plans.
+    pub planner: Planner,
+    /// The weight of the lower bound in hundredths.
+    pub weight: u32,
+    /// Memory and work.
+    pub limits: Limits,
+    /// The time to be spent.
+    pub timeout: Option<Duration>,
+}
+
+/// The end of a search from outside.
+enum Stop {
+    Engine(Outcome),
+    Time,
+    Interrupt,
+}
+
+/// What all planners have in common.
+trait Engine {
+    fn advance(&mut self, work: u64) -> Step;
+    fn progress(&self) -> Progress;
+    fn best(&self) -> Option<Path>;
+}
+
+impl Engine for Search<Assembly> {
+    fn advance(&mut self, work: u64) -> Step {
+        Search::advance(self, work)
+    }
+    fn progress(&self) -> Progress {
+        Search::progress(self)
+    }
+    fn best(&self) -> Option<Path> {
+        self.path()
+    }
+}
+
+impl Engine for Bidirectional<Assembly> {
+    fn advance(&mut self, work: u64) -> Step {
+        Bidirectional::advance(self, work)
+    }
+    fn progress(&self) -> Progress {
+        Bidirectional::progress(self)
+    }
+    fn best(&self) -> Option<Path> {
+        None
+    }
+}
+
+impl Problem {
+    /// Returns the space of the problem.
+    pub fn space(&self) -> Assembly {
+        let n = self.start.len();
+        let goal = match &self.goal {
+            Structured::Shape(shape) => Goal::Shape(*shape),
+            Structured::Configuration(configuration) => Goal::Configuration(*configuration),
+        };
+        let shapes = if n <= 4 { ALL_OF_FOUR } else { SHAPES };
+        Assembly::new(n, self.rules.clone(), self.objective, &goal, shapes)
+    }
+
+    /// Returns the planner that `auto` stands for.
+    pub fn chosen(&self) -> Planner {
+        match (self.planner, &self.goal, self.objective) {
+            (Planner::Auto, Structured::Configuration(_), Objective::Actions) => Planner::Bidirectional,
+            (Planner::Auto, ..) => Planner::Astar,
+            (other, ..) => other,
+        }
+    }
+
+    /// Solves the problem as far as the limits permit.
+    pub fn solve(&self, interrupt: &Interrupt, live: &mut Live) -> Answer {
+        let space = self.space();
+        let planner = self.chosen();
+        let (stop, progress, best) = match (planner, &self.goal) {
+            (Planner::Bidirectional, Structured::Configuration(goal)) => {
+                let search = Bidirectional::new(space.clone(), &self.start, goal, self.limits);
+                self.drive(search, interrupt, live)
+            }
+            _ => {
+                let weighted = |method: Method| match self.weight {
+                    100 => method,
+                    weight => Method { weights: vec![weight], ..method },
+                };
+                let method = match planner {
+                    Planner::Ara => Method::anytime(),
+                    Planner::Ida => Method::deepening(),
+                    _ => weighted(Method::astar()),
+                };
+                self.drive(Search::new(space.clone(), &self.start, self.limits, method), interrupt, live)
+            }
+        };
+        live.clear();
+        self.answer(&space, planner, stop, progress, best)
+    }
+
+    fn drive(
+        &self,
+        mut engine: impl Engine,
+        interrupt: &Interrupt,
+        live: &mut Live,
+    ) -> (Stop, Progress, Option<Path>) {
+        let since = Stopwatch::start();
+        let stop = loop {
+            if let Step::Done(outcome) = engine.advance(SLICE) {
+                break Stop::Engine(outcome);
+            }
+            if interrupt.is_set() {
+                break Stop::Interrupt;
+            }
+            if self.timeout.is_some_and(|limit| since.elapsed() >= limit) {
+                break Stop::Time;
+            }
+            live.show(|| line(&engine.progress(), since));
+        };
+        (stop, engine.progress(), engine.best())
+    }
+
+    fn answer(
+        &self,
+        space: &Assembly,
+        planner: Planner,
+        stop: Stop,
+        progress: Progress,
+        best: Option<Path>,
+    ) -> Answer {
+        let (path, lower, ended_by, impossible) = match stop {
+            Stop::Engine(Outcome::Solved { path, lower }) => (Some(path), lower, None, false),
+            Stop::Engine(Outcome::Impossible { .. }) => (None, progress.lower, None, true),
+            Stop::Engine(Outcome::OutOf { resource, best, lower }) => {
+                let name = match resource {
+                    Resource::Memory => "memory",
+                    Resource::Work => "work",
+                    Resource::Cost => "cost",
+                };
+                (best, lower, Some(name), false)
+            }
+            Stop::Time => (best, progress.lower, Some("time"), false),
+            Stop::Interrupt => (best, progress.lower, Some("interrupt"), false),
+        };
+        let cost = path.as_ref().map(|p| p.cost);
+        let lower = cost.map_or(lower, |c| lower.min(c));
+        let verdict = match cost {
+            Some(cost) if cost == lower => Verdict::Optimal,
+            Some(_) => Verdict::Bounded,
+            None if impossible => Verdict::Impossible,
+            None => Verdict::Undecided,
+        };
+        let name = planner.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned());
+        let done = path.and_then(|p| actions(space, &self.start, &p.keys));
+        let planned = done.map(|done| self.plan_file(&done, cost.unwrap_or(0), lower, &name, &progress));
+        Answer {
+            verdict,
+            ended_by: ended_by.map(str::to_owned),
+            planner: name,
+            cost,
+            lower,
+            factor: cost.map(|c| if c == lower { 1.0 } else { f64::from(c) / f64::from(lower.max(1)) }),
+            counts: planned.as_ref().map(|(_, counts)| *counts),
+            progress,
+            plan: planned.map(|(plan, _)| plan),
+        }
+    }
+
+    /// Makes the file of a plan. Its fingerprints are those of the checker's world, followed without checks.
+    fn plan_file(
+        &self,
+        done: &[Action],
+        cost: u32,
+        lower: u32,
+        planner: &str,
+        progress: &Progress,
+    ) -> (PlanFile, Counts) {
+        let order = order::of(&self.rules, &self.start, done);
+        let mut at = self.start;
+        let mut steps = Vec::new();
+        for (action, after) in done.iter().zip(order.after) {
+            let next = self.rules.apply(&at, *action).expect("invariant: the search followed this action");
+            steps.push(PlannedStep {
+                what: What::of(deed(*action)),
+                after,
+                from: format!("{:016x}", world(&at).fingerprint()),
+                to: format!("{:016x}", world(&next).fingerprint()),
+            });
+            at = next;
+        }
+        let plan = PlanFile {
+            format: PLAN.to_owned(),
+            version: VERSION,
+            start: configuration_document(&self.start),
+            goal: match &self.goal {
+                Structured::Shape(shape) => shape_document(shape),
+                Structured::Configuration(configuration) => configuration_document(configuration),
+            },
+            objective: self.objective,
+            collision: self.rules.collision.model(),
+            connectors: self.rules.connectors,
+            actions: steps,
+            cost,
+            lower,
+            planner: planner.to_owned(),
+            expanded: progress.expanded,
+        };
+        (plan, order.counts)
+    }
+}
+
+fn line(progress: &Progress, since: Stopwatch) -> String {
+    let best = progress.upper.map_or_else(|| "none".to_owned(), |u| u.to_string());
+    format!(
+        "at least {}  best so far {best}  {} expanded  {} kept  {}  {:.0} s",
+        progress.lower,
+        count(progress.expanded),
+        count(progress.kept),
+        bytes(progress.bytes),
+        since.elapsed().as_secs_f64()
+    )
+}
+
+/// Returns the configuration as the checker sees it.
+pub fn world(configuration: &Configuration) -> World {
+    let t = &**TABLES;
+    let robots = configuration.modules().iter().map(|m| {
+        let posture = Posture::from_code(Kind::Single, m.posture.into());
+        let steps = posture.steps().try_into().expect("invariant: a module has three joints");
+        robot(m.cell.map(i16::from), t.rotations[usize::from(m.rotation)], &steps)
+    });
+    let held = configuration.connections().into_iter().map(|p| (place(p.a), place(p.b)));
+    World { robots: robots.collect(), held: held.collect() }
+}
+
+fn place((module, connector): (u8, u8)) -> (usize, Connector) {
+    (module.into(), Connector::ALL[usize::from(connector)])
+}
+
+/// Returns the action as the checker sees it.
+pub fn deed(action: Action) -> Deed {
+    match action {
+        Action::Attach(p) => Deed::Attach(place(p.a), place(p.b)),
+        Action::Detach(p) => Deed::Detach(place(p.a), place(p.b)),
+        Action::Turn { module, joint, positive } => Deed::Turn(module.into(), joint.into(), positive),
+    }
+}
+
+/// Returns what a plan is checked against.
+pub fn law(model: Model, connectors: metamorph_protocol::assembly::action::Connectors) -> Law {
+    Law { collision: model, active: connectors == metamorph_protocol::assembly::action::Connectors::Active }
+}
