@@ -127,8 +127,9 @@ pub struct Beacon {
     pub wants_you: bool,
     /// True if the sender has restarted and grants nothing yet.
     pub quarantined: bool,
-    /// The number of modules without memory of their role between the sender and a finalized one; if
-    /// [`Beacon::NO_FINAL`], the sender was not finalized.
+    /// The number of hops from the sender to a finalized module, over modules that have restarted and forgotten
+    /// their role. Zero if the sender is finalized, or has restarted in the seed; [`Beacon::NO_FINAL`] if it cannot
+    /// have been finalized before.
     pub final_hops: u8,
     /// Faces behind which the sender knows live modules that can carry a walker.
     pub terrain: u8,

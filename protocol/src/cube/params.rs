@@ -21,7 +21,7 @@ pub enum Connectivity {
     #[default]
     Forest,
     /// Connecting cycles, locked before a move (thesis 4.2.2, after Fitch and Butler). Needs no
-    /// rooted structure, but long thin loops can be beyond its search.
+    /// rooted structure, but its search has a limited depth and misses long thin loops.
     Cycles,
     /// The connection gradient as published (thesis 4.1.2, after Stoy): a module may leave if no
     /// neighbour's gradient depends on it, as far as it has heard. Not safe when messages are late;

@@ -394,8 +394,9 @@ impl ParentForest {
         })
     }
 
-    /// Returns true if a neighbour would be the better parent. A module that may be finalized stays for good,
-    /// and should hang on one that stays as well.
+    /// Returns true if the neighbour that sent `b` is worth having as parent: it leads to a lower label, any parent is
+    /// better than the present one, or it is steadier. A module that may have been finalized before its restart
+    /// stays for good, so its parent should be one that stays as well.
     fn is_worth_it(&self, v: View<'_>, b: &Beacon, needs_parent: bool) -> bool {
         let stays = |f: Face| v.peer(f).is_none_or(|p| p.final_hops != Beacon::NO_FINAL);
         let is_steadier =
