@@ -70,7 +70,8 @@ impl CubeWorld {
         let beside: Vec<(ModuleId, Face)> = beside.filter(|(id, _)| !self.is_moving(*id)).collect();
         let is_of_present_goal =
             |(id, _): &(ModuleId, Face)| agents.get(*id).is_none_or(|cube| cube.epoch() <= last.epoch());
-        if last.role() == Role::Final && beside.iter().all(is_of_present_goal) {
+        // Growth starts from the seed: it hangs on no other, whatever it has forgotten.
+        if (last.role() == Role::Final || last.is_root()) && beside.iter().all(is_of_present_goal) {
             return;
         }
         let holders = beside.iter().filter(|(id, face)| self.stays(now, *id, *face, agents)).count();
