@@ -13,7 +13,7 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Never;
 use metamorph_sim_bridge::cube::invariants::{
-    BODY_CONNECTED, DEAD_HELD, FIELD_LOOP_FREE, HOLDER_DESCENDS, MOVER_HAS_NO_DEPENDANTS, MOVER_SUPPORTED,
+    BODY_CONNECTED, FIELD_LOOP_FREE, HOLDER_DESCENDS, MOVER_HAS_NO_DEPENDANTS, MOVER_SUPPORTED,
     PARENT_DESCENDS,
 };
 use metamorph_sim_bridge::director::port::DirectorPort;
@@ -83,12 +83,6 @@ fn adopting_a_parent_that_has_not_agreed_is_found() {
 #[test]
 fn holding_the_dead_without_proof_is_found() {
     breaks(HOLDER_DESCENDS, 6, |e| defect(e.loss("10%").crashes(20), Defect::LetGoUnproved));
-}
-
-/// A beacon of a dead module that comes after its certificate lets its holder leave.
-#[test]
-fn forgetting_what_was_announced_is_found() {
-    breaks(DEAD_HELD, 6, |e| defect(e.loss("10%").crashes(20), Defect::ForgetSaid));
 }
 
 #[test]

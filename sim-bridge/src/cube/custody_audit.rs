@@ -70,10 +70,17 @@ impl CubeWorld {
         let beside: Vec<(ModuleId, Face)> = beside.filter(|(id, _)| !self.is_moving(*id)).collect();
         let is_of_present_goal =
             |(id, _): &(ModuleId, Face)| agents.get(*id).is_none_or(|cube| cube.epoch() <= last.epoch());
-        if last.role() == Role::Final && beside.iter().all(is_of_present_goal) {
+        // Growth starts from the seed: it hangs on no other, whatever it has forgotten.
+        if (last.role() == Role::Final || last.is_root()) && beside.iter().all(is_of_present_goal) {
             return;
         }
-        let holders = beside.iter().filter(|(id, face)| self.stays(now, *id, *face, agents)).count();
+        // A dead parent stays, and is held itself.
+        let is_dead_parent =
+            |id: ModuleId, face: Face| agents.get(id).is_none() && last.parent() == Some(face.opposite());
+        let holds = |(id, face): &&(ModuleId, Face)| {
+            is_dead_parent(*id, *face) || self.stays(now, *id, *face, agents)
+        };
+        let holders = beside.iter().filter(holds).count();
         note(found, DEAD_HELD, now, dead, invariants::dead_held(holders));
         let at = self.cell(dead);
         let all = (dead, at, Time::ZERO, 0)..=(dead, at, Time::NEVER, u16::MAX);

@@ -4,8 +4,10 @@
 //! The quick tests take seconds; the larger ones are run with `cargo test -p metamorph-tests --test
 //! model_checking -- --ignored --nocapture`. Each prints the number of states visited.
 
+mod controller;
 mod model;
 
+use controller::Controller;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::control::{Order, Status};
@@ -29,7 +31,7 @@ use metamorph_sim_bridge::kernel::audited::Audited;
 use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
 use metamorph_sim_bridge::world::World;
 use metamorph_tests::metamodules::{Assembly, Goal as Shape};
-use model::{BUILT, BUILT_IN_TIME, Bounds, Budget, Controller, SAFE, SwarmModel};
+use model::{BUILT, BUILT_IN_TIME, Bounds, Budget, SAFE, SwarmModel};
 use stateright::{Checker, HasDiscoveries, Model};
 use std::collections::VecDeque;
 use std::hash::Hash;

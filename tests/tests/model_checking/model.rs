@@ -15,6 +15,7 @@
 //! numbers. The controller, if there is one, certifies deaths and forwards reports about them; its orders take as
 //! long as messages and may be late, and are not lost. There are no later goals.
 
+use crate::controller::Controller;
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output};
 use metamorph_protocol::host::AgentHost;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
@@ -57,28 +58,6 @@ pub struct Bounds {
     pub pauses: Vec<Span>,
     /// The end of the exploration, unless the goal is built before.
     pub horizon: Time,
-}
-
-/// The part of the world-controller that is explored: what it knows, and its orders.
-pub trait Controller<W: World>: Clone + Hash + Send + Sync {
-    /// Notes that the process of a module was killed.
-    fn died(&mut self, now: Time, id: ModuleId);
-    /// Notes that it was started again.
-    fn started(&mut self, id: ModuleId);
-    /// Takes up a report.
-    fn report(&mut self, id: ModuleId, report: &<W::Agent as Agent>::Report);
-    /// Returns the orders that follow.
-    fn orders(&mut self, world: &W) -> Vec<(ModuleId, <W::Agent as Agent>::Order)>;
-}
-
-/// No controller.
-impl<W: World> Controller<W> for () {
-    fn died(&mut self, _: Time, _: ModuleId) {}
-    fn started(&mut self, _: ModuleId) {}
-    fn report(&mut self, _: ModuleId, _: &<W::Agent as Agent>::Report) {}
-    fn orders(&mut self, _: &W) -> Vec<(ModuleId, <W::Agent as Agent>::Order)> {
-        Vec::new()
-    }
 }
 
 /// A small swarm.
