@@ -69,6 +69,11 @@ pub enum SweepError {
     /// A file beside the runs cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// An experiment of a planner is no sweep.
+    #[error(
+        "{0}: this experiment of a planner is no sweep, so there are no runs to keep or to print with others\n  fix: name it alone, without --out; --json FILE has its numbers"
+    )]
+    NotTogether(&'static str),
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
@@ -90,6 +95,7 @@ impl SweepError {
     pub fn is_input(&self) -> bool {
         match self {
             SweepError::Grid(_)
+            | SweepError::NotTogether(_)
             | SweepError::Scenario(_)
             | SweepError::Combination { .. }
             | SweepError::NoStart { .. } => true,
