@@ -66,7 +66,7 @@ impl Space for Graph {
     }
 }
 
-const LIMITS: Limits = Limits { memory: 64 << 20, work: 1_000_000 };
+const LIMITS: Limits = Limits { memory: 2 << 20, work: 1_000_000 };
 
 fn run(graph: &Graph, limits: Limits, method: Method) -> (Outcome, u64) {
     let mut search = Search::new(graph.clone(), &0, limits, method);

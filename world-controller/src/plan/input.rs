@@ -116,6 +116,10 @@ pub fn of_document(place: &str, document: &Structure) -> Result<Structured, Plan
     let mut placed = Vec::new();
     for (i, (module, cells)) in document.modules.iter().zip(cells).enumerate() {
         let Module::Posed(posed) = module else { continue };
+        // Larger numbers are not told from multiples of a step any more.
+        if let Some(degrees) = posed.joints_deg.iter().find(|d| !(-360.0..=360.0).contains(*d)) {
+            return Err(format(format!("module {i}: a joint at {degrees}° is not within ±360°")));
+        }
         let posture = Posture::from_degrees(Kind::Single, &posed.joints_deg, 1e-6)
             .map_err(|error| format(format!("module {i}: {error}")))?;
         let steps = posture.steps().try_into().expect("invariant: a module has three joints");

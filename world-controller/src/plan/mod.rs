@@ -436,7 +436,7 @@ fn text(answer: &Answer) -> String {
             many(c.detachments.into(), "detachment"),
             many(c.moves.into(), "move"),
             c.makespan,
-            many(c.lifted.into(), "cube lifted"),
+            many(c.lifted.into(), "cube") + " lifted",
         ));
     }
     lines.push(format!(

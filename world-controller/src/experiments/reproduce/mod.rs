@@ -12,6 +12,7 @@ mod claims;
 pub mod compare;
 mod fit;
 mod page;
+pub mod planners;
 pub mod published;
 mod readings;
 mod recipe;
@@ -55,6 +56,15 @@ pub enum Experiment {
     /// Figure 4.5: moves that box and chair need
     #[value(name = "fig4.5")]
     Figure45,
+    /// The planner of the 2009 report: four modules from a line to a loop
+    #[value(name = "graph-signature")]
+    GraphSignature,
+    /// Table 6.1 and the planner experiments of 6.3.2: one module on a floor with obstacles
+    #[value(name = "on-grid")]
+    OnGrid,
+    /// The reward map of 4.2.3: failed tries of a metamodule on a floor
+    #[value(name = "reward-map")]
+    RewardMap,
 }
 
 impl Experiment {
@@ -64,6 +74,9 @@ impl Experiment {
             Experiment::Table41 => "4.1",
             Experiment::Table42 => "4.2",
             Experiment::Figure45 => "fig4.5",
+            Experiment::GraphSignature => "graph-signature",
+            Experiment::OnGrid => "on-grid",
+            Experiment::RewardMap => "reward-map",
         }
     }
     const fn title(self) -> &'static str {
@@ -71,6 +84,9 @@ impl Experiment {
             Experiment::Table41 => "Table 4.1: four metamodules build the box",
             Experiment::Table42 => "Table 4.2: six metamodules build the chair",
             Experiment::Figure45 => "Figure 4.5: moves that box and chair need",
+            Experiment::GraphSignature => "Report 2009, chapter 5: planning by graph signatures",
+            Experiment::OnGrid => "Thesis 6.3.2: a module walks over a floor with obstacles",
+            Experiment::RewardMap => "Thesis 4.2.3: the reward map, one metamodule on a floor",
         }
     }
     const fn goals(self) -> &'static [Goal] {
@@ -78,7 +94,12 @@ impl Experiment {
             Experiment::Table41 => &[Goal::Box],
             Experiment::Table42 => &[Goal::Chair],
             Experiment::Figure45 => &[Goal::Box, Goal::Chair],
+            Experiment::GraphSignature | Experiment::OnGrid | Experiment::RewardMap => &[],
         }
+    }
+    /// Returns true for those of a planner, which are no sweeps.
+    const fn is_of_a_planner(self) -> bool {
+        self.goals().is_empty()
     }
 }
 
@@ -139,6 +160,13 @@ pub fn reproduce(request: &Request) -> Result<u8, SweepError> {
     let mut experiments = request.experiments.clone();
     experiments.sort_unstable();
     experiments.dedup();
+    let of_planners: Vec<Experiment> = experiments.iter().copied().filter(|e| e.is_of_a_planner()).collect();
+    if !of_planners.is_empty() {
+        if of_planners.len() < experiments.len() || request.out.is_some() {
+            return Err(SweepError::NotTogether(of_planners[0].name()));
+        }
+        return planners::reproduce(&of_planners, request);
+    }
     let mut outputs = Outputs::new();
     let page = match &request.out {
         Some(dir) => {

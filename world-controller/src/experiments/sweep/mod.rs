@@ -70,6 +70,11 @@ pub enum SweepError {
     /// A file beside the runs cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// An experiment of a planner is no sweep.
+    #[error(
+        "{0}: this experiment of a planner is no sweep, so there are no runs to keep or to print with others\n  fix: name it alone, without --out; --json FILE has its numbers"
+    )]
+    NotTogether(&'static str),
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
@@ -90,6 +95,7 @@ impl CommandError for SweepError {
     fn exit_code(&self) -> u8 {
         match self {
             SweepError::Grid(_)
+            | SweepError::NotTogether(_)
             | SweepError::Scenario(_)
             | SweepError::Combination { .. }
             | SweepError::NoStart { .. } => BAD_USAGE,

@@ -1,0 +1,93 @@
+//! Published results of planners, beside ours: one table of figures each.
+
+mod graph_signature;
+mod on_grid;
+mod reward_map;
+
+use super::{Experiment, Request};
+use crate::console::interrupt::Interrupt;
+use crate::console::output::{Json, Outputs};
+use crate::console::table::Table;
+use crate::console::terminal::{Channel, Paint};
+use crate::experiments::sweep::SweepError;
+use metamorph_sim_bridge::director::outcome::Outcome;
+use serde::Serialize;
+
+/// The version of the JSON output.
+pub const SCHEMA: u32 = 1;
+
+/// A published figure and ours.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// What is counted.
+    pub what: String,
+    /// As printed; empty if nothing is.
+    pub published: String,
+    /// As found here.
+    pub ours: String,
+}
+
+/// The figures of an experiment.
+#[derive(Clone, Debug, Serialize)]
+pub struct PlannerTable {
+    /// The name on the command line.
+    pub name: String,
+    /// What it is about.
+    pub title: String,
+    /// The figures.
+    pub rows: Vec<Row>,
+    /// What could not be compared, and other remarks.
+    pub notes: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct Document {
+    schema: u32,
+    version: String,
+    planners: Vec<PlannerTable>,
+}
+
+impl PlannerTable {
+    fn new(experiment: Experiment) -> PlannerTable {
+        let (name, title) = (experiment.name().to_owned(), experiment.title().to_owned());
+        PlannerTable { name, title, rows: Vec::new(), notes: Vec::new() }
+    }
+    fn row(&mut self, what: impl Into<String>, published: impl Into<String>, ours: impl Into<String>) {
+        self.rows.push(Row { what: what.into(), published: published.into(), ours: ours.into() });
+    }
+
+    fn text(&self, paint: Paint) -> String {
+        let mut table = Table::new(&["", "published", "ours"]);
+        for row in &self.rows {
+            table.whole_row(&[row.what.clone(), row.published.clone(), row.ours.clone()], Vec::new());
+        }
+        let notes: String = self.notes.iter().map(|note| format!("  - {note}\n")).collect();
+        format!("{}\n\n{}\n{notes}", paint.strong(&self.title), table.text(paint))
+    }
+}
+
+/// Runs the planners' experiments of a request, and returns the exit code.
+pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, SweepError> {
+    let mut outputs = Outputs::new();
+    let json = Json::of(request.json.as_deref(), &mut outputs)?;
+    let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
+    interrupt.begin();
+    let mut planners = Vec::new();
+    for experiment in experiments {
+        planners.push(match experiment {
+            Experiment::OnGrid => on_grid::table(request.seeds, &interrupt),
+            Experiment::RewardMap => reward_map::table(request.seeds, &interrupt),
+            _ => graph_signature::table(request.seeds, &interrupt),
+        });
+        if interrupt.is_set() {
+            return Ok(Outcome::Aborted.exit_code());
+        }
+    }
+    let document = Document { schema: SCHEMA, version: env!("CARGO_PKG_VERSION").to_owned(), planners };
+    json.write(&document)?;
+    let channel = Channel::beside(json.is_out(), request.quiet);
+    for table in &document.planners {
+        channel.say(&table.text(channel.paint()));
+    }
+    Ok(0)
+}
