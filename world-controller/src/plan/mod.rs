@@ -61,10 +61,10 @@ Exit codes:
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
-    /// The start: line:N, loop:WxH, ell:N, zigzag:N, quadruped:4|6, or a structure file
+    /// The start: line:N, loop:WxH, ell:N, zigzag:N, quadruped:4|6, or a structure file; default: none
     #[arg(long, value_name = "SHAPE", required_unless_present_any = ["check", "distance", "recognise", "count"], requires = "to")]
     pub from: Option<String>,
-    /// The goal: a shape, with joint values left free, or a file with joint values
+    /// The goal: a shape, with joint values left free, or a file with joint values; default: none
     #[arg(long, value_name = "SHAPE", requires = "from")]
     pub to: Option<String>,
     /// Of a line: the quarter turns of its connections, one digit 0..3 each; default: all 0
@@ -73,7 +73,7 @@ pub struct PlanArgs {
     /// A structure file with the joint values of the start; default: all 0
     #[arg(long, value_name = "FILE", conflicts_with_all = ["types", "seed"])]
     pub joints: Option<PathBuf>,
-    /// Draw the joint values of the start from this seed
+    /// Draw the joint values of the start from this seed; default: all 0
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// What the cost counts
@@ -104,13 +104,13 @@ pub struct PlanArgs {
     /// Check a plan file: carry it out, and name the first action that is not possible
     #[arg(long, value_name = "FILE", conflicts_with_all = ["from", "distance", "recognise", "count"])]
     pub check: Option<PathBuf>,
-    /// Compare two structures
+    /// Compare two structures; default: none
     #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with_all = ["from", "recognise", "count"])]
     pub distance: Option<Vec<String>>,
-    /// Name a shape, its symmetries, and the metamodules in it
+    /// Name a shape, its symmetries, and the metamodules in it; default: none
     #[arg(long, value_name = "SHAPE", conflicts_with_all = ["from", "count"])]
     pub recognise: Option<String>,
-    /// Count shapes and configurations by their distance from this one
+    /// Count shapes and configurations by their distance from this one; default: none
     #[arg(long, value_name = "SHAPE", conflicts_with = "from")]
     pub count: Option<String>,
     /// Write the plan to this file
