@@ -63,7 +63,8 @@ impl Reserve {
         self.shrink(self.held.saturating_sub(OWN).max(LAST));
     }
 
-    /// Releases what one agent needs to start. The other half is for its contacts.
+    /// Releases half of what one agent needs: what it needs to start, or what it and the controller need for its
+    /// contacts.
     pub fn release_one(&mut self) {
         self.shrink(self.held.saturating_sub(SPACE.0 / 2).max(LAST));
     }

@@ -55,13 +55,15 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
                 return Err(SwarmError::SetupTimeout { missing: count - up, count, seconds });
             }
         }
-        self.reserve.release_most();
-        // Links to all agents, so that the first orders need not wait for them.
+        // Links to all agents, so that the first orders need not wait for them. Each takes memory, so what an agent
+        // needs for its contacts is released for it, and the rest of that only when all links are there.
         for i in 0..self.processes.len() {
             if self.processes[i].stage == Stage::Up && self.links.too_many(count) == 0 {
+                self.reserve.release_one();
                 self.connect(i);
             }
         }
+        self.reserve.release_most();
         Ok(())
     }
 
