@@ -159,9 +159,9 @@ fn only_the_same_sweep_is_resumed() {
     };
     let runs = place.read("out", "runs.csv");
     refused(&["--seeds", "5..8", "--out", &out], &["is not empty", "--resume"]);
-    refused(&["--seeds", "5..8", "--out", &out, "--resume"], &["other variations", "not none"]);
+    refused(&["--seeds", "5..8", "--out", &out, "--resume"], &["other variations", "there, none here"]);
     let other = [&["--seeds", "5..9", "--out", out.as_str(), "--resume"], &VARY[..]].concat();
-    refused(&other, &["other seeds: 5..8, not 5..9"]);
+    refused(&other, &["other seeds: 5..8 there, 5..9 here"]);
     let none = place.at("none").display().to_string();
     refused(&["--seeds", "5..8", "--out", &none, "--resume"], &["no sweep to resume"]);
     assert!(!Path::new(&none).exists());
