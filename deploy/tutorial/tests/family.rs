@@ -76,6 +76,6 @@ fn the_family_is_explored() {
     let ran = metamorph(directory.path(), &args);
     let summary: Value = serde_json::from_slice(&ran.stdout).unwrap_or_else(|e| panic!("{e}: {ran:?}"));
     assert_eq!((&summary["runs"], &summary["family"]), (&100.into(), &"election".into()), "{summary}");
-    assert!(summary["built"].as_u64().unwrap() > 50, "{summary}");
+    assert!(summary["outcomes"]["built"].as_u64().unwrap() > 50, "{summary}");
     assert_eq!(ran.status.code(), Some(0), "{summary}");
 }

@@ -424,9 +424,9 @@ mod tests {
         resume(&Manifest::new("elsewhere/a.toml", "version = 1\n", &grid())).unwrap();
         refused(&Manifest::new("a.toml", "version = 1 \n", &grid()), "another scenario");
         let more = Grid { seeds: Seeds { from: 10, until: 14 }, ..grid() };
-        refused(&Manifest::new("a.toml", "version = 1\n", &more), "other seeds: 10..13, not 10..14");
+        refused(&Manifest::new("a.toml", "version = 1\n", &more), "other seeds: 10..13 there, 10..14 here");
         let none = Grid { vary: vec![], ..grid() };
-        refused(&Manifest::new("a.toml", "version = 1\n", &none), "--vary link.loss=0%,5%, not none");
+        refused(&Manifest::new("a.toml", "version = 1\n", &none), "--vary link.loss=0%,5% there, none here");
         refused(&Manifest { program: "9.9.9".into(), ..manifest() }, "another version of metamorph");
         let path = dir.path().join(MANIFEST);
         let text = fs::read_to_string(&path).unwrap();
