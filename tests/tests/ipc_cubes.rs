@@ -66,7 +66,7 @@ fn thirty_six_cubes_build_a_block_of_processes() {
 /// sixteen processes: the clock is slowed to a rate that they can follow, and they build all the same.
 #[test]
 fn a_clock_that_is_too_fast_is_slowed() {
-    let (came_to, swarm) = build(4, 2, 1_000, vec![]);
+    let (came_to, swarm) = build(6, 2, 1_000, vec![]);
     assert_eq!(came_to, Some(Outcome::Built));
     assert!(swarm.slowed.lowest < 0.9 && swarm.slowed.factor < 1.0, "{:?}", swarm.slowed);
     assert!(!swarm.slowed.time.is_zero(), "{:?}", swarm.slowed);

@@ -311,7 +311,7 @@ pub struct Times {
 pub struct SlowedReport {
     /// Mean speed of scenario time, as a share of `time_scale`: 1 if it was never slowed.
     pub factor: f64,
-    /// The lowest speed that was set, as a share of `time_scale`.
+    /// The lowest speed at which time passed, as a share of `time_scale`.
     pub lowest: f64,
     /// Real time, in seconds, that passed at less than `time_scale`.
     pub real_s: f64,

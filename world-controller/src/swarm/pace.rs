@@ -37,7 +37,7 @@ const RECOVERY: u32 = 30;
 pub struct Slowed {
     /// The mean speed of scenario time, as a share of the scenario's.
     pub factor: f64,
-    /// The lowest speed that was set, as a share of the scenario's.
+    /// The lowest speed at which time passed, as a share of the scenario's.
     pub lowest: f64,
     /// Real time that passed at less than the scenario's speed.
     pub time: Duration,
@@ -66,7 +66,10 @@ pub struct Pace<C> {
     begun: Option<(u64, Time)>,
     /// Real time at less than full speed (ns).
     below: u64,
+    /// The lowest speed of a slice that has begun, in parts of [`FULL`].
     lowest: u32,
+    /// The speed of the slice promised last, in parts of [`FULL`].
+    promised: u32,
 }
 
 impl<C: ClockSource> Pace<C> {
@@ -88,6 +91,7 @@ impl<C: ClockSource> Pace<C> {
             begun: None,
             below: 0,
             lowest: FULL,
+            promised: FULL,
         })
     }
 
@@ -134,8 +138,10 @@ impl<C: ClockSource> Pace<C> {
         let share = self.share();
         // Time stood still from the end of the last slice.
         let lapsed = self.begun.map_or(0, |_| monotonic.saturating_sub(self.page.until()));
-        self.below += lapsed + if share < FULL { SLICE } else { 0 };
-        self.lowest = self.lowest.min(share);
+        // The slice that was promised last begins now.
+        self.below += lapsed + if self.promised < FULL { SLICE } else { 0 };
+        self.lowest = self.lowest.min(self.promised);
+        self.promised = share;
         self.begun.get_or_insert((monotonic, self.page.at(monotonic)));
         let speed = if share == FULL { self.full } else { self.full.scaled(share, FULL) };
         self.page = self.page.extended(monotonic, SLICE, speed);
@@ -218,6 +224,20 @@ mod tests {
         assert!(pace.share() > FULL / 2);
         pace.late(late(pace.slowed_at.0, 200));
         assert!(pace.share() < FULL / 2);
+    }
+
+    #[test]
+    fn a_slowed_slice_counts_once_it_begins() {
+        let mut pace = pace(Span(100));
+        let clock = pace.source.clone();
+        pace.renew().unwrap();
+        pace.late(late(u64::MAX, 200));
+        clock.advance(SLICE);
+        pace.renew().unwrap();
+        assert_eq!((pace.slowed().lowest, pace.slowed().time), (1.0, Duration::ZERO));
+        clock.advance(SLICE);
+        pace.renew().unwrap();
+        assert_eq!((pace.slowed().lowest, pace.slowed().time), (0.5, Duration::from_nanos(SLICE)));
     }
 
     #[test]
