@@ -27,7 +27,7 @@ macro_rules! marks {
 marks! {
     CubeLockExpired => "cube: a lock ran out",
     CubeRequestRepeated => "cube: a request that came twice was granted again",
-    CubeDeniedNoTerrain => "cube: refused, nothing to stand on",
+    CubeDeniedNoSupport => "cube: refused, nothing to stand on",
     CubeDeniedBusy => "cube: refused, moving",
     CubeDeniedFull => "cube: refused, too many locks",
     CubeDeniedQuarantined => "cube: refused, just restarted",
@@ -105,7 +105,7 @@ marks! {
     MetaDeathTold => "metamodule: a death was told",
     MetaObstacle => "metamodule: an obstacle was told",
     MetaOutranked => "metamodule: its claim was outranked",
-    MetaBarred => "metamodule: a seed was barred",
+    MetaUnreachable => "metamodule: a seed was unreachable",
     MetaGaveUpSeed => "metamodule: a claimed seed was given up",
     MetaLetBy => "metamodule: went where another gets past on another path",
     MetaCornered => "metamodule: no way out of a more important path",

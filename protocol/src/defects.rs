@@ -45,7 +45,7 @@ pub enum Defect {
     /// Metamodules: every request is granted.
     GrantEverything,
     /// Metamodules: no neighbour is asked for its consent.
-    AskNobody,
+    AskNone,
     /// Metamodules: locks are dropped at once, by the holder and by the modules that granted them. One side
     /// alone would not do: motions are planned around a grant that is remembered.
     ForgetLocks,
@@ -82,7 +82,7 @@ impl Defect {
         Defect::LetGoOldDeath,
         Defect::EpochWords,
         Defect::GrantEverything,
-        Defect::AskNobody,
+        Defect::AskNone,
         Defect::ForgetLocks,
         Defect::OutstayLease,
         Defect::GrantAfterRestart,

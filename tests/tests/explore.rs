@@ -102,7 +102,7 @@ known_defects! {
     finds_holders_without_proof: CUBE, LetGoUnproved, 400;
     finds_children_taken_for_proof: CUBE, ChildProves, 100, from 1_801;
     finds_careless_grants: METAMODULE, GrantEverything, 60;
-    finds_moves_without_requests: METAMODULE, AskNobody, 60;
+    finds_moves_without_requests: METAMODULE, AskNone, 60;
     finds_forgotten_locks: METAMODULE, ForgetLocks, 60;
     finds_outstayed_leases: METAMODULE, OutstayLease, 60;
     #[ignore = "takes minutes"]

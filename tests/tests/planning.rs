@@ -295,8 +295,8 @@ fn planners_of_the_sources_are_reproduced() {
     assert!(ours(0, "a goal that it misses").starts_with("yes"), "{all}");
     assert!(ours(1, "within 2 cells, feet only").contains("targets by primitives: 2 3 6 8 4 1"), "{all}");
     assert!(!all.to_string().contains("CONTRADICTION"), "{all}");
-    assert!(ours(2, "exact strides").starts_with("0; "), "{all}");
-    let ratio: f64 = ours(2, "tries per stride")[..6].parse().unwrap();
+    assert!(ours(2, "exact moves").starts_with("0; "), "{all}");
+    let ratio: f64 = ours(2, "tries per move")[..6].parse().unwrap();
     assert!((ratio - 1.0526).abs() < 0.01, "{ratio}");
     refused(&["reproduce", "4.1", "on-grid"], &["on-grid: this experiment of a planner is no sweep"]);
 }

@@ -18,7 +18,7 @@ pub struct ControllerLease {
 
 const NAME: &str = "controller";
 /// Name of the file that marks a run whose agents wait when their controller is killed.
-const RESUMABLE: &str = "awaited";
+const RESUMABLE: &str = "resumable";
 
 /// Marks the run: from now on its agents wait for a while when their controller is killed.
 ///

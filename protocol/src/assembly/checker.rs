@@ -44,7 +44,7 @@ pub struct World {
 
 /// An action of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Deed {
+pub enum PhysicalAction {
     /// Two connectors begin to hold.
     Attach(Place, Place),
     /// A connection ends.
@@ -87,7 +87,7 @@ pub enum Refusal {
 
 /// The model that a plan is checked against.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Law {
+pub struct Physics {
     /// The collision model.
     pub collision: Model,
     /// True if one of two connectors must be C0X or C3X.
@@ -200,34 +200,34 @@ impl World {
     }
 
     /// Does what an action says, or says why it is not possible.
-    pub fn act(&self, deed: Deed, law: Law) -> Result<World, Refusal> {
+    pub fn act(&self, action: PhysicalAction, physics: Physics) -> Result<World, Refusal> {
         let mut next = self.clone();
-        match deed {
-            Deed::Attach(a, b) => {
+        match action {
+            PhysicalAction::Attach(a, b) => {
                 self.facing(a, b)?;
                 for place in [a, b] {
                     if self.held.iter().any(|(c, d)| *c == place || *d == place) {
                         return Err(Refusal::InUse(place));
                     }
                 }
-                if law.active && !a.1.is_active() && !b.1.is_active() {
+                if physics.active && !a.1.is_active() && !b.1.is_active() {
                     return Err(Refusal::Passive(a, b));
                 }
                 next.held.insert((a.min(b), a.max(b)));
             }
-            Deed::Detach(a, b) => {
+            PhysicalAction::Detach(a, b) => {
                 if !next.held.remove(&(a.min(b), a.max(b))) {
                     return Err(Refusal::NotHeld(a, b));
                 }
                 next.whole()?;
             }
-            Deed::Turn(module, joint, positive) => {
+            PhysicalAction::Turn(module, joint, positive) => {
                 let robot = self.robot(module)?;
                 let behind = self.flood((module, joint + 1), Some((module, joint)));
                 if behind.contains(&(module, joint)) {
                     return Err(Refusal::Locked(module, joint));
                 }
-                self.sweep(module, joint, positive, &behind, law.collision)?;
+                self.sweep(module, joint, positive, &behind, physics.collision)?;
                 let axis = robot.hemispheres()[joint];
                 let one = if joint == 1 { LatticeRotation::QUARTER } else { LatticeRotation::DIAGONAL };
                 let one = if positive { one } else { one.inverse() };

@@ -2,7 +2,7 @@
 
 use super::action::{Action, Connectors, Rules};
 use super::canonical::Detail;
-use super::checker::{Deed, Law, World, robot};
+use super::checker::{PhysicalAction, Physics, World, robot};
 use super::collision::{Collision, Model};
 use super::configuration::{Configuration, Links, Module};
 use super::named::{line, shape};
@@ -48,12 +48,14 @@ fn world(c: &Configuration) -> World {
     World { robots: robots.collect(), held }
 }
 
-fn deed(action: Action) -> Deed {
+fn physical(action: Action) -> PhysicalAction {
     let place = |(m, c): (u8, u8)| (usize::from(m), Connector::ALL[usize::from(c)]);
     match action {
-        Action::Attach(p) => Deed::Attach(place(p.a), place(p.b)),
-        Action::Detach(p) => Deed::Detach(place(p.a), place(p.b)),
-        Action::Turn { module, joint, positive } => Deed::Turn(module.into(), joint.into(), positive),
+        Action::Attach(p) => PhysicalAction::Attach(place(p.a), place(p.b)),
+        Action::Detach(p) => PhysicalAction::Detach(place(p.a), place(p.b)),
+        Action::Turn { module, joint, positive } => {
+            PhysicalAction::Turn(module.into(), joint.into(), positive)
+        }
     }
 }
 
@@ -62,7 +64,7 @@ fn deed(action: Action) -> Deed {
 fn the_checker_permits_what_the_planner_generates_and_nothing_else() {
     let mut rng = Rng::named(1, "checker", 0);
     for model in [Model::Final, Model::Core, Model::Strict] {
-        let law = Law { collision: model, active: false };
+        let physics = Physics { collision: model, active: false };
         let rules = rules(model);
         let rounds = if model == Model::Final { 60 } else { 3 };
         for round in 0..rounds {
@@ -72,36 +74,43 @@ fn the_checker_permits_what_the_planner_generates_and_nothing_else() {
             before.check().unwrap();
             let mut found = Vec::new();
             rules.expand(&at, |action, to| {
-                let after = before.act(deed(action), law).unwrap_or_else(|e| {
+                let after = before.act(physical(action), physics).unwrap_or_else(|e| {
                     panic!("{model:?}, round {round}: {action:?} of {at:?}: {e}");
                 });
                 assert_eq!(after.fingerprint(), world(to).fingerprint(), "{action:?} of {at:?}");
-                found.push(deed(action));
+                found.push(physical(action));
             });
-            for deed in all_deeds(&at) {
-                let possible = before.act(deed, law).is_ok();
-                assert_eq!(possible, found.contains(&deed), "{model:?}, round {round}: {deed:?} of {at:?}");
+            for action in all_physical_actions(&at) {
+                let possible = before.act(action, physics).is_ok();
+                assert_eq!(
+                    possible,
+                    found.contains(&action),
+                    "{model:?}, round {round}: {action:?} of {at:?}"
+                );
             }
         }
     }
 }
 
-fn all_deeds(c: &Configuration) -> Vec<Deed> {
-    let mut deeds = Vec::new();
+fn all_physical_actions(c: &Configuration) -> Vec<PhysicalAction> {
+    let mut actions = Vec::new();
     let n = c.len();
     for m in 0..n {
         for joint in 0..3 {
-            deeds.extend([Deed::Turn(m, joint, false), Deed::Turn(m, joint, true)]);
+            actions.extend([PhysicalAction::Turn(m, joint, false), PhysicalAction::Turn(m, joint, true)]);
         }
         for other in m + 1..n {
             for a in Connector::ALL {
                 for b in Connector::ALL {
-                    deeds.extend([Deed::Attach((m, a), (other, b)), Deed::Detach((m, a), (other, b))]);
+                    actions.extend([
+                        PhysicalAction::Attach((m, a), (other, b)),
+                        PhysicalAction::Detach((m, a), (other, b)),
+                    ]);
                 }
             }
         }
     }
-    deeds
+    actions
 }
 
 /// Returns the same configuration moved as a whole, with modules and ends named anew.
@@ -231,11 +240,11 @@ fn optimum(from: &Configuration, space: &Assembly) -> u32 {
     assert_eq!(lower, path.cost);
     let plan = actions(search.space(), from, &path.keys).expect("the keys are a path");
     assert_eq!(plan.len() as u32, path.cost);
-    let law = Law { collision: model, active: false };
+    let physics = Physics { collision: model, active: false };
     let mut at = *from;
     let mut world = world(from);
     for action in plan {
-        world = world.act(deed(action), law).unwrap();
+        world = world.act(physical(action), physics).unwrap();
         at = search.space().rules().apply(&at, action).unwrap();
     }
     assert!(space.is_goal(&at));

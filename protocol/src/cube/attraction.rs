@@ -259,7 +259,7 @@ impl Attraction {
     /// others can be seen alive, a corner may be free again, a value has expired, or time has made room for
     /// another source.
     fn dirty_by_time(&mut self, v: View<'_>, due: bool) -> u8 {
-        let seen = (v.sides.open_mask(), v.sides.terrain_mask());
+        let seen = (v.sides.open_mask(), v.sides.support_mask());
         let is_other = std::mem::replace(&mut self.seen, seen) != seen;
         let before = std::mem::replace(&mut self.seen_at, v.now);
         let is_free_again = |until: &Time| before < *until && *until <= v.now;
@@ -354,7 +354,7 @@ impl Attraction {
             n += 1;
         };
         for heading in face.perpendicular() {
-            if let Some(beacon) = v.terrain(heading) {
+            if let Some(beacon) = v.support(heading) {
                 // Targets of another goal were forgotten with that goal, so their distances could lead in
                 // circles.
                 if beacon.epoch != v.own.epoch {
@@ -362,7 +362,7 @@ impl Attraction {
                 }
                 let slot = face.slot_in(heading).unwrap_or(0);
                 // A module one further out touches the very same cell; otherwise it is one slide.
-                let (cost, via) = match beacon.terrain & face.bit() {
+                let (cost, via) = match beacon.supports & face.bit() {
                     0 => (Entry::MOVE, heading as u8),
                     _ => (1, SAME_CELL + heading as u8),
                 };
@@ -390,8 +390,8 @@ impl Attraction {
             if v.sides.is_open(heading) {
                 return self.value(heading);
             }
-            match v.terrain(heading) {
-                Some(b) if b.terrain & face.bit() == 0 && b.epoch == v.own.epoch => {
+            match v.support(heading) {
+                Some(b) if b.supports & face.bit() == 0 && b.epoch == v.own.epoch => {
                     b.field[face.slot_in(heading).unwrap_or(0)]
                 }
                 _ => Entry::NONE,
@@ -423,7 +423,7 @@ fn lower_are_filled(v: View<'_>, face: Face) -> bool {
             return true;
         }
         // The lower cell lies beside ours, seen by the module that both touch; a dead one says nothing.
-        v.sides.is_certified_dead(toward) || v.terrain(toward).is_some_and(|b| b.filled & face.bit() != 0)
+        v.sides.is_certified_dead(toward) || v.support(toward).is_some_and(|b| b.filled & face.bit() != 0)
     })
 }
 
@@ -433,7 +433,7 @@ fn starters_are_dead(v: View<'_>, face: Face) -> bool {
     let lower = v.own.masks.lower[face.index()];
     let is_dead = |toward: Face| {
         let aside = toward != face && toward != face.opposite();
-        aside && v.terrain(toward).is_some_and(|b| b.filled & !b.finals & face.bit() != 0)
+        aside && v.support(toward).is_some_and(|b| b.filled & !b.finals & face.bit() != 0)
     };
     lower != 0 && Face::ALL.into_iter().all(|toward| lower & toward.bit() == 0 || is_dead(toward))
 }

@@ -42,7 +42,7 @@ struct Timed {
     wanted: u8,
     finals: u8,
     filled: u8,
-    terrain: u8,
+    supports: u8,
     live: u8,
     open: u8,
     is_quarantined: bool,
@@ -191,7 +191,7 @@ impl Cube {
             wanted: self.wanted,
             finals: self.finals,
             filled: self.filled,
-            terrain: self.sides.terrain_mask(),
+            supports: self.sides.support_mask(),
             live: self.sides.live_mask(),
             open: self.sides.open_mask(),
             is_quarantined: self.own.is_quarantined(now),
@@ -210,11 +210,11 @@ impl Cube {
             role: own.role,
             attached: self.forest.is_attached(v),
             immobile: own.immobile || self.is_stranded(now),
-            anchored_here: false,
+            supported_here: false,
             wants_you: false,
             quarantined: v.is_quarantined(),
             final_hops: v.final_hops(),
-            terrain: self.sides.terrain_mask(),
+            supports: self.sides.support_mask(),
             finals: self.finals,
             filled: self.filled,
             rank: self.forest.told_rank(v),
@@ -231,7 +231,7 @@ impl Cube {
         let (own, v) = (&self.own, self.view(now));
         let activated_here = own.role == Role::Final && own.activator == Some(face);
         Beacon {
-            anchored_here: activated_here || (own.role == Role::Walker && own.anchor == Some(face)),
+            supported_here: activated_here || (own.role == Role::Walker && own.support == Some(face)),
             wants_you: self.wanted & face.bit() != 0,
             renew: self.forest.renewal(v, face),
             claim: self.forest.claim(v, face),
@@ -248,7 +248,7 @@ impl Cube {
         self.own.role == Role::Walker
             && self.moving.is_none()
             && !self.view(now).may_hear_more()
-            && self.sides.terrain_mask() == 0
+            && self.sides.support_mask() == 0
     }
 
     /// Returns the number of finalized modules that this one counts for: itself, those that it made
@@ -259,7 +259,7 @@ impl Cube {
             .into_iter()
             .filter(|f| Some(*f) != self.own.activator)
             .filter_map(|f| v.live(f))
-            .filter(|b| v.is_final(b) && b.anchored_here)
+            .filter(|b| v.is_final(b) && b.supported_here)
             .map(|b| b.subtree)
             .sum();
         below + 1
@@ -294,10 +294,10 @@ fn news_delay(before: &Beacon, after: &Beacon, advertise: Span) -> Span {
 /// Returns the class of a beacon, judged by what is new in it; connectivity first, gradient last.
 fn class_of_news(before: &Beacon, after: &Beacon) -> Class {
     let connectivity = |b: &Beacon| {
-        (b.attached, b.rank, b.renew, b.claim, b.ack, b.anchored_here, b.quarantined, b.final_hops)
+        (b.attached, b.rank, b.renew, b.claim, b.ack, b.supported_here, b.quarantined, b.final_hops)
     };
     let seed =
-        |b: &Beacon| (b.epoch, b.role, b.wants_you, b.terrain, b.finals, b.filled, b.subtree, b.immobile);
+        |b: &Beacon| (b.epoch, b.role, b.wants_you, b.supports, b.finals, b.filled, b.subtree, b.immobile);
     if connectivity(before) != connectivity(after) {
         Class::Connectivity
     } else if seed(before) != seed(after) {

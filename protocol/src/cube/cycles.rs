@@ -59,8 +59,8 @@ impl Cube {
         let mut state = SearchState { part: [0, 1, 2, 3, 4, 5, 6], nodes: 0, depth: 0, routes: Vec::new() };
         let neighbours: Vec<(Face, Role, u8, u8)> = Face::ALL
             .into_iter()
-            .filter_map(|f| match (self.sides.terrain(f), self.sides.peer(f)) {
-                (Some(b), _) => Some((f, b.role, b.terrain, b.finals)),
+            .filter_map(|f| match (self.sides.support(f), self.sides.peer(f)) {
+                (Some(b), _) => Some((f, b.role, b.supports, b.finals)),
                 // A dead finalized module stays where it is, and what hangs on it must not be cut off from
                 // it; but it answers no more.
                 (None, Some(b)) if b.role == Role::Final => Some((f, b.role, 0, 0)),
@@ -78,9 +78,9 @@ impl Cube {
                 state.routes.extend(Route::new(&[*face]));
             }
         }
-        for (u, _, terrain, _) in &neighbours {
+        for (u, _, supports, _) in &neighbours {
             for (v, _, back, _) in &neighbours {
-                let touches = terrain & v.bit() != 0 && back & u.bit() != 0;
+                let touches = supports & v.bit() != 0 && back & u.bit() != 0;
                 if u < v && v.slot_in(*u).is_some() && touches && state.join(u.index(), v.index()) {
                     state.routes.extend(Route::new(&[*u, *v, u.opposite()]));
                 }
@@ -142,7 +142,7 @@ impl Cube {
     pub(super) fn on_search(&mut self, now: Time, from: Face, id: RequestId, ttl: u8, route: Route) {
         let last = route.hop(route.hop_count() - 1).map(Face::opposite);
         // Only modules that are finalized for the same goal hang together.
-        let same_goal = |f: Face| self.sides.terrain(f).is_some_and(|b| b.epoch == self.own.epoch);
+        let same_goal = |f: Face| self.sides.support(f).is_some_and(|b| b.epoch == self.own.epoch);
         let passes = last == Some(from)
             && id.origin != self.own.id
             && self.own.role != Role::Walker
@@ -178,7 +178,7 @@ impl Cube {
             return;
         }
         for face in Face::ALL.into_iter().filter(|f| *f != from) {
-            let on = self.sides.terrain(face).is_some_and(|b| b.epoch == self.own.epoch);
+            let on = self.sides.support(face).is_some_and(|b| b.epoch == self.own.epoch);
             if on && let Some(route) = route.then(face) {
                 self.out.send(
                     &self.sides,
@@ -267,11 +267,11 @@ mod tests {
             role: Role::Reserve,
             attached: true,
             immobile: false,
-            anchored_here: false,
+            supported_here: false,
             wants_you: false,
             quarantined: false,
             final_hops: Beacon::NO_FINAL,
-            terrain: Face::West.bit(),
+            supports: Face::West.bit(),
             finals: 0,
             filled: 0,
             rank: Rank { rooted: Time::ZERO, label: 3 },

@@ -42,7 +42,7 @@ impl Cube {
             restarted,
             quarantine_until,
             activator,
-            anchor,
+            support,
             immobile,
             setup: _,
             masks: _,
@@ -50,7 +50,7 @@ impl Cube {
         let hasher = &mut Portable::new(hasher);
         (id, cell, settled, epoch, role).hash(hasher);
         forest.digest(hasher);
-        (activator, anchor, attempt, moving, next_epoch, locks, searches).hash(hasher);
+        (activator, support, attempt, moving, next_epoch, locks, searches).hash(hasher);
         (rng, tokens).hash(hasher);
         planner.digest(hasher, DigestPart::Waiting);
         planner.digest(hasher, DigestPart::Failures);

@@ -122,7 +122,7 @@ pub struct Beacon {
     /// True if the sender cannot move any more.
     pub immobile: bool,
     /// True if the receiver supports the sender, a walker, or made it finalized.
-    pub anchored_here: bool,
+    pub supported_here: bool,
     /// True if the sender wants the receiver's cell filled, for good.
     pub wants_you: bool,
     /// True if the sender has restarted and grants nothing yet.
@@ -132,7 +132,7 @@ pub struct Beacon {
     /// have been finalized before.
     pub final_hops: u8,
     /// Faces behind which the sender knows live modules that can carry a walker.
-    pub terrain: u8,
+    pub supports: u8,
     /// Faces behind which the sender knows finalized modules.
     pub finals: u8,
     /// Faces behind which it knows goal cells that are filled for good: those, and dead modules in goal cells.
@@ -186,7 +186,7 @@ pub enum Denial {
     /// A module of the route wants to leave and has waited longer.
     Younger = 4,
     /// The route leads nowhere.
-    NoTerrain = 5,
+    NoSupport = 5,
     /// A module of the route has just restarted.
     Quarantined = 6,
 }
@@ -202,7 +202,7 @@ impl Denial {
             Denial::Reserved => CoveragePoint::CubeDeniedReserved,
             Denial::Busy => CoveragePoint::CubeDeniedBusy,
             Denial::Younger => CoveragePoint::CubeDeniedYounger,
-            Denial::NoTerrain => CoveragePoint::CubeDeniedNoTerrain,
+            Denial::NoSupport => CoveragePoint::CubeDeniedNoSupport,
             Denial::Quarantined => CoveragePoint::CubeDeniedQuarantined,
         }
     }
@@ -213,7 +213,7 @@ impl Denial {
             2 => Denial::Reserved,
             3 => Denial::Busy,
             4 => Denial::Younger,
-            5 => Denial::NoTerrain,
+            5 => Denial::NoSupport,
             6 => Denial::Quarantined,
             _ => return Err(WireError::Field("denial")),
         }))
@@ -327,10 +327,10 @@ impl Wire for Message {
                 out.u32(b.id.0);
                 out.u32(b.sequence);
                 out.u16(b.epoch);
-                let flags = [b.attached, b.immobile, b.anchored_here, b.wants_you, b.quarantined];
+                let flags = [b.attached, b.immobile, b.supported_here, b.wants_you, b.quarantined];
                 let bits = flags.iter().rev().fold(0u8, |bits, f| bits << 1 | u8::from(*f));
                 out.u8(bits << 2 | b.role as u8);
-                out.u8(b.terrain);
+                out.u8(b.supports);
                 out.u8(b.finals);
                 out.u8(b.filled);
                 out.u16(b.rank.label);
@@ -408,7 +408,7 @@ impl Wire for Message {
                     return Err(WireError::Field("flags"));
                 }
                 let flag = |i: u8| bits >> (2 + i) & 1 == 1;
-                let (terrain, finals) = (mask(from.u8()?)?, mask(from.u8()?)?);
+                let (supports, finals) = (mask(from.u8()?)?, mask(from.u8()?)?);
                 let filled = mask(from.u8()?)?;
                 let (label, rooted, renew) = (from.u16()?, Time(from.u64()?), Time(from.u64()?));
                 let final_hops = from.u8()?;
@@ -434,11 +434,11 @@ impl Wire for Message {
                     role: Role::decode(bits & 3)?,
                     attached: flag(0),
                     immobile: flag(1),
-                    anchored_here: flag(2),
+                    supported_here: flag(2),
                     wants_you: flag(3),
                     quarantined: flag(4),
                     final_hops,
-                    terrain,
+                    supports,
                     finals,
                     filled,
                     rank: Rank { rooted, label },

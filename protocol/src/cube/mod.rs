@@ -190,7 +190,7 @@ impl Agent for Cube {
             restarted,
             quarantine_until: if listens { now + setup.params.quarantine } else { now },
             activator: None,
-            anchor: None,
+            support: None,
             immobile: false,
             masks: GoalMasks::default(),
         };
@@ -322,7 +322,7 @@ impl Cube {
     }
 
     fn become_final(&mut self, activator: Option<Face>) {
-        (self.own.role, self.own.activator, self.own.anchor) = (Role::Final, activator, None);
+        (self.own.role, self.own.activator, self.own.support) = (Role::Final, activator, None);
         self.forest.on_finalized();
         self.planner.on_finalized();
         self.touch();
@@ -346,7 +346,7 @@ impl Cube {
         if session.is_none() {
             let own = &mut self.own;
             own.activator = own.activator.filter(|f| *f != face);
-            own.anchor = own.anchor.filter(|f| *f != face);
+            own.support = own.support.filter(|f| *f != face);
             // Locks granted to a restarted neighbour last until their lease ends: its body may be moving.
             if let Some(id) = lost {
                 if self.locks.iter().any(|lock| lock.id.origin == id) {
@@ -471,7 +471,7 @@ impl Cube {
         }
         self.abort_attempt(now, None);
         let own = &mut self.own;
-        (own.epoch, own.role, own.activator, own.anchor) = (epoch, Role::Reserve, None, None);
+        (own.epoch, own.role, own.activator, own.support) = (epoch, Role::Reserve, None, None);
         own.look_up();
         self.forest.on_goal();
         self.planner.on_goal();
@@ -511,7 +511,7 @@ impl Cube {
             self.beacons.touch_faces(beside_any(tended.changed));
         }
         self.wanted = tended.wanted;
-        let is_final = |f: &Face| v.terrain(*f).is_some_and(|b| v.is_final(b));
+        let is_final = |f: &Face| v.support(*f).is_some_and(|b| v.is_final(b));
         self.finals = Face::ALL.into_iter().filter(is_final).fold(0, |mask, f| mask | f.bit());
         self.filled = self.finals | (v.sides.certified_mask() & v.own.masks.cells);
         self.tend_attempt(now);

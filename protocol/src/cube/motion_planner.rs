@@ -208,7 +208,7 @@ impl MotionPlanner {
     /// Returns true if a module in reserve waits for an outer neighbour to leave first.
     fn waits_for_outer(&self, v: View<'_>, label: u16) -> bool {
         let outer = |b: &Beacon| b.role == Role::Reserve && b.rank.label > label;
-        let has_outer = Face::ALL.into_iter().any(|f| v.terrain(f).is_some_and(outer));
+        let has_outer = Face::ALL.into_iter().any(|f| v.support(f).is_some_and(outer));
         let deferrals = match v.params().connectivity {
             // A module that leaves from the middle leaves a mesh of loops too long for any search.
             Connectivity::Cycles => OUTERMOST_FIRST_IN_CYCLES,
@@ -319,7 +319,7 @@ impl Courses {
     fn around(v: View<'_>) -> Courses {
         let mut courses = Courses::default();
         for support in Face::ALL {
-            let Some(b) = v.terrain(support) else { continue };
+            let Some(b) = v.support(support) else { continue };
             for (slot, heading) in support.perpendicular().into_iter().enumerate() {
                 courses.add(v, b, slot, support, heading);
             }
@@ -329,7 +329,7 @@ impl Courses {
 
     fn add(&mut self, v: View<'_>, b: &Beacon, slot: usize, support: Face, heading: Face) {
         // The support cannot see what stands over its edge.
-        let is_edge = b.terrain & heading.bit() == 0;
+        let is_edge = b.supports & heading.bit() == 0;
         let behind = match (v.sides.is_touching(heading), v.peer(heading)) {
             (false, _) => None,
             (true, Some(peer)) if v.sides.is_open(heading) => Some(peer.id),
@@ -418,7 +418,7 @@ impl Cube {
         match percept {
             Percept::Arrived(_) => {
                 self.own.role = Role::Walker;
-                self.own.anchor = Some(attempt.motion.landing_support());
+                self.own.support = Some(attempt.motion.landing_support());
                 // Allows some time for the first beacons at a new place.
                 self.planner.on_moved(now + self.own.params().usual_delay);
             }
@@ -448,7 +448,7 @@ impl Cube {
     fn arrive(&mut self, now: Time, cell: Cell) {
         let own = &mut self.own;
         (own.cell, own.settled, own.restarted, own.role) = (cell, now, false, Role::Reserve);
-        (own.activator, own.anchor) = (None, None);
+        (own.activator, own.support) = (None, None);
         own.look_up();
         self.sides = Sides::new();
         self.attraction = Attraction::new();

@@ -197,7 +197,7 @@ impl Cube {
             return Ok(());
         }
         if self.own.role == Role::Walker || id.origin == self.own.id {
-            return Err((Denial::NoTerrain, None));
+            return Err((Denial::NoSupport, None));
         }
         if self.locks.is_full() {
             hit(CoveragePoint::CubeDeniedFull);
@@ -220,8 +220,8 @@ impl Cube {
         let mut reserved = None;
         match (next, ask) {
             (Some(next), _) => {
-                if self.sides.terrain(next).is_none() {
-                    return Err((Denial::NoTerrain, self.sides.peer(next).map(|b| b.id)));
+                if self.sides.support(next).is_none() {
+                    return Err((Denial::NoSupport, self.sides.peer(next).map(|b| b.id)));
                 }
             }
             (None, Ask::Reserve(face)) => {
@@ -252,7 +252,7 @@ impl Cube {
 
     /// Returns the directions from here in which a further module touches the cell outside `face`.
     fn co_owners(&self, face: Face) -> u8 {
-        let touches = |u: &Face| self.sides.terrain(*u).is_some_and(|b| b.terrain & face.bit() != 0);
+        let touches = |u: &Face| self.sides.support(*u).is_some_and(|b| b.supports & face.bit() != 0);
         face.perpendicular().into_iter().filter(touches).fold(0, |mask, u| mask | u.bit())
     }
 

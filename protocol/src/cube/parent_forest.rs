@@ -184,7 +184,7 @@ impl ParentForest {
     }
     /// Returns true if it is proved that this module does not hang on a dead neighbour, and never will.
     fn is_above_dead(&self, v: View<'_>, face: Face, died: Time) -> bool {
-        let is_carried = || v.peer(face).is_some_and(|b| b.role == Role::Walker && b.anchored_here);
+        let is_carried = || v.peer(face).is_some_and(|b| b.role == Role::Walker && b.supported_here);
         let is_child = || self.child(face).is_some();
         v.own.role == Role::Final
             || (self.is_attached(v)
@@ -408,7 +408,7 @@ impl ParentForest {
         let needs_parent = self.needs_parent(v);
         let (mut best, mut is_refused) = (None, false);
         for face in Face::ALL {
-            let Some(b) = v.terrain(face) else { continue };
+            let Some(b) = v.support(face) else { continue };
             let usable = b.attached
                 && b.epoch == v.own.epoch
                 && b.claim == Claim::None
@@ -445,7 +445,7 @@ impl ParentForest {
         }
         let least = Face::ALL
             .into_iter()
-            .filter_map(|f| v.terrain(f))
+            .filter_map(|f| v.support(f))
             .filter(|b| b.epoch == v.own.epoch && b.attached)
             .map(|b| b.rank.label)
             .min();
@@ -463,7 +463,7 @@ impl ParentForest {
     /// Returns the claim of the published rule: a module depends on a neighbour if no other has a lower
     /// label.
     fn gradient_claim(&self, v: View<'_>, face: Face) -> Claim {
-        let lower = |f: Face| v.terrain(f).is_some_and(|b| b.attached && b.rank.label < self.rank.label);
+        let lower = |f: Face| v.support(f).is_some_and(|b| b.attached && b.rank.label < self.rank.label);
         let others = Face::ALL.into_iter().any(|f| f != face && lower(f));
         if lower(face) && !others { Claim::Parent(PARENT_TOKEN) } else { Claim::None }
     }
@@ -496,7 +496,7 @@ impl ParentForest {
             _ if b.epoch != v.own.epoch => false,
             _ if forgotten => true,
             Role::Final => true,
-            Role::Walker => !b.anchored_here,
+            Role::Walker => !b.supported_here,
             // A cycle can only be locked over modules that answer.
             Role::Reserve if v.params().connectivity == Connectivity::Cycles => {
                 !silent && !v.sides.is_certified_dead(face)

@@ -58,6 +58,6 @@ impl Cube {
 
     fn is_attracted(&self, now: Time) -> bool {
         let v = self.view(now);
-        Face::ALL.into_iter().filter_map(|f| v.terrain(f)).any(|b| b.field.iter().any(|e| e.is_known()))
+        Face::ALL.into_iter().filter_map(|f| v.support(f)).any(|b| b.field.iter().any(|e| e.is_known()))
     }
 }

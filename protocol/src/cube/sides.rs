@@ -21,7 +21,7 @@ struct Masks {
     /// The neighbour is believed alive.
     live: u8,
     /// The neighbour is alive and can carry a walker.
-    terrain: u8,
+    supports: u8,
     /// The cell outside can hold a walker: it is empty, or holds one that moves on.
     open: u8,
 }
@@ -90,12 +90,12 @@ impl Sides {
         self.among(self.masks.live, face)
     }
     /// Returns the neighbour on a face, if it is a live module that can carry a walker.
-    pub fn terrain(&self, face: Face) -> Option<&Beacon> {
-        self.among(self.masks.terrain, face)
+    pub fn support(&self, face: Face) -> Option<&Beacon> {
+        self.among(self.masks.supports, face)
     }
     /// Returns the faces with a live neighbour that can carry a walker.
-    pub fn terrain_mask(&self) -> u8 {
-        self.masks.terrain
+    pub fn support_mask(&self) -> u8 {
+        self.masks.supports
     }
     /// Returns the faces whose neighbour has been heard in this session.
     pub fn heard_mask(&self) -> u8 {
@@ -185,7 +185,7 @@ impl Sides {
         let peer = self.peers[face.index()].as_ref().filter(|_| m.live & bit != 0);
         let carries = peer.is_some_and(|b| b.role != Role::Walker);
         let moves_on = peer.is_some_and(|b| b.role == Role::Walker && !b.immobile);
-        m.terrain = if carries { m.terrain | bit } else { m.terrain & !bit };
+        m.supports = if carries { m.supports | bit } else { m.supports & !bit };
         m.open = if moves_on || m.touching & bit == 0 { m.open | bit } else { m.open & !bit };
     }
 
@@ -206,7 +206,7 @@ impl Sides {
             masks.touching |= if touching { bit } else { 0 };
             masks.heard |= if self.peers[i].is_some() { bit } else { 0 };
             masks.live |= if live.is_some() { bit } else { 0 };
-            masks.terrain |= if live.is_some_and(|b| !is_walker(b)) { bit } else { 0 };
+            masks.supports |= if live.is_some_and(|b| !is_walker(b)) { bit } else { 0 };
             let open = !touching || live.is_some_and(|b| is_walker(b) && !b.immobile);
             masks.open |= if open { bit } else { 0 };
         }

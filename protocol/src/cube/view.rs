@@ -90,7 +90,7 @@ pub(super) struct Own {
     /// The neighbour that made this module finalized.
     pub activator: Option<Face>,
     /// The support that carries a walker.
-    pub anchor: Option<Face>,
+    pub support: Option<Face>,
     /// True if too many actions of its body have failed in a row.
     pub immobile: bool,
     /// Derived from goal and cell.
@@ -148,8 +148,8 @@ impl<'a> View<'a> {
         self.sides.live(face)
     }
     /// Returns the neighbour on a face, if it is a live module that can carry a walker.
-    pub fn terrain(self, face: Face) -> Option<&'a Beacon> {
-        self.sides.terrain(face)
+    pub fn support(self, face: Face) -> Option<&'a Beacon> {
+        self.sides.support(face)
     }
     /// Returns true if the neighbour on a face is certified to have died finalized in the present goal.
     pub fn died_finalized(self, face: Face) -> bool {

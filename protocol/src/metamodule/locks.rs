@@ -198,7 +198,7 @@ impl Requester {
     }
     /// Returns the ports of the neighbours whose consent a motion needs, as a mask: live ones that may move.
     pub fn ports_to_ask(v: View<'_>) -> u32 {
-        if v.has(Defect::AskNobody) {
+        if v.has(Defect::AskNone) {
             return 0;
         }
         let may_move = |s: &super::message::State| !v.stays(s) && !v.neighbours.is_dead(s.id);

@@ -50,10 +50,10 @@ struct LaidOut {
     learnt: EnclosureCache,
 }
 
-/// On which floor strides are counted, to which seed, and around which cells.
+/// On which floor moves are counted, to which seed, and around which cells.
 type Counted = (Floor, Seed, Vec<Cell>);
 
-/// Counts of strides kept.
+/// Counts of moves kept.
 const KEPT: usize = 256;
 
 impl LaidOut {
@@ -104,7 +104,7 @@ impl Motions {
     pub fn rest_bit(&self, posture: u16) -> u128 {
         self.graph().rest(posture).map_or(0, |i| 1 << i)
     }
-    /// The strides to a seed around cells that stay taken.
+    /// The moves to a seed around cells that stay taken.
     pub fn distances(&self, floor: Floor, seed: Seed, fixed: &[Cell]) -> Arc<Distances> {
         let mut fixed = fixed.to_vec();
         fixed.sort_unstable();

@@ -97,7 +97,7 @@ impl Standing {
 
 /// What a module on the floor does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Stride {
+pub enum GridAction {
     /// A joint (from 0) turns by a step.
     Turn(u8, bool),
     /// The free end attaches, the other one lets go.
@@ -114,16 +114,16 @@ struct Turned {
 
 /// The steps and landings of a single module.
 #[derive(Debug)]
-pub struct Strides {
+pub struct ActionTable {
     /// By posture, joint and direction; `None` if the floor is in the way.
     turns: Vec<[[Option<Turned>; 2]; 3]>,
     /// The landing of each posture.
     landings: Vec<Option<GridState>>,
 }
 
-impl Strides {
+impl ActionTable {
     /// Computes them from the exact bodies.
-    pub fn new() -> Strides {
+    pub fn new() -> ActionTable {
         let mut sweeper = Sweeper::new();
         let mut turned = |from: Posture, joint: usize, to: Posture| {
             let sweep = sweeper.step(from, joint);
@@ -142,13 +142,13 @@ impl Strides {
             })
         });
         let turns = turns.collect();
-        Strides { turns, landings: Posture::all(Kind::Single).map(landing).collect() }
+        ActionTable { turns, landings: Posture::all(Kind::Single).map(landing).collect() }
     }
 }
 
-impl Default for Strides {
-    fn default() -> Strides {
-        Strides::new()
+impl Default for ActionTable {
+    fn default() -> ActionTable {
+        ActionTable::new()
     }
 }
 
@@ -162,23 +162,23 @@ pub struct OnGrid {
     /// The connector to be reached.
     pub goal: (i16, i16),
     /// The steps and landings.
-    pub strides: Rc<Strides>,
+    pub actions: Rc<ActionTable>,
 }
 
 impl OnGrid {
-    /// Returns where a module stands after a stride, `None` if it is not possible.
-    pub fn after(&self, at: Standing, stride: Stride) -> Option<Standing> {
-        match stride {
-            Stride::Turn(joint, positive) => {
-                let turns = &self.strides.turns[usize::from(at.posture)];
+    /// Returns where a module stands after an action, `None` if it is not possible.
+    pub fn after(&self, at: Standing, action: GridAction) -> Option<Standing> {
+        match action {
+            GridAction::Turn(joint, positive) => {
+                let turns = &self.actions.turns[usize::from(at.posture)];
                 let turned = turns[usize::from(joint)][usize::from(positive)].as_ref()?;
                 let graze = if self.span == Span::Strict { &turned.graze[..] } else { &[] };
                 let core = if self.span == Span::Feet { &[][..] } else { &turned.core };
                 let free = core.iter().chain(graze).all(|c| !self.hits(at.foot, *c));
                 free.then_some(Standing { posture: turned.to, ..at })
             }
-            Stride::Land => {
-                let foot = at.foot.then(self.strides.landings[usize::from(at.posture)]?);
+            GridAction::Land => {
+                let foot = at.foot.then(self.actions.landings[usize::from(at.posture)]?);
                 let posture = Posture::from_code(Kind::Single, at.posture.into()).reversed();
                 let free = self.ground.is_free(foot.x, foot.y);
                 free.then_some(Standing { foot, posture: posture.code() as u8 })
@@ -189,16 +189,16 @@ impl OnGrid {
         let [dx, dy, _] = LatticeRotation::QUARTER.power(foot.class).apply([x, y, 0]);
         z < self.ground.column && self.ground.is_blocked(foot.x + dx, foot.y + dy)
     }
-    /// Iterates over all strides.
-    pub fn all() -> impl Iterator<Item = Stride> {
-        let turns = (0..3).flat_map(|joint| [false, true].map(|positive| Stride::Turn(joint, positive)));
-        turns.chain([Stride::Land])
+    /// Iterates over all actions.
+    pub fn all() -> impl Iterator<Item = GridAction> {
+        let turns = (0..3).flat_map(|joint| [false, true].map(|positive| GridAction::Turn(joint, positive)));
+        turns.chain([GridAction::Land])
     }
 }
 
 impl Space for OnGrid {
     type State = Standing;
-    type Action = Stride;
+    type Action = GridAction;
     fn key_width(&self) -> usize {
         4
     }
@@ -208,10 +208,10 @@ impl Space for OnGrid {
     fn state(&self, key: &[u8]) -> Standing {
         Standing { foot: GridState::new(key[0].into(), key[1].into(), key[2]), posture: key[3] }
     }
-    fn expand(&self, at: &Standing, visit: &mut impl FnMut(Stride, Cost, &Standing)) {
-        for stride in OnGrid::all() {
-            if let Some(to) = self.after(*at, stride) {
-                visit(stride, Cost::from(stride == Stride::Land), &to);
+    fn expand(&self, at: &Standing, visit: &mut impl FnMut(GridAction, Cost, &Standing)) {
+        for action in OnGrid::all() {
+            if let Some(to) = self.after(*at, action) {
+                visit(action, Cost::from(action == GridAction::Land), &to);
             }
         }
     }
@@ -257,9 +257,9 @@ mod tests {
             let mut all = vec![at];
             let mut turned = BTreeSet::from([at]);
             while let Some(at) = all.pop() {
-                for stride in OnGrid::all() {
-                    let Some(to) = space.after(at, stride) else { continue };
-                    if stride == Stride::Land {
+                for action in OnGrid::all() {
+                    let Some(to) = space.after(at, action) else { continue };
+                    if action == GridAction::Land {
                         if seen.insert(to) {
                             open.push_back((to, cost + 1));
                         }
@@ -275,12 +275,12 @@ mod tests {
     /// The numbers of primitives of table 6.1, for all 24 connectors within two cells.
     #[test]
     fn an_open_floor_takes_the_known_numbers_of_primitives() {
-        let strides = Rc::new(Strides::new());
+        let actions = Rc::new(ActionTable::new());
         for span in [Span::Feet, Span::Core, Span::Strict] {
             let mut counts = [0; 8];
             for goal in (0..25).map(|i| (8 + i % 5, 8 + i / 5)).filter(|g| *g != (10, 10)) {
                 let ground = Ground::open(20, 20, 3);
-                let space = OnGrid { ground, span, goal, strides: strides.clone() };
+                let space = OnGrid { ground, span, goal, actions: actions.clone() };
                 counts[fewest(&space, Standing::upright(10, 10, 0)).unwrap() as usize] += 1;
             }
             assert_eq!(counts[1..7], [2, 3, 6, 8, 4, 1], "{span:?}");
@@ -290,7 +290,7 @@ mod tests {
     /// Random floors: the exact search is right, and the published planner never claims more.
     #[test]
     fn exact_search_agrees_with_brute_force_and_bounds_the_published_planner() {
-        let strides = Rc::new(Strides::new());
+        let actions = Rc::new(ActionTable::new());
         let (mut impossible, mut failed) = (0, 0);
         for seed in 0..1_000 {
             let mut rng = Rng::named(seed, "floor", 0);
@@ -306,7 +306,7 @@ mod tests {
             if !ground.is_free(from.0, from.1) || !ground.is_free(goal.0, goal.1) {
                 continue;
             }
-            let space = OnGrid { ground, span, goal, strides: strides.clone() };
+            let space = OnGrid { ground, span, goal, actions: actions.clone() };
             let from = Standing::upright(from.0, from.1, class);
             let exact = fewest(&space, from);
             assert_eq!(exact, brute_force(&space, from), "seed {seed}");

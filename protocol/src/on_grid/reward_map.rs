@@ -1,12 +1,12 @@
-//! Metamodules on a floor of connectors: the reward map of thesis 4.2.3, and exact strides with failing connections.
+//! Metamodules on a floor of connectors: the reward map of thesis 4.2.3, and exact moves with failing connections.
 //!
-//! The text leaves bonus, penalty, ties and classes open. Taken here: the reward of a connector is minus its strides
+//! The text leaves bonus, penalty, ties and classes open. Taken here: the reward of a connector is minus its moves
 //! to the goal in a map of connectors alone, in which two are neighbours if any class of connection allows the
-//! stride; ties go to the straight distance. A try fails if the class of now does not allow the stride, or the class
+//! move; ties go to the straight distance. A try fails if the class of now does not allow the move, or the class
 //! of the goal is missed; then the next best connector is tried.
 //!
 //! The exact planner works on connectors with classes. A failed connection leaves a metamodule where it was, so the
-//! expected tries of a stride are 1 / (1 − p), and the least expectation is a shortest path with these weights: no
+//! expected tries of a move are 1 / (1 − p), and the least expectation is a shortest path with these weights: no
 //! iteration over values is needed.
 
 use crate::ratio::Ratio;
@@ -15,16 +15,16 @@ use crate::roombots::Kind;
 use crate::roombots::grid::{GridState, landings};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// Strides after which a walk by the reward map is given up.
-const PATIENCE: u32 = 100;
+/// Moves after which a walk by the reward map is given up.
+const MOVE_LIMIT: u32 = 100;
 /// Expected tries are counted in millionths.
 pub const MILLION: u64 = 1_000_000;
 
-/// A square floor, and the strides of a kind by class.
+/// A square floor, and the moves of a kind by class.
 #[derive(Clone, Debug)]
 pub struct Floor {
     side: i16,
-    strides: [Vec<GridState>; 4],
+    moves: [Vec<GridState>; 4],
 }
 
 /// A walk by the reward map.
@@ -34,9 +34,9 @@ pub struct MapWalk {
     pub reached: bool,
     /// Tries that failed.
     pub failed: u32,
-    /// Strides made.
-    pub strides: u32,
-    /// Strides to the goal by the map.
+    /// Moves made.
+    pub moves: u32,
+    /// Moves to the goal by the map.
     pub minimal: u32,
 }
 
@@ -45,14 +45,14 @@ impl Floor {
     pub fn new(kind: Kind, side: i16) -> Floor {
         let all: Vec<GridState> = landings(kind).into_keys().collect();
         let turned = |class| all.iter().map(move |l| GridState::new(0, 0, class).then(*l));
-        Floor { side, strides: [0, 1, 2, 3].map(|class| turned(class).collect()) }
+        Floor { side, moves: [0, 1, 2, 3].map(|class| turned(class).collect()) }
     }
     fn has(&self, x: i16, y: i16) -> bool {
         (0..self.side).contains(&x) && (0..self.side).contains(&y)
     }
-    /// Returns where strides lead.
+    /// Returns where moves lead.
     pub fn next(&self, at: GridState) -> Vec<GridState> {
-        let to = self.strides[usize::from(at.class)].iter();
+        let to = self.moves[usize::from(at.class)].iter();
         let to = to.map(|s| GridState::new(at.x + s.x, at.y + s.y, s.class));
         to.filter(|s| self.has(s.x, s.y)).collect()
     }
@@ -64,10 +64,10 @@ impl Floor {
 
     /// Returns the offsets that some class allows.
     fn offsets(&self) -> BTreeSet<(i16, i16)> {
-        self.strides.iter().flatten().map(|s| (s.x, s.y)).collect()
+        self.moves.iter().flatten().map(|s| (s.x, s.y)).collect()
     }
 
-    /// Returns the strides from every connector to the goal by the map, whatever the classes.
+    /// Returns the moves from every connector to the goal by the map, whatever the classes.
     pub fn map(&self, goal: GridState) -> BTreeMap<(i16, i16), u32> {
         let offsets = self.offsets();
         let mut far = BTreeMap::from([((goal.x, goal.y), 0)]);
@@ -85,14 +85,14 @@ impl Floor {
         far
     }
 
-    /// Walks by the reward map; `penalty` strides are added for each earlier visit of a connector.
+    /// Walks by the reward map; `penalty` moves are added for each earlier visit of a connector.
     pub fn walk(&self, from: GridState, goal: GridState, penalty: u32) -> MapWalk {
         let (far, offsets) = (self.map(goal), self.offsets());
         let minimal = far.get(&(from.x, from.y)).copied().unwrap_or(0);
-        let mut walk = MapWalk { reached: false, failed: 0, strides: 0, minimal };
+        let mut walk = MapWalk { reached: false, failed: 0, moves: 0, minimal };
         let mut visits = BTreeMap::from([((from.x, from.y), 1)]);
         let mut at = from;
-        while walk.strides < PATIENCE {
+        while walk.moves < MOVE_LIMIT {
             if at == goal {
                 return MapWalk { reached: true, ..walk };
             }
@@ -100,9 +100,9 @@ impl Floor {
                 .iter()
                 .map(|(dx, dy)| (at.x + dx, at.y + dy))
                 .filter_map(|c| {
-                    let strides = far.get(&c)? + penalty * visits.get(&c).unwrap_or(&0);
+                    let moves = far.get(&c)? + penalty * visits.get(&c).unwrap_or(&0);
                     let (x, y) = (i32::from(c.0 - goal.x), i32::from(c.1 - goal.y));
-                    Some((strides, x * x + y * y, c))
+                    Some((moves, x * x + y * y, c))
                 })
                 .collect();
             candidates.sort_unstable();
@@ -115,7 +115,7 @@ impl Floor {
             });
             let Some(to) = landed else { break };
             at = *to;
-            walk.strides += 1;
+            walk.moves += 1;
             *visits.entry((at.x, at.y)).or_default() += 1;
         }
         walk
@@ -135,7 +135,7 @@ impl Floor {
                 continue;
             }
             known.insert(at, cost);
-            // Tries of connecting here, from wherever a stride leads here: strides can be undone.
+            // Tries of connecting here, from wherever a move leads here: moves can be undone.
             let p = failure(at);
             let (num, den) = (u64::from(p.num()), u64::from(p.den()));
             if num == den {
@@ -149,7 +149,7 @@ impl Floor {
         known
     }
 
-    /// Walks by least expectation, with failures drawn. Returns tries and strides.
+    /// Walks by least expectation, with failures drawn. Returns tries and moves.
     pub fn attempt(
         &self,
         from: GridState,
@@ -157,7 +157,7 @@ impl Floor {
         failure: impl Fn(GridState) -> Ratio,
         rng: &mut Rng,
     ) -> (u64, u64) {
-        let (mut tries, mut strides) = (0, 0);
+        let (mut tries, mut moves) = (0, 0);
         let mut at = from;
         let value = |s: &GridState| {
             let p = failure(*s);
@@ -170,11 +170,11 @@ impl Floor {
             let Some((_, to)) = next else { break };
             tries += 1;
             if !rng.chance(failure(to)) {
-                strides += 1;
+                moves += 1;
                 at = to;
             }
         }
-        (tries, strides)
+        (tries, moves)
     }
 }
 
@@ -184,7 +184,7 @@ mod tests {
 
     const P: (u32, u32) = (1, 20);
 
-    /// With equal probabilities the expectation is strides / (1 − p), and a bad connector is walked around.
+    /// With equal probabilities the expectation is moves / (1 − p), and a bad connector is walked around.
     #[test]
     fn expectations_are_those_of_shortest_paths_and_avoid_bad_connectors() {
         let always = |_| Ratio::ZERO;
@@ -196,11 +196,11 @@ mod tests {
             // PAR cannot turn in the corners of a floor.
             let least = if kind == Kind::Par { 13 * 13 * 4 - 16 } else { 13 * 13 * 4 };
             assert!((least..=13 * 13 * 4).contains(&sure.len()), "{kind}: {}", sure.len());
-            for (state, strides) in &sure {
-                let strides = strides / MILLION;
-                assert_eq!(tries[state], strides * (MILLION * 20 / 19), "{kind}, {state}");
+            for (state, moves) in &sure {
+                let moves = moves / MILLION;
+                assert_eq!(tries[state], moves * (MILLION * 20 / 19), "{kind}, {state}");
                 let map = floor.map(goal)[&(state.x, state.y)];
-                assert!(u64::from(map) <= strides, "{kind}, {state}");
+                assert!(u64::from(map) <= moves, "{kind}, {state}");
             }
             let from = GridState::new(0, 6, 0);
             let on_path = floor.next(from).into_iter().min_by_key(|s| sure[s]).unwrap();

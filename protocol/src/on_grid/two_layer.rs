@@ -1,11 +1,11 @@
 //! The published planner (thesis 6.2): a path over free connectors, and for each of its steps a fixed composed primitive.
 //!
 //! Taken here where the text is silent: the path is a shortest one among eight neighbours; the primitive of a
-//! direction has the fewest atomic ones on an open floor, and the first in the order of strides among these; its spanning
+//! direction has the fewest atomic ones on an open floor, and the first in the order of actions among these; its spanning
 //! area is that of [`Span`]; other neighbours are tried clockwise from the wanted one; a connector is
 //! visited once, which makes the search finite, and after the last neighbour it steps back.
 
-use super::{Ground, OnGrid, Span, Standing, Stride};
+use super::{GridAction, Ground, OnGrid, Span, Standing};
 use crate::plan::search::{Method, Search};
 use crate::plan::{Cost, Limits, Outcome, Space, Step, actions};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -31,18 +31,18 @@ pub enum Walk {
 
 /// Composed primitives by posture and direction in the foot frame.
 #[derive(Debug, Default)]
-struct Composed(BTreeMap<(u8, i16, i16), Vec<Stride>>);
+struct Composed(BTreeMap<(u8, i16, i16), Vec<GridAction>>);
 
 impl Composed {
-    /// Returns the strides to a neighbour in the foot frame.
-    fn to(&mut self, space: &OnGrid, posture: u8, dx: i16, dy: i16) -> &[Stride] {
+    /// Returns the actions to a neighbour in the foot frame.
+    fn to(&mut self, space: &OnGrid, posture: u8, dx: i16, dy: i16) -> &[GridAction] {
         self.0.entry((posture, dx, dy)).or_insert_with(|| {
             let middle = i16::from(OPEN) / 2;
             let open = OnGrid {
                 ground: Ground::open(OPEN, OPEN, 0),
                 span: Span::Feet,
                 goal: (middle + dx, middle + dy),
-                strides: space.strides.clone(),
+                actions: space.actions.clone(),
             };
             let start = Standing { posture, ..Standing::upright(middle, middle, 0) };
             let limits = Limits { memory: Limits::LEAST_MEMORY, work: u64::MAX };
@@ -103,9 +103,9 @@ fn next(
         }
         // In the foot frame: turned back by the class.
         let (dx, dy) = (0..at.foot.class).fold(direction, |(x, y), _| (y, -x));
-        let strides = composed.to(space, at.posture, dx, dy);
-        let end = strides.iter().try_fold((at, 0), |(at, cost), stride| {
-            Some((space.after(at, *stride)?, cost + Cost::from(*stride == Stride::Land)))
+        let actions = composed.to(space, at.posture, dx, dy);
+        let end = actions.iter().try_fold((at, 0), |(at, cost), action| {
+            Some((space.after(at, *action)?, cost + Cost::from(*action == GridAction::Land)))
         });
         if let Some((end, cost)) = end.filter(|(end, _)| (end.foot.x, end.foot.y) == to) {
             visited.insert(to);

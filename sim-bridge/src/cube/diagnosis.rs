@@ -242,7 +242,7 @@ fn walkers_with_a_way(
     only_live: bool,
 ) -> Vec<ModuleId> {
     let reach = {
-        let terrain = |cell: Cell| {
+        let is_support = |cell: Cell| {
             let carries = |id: ModuleId| {
                 let k = &known[id.index()];
                 !(k.alive && k.is_walker()) && (k.alive || !only_live)
@@ -256,7 +256,7 @@ fn walkers_with_a_way(
                 k.alive && k.is_walker()
             })
         };
-        surface(targets, &terrain, &free)
+        surface(targets, &is_support, &free)
     };
     spare
         .iter()
@@ -292,7 +292,7 @@ fn motions() -> impl Iterator<Item = Motion> {
 /// searches from the targets outwards.
 fn surface(
     targets: &BTreeSet<Cell>,
-    terrain: &dyn Fn(Cell) -> bool,
+    is_support: &dyn Fn(Cell) -> bool,
     free: &dyn Fn(Cell) -> bool,
 ) -> BTreeSet<Cell> {
     let mut seen: BTreeMap<Cell, ()> = targets.iter().filter(|c| free(**c)).map(|c| (*c, ())).collect();
@@ -301,8 +301,8 @@ fn surface(
         for m in motions() {
             let to = m.destination(at);
             let possible = free(to)
-                && terrain(at.step(m.support))
-                && terrain(to.step(m.landing_support()))
+                && is_support(at.step(m.support))
+                && is_support(to.step(m.landing_support()))
                 && m.corner(at).is_none_or(free);
             if possible && seen.insert(to, ()).is_none() {
                 front.push(to);

@@ -62,7 +62,7 @@ pub struct MetamoduleDirector {
     moved: bool,
     /// The result of the last search for another place, at the last standstill.
     elsewhere: Option<Elsewhere>,
-    /// The task and the filled seeds at which all metamodules were last found to be barred.
+    /// The task and the filled seeds at which all metamodules were last found to have no path.
     out_of_reach: Option<(Task, SeedSet)>,
     stop: Stop,
     failure: Ratio,
@@ -286,7 +286,7 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Returns true if an open seed is barred to every metamodule that could fill it.
+    /// Returns true if an open seed is unreachable for every metamodule that could fill it.
     fn is_out_of_reach(&self, world: &MetamoduleWorld) -> bool {
         let free = || {
             let all = (0..).map(ModuleId).zip(&self.known).filter(|(id, k)| k.alive && !world.is_stuck(*id));
@@ -455,7 +455,7 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Returns true if all metamodules are barred from an open seed, and no cooperative plan exists either.
+    /// Returns true if all metamodules have no path to an open seed, and no cooperative plan exists either.
     /// Computed once per state of the structure, as it takes a search.
     fn is_stranded(&mut self, world: &MetamoduleWorld) -> bool {
         let built = (self.task, self.filled);

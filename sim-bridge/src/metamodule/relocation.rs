@@ -176,7 +176,7 @@ pub enum Elsewhere {
     Place(Shift),
     /// The goal can be built at none of the clear places, of which this is the number; proved for each.
     Barred(usize),
-    /// No place is left to be tried, and it is not proved of each that it is barred.
+    /// No place is left to be tried, and it is not proved of each that it is unreachable.
     Unproved,
 }
 
@@ -188,7 +188,7 @@ pub struct Trials {
 }
 
 impl Trials {
-    /// Forgets all trials: the immovable objects or the goal have changed, so a barred place may be usable
+    /// Forgets all trials: the immovable objects or the goal have changed, so an unreachable place may be usable
     /// now.
     pub fn forget(&mut self) {
         self.tried.clear();

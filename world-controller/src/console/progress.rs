@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_fits_and_says_nothing_that_nobody_knows() {
+    fn a_line_fits_and_says_only_what_is_known() {
         let mut progress_line = ProgressLine::default();
         let line =
             progress_line.line(Duration::ZERO, &Status { stage: (2, 3), goal: 0, ..status(0, None) }, 60);

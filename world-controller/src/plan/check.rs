@@ -3,8 +3,8 @@
 use super::document::{PlanFile, What};
 use super::error::PlanError;
 use super::input::{Structured, of_document, read_plan};
-use super::solve::{law, world};
-use metamorph_protocol::assembly::checker::{Deed, Robot, World};
+use super::solve::{physics, world};
+use metamorph_protocol::assembly::checker::{PhysicalAction, Robot, World};
 use metamorph_protocol::assembly::configuration::{Configuration, MAX_MODULES, Module};
 use metamorph_protocol::assembly::shape::Shape;
 use metamorph_protocol::assembly::space::Objective;
@@ -40,7 +40,7 @@ pub fn check(place: &str, plan: &PlanFile) -> Result<(), PlanError> {
     if plan.actions.len() > MOST_ACTIONS {
         return Err(bad(None, format!("it has more than {MOST_ACTIONS} actions")));
     }
-    let law = law(plan.collision, plan.connectors);
+    let physics = physics(plan.collision, plan.connectors);
     let mut at = world(&start);
     at.check().map_err(|e| bad(None, format!("the start: {e}")))?;
     let prices = plan.objective.prices();
@@ -53,16 +53,16 @@ pub fn check(place: &str, plan: &PlanFile) -> Result<(), PlanError> {
         if step.from != fingerprint {
             return Err(bad(Some(i), format!("it begins in {fingerprint}, not in {}", step.from)));
         }
-        let deed = step.what.deed().ok_or_else(|| bad(Some(i), "it is no step of a joint".to_owned()))?;
-        at = at.act(deed, law).map_err(|e| bad(Some(i), e.to_string()))?;
+        let action = step.what.action().ok_or_else(|| bad(Some(i), "it is no step of a joint".to_owned()))?;
+        at = at.act(action, physics).map_err(|e| bad(Some(i), e.to_string()))?;
         let fingerprint = format!("{:016x}", at.fingerprint());
         if step.to != fingerprint {
             return Err(bad(Some(i), format!("it ends in {fingerprint}, not in {}", step.to)));
         }
-        cost += match deed {
-            Deed::Attach(..) => prices.attach,
-            Deed::Detach(..) => prices.detach,
-            Deed::Turn(..) => prices.turn,
+        cost += match action {
+            PhysicalAction::Attach(..) => prices.attach,
+            PhysicalAction::Detach(..) => prices.detach,
+            PhysicalAction::Turn(..) => prices.turn,
         };
     }
     if cost != plan.cost || plan.lower > cost {

@@ -1,7 +1,7 @@
 //! The files of planning: structures that are read, plans that are written and checked, and the result as JSON.
 
 use metamorph_protocol::assembly::action::Connectors;
-use metamorph_protocol::assembly::checker::Deed;
+use metamorph_protocol::assembly::checker::PhysicalAction;
 use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::assembly::space::Objective;
 use metamorph_protocol::plan::Progress;
@@ -114,23 +114,23 @@ pub enum What {
 
 impl What {
     /// Returns the action as the checker understands it; `None` if a joint or an angle is none.
-    pub fn deed(&self) -> Option<Deed> {
+    pub fn action(&self) -> Option<PhysicalAction> {
         match *self {
-            What::Attach([a, b]) => Some(Deed::Attach(a, b)),
-            What::Detach([a, b]) => Some(Deed::Detach(a, b)),
+            What::Attach([a, b]) => Some(PhysicalAction::Attach(a, b)),
+            What::Detach([a, b]) => Some(PhysicalAction::Detach(a, b)),
             What::Turn(module, joint @ 1..=3, degrees) => {
                 let step = if joint == 2 { 90 } else { 120 };
-                (degrees.abs() == step).then_some(Deed::Turn(module, joint - 1, degrees > 0))
+                (degrees.abs() == step).then_some(PhysicalAction::Turn(module, joint - 1, degrees > 0))
             }
             What::Turn(..) => None,
         }
     }
     /// Returns the action of the checker.
-    pub fn of(deed: Deed) -> What {
-        match deed {
-            Deed::Attach(a, b) => What::Attach([a, b]),
-            Deed::Detach(a, b) => What::Detach([a, b]),
-            Deed::Turn(module, joint, positive) => {
+    pub fn of(action: PhysicalAction) -> What {
+        match action {
+            PhysicalAction::Attach(a, b) => What::Attach([a, b]),
+            PhysicalAction::Detach(a, b) => What::Detach([a, b]),
+            PhysicalAction::Turn(module, joint, positive) => {
                 let step = if joint == 1 { 90 } else { 120 };
                 What::Turn(module, joint + 1, if positive { step } else { -step })
             }

@@ -345,7 +345,7 @@ fn start(args: &PlanArgs, option: &str, text: &str) -> Result<Configuration, Pla
     }
     if text.starts_with("line:") {
         let straight = named::line(&vec![0; shape.len() - 1]);
-        return Ok(straight.expect("invariant: the shape has so many modules"));
+        return Ok(straight.expect("invariant: the shape has that many modules"));
     }
     Ok(shape.filled(|_| (0, [0; 3])))
 }

@@ -9,7 +9,7 @@ use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::Live;
 use clap::ValueEnum;
 use metamorph_protocol::assembly::action::{Action, Rules};
-use metamorph_protocol::assembly::checker::{Deed, Law, World, robot};
+use metamorph_protocol::assembly::checker::{PhysicalAction, Physics, World, robot};
 use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::assembly::configuration::Configuration;
 use metamorph_protocol::assembly::space::{Assembly, Goal, Objective};
@@ -233,7 +233,7 @@ impl Problem {
         for (action, after) in done.iter().zip(order.after) {
             let next = self.rules.apply(&at, *action).expect("invariant: the search followed this action");
             steps.push(PlannedStep {
-                what: What::of(deed(*action)),
+                what: What::of(physical(*action)),
                 after,
                 from: format!("{:016x}", world(&at).fingerprint()),
                 to: format!("{:016x}", world(&next).fingerprint()),
@@ -290,15 +290,20 @@ fn place((module, connector): (u8, u8)) -> (usize, Connector) {
 }
 
 /// Returns the action as the checker sees it.
-pub fn deed(action: Action) -> Deed {
+pub fn physical(action: Action) -> PhysicalAction {
     match action {
-        Action::Attach(p) => Deed::Attach(place(p.a), place(p.b)),
-        Action::Detach(p) => Deed::Detach(place(p.a), place(p.b)),
-        Action::Turn { module, joint, positive } => Deed::Turn(module.into(), joint.into(), positive),
+        Action::Attach(p) => PhysicalAction::Attach(place(p.a), place(p.b)),
+        Action::Detach(p) => PhysicalAction::Detach(place(p.a), place(p.b)),
+        Action::Turn { module, joint, positive } => {
+            PhysicalAction::Turn(module.into(), joint.into(), positive)
+        }
     }
 }
 
 /// Returns what a plan is checked against.
-pub fn law(model: Model, connectors: metamorph_protocol::assembly::action::Connectors) -> Law {
-    Law { collision: model, active: connectors == metamorph_protocol::assembly::action::Connectors::Active }
+pub fn physics(model: Model, connectors: metamorph_protocol::assembly::action::Connectors) -> Physics {
+    Physics {
+        collision: model,
+        active: connectors == metamorph_protocol::assembly::action::Connectors::Active,
+    }
 }

@@ -108,8 +108,8 @@ struct Chain {
 /// Splits waiting modules into chains: each starts at a module that no other waits for; the rest are cycles.
 fn chains(waiting: &[Waiting]) -> Vec<Chain> {
     let on: BTreeMap<u32, u32> = waiting.iter().filter_map(|w| Some((w.module, w.waits_for?))).collect();
-    let awaited: BTreeSet<u32> = on.values().copied().collect();
-    let (heads, others): (Vec<u32>, Vec<u32>) = on.keys().partition(|id| !awaited.contains(id));
+    let waited_for: BTreeSet<u32> = on.values().copied().collect();
+    let (heads, others): (Vec<u32>, Vec<u32>) = on.keys().partition(|id| !waited_for.contains(id));
     let mut told = BTreeSet::new();
     let mut chains = Vec::new();
     for start in heads.into_iter().chain(others) {

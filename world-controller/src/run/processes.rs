@@ -201,7 +201,8 @@ pub fn resume<R: Runnable>(
     let parts = parts_of(&file);
     let adopted = adopt(&parts)?;
     let recovered = recover(swarm, plan, part.by_ref())?;
-    let Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted } = recovered;
+    let Recovered { world, director, struck, until, agents, latest, restarting, finishing, counted } =
+        recovered;
     let mut said = vec![format!(
         "the controller was killed; another one resumed the run at {}",
         seconds(until.as_secs_f64())
@@ -230,7 +231,7 @@ pub fn resume<R: Runnable>(
     let log = both(Some(keeping.log()), scribe).expect("invariant: two logs make one, and one is there");
     let mut recorded = RecordedWorld::new(world, log.clone());
     let mut brain = RecordedDirector::after(director, log, struck);
-    let resumption = Resumption { until, lives, latest, awaited, finishing, counted };
+    let resumption = Resumption { until, agents, latest, restarting, finishing, counted };
     let ran = resume_swarm(&options, adopted, resumption, &mut recorded, &mut brain);
     let outcome = ran.inspect_err(|_| keeping.give_up())?;
     let Watched { brain, live, .. } = brain.into_inner();

@@ -57,7 +57,7 @@ pub struct Process<A: Agent, L> {
     /// The stage of this incarnation.
     pub stage: Stage,
     /// True if the process is to end.
-    pub condemned: bool,
+    pub terminating: bool,
     /// Why the driver itself had to kill it.
     pub verdict: Option<&'static str>,
     /// True if it is restarted as soon as it is dead.
@@ -91,7 +91,7 @@ impl<A: Agent, L: Link> Process<A, L> {
             id,
             incarnation: Incarnation(0),
             stage: Stage::Absent,
-            condemned: false,
+            terminating: false,
             verdict: None,
             restart: false,
             paused: false,

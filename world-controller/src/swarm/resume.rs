@@ -47,7 +47,7 @@ pub struct TakenOver<A: Agent> {
     /// All messages to it since its beginning.
     pub told: VecDeque<ControlMessage<A>>,
     /// True if it was to be killed.
-    pub condemned: bool,
+    pub terminating: bool,
     /// True if it was to be stopped.
     pub paused: bool,
 }
@@ -57,11 +57,11 @@ pub struct Resumption<A: Agent> {
     /// Scenario time of the last record.
     pub until: Time,
     /// Every incarnation alive then.
-    pub lives: Vec<TakenOver<A>>,
+    pub agents: Vec<TakenOver<A>>,
     /// The latest incarnation of every module, alive or not.
     pub latest: Vec<Incarnation>,
     /// Modules that are to be restarted.
-    pub awaited: BTreeSet<ModuleId>,
+    pub restarting: BTreeSet<ModuleId>,
     /// True if only the agents of the run had still to be ended.
     pub finishing: bool,
     /// The counts of the controller.

@@ -187,7 +187,7 @@ fn is_locked(root: &Path) -> bool {
 }
 
 /// True if agents of this run still wait. Stopped ones do not count, as they cannot end by themselves.
-pub fn is_awaited(root: &Path) -> bool {
+pub fn waits_for_controller(root: &Path) -> bool {
     is_resumable(root) && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
 }
 
@@ -225,7 +225,7 @@ pub fn clean() -> Result<CleanReport, CleanError> {
             continue;
         }
         // A run's directory gets its name together with its owner: without one, it is a leftover.
-        let waits = || is_awaited(&entry.path());
+        let waits = || waits_for_controller(&entry.path());
         if owner.is_some_and(|owner: Identity| owner.is_alive()) || is_locked(&entry.path()) || waits() {
             report.alive += 1;
             continue;

@@ -7,7 +7,7 @@
 //! `metamorph resume`; those are left alone.
 
 use crate::console::terminal::print_error;
-use crate::swarm::run_dir::{clean, is_awaited, owner};
+use crate::swarm::run_dir::{clean, owner, waits_for_controller};
 use metamorph_module_agent::run_dir::run_name::HOME;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{PidfdFlags, pidfd_open};
@@ -105,7 +105,7 @@ pub fn watch(root: &Path) -> io::Result<()> {
     } else {
         "was killed".to_owned()
     };
-    if is_awaited(root) {
+    if waits_for_controller(root) {
         print_error(&format!("metamorph: the controller {why}; its agents wait for `metamorph resume`"));
         return Ok(());
     }

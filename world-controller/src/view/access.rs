@@ -139,7 +139,7 @@ mod tests {
     const HERE: (&str, &str) = ("host", "127.0.0.1:4000");
 
     #[test]
-    fn whoever_has_the_address_comes_in() {
+    fn a_request_with_the_token_is_let_in() {
         assert_eq!(admit(Method::GET, &[HERE], PATH).unwrap(), "scene");
         assert_eq!(admit(Method::HEAD, &[("host", "localhost:4000")], PATH).unwrap(), "scene");
         let own = [HERE, ("origin", "http://127.0.0.1:4000"), ("sec-fetch-site", "same-origin")];
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_else_does() {
+    fn a_request_without_the_token_is_refused() {
         for path in
             ["/", "/scene", "//scene", "/00112233445566778899aabbccddeefe/", "/0011/", "", &PATH[..33]]
         {

@@ -78,7 +78,7 @@ impl State {
 pub struct Claim {
     /// The seed.
     pub seed: u8,
-    /// Strides to it when it was claimed; of two that claim one seed the nearer keeps it.
+    /// Moves to it when it was claimed; of two that claim one seed the nearer keeps it.
     pub cost: u8,
 }
 

@@ -109,8 +109,8 @@ pub const WORK: usize = 2_000_000;
 /// less than a microsecond.
 pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
     let held = Held::find(standstill, work);
-    let everybody = 0..standstill.free.len();
-    let outside: Vec<usize> = everybody.clone().filter(|i| !held.bodies.contains(i)).collect();
+    let all_indices = 0..standstill.free.len();
+    let outside: Vec<usize> = all_indices.clone().filter(|i| !held.bodies.contains(i)).collect();
     if !held.fills {
         let starts: Vec<Vec<usize>> = outside.iter().map(|i| vec![*i]).collect();
         if let none @ SearchResult::NoWay(_) =
@@ -119,7 +119,7 @@ pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
             return none;
         }
     }
-    let movers: Vec<usize> = everybody.filter(|i| !held.still.contains(i)).collect();
+    let movers: Vec<usize> = all_indices.filter(|i| !held.still.contains(i)).collect();
     let pairs = movers.iter().flat_map(|i| movers.iter().filter(move |j| *j > i).map(move |j| vec![*i, *j]));
     let mut groups: Vec<Vec<usize>> = movers.iter().map(|i| vec![*i]).chain(pairs).collect();
     // Most plans take little work to find.
@@ -334,9 +334,9 @@ mod tests {
             let fixed = (0..5).map(|_| place()).filter(|p| !free.contains(p));
             let fixed: Vec<Cell> = fixed.map(|(x, y)| Cell::new(x, y, (x + 2 * y) % 4)).collect();
             let standstill = standstill(&setup, &free, &fixed);
-            let everybody: Vec<usize> = (0..free.len()).collect();
-            let mut state_space = StateSpace::around_all_but(&standstill, &everybody);
-            let all = state_space.search(&[everybody], StopAt::Everything, 200_000);
+            let all_indices: Vec<usize> = (0..free.len()).collect();
+            let mut state_space = StateSpace::around_all_but(&standstill, &all_indices);
+            let all = state_space.search(&[all_indices], StopAt::Everything, 200_000);
             let found = search(&standstill, 200_000);
             if let SearchResult::Path(moves) = &found {
                 go(&standstill, moves);

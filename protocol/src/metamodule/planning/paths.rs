@@ -53,9 +53,9 @@ pub struct Ground<'a> {
 }
 
 /// Cost of a step in turns: one more step pays off only if it saves more turns than this.
-const STRIDE: u32 = 64;
+const STEP: u32 = 64;
 /// Estimated number of turns of a step. Slightly high, so that of equally long routes the one closest to its
-/// end is expanded first, and too small to outweigh [`STRIDE`].
+/// end is expanded first, and too small to outweigh [`STEP`].
 const TURNS: u32 = 6;
 /// Number of places that one search may expand. The floor of the published experiment has about 1000; a
 /// successful search expands a few.
@@ -163,9 +163,9 @@ impl Ground<'_> {
                 if left.has(to, bit) {
                     continue;
                 }
-                let cost = cost + STRIDE + u32::from(landed.turns);
-                let Some(to_go) = left_to_go(to, bit).filter(|g| cost / STRIDE + g <= most) else { continue };
-                queue.push((Reverse(cost + to_go * (STRIDE + TURNS)), Reverse(nodes.len() as u32), None));
+                let cost = cost + STEP + u32::from(landed.turns);
+                let Some(to_go) = left_to_go(to, bit).filter(|g| cost / STEP + g <= most) else { continue };
+                queue.push((Reverse(cost + to_go * (STEP + TURNS)), Reverse(nodes.len() as u32), None));
                 nodes.push(Node { pose: to, cost, by: Some((at, landed.posture)) });
             }
         }
@@ -195,13 +195,13 @@ impl Ground<'_> {
                 return None;
             }
             left.add(pose, reach.lands);
-            if cost / STRIDE >= MOST_ASIDE {
+            if cost / STEP >= MOST_ASIDE {
                 continue;
             }
             for landed in &reach.landings {
                 let Some(to) = self.landed(pose, landed.posture) else { continue };
                 if !left.has(to, self.motions.rest_bit(to.posture)) {
-                    let cost = cost + STRIDE + u32::from(landed.turns);
+                    let cost = cost + STEP + u32::from(landed.turns);
                     queue.push((Reverse(cost), Reverse(nodes.len() as u32), None));
                     nodes.push(Node { pose: to, cost, by: Some((at, landed.posture)) });
                 }

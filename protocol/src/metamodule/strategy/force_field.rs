@@ -21,9 +21,9 @@ pub type Place = (i16, i16);
 /// in range.
 ///
 /// Each seed pulls with 1/distance, and all together with a force of one. The pull is not taken where a
-/// stride begins but over all of it, as the difference of distances; and distance is what matters to a
-/// metamodule: the remaining strides, around all that does not move. As the crow flies, what has
-/// been built would wall almost all metamodules out, because strides are coarse: no kind has one of two cells
+/// move begins but over all of it, as the difference of distances; and distance is what matters to a
+/// metamodule: the remaining moves, around all that does not move. As the crow flies, what has
+/// been built would wall almost all metamodules out, because moves are coarse: no kind has one of two cells
 /// straight ahead, PAR has none of one. Only those that move remain in the way, and they are what the
 /// strategies are about.
 pub struct Field<'a> {
@@ -31,9 +31,9 @@ pub struct Field<'a> {
     floor: Floor,
     fixed: &'a [Cell],
     at: Pose,
-    /// Where strides lead.
+    /// Where moves lead.
     places: Vec<Pose>,
-    /// For every seed its weight and what each stride gains.
+    /// For every seed its weight and what each move gains.
     seeds: Vec<(i64, Vec<i64>)>,
     push: (i64, i64),
 }
@@ -43,17 +43,17 @@ fn length(x: i64, y: i64) -> i64 {
     (x.unsigned_abs() * x.unsigned_abs() + y.unsigned_abs() * y.unsigned_abs()).isqrt() as i64
 }
 
-/// Two cells for every stride, and a quarter of the distance as the crow flies to tell equals apart.
+/// Two cells for every move, and a quarter of the distance as the crow flies to tell equals apart.
 pub fn distance(steps: u16, from: Pose, to: Place) -> i64 {
     let (dx, dy) = (i64::from(to.0) - i64::from(from.state.x), i64::from(to.1) - i64::from(from.state.y));
     2 * ONE * i64::from(steps) + length(dx * ONE, dy * ONE) / 4
 }
 
-/// The last stride, to where the seed can be filled from, is worth this much more.
+/// The last move, to where the seed can be filled from, is worth this much more.
 const HOME: i64 = 10 * ONE;
 
 impl<'a> Field<'a> {
-    /// A field without seeds and pushes, on a metamodule at `at` whose strides lead to `places`. `fixed` are
+    /// A field without seeds and pushes, on a metamodule at `at` whose moves lead to `places`. `fixed` are
     /// the cells that stay taken.
     pub fn new(
         motions: &'a Motions,

@@ -11,16 +11,17 @@ use std::collections::{BTreeSet, VecDeque};
 
 pub(super) fn build() -> Database {
     let mut sweeper = Sweeper::new();
-    let drafts: Vec<TableBuilder> = Kind::ALL.into_iter().map(|kind| draft(kind, &mut sweeper)).collect();
+    let builders: Vec<TableBuilder> =
+        Kind::ALL.into_iter().map(|kind| table_builder(kind, &mut sweeper)).collect();
     let mut cells: BTreeSet<Cell> = BTreeSet::new();
-    for (_, _, _, sweep) in drafts.iter().flat_map(|d| &d.steps) {
+    for (_, _, _, sweep) in builders.iter().flat_map(|d| &d.steps) {
         cells.extend(sweep.core.iter().chain(&sweep.graze).filter(|c| c.z >= 0));
     }
     let cells: Vec<Cell> = cells.into_iter().collect();
     // Numbers of cells are bytes. The chains reach three cells far, and 130 cells occur.
     debug_assert!(cells.len() <= 256);
     let mut database = Database { cells, tables: Vec::new() };
-    database.tables = drafts.into_iter().map(|d| table(d, &database)).collect();
+    database.tables = builders.into_iter().map(|d| table(d, &database)).collect();
     database
 }
 
@@ -31,7 +32,7 @@ struct TableBuilder {
     steps: Vec<(u16, u16, u8, StepSweep)>,
 }
 
-fn draft(kind: Kind, sweeper: &mut Sweeper) -> TableBuilder {
+fn table_builder(kind: Kind, sweeper: &mut Sweeper) -> TableBuilder {
     let postures: Vec<Posture> = Posture::all(kind).filter(|p| p.placement().above_floor()).collect();
     let mut steps = Vec::new();
     for (from, posture) in postures.iter().enumerate() {
@@ -46,8 +47,8 @@ fn draft(kind: Kind, sweeper: &mut Sweeper) -> TableBuilder {
     TableBuilder { kind, postures, steps }
 }
 
-fn table(draft: TableBuilder, database: &Database) -> Table {
-    let TableBuilder { kind, postures, steps } = draft;
+fn table(builder: TableBuilder, database: &Database) -> Table {
+    let TableBuilder { kind, postures, steps } = builder;
     let set = |cells: &[Cell]| database.cell_set(cells.iter().copied());
     let steps: Vec<Step> = steps
         .into_iter()

@@ -73,7 +73,7 @@ impl Visible for Metamodule {
         modules: "metamodules",
         target: "seed",
         targets: "seeds",
-        distance: ["stride", "strides"],
+        distance: ["move", "moves"],
         // Single steps of joints, connections and releases are counted.
         actions: "actions",
         levels: ["seed", "top level"],
@@ -167,7 +167,7 @@ impl Visible for Metamodule {
                 MessageLabel { distance: Some(if s.settled { 0 } else { far }), ..MessageLabel::of("state") }
             }
             Message::Directive(_) => MessageLabel::of("leads: says who moves next"),
-            Message::Probe(_) => MessageLabel::of("asks whether anybody can go on"),
+            Message::Probe(_) => MessageLabel::of("asks whether any module can go on"),
             Message::Path(w) if w.segments().is_empty() => MessageLabel::of("is where it wants to be"),
             Message::Path(_) => MessageLabel::of("tells its way"),
             Message::Request { origin, .. } => MessageLabel::about("asks for a lock, for", *origin),
@@ -183,7 +183,7 @@ impl Visible for Metamodule {
     }
 
     fn moves(gradient: Option<u32>) -> u16 {
-        gradient.and_then(|strides| u16::try_from(strides).ok()).unwrap_or(FAR)
+        gradient.and_then(|moves| u16::try_from(moves).ok()).unwrap_or(FAR)
     }
 
     fn goal(order: &Order) -> Option<(u16, (i16, i16))> {

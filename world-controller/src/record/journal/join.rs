@@ -23,9 +23,9 @@ struct Count {
     taken: u32,
 }
 
-/// The state of one incarnation of an agent.
+/// What the records of one incarnation of an agent amount to so far.
 #[derive(Default)]
-struct Life {
+struct StepCounts {
     /// Messages sent.
     sent: u32,
     /// Actions and reports.
@@ -49,7 +49,7 @@ pub struct Join {
     heap: BinaryHeap<Reverse<(u64, usize)>>,
     /// Streams whose next record waits for its cause, by time.
     blocked: Vec<(u64, usize)>,
-    lives: BTreeMap<(ModuleId, Incarnation), Life>,
+    incarnations: BTreeMap<(ModuleId, Incarnation), StepCounts>,
     /// The current incarnation of each module, as the controller knows it.
     current: BTreeMap<ModuleId, Incarnation>,
     torn: BTreeSet<Who>,
@@ -80,7 +80,7 @@ impl Join {
             index: BTreeMap::new(),
             heap: BinaryHeap::new(),
             blocked: Vec::new(),
-            lives: BTreeMap::new(),
+            incarnations: BTreeMap::new(),
             current: BTreeMap::new(),
             torn: BTreeSet::new(),
             last: Time::ZERO,
@@ -168,13 +168,13 @@ impl Join {
         }
     }
 
-    fn incarnation(&mut self, id: ModuleId, incarnation: Incarnation) -> &mut Life {
-        self.lives.entry((id, incarnation)).or_default()
+    fn incarnation(&mut self, id: ModuleId, incarnation: Incarnation) -> &mut StepCounts {
+        self.incarnations.entry((id, incarnation)).or_default()
     }
 
     /// Returns the writer whose record has to come first, if any.
     fn cause(&self, record: &Record) -> Option<Who> {
-        let incarnation = |id, incarnation| self.lives.get(&(id, incarnation));
+        let incarnation = |id, incarnation| self.incarnations.get(&(id, incarnation));
         match (record.who, &record.event) {
             (Who::Agent(id, l), Event::Born { .. }) => {
                 let known = self.current.get(&id).is_some_and(|c| *c >= l);

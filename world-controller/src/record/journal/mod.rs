@@ -7,11 +7,11 @@
 //! layout is in `metamorph_module_agent::journal_file`, the records are in `metamorph_protocol::record`.
 
 mod join;
-mod keep;
+mod session;
 
-pub use keep::JournalSession;
 pub use metamorph_module_agent::journal_file::{Damage, DamageKind, JournalError, RunHead};
 pub use metamorph_protocol::record::{Blob, Consumed, Emitted, Event, MessageName, Record, Sent, Step, Who};
+pub use session::JournalSession;
 
 use crate::scenario::family::Families;
 use crate::scenario::{LinkKind, Overrides, Plan, read_text};

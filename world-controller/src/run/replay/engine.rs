@@ -30,15 +30,15 @@ use std::hash::Hasher;
 /// The agents of a family.
 pub type AgentOf<R> = <<R as Runnable>::World as World>::Agent;
 
-/// One incarnation of an agent.
-struct Life<A: Agent> {
+/// The replay of one incarnation of an agent.
+struct Replayed<A: Agent> {
     agent: Option<AgentHost<A>>,
     /// The hash of each message sent, indexed by number.
     sent: Vec<u64>,
     /// Actions and reports that the controller has not consumed yet.
     told: VecDeque<Emitted>,
     /// Contacts, percepts and orders that the agent has not consumed yet.
-    letters: VecDeque<Consumed>,
+    inputs: VecDeque<Consumed>,
     tally: Tally,
     summary: Summary,
     /// True if its records are incomplete: it is not followed from here on.
@@ -47,13 +47,13 @@ struct Life<A: Agent> {
     died: bool,
 }
 
-impl<A: Agent> Default for Life<A> {
-    fn default() -> Life<A> {
-        Life {
+impl<A: Agent> Default for Replayed<A> {
+    fn default() -> Replayed<A> {
+        Replayed {
             agent: None,
             sent: Vec::new(),
             told: VecDeque::new(),
-            letters: VecDeque::new(),
+            inputs: VecDeque::new(),
             tally: Tally::default(),
             summary: Summary::default(),
             torn: false,
@@ -70,7 +70,7 @@ pub struct Done {
     /// Inputs of agents.
     pub steps: u64,
     /// Incarnations of agents.
-    pub lives: u64,
+    pub incarnations: u64,
     /// Inputs of the world and the director.
     pub controller: u64,
     /// Records not checked, because their cause is missing.
@@ -85,7 +85,7 @@ pub struct Engine<'a, R: Runnable> {
     plan: &'a Plan,
     world: R::World,
     director: R::Director,
-    lives: BTreeMap<(ModuleId, Incarnation), Life<AgentOf<R>>>,
+    incarnations: BTreeMap<(ModuleId, Incarnation), Replayed<AgentOf<R>>>,
     current: BTreeMap<ModuleId, Incarnation>,
     struck: usize,
     torn: bool,
@@ -103,7 +103,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
             plan,
             world: swarm.world(plan),
             director: swarm.director(plan),
-            lives: BTreeMap::new(),
+            incarnations: BTreeMap::new(),
             current: BTreeMap::new(),
             struck: 0,
             torn: false,
@@ -134,9 +134,9 @@ impl<'a, R: Runnable> Engine<'a, R> {
         &self,
     ) -> impl Iterator<Item = (ModuleId, bool, <AgentOf<R> as Agent>::Place, Option<&Summary>)> {
         (0..self.world.len() as u32).map(ModuleId).map(|id| {
-            let life = self.current.get(&id).and_then(|l| self.lives.get(&(id, *l)));
-            let alive = life.is_some_and(|l| !l.died);
-            (id, alive, self.world.place(id), life.map(|l| &l.summary))
+            let replayed = self.current.get(&id).and_then(|l| self.incarnations.get(&(id, *l)));
+            let alive = replayed.is_some_and(|l| !l.died);
+            (id, alive, self.world.place(id), replayed.map(|l| &l.summary))
         })
     }
 
@@ -146,14 +146,15 @@ impl<'a, R: Runnable> Engine<'a, R> {
         let all = || {
             (0..self.world.len() as u32).map(ModuleId).map(|id| {
                 let incarnation = self.current.get(&id).copied().unwrap_or(Incarnation(0));
-                (incarnation, self.lives.get(&(id, incarnation)))
+                (incarnation, self.incarnations.get(&(id, incarnation)))
             })
         };
-        let is_followed = !self.alone && !self.torn && all().all(|(_, life)| life.is_some_and(|l| !l.torn));
-        let agents = agents_hash(all().map(|(incarnation, life)| Held {
-            is_alive: life.is_some_and(|l| !l.died),
+        let is_followed =
+            !self.alone && !self.torn && all().all(|(_, replayed)| replayed.is_some_and(|l| !l.torn));
+        let agents = agents_hash(all().map(|(incarnation, replayed)| Held {
+            is_alive: replayed.is_some_and(|l| !l.died),
             incarnation,
-            agent: life.and_then(|l| l.agent.as_ref()).map(AgentHost::agent),
+            agent: replayed.and_then(|l| l.agent.as_ref()).map(AgentHost::agent),
         }));
         (is_followed.then_some(agents), world_hash(&self.world))
     }
@@ -167,7 +168,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         self.done.records += 1;
         self.done.until = record.at;
         match record.who {
-            Who::Agent(id, life) => self.agent(id, life, record),
+            Who::Agent(id, incarnation) => self.agent(id, incarnation, record),
             Who::Controller => self.controller(record.at, &record.event),
         }
     }
@@ -177,19 +178,19 @@ impl<'a, R: Runnable> Engine<'a, R> {
         match &record.event {
             Event::Born { place } => {
                 let birth = Birth { id, incarnation, place: read(place)?, seed: self.plan.seed };
-                let life = self.lives.entry(key).or_default();
-                life.agent = Some(AgentHost::hashed(self.swarm.setup(), birth, record.at));
-                self.done.lives += 1;
+                let replayed = self.incarnations.entry(key).or_default();
+                replayed.agent = Some(AgentHost::hashed(self.swarm.setup(), birth, record.at));
+                self.done.incarnations += 1;
                 Ok(())
             }
             Event::Torn => {
-                self.lives.entry(key).or_default().torn = true;
+                self.incarnations.entry(key).or_default().torn = true;
                 Ok(())
             }
             Event::State(summary) => {
-                let life = self.lives.entry(key).or_default();
-                let same = life.agent.as_ref().is_none_or(|a| a.agent().summary(record.at) == *summary);
-                life.summary.clone_from(summary);
+                let replayed = self.incarnations.entry(key).or_default();
+                let same = replayed.agent.as_ref().is_none_or(|a| a.agent().summary(record.at) == *summary);
+                replayed.summary.clone_from(summary);
                 if same { Ok(()) } else { Err("it has another summary".to_owned()) }
             }
             Event::Step(step) => self.step(key, record.at, step),
@@ -201,49 +202,49 @@ impl<'a, R: Runnable> Engine<'a, R> {
         if let Consumed::Message { name, message, .. } = &step.input {
             self.check_message(*name, message)?;
         }
-        let Some(life) = self.lives.get_mut(&key) else {
+        let Some(replayed) = self.incarnations.get_mut(&key) else {
             return Err("it took an input before it began".to_owned());
         };
         if !matches!(step.input, Consumed::Message { .. } | Consumed::Wake)
-            && !take(&mut life.letters, &step.input)
+            && !take(&mut replayed.inputs, &step.input)
         {
             if !self.torn {
                 return Err(format!("it took {:?}, which the controller had not sent", step.input));
             }
             self.done.unchecked += 1;
         }
-        let Some(agent) = &mut life.agent else {
+        let Some(agent) = &mut replayed.agent else {
             return Err("it took an input before it began".to_owned());
         };
-        if life.torn {
+        if replayed.torn {
             return Ok(());
         }
         self.done.steps += 1;
         let input: InputOf<AgentOf<R>> = input(&step.input)?;
         if let Consumed::Message { class, .. } = step.input {
-            life.tally[class].delivered += 1;
+            replayed.tally[class].delivered += 1;
         }
         let digest = agent.handle_hashed(at, input);
-        if step.first as usize != life.sent.len() {
+        if step.first as usize != replayed.sent.len() {
             return Err(format!(
                 "its messages are numbered from {}, not from {}",
-                life.sent.len(),
+                replayed.sent.len(),
                 step.first
             ));
         }
         while let Some(output) = agent.poll() {
             match output {
                 Output::Send { class, message, .. } => {
-                    let counts = &mut life.tally[class];
+                    let counts = &mut replayed.tally[class];
                     counts.sent += 1;
                     counts.bytes += message.wire_len() as u64;
-                    life.sent.push(hash(&Blob::of(&message)));
+                    replayed.sent.push(hash(&Blob::of(&message)));
                 }
                 // The contact revision it carries is the driver's, and recorded separately.
                 Output::Act(_) | Output::Report(_) => {}
             }
         }
-        life.told.extend(step.told.iter().cloned());
+        replayed.told.extend(step.told.iter().cloned());
         if digest != step.digest {
             return Err(format!(
                 "after {:?} its state or output differs: {digest:016x}, not {:016x}",
@@ -254,8 +255,8 @@ impl<'a, R: Runnable> Engine<'a, R> {
     }
 
     fn check_message(&mut self, name: MessageName, message: &Blob) -> Result<(), String> {
-        let MessageName { from, incarnation: life, number } = name;
-        let sender = self.lives.get(&(from, life));
+        let MessageName { from, incarnation, number } = name;
+        let sender = self.incarnations.get(&(from, incarnation));
         match sender.and_then(|s| s.sent.get(number as usize)) {
             Some(sent) if *sent == hash(message) => Ok(()),
             Some(_) => Err(format!("it received message {number} of module {from} with other contents")),
@@ -270,14 +271,14 @@ impl<'a, R: Runnable> Engine<'a, R> {
     fn controller(&mut self, at: Time, event: &Event) -> Result<(), String> {
         self.done.controller += 1;
         match event {
-            Event::Start { id, incarnation: life, place } => {
+            Event::Start { id, incarnation, place } => {
                 if Blob::of(&self.world.place(*id)) != *place {
                     return Err(format!("module {id} starts at another place"));
                 }
-                self.world.start(at, *id, *life);
-                self.current.insert(*id, *life);
+                self.world.start(at, *id, *incarnation);
+                self.current.insert(*id, *incarnation);
                 // What the controller sends from now on is for this incarnation.
-                self.lives.entry((*id, *life)).or_default().died = false;
+                self.incarnations.entry((*id, *incarnation)).or_default().died = false;
             }
             Event::Act { id, revision, action, .. } => {
                 self.take_told(*id, &Emitted::Act { revision: *revision, action: action.clone() })?;
@@ -298,8 +299,8 @@ impl<'a, R: Runnable> Engine<'a, R> {
             }
             Event::Started { id } => self.director.started(at, *id),
             Event::Died { id } => {
-                if let Some(life) = self.current_life(*id) {
-                    life.died = true;
+                if let Some(replayed) = self.current_incarnation(*id) {
+                    replayed.died = true;
                 }
                 self.director.died(at, *id);
             }
@@ -323,7 +324,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                     return Err(format!("the fault that strikes is {got:?}"));
                 }
             }
-            Event::Counted { id, incarnation: life, tally } => self.compare_counts(*id, *life, tally)?,
+            Event::Counted { id, incarnation, tally } => self.compare_counts(*id, *incarnation, tally)?,
             Event::Ended { outcome, tally } => self.end(outcome, tally)?,
             // Found by audits, which are not repeated.
             Event::Violated { .. } | Event::Resumed => {}
@@ -339,13 +340,13 @@ impl<'a, R: Runnable> Engine<'a, R> {
         if got.as_ref() != Some(&(id, sensed.clone())) {
             return Err(format!("the body of module {id} senses {got:?}, not {sensed:?}"));
         }
-        let letter = match sensed {
+        let input = match sensed {
             Sensed::Contact { port, contact, .. } => {
                 Consumed::Contact { port: *port, session: contact.map(|c| c.session) }
             }
             Sensed::Percept(percept) => Consumed::Percept(percept.clone()),
         };
-        self.tell(id, letter);
+        self.tell(id, input);
         Ok(())
     }
 
@@ -360,17 +361,17 @@ impl<'a, R: Runnable> Engine<'a, R> {
         self.compare_totals(tally)
     }
 
-    fn current_life(&mut self, id: ModuleId) -> Option<&mut Life<AgentOf<R>>> {
-        self.current.get(&id).and_then(|life| self.lives.get_mut(&(id, *life)))
+    fn current_incarnation(&mut self, id: ModuleId) -> Option<&mut Replayed<AgentOf<R>>> {
+        self.current.get(&id).and_then(|incarnation| self.incarnations.get_mut(&(id, *incarnation)))
     }
 
     /// Records what the controller sends to a module, if it has a process.
-    fn tell(&mut self, id: ModuleId, letter: Consumed) {
+    fn tell(&mut self, id: ModuleId, input: Consumed) {
         if self.alone {
             return;
         }
-        if let Some(life) = self.current_life(id).filter(|l| !l.died) {
-            life.letters.push_back(letter);
+        if let Some(replayed) = self.current_incarnation(id).filter(|l| !l.died) {
+            replayed.inputs.push_back(input);
         }
     }
 
@@ -378,12 +379,12 @@ impl<'a, R: Runnable> Engine<'a, R> {
         if self.alone {
             return Ok(());
         }
-        let Some(life) = self.current_life(id) else {
+        let Some(replayed) = self.current_incarnation(id) else {
             return Err(format!("module {id} told {told:?} before it began"));
         };
-        match life.told.pop_front() {
+        match replayed.told.pop_front() {
             Some(first) if first == *told => Ok(()),
-            None if life.torn => {
+            None if replayed.torn => {
                 self.done.unchecked += 1;
                 Ok(())
             }
@@ -392,11 +393,13 @@ impl<'a, R: Runnable> Engine<'a, R> {
     }
 
     fn compare_counts(&self, id: ModuleId, incarnation: Incarnation, tally: &Tally) -> Result<(), String> {
-        let Some(life) = self.lives.get(&(id, incarnation)).filter(|l| !l.torn) else { return Ok(()) };
+        let Some(replayed) = self.incarnations.get(&(id, incarnation)).filter(|l| !l.torn) else {
+            return Ok(());
+        };
         for (class, counted) in tally.iter() {
-            let (got, counted) = (known(&life.tally[class]), known(counted));
+            let (got, counted) = (known(&replayed.tally[class]), known(counted));
             // A killed process may have written its last steps but not their counts.
-            let late = life.died && got.iter().zip(counted).all(|(got, counted)| *got >= counted);
+            let late = replayed.died && got.iter().zip(counted).all(|(got, counted)| *got >= counted);
             if got != counted && !late {
                 return Err(format!(
                     "module {id} counts {counted:?} {class} messages (sent, delivered, bytes), now {got:?}"
@@ -408,9 +411,9 @@ impl<'a, R: Runnable> Engine<'a, R> {
 
     fn compare_totals(&self, tally: &Tally) -> Result<(), String> {
         let mut got = Tally::default();
-        self.lives.values().for_each(|life| got += life.tally);
-        let died = self.lives.values().any(|life| life.died);
-        let torn = self.lives.values().any(|life| life.torn);
+        self.incarnations.values().for_each(|replayed| got += replayed.tally);
+        let died = self.incarnations.values().any(|replayed| replayed.died);
+        let torn = self.incarnations.values().any(|replayed| replayed.torn);
         for class in Class::ALL {
             let (got, counted) = (known(&got[class]), known(&tally[class]));
             let late = died && got.iter().zip(counted).all(|(got, counted)| *got >= counted);
@@ -426,7 +429,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
     /// Returns the counts of messages that all agents have sent and received.
     pub fn tally(&self) -> Tally {
         let mut sum = Tally::default();
-        self.lives.values().for_each(|life| sum += life.tally);
+        self.incarnations.values().for_each(|replayed| sum += replayed.tally);
         sum
     }
 }
@@ -438,14 +441,14 @@ fn known(counts: &Counts) -> [u64; 3] {
 
 /// Removes a message of the controller. Contact changes that later ones of the same port have overtaken may
 /// be missing.
-fn take(letters: &mut VecDeque<Consumed>, taken: &Consumed) -> bool {
-    while let Some(letter) = letters.pop_front() {
-        if letter == *taken {
+fn take(inputs: &mut VecDeque<Consumed>, taken: &Consumed) -> bool {
+    while let Some(input) = inputs.pop_front() {
+        if input == *taken {
             return true;
         }
-        let Consumed::Contact { port, .. } = letter else { return false };
+        let Consumed::Contact { port, .. } = input else { return false };
         let later = |l: &Consumed| matches!(l, Consumed::Contact { port: p, .. } if *p == port);
-        if !letters.iter().any(later) {
+        if !inputs.iter().any(later) {
             return false;
         }
     }

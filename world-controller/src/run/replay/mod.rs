@@ -176,7 +176,7 @@ pub fn text(plan: &Plan, replayed: &Replayed) -> String {
         text,
         "carried out: {} of agents, started {}, {} of the controller; {} sent, {} delivered",
         many(done.steps, "input"),
-        many(done.lives, "time"),
+        many(done.incarnations, "time"),
         many(done.controller, "record"),
         many(total.sent, "message"),
         count(total.delivered)

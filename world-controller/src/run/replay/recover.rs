@@ -28,11 +28,11 @@ pub struct Recovered<R: Runnable> {
     /// Scenario time of the last record.
     pub until: Time,
     /// Incarnations alive at that time.
-    pub lives: Vec<TakenOver<AgentOf<R>>>,
+    pub agents: Vec<TakenOver<AgentOf<R>>>,
     /// The latest incarnation of each module.
     pub latest: Vec<Incarnation>,
     /// Modules that are dead and due for a restart.
-    pub awaited: BTreeSet<ModuleId>,
+    pub restarting: BTreeSet<ModuleId>,
     /// True if the run was over.
     pub finishing: bool,
     /// The controller's counts.
@@ -66,9 +66,9 @@ pub fn recover<R: Runnable>(
     let mut engine = Engine::new(swarm, plan);
     engine.follow_no_agents();
     let mut notes = Notes::<AgentOf<R>> {
-        lives: BTreeMap::new(),
+        agents: BTreeMap::new(),
         latest: vec![Incarnation(0); plan.swarm.len()],
-        awaited: BTreeSet::new(),
+        restarting: BTreeSet::new(),
         finishing: false,
         counted: Counted::default(),
     };
@@ -82,16 +82,16 @@ pub fn recover<R: Runnable>(
     }
     let until = engine.done().until;
     let (world, director, struck) = engine.into_parts();
-    let Notes { lives, latest, awaited, finishing, counted } = notes;
-    let lives = lives.into_values().collect();
-    Ok(Recovered { world, director, struck, until, lives, latest, awaited, finishing, counted })
+    let Notes { agents, latest, restarting, finishing, counted } = notes;
+    let agents = agents.into_values().collect();
+    Ok(Recovered { world, director, struck, until, agents, latest, restarting, finishing, counted })
 }
 
 /// What is known of processes.
 struct Notes<A: Agent> {
-    lives: BTreeMap<ModuleId, TakenOver<A>>,
+    agents: BTreeMap<ModuleId, TakenOver<A>>,
     latest: Vec<Incarnation>,
-    awaited: BTreeSet<ModuleId>,
+    restarting: BTreeSet<ModuleId>,
     finishing: bool,
     counted: Counted,
 }
@@ -100,7 +100,7 @@ impl<A: Agent> Notes<A> {
     fn take(&mut self, event: &Event) -> Result<(), String> {
         match event {
             Event::Start { id, incarnation, place } => {
-                self.awaited.remove(id);
+                self.restarting.remove(id);
                 self.counted.restarted += u32::from(*incarnation > Incarnation(0));
                 if let Some(latest) = self.latest.get_mut(id.index()) {
                     *latest = *incarnation;
@@ -111,13 +111,13 @@ impl<A: Agent> Notes<A> {
                     place: read(place)?,
                     heard: 0,
                     told: VecDeque::new(),
-                    condemned: false,
+                    terminating: false,
                     paused: false,
                 };
-                self.lives.insert(*id, begun);
+                self.agents.insert(*id, begun);
             }
             Event::Died { id } => {
-                self.lives.remove(id);
+                self.agents.remove(id);
             }
             Event::Act { id, .. } => {
                 self.counted.body_messages += 1;
@@ -149,19 +149,19 @@ impl<A: Agent> Notes<A> {
     fn want(&mut self, wanted: &Command<Blob>) -> Result<(), String> {
         match wanted {
             Command::Kill(id) => {
-                if let Some(incarnation) = self.lives.get_mut(id) {
-                    self.counted.killed += u32::from(!incarnation.condemned);
-                    incarnation.condemned = true;
+                if let Some(incarnation) = self.agents.get_mut(id) {
+                    self.counted.killed += u32::from(!incarnation.terminating);
+                    incarnation.terminating = true;
                 }
             }
             Command::Pause(id) | Command::Resume(id) => {
-                if let Some(incarnation) = self.lives.get_mut(id) {
+                if let Some(incarnation) = self.agents.get_mut(id) {
                     incarnation.paused = matches!(wanted, Command::Pause(_));
                 }
             }
             Command::Restart(id) => {
-                if self.lives.get(id).is_none_or(|incarnation| incarnation.condemned) {
-                    self.awaited.insert(*id);
+                if self.agents.get(id).is_none_or(|incarnation| incarnation.terminating) {
+                    self.restarting.insert(*id);
                 }
             }
             Command::Order(id, order) => {
@@ -174,15 +174,15 @@ impl<A: Agent> Notes<A> {
     }
 
     fn heard(&mut self, id: ModuleId) {
-        if let Some(incarnation) = self.lives.get_mut(&id) {
+        if let Some(incarnation) = self.agents.get_mut(&id) {
             incarnation.heard += 1;
         }
     }
 
     /// As the controller loop does: nothing is sent to an agent that is about to be killed.
     fn tell(&mut self, id: ModuleId, letter: ControlMessage<A>) -> bool {
-        let Some(incarnation) = self.lives.get_mut(&id) else { return false };
-        if !incarnation.condemned {
+        let Some(incarnation) = self.agents.get_mut(&id) else { return false };
+        if !incarnation.terminating {
             incarnation.told.push_back(letter);
         }
         true

@@ -21,7 +21,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         self.outcome.slowed = self.pace.slowed();
         self.outcome.wall = Duration::from_nanos(self.pace.monotonic().saturating_sub(self.epoch));
         let runs = |s| matches!(s, Stage::Running | Stage::Lost);
-        let alive = |p: &&ProcessOf<W, B>| runs(p.stage) && !p.condemned;
+        let alive = |p: &&ProcessOf<W, B>| runs(p.stage) && !p.terminating;
         self.outcome.alive = self.processes.iter().filter(alive).count() as u32;
         for i in 0..self.processes.len() {
             let process = &mut self.processes[i];
@@ -30,7 +30,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
                 Stage::Absent => continue,
                 Stage::Starting | Stage::Lost => {
                     // Not up yet, or not found, so it gets no message.
-                    process.condemned = true;
+                    process.terminating = true;
                     self.launcher.signal(agent, Signal::KILL);
                 }
                 _ => {
@@ -64,7 +64,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
             if left < before {
                 deadline = self.pace.monotonic() + timeout;
             }
-            if !dismissed && self.processes.iter().all(|p| steps(p) < 2 || p.condemned) {
+            if !dismissed && self.processes.iter().all(|p| steps(p) < 2 || p.terminating) {
                 dismissed = true;
                 self.dismiss();
             }
@@ -127,7 +127,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         let Some(process) = self.processes.get_mut(id.index()) else { return };
         process.end();
         let how = process.verdict.map_or(how, str::to_owned);
-        if !process.condemned && how != "exited" {
+        if !process.terminating && how != "exited" {
             self.outcome.crashes.push(Crash { id, incarnation, at, how, stderr_tail });
         }
     }
@@ -135,7 +135,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
     /// Kills all agents, as a second signal asked for.
     fn kill_at_once(&mut self) {
         for process in self.processes.iter_mut().filter(|p| p.stage != Stage::Absent) {
-            process.condemned = true;
+            process.terminating = true;
             self.launcher.signal(process.key(), Signal::KILL);
         }
     }

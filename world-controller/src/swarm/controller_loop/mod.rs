@@ -193,7 +193,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                             break;
                         }
                     }
-                    let unasked = |p: &&Process<_, _>| !p.condemned;
+                    let unasked = |p: &&Process<_, _>| !p.terminating;
                     let process = self.processes.get(agent.0.index()).filter(unasked);
                     let running = |p: &&Process<_, _>| p.verdict.is_none() && p.stage == Stage::Running;
                     let outside = process.filter(running).and(signal);
@@ -397,7 +397,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
 
     fn tell(&mut self, i: usize, message: ControlMessage<W::Agent>) {
         let process = &mut self.processes[i];
-        if process.condemned {
+        if process.terminating {
             return;
         }
         if process.tell(message) {
@@ -492,8 +492,8 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                 self.director.commit();
             }
             match command {
-                Command::Kill(_) if alive && !process.condemned => {
-                    process.condemned = true;
+                Command::Kill(_) if alive && !process.terminating => {
+                    process.terminating = true;
                     self.outcome.killed += 1;
                     self.launcher.signal(agent, Signal::KILL);
                 }
@@ -508,7 +508,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                     self.launcher.signal(agent, Signal::CONT);
                 }
                 Command::Restart(_) if !alive => self.relaunch(id.index()),
-                Command::Restart(_) if process.condemned => process.restart = true,
+                Command::Restart(_) if process.terminating => process.restart = true,
                 Command::Restart(_) => tracing::warn!("module {id} is alive and is not started again"),
                 Command::Order(_, order) if matches!(process.stage, Stage::Running | Stage::Lost) => {
                     self.outcome.control_messages += 1;

@@ -39,7 +39,7 @@ where
     }
 
     fn take_over(&mut self, root: &Path, epoch: u64, from: Resumption<W::Agent>) {
-        let Resumption { until, lives, latest, mut awaited, finishing, counted } = from;
+        let Resumption { until, agents, latest, mut restarting, finishing, counted } = from;
         (self.epoch, self.last) = (epoch, until);
         self.finishing = finishing;
         self.outcome.launched = self.processes.len() as u32;
@@ -59,36 +59,36 @@ where
             }
         }
         let taken_over: BTreeSet<String> =
-            lives.iter().map(|l| format!("{}.{}", l.id, l.incarnation)).collect();
+            agents.iter().map(|l| format!("{}.{}", l.id, l.incarnation)).collect();
         for (name, identity) in &known {
             if !taken_over.contains(name) && kill(*identity) {
                 tracing::debug!("{name} had been started, and was not to take part yet");
             }
         }
-        for mut agent in lives {
+        for mut agent in agents {
             let begin = RuntimeMessage::Begin { place: agent.place };
             agent.told.push_front(ControlMessage::Runtime(begin));
             let process = &mut self.processes[agent.id.index()];
             process.take_over(agent.incarnation, agent.heard, agent.told);
-            process.condemned = agent.condemned;
-            process.restart = awaited.remove(&agent.id);
+            process.terminating = agent.terminating;
+            process.restart = restarting.remove(&agent.id);
             process.paused = agent.paused;
             let key = (agent.id, agent.incarnation);
             let Some(identity) = known.get(&format!("{}.{}", agent.id, agent.incarnation)) else {
                 let how = "was not there any more when the run was resumed".to_owned();
-                let crashed = !agent.condemned;
+                let crashed = !agent.terminating;
                 self.ended(key, how, String::new(), crashed);
                 continue;
             };
             self.launcher.adopt(key, *identity);
             // The signals of the controller before may not have been sent any more.
-            let signals = match (agent.condemned, agent.paused) {
+            let signals = match (agent.terminating, agent.paused) {
                 (true, _) => &[Signal::KILL][..],
                 (false, true) => &[Signal::STOP],
                 (false, false) => &[Signal::CONT],
             };
             signals.iter().for_each(|signal| self.launcher.signal(key, *signal));
-            if agent.condemned || !identity.is_alive() {
+            if agent.terminating || !identity.is_alive() {
                 continue;
             }
             // An agent that is not called finds out by itself within two seconds.
@@ -97,7 +97,7 @@ where
                 self.processes[agent.id.index()].call(now);
             }
         }
-        awaited.into_iter().for_each(|id| self.relaunch(id.index()));
+        restarting.into_iter().for_each(|id| self.relaunch(id.index()));
     }
 }
 

@@ -15,17 +15,17 @@ use crate::metamodule::strategy::Context;
 const GIVE_UP: u64 = 3;
 /// Retry delays without progress after which any reachable seed is filled, even if that blocks others.
 const STANDS_STILL: u64 = 8;
-/// Strides of detour that a metamodule accepts after a retry delay in vain.
+/// Moves of detour that a metamodule accepts after a retry delay in vain.
 const DETOUR: usize = 3;
 
 /// What a claimant may do on its way now.
 #[derive(Clone, Copy)]
 struct Permission {
-    /// End a stride in the zone around the goal, where it may be in the way of what is built.
+    /// End a move in the zone around the goal, where it may be in the way of what is built.
     enter: bool,
     /// Fill its seed.
     fill: bool,
-    /// End a stride where that shuts another metamodule in.
+    /// End a move where that shuts another metamodule in.
     block: bool,
     /// Fill its seed even if that closes the ways to others.
     close: bool,
@@ -83,7 +83,7 @@ impl Negotiated {
     ) -> Option<Plan> {
         let now = cx.v.now;
         if !self.claims.is_agreed(now) {
-            // A stride towards a seed that is lost to a nearer metamodule would be one in vain.
+            // A move towards a seed that is lost to a nearer metamodule would be one in vain.
             return None;
         }
         let (waited, retry) = (now.since(*cx.waiting_since), cx.v.params().patience);

@@ -1,4 +1,4 @@
-//! Which seed a metamodule goes to: seeds are shared out so that all together make the fewest strides.
+//! Which seed a metamodule goes to: seeds are shared out so that all together make the fewest moves.
 
 use super::scene::{Other, Scene, fingerprint};
 use crate::coverage::{CoveragePoint, hit};
@@ -13,11 +13,11 @@ use pathfinding::kuhn_munkres::kuhn_munkres_min;
 use pathfinding::matrix::Matrix;
 use std::hash::Hash;
 
-/// What it costs, in strides, to leave a seed that is not open yet to a metamodule.
+/// What it costs, in moves, to leave a seed that is not open yet to a metamodule.
 const LATER: i64 = 1 << 20;
-/// What it costs, in strides, to leave a seed to a metamodule that has no way to it.
+/// What it costs, in moves, to leave a seed to a metamodule that has no way to it.
 const UNREACHABLE: i64 = 1 << 30;
-/// The strides that a way counts that is not there: it may be there when its time comes.
+/// The moves that a way counts that is not there: it may be there when its time comes.
 const FAR: i64 = 1 << 10;
 /// How long a seed counts as unreachable if nothing around changes, in retry delays.
 const UNREACHABLE_FOR: u64 = 4;
@@ -134,7 +134,7 @@ impl Claims {
 
     /// Notes that there is no way to a seed.
     pub fn mark_unreachable(&mut self, scene: &Scene<'_>, seed: u8) {
-        hit(CoveragePoint::MetaBarred);
+        hit(CoveragePoint::MetaUnreachable);
         self.unreachable = self.unreachable.with(seed);
         self.unreachable_in = fingerprint(&scene.fixed);
         self.reachable_at = scene.v.now + scene.v.params().patience * UNREACHABLE_FOR;
@@ -175,7 +175,7 @@ impl Claims {
     }
 
     /// The seed that falls to this metamodule if all unclaimed ones are shared out among those without one,
-    /// with the fewest strides; open seeds before later ones.
+    /// with the fewest moves; open seeds before later ones.
     fn share(&self, scene: &Scene<'_>, open: SeedSet, claimed: SeedSet) -> Option<u8> {
         let own = scene.v.own;
         let others = scene.free.iter().filter(|o| o.claim.is_none());
@@ -206,7 +206,7 @@ impl Claims {
     }
 }
 
-/// Strides to a seed from each pose, around what will be built before it.
+/// Moves to a seed from each pose, around what will be built before it.
 fn steps(scene: &Scene<'_>, from: &[Pose], number: u8) -> Vec<i64> {
     let Some(seed) = scene.seed(number) else { return vec![UNREACHABLE; from.len()] };
     let planned = scene.planned(number);

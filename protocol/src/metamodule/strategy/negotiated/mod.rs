@@ -1,6 +1,6 @@
 //! The `negotiated` strategy: which metamodule fills which seed, by which way, and which one makes way.
 //!
-//! Seeds are shared out so that all together make the fewest strides; a metamodule that has got one claims it
+//! Seeds are shared out so that all together make the fewest moves; a metamodule that has got one claims it
 //! and announces its way. Claims are ranked by the order of their seeds. A metamodule in a more important way
 //! leaves it, and is as important as that way, one place below it, until it has: ranks travel along chains of
 //! metamodules that make way for each other. What is promised, under which assumptions, and why, is in

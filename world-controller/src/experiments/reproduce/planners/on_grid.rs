@@ -5,7 +5,7 @@ use crate::console::format::percent;
 use crate::console::interrupt::Interrupt;
 use crate::experiments::reproduce::Experiment;
 use metamorph_protocol::on_grid::two_layer::{Walk, joined, walk};
-use metamorph_protocol::on_grid::{Ground, OnGrid, Span, Standing, Strides};
+use metamorph_protocol::on_grid::{ActionTable, Ground, OnGrid, Span, Standing};
 use metamorph_protocol::plan::search::{Method, Search};
 use metamorph_protocol::plan::{Limits, Outcome, Step};
 use metamorph_protocol::rng::Rng;
@@ -80,7 +80,7 @@ impl Outcomes {
 /// Makes the table.
 pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
     let mut table = PlannerTable::new(Experiment::OnGrid);
-    let strides = Rc::new(Strides::new());
+    let actions = Rc::new(ActionTable::new());
     let found = landings(Kind::Single).into_iter().map(|(l, p)| {
         let degrees: Vec<String> = p[0].degrees().iter().map(i16::to_string).collect();
         format!("({}, {}) class {} by {}", l.x, l.y, l.class, degrees.join(" "))
@@ -96,7 +96,7 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
         let mut near = Outcomes::default();
         for goal in (0..25).map(|i| (8 + i % 5, 8 + i / 5)).filter(|g| *g != (10, 10)) {
             let ground = Ground::open(SIDE, SIDE, COLUMN);
-            let space = OnGrid { ground, span, goal, strides: strides.clone() };
+            let space = OnGrid { ground, span, goal, actions: actions.clone() };
             let from = Standing::upright(10, 10, 0);
             near.add(&space, from);
             primitives[exact(&space, from).unwrap_or(0).min(7) as usize] += 1;
@@ -110,9 +110,9 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
                 break;
             }
             let (ground, from, goal) = square(seed);
-            worlds.add(&OnGrid { ground, span, goal, strides: strides.clone() }, from);
+            worlds.add(&OnGrid { ground, span, goal, actions: actions.clone() }, from);
             let (ground, from, goal) = rectangles(seed);
-            fixed.add(&OnGrid { ground, span, goal, strides: strides.clone() }, from);
+            fixed.add(&OnGrid { ground, span, goal, actions: actions.clone() }, from);
         }
         table.row(format!("2: worlds with one square, {name}"), "100 % with a solution", worlds.text());
         table.row(format!("3: trials in one world, {name}"), "70 %", fixed.text());

@@ -1,4 +1,4 @@
-//! The reward map (thesis 4.2.3): metamodules on a floor, the published scheme beside exact strides.
+//! The reward map (thesis 4.2.3): metamodules on a floor, the published scheme beside exact moves.
 
 use super::PlannerTable;
 use crate::console::format::{count, percent};
@@ -12,8 +12,8 @@ use metamorph_protocol::roombots::grid::GridState;
 
 /// Connectors along each side of the published floor.
 const SIDE: i16 = 13;
-/// Strides of the experiment with failing connections.
-const STRIDES: u64 = 100_000;
+/// Moves of the experiment with failing connections.
+const MOVES: u64 = 100_000;
 
 /// Makes the table.
 pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
@@ -25,16 +25,16 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
         let floor = Floor::new(kind, SIDE);
         for penalty in [0, 2] {
             let name = match penalty {
-                0 => format!("{kind}: failed tries per minimal stride"),
-                n => format!("  with a penalty of {n} strides for each visit"),
+                0 => format!("{kind}: failed tries per minimal move"),
+                n => format!("  with a penalty of {n} moves for each visit"),
             };
             table.row(name, "1.22; 100 % reached", published(&floor, seeds, penalty));
         }
-        table.row("  exact strides: failed tries; reached", "", exact(&floor, seeds));
-        let (tries, strides) = failing(&floor);
-        let ratio = tries as f64 / strides.max(1) as f64;
-        let ours = format!("{ratio:.4} in {} strides (expected 1.0526)", count(strides));
-        table.row("  tries per stride, 5 % of connections fail", "1.05 (19 of 20)", ours);
+        table.row("  exact moves: failed tries; reached", "", exact(&floor, seeds));
+        let (tries, moves) = failing(&floor);
+        let ratio = tries as f64 / moves.max(1) as f64;
+        let ours = format!("{ratio:.4} in {} moves (expected 1.0526)", count(moves));
+        table.row("  tries per move, 5 % of connections fail", "1.05 (19 of 20)", ours);
         table.row("  expected tries past a connector that fails at 60 %", "", detour(&floor));
     }
     table.notes = vec![
@@ -59,32 +59,32 @@ fn ends(floor: &Floor, rng: &mut Rng) -> (GridState, GridState) {
 }
 
 fn published(floor: &Floor, seeds: u64, penalty: u32) -> String {
-    let (mut reached, mut failed, mut minimal, mut strides) = (0, 0, 0, 0);
+    let (mut reached, mut failed, mut minimal, mut moves) = (0, 0, 0, 0);
     for seed in 0..seeds {
         let (from, goal) = ends(floor, &mut Rng::named(seed, "reward map", 0));
         let walk = floor.walk(from, goal, penalty);
         reached += u64::from(walk.reached);
         failed += u64::from(walk.failed);
         minimal += u64::from(walk.minimal);
-        strides += u64::from(walk.strides);
+        moves += u64::from(walk.moves);
     }
     let per = |n: u64| n as f64 / minimal.max(1) as f64;
     let share = percent(reached as f64 / seeds.max(1) as f64);
-    format!("{:.2}; {share} reached; {:.2} strides per minimal one", per(failed), per(strides))
+    format!("{:.2}; {share} reached; {:.2} moves per minimal one", per(failed), per(moves))
 }
 
 fn exact(floor: &Floor, seeds: u64) -> String {
-    let (mut reached, mut strides, mut minimal) = (0, 0, 0);
+    let (mut reached, mut moves, mut minimal) = (0, 0, 0);
     for seed in 0..seeds {
         let (from, goal) = ends(floor, &mut Rng::named(seed, "reward map", 0));
         if let Some(cost) = floor.expected(goal, |_| Ratio::ZERO).get(&from) {
             reached += 1;
-            strides += cost / MILLION;
+            moves += cost / MILLION;
             minimal += u64::from(floor.map(goal)[&(from.x, from.y)]);
         }
     }
     let share = percent(reached as f64 / seeds.max(1) as f64);
-    format!("0; {share} reached; {:.2} strides per minimal one", strides as f64 / minimal.max(1) as f64)
+    format!("0; {share} reached; {:.2} moves per minimal one", moves as f64 / minimal.max(1) as f64)
 }
 
 fn five_percent() -> Ratio {
@@ -93,17 +93,17 @@ fn five_percent() -> Ratio {
 
 fn failing(floor: &Floor) -> (u64, u64) {
     let mut rng = Rng::named(0, "failing connections", 0);
-    let (mut tries, mut strides) = (0, 0);
-    while strides < STRIDES {
+    let (mut tries, mut moves) = (0, 0);
+    while moves < MOVES {
         let (_, goal) = ends(floor, &mut rng);
         let expected = floor.expected(goal, |_| five_percent());
         for _ in 0..200 {
             let from = floor.draw(&mut rng);
             let (t, s) = floor.attempt(from, &expected, |_| five_percent(), &mut rng);
-            (tries, strides) = (tries + t, strides + s);
+            (tries, moves) = (tries + t, moves + s);
         }
     }
-    (tries, strides)
+    (tries, moves)
 }
 
 /// Puts a connector that fails at 60 % on a shortest path.
@@ -112,7 +112,7 @@ fn detour(floor: &Floor) -> String {
     let equal = floor.expected(goal, |_| five_percent());
     let Some(bad) = floor.next(from).into_iter().min_by_key(|s| equal.get(s).copied().unwrap_or(u64::MAX))
     else {
-        return "no stride".to_owned();
+        return "no move".to_owned();
     };
     let at = |s: GridState| {
         let here = (s.x, s.y) == (bad.x, bad.y);
