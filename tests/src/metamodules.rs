@@ -257,6 +257,7 @@ impl Assembly {
             changes: self.changes,
             relocate: self.relocate,
             follow: self.follow,
+            hands_over: true,
         };
         let director = MetamoduleDirector::new(Arc::clone(&self.setup), self.start.len(), plan);
         let config = SimConfig {

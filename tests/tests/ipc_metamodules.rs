@@ -72,6 +72,17 @@ fn chairs_of_six_processes() {
     }
 }
 
+/// The controller plans, and plans anew when a metamodule dies and when a connection fails for long.
+#[test]
+fn a_planned_chair_of_processes_while_things_break() {
+    let planned = ["--seed", "18", "--set", "protocol.strategy=planned"];
+    let report = as_processes("chair-hardware.toml", &planned);
+    assert_eq!((report.outcome.as_str(), report.goal.filled), ("built", 6), "{}", report.reason);
+    assert_eq!((report.agents.launched, report.agents.crashed), (7, 1));
+    let plan = &report.family_parts["metamodules"]["plan"];
+    assert!(plan["plans"].as_u64() > Some(1) && plan["orders"].as_u64() > Some(0), "{plan}");
+}
+
 /// Processes detect among themselves that they are at a standstill; greedy ones with a chair are, in half of
 /// the runs. By their precedence some of them wait for others only, not for a lock.
 #[test]

@@ -6,7 +6,7 @@ use super::locks::{LockTable, Requester};
 use super::message::{Action, Message, Order, Percept, Status};
 use super::neighbour_table::NeighbourTable;
 use super::outbox::Outbox;
-use super::params::Setup;
+use super::params::{Setup, Strategy};
 use super::phase::Phase;
 use super::plan::{JointTrial, Plan};
 use super::pose::Pose;
@@ -192,7 +192,13 @@ impl Metamodule {
             waits_for: self.requester.waits_for,
             unreachable: self.policy.advertised().unreachable,
             deadlocked: self.detector.deadlocked,
+            busy: self.setup.params.strategy == Strategy::Planned && self.is_busy(),
         });
+    }
+
+    /// Whether it moves or is about to.
+    fn is_busy(&self) -> bool {
+        self.own.pose.both || !matches!(self.phase, Phase::Idle { .. })
     }
 
     /// When what a timer stands for is due.

@@ -18,7 +18,6 @@
 
 use super::message::{Counted, Message, Probe};
 use super::outbox::Outbox;
-use super::params::Strategy;
 use super::phase::Phase;
 use super::view::View;
 use crate::counters::Class;
@@ -70,7 +69,7 @@ fn is_passive(v: View<'_>, phase: &Phase) -> bool {
     phase.is_waiting()
         && told
         && own.stuck.is_none()
-        && v.params().strategy != Strategy::Negotiated
+        && v.params().strategy.is_published()
         && !v.any_unheard()
 }
 

@@ -3,7 +3,6 @@
 
 use super::agent::Metamodule;
 use super::locks::Requester;
-use super::strategy::negotiated::Negotiated;
 use super::view::Own;
 use crate::agent::Agent;
 use crate::digest::Portable;
@@ -21,11 +20,7 @@ impl Metamodule {
         (id, pose).hash(hasher);
         self.digest_neighbours(hasher);
         (&neighbours.dead, &neighbours.obstacles, task, open, filled, settled).hash(hasher);
-        match policy.negotiated() {
-            Some(negotiated) => negotiated.digest(hasher),
-            // One order for all strategies.
-            None => Negotiated::new().digest(hasher),
-        }
+        policy.digest(hasher);
         phase.digest(hasher);
         (stuck, token, waiting_since, rest_until, quarantine_until).hash(hasher);
         (out.sequence(), prevented, waits_for, detector, rng).hash(hasher);

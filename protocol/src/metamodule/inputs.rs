@@ -209,6 +209,12 @@ impl Metamodule {
                 self.neighbours.obstacles.remove(&cell);
             }
             Order::Dead { id, pose } => self.on_death(now, id, pose),
+            Order::Instruct { number, instruction } => {
+                let is_news = self.with_policy(now, |policy, cx| policy.hear_order(cx, number, instruction));
+                if is_news && matches!(self.phase, Phase::Asking(_)) {
+                    self.stop(now, Span::ZERO);
+                }
+            }
         }
         self.look_again(now);
     }

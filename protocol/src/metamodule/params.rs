@@ -8,7 +8,7 @@ use crate::time::Span;
 use serde::{Deserialize, Serialize};
 
 /// How a metamodule decides what to do next. The first three are the thesis's (4.1.3) and differ in how
-/// neighbours push, [`Repulsion`], and in who goes first, [`Precedence`]; the fourth is ours.
+/// neighbours push, [`Repulsion`], and in who goes first, [`Precedence`]; the others are ours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
 #[serde(rename_all = "lowercase")]
 pub enum Strategy {
@@ -22,13 +22,24 @@ pub enum Strategy {
     /// `docs/negotiated.md`). The default, because the others deadlock.
     #[default]
     Negotiated,
+    /// The world-controller plans for all, and orders one move after the other (see `docs/planned.md`).
+    Planned,
 }
 
 impl Strategy {
     /// The three of the thesis.
     pub const PUBLISHED: [Strategy; 3] = [Strategy::Greedy, Strategy::Slope, Strategy::Step];
+    /// Those by which each metamodule decides for itself.
+    pub const DISTRIBUTED: [Strategy; 4] =
+        [Strategy::Greedy, Strategy::Slope, Strategy::Step, Strategy::Negotiated];
     /// All of them.
-    pub const ALL: [Strategy; 4] = [Strategy::Greedy, Strategy::Slope, Strategy::Step, Strategy::Negotiated];
+    pub const ALL: [Strategy; 5] =
+        [Strategy::Greedy, Strategy::Slope, Strategy::Step, Strategy::Negotiated, Strategy::Planned];
+
+    /// Whether it is one of the three of the thesis: a force field, which has local minima.
+    pub const fn is_published(self) -> bool {
+        matches!(self, Strategy::Greedy | Strategy::Slope | Strategy::Step)
+    }
 
     /// The name used in scenarios and reports.
     pub const fn name(self) -> &'static str {
@@ -37,12 +48,15 @@ impl Strategy {
             Strategy::Slope => "slope",
             Strategy::Step => "step",
             Strategy::Negotiated => "negotiated",
+            Strategy::Planned => "planned",
         }
     }
     /// The parameters it stands for. The thesis gives no numbers; these are protocol design.
     pub const fn repulsion(self) -> Repulsion {
         match self {
-            Strategy::Greedy | Strategy::Negotiated => Repulsion { strength: 0, decay: 0, range: 4 },
+            Strategy::Greedy | Strategy::Negotiated | Strategy::Planned => {
+                Repulsion { strength: 0, decay: 0, range: 4 }
+            }
             Strategy::Slope => Repulsion { strength: 1000, decay: 1000, range: 4 },
             Strategy::Step => Repulsion { strength: 600, decay: 0, range: 4 },
         }
@@ -53,7 +67,7 @@ impl Strategy {
     pub const fn precedence(self) -> Option<Precedence> {
         match self {
             Strategy::Greedy => Some(Precedence { within: 4, by: PrecedenceBy::SeedDistance }),
-            Strategy::Slope | Strategy::Step | Strategy::Negotiated => None,
+            Strategy::Slope | Strategy::Step | Strategy::Negotiated | Strategy::Planned => None,
         }
     }
 }

@@ -2,6 +2,7 @@
 //! certifies deaths, watches progress and decides how the run ends.
 
 mod diagnosis;
+mod plan_execution;
 
 use crate::director::fault_injector::FaultInjector;
 use crate::director::faults::{Fault, FaultRecord, Schedule, Target};
@@ -21,8 +22,11 @@ use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
+use plan_execution::{PlanExecution, Swarm};
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
+
+pub use plan_execution::{PLANNING_RATE, PlanCounts};
 
 /// What is known of a metamodule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,6 +53,8 @@ pub struct MetamodulePlan {
     /// True if the run ends when the swarm itself has detected a standstill, and no event is planned that may
     /// change that. The swarm detects only if its parameters say so.
     pub follow: bool,
+    /// True if metamodules may decide for themselves where a plan leaves seeds unfilled (`planned` only).
+    pub hands_over: bool,
 }
 
 /// The director of a swarm of metamodules.
@@ -90,6 +96,8 @@ pub struct MetamoduleDirector {
     follow: bool,
     detected: Option<(Time, ModuleId)>,
     alarms: u32,
+    /// Under `planned`.
+    execution: Option<PlanExecution>,
 }
 
 /// Creates the entry of a new goal. No agent counts seeds, so none is ever known to be built.
@@ -100,7 +108,8 @@ fn opened(goal: &Blueprint, now: Time) -> Stage {
 impl MetamoduleDirector {
     /// Creates a director for a swarm of this many metamodules.
     pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
-        let MetamodulePlan { schedule, stop, failure, changes, relocate, follow } = plan;
+        let MetamodulePlan { schedule, stop, failure, changes, relocate, follow, hands_over } = plan;
+        let is_planned = setup.params.strategy == Strategy::Planned;
         let stages = vec![opened(setup.goal(Task::default()), Time::ZERO)];
         MetamoduleDirector {
             setup,
@@ -133,6 +142,7 @@ impl MetamoduleDirector {
             follow,
             detected: None,
             alarms: 0,
+            execution: is_planned.then(|| PlanExecution::new(hands_over)),
         }
     }
 
@@ -156,6 +166,10 @@ impl MetamoduleDirector {
     /// Returns how often a metamodule has reported a standstill.
     pub fn alarms(&self) -> u32 {
         self.alarms
+    }
+    /// Returns what has been planned and ordered; `None` for strategies that do not plan centrally.
+    pub fn plan_counts(&self) -> Option<PlanCounts> {
+        self.execution.as_ref().map(|execution| execution.counts)
     }
     /// Returns the faults injected so far.
     pub fn struck(&self) -> &[FaultRecord] {
@@ -250,7 +264,26 @@ impl MetamoduleDirector {
         if done {
             self.obstacles.clone_from(world.obstacles());
             self.order_all(Order::Obstacle { cell, there });
+            self.disturb();
             self.relocate(now, world);
+        }
+    }
+
+    /// Lets a plan be made anew: what it was made for has changed.
+    fn disturb(&mut self) {
+        if let Some(execution) = &mut self.execution {
+            execution.disturb();
+            self.next_check = Time::ZERO;
+        }
+    }
+
+    /// Plans and orders what is due.
+    fn carry_out(&mut self, now: Time, world: &MetamoduleWorld) {
+        let stays = self.foreign(world).into_iter().collect();
+        let (setup, task, filled) = (&self.setup, self.task, self.filled);
+        if let Some(execution) = &mut self.execution {
+            let swarm = Swarm { setup, known: &self.known, task, filled, stays };
+            execution.step(now, &swarm, &mut self.commands);
         }
     }
 
@@ -324,7 +357,7 @@ impl MetamoduleDirector {
         if !self.relocate {
             return false;
         }
-        let to = if self.setup.params.strategy == Strategy::Negotiated {
+        let to = if !self.setup.params.strategy.is_published() {
             let next = self.trials.next(&self.all_free(world));
             self.elsewhere = Some(next);
             match next {
@@ -358,6 +391,7 @@ impl MetamoduleDirector {
         self.filled = SeedSet::default();
         self.elsewhere = None;
         (self.last_fill, self.last_deed) = (now, now);
+        self.disturb();
         let order = self.seeds();
         self.order_all(order);
         self.told = None;
@@ -476,7 +510,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
             (false, Some((_, by))) if by == id => self.detected = None,
             _ => {}
         }
-        if before.and_then(|s| s.settled) != report.settled {
+        if before.and_then(|s| s.settled) != report.settled || self.execution.is_some() {
             self.next_check = Time::ZERO;
         }
     }
@@ -487,6 +521,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         self.detected = self.detected.filter(|(_, by)| *by != id);
         self.dead.insert(id);
         self.untold.insert(id);
+        self.disturb();
         self.next_check = Time::ZERO;
     }
 
@@ -500,6 +535,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
         self.untold.remove(&id);
         self.trials.forget();
+        self.disturb();
         if self.dead.remove(&id) {
             self.order_all(Order::Alive { id });
         }
@@ -529,6 +565,9 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         }
         self.tell_deaths(now, world);
         self.watch(now, world);
+        if self.outcome.is_none() && self.untold.is_empty() {
+            self.carry_out(now, world);
+        }
     }
 
     fn wake_at(&self) -> Time {
@@ -536,7 +575,8 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
             return Time::NEVER;
         }
         let change = self.changes.front().map_or(Time::NEVER, |(at, _)| *at);
-        self.faults.next_at().min(change).min(self.next_check).min(self.stop.timeout)
+        let plan = self.execution.as_ref().map_or(Time::NEVER, PlanExecution::ready_at);
+        self.faults.next_at().min(change).min(self.next_check).min(self.stop.timeout).min(plan)
     }
 
     fn poll(&mut self) -> Option<Command<Order>> {

@@ -100,13 +100,24 @@ impl<'d, 'i> Section<'d, 'i> {
         names: &[(&'static str, T)],
         diagnostics: &mut Diagnostics,
     ) -> Option<T> {
-        let got = self.get::<String>(key, diagnostics)?;
-        let found = names.iter().find(|(name, _)| *name == got.value).map(|(_, value)| *value);
+        self.choice_at(key, what, names, diagnostics).map(|chosen| chosen.value)
+    }
+
+    /// Like [`Table::choice`], with the place of the value.
+    pub fn choice_at<T: Copy>(
+        &mut self,
+        key: &'static str,
+        what: &'static str,
+        names: &[(&'static str, T)],
+        diagnostics: &mut Diagnostics,
+    ) -> Option<At<T>> {
+        let At { value: got, place } = self.get::<String>(key, diagnostics)?;
+        let found = names.iter().find(|(name, _)| *name == got).map(|(_, value)| *value);
         if found.is_none() {
             let known = names.iter().map(|(name, _)| *name).collect();
-            diagnostics.add(got.place, ScenarioError::Name { what, got: got.value, known });
+            diagnostics.add(place.clone(), ScenarioError::Name { what, got, known });
         }
-        found
+        found.map(|value| At { value, place })
     }
 
     /// Returns those of `keys` that the table has.

@@ -1,5 +1,6 @@
 //! What the world-controller orders, and what a metamodule reports to it.
 
+use super::Instruction;
 use crate::ids::ModuleId;
 use crate::lattice::Cell;
 use crate::metamodule::blueprint::{SeedSet, Task};
@@ -39,6 +40,13 @@ pub enum Order {
         /// Whether it is there.
         there: bool,
     },
+    /// What this metamodule does next (`planned` only). Of two the one with the larger number counts.
+    Instruct {
+        /// Counts the instructions of a run.
+        number: u32,
+        /// `Over` lets it decide for itself, as under `negotiated`.
+        instruction: Instruction,
+    },
 }
 
 impl Wire for Order {
@@ -48,6 +56,7 @@ impl Wire for Order {
             Order::Dead { .. } => 17,
             Order::Obstacle { .. } => 18,
             Order::Alive { .. } => 19,
+            Order::Instruct { .. } => 20,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -66,6 +75,10 @@ impl Wire for Order {
                 out.cell(*cell);
                 out.bool(*there);
             }
+            Order::Instruct { number, instruction } => {
+                out.u32(*number);
+                instruction.encode(out);
+            }
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
@@ -78,6 +91,7 @@ impl Wire for Order {
             18 => Order::Obstacle { cell: from.cell()?, there: from.bool("there")? },
             17 => Order::Dead { id: ModuleId(from.u32()?), pose: Pose::decode(from)? },
             19 => Order::Alive { id: ModuleId(from.u32()?) },
+            20 => Order::Instruct { number: from.u32()?, instruction: Instruction::decode(from)? },
             _ => return Err(WireError::Kind(kind)),
         })
     }
@@ -98,6 +112,8 @@ pub struct Status {
     pub unreachable: SeedSet,
     /// It has found out that no metamodule can go on.
     pub deadlocked: bool,
+    /// It moves, or has asked for a lock to move (told under `planned` only).
+    pub busy: bool,
 }
 
 impl Wire for Status {
@@ -111,6 +127,7 @@ impl Wire for Status {
         out.u32(self.waits_for.map_or(u32::MAX, |id| id.0));
         out.u32(self.unreachable.0);
         out.bool(self.deadlocked);
+        out.bool(self.busy);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
         if kind != 16 {
@@ -126,6 +143,7 @@ impl Wire for Status {
         let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
         let unreachable = SeedSet(from.u32()?);
         let deadlocked = from.bool("deadlocked")?;
-        Ok(Status { pose, settled, prevented, waits_for, unreachable, deadlocked })
+        let busy = from.bool("busy")?;
+        Ok(Status { pose, settled, prevented, waits_for, unreachable, deadlocked, busy })
     }
 }

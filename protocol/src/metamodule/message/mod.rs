@@ -176,7 +176,7 @@ pub enum Instruction {
 }
 
 impl Instruction {
-    fn encode(self, out: &mut Encoder) {
+    pub(super) fn encode(self, out: &mut Encoder) {
         match self {
             Instruction::Over => out.u8(0),
             Instruction::Stay => out.u8(1),
@@ -189,7 +189,7 @@ impl Instruction {
             }
         }
     }
-    fn decode(from: &mut Decoder<'_>) -> Result<Instruction, WireError> {
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Instruction, WireError> {
         Ok(match from.u8()? {
             0 => Instruction::Over,
             1 => Instruction::Stay,

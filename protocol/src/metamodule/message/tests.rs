@@ -96,6 +96,10 @@ fn everything_survives_the_wire() {
     round_trip(&Order::Obstacle { cell: Cell::new(-3, 4, 1), there: true });
     round_trip(&Order::Dead { id: origin, pose: p });
     round_trip(&Order::Alive { id: origin });
+    let steps = Instruction::Move { mover: origin, from: p, posture: 9, lands: true };
+    for instruction in [Instruction::Over, Instruction::Stay, steps] {
+        round_trip(&Order::Instruct { number: 7, instruction });
+    }
     for settled in [None, Some(31)] {
         round_trip(&Status {
             pose: p,
@@ -104,6 +108,7 @@ fn everything_survives_the_wire() {
             waits_for: settled.map(|_| origin),
             unreachable: filled,
             deadlocked: settled.is_some(),
+            busy: settled.is_none(),
         });
         let answer = settled.map(|s| Counted { metamodules: s.into(), stirs: u32::MAX });
         round_trip(&Message::Probe(Probe { initiator: origin, wave: 5, sequence: 6, answer }));

@@ -1,20 +1,24 @@
 //! Strategies: what a free metamodule does next. `force_field`, `greedy_policy` and `precedence` are the
-//! published ones, which decide anew each time; `negotiated` has a state of its own.
+//! published ones, which decide anew each time; `negotiated` has a state of its own; `planned` does as the
+//! world-controller orders.
 
 pub mod force_field;
 pub(super) mod greedy_policy;
 pub(super) mod negotiated;
+mod planned;
 mod precedence;
 
 use super::blueprint::SeedSet;
-use super::message::{Claim, Directive, Path, Rank};
+use super::message::{Claim, Directive, Instruction, Path, Rank};
 use super::outbox::Outbox;
 use super::params::Strategy;
 use super::plan::Plan;
 use super::view::View;
+use crate::digest::Portable;
 use crate::ids::{ModuleId, Port};
 use crate::time::Time;
 use negotiated::Negotiated;
+use planned::Planned;
 
 /// What a strategy works with in one step.
 pub(super) struct Context<'a> {
@@ -50,6 +54,7 @@ pub(super) enum Policy {
     /// The published strategies, which differ in their parameters only.
     ForceField,
     Negotiated(Box<Negotiated>),
+    Planned(Box<Planned>),
 }
 
 impl Policy {
@@ -57,18 +62,30 @@ impl Policy {
         match strategy {
             Strategy::Greedy | Strategy::Slope | Strategy::Step => Policy::ForceField,
             Strategy::Negotiated => Policy::Negotiated(Box::new(Negotiated::new())),
+            Strategy::Planned => Policy::Planned(Box::new(Planned::new())),
+        }
+    }
+    /// Feeds the state into a hash; see `digest`.
+    pub fn digest(&self, hasher: &mut Portable<'_>) {
+        match self {
+            // One order for all strategies.
+            Policy::ForceField => Negotiated::new().digest(hasher),
+            Policy::Negotiated(n) => n.digest(hasher),
+            Policy::Planned(p) => p.digest(hasher),
         }
     }
     pub fn negotiated(&self) -> Option<&Negotiated> {
         match self {
             Policy::ForceField => None,
             Policy::Negotiated(n) => Some(n),
+            Policy::Planned(p) => Some(&p.negotiated),
         }
     }
     fn negotiated_mut(&mut self) -> Option<&mut Negotiated> {
         match self {
             Policy::ForceField => None,
             Policy::Negotiated(n) => Some(n),
+            Policy::Planned(p) => Some(&mut p.negotiated),
         }
     }
 
@@ -94,6 +111,7 @@ impl Policy {
         match self {
             Policy::ForceField => greedy_policy::look(cx.v, next_expiry),
             Policy::Negotiated(n) => n.look(cx, next_expiry),
+            Policy::Planned(p) => p.look(cx, next_expiry),
         }
     }
     /// Drops all intentions: the metamodule moves no more, for now or for good.
@@ -133,5 +151,12 @@ impl Policy {
     /// Notes what a neighbour orders. Returns whether that is news.
     pub fn hear_directive(&mut self, v: View<'_>, port: Port, directive: Directive) -> bool {
         self.negotiated_mut().is_some_and(|n| n.hear_directive(v, port, directive))
+    }
+    /// Takes an instruction of the world-controller. Returns whether that is news.
+    pub fn hear_order(&mut self, cx: &mut Context<'_>, number: u32, instruction: Instruction) -> bool {
+        match self {
+            Policy::ForceField | Policy::Negotiated(_) => false,
+            Policy::Planned(p) => p.hear(cx, number, instruction),
+        }
     }
 }

@@ -11,7 +11,6 @@ use crate::metamodule::relocation::Elsewhere;
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, WORK, search};
 use metamorph_protocol::time::Time;
 use std::collections::BTreeSet;
@@ -30,7 +29,7 @@ impl MetamoduleDirector {
         let all = (0..self.known.len() as u32).map(ModuleId);
         let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
         let stays: BTreeSet<Cell> = self.foreign(world).into_iter().chain(stuck).collect();
-        let negotiated = self.setup.params.strategy == Strategy::Negotiated;
+        let negotiated = !self.setup.params.strategy.is_published();
         let sought = if negotiated { search(&self.snapshot(world), WORK) } else { SearchResult::Undecided };
         let proof = self.proof(&sought);
         // By precedence a metamodule also waits for one that is refused nothing and has no place to go to.
@@ -91,7 +90,7 @@ impl MetamoduleDirector {
             Some(other) if self.dead.contains(&other) => Why::WAITS_FOR_DEAD,
             Some(_) => Why::WAITS,
             None if unreachable => BARRED,
-            None if self.setup.params.strategy == Strategy::Negotiated => Why::UNKNOWN,
+            None if !self.setup.params.strategy.is_published() => Why::UNKNOWN,
             None => HAS_NO_BETTER_PLACE,
         };
         Waiter { module, on, why }

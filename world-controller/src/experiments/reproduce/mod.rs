@@ -197,7 +197,7 @@ fn measure(
     request: &Request,
     outputs: &mut Outputs,
 ) -> Result<Reproduction, SweepError> {
-    let grid = grid(request.seeds, &Strategy::ALL)?;
+    let grid = grid(request.seeds, &Strategy::DISTRIBUTED)?;
     let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
     interrupt.begin();
     let mut sweeper = Sweeper { request, outputs, interrupt: &interrupt, runs: 0, planned: 0, violations: 0 };

@@ -4,9 +4,7 @@ use super::Metamodules;
 use crate::console::escape::Shown;
 use crate::console::format::many;
 use crate::scenario::Plan;
-use metamorph_protocol::metamodule::params::{
-    Params, Precedence, PrecedenceBy, Repulsion, SeedAuthority, Strategy,
-};
+use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, SeedAuthority};
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
 
@@ -68,7 +66,7 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt:
 
 /// Describes the force field of the published strategies.
 fn field(params: &Params) -> String {
-    if params.strategy == Strategy::Negotiated {
+    if !params.strategy.is_published() {
         return String::new();
     }
     let first = match params.precedence {

@@ -81,12 +81,15 @@ pub enum MetamoduleError {
     FirstGoalAt,
     /// `negotiated` with a detector.
     #[error(
-        "`negotiated` has no detector: a waiting metamodule tries again after a time, so none can detect a deadlock"
+        "this strategy has no detector: a waiting metamodule tries again after a time, so none can detect a deadlock"
     )]
     NoDetector,
     /// A key of the force field with a strategy that has none.
-    #[error("`negotiated` has no force field, so `{0}` does not apply to it")]
+    #[error("this strategy has no force field, so `{0}` does not apply to it")]
     NoField(&'static str),
+    /// A fallback of a strategy that decides by itself anyway.
+    #[error("`{0}` makes no plan of the whole, so it has no fallback")]
+    NoFallback(&'static str),
     /// Goals not sorted by time.
     #[error("this goal replaces the previous one at {at}, but that one starts at {before}")]
     GoalOrder {
@@ -124,6 +127,7 @@ impl MetamoduleError {
             MetamoduleError::NoDetector => {
                 "leave `detector` out, or choose `greedy`, `slope` or `step`".into()
             }
+            MetamoduleError::NoFallback(_) => "leave `fallback` out, or choose `planned`".into(),
             MetamoduleError::NoField(key) => {
                 format!("leave `{key}` out, or choose `greedy`, `slope` or `step`")
             }

@@ -5,7 +5,7 @@ use super::error::MetamoduleError;
 use crate::scenario::diagnostics::{At, Diagnostics};
 use crate::scenario::error::ScenarioError;
 use crate::scenario::table::{Node, Read, Section, wrong};
-use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy};
+use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion};
 use toml::de::DeValue;
 
 /// Maximum, in thousandths, of the parts of `repulsion`.
@@ -52,7 +52,7 @@ impl RawField {
     /// Applies the keys to the parameters, and refuses them for a strategy without a force field.
     pub fn apply(&self, params: &mut Params, diagnostics: &mut Diagnostics) {
         let RawField { precedence, settled_repel, repulsion } = self;
-        if params.strategy == Strategy::Negotiated {
+        if !params.strategy.is_published() {
             let places = [
                 precedence.as_ref().map(|p| &p.place),
                 settled_repel.as_ref().map(|s| &s.place),

@@ -57,7 +57,11 @@ impl Dice {
             precedence: None,
             settled_repel: true,
         };
-        if draft.strategy != Strategy::Negotiated {
+        // Drawn apart, so that everything else of a seed stays as it was before there was this strategy.
+        if draft.strategy == Strategy::Negotiated && self.0.clone().below(4) == 0 {
+            draft.strategy = Strategy::Planned;
+        }
+        if draft.strategy.is_published() {
             // The reading of the thesis in half of the runs, random values in the others.
             draft.precedence = draft.strategy.precedence();
             if self.once_in(2) {

@@ -101,7 +101,7 @@ impl GeneratedSwarm for GeneratedMetamodules {
             self.strategy.name()
         )?;
         writeln!(f, "relocate = {}", self.relocate)?;
-        if self.strategy == Strategy::Negotiated {
+        if !self.strategy.is_published() {
             return Ok(());
         }
         match self.precedence {

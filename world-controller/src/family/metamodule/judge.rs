@@ -2,14 +2,13 @@
 
 use crate::report::prospect::{Possible, Prospect};
 use crate::report::run_result::Question;
-use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, Standstill, WORK, search};
 use metamorph_sim_bridge::director::proof::{Found, RuleSet};
 
 impl Question for Standstill {
     fn prospect(&self) -> Prospect {
         // The published strategies are not expected to find every plan.
-        if self.setup.params.strategy != Strategy::Negotiated {
+        if self.setup.params.strategy.is_published() {
             return Prospect::UNDECIDED;
         }
         match search(self, WORK) {
@@ -22,7 +21,7 @@ impl Question for Standstill {
         }
     }
     fn judge(&self, misplaced: bool) -> Result<RuleSet, Found> {
-        if self.setup.params.strategy != Strategy::Negotiated {
+        if self.setup.params.strategy.is_published() {
             return Err(Found::Undecided);
         }
         match search(self, WORK) {

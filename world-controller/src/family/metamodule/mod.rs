@@ -104,6 +104,8 @@ pub struct Metamodules {
     pub changes: Arc<[(Time, u8)]>,
     /// True if a goal that cannot be built in place is moved.
     pub relocate: bool,
+    /// True if metamodules decide for themselves where a plan leaves seeds unfilled (`planned` only).
+    pub hands_over: bool,
 }
 
 impl SwarmPlan for Metamodules {

@@ -16,7 +16,7 @@ pub const KEY: &str = "metamodules";
 pub struct MetamoduleReport {
     /// `PAR`, `PER`, `SRS` or `SRZ`.
     pub kind: String,
-    /// The strategy: `greedy`, `slope`, `step` or `negotiated`.
+    /// The strategy: `greedy`, `slope`, `step`, `negotiated` or `planned`.
     pub strategy: String,
     /// The levels of the last goal, from the ground up.
     pub levels: Vec<LevelReport>,
@@ -30,6 +30,27 @@ pub struct MetamoduleReport {
     pub releases: u64,
     /// Time at which the last seed was filled; 0 if none was.
     pub last_fill_s: f64,
+    /// The work of the planner under `planned`; `null` for the others.
+    pub plan: Option<PlanReport>,
+}
+
+/// The work of the planner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PlanReport {
+    /// Plans made.
+    pub plans: u64,
+    /// Moves of the first plan.
+    pub moves: u64,
+    /// The least number of moves that any plan could have taken instead; 0 if it is not known.
+    pub bound: u64,
+    /// Orders to move.
+    pub orders: u64,
+    /// Moves that were not made in time.
+    pub late: u64,
+    /// Times that the metamodules were left to decide for themselves.
+    pub handed_over: u64,
+    /// Work of planning, in placements examined; 2,000,000 take one second of scenario time.
+    pub work: u64,
 }
 
 /// One level of a goal.
@@ -71,6 +92,22 @@ pub fn part(m: &MetamoduleReport, d: &MoveReport, modules: usize, is_begun: bool
     ];
     if is_begun {
         moves.push(("last seed", format!("filled at {}", seconds(m.last_fill_s))));
+    }
+    if let Some(plan) = &m.plan {
+        let handed = match plan.handed_over {
+            0 => String::new(),
+            n => format!("; left to themselves {}", many(n, "time")),
+        };
+        let (orders, late) = (many(plan.orders, "order"), count(plan.late));
+        moves.push((
+            "plan",
+            format!(
+                "{}, the first of {} (at least {}); {orders}, {late} late{handed}",
+                many(plan.plans, "plan"),
+                many(plan.moves, "move"),
+                count(plan.bound)
+            ),
+        ));
     }
     let [turns, connections, releases] = actions;
     let note = format!(

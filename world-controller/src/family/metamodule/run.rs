@@ -1,7 +1,7 @@
 //! Runs a swarm of metamodules and collects its results.
 
 use super::Metamodules;
-use super::report::{self, LevelReport, MetamoduleReport};
+use super::report::{self, LevelReport, MetamoduleReport, PlanReport};
 use crate::report::run_result::RunResult;
 use crate::report::schema::MoveReport;
 use crate::run::runnable::{Runnable, stage};
@@ -33,6 +33,7 @@ impl Runnable for Metamodules {
             changes: self.changes.to_vec(),
             relocate: self.relocate,
             follow: true,
+            hands_over: self.hands_over,
         };
         MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
     }
@@ -85,6 +86,15 @@ impl Runnable for Metamodules {
                     connections: deeds.moves,
                     releases: deeds.released,
                     last_fill_s: director.last_fill().as_secs_f64(),
+                    plan: director.plan_counts().map(|p| PlanReport {
+                        plans: p.plans,
+                        moves: p.first_moves,
+                        bound: p.bound,
+                        orders: p.ordered,
+                        late: p.late,
+                        handed_over: p.handed_over,
+                        work: p.work,
+                    }),
                 },
                 &bodies,
                 world.len(),

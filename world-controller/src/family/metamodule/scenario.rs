@@ -69,6 +69,8 @@ pub struct RawMetamodules {
     seed_authority: SeedAuthority,
     relocate: bool,
     detector: Option<At<bool>>,
+    /// What metamodules do where a plan leaves seeds unfilled.
+    fallback: Option<At<bool>>,
 }
 
 const GOAL: &str = "shape = { box = [5, 5] }";
@@ -91,6 +93,8 @@ pub const FACES: [(&str, Face); 6] = [
     ("east", Face::East),
     ("west", Face::West),
 ];
+/// What metamodules do where a plan leaves seeds unfilled, the default first; true if they decide for themselves.
+pub const FALLBACKS: [(&str, bool); 2] = [("negotiated", true), ("none", false)];
 /// Which instance opens seeds.
 pub const SEED_AUTHORITIES: [(&str, SeedAuthority); 2] =
     [("controller", SeedAuthority::Controller), ("neighbours", SeedAuthority::Neighbours)];
@@ -124,6 +128,7 @@ impl RawMetamodules {
             seed_authority: SeedAuthority::default(),
             relocate: false,
             detector: None,
+            fallback: None,
         };
         swarm.finish(diagnostics);
         raw.goals = goal_sections(others.goals, GOAL, diagnostics)
@@ -141,6 +146,7 @@ impl RawMetamodules {
                 section.choice(key, "seed authority", &SEED_AUTHORITIES, diagnostics).unwrap_or_default();
             raw.relocate = section.get("relocate", diagnostics).is_some_and(|r| r.value);
             raw.detector = section.get("detector", diagnostics).filter(|d: &At<bool>| d.value);
+            raw.fallback = section.choice_at("fallback", "fallback", &FALLBACKS, diagnostics);
             section.finish(diagnostics);
         }
         raw
@@ -246,7 +252,9 @@ impl RawMetamodules {
         };
         let Start { poses, redrawn } = start;
         let changes = (1..).zip(self.changes()).map(|(goal, at)| (Time::ZERO + at.value, goal)).collect();
-        Some(Swarm::new(Metamodules { drawn, poses, redrawn, setup, changes, relocate: self.relocate }))
+        let hands_over = self.fallback.as_ref().is_none_or(|f| f.value);
+        let relocate = self.relocate;
+        Some(Swarm::new(Metamodules { drawn, poses, redrawn, setup, changes, relocate, hands_over }))
     }
 }
 
@@ -281,9 +289,12 @@ impl RawSwarm for RawMetamodules {
         let metamodules = u16::try_from(count).unwrap_or(u16::MAX);
         if let Some(asked) = &self.detector {
             params.detector = Some(Detector { after: params.patience, metamodules });
-            if self.strategy == Strategy::Negotiated {
+            if !self.strategy.is_published() {
                 diagnostics.add(asked.place.clone(), MetamoduleError::NoDetector);
             }
+        }
+        if let Some(asked) = self.fallback.as_ref().filter(|_| self.strategy != Strategy::Planned) {
+            diagnostics.add(asked.place.clone(), MetamoduleError::NoFallback(self.strategy.name()));
         }
         let name =
             |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));

@@ -2,7 +2,7 @@
 
 use super::error::{MAX_COMMUNICATION_RANGE, MAX_FLOOR, MAX_METAMODULES};
 use super::field::{MAX_RANGE, MAX_THOUSANDTHS};
-use super::scenario::{CLASS, FACES, FLOOR, KIND, SEED_AUTHORITIES, SHAPES};
+use super::scenario::{CLASS, FACES, FALLBACKS, FLOOR, KIND, SEED_AUTHORITIES, SHAPES};
 use crate::scenario::family::FamilySchema;
 use crate::scenario::plan::BEAT;
 use crate::scenario::schema::{
@@ -84,6 +84,10 @@ fn protocol() -> Value {
             "relocate": said(
                 "Whether a goal that cannot be built in place is moved.",
                 or(bool::default(), json!({ "type": "boolean" })),
+            ),
+            "fallback": said(
+                "What metamodules do under `planned` where the plan leaves seeds unfilled: decide as under `negotiated`, or rest.",
+                one_of(&FALLBACKS),
             ),
             "detector": said(
                 "Whether the swarm detects deadlocks by itself.",

@@ -5,8 +5,8 @@ use crate::run::replay::words::{Worded, at, waiting};
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::SeedSet;
 use metamorph_protocol::metamodule::message::{
-    Action, BodyAction, Order as MetamoduleOrder, Percept as MetamodulePercept, Refusal as MetamoduleRefusal,
-    Status as MetamoduleStatus,
+    Action, BodyAction, Instruction, Order as MetamoduleOrder, Percept as MetamodulePercept,
+    Refusal as MetamoduleRefusal, Status as MetamoduleStatus,
 };
 use metamorph_protocol::metamodule::pose::{End, Pose};
 use metamorph_protocol::time::Time;
@@ -60,6 +60,17 @@ impl Worded for Metamodule {
             MetamoduleOrder::Obstacle { cell, there: true } => format!("an obstacle is at {cell}"),
             MetamoduleOrder::Obstacle { cell, there: false } => {
                 format!("the obstacle at {cell} is gone")
+            }
+            MetamoduleOrder::Instruct { instruction: Instruction::Over, .. } => {
+                "decide for yourself".to_owned()
+            }
+            MetamoduleOrder::Instruct { instruction: Instruction::Stay, .. } => "stay".to_owned(),
+            MetamoduleOrder::Instruct {
+                number,
+                instruction: Instruction::Move { from, posture, lands, .. },
+            } => {
+                let then = if *lands { " and land" } else { "" };
+                format!("order {number}: from {} turn to posture {posture}{then}", Metamodule::place(from))
             }
         }
     }

@@ -31,6 +31,7 @@ use crate::coverage::{CoveragePoint, hit};
 use crate::digest::Portable;
 use crate::ids::Port;
 use crate::metamodule::message::{Claim, Directive, Instruction, Message, Path, Rank};
+use crate::metamodule::plan::Plan;
 use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::view::View;
@@ -252,4 +253,9 @@ impl Negotiated {
         let heard = v.neighbours.get(port).is_some_and(|n| !n.certified_dead);
         heard && self.coordinator.hear(v, directive)
     }
+}
+
+/// The motion that an instruction asks of this metamodule, if it is the mover and the way is free.
+pub(super) fn ordered_move(v: View<'_>, negotiated: &Negotiated, instruction: Instruction) -> Option<Plan> {
+    coordinator::own_move(&Scene::new(v, &negotiated.paths), instruction)
 }

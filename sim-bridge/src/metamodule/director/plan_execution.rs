@@ -1,0 +1,295 @@
+//! Carries plans out under `planned`: orders moves as those before them are confirmed, and plans anew when a move is
+//! not made, a metamodule dies, an obstacle comes or goes, or the goal changes.
+//!
+//! It plans from what metamodules report. While it plans nothing moves. A metamodule that does not make its move
+//! in time is *suspected*: it counts as an obstacle in the next plan. Where the plan leaves seeds unfilled that it
+//! has metamodules for, they decide for themselves, as under `negotiated`, until one more seed is filled; if
+//! that is not allowed they rest.
+//!
+//! Planning takes scenario time: its work divided by [`PLANNING_RATE`]. So a run has the same trace on every
+//! machine.
+
+use super::Known;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
+use metamorph_protocol::metamodule::message::{Instruction, Order, Status};
+use metamorph_protocol::metamodule::params::Setup;
+use metamorph_protocol::metamodule::planning::centralized::{CentralPlan, PlannedMove, Shortage, plan};
+use metamorph_protocol::metamodule::planning::cooperative::{Standstill, WORK};
+use metamorph_protocol::metamodule::pose::Pose;
+use metamorph_protocol::runtime::Command;
+use metamorph_protocol::time::{Span, Time};
+use std::collections::{BTreeSet, VecDeque};
+use std::sync::Arc;
+
+/// Work of planning in one second of scenario time, in placements examined (see `cooperative::search`).
+pub const PLANNING_RATE: u64 = 2_000_000;
+/// Work of one cooperative search. The metamodules that a plan is handed over to search further.
+const SEARCH_WORK: usize = WORK / 10;
+/// Plans without a seed filled meanwhile, after which the metamodules decide for themselves.
+const REPLANS: u32 = 8;
+
+/// What has been planned and ordered in a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlanCounts {
+    /// Plans made.
+    pub plans: u64,
+    /// Moves of the first plan.
+    pub first_moves: u64,
+    /// The least number of moves that any plan could have taken instead.
+    pub bound: u64,
+    /// Orders to move.
+    pub ordered: u64,
+    /// Moves that were not made in time.
+    pub late: u64,
+    /// Work of planning, in placements examined.
+    pub work: u64,
+    /// Times that the metamodules were left to decide for themselves.
+    pub handed_over: u64,
+}
+
+/// What is known of the swarm at a moment.
+pub(super) struct Swarm<'a> {
+    pub setup: &'a Arc<Setup>,
+    pub known: &'a [Known],
+    pub task: Task,
+    pub filled: SeedSet,
+    /// The cells of obstacles and of the dead.
+    pub stays: Vec<Cell>,
+}
+
+impl Swarm<'_> {
+    fn living(&self) -> impl Iterator<Item = (ModuleId, Option<Status>)> {
+        let all = (0..).map(ModuleId).zip(self.known);
+        all.filter(|(_, known)| known.alive).map(|(id, known)| (id, known.status))
+    }
+    fn status(&self, id: ModuleId) -> Option<Status> {
+        self.known.get(id.index()).filter(|known| known.alive).and_then(|known| known.status)
+    }
+    /// Whether all have reported and none moves.
+    fn rests(&self) -> bool {
+        self.living().all(|(_, status)| status.is_some_and(|s| !s.busy && !s.pose.both))
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// Metamodules finish what they do; a plan is made when they rest, but not before this time.
+    Holding(Time),
+    /// A plan is made until this time.
+    Planning(Time),
+    /// The plan is carried out.
+    Moving,
+    /// There is nothing to do until something changes.
+    Resting,
+    /// Metamodules decide for themselves until something changes, or others than these seeds are filled.
+    HandedOver(SeedSet),
+}
+
+/// One move of the plan, and how far it is.
+#[derive(Clone, Debug)]
+struct Step {
+    id: ModuleId,
+    planned: PlannedMove,
+    /// Where the body is afterwards.
+    to: Pose,
+    /// When it counts as late; `None` before it is ordered.
+    due: Option<Time>,
+    done: bool,
+}
+
+/// The plan of a swarm, and how far it is carried out.
+#[derive(Clone, Debug)]
+pub(super) struct PlanExecution {
+    stage: Stage,
+    steps: Vec<Step>,
+    shortage: Option<Shortage>,
+    /// The number of the last instruction.
+    number: u32,
+    disturbed: bool,
+    suspected: BTreeSet<ModuleId>,
+    /// Plans made since the last seed was filled.
+    replans: u32,
+    filled: SeedSet,
+    /// Whether metamodules may decide for themselves where there is no plan.
+    hands_over: bool,
+    pub counts: PlanCounts,
+}
+
+impl PlanExecution {
+    pub fn new(hands_over: bool) -> PlanExecution {
+        PlanExecution {
+            stage: Stage::Holding(Time::ZERO),
+            steps: Vec::new(),
+            shortage: None,
+            number: 0,
+            disturbed: false,
+            suspected: BTreeSet::new(),
+            replans: 0,
+            filled: SeedSet::default(),
+            hands_over,
+            counts: PlanCounts::default(),
+        }
+    }
+
+    /// Notes that the plan may not fit any more.
+    pub fn disturb(&mut self) {
+        self.disturbed = true;
+    }
+
+    /// When a plan is ready. All else is looked at when something is reported, and once in a turn time.
+    pub fn ready_at(&self) -> Time {
+        if let Stage::Planning(ready) = self.stage { ready } else { Time::NEVER }
+    }
+
+    /// Plans and orders what is due.
+    pub fn step(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+        if std::mem::take(&mut self.disturbed) {
+            self.suspected.clear();
+            self.replans = 0;
+            self.hold(now, swarm, orders);
+        }
+        if self.filled != swarm.filled {
+            (self.filled, self.replans) = (swarm.filled, 0);
+        }
+        match self.stage {
+            Stage::Holding(at) => {
+                if now >= at && swarm.rests() {
+                    self.plan(now, swarm, orders);
+                }
+            }
+            Stage::Planning(ready) => {
+                if now >= ready {
+                    self.stage = Stage::Moving;
+                    self.go_on(now, swarm, orders);
+                }
+            }
+            Stage::Moving => self.go_on(now, swarm, orders),
+            Stage::Resting => {}
+            Stage::HandedOver(filled) => {
+                if filled != swarm.filled {
+                    self.hold(now, swarm, orders);
+                }
+            }
+        }
+    }
+
+    /// Lets all metamodules come to rest.
+    fn hold(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+        let is_free = matches!(self.stage, Stage::HandedOver(_));
+        let ordered = |id: ModuleId| self.steps.iter().any(|s| s.id == id && s.due.is_some() && !s.done);
+        let moving: Vec<ModuleId> =
+            swarm.living().map(|(id, _)| id).filter(|id| is_free || ordered(*id)).collect();
+        // What is under way to a metamodule meanwhile is not known to have been obeyed.
+        let settles = if moving.is_empty() { Span::ZERO } else { swarm.setup.params.resend };
+        moving.into_iter().for_each(|id| self.instruct(id, Instruction::Stay, orders));
+        self.steps.clear();
+        self.stage = Stage::Holding(now + settles);
+    }
+
+    fn instruct(&mut self, id: ModuleId, instruction: Instruction, orders: &mut VecDeque<Command<Order>>) {
+        self.number += 1;
+        orders.push_back(Command::Order(id, Order::Instruct { number: self.number, instruction }));
+    }
+
+    /// Makes a plan from what has been reported.
+    fn plan(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+        let (mut ids, mut free, mut fixed) = (Vec::new(), Vec::new(), swarm.stays.clone());
+        for (id, status) in swarm.living() {
+            let Some(status) = status else { continue };
+            if status.settled.is_none() && !self.suspected.contains(&id) {
+                ids.push(id);
+                free.push(status.pose);
+            } else {
+                fixed.extend(swarm.setup.motions.cells(status.pose));
+            }
+        }
+        let setup = Arc::clone(swarm.setup);
+        let standstill = Standstill { setup, task: swarm.task, filled: swarm.filled, free, fixed };
+        let CentralPlan { moves, bound, shortage, work } = plan(&standstill, SEARCH_WORK);
+        if self.counts.plans == 0 {
+            self.counts.first_moves = moves.iter().filter(|m| m.lands).count() as u64;
+            self.counts.bound = u64::from(bound);
+        }
+        self.counts.plans += 1;
+        self.counts.work += work as u64;
+        self.replans += 1;
+        self.shortage = shortage;
+        let motions = &swarm.setup.motions;
+        let step = |planned: PlannedMove| {
+            let end = Pose { posture: planned.posture, ..planned.from };
+            let to = if planned.lands { motions.turned_around(end)? } else { end };
+            Some(Step { id: ids[planned.body], planned, to, due: None, done: false })
+        };
+        // Invariant: a move that lands ends where the free end is on a connector, so none is left out.
+        self.steps = moves.into_iter().filter_map(step).collect();
+        if self.steps.is_empty() {
+            return self.run_out(now, swarm, orders);
+        }
+        self.stage = Stage::Planning(now + Span((work as u64).saturating_mul(1_000_000_000) / PLANNING_RATE));
+    }
+
+    /// Notes what has been made, and orders what may be made now.
+    fn go_on(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+        let lease = swarm.setup.params.lease;
+        let mut late = None;
+        for step in self.steps.iter_mut().filter(|s| !s.done) {
+            let Some(due) = step.due else { continue };
+            let status = swarm.status(step.id);
+            let is_there = status.is_some_and(|s| s.pose == step.to && !s.busy);
+            step.done =
+                is_there && (step.planned.fills.is_none() || status.is_some_and(|s| s.settled.is_some()));
+            if !step.done && now >= due {
+                match status.is_some_and(|s| s.busy) {
+                    true => step.due = Some(now + lease),
+                    false => late = Some(step.id),
+                }
+            }
+        }
+        if let Some(id) = late {
+            self.counts.late += 1;
+            self.suspected.insert(id);
+            return if self.replans < REPLANS {
+                self.hold(now, swarm, orders)
+            } else {
+                self.run_out(now, swarm, orders)
+            };
+        }
+        if self.steps.iter().all(|s| s.done) {
+            return self.run_out(now, swarm, orders);
+        }
+        let is_due = |step: &Step| {
+            step.due.is_none() && step.planned.after.iter().all(|before| self.steps[*before].done)
+        };
+        let due: Vec<usize> = (0..self.steps.len()).filter(|i| is_due(&self.steps[*i])).collect();
+        for i in due {
+            let step = &mut self.steps[i];
+            step.due = Some(now + lease);
+            let PlannedMove { from, posture, lands, .. } = step.planned;
+            let (mover, instruction) = (step.id, Instruction::Move { mover: step.id, from, posture, lands });
+            self.counts.ordered += 1;
+            self.instruct(mover, instruction, orders);
+        }
+    }
+
+    /// Decides what to do where the plan has ended and seeds are left.
+    fn run_out(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+        let is_built = swarm.filled.holds(swarm.setup.goal(swarm.task).all());
+        self.steps.clear();
+        self.stage = Stage::Resting;
+        if is_built {
+            return;
+        }
+        if !self.suspected.is_empty() && self.replans < REPLANS {
+            // What was in their way may be gone, or their joints may turn again.
+            self.suspected.clear();
+            self.stage = Stage::Holding(now + swarm.setup.params.patience * u64::from(self.replans));
+        } else if self.hands_over && !matches!(self.shortage, Some(Shortage::NoWay(_))) {
+            self.counts.handed_over += 1;
+            self.stage = Stage::HandedOver(swarm.filled);
+            let all: Vec<ModuleId> = swarm.living().map(|(id, _)| id).collect();
+            all.into_iter().for_each(|id| self.instruct(id, Instruction::Over, orders));
+        }
+    }
+}
