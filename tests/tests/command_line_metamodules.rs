@@ -91,6 +91,18 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
             &["`negotiated` has no force field", "`settled_repel`", "choose `greedy`"],
         ),
         (
+            with("[stop]", "[protocol]\nstrategy = \"planned\"\nsettled_repel = true\n[stop]"),
+            &["`planned` has no force field", "`settled_repel`", "choose `greedy`"],
+        ),
+        (
+            with("[stop]", "[protocol]\nstrategy = \"greedy\"\nfallback = \"none\"\n[stop]"),
+            &["`greedy` makes no plan of the whole", "leave `fallback` out, or choose `planned`"],
+        ),
+        (
+            with("[stop]", "[protocol]\nstrategy = \"planned\"\nfallback = \"step\"\n[stop]"),
+            &["unknown fallback `step`", "negotiated"],
+        ),
+        (
             with("[stop]", "[protocol]\nseed_authority = \"me\"\n[stop]"),
             &["unknown seed authority `me`", "neighbours"],
         ),

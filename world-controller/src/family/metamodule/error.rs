@@ -79,14 +79,14 @@ pub enum MetamoduleError {
     /// The first goal has a start time.
     #[error("the first goal has an `at`, but it is active from the start")]
     FirstGoalAt,
-    /// `negotiated` with a detector.
+    /// A detector with a strategy that is never at a standstill for good.
     #[error(
-        "this strategy has no detector: a waiting metamodule tries again after a time, so none can detect a deadlock"
+        "`{0}` has no detector: a waiting metamodule tries again after a time, so none can detect a deadlock"
     )]
-    NoDetector,
+    NoDetector(&'static str),
     /// A key of the force field with a strategy that has none.
-    #[error("this strategy has no force field, so `{0}` does not apply to it")]
-    NoField(&'static str),
+    #[error("`{1}` has no force field, so `{0}` does not apply to it")]
+    NoField(&'static str, &'static str),
     /// A fallback of a strategy that decides by itself anyway.
     #[error("`{0}` makes no plan of the whole, so it has no fallback")]
     NoFallback(&'static str),
@@ -124,11 +124,11 @@ impl MetamoduleError {
             MetamoduleError::FirstGoalAt => {
                 "leave `at` out, or move this goal behind the one it replaces".into()
             }
-            MetamoduleError::NoDetector => {
+            MetamoduleError::NoDetector(_) => {
                 "leave `detector` out, or choose `greedy`, `slope` or `step`".into()
             }
             MetamoduleError::NoFallback(_) => "leave `fallback` out, or choose `planned`".into(),
-            MetamoduleError::NoField(key) => {
+            MetamoduleError::NoField(key, _) => {
                 format!("leave `{key}` out, or choose `greedy`, `slope` or `step`")
             }
             MetamoduleError::GoalOrder { .. } => "list the goals in the order of their times".into(),

@@ -60,7 +60,7 @@ impl RawField {
             ];
             for (key, place) in RawField::KEYS.into_iter().zip(places) {
                 if let Some(place) = place {
-                    diagnostics.add(place.clone(), MetamoduleError::NoField(key));
+                    diagnostics.add(place.clone(), MetamoduleError::NoField(key, params.strategy.name()));
                 }
             }
             return;

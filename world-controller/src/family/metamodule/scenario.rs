@@ -290,7 +290,7 @@ impl RawSwarm for RawMetamodules {
         if let Some(asked) = &self.detector {
             params.detector = Some(Detector { after: params.patience, metamodules });
             if !self.strategy.is_published() {
-                diagnostics.add(asked.place.clone(), MetamoduleError::NoDetector);
+                diagnostics.add(asked.place.clone(), MetamoduleError::NoDetector(self.strategy.name()));
             }
         }
         if let Some(asked) = self.fallback.as_ref().filter(|_| self.strategy != Strategy::Planned) {

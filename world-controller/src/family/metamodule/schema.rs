@@ -86,8 +86,8 @@ fn protocol() -> Value {
                 or(bool::default(), json!({ "type": "boolean" })),
             ),
             "fallback": said(
-                "What metamodules do under `planned` where the plan leaves seeds unfilled: decide as under `negotiated`, or rest.",
-                one_of(&FALLBACKS),
+                "What metamodules do under `planned` where the plan leaves seeds unfilled: decide as under `negotiated`, the default, or rest.",
+                names(&FALLBACKS.map(|(name, _)| name)),
             ),
             "detector": said(
                 "Whether the swarm detects deadlocks by itself.",
