@@ -283,7 +283,7 @@ fn plans_are_valid_by_their_schema() {
 /// Published figures of planners stand beside ours, and are no sweeps.
 #[test]
 fn planners_of_the_sources_are_reproduced() {
-    let experiments = ["reproduce", "graph-signature", "on-grid", "reward-map", "--seeds", "4"];
+    let experiments = ["reproduce", "graph-signature", "on-grid", "reward-map", "planned", "--seeds", "4"];
     let (ran, all) = answer(&experiments);
     assert_eq!((ran.code, &all["schema"]), (Some(0), &json!(1)), "{ran:?}");
     let ours = |table: usize, what: &str| {
@@ -298,5 +298,9 @@ fn planners_of_the_sources_are_reproduced() {
     assert!(ours(2, "exact moves").starts_with("0; "), "{all}");
     let ratio: f64 = ours(2, "tries per move")[..6].parse().unwrap();
     assert!((ratio - 1.0526).abs() < 0.01, "{ratio}");
+    for strategy in ["  planned", "  negotiated"] {
+        assert!(ours(3, strategy).starts_with("100.0 % of 16 built"), "{all}");
+    }
+    assert!(!all["planners"][3].to_string().contains("violation"), "{all}");
     refused(&["reproduce", "4.1", "on-grid"], &["on-grid: this experiment of a planner is no sweep"]);
 }

@@ -264,7 +264,7 @@ impl Runs {
             Experiment::Table42 => (&claims::OF_TABLE_4_2, &UNKNOWN_4_2),
             Experiment::Figure45 => (&claims::OF_FIGURE_4_5, &UNKNOWN_FIGURE),
             // Those of planners have tables of their own.
-            Experiment::GraphSignature | Experiment::OnGrid | Experiment::RewardMap => (&[], &[]),
+            _ => (&[], &[]),
         };
         Comparison {
             name: experiment.name().to_owned(),

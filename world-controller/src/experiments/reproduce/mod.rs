@@ -65,6 +65,8 @@ pub enum Experiment {
     /// The reward map of 4.2.3: failed tries of a metamodule on a floor
     #[value(name = "reward-map")]
     RewardMap,
+    /// Plans of the controller beside the strategies by which each metamodule decides for itself
+    Planned,
 }
 
 impl Experiment {
@@ -77,6 +79,7 @@ impl Experiment {
             Experiment::GraphSignature => "graph-signature",
             Experiment::OnGrid => "on-grid",
             Experiment::RewardMap => "reward-map",
+            Experiment::Planned => "planned",
         }
     }
     const fn title(self) -> &'static str {
@@ -87,6 +90,7 @@ impl Experiment {
             Experiment::GraphSignature => "Report 2009, chapter 5: planning by graph signatures",
             Experiment::OnGrid => "Thesis 6.3.2: a module walks over a floor with obstacles",
             Experiment::RewardMap => "Thesis 4.2.3: the reward map, one metamodule on a floor",
+            Experiment::Planned => "Thesis 4.1.3: box and chair, planned centrally and by each metamodule",
         }
     }
     const fn goals(self) -> &'static [Goal] {
@@ -94,7 +98,7 @@ impl Experiment {
             Experiment::Table41 => &[Goal::Box],
             Experiment::Table42 => &[Goal::Chair],
             Experiment::Figure45 => &[Goal::Box, Goal::Chair],
-            Experiment::GraphSignature | Experiment::OnGrid | Experiment::RewardMap => &[],
+            _ => &[],
         }
     }
     /// Returns true for those of a planner, which are no sweeps.

@@ -2,6 +2,7 @@
 
 mod graph_signature;
 mod on_grid;
+mod planned;
 mod reward_map;
 
 use super::{Experiment, Request};
@@ -77,6 +78,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
         planners.push(match experiment {
             Experiment::OnGrid => on_grid::table(request.seeds, &interrupt),
             Experiment::RewardMap => reward_map::table(request.seeds, &interrupt),
+            Experiment::Planned => planned::table(request, &interrupt)?,
             _ => graph_signature::table(request.seeds, &interrupt),
         });
         if interrupt.is_set() {
