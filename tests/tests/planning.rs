@@ -177,7 +177,7 @@ fn bad_structures_are_refused_with_place_reason_and_fix() {
     let posed = |rotation: Value, joints: Value| json!([{ "cells": [[0, 0, 0], [0, 0, 1]], "foot_rotation": rotation, "joints_deg": joints }]);
     let unit = json!([[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
     let cases = [
-        ("empty", structure(json!([]), json!([])), "there is no module"),
+        ("empty", structure(json!([]), json!([])), "the structure has no modules"),
         (
             "overlap",
             structure(json!([[[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [2, 0, 0]]]), json!([])),

@@ -60,16 +60,16 @@ pub enum Refusal {
     #[error("there is no module {0}")]
     NoModule(usize),
     /// The connectors do not face each other.
-    #[error("{0:?} and {1:?} do not face each other")]
+    #[error("{} and {} do not face each other", name(.0), name(.1))]
     NotFacing(Place, Place),
-    /// A connector holds another one.
-    #[error("{0:?} holds another connector")]
+    /// A connector is part of another connection already.
+    #[error("{} is connected already", name(.0))]
     InUse(Place),
     /// The model has no such connection.
-    #[error("neither {0:?} nor {1:?} is active")]
+    #[error("neither {} nor {} is an active connector", name(.0), name(.1))]
     Passive(Place, Place),
     /// There is no such connection.
-    #[error("{0:?} does not hold {1:?}")]
+    #[error("{} and {} are not connected", name(.0), name(.1))]
     NotHeld(Place, Place),
     /// The structure would fall apart.
     #[error("module {0} would no longer be connected with module 0")]
@@ -85,12 +85,16 @@ pub enum Refusal {
     Touch(usize, usize),
 }
 
+fn name((module, connector): &Place) -> String {
+    format!("{connector} of module {module}")
+}
+
 /// The model that a plan is checked against.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Physics {
     /// The collision model.
     pub collision: Model,
-    /// True if one of two connectors must be C0X or C3X.
+    /// True if one connector of each connection must be active: C0X or C3X.
     pub active: bool,
 }
 

@@ -13,7 +13,7 @@ pub type Joined = [Vec3; 2];
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum StructureError {
     /// There is nothing.
-    #[error("there is no module")]
+    #[error("the structure has no modules")]
     Empty,
     /// There are too many modules.
     #[error("{0} modules, but a plan of free modules has at most {MAX_MODULES}")]

@@ -117,7 +117,7 @@ impl Request {
     }
 }
 
-/// The order of two attempts for the same cells: the smaller one goes first.
+/// What orders attempts that lock the same cells: the attempt with the least value goes first.
 pub(super) type Precedence = (Rank, Reverse<Span>, ModuleId);
 
 /// The answer to a request.

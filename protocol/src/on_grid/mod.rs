@@ -5,6 +5,7 @@
 //! obstacles. So a plan has the fewest primitives, and the search proves it if there is none. [`two_layer`] is
 //! the published planner.
 
+pub mod replanning;
 pub mod reward_map;
 pub mod two_layer;
 

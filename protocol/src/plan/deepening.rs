@@ -42,7 +42,7 @@ pub(super) enum Found {
     Expanded { generated: u64 },
     /// All paths up to a cost have been tried; the next threshold.
     Threshold(Cost),
-    /// A path that is better than the best one.
+    /// A path that costs less than every path found before.
     Path(Path),
     /// Nothing is left to try.
     Exhausted { states: u64, cut: bool },

@@ -3,7 +3,8 @@
 //! A [`Space`] gives states, exact packed keys, successors and an admissible lower bound; the engines find plans in
 //! it: [`search::Search`] is A* with bounded memory, as an anytime search with falling weights if asked (ARA*, Likhachev
 //! et al. 2003), which continues with iterative deepening from its frontier when memory ends (after Bu and Korf 2019);
-//! [`bidirectional::Bidirectional`] is for one goal state; [`levels::Levels`] counts states by distance.
+//! [`bidirectional::Bidirectional`] is for one goal state; [`levels::Levels`] counts states by distance;
+//! [`incremental::DStarLite`] repairs a path where edges change.
 //!
 //! Everything is sans-IO, in integers and deterministic: engines are driven in slices of work by
 //! their callers, who own progress, cancelling and time limits; the same space, weights and limits give the same plan
@@ -12,6 +13,7 @@
 
 pub mod bidirectional;
 mod deepening;
+pub mod incremental;
 pub mod levels;
 mod queue;
 pub mod search;

@@ -47,8 +47,8 @@ pub struct MetamodulePlan {
     pub failure: Ratio,
     /// Changes of the goal: the time and the number of the new goal, in the order of time.
     pub changes: Vec<(Time, u8)>,
-    /// True if the goal is moved to a place where it can be built when a dead body or an obstacle is in a
-    /// seed.
+    /// If true, a dead body or an obstacle in one of the seeds makes the director move the goal to a place
+    /// where it can be built.
     pub relocate: bool,
     /// True if the run ends when the swarm itself has detected a standstill, and no event is planned that may
     /// change that. The swarm detects only if its parameters say so.

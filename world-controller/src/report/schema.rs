@@ -58,7 +58,7 @@ pub struct Report {
     /// The same for people.
     #[serde(skip)]
     pub family_text: FamilyText,
-    /// Protocol messages.
+    /// Counts of protocol messages, by class and by what became of them.
     pub messages: Messages,
     /// Messages between agents, bodies and controller: actions, percepts, contact changes, reports, orders.
     /// They are not protocol messages.

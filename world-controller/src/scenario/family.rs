@@ -149,7 +149,7 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     ///
     /// Start places that cannot be drawn.
     fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, ScenarioError>;
-    /// Returns the defect that a test has switched on.
+    /// Returns the defect that a test has injected into the protocol, if any.
     fn defect(&self) -> Option<Defect>;
     /// Returns the swarm with another defect.
     fn with_defect(&self, defect: Option<Defect>) -> Swarm;

@@ -120,7 +120,8 @@ impl<A: Agent, L: Link> Process<A, L> {
         *self = Process { incarnation, stage: Stage::Starting, listed, ..Process::new(self.id) };
     }
 
-    /// Takes over an incarnation to which earlier controllers have sent `backlog`.
+    /// Takes over a running incarnation from earlier controllers. `heard` is the number of actions and reports
+    /// that they have taken from it; `backlog` holds all that they have sent to it.
     pub fn take_over(&mut self, incarnation: Incarnation, heard: u32, backlog: VecDeque<ControlMessage<A>>) {
         let listed = self.listed;
         *self = Process { incarnation, stage: Stage::Lost, heard, backlog, listed, ..Process::new(self.id) };

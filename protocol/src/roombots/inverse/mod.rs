@@ -40,7 +40,7 @@ pub enum InverseError {
         limit: f64,
     },
     /// Near enough, but no posture has this position and orientation.
-    #[error("out of reach: no posture of {kind} has its head at this position with this orientation")]
+    #[error("out of reach: no posture of {kind} puts the head at the requested position and orientation")]
     Unreachable {
         /// The kind of robot.
         kind: Kind,

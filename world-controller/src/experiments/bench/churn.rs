@@ -95,9 +95,9 @@ pub fn measure(side: u16, live: &mut Live) -> Result<Churn, BenchError> {
     Ok(Churn { modules: world.len() as u64, pss_per_agent: reaper.pss, rows: reaper.rows })
 }
 
-/// Modules ordered to die, with the time of the order.
+/// Kills whose modules have not restarted yet, and how long the others took.
 #[derive(Debug, Default)]
-struct Toll {
+struct Restarts {
     killed: BTreeMap<ModuleId, Time>,
     away_ms: Vec<f64>,
     first: Option<Time>,
@@ -113,7 +113,7 @@ struct Reaper {
     due: Time,
     until: Time,
     deaths: u32,
-    toll: Toll,
+    restarts: Restarts,
     /// Processor time of the controller at the start of the phase.
     ran: Duration,
     commands: VecDeque<Command<<Body as Agent>::Order>>,
@@ -130,7 +130,7 @@ impl Reaper {
             due,
             until: due + PHASES[0].1,
             deaths: 0,
-            toll: Toll::default(),
+            restarts: Restarts::default(),
             ran: Duration::ZERO,
             commands: VecDeque::new(),
             pss: 0.0,
@@ -143,28 +143,28 @@ impl Reaper {
         // multiple of it.
         let id = ModuleId(self.deaths.wrapping_mul(387) % self.modules);
         self.deaths += 1;
-        if self.toll.killed.contains_key(&id) {
+        if self.restarts.killed.contains_key(&id) {
             return;
         }
-        if self.toll.first.is_none() {
-            self.toll.first = Some(now);
+        if self.restarts.first.is_none() {
+            self.restarts.first = Some(now);
             self.ran = ran(std::process::id());
         }
-        self.toll.killed.insert(id, now);
+        self.restarts.killed.insert(id, now);
         self.commands.push_back(Command::Kill(id));
     }
 
     fn end_phase(&mut self, now: Time) {
-        let mut toll = std::mem::take(&mut self.toll);
-        let first = toll.first.unwrap_or(now);
-        let missing = toll.killed.len() as u64;
+        let mut restarts = std::mem::take(&mut self.restarts);
+        let first = restarts.first.unwrap_or(now);
+        let missing = restarts.killed.len() as u64;
         self.rows.push(Row {
             wanted_per_s: PHASES[self.phase].0,
-            deaths: toll.away_ms.len() as u64 + missing,
-            seconds: toll.last_back.since(first).as_secs_f64(),
-            away_median_ms: median(&mut toll.away_ms),
+            deaths: restarts.away_ms.len() as u64 + missing,
+            seconds: restarts.last_back.since(first).as_secs_f64(),
+            away_median_ms: median(&mut restarts.away_ms),
             // Sorted by now.
-            away_worst_ms: toll.away_ms.last().copied().unwrap_or(0.0),
+            away_worst_ms: restarts.away_ms.last().copied().unwrap_or(0.0),
             missing,
             controller_percent: (ran(std::process::id()) - self.ran).as_secs_f64()
                 / (now.since(first)).as_secs_f64().max(1.0)
@@ -185,9 +185,9 @@ impl DirectorPort<CubeWorld> for Reaper {
         self.commands.push_back(Command::Restart(id));
     }
     fn started(&mut self, now: Time, id: ModuleId) {
-        if let Some(since) = self.toll.killed.remove(&id) {
-            self.toll.away_ms.push(now.since(since).as_secs_f64() * 1e3);
-            self.toll.last_back = now;
+        if let Some(since) = self.restarts.killed.remove(&id) {
+            self.restarts.away_ms.push(now.since(since).as_secs_f64() * 1e3);
+            self.restarts.last_back = now;
         }
     }
 

@@ -56,9 +56,9 @@ pub struct Row {
     pub faults_struck: u64,
     /// Violations of invariants.
     pub violations: u64,
-    /// Equal for runs with the same events.
+    /// A hash of all events: their times, modules and kinds.
     pub trace_hash: String,
-    /// Equal for runs whose agents and bodies also went through the same states.
+    /// A hash of the states of all agents and bodies, at regular points of the run and at its end.
     pub state_hash: String,
 }
 

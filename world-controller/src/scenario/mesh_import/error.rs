@@ -210,7 +210,7 @@ pub enum SolidError {
         samples: u64,
         /// Samples in all.
         of: u64,
-        /// One such place, in the units of the file.
+        /// A sample without a filled cell, in the units of the file.
         at: String,
     },
     /// A coordinate out of range.
