@@ -144,6 +144,14 @@ fn metamodules_at_a_standstill_are_coordinated() {
     }
 }
 
+/// A seed is filled before an earlier one that can still be reached, without a coordinator.
+#[test]
+fn seeds_are_filled_out_of_order() {
+    let ran = simulated(&root().join("tests/corpus/metamodule-fills-seeds-out-of-order.toml"));
+    let waited = [CoveragePoint::MetaLed, CoveragePoint::MetaGaveUpSeed].map(|mark| ran.marks.has(mark));
+    assert_eq!(waited, [false, false]);
+}
+
 /// A goal is moved until it is built, not just once.
 #[test]
 fn a_wedged_goal_is_moved_again() {

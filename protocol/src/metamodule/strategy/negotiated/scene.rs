@@ -115,8 +115,8 @@ impl<'a> Scene<'a> {
     pub fn keeps_open(&self, number: u8) -> bool {
         let Some(seed) = self.seed(number) else { return true };
         let before = self.v.goal().before(number).without(self.v.own.filled);
-        before.iter().filter_map(|s| self.seed(s)).all(|other| {
-            let mut around = self.planned(number);
+        before.iter().filter_map(|s| Some((s, self.seed(s)?))).all(|(earlier, other)| {
+            let mut around = self.planned(earlier);
             around.extend(seed.cells());
             let distances = self.v.motions().distances(self.v.setup.floor, other, &around);
             let (x, y) = other.foot;
