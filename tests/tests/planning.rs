@@ -147,6 +147,8 @@ fn bad_options_are_refused_with_place_reason_and_fix() {
     refused(&plan(&["loop:3"]), &["no size of a loop"]);
     refused(&plan(&["loop:99999999999x99999999999"]), &["at most 16"]);
     refused(&plan(&["quadruped:5"]), &["quadruped:4 and quadruped:6"]);
+    refused(&plan(&["tree:4"]), &["no size of a tree", "8x1"]);
+    refused(&plan(&["tree:17x1"]), &["17 modules", "at most 16"]);
     refused(&plan(&["line:3"]), &["--to", "the start has 3 modules, the goal 4"]);
     refused(&plan(&["./nowhere.json"]), &["--from ./nowhere.json", "cannot be read"]);
     refused(&plan(&["line:4", "--types", "00"]), &["--types 00", "3 digits"]);
@@ -156,7 +158,7 @@ fn bad_options_are_refused_with_place_reason_and_fix() {
     refused(&plan(&["line:4", "--weight", "NaN"]), &["--weight NaN"]);
     refused(&plan(&["line:4", "--weight", "-1"]), &["--weight -1"]);
     refused(&plan(&["line:4", "--weight", "x"]), &["this is no number"]);
-    refused(&plan(&["line:4", "--weight", "2", "--planner", "ara"]), &["only astar has one weight"]);
+    refused(&plan(&["line:4", "--weight", "2", "--planner", "ara"]), &["this planner has no single weight"]);
     refused(&plan(&["line:4", "--memory", "1MiB"]), &["--memory 1MiB", "a search needs"]);
     refused(&plan(&["line:4", "--memory", "-5"]), &["--memory -5", "no size"]);
     refused(&plan(&["line:4", "--memory", "99999999999GiB"]), &["more than a machine has"]);

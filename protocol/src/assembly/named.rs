@@ -1,8 +1,9 @@
-//! Shapes by name: line, loop, ell, zigzag, quadruped.
+//! Shapes by name: line, loop, ell, zigzag, quadruped, and random trees.
 
 use super::configuration::{Configuration, MAX_MODULES};
 use super::shape::{Bar, Shape};
 use super::tables::{STEP, Vec3, add, face_to};
+use crate::rng::Rng;
 use thiserror::Error;
 
 /// Why a name gives no shape.
@@ -26,7 +27,7 @@ pub enum NameError {
     TooMany(u64),
 }
 
-/// Returns the shape of a name such as `line:4`, `loop:3x3`, `ell:4`, `zigzag:4` or `quadruped:6`.
+/// Returns the shape of a name such as `line:4`, `loop:3x3`, `ell:4`, `zigzag:4`, `quadruped:6` or `tree:8x1`.
 pub fn shape(name: &str) -> Result<Shape, NameError> {
     let (kind, size) = name.split_once(':').unwrap_or((name, ""));
     match kind {
@@ -43,6 +44,7 @@ pub fn shape(name: &str) -> Result<Shape, NameError> {
         }
         "loop" => ring(size),
         "quadruped" => quadruped(size),
+        "tree" => tree(size),
         _ => Err(NameError::Unknown(name.to_owned())),
     }
 }
@@ -163,4 +165,27 @@ fn quadruped(size: &str) -> Result<Shape, NameError> {
         }
     };
     Ok(super::structure::joined(modules, joined).expect("invariant: the named shapes are whole"))
+}
+
+/// Draws a tree by a seed: each module is joined to one of those before, anywhere it fits.
+fn tree(size: &str) -> Result<Shape, NameError> {
+    let expected = "write the number of modules and a seed, such as 8x1";
+    let wrong = || NameError::Size { name: "tree", size: size.to_owned(), expected };
+    let (n, seed) = size.split_once('x').ok_or_else(wrong)?;
+    let (n, seed) = (count("tree", n)?, seed.parse().map_err(|_| wrong())?);
+    let mut rng = Rng::named(seed, "tree", 0);
+    let mut modules: Vec<[Vec3; 2]> = vec![[[0; 3], STEP[0]]];
+    let mut joins = Vec::new();
+    // There is always room beside the outermost cell.
+    while modules.len() < n {
+        let from = modules[rng.below(modules.len() as u64) as usize][rng.below(2) as usize];
+        let mut next = |cell: Vec3| add(cell, STEP[rng.below(6) as usize]);
+        let first = next(from);
+        let second = next(first);
+        if !modules.iter().flatten().any(|cell| *cell == first || *cell == second) {
+            modules.push([first, second]);
+            joins.push([from, first]);
+        }
+    }
+    Ok(super::structure::joined(&modules, &joins).expect("invariant: modules fit and are joined"))
 }

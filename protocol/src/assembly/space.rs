@@ -4,9 +4,11 @@ use super::action::{Action, Rules};
 use super::canonical::Detail;
 use super::configuration::{Configuration, MAX_MODULES};
 use super::kept_edges::KeptEdges;
-use super::shape::Shape;
+use super::shape::{Bar, Shape};
 use super::shape_distance::ShapeDistance;
 use super::shape_graph::{Change, Prices};
+use super::tables::Vec3;
+use crate::plan::table;
 use crate::plan::{Cost, Space};
 use serde::{Deserialize, Serialize};
 use std::rc::Rc;
@@ -72,6 +74,19 @@ pub struct Assembly {
     goal: Option<(bool, Vec<u8>)>,
     distance: Option<Rc<ShapeDistance>>,
     kept: Option<KeptEdges>,
+    /// That of the goal.
+    spectrum: Vec<u16>,
+}
+
+/// Returns the distances of all pairs of cells of a shape, sorted. Shapes that fill the same cells have the same ones,
+/// and near ones have similar ones.
+fn spectrum(shape: &Shape) -> Vec<u16> {
+    let cells: Vec<Vec3> = shape.bars().iter().flat_map(Bar::cells).collect();
+    let apart = |a: &Vec3, b: &Vec3| (0..3).map(|i| u16::from(a[i].abs_diff(b[i]))).sum::<u16>();
+    let pairs = cells.iter().enumerate().flat_map(|(i, a)| cells[..i].iter().map(move |b| apart(a, b)));
+    let mut distances: Vec<u16> = pairs.collect();
+    distances.sort_unstable();
+    distances
 }
 
 impl Assembly {
@@ -92,7 +107,8 @@ impl Assembly {
         let detail = if by_shape && alike { Detail::Frames } else { Detail::Joints };
         let distance = shape.map(|shape| Rc::new(ShapeDistance::to(&shape, prices, shapes)));
         let kept = shape.map(|shape| KeptEdges::to(&shape, prices));
-        Assembly { modules, rules, prices, detail, goal: key, distance, kept }
+        let spectrum = shape.map_or(Vec::new(), |shape| spectrum(&shape));
+        Assembly { modules, rules, prices, detail, goal: key, distance, kept, spectrum }
     }
     /// Returns the same space with states told apart in all detail.
     pub fn in_full(self) -> Assembly {
@@ -154,6 +170,16 @@ impl Space for Assembly {
                 key == goal
             }
         }
+    }
+    fn guide(&self, configuration: &Configuration) -> u32 {
+        let gaps = spectrum(&Shape::of(configuration)).into_iter().zip(&self.spectrum);
+        gaps.map(|(own, goal)| u32::from(own.abs_diff(*goal))).sum()
+    }
+    fn class(&self, configuration: &Configuration) -> u64 {
+        let mut key = [0; Shape::key_width(MAX_MODULES)];
+        let key = &mut key[..Shape::key_width(self.modules)];
+        Shape::of(configuration).key(key);
+        table::hash(key)
     }
     fn bytes(&self) -> usize {
         self.distance.as_ref().map_or(0, |d| d.bytes())

@@ -4,17 +4,20 @@
 //! it: [`search::Search`] is A* with bounded memory, as an anytime search with falling weights if asked (ARA*, Likhachev
 //! et al. 2003), which continues with iterative deepening from its frontier when memory ends (after Bu and Korf 2019);
 //! [`bidirectional::Bidirectional`] is for one goal state; [`levels::Levels`] counts states by distance;
-//! [`incremental::DStarLite`] repairs a path where edges change.
+//! [`beam::Beam`] finds plans where exact search has too much to look at, and [`portfolio::Portfolio`] lets it and A* work
+//! in turn; [`incremental::DStarLite`] repairs a path where edges change.
 //!
 //! Everything is sans-IO, in integers and deterministic: engines are driven in slices of work by
 //! their callers, who own progress, cancelling and time limits; the same space, weights and limits give the same plan
 //! with the same number of expansions on every machine. A goal is called impossible only after every state has
 //! been expanded.
 
+pub mod beam;
 pub mod bidirectional;
 mod deepening;
 pub mod incremental;
 pub mod levels;
+pub mod portfolio;
 mod queue;
 pub mod search;
 pub mod table;
@@ -50,6 +53,17 @@ pub trait Space {
     fn lower(&self, state: &Self::State) -> Option<Cost>;
     /// Returns true if this is a goal. The lower bound is then 0.
     fn is_goal(&self, state: &Self::State) -> bool;
+    /// Returns a hint of how far the goal is, which promises nothing; it orders states whose bounds are equal.
+    fn guide(&self, state: &Self::State) -> u32 {
+        let _ = state;
+        0
+    }
+    /// Returns the class of a state; a beam search keeps few states of each, so that it sees many classes.
+    fn class(&self, state: &Self::State) -> u64 {
+        let mut key = vec![0; self.key_width()];
+        self.key(state, &mut key);
+        table::hash(&key)
+    }
     /// Returns the bytes that the space itself keeps.
     fn bytes(&self) -> usize {
         0

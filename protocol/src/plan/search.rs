@@ -134,6 +134,13 @@ impl<S: Space> Search<S> {
         }
     }
 
+    /// Takes a path from elsewhere, so that nothing is searched that cannot be better.
+    pub fn know(&mut self, path: Path) {
+        if self.upper().is_none_or(|upper| path.cost < upper) {
+            (self.best, self.goal) = (Some(path), None);
+        }
+    }
+
     /// Works for at most `work` expansions.
     pub fn advance(&mut self, work: u64) -> Step {
         for _ in 0..work {
@@ -190,12 +197,12 @@ impl<S: Space> Search<S> {
         self.expanded += 1;
         self.table.set_expanded(id);
         let weight = self.weight();
+        let mut upper = self.upper();
         let Search { space, table, queue, limits, goal, generated, cut, .. } = self;
         let state = space.state(table.key(id));
         let cost = table.cost(id);
         let mut key = vec![0; space.key_width()];
         let limit = limits.memory.saturating_sub(queue.bytes() + space.bytes());
-        let mut upper = goal.map(|id| table.cost(id));
         space.expand(&state, &mut |_, step, to| {
             *generated += 1;
             let total = cost + step;
@@ -318,7 +325,7 @@ fn priority(cost: Cost, lower: Cost, weight: u32) -> (u32, u32) {
 }
 
 /// Returns the cost of a path.
-fn cost_along<S: Space>(space: &S, keys: &[Vec<u8>]) -> Cost {
+pub(super) fn cost_along<S: Space>(space: &S, keys: &[Vec<u8>]) -> Cost {
     let mut key = vec![0; space.key_width()];
     let step = |pair: &[Vec<u8>]| {
         let mut least = None;

@@ -197,8 +197,8 @@ fn tag(hash: u64) -> u8 {
     hash as u8 | 0x80
 }
 
-/// Hashes a key. The index depends on it, and results do not.
-pub(super) fn hash(key: &[u8]) -> u64 {
+/// Hashes a key, equally on every machine: a beam search breaks ties by it.
+pub fn hash(key: &[u8]) -> u64 {
     const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
     let mut state = key.len() as u64;
     for word in key.chunks(8) {

@@ -1,7 +1,9 @@
 //! The engines against an independent search on random graphs.
 
+use super::beam::Beam;
 use super::bidirectional::Bidirectional;
 use super::levels::{Counted, Levels};
+use super::portfolio::Portfolio;
 use super::search::{Method, OPTIMAL, Search};
 use super::{Cost, Limits, Outcome, Resource, Space, Step, actions};
 use crate::rng::Rng;
@@ -116,6 +118,61 @@ fn every_engine_agrees_with_dijkstra() {
                 other => panic!("seed {seed}, {method:?}: {other:?}"),
             }
             assert_eq!(run(&graph, LIMITS, method), (outcome, expanded), "seed {seed}: not repeatable");
+        }
+    }
+}
+
+/// A* and beam search together give what A* gives, and a plan within a factor if asked.
+#[test]
+fn a_portfolio_is_exact_and_accepts_a_factor() {
+    let limits = Limits { memory: 64 << 20, work: 1_000_000 };
+    let (mut found_first, mut within) = (0, 0);
+    for seed in 0..200 {
+        let graph = Graph::draw(seed, seed % 2 == 0);
+        let truth = graph.distance(0);
+        for weight in [OPTIMAL, 200] {
+            let mut search = Portfolio::new(graph.clone(), &0, limits, weight);
+            let outcome = loop {
+                found_first += u32::from(search.progress().upper.is_some());
+                if let Step::Done(outcome) = search.advance(3) {
+                    break outcome;
+                }
+            };
+            match (&outcome, truth) {
+                (Outcome::Solved { path, lower }, Some(cost)) => {
+                    assert!(
+                        *lower <= cost && path.cost * OPTIMAL <= lower * weight,
+                        "seed {seed}: {outcome:?}"
+                    );
+                    check_path(&graph, &path.keys, path.cost);
+                    within += u32::from(path.cost > cost);
+                }
+                (Outcome::Impossible { .. }, None) => {}
+                other => panic!("seed {seed}: {other:?}"),
+            }
+        }
+    }
+    println!("{found_first} turns with a plan before the proof, {within} plans that are not optimal");
+    assert!(found_first > 0);
+}
+
+/// A beam finds a plan in every connected graph that it can keep, and never claims more than its bound proves.
+#[test]
+fn a_beam_finds_plans_and_proves_none() {
+    let limits = Limits { memory: 16 << 20, work: 20_000 };
+    for seed in 0..200 {
+        let graph = Graph::draw(seed, true);
+        let mut beam = Beam::new(graph.clone(), &0, limits);
+        let Step::Done(outcome) = beam.advance(u64::MAX) else { panic!("seed {seed}: it did not end") };
+        let truth = graph.distance(0);
+        match outcome {
+            Outcome::Solved { path, lower } => assert_eq!((Some(path.cost), lower), (truth, path.cost)),
+            Outcome::OutOf { best: Some(path), .. } => {
+                assert!(truth.is_some_and(|cost| cost <= path.cost), "seed {seed}");
+                check_path(&graph, &path.keys, path.cost);
+            }
+            Outcome::OutOf { best: None, .. } => assert_eq!(truth, None, "seed {seed}"),
+            other => panic!("seed {seed}: {other:?}"),
         }
     }
 }

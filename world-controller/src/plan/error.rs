@@ -8,7 +8,8 @@ use std::io;
 use thiserror::Error;
 
 /// What to do about a shape that is not understood.
-const SHAPES: &str = "name a file, or line:N, loop:WxH, ell:N, zigzag:N, quadruped:4 or quadruped:6";
+const SHAPES: &str =
+    "name a file, or line:N, loop:WxH, ell:N, zigzag:N, quadruped:4, quadruped:6 or tree:NxSEED";
 
 /// Why there is no answer.
 #[derive(Debug, Error)]

@@ -61,7 +61,7 @@ Exit codes:
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
-    /// The start: line:N, loop:WxH, ell:N, zigzag:N, quadruped:4|6, or a structure file; default: none
+    /// The start: line:N, loop:WxH, ell:N, zigzag:N, quadruped:4|6, tree:NxSEED, or a structure file; default: none
     #[arg(long, value_name = "SHAPE", required_unless_present_any = ["check", "distance", "recognise", "count"], requires = "to")]
     pub from: Option<String>,
     /// The goal: a shape, with joint values left free, or a file with joint values; default: none
@@ -89,7 +89,7 @@ pub struct PlanArgs {
     /// The planner
     #[arg(long, value_enum, default_value_t = Planner::Auto)]
     pub planner: Planner,
-    /// Accept a plan that costs at most W times the least, with astar; default: 1
+    /// Accept a plan that costs at most W times the least, with portfolio or astar; default: 1
     #[arg(long, value_name = "W", allow_hyphen_values = true)]
     pub weight: Option<String>,
     /// Memory for states, at least 16MiB
@@ -360,9 +360,9 @@ fn weight(args: &PlanArgs) -> Result<u32, PlanError> {
     if !(1.0..=100.0).contains(&number) {
         return Err(wrong("a bound is weighted by 1 or more"));
     }
-    if !matches!(args.planner, Planner::Auto | Planner::Astar) {
-        let fix = "use --planner astar";
-        return Err(PlanError::option("--weight", "only astar has one weight", fix));
+    if !matches!(args.planner, Planner::Auto | Planner::Portfolio | Planner::Astar) {
+        let fix = "use --planner portfolio or --planner astar";
+        return Err(PlanError::option("--weight", "this planner has no single weight", fix));
     }
     Ok((number * 100.0).round() as u32)
 }

@@ -15,6 +15,7 @@ use metamorph_protocol::assembly::configuration::Configuration;
 use metamorph_protocol::assembly::space::{Assembly, Goal, Objective};
 use metamorph_protocol::assembly::tables::TABLES;
 use metamorph_protocol::plan::bidirectional::Bidirectional;
+use metamorph_protocol::plan::portfolio::Portfolio;
 use metamorph_protocol::plan::search::{Method, Search};
 use metamorph_protocol::plan::{Limits, Outcome, Path, Progress, Resource, Step, actions};
 use metamorph_protocol::roombots::Kind;
@@ -32,7 +33,7 @@ const SLICE: u64 = 256;
 /// A planner, as typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Planner {
-    /// `bidirectional` for a goal with joint values, else `astar`
+    /// `bidirectional` for a goal with joint values, else `portfolio`
     Auto,
     /// A*: an optimal plan; on reaching --memory, iterative deepening from there
     Astar,
@@ -42,6 +43,8 @@ pub enum Planner {
     Ida,
     /// From both ends; the goal needs joint values
     Bidirectional,
+    /// A* for the proof and beam search for a plan, in turn
+    Portfolio,
 }
 
 /// A question to a planner.
@@ -91,6 +94,18 @@ impl Engine for Search<Assembly> {
     }
 }
 
+impl Engine for Portfolio<Assembly> {
+    fn advance(&mut self, work: u64) -> Step {
+        Portfolio::advance(self, work)
+    }
+    fn progress(&self) -> Progress {
+        Portfolio::progress(self)
+    }
+    fn best(&self) -> Option<Path> {
+        self.path()
+    }
+}
+
 impl Engine for Bidirectional<Assembly> {
     fn advance(&mut self, work: u64) -> Step {
         Bidirectional::advance(self, work)
@@ -119,7 +134,7 @@ impl Problem {
     pub fn chosen(&self) -> Planner {
         match (self.planner, &self.goal, self.objective) {
             (Planner::Auto, Structured::Configuration(_), Objective::Actions) => Planner::Bidirectional,
-            (Planner::Auto, ..) => Planner::Astar,
+            (Planner::Auto, ..) => Planner::Portfolio,
             (other, ..) => other,
         }
     }
@@ -131,6 +146,10 @@ impl Problem {
         let (stop, progress, best) = match (planner, &self.goal) {
             (Planner::Bidirectional, Structured::Configuration(goal)) => {
                 let search = Bidirectional::new(space.clone(), &self.start, goal, self.limits);
+                self.drive(search, interrupt, live)
+            }
+            (Planner::Portfolio, _) => {
+                let search = Portfolio::new(space.clone(), &self.start, self.limits, self.weight);
                 self.drive(search, interrupt, live)
             }
             _ => {

@@ -1,0 +1,96 @@
+//! A* and beam search in turn: the one proves a bound, the other finds plans, and each uses what the other knows.
+
+use super::beam::Beam;
+use super::search::{Method, OPTIMAL, Search};
+use super::{Limits, Outcome, Path, Progress, Space, Step};
+
+/// The share of memory and work that beam search has, as a divisor.
+const SHARE: usize = 4;
+/// Expansions of one engine before the other has its turn.
+const TURN: u64 = 64;
+
+/// Both searches under way.
+pub struct Portfolio<S: Space> {
+    exact: Search<S>,
+    /// `None` when it has ended.
+    beam: Option<Beam<S>>,
+    /// What the beam search has expanded and generated if it has ended.
+    ended: Progress,
+    beams_turn: bool,
+    /// The factor in hundredths within which a plan is good enough.
+    weight: u32,
+}
+
+impl<S: Space + Clone> Portfolio<S> {
+    /// Begins both. They end with a plan that costs at most `weight` hundredths of the proven lower bound.
+    pub fn new(space: S, start: &S::State, limits: Limits, weight: u32) -> Portfolio<S> {
+        let (memory, work) = (limits.memory / SHARE, limits.work / SHARE as u64);
+        let beam = Beam::new(space.clone(), start, Limits { memory, work });
+        let limits = Limits { memory: limits.memory - memory, work: limits.work - work };
+        let method = Method { deepen: false, ..Method::astar() };
+        let exact = Search::new(space, start, limits, method);
+        Portfolio { exact, beam: Some(beam), ended: Progress::default(), beams_turn: true, weight }
+    }
+}
+
+impl<S: Space> Portfolio<S> {
+    /// Returns how far both are together.
+    pub fn progress(&self) -> Progress {
+        let (exact, beam) = (self.exact.progress(), self.beam.as_ref().map_or(self.ended, Beam::progress));
+        Progress {
+            lower: exact.lower,
+            upper: [exact.upper, beam.upper].into_iter().flatten().min(),
+            expanded: exact.expanded + beam.expanded,
+            generated: exact.generated + beam.generated,
+            kept: exact.kept + beam.kept,
+            bytes: exact.bytes + beam.bytes,
+        }
+    }
+    /// Returns the best path so far.
+    pub fn path(&self) -> Option<Path> {
+        self.exact.path()
+    }
+    /// Works for at least `work` expansions, in whole turns.
+    pub fn advance(&mut self, work: u64) -> Step {
+        let mut left = work.div_ceil(TURN);
+        while left > 0 {
+            left -= 1;
+            self.beams_turn = !self.beams_turn && self.beam.is_some();
+            match &mut self.beam {
+                Some(beam) if self.beams_turn => {
+                    let before = beam.path().map(|p| p.cost);
+                    let step = beam.advance(TURN);
+                    if let Some(path) = beam.path().filter(|p| Some(p.cost) != before) {
+                        self.exact.know(path.clone());
+                    }
+                    if step != Step::Running {
+                        self.ended = beam.progress();
+                        self.beam = None;
+                    }
+                }
+                _ => match (self.exact.advance(TURN), &self.beam) {
+                    (Step::Running, _) => {
+                        let lower = self.exact.progress().lower;
+                        if let Some(path) =
+                            self.exact.path().filter(|p| p.cost * OPTIMAL <= lower * self.weight)
+                        {
+                            return Step::Done(Outcome::Solved { path, lower });
+                        }
+                    }
+                    (Step::Done(Outcome::OutOf { resource, lower, .. }), beam) => {
+                        // The bound is final, but beam search may still find a plan, or a better one.
+                        return match self.exact.path() {
+                            Some(path) if path.cost * OPTIMAL <= lower * self.weight => {
+                                Step::Done(Outcome::Solved { path, lower })
+                            }
+                            _ if beam.is_some() => continue,
+                            best => Step::Done(Outcome::OutOf { resource, best, lower }),
+                        };
+                    }
+                    (done, _) => return done,
+                },
+            }
+        }
+        Step::Running
+    }
+}
