@@ -1,4 +1,4 @@
-//! Known defects of the protocols. Tests switch them on to prove that the checks find them; no scenario does.
+//! Known defects of the protocols and of the planner. Tests switch them on to prove that the checks find them; no scenario does.
 
 use serde::{Deserialize, Serialize};
 
@@ -58,11 +58,25 @@ pub enum Defect {
     AcceptStaleStates,
     /// Metamodules: none makes way, neither on its own nor on a directive.
     StandInTheWay,
+    /// Metamodules: an instruction of an earlier plan replaces a later one.
+    FollowOldPlans,
+}
+
+/// A known defect of the planner of free modules.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[doc(hidden)]
+pub enum PlanningDefect {
+    /// A connection that holds the structure together can be detached.
+    DetachBridges,
+    /// A joint in a loop turns.
+    TurnInLoops,
+    /// A turn is not checked against the half of its own cube that stays.
+    IgnoreOwnHalf,
 }
 
 impl Defect {
     /// All defects.
-    pub const ALL: [Defect; 25] = [
+    pub const ALL: [Defect; 26] = [
         Defect::IgnoreSessions,
         Defect::NoDeadline,
         Defect::ShortLease,
@@ -88,5 +102,6 @@ impl Defect {
         Defect::GrantAfterRestart,
         Defect::AcceptStaleStates,
         Defect::StandInTheWay,
+        Defect::FollowOldPlans,
     ];
 }

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_protocol::assembly::action::{Action, Connectors, Rules};
-use metamorph_protocol::assembly::collision::{Collision, Model};
+use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::assembly::configuration::{Configuration, Module};
 use metamorph_protocol::assembly::named::{line, shape};
 use metamorph_protocol::assembly::shape::Shape;
@@ -26,7 +26,7 @@ fn model(name: &str) -> Model {
 }
 
 fn rules(model: Model) -> Rules {
-    Rules { connectors: Connectors::All, collision: Collision::new(model) }
+    Rules::new(Connectors::All, model)
 }
 
 fn towards(goal: &Shape, model: Model) -> Assembly {

@@ -2,16 +2,23 @@
 //! thesis's box and chair whatever breaks.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
+use metamorph_protocol::agent::{Agent, Birth, Input, Output, OutputOf};
+use metamorph_protocol::defects::Defect;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::{SeedOrder, SeedSet, Task};
+use metamorph_protocol::metamodule::message::{Instruction, Order};
 use metamorph_protocol::metamodule::params::{Setup, Strategy};
 use metamorph_protocol::metamodule::planning::centralized::{CentralPlan, Shortage, plan};
 use metamorph_protocol::metamodule::planning::cooperative::{Move, Standstill, WORK};
 use metamorph_protocol::metamodule::planning::paths::Ground;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::roombots::Kind;
+use metamorph_protocol::time::Time;
 use metamorph_tests::cases::{Case, Variation, check_all};
 use metamorph_tests::metamodules::{Assembly, Goal};
+use std::sync::Arc;
 
 fn standstill(goal: Goal, kind: Kind, order: SeedOrder, seed: u64) -> Standstill {
     let of = Assembly::new(goal, kind, Strategy::Planned, order, seed);
@@ -99,6 +106,38 @@ fn a_plan_that_does_not_fit_is_refused() {
         .collect();
     assert!(at.after(&path).is_some());
     assert!(at.after(&path[..path.len() - 1]).is_none());
+}
+
+/// Returns what a metamodule does that is told to stay by a later plan and then to move by an earlier one.
+fn after_an_old_plan(defect: Option<Defect>) -> Vec<OutputOf<Metamodule>> {
+    let mut of = Assembly::new(Goal::Box, Kind::Srs, Strategy::Planned, SeedOrder::Circular, 5);
+    let at = Standstill {
+        setup: of.setup.clone(),
+        task: Task::default(),
+        filled: SeedSet::default(),
+        free: of.start.clone(),
+        fixed: Vec::new(),
+    };
+    let first = &plan(&at, WORK).moves[0];
+    Arc::make_mut(&mut of.setup).params.defect = defect;
+    let id = ModuleId(first.body as u32);
+    let birth = Birth { id, incarnation: Incarnation::default(), place: first.from, seed: 1 };
+    let mut agent = Metamodule::new(&of.setup, birth, Time::ZERO);
+    let forwards =
+        Instruction::Move { mover: id, from: first.from, posture: first.posture, lands: first.lands };
+    for (number, instruction) in [(5, Instruction::Stay), (4, forwards)] {
+        agent.handle(Time::ZERO, Input::Order(Order::Instruct { number, instruction }));
+        agent.handle(Time::ZERO, Input::Wake);
+    }
+    let outputs = std::iter::from_fn(|| agent.poll());
+    outputs.filter(|output| matches!(output, Output::Act(_))).collect()
+}
+
+/// Orders of a plan that has been replaced are not followed, however late they come.
+#[test]
+fn an_old_plan_is_not_followed() {
+    assert_eq!(after_an_old_plan(None), []);
+    assert_eq!(after_an_old_plan(Some(Defect::FollowOldPlans)).len(), 1, "the defect is found");
 }
 
 fn variations(names: &[&str], seeds: u64) -> impl Iterator<Item = Case> + Send {

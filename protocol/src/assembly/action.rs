@@ -1,8 +1,9 @@
 //! What modules of a configuration can do: attach, detach, and turn a joint by one step (report 2009, chapter 3).
 
-use super::collision::{Collision, Turning};
+use super::collision::{Collision, Model, Turning};
 use super::configuration::{Configuration, Links, MAX_MODULES, Module, Pair, at_hemispheres};
 use super::tables::{TABLES, Vec3, add, sub};
+use crate::defects::PlanningDefect;
 use serde::{Deserialize, Serialize};
 
 /// An action. Modules and connectors are numbered as in the configuration that it is applied to.
@@ -49,6 +50,8 @@ pub struct Rules {
     pub connectors: Connectors,
     /// What a turn may touch.
     pub collision: Collision,
+    /// A defect that a test has injected.
+    defect: Option<PlanningDefect>,
 }
 
 /// The configuration around one that is expanded: what its actions share.
@@ -61,6 +64,17 @@ struct Around<'a> {
 }
 
 impl Rules {
+    /// Creates the rules of a collision model.
+    pub fn new(connectors: Connectors, model: Model) -> Rules {
+        Rules { connectors, collision: Collision::new(model), defect: None }
+    }
+    /// Returns the same rules with a defect, for tests.
+    #[doc(hidden)]
+    pub fn with(self, defect: PlanningDefect) -> Rules {
+        let mut rules = Rules { defect: Some(defect), ..self };
+        rules.collision.ignores_own_half = defect == PlanningDefect::IgnoreOwnHalf;
+        rules
+    }
     /// Visits all successors of a configuration, in a fixed order: attachments and detachments by pair, then turns by
     /// module, joint and direction.
     pub fn expand(&self, configuration: &Configuration, mut visit: impl FnMut(Action, &Configuration)) {
@@ -80,7 +94,9 @@ impl Rules {
                     visit(Action::Attach(*pair), &next);
                     next.set(*pair, false);
                 }
-            } else if !tree && is_redundant(configuration, &connections, *pair) {
+            } else if (!tree && is_redundant(configuration, &connections, *pair))
+                || self.defect == Some(PlanningDefect::DetachBridges)
+            {
                 next.set(*pair, false);
                 visit(Action::Detach(*pair), &next);
                 next.set(*pair, true);
@@ -94,7 +110,9 @@ impl Rules {
         for module in 0..configuration.len() as u8 {
             let at = at_hemispheres(&around.links, &around.connections, module);
             for joint in 0..3_u8 {
-                let Some(moving) = moving_side(&at, joint) else { continue };
+                let moving = moving_side(&at, joint);
+                let in_loops = self.defect == Some(PlanningDefect::TurnInLoops);
+                let Some(moving) = moving.or_else(|| in_loops.then(|| behind(&at, joint))) else { continue };
                 for positive in [false, true] {
                     if let Some(next) = around.turned(module, joint, positive, moving) {
                         visit(Action::Turn { module, joint, positive }, &next);
@@ -125,8 +143,12 @@ fn is_redundant(configuration: &Configuration, connections: &[Pair], pair: Pair)
 fn moving_side(at: &[u16; 4], joint: u8) -> Option<u16> {
     let split = usize::from(joint) + 1;
     let front = at[..split].iter().fold(0, |all, m| all | m);
-    let behind = at[split..].iter().fold(0, |all, m| all | m);
+    let behind = behind(at, joint);
     (front & behind == 0).then_some(behind)
+}
+
+fn behind(at: &[u16; 4], joint: u8) -> u16 {
+    at[usize::from(joint) + 1..].iter().fold(0, |all, m| all | m)
 }
 
 impl Around<'_> {

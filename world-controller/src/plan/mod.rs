@@ -22,7 +22,7 @@ use clap::{Args, ValueEnum};
 use document::{Answer, Verdict};
 use input::{Structured, structured};
 use metamorph_protocol::assembly::action::{Connectors, Rules};
-use metamorph_protocol::assembly::collision::{Collision, Model};
+use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::assembly::configuration::Configuration;
 use metamorph_protocol::assembly::named;
 use metamorph_protocol::assembly::space::Objective;
@@ -301,7 +301,7 @@ fn rules(args: &PlanArgs) -> Rules {
         ConnectorsArg::All => Connectors::All,
         ConnectorsArg::Active => Connectors::Active,
     };
-    Rules { connectors, collision: Collision::new(model) }
+    Rules::new(connectors, model)
 }
 
 /// Returns the configuration to start from.

@@ -6,6 +6,7 @@
 
 use super::negotiated::{Negotiated, ordered_move};
 use super::{Context, Decision};
+use crate::defects::Defect;
 use crate::digest::Portable;
 use crate::metamodule::message::Instruction;
 use crate::time::Time;
@@ -48,7 +49,7 @@ impl Planned {
 
     /// Takes an instruction. Returns whether that is news.
     pub fn hear(&mut self, cx: &mut Context<'_>, number: u32, instruction: Instruction) -> bool {
-        if number <= self.number {
+        if number <= self.number && !cx.v.has(Defect::FollowOldPlans) {
             return false;
         }
         if self.instruction == Instruction::Over {

@@ -5,7 +5,7 @@ use crate::console::format::count;
 use crate::console::interrupt::Interrupt;
 use crate::experiments::reproduce::Experiment;
 use metamorph_protocol::assembly::action::{Connectors, Rules};
-use metamorph_protocol::assembly::collision::{Collision, Model};
+use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::assembly::configuration::Configuration;
 use metamorph_protocol::assembly::named;
 use metamorph_protocol::assembly::report2009::{Found, Report2009};
@@ -23,7 +23,7 @@ const WHOLE: u64 = 3;
 const SLICE: u64 = 64;
 
 fn rules() -> Rules {
-    Rules { connectors: Connectors::All, collision: Collision::new(Model::Final) }
+    Rules::new(Connectors::All, Model::Final)
 }
 
 /// Runs the report's planner; `None` if interrupted.
