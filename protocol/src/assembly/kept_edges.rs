@@ -18,6 +18,7 @@ use super::shape_graph::Prices;
 use super::tables::{ROTATIONS, Rot, TABLES, hemisphere};
 use crate::plan::Cost;
 use crate::roombots::connector::Connector;
+use std::cell::RefCell;
 use std::sync::LazyLock;
 
 /// End poses of a module whose long axis is given.
@@ -29,27 +30,29 @@ const NEVER: u16 = 0x3fff;
 struct Poses {
     /// The frame of each connector.
     frames: [[[Rot; 10]; POSES]; 6],
-    /// Steps of joints from the posture with outer joints at 0, by the middle joint.
-    turns: [[u8; POSES]; 4],
     /// Of a module with one kept connection: the fewest steps by the frame of its connector.
     leaf: Box<[[[[u8; ROTATIONS]; 10]; 4]; 6]>,
+    /// The frames of connectors whose outward normal, −z, points to a face.
+    outward: [[Rot; 4]; 6],
 }
 
 static END_POSES: LazyLock<Box<Poses>> = LazyLock::new(|| {
     let t = &**TABLES;
     let mut poses = Box::new(Poses {
         frames: [[[0; 10]; POSES]; 6],
-        turns: [[0; POSES]; 4],
         leaf: Box::new([[[[u8::MAX; ROTATIONS]; 10]; 4]; 6]),
+        outward: [0, 1, 2, 3, 4, 5].map(|face| {
+            let all = (0..ROTATIONS as Rot).filter(|r| t.face[usize::from(*r)][5] == face);
+            all.collect::<Vec<_>>().try_into().expect("four rotations turn a direction to another")
+        }),
     });
     let power = |one: Rot, n: usize| (0..n).fold(0, |r, _| t.times(r, one));
     for pose in 0..POSES {
         let (class, first, middle, last) = (pose / 36, pose / 12 % 3, pose / 3 % 4, pose % 3);
-        for now in 0..4 {
+        let turns = [0, 1, 2, 3].map(|now| {
             let apart = middle.abs_diff(now);
-            poses.turns[now][pose] =
-                (apart.min(4 - apart) + usize::from(first > 0) + usize::from(last > 0)) as u8;
-        }
+            (apart.min(4 - apart) + usize::from(first > 0) + usize::from(last > 0)) as u8
+        });
         for direction in 0..6 {
             let behind = frames_along(direction as u8)[class];
             let front = t.times(behind, power(t.diagonal, (3 - first) % 3));
@@ -60,8 +63,7 @@ static END_POSES: LazyLock<Box<Poses>> = LazyLock::new(|| {
                 let own = t.rotations.iter().position(|r| *r == connector.frame());
                 let frame = t.times(base, own.expect("the rotations are a group") as Rot);
                 poses.frames[direction][pose][connector as usize] = frame;
-                for now in 0..4 {
-                    let turns = poses.turns[now][pose];
+                for (now, turns) in turns.into_iter().enumerate() {
                     let least = &mut poses.leaf[direction][now][connector as usize][usize::from(frame)];
                     *least = turns.min(*least);
                 }
@@ -70,6 +72,11 @@ static END_POSES: LazyLock<Box<Poses>> = LazyLock::new(|| {
     }
     poses
 });
+
+/// Returns the number of a pose: the frame about the long axis, and the joint values.
+const fn pose_of(class: usize, first: usize, middle: usize, last: usize) -> usize {
+    class * 36 + first * 12 + middle * 3 + last
+}
 
 /// A cube: its module, and which of the two it is.
 type Cube = (u8, u8);
@@ -83,6 +90,14 @@ pub struct KeptEdges {
     /// At each face of each cube of each module the module and cube that it is joined with.
     joined: Vec<[[Option<Cube>; 6]; 2]>,
     joins: Cost,
+    scratch: RefCell<Box<Scratch>>,
+}
+
+/// What a computation writes before it reads it: too large to be cleared for each.
+#[derive(Clone, Debug)]
+struct Scratch {
+    paid: [Costs; MAX_MODULES],
+    costs: Costs,
 }
 
 /// A connection of the spanning tree, seen from the child.
@@ -108,8 +123,10 @@ impl KeptEdges {
             joined[usize::from(j.a.0)][usize::from(j.a.1)][usize::from(j.face)] = Some(j.b);
             joined[usize::from(j.b.0)][usize::from(j.b.1)][usize::from(j.face ^ 1)] = Some(j.a);
         }
+        let cleared: Costs = [[NEVER; ROTATIONS]; 2 * MAX_MODULES];
+        let scratch = RefCell::new(Box::new(Scratch { paid: [cleared; MAX_MODULES], costs: cleared }));
         let directions = goal.bars().iter().map(|b| b.direction).collect();
-        KeptEdges { modules: goal.len(), prices, directions, joined, joins: joins.len() as Cost }
+        KeptEdges { modules: goal.len(), prices, directions, joined, joins: joins.len() as Cost, scratch }
     }
 
     /// Returns a lower bound of the cost from a configuration to the goal.
@@ -129,17 +146,28 @@ impl KeptEdges {
         }
         let cut = (self.prices.detach + self.prices.attach) as u16;
         // By child: what the parent pays for it, by the place and the connector frame of the parent.
-        let mut paid: [Costs; MAX_MODULES] = [[[NEVER; ROTATIONS]; 2 * MAX_MODULES]; MAX_MODULES];
+        let scratch = &mut *self.scratch.borrow_mut();
+        let (paid, costs) = (&mut scratch.paid, &mut scratch.costs);
         let mut total = NEVER;
         for m in order[..self.modules].iter().rev() {
             let own = usize::from(*m);
-            let mut costs: Costs = [[NEVER; ROTATIONS]; 2 * MAX_MODULES];
+            costs[..2 * self.modules].fill([NEVER; ROTATIONS]);
             let children = &children[own][..count[own]];
             let towards = (*m != order[0]).then_some(branches[own].own);
-            let least = self.behind(&seen, &branches, own, children, towards, &paid, &mut costs);
+            let now = usize::from(seen.modules()[own].posture / 3);
+            let least = match (towards, children) {
+                (Some(connector), []) => self.leaf(now, connector, costs),
+                _ => {
+                    let turns = [0, 1, 2, 3].map(|middle: usize| {
+                        let apart = middle.abs_diff(now % 4);
+                        apart.min(4 - apart) as u8
+                    });
+                    self.behind(turns, &branches, children, towards, paid, costs)
+                }
+            };
             match towards {
                 None => total = least,
-                Some(_) => self.pay(&branches[own], least + cut, &costs, &mut paid[own]),
+                Some(_) => self.pay(&branches[own], least + cut, costs, &mut paid[own]),
             }
         }
         self.with_other_edges(connections.len() as Cost, total.into())
@@ -156,46 +184,95 @@ impl KeptEdges {
         (detach * excess).max(tree.saturating_sub(attach * excess))
     }
 
-    /// Computes the costs of a module with its children by place and frame, and returns the least.
-    #[allow(clippy::too_many_arguments)]
+    /// Writes the costs of a module without children, which is in any pose that needs no turn at the least.
+    fn leaf(&self, now: usize, connector: u8, costs: &mut Costs) -> u16 {
+        let price = self.prices.turn as u16;
+        for (place, costs) in costs.iter_mut().enumerate().take(2 * self.modules) {
+            let direction = usize::from(self.directions[place / 2] ^ (place % 2) as u8);
+            let leaf = &END_POSES.leaf[direction][now][usize::from(connector)];
+            for (cost, turns) in costs.iter_mut().zip(leaf) {
+                *cost = if *turns == u8::MAX { NEVER } else { u16::from(*turns) * price };
+            }
+        }
+        0
+    }
+
+    /// Computes the costs of a module with its children by place and frame, and returns the least. The joints are
+    /// independent once the frame of the hemisphere behind the first one is given: the first joint moves only what is
+    /// in front of it, the middle one both hemispheres behind it, the last one the last.
     fn behind(
         &self,
-        seen: &Configuration,
+        turns: [u8; 4],
         branches: &[Branch; MAX_MODULES],
-        own: usize,
         children: &[u8],
         towards: Option<u8>,
         paid: &[Costs; MAX_MODULES],
         costs: &mut Costs,
     ) -> u16 {
         let ends = &**END_POSES;
-        let now = usize::from(seen.modules()[own].posture / 3);
         let price = self.prices.turn as u16;
+        let outer = |steps: usize| if steps > 0 { price } else { 0 };
+        // By hemisphere.
+        let mut hanging = [[0_u8; MAX_MODULES]; 4];
+        let mut count = [0; 4];
+        for child in children {
+            let at = hemisphere(branches[usize::from(*child)].other);
+            hanging[at][count[at]] = *child;
+            count[at] += 1;
+        }
         let mut least = NEVER;
         for place in 0..2 * self.modules {
             let direction = usize::from(self.directions[place / 2] ^ (place % 2) as u8);
-            if let (Some(connector), []) = (towards, children) {
-                // In any pose that needs no turn.
-                least = 0;
-                let leaf = &ends.leaf[direction][now][usize::from(connector)];
-                for (cost, turns) in costs[place].iter_mut().zip(leaf) {
-                    *cost = if *turns == u8::MAX { NEVER } else { u16::from(*turns) * price };
-                }
-                continue;
-            }
-            let turns = &ends.turns[now];
-            for (pose, frames) in ends.frames[direction].iter().enumerate() {
-                let mut cost = u16::from(turns[pose]) * price;
-                for child in children {
+            let frames = &ends.frames[direction];
+            // What hangs on a hemisphere in a pose.
+            let sum = |at: usize, pose: usize| -> u16 {
+                let child = |child: &u8| {
                     let child = usize::from(*child);
-                    let frame = frames[usize::from(branches[child].other)];
-                    cost += paid[child][place][usize::from(frame)];
+                    let frame = frames[pose][usize::from(branches[child].other)];
+                    paid[child][place][usize::from(frame)]
+                };
+                hanging[at][..count[at]].iter().map(child).sum()
+            };
+            for class in 0..4 {
+                let base = sum(1, pose_of(class, 0, 0, 0));
+                let first = [0, 1, 2].map(|f| outer(f) + sum(0, pose_of(class, f, 0, 0)));
+                let front = base + first[0].min(first[1]).min(first[2]);
+                let mut behind = NEVER;
+                for middle in 0..4 {
+                    let own = u16::from(turns[middle]) * price + sum(2, pose_of(class, 0, middle, 0));
+                    let last = [0, 1, 2].map(|l| outer(l) + sum(3, pose_of(class, 0, middle, l)));
+                    let rest = own + last[0].min(last[1]).min(last[2]);
+                    behind = behind.min(rest);
+                    let mut know = |pose: usize, cost: u16| {
+                        let frame = frames[pose][usize::from(towards.unwrap_or(0))];
+                        let known = &mut costs[place][usize::from(frame)];
+                        *known = cost.min(*known);
+                    };
+                    match towards.map(hemisphere) {
+                        Some(2) => know(pose_of(class, 0, middle, 0), front + rest),
+                        Some(3) => {
+                            for l in 0..3 {
+                                know(pose_of(class, 0, middle, l), front + own + last[l]);
+                            }
+                        }
+                        _ => {}
+                    }
                 }
-                least = least.min(cost);
-                if let Some(connector) = towards {
-                    let known = &mut costs[place][usize::from(frames[usize::from(connector)])];
+                let mut know = |pose: usize, cost: u16| {
+                    let frame = frames[pose][usize::from(towards.unwrap_or(0))];
+                    let known = &mut costs[place][usize::from(frame)];
                     *known = cost.min(*known);
+                };
+                match towards.map(hemisphere) {
+                    Some(0) => {
+                        for f in 0..3 {
+                            know(pose_of(class, f, 0, 0), base + first[f] + behind);
+                        }
+                    }
+                    Some(1) => know(pose_of(class, 0, 0, 0), front + behind),
+                    _ => {}
                 }
+                least = least.min(front + behind);
             }
         }
         least
@@ -206,16 +283,14 @@ impl KeptEdges {
         let t = &**TABLES;
         let cubes = [branch.other, branch.own].map(|c| hemisphere(c) / 2);
         for (place, paid) in paid.iter_mut().enumerate().take(2 * self.modules) {
+            paid.fill(cut);
             let cube = cubes[0] ^ (place % 2);
-            for frame in 0..ROTATIONS as u8 {
-                // The outward normal is −z.
-                let face = usize::from(t.face[usize::from(frame)][5]);
-                let to = &mut paid[usize::from(frame)];
-                *to = cut;
-                if let Some((module, at)) = self.joined[place / 2][cube][face] {
-                    let child = 2 * usize::from(module) + (usize::from(at) ^ cubes[1]);
+            for (face, joined) in self.joined[place / 2][cube].iter().enumerate() {
+                let Some((module, at)) = joined else { continue };
+                let child = 2 * usize::from(*module) + (usize::from(*at) ^ cubes[1]);
+                for frame in END_POSES.outward[face] {
                     let own = usize::from(t.times(frame, branch.relative));
-                    *to = cut.min(costs[child][own]);
+                    paid[usize::from(frame)] = cut.min(costs[child][own]);
                 }
             }
         }
