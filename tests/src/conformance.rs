@@ -167,7 +167,7 @@ pub fn actions_carry_what_the_agent_had_sensed(bed: &mut impl Testbed) {
         let felt = crate::probe::Felt { token, current: true };
         assert!(script.log.has(A, ProbeReport::Felt(felt)), "touch {token} was decided on what holds");
     }
-    assert_eq!(counts, Counts::default(), "what bodies say are no protocol messages");
+    assert_eq!(counts, Counts::default(), "what bodies say are not protocol messages");
 }
 
 /// Lost messages are counted as lost.

@@ -265,7 +265,7 @@ fn help_is_enough_to_use_every_command() {
         for part in parts {
             assert!(ran.out.contains(part), "`{part}` is missing in {args:?}: {}", ran.out);
         }
-        assert!(!ran.out.contains("\x1b["), "colours although this is no terminal");
+        assert!(!ran.out.contains("\x1b["), "colours although this is not a terminal");
         assert!(!ran.out.contains("\n  agent "), "the hidden command shows");
     }
 }

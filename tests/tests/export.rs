@@ -183,7 +183,7 @@ fn other_files_and_old_journals_are_refused_and_no_file_is_written() {
     // The version follows the eight bytes that identify a journal.
     let old = [&whole[..8], &[0, 0], &whole[10..]].concat();
     for (content, part) in [
-        (&b"this is no journal"[..], "is not a journal"),
+        (&b"this is not a journal"[..], "is not a journal"),
         (&whole[..5], "ends within its head"),
         (&whole[..40], "ends within its head"),
         (&old, "is a journal of version 0"),

@@ -139,28 +139,28 @@ fn bad_options_are_refused_with_place_reason_and_fix() {
     let to = ["--to", "line:4"];
     let plan = |from: &[&'static str]| [&["plan", "--from"][..], from, &to].concat();
     refused(&plan(&["circle:4"]), &["--from circle:4", "no shape is called"]);
-    refused(&plan(&["line:x"]), &["`x` is no size of a line"]);
-    refused(&plan(&["line:0"]), &["`0` is no size of a line"]);
+    refused(&plan(&["line:x"]), &["`x` is not a size of a line"]);
+    refused(&plan(&["line:0"]), &["`0` is not a size of a line"]);
     refused(&plan(&["line:17"]), &["17 modules", "at most 16", "metamodule"]);
-    refused(&plan(&["line:18446744073709551616"]), &["no size of a line"]);
-    refused(&plan(&["loop:1x3"]), &["no size of a loop", "2x2"]);
-    refused(&plan(&["loop:3"]), &["no size of a loop"]);
+    refused(&plan(&["line:18446744073709551616"]), &["not a size of a line"]);
+    refused(&plan(&["loop:1x3"]), &["not a size of a loop", "2x2"]);
+    refused(&plan(&["loop:3"]), &["not a size of a loop"]);
     refused(&plan(&["loop:99999999999x99999999999"]), &["at most 16"]);
     refused(&plan(&["quadruped:5"]), &["quadruped:4 and quadruped:6"]);
-    refused(&plan(&["tree:4"]), &["no size of a tree", "8x1"]);
+    refused(&plan(&["tree:4"]), &["not a size of a tree", "8x1"]);
     refused(&plan(&["tree:17x1"]), &["17 modules", "at most 16"]);
     refused(&plan(&["line:3"]), &["--to", "the start has 3 modules, the goal 4"]);
     refused(&plan(&["./nowhere.json"]), &["--from ./nowhere.json", "cannot be read"]);
     refused(&plan(&["line:4", "--types", "00"]), &["--types 00", "3 digits"]);
     refused(&plan(&["line:4", "--types", "004"]), &["--types 004"]);
-    refused(&plan(&["ell:4", "--types", "000"]), &["the start is no line"]);
+    refused(&plan(&["ell:4", "--types", "000"]), &["the start is not a line"]);
     refused(&plan(&["line:4", "--weight", "0.5"]), &["--weight 0.5", "1 or more"]);
     refused(&plan(&["line:4", "--weight", "NaN"]), &["--weight NaN"]);
     refused(&plan(&["line:4", "--weight", "-1"]), &["--weight -1"]);
-    refused(&plan(&["line:4", "--weight", "x"]), &["this is no number"]);
+    refused(&plan(&["line:4", "--weight", "x"]), &["this is not a number"]);
     refused(&plan(&["line:4", "--weight", "2", "--planner", "ara"]), &["this planner has no single weight"]);
     refused(&plan(&["line:4", "--memory", "1MiB"]), &["--memory 1MiB", "a search needs"]);
-    refused(&plan(&["line:4", "--memory", "-5"]), &["--memory -5", "no size"]);
+    refused(&plan(&["line:4", "--memory", "-5"]), &["--memory -5", "not a size"]);
     refused(&plan(&["line:4", "--memory", "99999999999GiB"]), &["more than a machine has"]);
     refused(&plan(&["line:4", "--timeout", "60"]), &["--timeout 60"]);
     refused(&plan(&["line:4", "--planner", "bidirectional"]), &["the goal has no joint values"]);
@@ -196,7 +196,7 @@ fn bad_structures_are_refused_with_place_reason_and_fix() {
         (
             "mirror",
             structure(posed(json!([[1, 0, 0], [0, 1, 0], [0, 0, -1]]), json!([0, 0, 0])), json!([])),
-            "no rotation",
+            "not a rotation",
         ),
         ("other", structure(posed(unit, json!([120, 0, 0])), json!([])), "the second cell is"),
         ("many", structure(Value::Array(vec![json!([[0, 0, 0], [1, 0, 0]]); 17]), json!([])), "17 modules"),
@@ -241,7 +241,7 @@ fn plans_that_do_not_check_are_told_apart() {
         &|p| p["actions"][0]["do"] = json!({ "turn": [9, 1, 120] }),
         "there is no module 9",
     );
-    differs("joint.json", &|p| p["actions"][0]["do"] = json!({ "turn": [0, 4, 120] }), "no step of a joint");
+    differs("joint.json", &|p| p["actions"][0]["do"] = json!({ "turn": [0, 4, 120] }), "not a step of a joint");
     differs("cost.json", &|p| p["cost"] = json!(3), "its cost is 4");
     differs("bound.json", &|p| p["lower"] = json!(5), "at least 5");
     differs(
@@ -282,7 +282,7 @@ fn plans_are_valid_by_their_schema() {
     }
 }
 
-/// Published figures of planners stand beside ours, and are no sweeps.
+/// Published figures of planners stand beside ours, and are not sweeps.
 #[test]
 fn planners_of_the_sources_are_reproduced() {
     let experiments = ["reproduce", "graph-signature", "on-grid", "reward-map", "planned", "--seeds", "4"];
@@ -304,5 +304,5 @@ fn planners_of_the_sources_are_reproduced() {
         assert!(ours(3, strategy).starts_with("100.0 % of 16 built"), "{all}");
     }
     assert!(!all["planners"][3].to_string().contains("violation"), "{all}");
-    refused(&["reproduce", "4.1", "on-grid"], &["on-grid: this experiment of a planner is no sweep"]);
+    refused(&["reproduce", "4.1", "on-grid"], &["on-grid: this experiment of a planner is not a sweep"]);
 }

@@ -128,6 +128,18 @@ fn metamodules_build_although_their_controller_is_killed() {
     assert!(kill_and_resume("box.toml", 200, &options, 3));
 }
 
+/// The controller that comes back has the plan and what is done of it from the journal. Nothing moves meanwhile.
+#[test]
+fn a_plan_is_carried_on_although_its_controller_is_killed() {
+    let options = ["--time-scale", "20", "--set", "protocol.strategy=planned"];
+    for (name, seed) in [("chair.toml", 5), ("box.toml", 6)] {
+        assert!(
+            kill_and_resume(name, 200, &options, seed),
+            "{name} was over before the controller was killed"
+        );
+    }
+}
+
 #[test]
 fn the_controller_that_came_back_may_be_killed_too() {
     let dir = tempfile::tempdir().expect("a directory");

@@ -112,7 +112,7 @@ fn broken_meshes_are_refused_with_place_reason_and_fix() {
     refused(&shape("a.stl", &promises, ten), &["of 4294967295"]);
     let mut infinite = rabbit.clone();
     infinite[84 + 50 * 6 + 12..][..4].copy_from_slice(&f32::INFINITY.to_le_bytes());
-    refused(&shape("a.stl", &infinite, ten), &["a corner of triangle 7 is no finite number"]);
+    refused(&shape("a.stl", &infinite, ten), &["a corner of triangle 7 is not a finite number"]);
     // Text STL: facets have seven lines here, the first begins on line 2.
     let end = arch.match_indices("vertex").nth(10).unwrap().0;
     refused(&shape("a.stl", &arch[..end], ten), &["a.stl:23: in the facet that begins here: EOF"]);
@@ -147,7 +147,7 @@ fn broken_meshes_are_refused_with_place_reason_and_fix() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("folder.stl");
     fs::create_dir(&path).unwrap();
-    refused(&run(&["shape", path.to_str().unwrap(), "--pitch", "1"]), &["no regular file"]);
+    refused(&run(&["shape", path.to_str().unwrap(), "--pitch", "1"]), &["not a regular file"]);
 }
 
 #[test]

@@ -64,7 +64,7 @@ impl Packed {
     /// Decodes the value.
     ///
     /// # Errors
-    /// Returns the reason why the bytes are no value of this type.
+    /// Returns the reason why the bytes are not a value of this type.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, String> {
         decode(&self.0)
     }

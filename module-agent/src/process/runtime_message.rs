@@ -60,7 +60,7 @@ pub enum RuntimeMessage<P> {
     /// The controller is about to close its link to the agent until its next message, and asks which messages
     /// have been taken. Unauthenticated and unsequenced.
     Leave,
-    /// The answer: all before this sequence number.
+    /// Answers [`RuntimeMessage::Leave`]: all messages before this sequence number have been taken.
     Consumed {
         /// The sequence number expected next from the controller.
         expected: u32,

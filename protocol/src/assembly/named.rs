@@ -13,7 +13,7 @@ pub enum NameError {
     #[error("no shape is called `{0}`")]
     Unknown(String),
     /// The size cannot be read.
-    #[error("`{size}` is no size of a {name}; {expected}")]
+    #[error("`{size}` is not a size of a {name}; {expected}")]
     Size {
         /// The name.
         name: &'static str,

@@ -9,7 +9,7 @@ use thiserror::Error;
 /// A joined face: the cells on both sides.
 pub type Joined = [Vec3; 2];
 
-/// Why a list is no structure.
+/// Why a list is not a structure.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum StructureError {
     /// There is nothing.
@@ -70,8 +70,8 @@ pub enum StructureError {
         /// The module.
         module: usize,
     },
-    /// A matrix is no rotation.
-    #[error("module {module}: the foot rotation is no rotation of the lattice")]
+    /// A matrix is not a rotation.
+    #[error("module {module}: the foot rotation is not a rotation of the lattice")]
     NotARotation {
         /// The module.
         module: usize,

@@ -70,9 +70,9 @@ impl<S: Space> Portfolio<S> {
                 }
                 _ => match (self.exact.advance(TURN), &self.beam) {
                     (Step::Running, _) => {
-                        let lower = self.exact.progress().lower;
-                        if let Some(path) =
-                            self.exact.path().filter(|p| p.cost * OPTIMAL <= lower * self.weight)
+                        let Progress { lower, upper, .. } = self.exact.progress();
+                        if upper.is_some_and(|upper| upper * OPTIMAL <= lower * self.weight)
+                            && let Some(path) = self.exact.path()
                         {
                             return Step::Done(Outcome::Solved { path, lower });
                         }

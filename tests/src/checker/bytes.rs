@@ -65,7 +65,7 @@ impl Journal {
     /// Reads a journal from the bytes of a file.
     pub fn read(bytes: &[u8]) -> Result<Journal, String> {
         if bytes.len() < START || bytes[..START] != *b"MMJOURNL\x05\0" {
-            return Err("this is no journal of version 5".into());
+            return Err("this is not a journal of version 5".into());
         }
         let mut sum = crc32fast::hash(&bytes[..START]);
         let mut rest = &bytes[START..];

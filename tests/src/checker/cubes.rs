@@ -26,7 +26,7 @@ pub struct Cubes {
 
 fn cell(place: &[u8]) -> Result<Cell, Broken> {
     let [a, b, c, d, e, f] = *place else {
-        return Err((Rule::Readable, format!("{place:?} is no cell")));
+        return Err((Rule::Readable, format!("{place:?} is not a cell")));
     };
     Ok([[a, b], [c, d], [e, f]].map(|c| i16::from_le_bytes(c).into()))
 }
@@ -86,7 +86,7 @@ impl Bodies for Cubes {
         let from = self.cell_of(id)?;
         demand(!self.moving.contains_key(&id), Rule::Follows, || format!("{id} moves already"))?;
         let (0, [bend, support, heading, ..]) = (kind, action) else {
-            return Err((Rule::Readable, format!("{action:?} is no move")));
+            return Err((Rule::Readable, format!("{action:?} is not a move")));
         };
         let (bend, axes) = (*bend == 1, [support, heading].map(|d| usize::from(*d)));
         let possible = axes.iter().all(|d| *d < 6) && axes[0] / 2 != axes[1] / 2;

@@ -159,7 +159,7 @@ impl Geometry {
     }
 
     fn pose(&self, place: &[u8]) -> Result<Pose, Broken> {
-        let wrong = || (Rule::Readable, format!("{place:?} is no pose"));
+        let wrong = || (Rule::Readable, format!("{place:?} is not a pose"));
         let [a, b, c, d, flags, _, e, f] = *place else { return Err(wrong()) };
         let [x, y] = [[a, b], [c, d]].map(|c| i16::from_le_bytes(c).into());
         let foot = Foot { x, y, turns: flags & 3 };
@@ -278,7 +278,7 @@ impl<'a> Metamodules<'a> {
                     Ok((Pose { foot, head: !pose.head, both: false, joints }, Vec::new()))
                 }
             },
-            _ => Err((Rule::Readable, format!("{kind} and {action:?} are no action"))),
+            _ => Err((Rule::Readable, format!("{kind} and {action:?} are not an action"))),
         }
     }
 }

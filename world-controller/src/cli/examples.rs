@@ -28,7 +28,7 @@ Examples:
 
 An output file appears at the end of a command, complete; it must not be another file that the command
 reads or writes. If standard output cannot be written, the exit code is 1; a reader that closes it early
-(`| head`) is no error.
+(`| head`) is not an error.
 
 Logs go to standard error; -v, -vv and -vvv show more, and METAMORPH_LOG takes filters such as
 `metamorph_world_controller=debug`.";
@@ -58,7 +58,7 @@ page lists its keys. Ctrl-C ends it.
 Exit codes:
   0  the page was shown until Ctrl-C, SIGTERM or SIGHUP
   1  the program itself failed, for example because no port was free
-  2  the command line or the scenario is wrong, or the file is no journal of this version
+  2  the command line or the scenario is wrong, or the file is not a journal of this version
   9  the journal is damaged; what comes before the damage was shown until Ctrl-C";
 
 pub const CHECK_EXAMPLES: &str = "\
@@ -108,7 +108,7 @@ Examples:
 reading of its text, with every kind (PAR, PER, SRS, SRZ), strategy (greedy, slope, step, and our negotiated)
 and order of seeds (circular, crosswise, at-once), and print the published numbers beside ours: with exact
 tests, another reading, the effect of each open assumption (from fewer seeds), and whether experiments of
-the published size show what the thesis says. The experiments of planners are no sweeps: they
+the published size show what the thesis says. The experiments of planners are not sweeps: they
 are named without these and without --out, and print one table each.
 
 Files in DIR: report.html with tables and plots, and for each of box and chair the scenario and a
@@ -161,7 +161,7 @@ and show /modules in a 3D panel whose frame is `world`.
 Exit codes:
   0  the recording is written
   1  it could not be written completely
-  2  the command line is wrong, or the file is no journal of this version
+  2  the command line is wrong, or the file is not a journal of this version
   9  the journal is damaged; no recording is left behind";
 
 pub const SCHEMA_EXAMPLES: &str = "\
@@ -213,7 +213,7 @@ reach the same states, messages and counts. Of a killed run, the parts in FILE.p
 Exit codes:
   0  the replay matches the journal
   1  the program itself failed
-  2  the command line is wrong, or the file is no journal of this version
+  2  the command line is wrong, or the file is not a journal of this version
   8  the replay differs from the journal; the first difference is named
   9  the journal is damaged; the replay matches what comes before the damage";
 

@@ -199,7 +199,7 @@ enum Target {
     /// A stream, written directly. It is kept open, because the reader of a pipe would take closing for the
     /// end.
     Stream(File),
-    /// A regular file, existing or not, at a path that is no symbolic link.
+    /// A regular file, existing or not, at a path that is not a symbolic link.
     File(PathBuf),
 }
 
@@ -327,7 +327,7 @@ fn directory(path: &Path) -> &Path {
 enum Place {
     /// A descriptor of this process.
     Descriptor(PathBuf),
-    /// A place in an existing directory, which is no symbolic link.
+    /// A place in an existing directory, which is not a symbolic link.
     File(PathBuf),
 }
 

@@ -1,7 +1,7 @@
 //! All printing. Absent: what is printed.
 //!
 //! Human-readable text contains no control characters but those of this module, wherever it comes from. A
-//! closed pipe is no error: the rest of the output is dropped, as in ripgrep and git. Any other failure of
+//! closed pipe is not an error: the rest of the output is dropped, as in ripgrep and git. Any other failure of
 //! standard output is kept until the end ([`failure`]), where it decides the exit code, because a command has
 //! other things to finish first.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is the one place that prints")]

@@ -53,7 +53,8 @@ pub fn check(place: &str, plan: &PlanFile) -> Result<(), PlanError> {
         if step.from != fingerprint {
             return Err(bad(Some(i), format!("it begins in {fingerprint}, not in {}", step.from)));
         }
-        let action = step.what.action().ok_or_else(|| bad(Some(i), "it is no step of a joint".to_owned()))?;
+        let action =
+            step.what.action().ok_or_else(|| bad(Some(i), "it is not a step of a joint".to_owned()))?;
         at = at.act(action, physics).map_err(|e| bad(Some(i), e.to_string()))?;
         let fingerprint = format!("{:016x}", at.fingerprint());
         if step.to != fingerprint {

@@ -329,13 +329,13 @@ fn start(args: &PlanArgs, option: &str, text: &str) -> Result<Configuration, Pla
     if let Some(types) = &args.types {
         let place = format!("--types {types}");
         if !text.starts_with("line:") {
-            return Err(PlanError::option(&place, "the start is no line", "use --joints FILE"));
+            return Err(PlanError::option(&place, "the start is not a line", "use --joints FILE"));
         }
         let digits: Option<Vec<u8>> = types.chars().map(|c| c.to_digit(4).map(|d| d as u8)).collect();
         let wanted = shape.len() - 1;
         return digits.filter(|d| d.len() == wanted).and_then(|d| named::line(&d)).ok_or_else(|| {
             let fix = format!("write {} of 0, 1, 2 or 3", many(wanted as u64, "digit"));
-            PlanError::option(&place, "these are no types of the connections", fix)
+            PlanError::option(&place, "these are not types of the connections", fix)
         });
     }
     if let Some(seed) = args.seed {
@@ -356,7 +356,7 @@ fn weight(args: &PlanArgs) -> Result<u32, PlanError> {
         let fix = "write a number from 1 to 100, such as 1.5";
         PlanError::option(&format!("--weight {text}"), reason, fix)
     };
-    let number: f64 = text.parse().map_err(|_| wrong("this is no number"))?;
+    let number: f64 = text.parse().map_err(|_| wrong("this is not a number"))?;
     if !(1.0..=100.0).contains(&number) {
         return Err(wrong("a bound is weighted by 1 or more"));
     }
@@ -379,9 +379,9 @@ fn limits(args: &PlanArgs) -> Result<Limits, PlanError> {
         "KiB" => 1 << 10,
         "MiB" => 1 << 20,
         "GiB" => 1_u64 << 30,
-        _ => return Err(wrong("this is no size".to_owned())),
+        _ => return Err(wrong("this is not a size".to_owned())),
     };
-    let number: u64 = text[..end].parse().map_err(|_| wrong("this is no size".to_owned()))?;
+    let number: u64 = text[..end].parse().map_err(|_| wrong("this is not a size".to_owned()))?;
     let memory = number.checked_mul(unit).and_then(|n| usize::try_from(n).ok());
     let memory = memory.ok_or_else(|| wrong("this is more than a machine has".to_owned()))?;
     if memory < Limits::LEAST_MEMORY {

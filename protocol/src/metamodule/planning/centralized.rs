@@ -17,6 +17,7 @@ use crate::lattice::Cell;
 use crate::metamodule::blueprint::{Seed, SeedSet};
 use crate::metamodule::motions::Sweep;
 use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, search};
+use crate::metamodule::planning::distances::Distances;
 use crate::metamodule::planning::paths::{Ground, Route};
 use crate::metamodule::pose::Pose;
 use pathfinding::kuhn_munkres::kuhn_munkres_min;
@@ -343,24 +344,43 @@ fn distances(at: &Standstill, seed: Seed, fixed: &[Cell]) -> Vec<Option<i64>> {
     at.free.iter().map(|pose| distances.steps(*pose, ground.lands(*pose)).map(i64::from)).collect()
 }
 
-/// The least number of landings of any plan: each seed takes a body at least as many as if it were alone.
+/// The least number of landings of any plan. Each seed takes a body at least as many as if it were alone until it turns to
+/// fill the seed; then the seeds that must be filled before it are, and of one seed, the last one, all others are.
 fn bound(start: &Standstill) -> u32 {
-    let seeds: Vec<u8> = start.setup.goal(start.task).all().without(start.filled).iter().collect();
-    let alone = |seed: &u8| {
-        start
-            .setup
-            .seed(start.task, *seed)
-            .map_or_else(Vec::new, |place| distances(start, place, &start.fixed))
-    };
-    let steps: Vec<Vec<Option<i64>>> = seeds.iter().map(alone).collect();
+    let goal = start.setup.goal(start.task);
+    let all = goal.all().without(start.filled);
+    let seeds: Vec<u8> = all.iter().collect();
     // With fewer bodies than seeds, which seeds are filled is not known.
     if seeds.len() > start.free.len() || seeds.is_empty() {
         return 0;
     }
-    let costs = Matrix::from_fn(seeds.len(), start.free.len(), |(s, b)| {
-        steps[s].get(b).copied().flatten().unwrap_or(FAR)
+    let alone = Ground { motions: &start.setup.motions, floor: start.setup.floor, taken: &start.fixed };
+    // The landings of all bodies if these seeds are filled before.
+    let steps = |seed: u8, filled: SeedSet| -> Vec<i64> {
+        let Some(place) = start.setup.seed(start.task, seed) else { return vec![FAR; start.free.len()] };
+        let built = filled.iter().filter_map(|s| start.setup.seed(start.task, s)).flat_map(|s| s.cells());
+        let last: Vec<Cell> = start.fixed.iter().copied().chain(built).collect();
+        let distances = Distances::with_end(alone.motions, alone.floor, place, &start.fixed, &last);
+        let steps = |pose: &Pose| distances.steps(*pose, alone.lands(*pose)).map_or(FAR, i64::from);
+        start.free.iter().map(steps).collect()
+    };
+    // A seed must be filled before another one that does not open without it.
+    let one = |seed: u8| SeedSet::default().with(seed);
+    let before = |seed: u8| {
+        let is_needed = |other: &u8| !goal.open(goal.all().without(one(seed)).without(one(*other))).has(seed);
+        let needed = seeds.iter().copied().filter(|other| *other != seed).filter(is_needed);
+        needed.fold(SeedSet::default(), SeedSet::with)
+    };
+    let rows: Vec<Vec<i64>> = seeds.iter().map(|seed| steps(*seed, before(*seed))).collect();
+    let can_be_last = |seed: &u8| !seeds.iter().any(|other| before(*other).has(*seed));
+    let sums = seeds.iter().copied().filter(can_be_last).map(|last| {
+        let row = steps(last, all.without(one(last)));
+        let costs = Matrix::from_fn(seeds.len(), start.free.len(), |(s, b)| {
+            if seeds[s] == last { row[b] } else { rows[s][b] }
+        });
+        kuhn_munkres_min(&costs).0
     });
-    let (sum, _) = kuhn_munkres_min(&costs);
+    let sum = sums.min().unwrap_or(FAR);
     if sum >= FAR { 0 } else { u32::try_from(sum).unwrap_or(0) }
 }
 

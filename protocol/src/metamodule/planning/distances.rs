@@ -36,27 +36,32 @@ pub struct Distances {
 impl Distances {
     /// Counts the steps to a seed around fixed cells.
     pub fn new(motions: &Motions, floor: Floor, seed: Seed, fixed: &[Cell]) -> Distances {
+        Distances::with_end(motions, floor, seed, fixed, fixed)
+    }
+
+    /// Counts the steps to a seed around fixed cells, if those of `last` are taken as well when the body, standing on the
+    /// seed's connector, turns to fill it.
+    pub fn with_end(motions: &Motions, floor: Floor, seed: Seed, fixed: &[Cell], last: &[Cell]) -> Distances {
         let mut distances = Distances { floor, places: Vec::new() };
         distances.places.resize_with(states(floor), Vec::new);
         if !floor.has(seed.foot.0, seed.foot.1) || seed.cells().iter().any(|c| fixed.contains(c)) {
             return distances;
         }
         let ground = Ground { motions, floor, taken: fixed };
+        let end = Ground { taken: last, ..ground };
         let mut front = VecDeque::new();
         for class in 0..4 {
             let state = GridState::new(seed.foot.0, seed.foot.1, class);
             let chain = motions.chain_of(seed.cells().map(|c| to_frame(state, c)));
             for posture in chain.map_or(&[][..], |c| motions.filling(c)) {
                 let pose = Pose { state, end: End::Foot, both: false, posture: *posture };
-                front.push_back((pose, ground.lands(pose), 0));
+                let lands = distances.come(&end, pose, end.lands(pose), 0);
+                front.extend(before(&ground, pose, lands, 1));
             }
         }
         while let Some((pose, postures, steps)) = front.pop_front() {
-            for posture in motions.graph().landings(distances.come(&ground, pose, postures, steps)) {
-                if let Some(to) = ground.landed(pose, posture) {
-                    front.push_back((to, motions.rest_bit(to.posture), steps.saturating_add(1)));
-                }
-            }
+            let lands = distances.come(&ground, pose, postures, steps);
+            front.extend(before(&ground, pose, lands, steps.saturating_add(1)));
         }
         distances
     }
@@ -90,4 +95,15 @@ impl Distances {
         let places = self.places.get(index(self.floor, pose.state))?;
         places.iter().find(|(lands, _)| lands & postures != 0).map(|(_, steps)| *steps)
     }
+}
+
+/// Returns the places from which a landing leads to a place: each as a pose with one of its postures.
+fn before<'a>(
+    ground: &'a Ground<'a>,
+    pose: Pose,
+    lands: u128,
+    steps: u16,
+) -> impl Iterator<Item = (Pose, u128, u16)> + 'a {
+    let landed = ground.motions.graph().landings(lands).filter_map(move |p| ground.landed(pose, p));
+    landed.map(move |to| (to, ground.motions.rest_bit(to.posture), steps))
 }

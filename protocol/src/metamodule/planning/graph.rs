@@ -55,7 +55,7 @@ pub struct Steps {
     pub swept: Bits,
 }
 
-/// Capacities of the caches of reachable sets, components and paths, in answers.
+/// Entries that the caches of reachable sets, of components and of paths hold.
 const KEPT: (usize, usize, usize) = (1 << 13, 1 << 14, 1 << 13);
 
 /// The graph of the strict steps of one kind.

@@ -29,7 +29,7 @@ pub struct Growth {
     pub makespan: Option<Fit>,
     /// Growth of the moves.
     pub moves: Option<Fit>,
-    /// Growth of the lower bound of the moves over these sizes. The fit itself is no bound.
+    /// Growth of the lower bound of the moves over these sizes. The fit itself is not a bound.
     pub least_moves: Option<Fit>,
     /// Growth of the messages.
     pub messages: Option<Fit>,

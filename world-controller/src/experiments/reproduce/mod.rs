@@ -101,7 +101,7 @@ impl Experiment {
             _ => &[],
         }
     }
-    /// Returns true for those of a planner, which are no sweeps.
+    /// Returns true for those of a planner, which are not sweeps.
     const fn is_of_a_planner(self) -> bool {
         self.goals().is_empty()
     }

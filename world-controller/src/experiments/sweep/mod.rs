@@ -70,9 +70,9 @@ pub enum SweepError {
     /// A file beside the runs cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// An experiment of a planner is no sweep.
+    /// An experiment of a planner is not a sweep.
     #[error(
-        "{0}: this experiment of a planner is no sweep, so there are no runs to keep or to print with others\n  fix: name it alone, without --out; --json FILE has its numbers"
+        "{0}: this experiment of a planner is not a sweep, so there are no runs to keep or to print with others\n  fix: name it alone, without --out; --json FILE has its numbers"
     )]
     NotTogether(&'static str),
     /// Signals cannot be caught.

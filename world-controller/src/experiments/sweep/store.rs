@@ -232,7 +232,7 @@ impl Store {
         let mut file = options.map_err(failed)?;
         // Reading from a pipe would block for ever.
         if !file.metadata().map_err(failed)?.is_file() {
-            return Err(failed(io::Error::other("it is no regular file")));
+            return Err(failed(io::Error::other("it is not a regular file")));
         }
         match file.try_lock() {
             Ok(()) => {}

@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(place(|_| None), None);
     }
 
-    /// A second run reads what the first wrote; damage is repaired; an unwritable cache is no error.
+    /// A second run reads what the first wrote; damage is repaired; an unwritable cache is not an error.
     #[test]
     fn kept_bytes_are_used_and_repaired() {
         let folder = std::env::temp_dir().join(format!("metamorph-cache-{}", std::process::id()));

@@ -194,7 +194,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 if same { Ok(()) } else { Err("it has another summary".to_owned()) }
             }
             Event::Step(step) => self.step(key, record.at, step),
-            other => Err(format!("{other:?} is no event of an agent")),
+            other => Err(format!("{other:?} is not an event of an agent")),
         }
     }
 
@@ -329,7 +329,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
             // Found by audits, which are not repeated.
             Event::Violated { .. } | Event::Resumed => {}
             Event::Torn => self.torn = true,
-            other => return Err(format!("{other:?} is no event of the controller")),
+            other => return Err(format!("{other:?} is not an event of the controller")),
         }
         Ok(())
     }
@@ -350,7 +350,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         Ok(())
     }
 
-    /// Compares the outcome and the counts of the whole run.
+    /// Compares the outcome and the counts of the whole run with the recorded ones.
     fn end(&mut self, outcome: &str, tally: &Tally) -> Result<(), String> {
         self.ended = Some((outcome.to_owned(), *tally));
         let account = self.swarm.account(self.plan, &self.director, &self.world);

@@ -39,7 +39,7 @@ pub enum SolidError {
         why: String,
     },
     /// A directory, a pipe or a device.
-    #[error("{0}: this is no regular file")]
+    #[error("{0}: not a regular file")]
     NoFile(String),
     /// Too many parts of one kind.
     #[error("{file}:{line}: there are more than {most} {what}")]
@@ -94,7 +94,7 @@ pub enum SolidError {
         why: String,
     },
     /// A coordinate that is not a finite number.
-    #[error("{file}: a corner of triangle {triangle} is no finite number")]
+    #[error("{file}: a corner of triangle {triangle} is not a finite number")]
     NotFinite {
         /// The file.
         file: String,

@@ -98,7 +98,7 @@ impl Format {
     }
 }
 
-/// Reads a file and converts it to cells. Lost thin parts are no error here.
+/// Reads a file and converts it to cells. Lost thin parts are not an error here.
 pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
     let file = path.shown();
     let refuse = |wrong: bool, option, what| {

@@ -97,7 +97,7 @@ pub enum ShapeError {
     #[error("{0}\n  fix: {fix}", fix = .0.fix())]
     Solid(#[from] SolidError),
     /// The scenario would be invalid.
-    #[error("no scenario was written, because it could not be run:\n{0}")]
+    #[error("the scenario was not written, because it could not be run:\n{0}")]
     Scenario(Diagnostics),
     /// A file cannot be written.
     #[error(transparent)]

@@ -211,7 +211,7 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
         "exact: one search over place, class and posture; none found means that none exists".to_owned(),
         "two layers: the published planner; path among 8 neighbours, composed primitives, other neighbours clockwise".to_owned(),
         "which cells the published spanning area has is not said, so three readings are shown".to_owned(),
-        "the map of experiment 3 is a figure; ours has five rectangles, so its row is no comparison".to_owned(),
+        "the map of experiment 3 is a figure; ours has five rectangles, so its row is not a comparison".to_owned(),
         "D* Lite: columns come and go while the module walks; it repairs the distances to the goal of all standings, the whole search is A* anew".to_owned(),
         "worlds whose ends are joined over free connectors; by the feet alone a module cannot pass all of them".to_owned(),
     ];

@@ -114,7 +114,7 @@ impl Answer {
     }
 }
 
-/// Answers a query on standard output. A closed pipe is no error.
+/// Answers a query on standard output. A closed pipe is not an error.
 pub fn run(args: RobotArgs) -> Result<(), RobotError> {
     run_to(args, &mut io::stdout().lock())
 }
