@@ -241,7 +241,11 @@ fn plans_that_do_not_check_are_told_apart() {
         &|p| p["actions"][0]["do"] = json!({ "turn": [9, 1, 120] }),
         "there is no module 9",
     );
-    differs("joint.json", &|p| p["actions"][0]["do"] = json!({ "turn": [0, 4, 120] }), "not a step of a joint");
+    differs(
+        "joint.json",
+        &|p| p["actions"][0]["do"] = json!({ "turn": [0, 4, 120] }),
+        "not a step of a joint",
+    );
     differs("cost.json", &|p| p["cost"] = json!(3), "its cost is 4");
     differs("bound.json", &|p| p["lower"] = json!(5), "at least 5");
     differs(

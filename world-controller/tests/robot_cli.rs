@@ -167,3 +167,51 @@ fn a_closed_pipe_is_no_error() {
         assert!(output.stderr.is_empty(), "{args}: {}", String::from_utf8_lossy(&output.stderr));
     }
 }
+
+/// Writes a scenario of upright metamodules at these connectors, each with its joints straight.
+fn upright(name: &str, feet: &[(i16, i16)]) -> PathBuf {
+    let seed =
+        |(x, y): &(i16, i16)| format!("{{ foot = [{x}, {y}], directions = [\"up\", \"up\", \"up\"] }}");
+    let seeds: Vec<String> = feet.iter().map(seed).collect();
+    let text = format!(
+        "version = 1\n[swarm]\nfamily = \"metamodule\"\n[[goal]]\nname = \"block\"\nlevels = [[{}]]\n",
+        seeds.join(", ")
+    );
+    let path = scratch(name);
+    std::fs::create_dir_all(path.parent().expect("it has one")).expect("a directory");
+    std::fs::write(&path, text).expect("a file");
+    path
+}
+
+#[test]
+fn goals_are_taken_apart_to_find_an_order() {
+    for (scenario, parts) in [("box", 4), ("chair", 6)] {
+        let path = format!("{}/../deploy/scenarios/{scenario}.toml", env!("CARGO_MANIFEST_DIR"));
+        let found = json(&format!("order {path}"));
+        let steps = found["goals"][0]["steps"].as_array().expect("steps");
+        let filled: usize = steps.iter().map(|step| step.as_array().expect("seeds").len()).sum();
+        assert_eq!((filled, &found["goals"][0]["blocked"]), (parts, &serde_json::json!([])), "{found}");
+    }
+    // Three upright metamodules in a corner are possible; a fourth one that closes the square has no last step.
+    let three = upright("three.toml", &[(5, 5), (6, 5), (5, 6)]);
+    assert!(text(&format!("order {}", three.display())).contains("3 parts can be assembled"));
+    let four = upright("four.toml", &[(5, 5), (6, 5), (5, 6), (6, 6)]);
+    let ran = run(&format!("order {} --json", four.display()));
+    assert_eq!(ran.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&ran.stderr).contains("no order of assembly: block"));
+    let found: Value = serde_json::from_slice(&ran.stdout).expect("the answer is there");
+    let blocked = found["goals"][0]["blocked"].as_array().expect("a list");
+    // Each is blocked by its two neighbours; the one across the corner is in no way.
+    let by: Vec<&Value> = blocked.iter().map(|part| &part["by"]).collect();
+    assert_eq!(serde_json::json!(by), serde_json::json!([[2, 3], [1, 4], [1, 4], [2, 3]]), "{found}");
+}
+
+#[test]
+fn scenarios_without_an_order_are_refused_with_the_reason() {
+    let swarm = format!("{}/../deploy/scenarios/swarm.toml", env!("CARGO_MANIFEST_DIR"));
+    for (path, reason) in [(swarm.as_str(), "no metamodules"), ("nowhere.toml", "nowhere.toml")] {
+        let ran = run(&format!("order {path}"));
+        let told = String::from_utf8_lossy(&ran.stderr).into_owned();
+        assert!(ran.status.code() == Some(2) && told.contains(reason), "{told}");
+    }
+}

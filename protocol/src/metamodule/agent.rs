@@ -185,6 +185,7 @@ impl Metamodule {
         self.with_policy(now, |policy, cx| policy.retire(cx));
     }
     fn report(&mut self) {
+        let is_planned = self.setup.params.strategy == Strategy::Planned;
         self.out.report(Status {
             pose: self.own.pose,
             settled: self.own.settled,
@@ -192,7 +193,8 @@ impl Metamodule {
             waits_for: self.requester.waits_for,
             unreachable: self.policy.advertised().unreachable,
             deadlocked: self.detector.deadlocked,
-            busy: self.setup.params.strategy == Strategy::Planned && self.is_busy(),
+            busy: is_planned && self.is_busy(),
+            stuck: is_planned && self.own.stuck.is_some(),
         });
     }
 

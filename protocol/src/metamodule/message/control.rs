@@ -114,6 +114,8 @@ pub struct Status {
     pub deadlocked: bool,
     /// It moves, or has asked for a lock to move (told under `planned` only).
     pub busy: bool,
+    /// Its joints did not turn when they should have, and have not turned since (told under `planned` only).
+    pub stuck: bool,
 }
 
 impl Wire for Status {
@@ -128,6 +130,7 @@ impl Wire for Status {
         out.u32(self.unreachable.0);
         out.bool(self.deadlocked);
         out.bool(self.busy);
+        out.bool(self.stuck);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
         if kind != 16 {
@@ -143,7 +146,7 @@ impl Wire for Status {
         let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
         let unreachable = SeedSet(from.u32()?);
         let deadlocked = from.bool("deadlocked")?;
-        let busy = from.bool("busy")?;
-        Ok(Status { pose, settled, prevented, waits_for, unreachable, deadlocked, busy })
+        let (busy, stuck) = (from.bool("busy")?, from.bool("stuck")?);
+        Ok(Status { pose, settled, prevented, waits_for, unreachable, deadlocked, busy, stuck })
     }
 }

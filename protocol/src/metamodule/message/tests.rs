@@ -109,6 +109,7 @@ fn everything_survives_the_wire() {
             unreachable: filled,
             deadlocked: settled.is_some(),
             busy: settled.is_none(),
+            stuck: settled.is_some(),
         });
         let answer = settled.map(|s| Counted { metamodules: s.into(), stirs: u32::MAX });
         round_trip(&Message::Probe(Probe { initiator: origin, wave: 5, sequence: 6, answer }));

@@ -1,6 +1,7 @@
 //! Searches over poses of metamodules: the graph of turns, distances and routes of one body, cooperative
 //! searches for several, and plans of all until a goal is built.
 
+pub mod assembly_order;
 pub mod centralized;
 pub mod cooperative;
 pub mod distances;

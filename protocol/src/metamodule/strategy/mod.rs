@@ -122,8 +122,10 @@ impl Policy {
     }
     /// Starts over: there is another task.
     pub fn on_task(&mut self, cx: &mut Context<'_>) {
-        if let Some(n) = self.negotiated_mut() {
-            n.on_task(cx);
+        match self {
+            Policy::ForceField => {}
+            Policy::Negotiated(n) => n.on_task(cx),
+            Policy::Planned(p) => p.on_task(cx),
         }
     }
     /// A motion of the plan has ended well; `moved` if the metamodule stands on another connector now.

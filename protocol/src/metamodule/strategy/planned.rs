@@ -47,6 +47,12 @@ impl Planned {
         }
     }
 
+    /// Starts over: there is another task, and the last instruction was for the one before.
+    pub fn on_task(&mut self, cx: &mut Context<'_>) {
+        self.instruction = Instruction::Stay;
+        self.negotiated.on_task(cx);
+    }
+
     /// Takes an instruction. Returns whether that is news.
     pub fn hear(&mut self, cx: &mut Context<'_>, number: u32, instruction: Instruction) -> bool {
         if number <= self.number && !cx.v.has(Defect::FollowOldPlans) {

@@ -1,8 +1,8 @@
 //! Carries plans out under `planned`: orders moves as those before them are confirmed, and plans anew when a move is
 //! not made, a metamodule dies, an obstacle comes or goes, or the goal changes.
 //!
-//! It plans from what metamodules report. While it plans nothing moves. A metamodule that does not make its move
-//! in time is *suspected*: it counts as an obstacle in the next plan. Where the plan leaves seeds unfilled that it
+//! It plans from what metamodules report. While it plans nothing moves. A metamodule whose joints are stuck, or that does
+//! not make its move in time, is *suspected*: it counts as an obstacle in the next plan. Where the plan leaves seeds unfilled that it
 //! has metamodules for, they decide for themselves, as under `negotiated`, until one more seed is filled; if
 //! that is not allowed they rest.
 //!
@@ -64,6 +64,16 @@ impl Swarm<'_> {
         let all = (0..).map(ModuleId).zip(self.known);
         all.filter(|(_, known)| known.alive).map(|(id, known)| (id, known.status))
     }
+    /// Whether a metamodule fills a seed of the present task. What it last told may be of the task before.
+    fn fills(&self, status: &Status) -> bool {
+        let seed = status.settled.and_then(|seed| self.setup.seed(self.task, seed));
+        seed.is_some_and(|seed| seed.cells() == self.setup.motions.cells(status.pose))
+    }
+    /// What decides which plan is made, of each metamodule.
+    fn standing(&self) -> Vec<(ModuleId, Option<(Pose, bool, bool)>)> {
+        let told = |s: Status| (s.pose, self.fills(&s), s.stuck);
+        self.living().map(|(id, status)| (id, status.map(told))).collect()
+    }
     fn status(&self, id: ModuleId) -> Option<Status> {
         self.known.get(id.index()).filter(|known| known.alive).and_then(|known| known.status)
     }
@@ -81,7 +91,7 @@ enum Stage {
     Planning(Time),
     /// The plan is carried out.
     Moving,
-    /// There is nothing to do until something changes.
+    /// There is nothing to do until something changes: no plan for what was known then fills another seed.
     Resting,
     /// Metamodules decide for themselves until something changes, or others than these seeds are filled.
     HandedOver(SeedSet),
@@ -112,6 +122,8 @@ pub(super) struct PlanExecution {
     /// Plans made since the last seed was filled.
     replans: u32,
     filled: SeedSet,
+    /// What was known when there was nothing more to do.
+    rested: Vec<(ModuleId, Option<(Pose, bool, bool)>)>,
     /// Whether metamodules may decide for themselves where there is no plan.
     hands_over: bool,
     pub counts: PlanCounts,
@@ -128,6 +140,7 @@ impl PlanExecution {
             suspected: BTreeSet::new(),
             replans: 0,
             filled: SeedSet::default(),
+            rested: Vec::new(),
             hands_over,
             counts: PlanCounts::default(),
         }
@@ -166,7 +179,11 @@ impl PlanExecution {
                 }
             }
             Stage::Moving => self.go_on(now, swarm, orders),
-            Stage::Resting => {}
+            Stage::Resting => {
+                if self.rested != swarm.standing() {
+                    self.hold(now, swarm, orders);
+                }
+            }
             Stage::HandedOver(filled) => {
                 if filled != swarm.filled {
                     self.hold(now, swarm, orders);
@@ -198,7 +215,7 @@ impl PlanExecution {
         let (mut ids, mut free, mut fixed) = (Vec::new(), Vec::new(), swarm.stays.clone());
         for (id, status) in swarm.living() {
             let Some(status) = status else { continue };
-            if status.settled.is_none() && !self.suspected.contains(&id) {
+            if !swarm.fills(&status) && !status.stuck && !self.suspected.contains(&id) {
                 ids.push(id);
                 free.push(status.pose);
             } else {
@@ -238,9 +255,10 @@ impl PlanExecution {
             let Some(due) = step.due else { continue };
             let status = swarm.status(step.id);
             let is_there = status.is_some_and(|s| s.pose == step.to && !s.busy);
-            step.done =
-                is_there && (step.planned.fills.is_none() || status.is_some_and(|s| s.settled.is_some()));
-            if !step.done && now >= due {
+            step.done = is_there && (step.planned.fills.is_none() || status.is_some_and(|s| swarm.fills(&s)));
+            if !step.done && status.is_some_and(|s| s.stuck) {
+                late = Some(step.id);
+            } else if !step.done && now >= due {
                 match status.is_some_and(|s| s.busy) {
                     true => step.due = Some(now + lease),
                     false => late = Some(step.id),
@@ -277,7 +295,7 @@ impl PlanExecution {
     fn run_out(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
         let is_built = swarm.filled.holds(swarm.setup.goal(swarm.task).all());
         self.steps.clear();
-        self.stage = Stage::Resting;
+        (self.stage, self.rested) = (Stage::Resting, swarm.standing());
         if is_built {
             return;
         }

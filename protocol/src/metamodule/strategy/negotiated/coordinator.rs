@@ -298,6 +298,10 @@ pub(super) fn own_move(scene: &Scene<'_>, instruction: Instruction) -> Option<Pl
         Some(seed) => Aim::Settle(seed),
         None => Aim::Shift,
     };
+    if aim == Aim::Shift && posture == pose.posture {
+        // It stands so already, and may not fill the seed yet. A motion of no steps would begin again at once.
+        return None;
+    }
     let plan = Plan::to(&v.ground(&scene.taken), pose, posture, aim)?;
     hit(CoveragePoint::MetaCalled);
     Some(plan)

@@ -3,6 +3,7 @@
 //! Answers are written as text, or as one JSON value with `--json`. Not here: running a swarm.
 
 mod motions;
+mod order;
 mod poses;
 mod report;
 mod svg;
@@ -44,6 +45,8 @@ enum RobotCommand {
     },
     /// List the landings and steps of a kind, or a plan to a shape
     Moves(motions::MovesArgs),
+    /// The order in which the parts of a scenario's goals can be assembled
+    Order(order::OrderArgs),
     /// Pose of the head: forward kinematics
     Fk(poses::FkArgs),
     /// Joint angles for a pose of the head: inverse kinematics
@@ -70,6 +73,12 @@ pub enum RobotError {
     /// No posture has the pose.
     #[error("{0}")]
     OutOfReach(String),
+    /// The scenario cannot be read.
+    #[error("{0}")]
+    Scenario(String),
+    /// Goals that cannot be assembled.
+    #[error("no order of assembly: {0}")]
+    NoOrder(String),
     /// A file cannot be written.
     #[error(transparent)]
     File(#[from] OutputError),
@@ -81,9 +90,9 @@ pub enum RobotError {
 impl CommandError for RobotError {
     fn exit_code(&self) -> u8 {
         match self {
-            RobotError::Usage(_) | RobotError::Kinematics(_) => BAD_USAGE,
+            RobotError::Usage(_) | RobotError::Kinematics(_) | RobotError::Scenario(_) => BAD_USAGE,
             RobotError::File(error) => error.exit_code(),
-            RobotError::OutOfReach(_) | RobotError::Output(_) => FAILED,
+            RobotError::OutOfReach(_) | RobotError::NoOrder(_) | RobotError::Output(_) => FAILED,
         }
     }
     fn text(&self) -> String {
@@ -126,6 +135,7 @@ pub fn run_to(args: RobotArgs, out: &mut dyn Write) -> Result<(), RobotError> {
         RobotCommand::Table { number } => report::table(&number)?,
         RobotCommand::Shapes { kind } => motions::shapes(&database(), kind),
         RobotCommand::Moves(moves) => motions::moves(&database(), &moves)?,
+        RobotCommand::Order(order) => order::order(&order)?,
         RobotCommand::Fk(fk) => poses::fk(&fk)?,
         RobotCommand::Ik(ik) => poses::ik(&ik)?,
         RobotCommand::Svg(svg) => svg::answer(&svg)?,
