@@ -17,9 +17,9 @@ use std::io;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The longest wait while time passes slowly, because it may pass faster before the wait is over.
+/// Limit on a wait, in real time, while scenario time passes below full speed: the speed may rise meanwhile.
 const SLOW_WAIT: Duration = Duration::from_millis(50);
-/// The wait while the controller is late with the next slice of time.
+/// The shortest wait, in real time, after the clock page has run out and scenario time stands still.
 const LAPSED_WAIT: Duration = Duration::from_millis(5);
 
 /// The speed of scenario time relative to real time, as a ratio of integers.
@@ -30,7 +30,7 @@ pub struct Speed {
     den: u32,
 }
 
-/// The speed is infinite.
+/// The denominator of a speed is zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("a speed of {0}/{1} is not possible; the second number must be above 0")]
 pub struct SpeedError(u32, u32);
@@ -95,7 +95,8 @@ pub fn monotonic() -> u64 {
     t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
 }
 
-/// Scenario time, as an agent reads it.
+/// Reads scenario time from a clock source. Keeps a copy of the clock page, and renews it when it has run
+/// out.
 #[derive(Debug)]
 pub struct Clock<C> {
     source: C,
@@ -145,9 +146,12 @@ impl<C: ClockSource> Clock<C> {
     }
 }
 
-/// Returns how long to wait from an instant on before the next look at the clock, in order not to miss
-/// `time`: as long as it takes at full speed; or at the present speed, but at most [`SLOW_WAIT`], since time
-/// may pass faster meanwhile.
+/// Returns how long to wait from the instant `monotonic` on, in real time, before the next look at the clock,
+/// in order not to miss `time`.
+///
+/// At full speed, this is the real time until `time`. At a lower speed, it is the real time until `time` at
+/// that speed, but at most [`SLOW_WAIT`], since the speed may rise meanwhile; yet never less than at full
+/// speed.
 pub fn wait(page: &Page, full: Speed, monotonic: u64, time: Time) -> Duration {
     let left = time.since(page.at(monotonic)).0;
     let soonest = Duration::from_nanos(full.real(left));

@@ -18,7 +18,8 @@ use std::sync::Arc;
 /// it.
 #[derive(Clone, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Summary {
-    /// The role of the module, such as `reserve`, `walker`, `final`, or `free`, `settled`.
+    /// The role of the module: for cubes `reserve`, `walker` or `final`, for metamodules `free`, `claiming` or
+    /// `settled`.
     pub role: String,
     /// The current activity, such as `moving`.
     pub activity: String,
@@ -26,9 +27,9 @@ pub struct Summary {
     pub goal: u16,
     /// The depth in the parent forest; for metamodules, the seed that it fills or goes to.
     pub level: Option<u16>,
-    /// The distance to the target of the attraction, in moves times the unit of the family.
+    /// For cubes the distance to the nearest target, in sixteenths of a move; for metamodules the cost of the claim.
     pub gradient: Option<u32>,
-    /// The module that this one has promised to keep space or stand still for.
+    /// The module that holds a lock granted by this one, which has promised to stay or to keep cells free for it.
     pub lock: Option<ModuleId>,
     /// The module that this one waits for.
     pub waits_for: Option<ModuleId>,

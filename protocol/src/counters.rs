@@ -1,6 +1,6 @@
-//! Message counters that add up.
+//! Counters of protocol messages, by class.
 //!
-//! For every class, once a run has ended:
+//! Every copy of a message has exactly one fate. So for every class, once a run has ended:
 //! `sent + duplicated = delivered + lost + overflowed + expired + refused + in flight`.
 
 use serde::{Deserialize, Serialize};

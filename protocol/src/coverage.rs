@@ -1,8 +1,8 @@
 //! Coverage points: rare paths of the protocols and drivers note that they have run, so that an exploration
 //! can list the paths that were never taken.
 //!
-//! A point is a bit in the thread that runs the agent; setting it costs about as much as an addition.
-//! *Invariant.* No protocol and no driver reads points, so they cannot influence a run.
+//! The points that have run are kept as bits of a thread-local set; setting one costs about as much as an
+//! addition. *Invariant.* No protocol and no driver reads the set, so it cannot influence a run.
 
 use std::cell::Cell;
 
@@ -145,12 +145,12 @@ pub fn hit(mark: CoveragePoint) {
     SET.with(|set| set.set(set.get() | 1 << mark as u32));
 }
 
-/// Adds points that were set in another thread to this one.
+/// Adds points that were set in another thread to the set of this thread.
 pub fn add(marks: CoveragePoints) {
     SET.with(|set| set.set(set.get() | marks.0));
 }
 
-/// Returns the points set in this thread since the last call. For drivers, not for agents.
+/// Returns the points set in this thread since the last call, and clears them. For drivers, not for agents.
 pub fn take() -> CoveragePoints {
     SET.with(|set| CoveragePoints(set.take()))
 }

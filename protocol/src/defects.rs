@@ -1,4 +1,5 @@
-//! Known defects of the protocols and of the planner. Tests switch them on to prove that the checks find them; no scenario does.
+//! Known defects of the protocols and of the planner. Tests switch them on to prove that the checks find them; no
+//! scenario does.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[doc(hidden)]
 pub enum Defect {
-    /// Both families: messages count in whatever session they were sent.
+    /// Both families: a message is accepted even if it was sent in an earlier session.
     IgnoreSessions,
     /// Cubes: moves carry no latest start time for the body.
     NoDeadline,
@@ -26,28 +27,31 @@ pub enum Defect {
     NoListening,
     /// Cubes: a neighbour that has not been heard yet is ignored.
     IgnoreStrangers,
-    /// Cubes: neighbours that a search has not connected count as connected.
+    /// Cubes: the neighbours of a mover count as connected although the search for a cycle has not connected them.
     ShallowSearch,
     /// Cubes: gradient values are accepted however old they are.
     AcceptStaleValues,
-    /// Cubes: solid goals grow by the rule that is enough for scaffolds.
+    /// Cubes: a cell of a solid goal is started as soon as any lower neighbour is filled, as in scaffolds.
     AnyLowerOnSolids,
-    /// Cubes: a module announces that it holds a dead neighbour without proof that it does not hang on it.
+    /// Cubes: a module announces that it holds a dead neighbour without proof that its own path to the finalized
+    /// modules does not lead through that neighbour.
     LetGoUnproved,
-    /// Cubes: a registered child counts as proof that this module does not hang on it.
+    /// Cubes: a dead neighbour that is a registered child counts as proof that a module's path does not lead through
+    /// it.
     ChildProves,
-    /// Cubes: a late beacon of a dead neighbour ends that this module holds it, whatever was announced.
+    /// Cubes: a beacon that a dead neighbour sent before its death makes a module let go of it, even if the module
+    /// has announced that it holds the neighbour.
     ForgetSaid,
-    /// Cubes: an announcement for another death of the same module counts.
+    /// Cubes: a module lets go of a dead neighbour after an announcement about another death of that neighbour.
     LetGoOldDeath,
-    /// Cubes: an announcement for another goal counts.
+    /// Cubes: a module lets go of a dead neighbour after an announcement that belongs to another goal.
     EpochWords,
     /// Metamodules: every request is granted.
     GrantEverything,
     /// Metamodules: no neighbour is asked for its consent.
     AskNone,
-    /// Metamodules: locks are dropped at once, by the holder and by the modules that granted them. One side
-    /// alone would not do: motions are planned around a grant that is remembered.
+    /// Metamodules: locks are dropped at once, by the holder and by the modules that granted them. Both have to
+    /// drop them: a module that remembers its grant plans its motions around it.
     ForgetLocks,
     /// Metamodules: a holder goes on after its lease has ended.
     OutstayLease,
@@ -56,7 +60,7 @@ pub enum Defect {
     /// Metamodules: an earlier state replaces a later one, even a certified death. The next state of a living
     /// sender corrects it.
     AcceptStaleStates,
-    /// Metamodules: none makes way, neither on its own nor on a directive.
+    /// Metamodules: no metamodule makes way, neither on its own nor on a directive.
     StandInTheWay,
     /// Metamodules: an instruction of an earlier plan replaces a later one.
     FollowOldPlans,
@@ -68,7 +72,7 @@ pub enum Defect {
 pub enum PlanningDefect {
     /// A connection that holds the structure together can be detached.
     DetachBridges,
-    /// A joint in a loop turns.
+    /// A joint turns although a loop of modules locks it.
     TurnInLoops,
     /// A turn is not checked against the half of its own cube that stays.
     IgnoreOwnHalf,

@@ -12,7 +12,7 @@ use std::hash::Hasher;
 /// Size of the buffer in bytes: one long write is faster than many short ones.
 const GATHERED: usize = 512;
 
-/// A hasher that passes numbers on in one form on every machine.
+/// A hasher that encodes numbers in the same way on every machine, and passes them on to another hasher.
 pub struct Portable<'a> {
     to: &'a mut dyn Hasher,
     gathered: [u8; GATHERED],
@@ -48,7 +48,7 @@ impl Drop for Portable<'_> {
 }
 
 impl Hasher for Portable<'_> {
-    /// Returns the hash of the bytes that have been passed on.
+    /// Returns the hash of the bytes passed on so far; bytes that are still in the buffer are left out.
     fn finish(&self) -> u64 {
         self.to.finish()
     }

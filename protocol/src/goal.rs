@@ -62,8 +62,8 @@ pub enum GoalError {
         /// True if the scaffold is disconnected and the shape itself is not.
         scaffold: bool,
     },
-    /// Levels are 16-bit numbers.
-    #[error("the goal is {0} steps deep; 60,000 is the most")]
+    /// Growth from the seed takes too many steps; levels are stored in 16 bits.
+    #[error("the goal is {0} steps deep; the maximum is 60,000")]
     TooDeep(usize),
 }
 
@@ -119,8 +119,8 @@ impl Goal {
         Ok(goal)
     }
 
-    /// Reserves an edge of each corner where growth fronts meet from all six sides for the corner itself, so
-    /// that the corner stays reachable until it is filled.
+    /// Finds the corners at which growth fronts meet from all six sides, and reserves one of the neighbouring edges
+    /// of each: only the corner may start that edge. So the corner stays reachable until it is filled.
     fn keep_meeting_points_open(&mut self, set: &BTreeSet<Cell>) {
         for cell in set {
             let level = self.level(*cell);

@@ -1,7 +1,7 @@
-//! The host of one incarnation of an agent. Every driver hands inputs to an agent and takes its outputs
-//! through it: the simulator, an agent process, a replay and the model checker. Recording is one hook here.
+//! The host of one incarnation of an agent. Every driver (the simulator, an agent process, a replay and the model
+//! checker) hands inputs to an agent and takes its outputs through it, so that recording is hooked in here only.
 //!
-//! Absent: carrying outputs out, which differs between drivers.
+//! Carrying the outputs out is left to the drivers, which differ in it.
 
 use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf, Summary};
 use crate::counters::Class;
@@ -36,7 +36,7 @@ struct Steps<A: Agent> {
 pub struct StepContext<'a> {
     /// The name and class of the message, if the input is one.
     pub heard: Option<(MessageName, Class)>,
-    /// The contact changes that the agent knows of.
+    /// The number of contact changes that the agent knows of.
     pub revision: Revision,
     /// The module at a port.
     pub peer: &'a dyn Fn(Port) -> Option<ModuleId>,
@@ -93,7 +93,7 @@ impl<A: Agent> AgentHost<A> {
         hash(&self.agent, &steps.outputs)
     }
 
-    /// Hands in one input, and records it with all that follows before the first output can be polled.
+    /// Hands in one input and records it together with its effects, before the first output can be polled.
     pub fn handle_recorded(&mut self, now: Time, input: InputOf<A>, context: StepContext<'_>) {
         let StepContext { heard, revision, peer, sink } = context;
         let input_record = taken::<A>(&input, heard);

@@ -40,8 +40,8 @@ id!(
     Token(u32)
 );
 id!(
-    /// The number of contact changes that a body has seen. A body refuses an action that was decided on an
-    /// older state of its contacts, which makes sensing as good as synchronous on any transport.
+    /// The number of contact changes that a body has seen. An action carries the revision that it was decided on, and
+    /// the body refuses it if its contacts have changed since. So on any transport an agent acts on present contacts.
     Revision(u32)
 );
 

@@ -152,9 +152,9 @@ impl Face {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum MotionKind {
-    /// `a → a+d` over the modules at `a+s` and `a+d+s`.
+    /// From cell `a` to `a+d` over the modules at `a+s` and `a+d+s`; `d` is the heading, `s` the side of the support.
     Slide = 0,
-    /// `a → a+s+d` around the edge of the module at `a+s`; `a+d`, the corner, must be free.
+    /// From cell `a` to `a+s+d` around the edge of the module at `a+s`; the corner `a+d` must be free.
     Convex = 1,
 }
 
@@ -170,7 +170,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Returns the cell that the motion ends in, from cell `from`.
+    /// Returns the cell in which the motion ends if it starts in `from`.
     pub fn destination(self, from: Cell) -> Cell {
         match self.kind {
             MotionKind::Slide => from.step(self.heading),

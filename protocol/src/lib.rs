@@ -1,10 +1,10 @@
 //! Vocabulary and protocols of a self-reconfigurable swarm.
 //!
-//! The ids, units, lattice and messages that every part of Metamorph shares, and the protocols themselves as
-//! sans-IO state machines: inputs and the current time go in, outputs are polled out, and one call returns
-//! the next wake-up time.
+//! This crate holds the ids, units, lattice and messages that every part of Metamorph shares, and the protocols
+//! themselves as sans-IO state machines: inputs and the current time go in, outputs are polled out, and one call
+//! returns the next wake-up time.
 //!
-//! Absent: clock, thread, socket, file, global randomness, and floating point in the state of an agent.
+//! It uses no clock, thread, socket, file or global randomness, and no floating point in the state of an agent.
 
 pub mod agent;
 pub mod assembly;

@@ -43,7 +43,8 @@ pub struct LinkModel {
     pub reorder: Ratio,
     /// Probability that a bit of a message flips.
     pub corrupt: Ratio,
-    /// From this time on messages are delayed and not impaired otherwise; never, if left out.
+    /// From this time on messages are delayed, but not lost, duplicated, reordered or damaged; partitions still
+    /// apply. `None`: never.
     pub harmless_from: Option<Time>,
     /// Partitions, during which no message passes between the sides.
     pub partitions: Vec<Partition>,
@@ -54,7 +55,7 @@ pub struct LinkModel {
 pub struct Arrival {
     /// The time of arrival.
     pub at: Time,
-    /// The bit that flips under way (see [`crate::wire::Frame::flip`]).
+    /// The bit that flips under way (see [`crate::wire::Frame::flip`]); `None` if the copy arrives undamaged.
     pub flipped_bit: Option<u64>,
 }
 

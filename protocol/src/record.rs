@@ -92,7 +92,7 @@ pub enum Event {
     Act {
         /// The module.
         id: ModuleId,
-        /// The contact changes that its agent knew of.
+        /// The number of contact changes that its agent knew of.
         revision: Revision,
         /// The action.
         action: Blob,
@@ -160,8 +160,8 @@ pub enum Event {
     },
     /// Driver: a controller has taken over the run.
     Resumed,
-    /// Driver: the records of one owner end here although it went on, because its file was torn or its disk
-    /// full. What follows from them cannot be checked.
+    /// Driver: the records of one owner end here although the owner went on, because its file was torn or its disk
+    /// was full. Its later events are missing, and what follows from them cannot be checked.
     Torn,
     /// Director, input: a process was killed, stopped or continued from outside the run.
     External {
@@ -286,7 +286,7 @@ pub struct Sent {
 pub enum Emitted {
     /// An action.
     Act {
-        /// The contact changes that the agent knew of.
+        /// The number of contact changes that the agent knew of.
         revision: Revision,
         /// The action.
         action: Blob,
@@ -297,7 +297,7 @@ pub enum Emitted {
 
 /// The destination of records.
 pub trait Sink {
-    /// Takes one record. Never fails: records that cannot be kept are counted where they are lost.
+    /// Takes one record. Never fails: a sink that cannot keep records counts the lost ones.
     fn put(&mut self, record: &Record);
     /// Makes the records so far durable: their effects are about to be carried out, so they must not be lost
     /// with this process.

@@ -19,7 +19,7 @@ pub struct Contact {
     pub peer_port: Port,
 }
 
-/// What a body senses. `P` is what it tells about an action.
+/// What a body senses. `P` is the type of percepts.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sensed<P> {
     /// The contact on a port changed.
@@ -47,7 +47,7 @@ impl<P> Sensed<P> {
     }
 }
 
-/// What the controller wants a driver to do. `O` is an order to an agent.
+/// What the controller wants a driver to do. `O` is the type of orders.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command<O> {
     /// Kill the process of a module (SIGKILL). Its body stays where it is.

@@ -108,8 +108,8 @@ pub enum SpanError {
     /// The part before the unit is not a decimal number.
     #[error("`{0}` does not start with a number; write for example `1.5s` or `200ms`")]
     Number(String),
-    /// More than about 584 years.
-    #[error("`{0}` is too long; the longest time is about 500 years")]
+    /// More than 2^64 − 1 nanoseconds, about 584 years.
+    #[error("`{0}` is too long; the longest time is about 584 years")]
     TooLong(String),
 }
 

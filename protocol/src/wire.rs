@@ -56,7 +56,7 @@ pub enum WireError {
     #[error("version {0} of the wire format; this program reads version {VERSION}")]
     Version(u8),
     /// The checksum does not match.
-    #[error("the check sum does not match the content")]
+    #[error("the checksum does not match the content")]
     Checksum,
     /// The payload length is impossible, or does not match the message.
     #[error("the payload length is wrong")]
@@ -99,7 +99,7 @@ pub fn from_payload<W: Wire>(kind: u8, bytes: &[u8]) -> Result<W, WireError> {
     if from.bytes.is_empty() { Ok(message) } else { Err(WireError::Length) }
 }
 
-/// A message that is never sent, for families without, for example, orders.
+/// A message type without values, for families that lack some kind of message, for example orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Never {}
 
@@ -381,7 +381,7 @@ impl Encoder {
     }
 }
 
-/// Reads a payload; every read past the end is [`WireError::Length`].
+/// Reads a payload; a read past its end returns [`WireError::Length`].
 pub struct Decoder<'a> {
     bytes: &'a [u8],
 }

@@ -1,5 +1,5 @@
-//! The one suite that every driver passes. Each check is a script and what must have been seen: on the
-//! simulator, on threads in memory, and on processes over shared memory.
+//! The suite that every driver has to pass. Each check consists of a script and of the observations that are
+//! expected, on the simulator, on threads in memory, and on processes over shared memory.
 //!
 //! `conformance!(make_testbed)` in a test file makes a test of each of them.
 
@@ -101,7 +101,8 @@ pub fn delivers_to_the_neighbour_that_is_there(bed: &mut impl Testbed) {
     }
 }
 
-/// Nothing reaches a module that has left; it is counted, and the one that came instead gets its own.
+/// Messages to a module that has left expire and are counted so; the module that takes its place receives its
+/// own only.
 pub fn delivers_nothing_to_one_that_has_left(bed: &mut impl Testbed) {
     let mut world = ProbeWorld::new(3);
     let script = Script::new(3)
@@ -241,7 +242,8 @@ pub fn a_partition_cuts_and_heals(bed: &mut impl Testbed) {
     assert_eq!((counts.sent, counts.lost, counts.delivered), (6, 4, 2));
 }
 
-/// A stopped module's inbox fills up; what does not fit is counted, and it goes on afterwards.
+/// The inbox of a stopped module fills up; messages that do not fit are counted, and later ones arrive again
+/// once the module goes on.
 pub fn an_inbox_that_is_full_is_counted(bed: &mut impl Testbed) {
     let script = Script::new(2)
         .command(Command::Pause(B))

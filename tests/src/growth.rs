@@ -88,7 +88,8 @@ pub fn slab(side: i16) -> Vec<Cell> {
         .expect("invariant: a box has cells")
 }
 
-/// Returns the largest ball around the middle of a slab with a goal of at most three quarters of its modules.
+/// Returns the goal for the largest ball around the middle of a slab that has at most three quarters as many
+/// cells as the slab has modules.
 pub fn ball(side: i16, growth: Growth) -> Goal {
     let (center, most) = (Cell::new(side / 2, side / 2, 0), side as usize * side as usize * 3 / 4);
     (1..)

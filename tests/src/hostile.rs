@@ -1,9 +1,9 @@
 //! Hostile inputs: a directory with files of every kind, a command in it, and the conditions that must hold
 //! for all inputs. Not here: the inputs themselves.
 //!
-//! The conditions: the exit code is a documented one, the command does not panic, it ends, it does with
-//! [`MOST_MEMORY_KB`] of address space, it changes and creates only the files that it was asked to write, it
-//! prints no control character, and it leaves nothing in /dev/shm.
+//! The conditions: the command ends in time with a documented exit code, does not panic, gets by with
+//! [`MOST_MEMORY_KB`] of address space, creates and changes only the files that it was asked to write, prints
+//! no control character, and leaves nothing in /dev/shm.
 
 use crate::command::metamorph;
 use metamorph_module_agent::run_dir::identity::Identity;

@@ -198,7 +198,7 @@ impl Assembly {
         self.setup = Arc::new(setup);
         self
     }
-    /// Starts with empty caches: the motions keep answers, and new ones have none.
+    /// Replaces the motions, which cache the answers of earlier searches, by new ones with empty caches.
     pub fn with_new_motions(mut self) -> Assembly {
         let mut setup = (*self.setup).clone();
         setup.motions = new_motions(setup.kind());

@@ -31,11 +31,11 @@ pub struct ProbePlace(pub u32);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProbeMessage(pub u32);
 
-/// What a probe asks of its body.
+/// The only action of a probe: a request to its body, with a number that the answer repeats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Touch(pub u32);
 
-/// How it went.
+/// The answer of a body to a [`Touch`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Felt {
     /// The number of the touch.
@@ -47,7 +47,7 @@ pub struct Felt {
 /// What a test wants of a probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProbeOrder {
-    /// Send the numbers from `first`, `count` of them.
+    /// Send `count` consecutive numbers from `first` on.
     Send {
         /// By this port.
         port: Port,
@@ -69,7 +69,7 @@ pub enum ProbeOrder {
 /// What a probe tells the test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProbeReport {
-    /// It was born.
+    /// The agent has started.
     Born {
         /// Which incarnation it is.
         incarnation: Incarnation,
@@ -204,7 +204,7 @@ pub struct ProbeWorld {
 }
 
 impl ProbeWorld {
-    /// `count` bodies that touch nothing.
+    /// Creates `count` bodies without contacts.
     pub fn new(count: u32) -> ProbeWorld {
         ProbeWorld {
             incarnations: vec![Incarnation(0); count as usize],
@@ -291,7 +291,7 @@ impl World for ProbeWorld {
     }
 }
 
-/// Messages of one kind with one number.
+/// Implements [`Wire`] for a type that consists of one number, with a single kind.
 macro_rules! number {
     ($name:ident) => {
         impl Wire for $name {

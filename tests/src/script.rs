@@ -24,7 +24,7 @@ pub enum Seen {
 pub struct Log(pub Vec<(Time, Seen)>);
 
 impl Log {
-    /// How often exactly this was seen.
+    /// Returns how often exactly this was seen.
     pub fn count(&self, seen: Seen) -> usize {
         self.0.iter().filter(|(_, s)| *s == seen).count()
     }
@@ -81,7 +81,7 @@ pub struct Script {
 }
 
 impl Script {
-    /// An empty script that gives up after a minute, and first waits for `count` modules to start.
+    /// Creates an empty script that first waits for `count` modules to start, and gives up after a minute.
     pub fn new(count: u32) -> Script {
         let script = Script {
             steps: VecDeque::new(),
@@ -98,7 +98,7 @@ impl Script {
         })
     }
 
-    /// Another deadline.
+    /// Sets another deadline, counted from the start of the run.
     pub fn deadline(mut self, after: Span) -> Script {
         self.deadline = Time::ZERO + after;
         self

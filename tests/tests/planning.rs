@@ -154,7 +154,7 @@ fn bad_options_are_refused_with_place_reason_and_fix() {
     refused(&plan(&["line:4", "--types", "00"]), &["--types 00", "3 digits"]);
     refused(&plan(&["line:4", "--types", "004"]), &["--types 004"]);
     refused(&plan(&["ell:4", "--types", "000"]), &["the start is not a line"]);
-    refused(&plan(&["line:4", "--weight", "0.5"]), &["--weight 0.5", "1 or more"]);
+    refused(&plan(&["line:4", "--weight", "0.5"]), &["--weight 0.5", "at least 1"]);
     refused(&plan(&["line:4", "--weight", "NaN"]), &["--weight NaN"]);
     refused(&plan(&["line:4", "--weight", "-1"]), &["--weight -1"]);
     refused(&plan(&["line:4", "--weight", "x"]), &["this is not a number"]);

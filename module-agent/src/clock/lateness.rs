@@ -1,24 +1,25 @@
-//! Lateness of an agent: how much scenario time its inputs waited, and how long after the due time it woke
-//! up. An agent later than the run tolerates tells its controller, which then lets scenario time pass more
-//! slowly. Not here: how the controller reacts.
+//! Lateness of an agent: how long its inputs waited, and how long after the due time it woke up, in scenario
+//! time. An agent reports lateness above half of what the run tolerates to its controller, which may then let
+//! scenario time pass more slowly. Not here: how the controller reacts.
 
 use metamorph_protocol::time::{Span, Time};
 
-/// The shortest real time between two reports of one agent, in nanoseconds, in a swarm of up to 100. It grows
-/// with the swarm, so that the total of reports stays small.
+/// The shortest real time between two lateness reports of one agent, in nanoseconds, in a swarm of up to 100
+/// modules. In larger swarms it is multiplied by the number of hundreds, which bounds the rate of all
+/// reports.
 const EVERY: u64 = 25_000_000;
 
 /// An input or a wake-up that was taken late.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Late {
-    /// When it was sent, or due.
+    /// The scenario time at which the input was sent, or the wake-up was due.
     pub since: Time,
-    /// How long it waited.
+    /// The scenario time from then until it was taken.
     pub by: Span,
 }
 
 impl Late {
-    /// Returns the later of two.
+    /// Returns the one of the two that was taken with the longer delay.
     pub fn worse(self, other: Option<Late>) -> Late {
         other.filter(|o| o.by > self.by).unwrap_or(self)
     }
@@ -48,7 +49,7 @@ impl Lateness {
         }
     }
 
-    /// Returns the lateness to be reported now, if any.
+    /// Takes the worst lateness noted since the last report, if a report is allowed at `monotonic`.
     pub fn report(&mut self, monotonic: u64) -> Option<Late> {
         let due = self.worst.is_some() && monotonic.saturating_sub(self.reported) >= self.every;
         if due {

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 const MAGIC: [u8; 8] = *b"MMCLOCK\x01";
 /// Size of the file in bytes: magic, two stretches, the end of the promise, a check sum.
 const SIZE: usize = 8 + 2 * 24 + 8 + 4;
-/// Number of reads until the check sum fits; it does not while the page is being written.
+/// Largest number of reads of a page whose check sum does not fit, as while it is being written.
 const ATTEMPTS: usize = 64;
 
 /// Returns the path of the clock page of the run in `root`.
@@ -44,7 +44,8 @@ impl Stretch {
     }
 }
 
-/// The course of scenario time. All instants are nanoseconds of CLOCK_MONOTONIC.
+/// How scenario time passes up to a given instant: two consecutive stretches of constant speed. All instants
+/// are nanoseconds of CLOCK_MONOTONIC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Page {
     now: Stretch,
@@ -53,13 +54,14 @@ pub struct Page {
 }
 
 impl Page {
-    /// Returns a page on which it is `time` from `monotonic` on, until a slice is added.
+    /// Returns a page on which scenario time stands at `time` from the instant `monotonic` on, until a slice
+    /// is added.
     pub const fn stopped(monotonic: u64, time: Time) -> Page {
         let stretch = Stretch { from: monotonic, time: time.0, speed: Speed::STOPPED };
         Page { now: stretch, next: stretch, until: monotonic }
     }
 
-    /// Returns the scenario time at an instant; at any later one, that of the end of the promise.
+    /// Returns the scenario time at an instant; after the end of the promise, the time at its end.
     pub fn at(&self, monotonic: u64) -> Time {
         let monotonic = monotonic.min(self.until);
         let stretch = if monotonic >= self.next.from { &self.next } else { &self.now };

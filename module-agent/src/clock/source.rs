@@ -1,5 +1,5 @@
 //! The two sources of a run's clock: a monotonic clock, and the clock page that the controller writes and
-//! every agent reads. One implementation serves the processes of a machine, one a single process.
+//! every agent reads. [`FileClock`] serves the processes of one machine, [`MemoryClock`] a single process.
 
 use crate::clock::monotonic;
 use crate::clock::page::{Page, path};

@@ -1,4 +1,5 @@
-//! Errors of journals: the ends that a killed writer leaves, and damage, which it does not leave.
+//! Errors of journals. Readers tell the incomplete last frame of a killed writer ([`Torn`]) from damage,
+//! which has another cause ([`Damage`]).
 
 use super::{RunId, VERSION};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -67,12 +68,12 @@ pub enum DamageKind {
     )]
     Order,
     /// A whole frame holds something other than a record.
-    #[error("a whole frame holds no record of this version: {0}")]
+    #[error("a complete frame does not hold a record of this version: {0}")]
     Content(String),
     /// The file cannot be read at this place.
     #[error("it cannot be read there: {0}")]
     Unreadable(String),
-    /// Something other than a part is in the place of one.
+    /// A file that should be a part is not one of this version.
     #[error("this is no part of a journal of version {VERSION}")]
     NoPart,
     /// The part of another run.
@@ -112,9 +113,7 @@ impl DamageKind {
             DamageKind::NoPart | DamageKind::OtherRun { .. } | DamageKind::OtherPart { .. } => {
                 "take the file out of the directory, and put the right one in its place"
             }
-            DamageKind::MissingPart { .. } => {
-                "put the file back; without it the run cannot be carried out again"
-            }
+            DamageKind::MissingPart { .. } => "put the file back; without it the run cannot be replayed",
         }
     }
 }
@@ -124,9 +123,9 @@ impl DamageKind {
 pub struct Torn {
     /// The file.
     pub path: PathBuf,
-    /// Number of whole bytes.
+    /// Length of the file in bytes up to the end of the last whole frame.
     pub whole: u64,
-    /// Number of bytes after them.
+    /// Number of bytes of the incomplete frame after that.
     pub cut: u64,
 }
 

@@ -1,9 +1,9 @@
 //! The frames of a journal file, and whether the end of a file is torn or damaged.
 //!
-//! A frame is length of the content (4 bytes), check sum of the frame before (4), check sum (4), content.
-//! A check sum is the CRC-32/ISO-HDLC of length, check sum of the frame before, and content, so it depends
-//! on everything in the file up to there: a frame that was removed, repeated, moved or taken from another
-//! file does not fit. Numbers are little endian.
+//! A frame consists of the length of its content (4 bytes), the check sum of the previous frame (4), its own
+//! check sum (4), and its content. A check sum is the CRC-32/ISO-HDLC of the length, the previous check sum
+//! and the content, so it depends on everything in the file up to there: a frame that was removed, repeated,
+//! moved or taken from another file is detected. Numbers are little endian.
 
 use bincode::config::standard;
 use serde::Serialize;
@@ -12,8 +12,8 @@ use std::io;
 /// Size of the header of a frame in bytes.
 pub const HEADER: usize = 12;
 
-/// Most bytes hashed to find out whether a whole frame follows a broken one. The torn end of a killed writer
-/// is shorter than one frame and takes far less.
+/// Largest number of bytes hashed in the search for a whole frame after the start of a broken one. The torn
+/// end of a killed writer is shorter than one frame and takes far less.
 const SEARCH: usize = 64 << 20;
 
 /// The header of a frame.
@@ -74,8 +74,8 @@ pub fn append<T: Serialize>(
     Ok(sum)
 }
 
-/// True if the last bytes of a file are the beginning of a frame, as a killed writer leaves it. They are not
-/// if they contain a whole frame, with the right or another length: then bytes were changed.
+/// True if the last bytes of a file are an incomplete frame, as a killed writer leaves it. If they contain a
+/// whole frame, even one whose stored length is wrong, bytes were changed, and this is damage.
 pub fn is_torn(rest: &[u8], longest: usize) -> bool {
     let Some((header, content)) = split(rest) else { return true };
     if header.length > longest || header.length <= content.len() || header.fits(content) {

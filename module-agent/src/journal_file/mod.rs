@@ -1,8 +1,8 @@
 //! Journal files: [`Record`]s on their way to a file and back.
 //!
-//! `MMJOURNL`, a version (2 bytes), then frames (`frame`) whose content is in bincode. The first frame is a
-//! [`Head`], all others are records. The head counts the CRC-32 of the ten bytes in front of it as the check
-//! sum of the frame before. Every file names its run, and no frame fits into another file.
+//! A file consists of `MMJOURNL`, a version (2 bytes), and frames (`frame`) whose content is in bincode. The
+//! first frame is a [`Head`], all others are records. For the head, the CRC-32 of the ten bytes before it
+//! takes the place of the previous check sum. Every file names its run, and no frame fits into another file.
 //!
 //! A killed writer leaves at most one torn frame, at the end; readers cut it off and report it. Any other
 //! difference from what was written is an error (`damage`). A writer that fails stops for good and counts the
@@ -173,7 +173,7 @@ impl Writer {
         Writer::onto(file, path, head)
     }
 
-    /// Begins a journal in a file that is open and empty; messages call it `path`.
+    /// Begins a journal in an open, empty file; `path` is its name in error messages.
     pub fn onto(file: File, path: &Path, head: &Head) -> Result<Writer, JournalError> {
         let error = |e| JournalError::Create(path.to_owned(), e);
         let start = [&MAGIC[..], &VERSION.to_le_bytes()].concat();
@@ -183,7 +183,7 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Goes on with a file from the end of its whole frames.
+    /// Opens a journal file to append records after `end`, and removes everything behind it.
     pub fn go_on(path: &Path, end: End) -> Result<Writer, JournalError> {
         let open = || -> io::Result<File> {
             let mut file = File::options().write(true).open(path)?;
@@ -328,11 +328,11 @@ impl Reader {
     pub fn head(&self) -> &Head {
         &self.head
     }
-    /// Returns what is torn off at the end, once all records have been read.
+    /// Returns the incomplete frame at the end of the file, if any; known once all records have been read.
     pub fn torn(&self) -> Option<&Torn> {
         self.torn.as_ref()
     }
-    /// Returns the end of what has been read.
+    /// Returns the end of the last frame that has been read.
     pub fn end(&self) -> End {
         self.end
     }
@@ -400,7 +400,7 @@ fn next_frame(
     Ok(Some(content))
 }
 
-/// Returns why the frame at `at` is longer than the rest of the file.
+/// Decides whether the incomplete or too long frame at `at` is torn or damaged.
 fn broken(file: &mut BufReader<File>, at: u64, left: usize, longest: usize) -> io::Result<Stop> {
     let mut rest = Vec::new();
     if left < HEADER + longest {

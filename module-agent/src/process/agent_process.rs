@@ -32,11 +32,11 @@ use std::time::Duration;
 
 /// The longest wait of an agent that does not watch its controller.
 const LONGEST_WAIT: Duration = Duration::from_secs(2);
-/// The wait when the controller's inbox was full.
+/// The wait before frames that did not fit into the controller's inbox are sent again.
 const UPLINK_RETRY: Duration = Duration::from_millis(5);
 /// Number of frames taken from the inbox before anything is sent.
 const DRAIN: usize = 512;
-/// Number of drains after which the inbox must have been empty once.
+/// Largest number of drains spent on frames of the old controller before the agent turns to the new one.
 const DRAINS: usize = 1_000;
 /// Number of wake inputs in one turn; an agent that wants more in one instant gets them after the next drain.
 const WAKES: usize = 16;
@@ -60,13 +60,13 @@ pub struct AgentConfig<S> {
     pub seed: u64,
     /// The highest speed of scenario time.
     pub speed: Speed,
-    /// The lateness, in scenario time, above which it tells the controller.
+    /// The lateness, in scenario time, that the run tolerates. The agent reports more than half of it.
     pub tolerance: Span,
     /// The effects of links on messages.
     pub link: LinkModel,
     /// The setup that all agents of the swarm share.
     pub setup: Arc<S>,
-    /// The generation of the controller.
+    /// The generation of the controller that the agent connects to at its start.
     pub generation: u32,
 }
 
@@ -206,8 +206,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         Ok(())
     }
 
-    /// Ends the agent: counts the frames in its inbox, which grows no more, and those that wait for a contact
-    /// that will not come.
+    /// Ends the agent: counts the frames left in its inbox and those that still wait for their contact.
     ///
     /// # Errors
     /// If the counts cannot be written.
@@ -236,7 +235,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         }
     }
 
-    /// Connects to the controller that holds the lease, if it is a later one than the last.
+    /// Connects to the controller that holds the lease, if its generation is later than that of the last one.
     fn follow_controller(&mut self) -> Result<(), AgentError> {
         let Some(lease) = self.orphan_watch.as_ref().and_then(OrphanWatch::successor) else { return Ok(()) };
         let link = match self.transport.connect(Address::Controller(lease.generation)) {
@@ -414,8 +413,8 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         if self.sender.is_full() { self.send_burst(now) } else { Ok(()) }
     }
 
-    /// Sends the gathered frames. They are written down first; those that could not be sent are written down
-    /// before the next wait.
+    /// Sends the gathered frames. The counters that include them are written first; the counts of those that
+    /// could not be sent are written before the next wait.
     fn send_burst(&mut self, now: Time) -> Result<(), AgentError> {
         if self.sender.is_empty() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! The contact on each port with its link, and the contact that a frame from a peer belongs to.
+//! Keeps the contact on each port with its link, and finds the contact that a frame from a peer belongs to.
 //!
 //! A peer may learn of a new contact and use it before this process has learnt of it. Frames of sessions not
 //! known yet wait here, a bounded number for a bounded time; frames of ended sessions never count for a later
@@ -64,8 +64,8 @@ impl<L> Contacts<L> {
         }
     }
 
-    /// Returns the number of messages by class that may have been lost with a link that was closed when its
-    /// contact ended: a receiver that has not looked since the link was opened does not find it any more.
+    /// Returns, by class, how many messages may have been lost at most because their link was closed when its
+    /// contact ended: a receiver that has not read its inbox since the link was opened cannot read them.
     pub fn loose(&self) -> [u64; Class::ALL.len()] {
         self.loose
     }
@@ -90,8 +90,8 @@ impl<L> Contacts<L> {
         self.ports.get_mut(port.index())?.as_mut()
     }
 
-    /// Changes the contact on an existing port, as of `revision`. Returns the frames that waited for it, in
-    /// order.
+    /// Changes the contact on an existing port, as of `revision`. Returns the frames that waited for the new
+    /// contact, in the order in which they came.
     pub fn change(
         &mut self,
         port: Port,
@@ -137,15 +137,16 @@ impl<L> Contacts<L> {
         if self.ended.contains(&session) { Place::Ended } else { Place::Early }
     }
 
-    /// Keeps a frame until its contact is known. Returns the class of the frame dropped for it if the limit
-    /// is reached.
+    /// Keeps a frame until its contact is known. If [`EARLY_LIMIT`] frames wait already, drops the oldest and
+    /// returns its class.
     pub fn keep(&mut self, monotonic: u64, header: Header, frame: Frame) -> Option<Class> {
         let gone = if self.early.len() == EARLY_LIMIT { self.early.pop_front() } else { None };
         self.early.push_back((monotonic, header, frame));
         gone.map(|(_, header, _)| header.class)
     }
 
-    /// Drops one frame that has waited too long and returns its class; at [`u64::MAX`] all have.
+    /// Drops the oldest waiting frame if it has waited too long, and returns its class. At [`u64::MAX`],
+    /// every frame has waited too long.
     pub fn expire(&mut self, monotonic: u64) -> Option<Class> {
         let (since, header, _) = self.early.front()?;
         if monotonic.saturating_sub(*since) < EARLY_NANOS {

@@ -7,9 +7,10 @@ use crate::run_dir::identity::Guard;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Time between two checks of the controller, in nanoseconds.
+/// Shortest real time between two checks of the controller, in nanoseconds.
 const CHECK_NANOS: u64 = 900_000_000;
-/// The longest wait if the kernel ends this process with its controller, and otherwise.
+/// The longest wait before the next check: first, if the kernel ends this process with its controller;
+/// second, if not.
 const LONGEST_WAIT: (Duration, Duration) = (Duration::from_secs(2), Duration::from_secs(1));
 
 /// The state of the controller, as last checked.

@@ -27,7 +27,7 @@ enum Stage {
 
 /// The meaning of a frame for the process.
 pub enum Received<A: Agent> {
-    /// None: the frame is counted, or waits for its contact.
+    /// Nothing to do: the frame has been counted, or waits for its contact.
     Nothing,
     /// An input for the agent; for a message from a peer, with its name and class.
     Input(InputOf<A>, Option<(MessageName, Class)>),
@@ -56,9 +56,10 @@ pub enum Received<A: Agent> {
 #[derive(Debug)]
 pub struct Receiver {
     id: ModuleId,
-    /// True if the link damages frames, so that a damaged one need not be foreign.
+    /// True if the link emulator may damage frames, so that a damaged frame may come from a member of the
+    /// run.
     damage_expected: bool,
-    /// The next sequence number of the controller.
+    /// The sequence number that the next frame of the controller must carry.
     expected: u32,
     stage: Stage,
 }
@@ -69,7 +70,7 @@ impl Receiver {
         Receiver { id, damage_expected, expected: 0, stage: Stage::Waiting }
     }
 
-    /// Returns the next sequence number of the controller.
+    /// Returns the sequence number that the next frame of the controller must carry.
     pub fn expected(&self) -> u32 {
         self.expected
     }
@@ -79,12 +80,13 @@ impl Receiver {
         self.stage >= Stage::Silent
     }
 
-    /// True if the inbox is complete.
+    /// True if all agents are silent, so that no more frames come and the process is to end.
     pub fn is_ending(&self) -> bool {
         self.stage == Stage::Ending
     }
 
-    /// Checks one frame. `monotonic` reads the clock, only if the frame has to wait for its contact.
+    /// Checks one frame and returns what it means. Calls `monotonic`, which reads the clock, only if the
+    /// frame has to wait for its contact.
     pub fn accept<A: Agent, L>(
         &mut self,
         shared: &SharedFrame,

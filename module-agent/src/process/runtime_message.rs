@@ -65,7 +65,7 @@ pub enum RuntimeMessage<P> {
         /// The sequence number expected next from the controller.
         expected: u32,
     },
-    /// An input was taken, or a wake-up came, later than the run tolerates.
+    /// An input was taken, or a wake-up came, too late: by more than half of what the run tolerates.
     Late(Late),
     /// The agent sends nothing more.
     Silent,

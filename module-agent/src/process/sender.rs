@@ -96,8 +96,8 @@ impl Sender {
         }
     }
 
-    /// Sends the gathered frames, which the caller has written down as sent. Those that cannot be sent are
-    /// counted.
+    /// Sends the gathered frames, which the caller has already written to its counters as sent. Counts those
+    /// that cannot be sent as overflowed or expired.
     pub fn flush<T: Transport>(
         &mut self,
         now: Time,

@@ -54,7 +54,7 @@ impl<L: Link> Uplink<L> {
         self.link = link;
     }
 
-    /// Sends as many frames as fit at `now`.
+    /// Sends as many waiting frames as fit into the controller's inbox, with `now` as the time of sending.
     pub fn flush(&mut self, now: Time) {
         while let Some(frame) = self.queue.front() {
             if self.link.send(SharedFrame::new(frame, now)) != SendStatus::Sent {

@@ -19,9 +19,9 @@ use thiserror::Error;
 const MAGIC: [u8; 8] = *b"MMLEDGER";
 const VERSION: u32 = 3;
 const HEADER: usize = 32;
-/// Numbers in a slot: the generation, the counts of all classes, the messages of each that were left and that
-/// may be lost, foreign frames, wake-ups, records missing from the journal, and whether the counters are
-/// final.
+/// Number of 64-bit numbers in a slot: the generation; ten for each class, of which eight are its tally, one
+/// the messages left, and one those that may be lost; and four for foreign frames, wake-ups, records missing
+/// from the journal, and whether the counters are final.
 const NUMBERS: usize = 1 + Class::ALL.len() * 10 + 4;
 const SLOT: usize = NUMBERS * 8 + 4;
 
@@ -35,11 +35,12 @@ pub struct AgentCounters {
     pub left: [u64; Class::ALL.len()],
     /// Messages by class that may be lost with links that were closed (`Contacts::loose`).
     pub loose: [u64; Class::ALL.len()],
-    /// True if this incarnation ended in order, with all of its messages counted.
+    /// True if this incarnation ended regularly, with all of its messages counted.
     pub closed: bool,
     /// Frames that no member of the run wrote: malformed, of unknown kinds, or with a false source.
     pub foreign: u64,
-    /// Number of wake-ups; of a killed process, up to the last message counted.
+    /// Number of times that the process returned from waiting; for a killed one, as of the last change of
+    /// another counter.
     pub wakes: u64,
     /// Number of records that could not be written to the journal.
     pub unrecorded: u64,
@@ -186,10 +187,10 @@ impl CounterStore for CounterFile {
 }
 
 /// Returns the number of messages that all incarnations of all agents of a run have sent so far. A file that
-/// is being created counts as zero.
+/// is being created, or cannot be read, counts as zero.
 ///
 /// # Errors
-/// If the directory or a file cannot be read.
+/// If the directory cannot be read.
 pub fn sent(root: &Path) -> io::Result<u64> {
     let name = |name: &str| -> Option<(ModuleId, Incarnation)> {
         let (id, incarnation) = name.split_once('.')?;

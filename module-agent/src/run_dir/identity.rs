@@ -1,6 +1,6 @@
 //! The identity of a process, and whether it is alive.
 //!
-//! A pid alone is no identity, because pids are reused; a pid with the start time of its process is.
+//! A pid alone does not identify a process, because pids are reused; together with the start time it does.
 
 use rustix::process::{Pid, getpid, getppid};
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,7 @@ use std::io;
 use std::str::FromStr;
 use std::sync::Arc;
 
-/// One process of this machine since its last boot.
+/// Identifies one process among all that have run on this machine since its last boot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// The process id.
@@ -102,7 +102,7 @@ pub fn survive_file_limits() -> io::Result<()> {
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default()).map(drop)
 }
 
-/// Watches the controller from within an agent, so that no agent outlives it.
+/// Tells an agent process whether its controller is gone.
 #[derive(Clone, Copy, Debug)]
 pub struct Guard {
     controller: Identity,
@@ -111,9 +111,10 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// Remembers the controller. Unless this process may outlive it for a while, the kernel is asked as well
-    /// to kill this process when its parent dies; watching covers a parent that is not the controller (a
-    /// debugger, a wrapper) or that died just before.
+    /// Creates the guard of a process whose controller is `controller`. If that is the parent of this process
+    /// and `may_outlive` is false, also asks the kernel to kill this process when its parent dies. That does
+    /// not help if the parent died just before or is not the controller (a debugger, a wrapper), so the
+    /// controller is watched as well.
     pub fn new(controller: Identity, may_outlive: bool) -> Guard {
         let is_parent = getppid().map(|p| p.as_raw_nonzero().get()) == Some(controller.pid);
         let death = Some(rustix::process::Signal::KILL);

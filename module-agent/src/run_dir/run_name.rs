@@ -17,9 +17,11 @@ const DIGITS: &[u8; 36] = b"0123456789abcdefghijklmnopqrstuvwxyz";
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RunName(String);
 
-/// A name that is not one of a run.
+/// A path or name that is not that of a run's directory.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("`{0}` is not the directory of a run; those are called {HOME}/{MARK} and ten digits or letters")]
+#[error(
+    "`{0}` is not the directory of a run, which is {HOME}/{MARK} followed by ten digits or lower-case letters"
+)]
 pub struct RunNameError(String);
 
 impl RunName {

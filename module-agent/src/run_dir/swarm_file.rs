@@ -34,7 +34,8 @@ pub struct SwarmFile<S> {
     pub link: LinkModel,
     /// The files of the agents' parts of the journal; `None` if none is kept.
     pub journal: Option<Parts>,
-    /// How long an agent waits for a controller to come back (ms of real time).
+    /// How long an agent waits for a controller to come back (ms of real time); 0 if it ends with its
+    /// controller.
     pub patience: u32,
     /// The family's own part.
     pub setup: S,

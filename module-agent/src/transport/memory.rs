@@ -15,7 +15,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
 
-/// The inboxes of one swarm. Clones are the same network.
+/// The inboxes of one swarm. Clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct MemoryNetwork {
     inboxes: Arc<Mutex<BTreeMap<Address, Arc<Inbox>>>>,
@@ -43,7 +43,7 @@ impl MemoryNetwork {
         self.join(Address::Agent(agent), INBOX_DEPTH, ports + INBOX_SPARE)
     }
 
-    /// Creates the inbox of a generation of controller, for any number of agents.
+    /// Creates the inbox of the controller of this generation, for any number of agents.
     pub fn controller(&self, generation: u32) -> MemoryTransport {
         self.join(Address::Controller(generation), REPORTS_DEPTH, usize::MAX)
     }
@@ -62,9 +62,9 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 #[derive(Debug)]
 struct Inbox {
-    /// Number of frames held of each sender.
+    /// Largest number of frames held from one sender.
     depth: usize,
-    /// Number of senders admitted.
+    /// Largest number of senders at a time.
     slots: usize,
     state: Mutex<State>,
     /// Rung when a sender flushes, and when the owner is stopped, continued or killed.
@@ -108,7 +108,7 @@ impl State {
 }
 
 impl Inbox {
-    /// Waits until the owner may go on.
+    /// Waits while the owner is stopped; fails if it was killed.
     fn pass(&self) -> Result<MutexGuard<'_, State>, TransportError> {
         let mut state = lock(&self.state);
         while state.stopped && !state.killed {

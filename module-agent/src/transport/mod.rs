@@ -2,13 +2,13 @@
 //! file for each implementation. [`iceoryx`] connects processes by shared memory; [`memory`] connects agents
 //! within one process, for tests and for users of the library.
 //!
-//! A transport is one receiving end, its inbox, with the means to open sending ends, one for each receiver. A
-//! sending end costs memory and descriptors, too many for a large swarm to keep all of them open, so it is a
-//! value that its user opens and drops.
+//! A transport has one receiving end, its inbox, and opens sending ends, one for each receiver. A sending end
+//! costs memory and descriptors, too many for a large swarm to keep all of them open, so it is a value that
+//! its user opens and drops.
 //!
-//! Sending never blocks, and a taken frame is not acknowledged: a receiver that is dead or stopped takes
-//! frames until its inbox is full. Frames of one sending end arrive in order. Not here: sequence numbers,
-//! check sums and retries, which both ends add (`process`).
+//! Sending never blocks and is not acknowledged: the inbox of a dead or stopped receiver accepts frames until
+//! it is full. Frames of one sending end arrive in order. Not here: sequence numbers, check sums and retries,
+//! which both ends add (`process`).
 
 pub mod iceoryx;
 pub mod memory;
@@ -80,7 +80,7 @@ pub trait Transport {
     fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError>;
 
     /// Blocks until a sender flushes or `timeout` has passed. Returns at once if a sender has flushed
-    /// since the last call. May also return early for no reason.
+    /// since the last call. May also return early, without a flush.
     ///
     /// # Errors
     /// If the inbox has failed for good.

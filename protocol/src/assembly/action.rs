@@ -54,7 +54,7 @@ pub struct Rules {
     defect: Option<PlanningDefect>,
 }
 
-/// The configuration around one that is expanded: what its actions share.
+/// The configuration that is expanded, with what is the same for all its actions.
 struct Around<'a> {
     configuration: &'a Configuration,
     rules: &'a Rules,

@@ -8,7 +8,7 @@
 //!
 //! **Equivalent hemispheres.** The three connectors of an outer hemisphere follow each other by 120° about its
 //! diagonal, and so does its body. If all connectors may be used alike and the goal does not name joint values, the
-//! angle of an outer joint matters to nothing: [`Detail::Frames`] leaves out both outer joint values, which
+//! angle of an outer joint makes no difference: [`Detail::Frames`] leaves out both outer joint values, which
 //! merges up to 9 configurations a module into one. Joints still turn by the same steps to the same places.
 
 use super::configuration::{Configuration, MAX_MODULES, Module};
@@ -19,7 +19,7 @@ use super::tables::{TABLES, sub};
 pub enum Detail {
     /// Everything.
     Joints,
-    /// Everything but outer joint values, and which connectors of an outer hemisphere are at which faces.
+    /// Everything except outer joint values and the assignment of an outer hemisphere's connectors to its faces.
     Frames,
 }
 
@@ -39,7 +39,7 @@ impl Detail {
         2 + (modules - 1) * self.bytes()
     }
 
-    /// Returns the module as this detail sees it.
+    /// Returns the module without what this detail leaves out.
     pub fn seen(self, m: &Module) -> Module {
         match self {
             Detail::Joints => *m,
@@ -79,7 +79,7 @@ impl Detail {
         }
     }
 
-    /// Returns what does not depend on the place of a module.
+    /// Packs what does not depend on the place of a module: joint values, and the connectors that hold.
     fn local(self, m: &Module) -> u16 {
         match self {
             Detail::Joints => u16::from(m.posture) << 10 | m.held,

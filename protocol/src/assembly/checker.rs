@@ -49,7 +49,7 @@ pub enum PhysicalAction {
     Attach(Place, Place),
     /// A connection ends.
     Detach(Place, Place),
-    /// A joint (from 0) turns by one step.
+    /// A joint turns by one step: the module, the joint (from 0), and true for the positive direction.
     Turn(usize, usize, bool),
 }
 
@@ -176,7 +176,7 @@ impl World {
         let lost = (0..self.robots.len()).find(|m| !reached.contains(&(*m, 0)));
         lost.map_or(Ok(()), |m| Err(Refusal::Parted(m)))
     }
-    /// Returns the hemispheres that hang at one of them, without passing a joint.
+    /// Returns the hemispheres connected with `from` when the joint `without` (module and joint) is cut.
     fn flood(&self, from: (usize, usize), without: Option<(usize, usize)>) -> BTreeSet<(usize, usize)> {
         let mut reached = BTreeSet::from([from]);
         let mut edge = vec![from];
@@ -203,7 +203,7 @@ impl World {
         reached
     }
 
-    /// Does what an action says, or says why it is not possible.
+    /// Returns the world after an action, or why the action is not possible.
     pub fn act(&self, action: PhysicalAction, physics: Physics) -> Result<World, Refusal> {
         let mut next = self.clone();
         match action {
@@ -259,7 +259,7 @@ impl World {
         Ok(next)
     }
 
-    /// Samples the way of a turn.
+    /// Samples a turn, and refuses it if cubes touch on the way, as the collision model defines it.
     fn sweep(
         &self,
         module: usize,

@@ -23,9 +23,9 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 pub enum Model {
     /// The final cells must be free (report, chapter 3).
     Final,
-    /// And no cube that moves enters the cell of one that stays deeper than 11 mm.
+    /// As [`Model::Final`], and no cube that moves enters the cell of one that stays deeper than 11 mm.
     Core,
-    /// And no two exact bodies touch, both shrunk by 1 %.
+    /// As [`Model::Final`], and no two exact bodies, both shrunk by 1 %, touch on the way.
     #[default]
     Strict,
 }
@@ -39,7 +39,7 @@ pub struct Turning<'a> {
     pub module: usize,
     /// Its joint, from 0.
     pub joint: u8,
-    /// The direction.
+    /// True for the positive direction.
     pub positive: bool,
     /// The frame of the hemisphere in front of the joint.
     pub frame: Rot,
@@ -56,7 +56,7 @@ enum Part {
     Moving(Vec3),
 }
 
-/// Verdicts of one model. A clone has its own.
+/// The verdicts of one collision model, cached. A clone has a cache of its own.
 #[derive(Clone, Debug)]
 pub struct Collision {
     model: Model,
@@ -69,7 +69,7 @@ pub struct Collision {
 const SAMPLES: u32 = 120;
 
 impl Collision {
-    /// Creates the verdicts of a model.
+    /// Creates an empty cache of the verdicts of a model.
     pub fn new(model: Model) -> Collision {
         Collision { model, ignores_own_half: false, known: RefCell::default() }
     }

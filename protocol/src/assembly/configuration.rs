@@ -163,7 +163,7 @@ impl Configuration {
 /// The connections of a configuration, for questions of connectivity.
 #[derive(Clone, Debug)]
 pub struct Links {
-    /// Of each module the set of those that it is connected with.
+    /// For each module, the set of modules that it is connected with, as bits.
     neighbours: [u16; MAX_MODULES],
     len: usize,
 }
@@ -199,7 +199,8 @@ impl Links {
     }
 }
 
-/// Returns for a module the modules that hang at each of its four hemispheres; a loop appears at several of them.
+/// Returns, for each hemisphere of a module, the set of modules connected through it. The modules of a loop are in
+/// several of the sets.
 pub fn at_hemispheres(links: &Links, connections: &[Pair], module: u8) -> [u16; 4] {
     let own = 1 << module;
     let mut at = [0; 4];

@@ -1,15 +1,15 @@
-//! The kept-edges bound: what a plan must cost that keeps some connections from beginning to end.
+//! The kept-edges bound: a lower bound of the cost of a plan, by the connections that it keeps from beginning to end.
 //!
 //! Let K be the connections that a plan never lets go of. Every other one is detached, every join of the goal that K
-//! does not cover is attached, and every module turns its joints from their values of now to those of its place in
+//! does not cover is attached, and every module turns its joints from their present values to those of its place in
 //! the goal; a kept connection keeps the rotation between its two connectors. The bound is the least sum over all K,
 //! all places of modules in the goal and all of their 144 end poses (4 frames about the long axis, 36 postures).
 //!
-//! It is computed in one pass over a spanning tree of the connections, from the leaves: for each module, its place and
-//! the frame of the connector towards its parent the least cost of what hangs behind. A connection is cut or leads
-//! to the place that the goal joins there. That two modules have different places is not demanded, nor that
-//! connections outside of the tree fit: both only lower the bound. Values of outer joints are relative to those of
-//! now (see [`canonical`](super::canonical)), so turns count the same under every name of the connectors.
+//! It is computed in one pass over a spanning tree of the connections, from the leaves. For each module, each place in
+//! the goal and each frame of the connector towards its parent, it has the least cost of the subtree. A connection is
+//! either cut or leads to the place that the goal joins there. Two modules may get the same place, and connections
+//! outside of the tree need not fit: both only lower the bound. Values of outer joints are relative to the present
+//! ones (see [`canonical`](super::canonical)), so turns count the same under every name of the connectors.
 
 use super::canonical::Detail;
 use super::configuration::{Configuration, MAX_MODULES};
@@ -30,7 +30,8 @@ const NEVER: u16 = 0x3fff;
 struct Poses {
     /// The frame of each connector.
     frames: [[[Rot; 10]; POSES]; 6],
-    /// Of a module with one kept connection: the fewest steps by the frame of its connector.
+    /// For a module with one kept connection, the fewest steps of joints, by direction of the long axis, present value
+    /// of the middle joint, connector and frame of the connector.
     leaf: Box<[[[[u8; ROTATIONS]; 10]; 4]; 6]>,
     /// The frames of connectors whose outward normal, −z, points to a face.
     outward: [[Rot; 4]; 6],
@@ -87,13 +88,13 @@ pub struct KeptEdges {
     modules: usize,
     prices: Prices,
     directions: Vec<u8>,
-    /// At each face of each cube of each module the module and cube that it is joined with.
+    /// For each face of each cube of each module, the cube that the goal joins there.
     joined: Vec<[[Option<Cube>; 6]; 2]>,
     joins: Cost,
     scratch: RefCell<Box<Scratch>>,
 }
 
-/// What a computation writes before it reads it: too large to be cleared for each.
+/// Scratch memory, too large to be cleared for each computation; all of it is written before it is read.
 #[derive(Clone, Debug)]
 struct Scratch {
     paid: [Costs; MAX_MODULES],
@@ -111,7 +112,7 @@ struct Branch {
     relative: Rot,
 }
 
-/// Of a module the least cost of what hangs behind it, by place and frame of its connector towards the parent.
+/// The least cost of a module's subtree, by place of the module and frame of its connector towards the parent.
 type Costs = [[u16; ROTATIONS]; 2 * MAX_MODULES];
 
 impl KeptEdges {
@@ -173,7 +174,7 @@ impl KeptEdges {
         self.with_other_edges(connections.len() as Cost, total.into())
     }
 
-    /// Adds what connections beyond a tree cost.
+    /// Adds the cost of the connections that are not in the spanning tree.
     fn with_other_edges(&self, edges: Cost, tree: Cost) -> Cost {
         let Prices { attach, detach, .. } = self.prices;
         if edges <= self.joins {
@@ -184,7 +185,7 @@ impl KeptEdges {
         (detach * excess).max(tree.saturating_sub(attach * excess))
     }
 
-    /// Writes the costs of a module without children, which is in any pose that needs no turn at the least.
+    /// Writes the costs of a module without children, and returns the least of them: 0, for a pose that needs no turn.
     fn leaf(&self, now: usize, connector: u8, costs: &mut Costs) -> u16 {
         let price = self.prices.turn as u16;
         for (place, costs) in costs.iter_mut().enumerate().take(2 * self.modules) {

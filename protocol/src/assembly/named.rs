@@ -81,7 +81,7 @@ fn count(name: &'static str, size: &str) -> Result<usize, NameError> {
     }
 }
 
-/// Cuts a strip of cells into modules; `steps[i]` leads to cell i (the first is not taken).
+/// Cuts a strip of cells into modules; `steps[i]` is the face that leads to cell i, and `steps[0]` is not used.
 fn strip(steps: &[u8]) -> Shape {
     let mut cells: Vec<Vec3> = vec![[0; 3]];
     for step in &steps[1..] {
@@ -167,7 +167,7 @@ fn quadruped(size: &str) -> Result<Shape, NameError> {
     Ok(super::structure::joined(modules, joined).expect("invariant: the named shapes are whole"))
 }
 
-/// Draws a tree by a seed: each module is joined to one of those before, anywhere it fits.
+/// Draws a tree, given as number of modules and seed: each module is joined to an earlier one, anywhere it fits.
 fn tree(size: &str) -> Result<Shape, NameError> {
     let expected = "write the number of modules and a seed, such as 8x1";
     let wrong = || NameError::Size { name: "tree", size: size.to_owned(), expected };

@@ -1,8 +1,8 @@
 //! The planner of the 2009 report, re-implemented: best-first by label distance, visited by shape.
 //!
-//! Best-first without the cost so far, ties drawn at random; a configuration whose shape was seen before is
-//! dropped whatever its joint values (report 3.2). So the joint values of the first visit decide what can be reached
-//! from a shape: the search is incomplete, and a better way to a known shape is never taken.
+//! The search is greedy: it ignores the cost so far, and draws ties at random. A configuration whose shape was seen
+//! before is dropped whatever its joint values (report 3.2). So the joint values of the first visit decide what can be
+//! reached from a shape: the search is incomplete, and a better path to a known shape is never taken.
 
 use super::action::{Action, Rules};
 use super::canonical::Detail;
@@ -13,13 +13,13 @@ use crate::plan::table::{Id, NO_PARENT, Table};
 use crate::rng::Rng;
 use std::collections::BTreeMap;
 
-/// A multiple of all numbers of joins up to 16, so that ratios of joins are integers.
+/// The least common multiple of 1 to 16, so that ratios of up to 16 joins are integers.
 const SCALE: u64 = 720_720;
 
 /// What the search has found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Found {
-    /// Actions of the first plan, and the graphs generated until then.
+    /// The number of actions of the first plan, and of configurations generated until it was found.
     pub first: Option<(u32, u64)>,
     /// Actions of the best plan.
     pub best: Option<u32>,
@@ -36,7 +36,7 @@ pub struct Report2009 {
     goal_labels: BTreeMap<Vec<u8>, usize>,
     goal_joins: usize,
     rng: Rng,
-    /// The shapes seen, with their depth and parent; the configuration of each is beside it.
+    /// The shapes seen, with their depth and parent; `configurations` has the configuration of each, by its number.
     seen: Table,
     configurations: Vec<Box<[u8]>>,
     open: BTreeMap<u64, Vec<Id>>,
@@ -102,7 +102,7 @@ impl Report2009 {
         self.open.entry(distance).or_default().push(id);
     }
 
-    /// Expands at most `work` shapes; false if nothing is left, or with `until_first` a plan is found.
+    /// Expands at most `work` shapes. Returns false if none is left, or if `until_first` is true and a plan is known.
     pub fn advance(&mut self, work: u64, until_first: bool) -> bool {
         for _ in 0..work {
             if until_first && self.found.first.is_some() {
@@ -134,7 +134,7 @@ impl Report2009 {
     }
 }
 
-/// Returns the actions along a list of configurations, as they apply to the first one.
+/// Returns the actions that lead through a list of configurations, with modules numbered as in `start`.
 pub fn actions_along(rules: &Rules, start: &Configuration, plan: &[Configuration]) -> Option<Vec<Action>> {
     let form = |c: &Configuration| {
         let mut key = vec![0; Detail::Joints.key_width(c.len())];

@@ -6,12 +6,12 @@ use crate::plan::table::{Id, NO_PARENT, Table};
 use crate::plan::{Cost, MAX_COST, Space};
 use std::collections::BTreeMap;
 
-/// Distances to one goal shape. For few modules it has every shape; otherwise those near the goal, and all
-/// others are farther away.
+/// Distances to one goal shape. With few modules the table has every shape; otherwise only the shapes nearest to
+/// the goal.
 #[derive(Debug)]
 pub struct ShapeDistance {
     table: Table,
-    /// The distance of shapes that are not in the table; `None` if they cannot reach the goal.
+    /// A lower bound of the distance of shapes that are not in the table; `None` if these cannot reach the goal.
     beyond: Option<Cost>,
 }
 

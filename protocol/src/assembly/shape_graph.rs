@@ -50,7 +50,7 @@ impl Prices {
     }
 }
 
-/// The graph as a space without a goal. A search towards a shape runs from it: edges have two directions.
+/// The graph as a search space without a goal. Edges lead both ways, so a search towards a shape starts from it.
 #[derive(Clone, Debug)]
 pub struct ShapeGraph {
     /// The number of modules.

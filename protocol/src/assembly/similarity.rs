@@ -13,13 +13,13 @@ use pathfinding::matrix::Matrix;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// The most modules whose common subgraph is searched.
+/// The largest number of modules for which the common subgraph is computed.
 const MOST_MATCHED: usize = 8;
 
 /// The similarities of two structures.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Similarity {
-    /// Joins of one whose labels have a partner in the other.
+    /// The number of joins of one structure that have a partner with the same label in the other.
     pub shared_labels: usize,
     /// The larger number of joins.
     pub joins: usize,
@@ -54,7 +54,7 @@ pub fn shared(a: &BTreeMap<Vec<u8>, usize>, b: &BTreeMap<Vec<u8>, usize>) -> usi
     a.iter().map(|(label, n)| *n.min(b.get(label).unwrap_or(&0))).sum()
 }
 
-/// Compares two configurations of as many modules.
+/// Compares two configurations with the same number of modules.
 pub fn similarity(a: &Configuration, b: &Configuration) -> Similarity {
     let shapes = [a, b].map(Shape::of);
     let [of_a, of_b] = shapes.map(|s| labels(&s));
@@ -156,7 +156,7 @@ fn hausdorff(a: &[Vec3], b: &[Vec3]) -> i32 {
     one(a, b).max(one(b, a))
 }
 
-/// Returns what the nearest cells alone cost: a bound of the assignment.
+/// Returns a lower bound of the assignment: the sum of the distances from each cell of `a` to the nearest of `b`.
 fn lower(a: &[Vec3], b: &[Vec3]) -> i32 {
     let apart = |x: Vec3, y: Vec3| difference(x, y).iter().map(|d| d.abs()).sum::<i32>();
     a.iter().map(|x| b.iter().map(|y| apart(*x, *y)).min().unwrap_or(0)).sum()

@@ -13,7 +13,7 @@ use crate::plan::{Cost, Space};
 use serde::{Deserialize, Serialize};
 use std::rc::Rc;
 
-/// What a plan should have little of.
+/// What a plan minimizes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Objective {
@@ -70,16 +70,16 @@ pub struct Assembly {
     rules: Rules,
     prices: Prices,
     detail: Detail,
-    /// The key of the goal, of a shape or of a configuration.
+    /// The key of the goal; true if it is the key of a shape, false if it is that of a configuration.
     goal: Option<(bool, Vec<u8>)>,
     distance: Option<Rc<ShapeDistance>>,
     kept: Option<KeptEdges>,
-    /// That of the goal.
+    /// The sorted distances between the cells of the goal (see [`spectrum`]).
     spectrum: Vec<u16>,
 }
 
-/// Returns the distances of all pairs of cells of a shape, sorted. Shapes that fill the same cells have the same ones,
-/// and near ones have similar ones.
+/// Returns the distances between all pairs of cells of a shape, sorted. They are equal for shapes that fill the same
+/// cells, and similar for shapes that fill nearly the same.
 fn spectrum(shape: &Shape) -> Vec<u16> {
     let cells: Vec<Vec3> = shape.bars().iter().flat_map(Bar::cells).collect();
     let apart = |a: &Vec3, b: &Vec3| (0..3).map(|i| u16::from(a[i].abs_diff(b[i]))).sum::<u16>();

@@ -64,7 +64,7 @@ pub enum StructureError {
         /// The module.
         module: usize,
     },
-    /// A module hangs at nothing.
+    /// A module is not connected with module 0.
     #[error("module {module} is not connected with module 0")]
     Disconnected {
         /// The module.
@@ -188,8 +188,8 @@ fn checked(modules: &[[Vec3; 2]], joins: &[Joined]) -> Result<Vec<[u8; 2]>, Stru
     Ok(faces)
 }
 
-/// Returns the cells relative to the first one, so that they fit into small numbers; `None` for a structure that is
-/// farther apart than any connected one.
+/// Returns the cells relative to the first one, so that they fit into small numbers; `None` if they are farther
+/// apart than those of any connected structure.
 pub fn around_first(cells: &[[i64; 3]]) -> Option<Vec<Vec3>> {
     let first = *cells.first()?;
     let near = |c: &[i64; 3]| {

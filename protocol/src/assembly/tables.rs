@@ -33,7 +33,7 @@ pub struct Tables {
     pub product: [[Rot; ROTATIONS]; ROTATIONS],
     /// Inverse rotations.
     pub inverse: [Rot; ROTATIONS],
-    /// The face that a face looks at after a rotation.
+    /// The direction of each face after a rotation.
     pub face: [[u8; 6]; ROTATIONS],
     /// A set of faces (bits) after a rotation.
     pub faces: [[u8; 64]; ROTATIONS],
@@ -199,7 +199,7 @@ pub fn face_to(a: Vec3, b: Vec3) -> Option<u8> {
         _ => None,
     }
 }
-/// Returns the cell as one of the lattice.
+/// Converts a vector to a [`Cell`].
 pub fn cell(v: Vec3) -> Cell {
     Cell::new(v[0].into(), v[1].into(), v[2].into())
 }

@@ -94,7 +94,7 @@ fn the_checker_permits_what_the_planner_generates_and_nothing_else() {
     }
 }
 
-/// Returns what the checker says to the first action that it refuses of those that defective rules generate.
+/// Returns why the checker refuses an action that rules with a defect generate; the first such refusal.
 fn refusal(defect: PlanningDefect, model: Model) -> Option<Refusal> {
     let physics = Physics { collision: model, active: false };
     let defective = rules(model).with(defect);

@@ -1,7 +1,7 @@
 //! The attraction field: for each face, how many moves it is from the cell outside to the nearest target.
 //!
-//! A distance is followed only if it is *feasible*: closer to the source than everything advertised here for
-//! the same version of that source. So the successors of one version never form a loop, even if messages are
+//! A distance is followed only if it is *feasible*: smaller than every distance advertised here for the same
+//! version of the same source. So the successors of one version never form a loop, even if messages are
 //! late, lost or duplicated, and a source that is gone is forgotten with its last version instead of being
 //! counted to infinity.
 
@@ -18,12 +18,12 @@ use crate::time::{Span, Time};
 use face_field::{FaceField, Limits, MAX_RECORDS, Offer, newer};
 use std::hash::Hash;
 
-/// `via` of an offer that comes from another face of the same module.
+/// Added to `via` for an offer of another face of the same module.
 pub(super) const OWN: u8 = 6;
 /// Added to `via` for an offer of a module one further out, which touches the same cell.
 pub(super) const SAME_CELL: u8 = 12;
-/// Rounds in which the faces of a module settle: distances only fall within one settling, and no path over
-/// one module is longer than its six faces.
+/// The number of rounds after which the values of a module's faces no longer change: within one computation distances
+/// only fall, and a path over one module passes each of its six faces at most once.
 const ROUNDS: usize = 6;
 
 /// Where following the attraction field leads from a face.
@@ -154,8 +154,8 @@ impl Attraction {
         }
     }
 
-    /// Delays starting cells out of turn, after a missed neighbour has spoken again. A cell that has long
-    /// been unfilled may only have been out of reach of messages, and distances need time to come from there.
+    /// Delays starting cells out of turn after a suspected neighbour has been heard again. A cell may have stayed
+    /// unfilled only because messages did not get through, and distances need time to spread again.
     pub fn wait_for_news(&mut self, v: View<'_>) {
         hit(CoveragePoint::CubeWaitsForNews);
         let earliest = v.now + v.params().hold - v.params().out_of_turn_after;
@@ -165,9 +165,9 @@ impl Attraction {
         self.touch();
     }
 
-    /// Returns the distance at which the cell outside a face attracts, if this finalized module wants it
-    /// filled: zero by rules G1 and G2, and far if it has only been unfilled for long. Filled out of turn it
-    /// may wall in another cell, so it attracts only when no other target is known.
+    /// Returns the distance to announce for the cell outside a face, if this finalized module wants that cell filled:
+    /// zero if rules G1 and G2 allow it, and half the range if it is to be filled out of turn. A cell filled out of
+    /// turn may wall in another one, so it attracts only if no nearer target is known or a module already stands in it.
     fn target(&self, v: View<'_>, face: Face) -> Option<u16> {
         let masks = &v.own.masks;
         if v.own.role != Role::Final
@@ -200,9 +200,9 @@ impl Attraction {
     /// Recomputes the field from the last messages of the neighbours, if anything it follows from may have
     /// changed.
     ///
-    /// A value follows from the neighbours and the faces at right angles to it, and from the memory of its
-    /// face. Choosing again from the same values gives the same, so only faces are recomputed for which one
-    /// of these has changed, or may change with time alone. A debug build recomputes all, and compares.
+    /// The value of a face depends on the neighbours and faces at right angles to it, and on the memory of the face
+    /// itself. The same inputs give the same value, so a face is recomputed only if one of its inputs has changed, or
+    /// may have changed as time passed. A debug build recomputes all faces and compares the results.
     pub fn tend(&mut self, v: View<'_>) -> Tended {
         let is_final = v.own.role == Role::Final;
         let targets = self.targets(v);
@@ -324,7 +324,7 @@ impl Attraction {
         self.faces[i].choose(v.now, limits, &offers[..n])
     }
 
-    /// Returns true if a face that is a target does not announce itself in the present version.
+    /// Returns true if some face with a target does not announce that target's distance in the present version.
     fn are_old(&self, v: View<'_>, targets: &[Option<u16>; 6]) -> bool {
         let version = version(v);
         Face::ALL.into_iter().filter(|f| !v.sides.is_touching(*f)).any(|f| {
@@ -344,8 +344,8 @@ impl Attraction {
         }
     }
 
-    /// Returns the distances that the cell outside `face` can be given: along neighbouring modules, and
-    /// around the edges of this one.
+    /// Returns the offers for the cell outside `face`, along neighbouring modules and around the edges of this one, and
+    /// their number.
     fn offers(&self, v: View<'_>, face: Face) -> ([Offer; 4], usize) {
         let mut offers = [Offer { entry: Entry::NONE, cost: 0, via: 0 }; 4];
         let mut n = 0;
@@ -381,7 +381,7 @@ impl Attraction {
         one_way(a, b) || one_way(b, a)
     }
 
-    /// Returns what a walker on `face` would find in each of its four headings.
+    /// Returns the field values of the cells that a walker on `face` can move to, by its four headings.
     pub fn advertised(&self, v: View<'_>, face: Face) -> [Entry; 4] {
         if v.own.role == Role::Walker {
             return [Entry::NONE; 4];
@@ -413,8 +413,8 @@ fn mask_of(targets: &[Option<u16>; 6]) -> u8 {
     Face::ALL.into_iter().filter(|f| targets[f.index()].is_some()).fold(0, |mask, f| mask | f.bit())
 }
 
-/// Applies rule G2: returns true if every lower neighbour of the cell outside a face is finalized, as far as
-/// the common neighbours that can see it say.
+/// Returns true if rule G2 holds for the cell outside a face: each of its lower neighbours is filled, as far as the
+/// module that touches both that neighbour and this module reports.
 fn lower_are_filled(v: View<'_>, face: Face) -> bool {
     let lower = v.own.masks.lower[face.index()];
     Face::ALL.into_iter().filter(|toward| lower & toward.bit() != 0).all(|toward| {
@@ -427,8 +427,8 @@ fn lower_are_filled(v: View<'_>, face: Face) -> bool {
     })
 }
 
-/// Returns true if the cell outside a face may only be started by modules that are dead, as far as the common
-/// neighbours that can see them say. It is started in their place.
+/// Returns true if all modules that could start the cell outside a face are dead, as far as the neighbours that touch
+/// them report. Then this module starts the cell in their place.
 fn starters_are_dead(v: View<'_>, face: Face) -> bool {
     let lower = v.own.masks.lower[face.index()];
     let is_dead = |toward: Face| {
@@ -438,8 +438,9 @@ fn starters_are_dead(v: View<'_>, face: Face) -> bool {
     lower != 0 && Face::ALL.into_iter().all(|toward| lower & toward.bit() == 0 || is_dead(toward))
 }
 
-/// Returns the version of the module's own targets: the number of refresh periods of this module, whose phase
-/// is its own so that not all sources flood at once. Versions go on after a restart.
+/// Returns the version of the module's own targets: the number of refresh periods since time zero. The phase depends on
+/// the module's id, so that not all sources flood at once. Versions depend on the time alone, so they continue after a
+/// restart.
 fn version(v: View<'_>) -> u16 {
     version_of(v, v.own.id.0, v.now)
 }
@@ -457,8 +458,8 @@ pub(super) fn next_refresh(v: View<'_>) -> Time {
     v.now + Span(refresh(v) - phased(v, v.own.id.0, v.now) % refresh(v))
 }
 
-/// Returns true if an earlier incarnation of this module may have announced this version: it may come back
-/// from others, and lead in a circle.
+/// Returns true if an earlier incarnation of this module may have advertised this version of the source. Other modules
+/// may offer that distance back, and following it would lead in a circle.
 fn may_be_own(v: View<'_>, entry: Entry) -> bool {
     v.own.restarted
         && entry.is_known()

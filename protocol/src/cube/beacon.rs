@@ -8,7 +8,8 @@ use crate::counters::Class;
 use crate::lattice::Face;
 use crate::time::{Span, Time};
 
-/// A distance that falls by more than this fraction of itself (one in `MUCH_CLOSER`) is sent at once.
+/// A distance that has fallen by at least 1/`MUCH_CLOSER` of its new value is sent after one `advertise`, without a
+/// further delay.
 const MUCH_CLOSER: u16 = 8;
 
 /// What has been sent over one face.
@@ -18,12 +19,11 @@ struct Sender {
     sent: Option<Beacon>,
     sent_at: Time,
     sequence: u32,
-    /// True if something may have changed since.
+    /// True if the state of the module may have changed since a beacon was last composed.
     stale: bool,
-    /// When news that can wait is sent.
+    /// The time at which a change that is not urgent is sent; `None` if there is no such change.
     later: Option<Time>,
-    /// What the beacon composed last followed from, as far as it changes with time; `None` if anything else
-    /// has changed since.
+    /// The time-dependent inputs of the beacon composed last; `None` if any other input may have changed since.
     composed_from: Option<Timed>,
 }
 
@@ -31,12 +31,12 @@ struct Sender {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Due {
     Now(Class),
-    /// Not before the next repetition: it is the one sent before.
+    /// Not before the next heartbeat: it equals the beacon sent last.
     Never,
     At(Time),
 }
 
-/// What a beacon follows from and changes with time alone, unless an input changes it.
+/// The inputs of a beacon that can change as time passes, even if the agent receives nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Timed {
     wanted: u8,
@@ -47,7 +47,7 @@ struct Timed {
     open: u8,
     is_quarantined: bool,
     is_stranded: bool,
-    /// It has been settled for so long that children are asked for a path as well.
+    /// The module has been at its cell for longer than `suspect`, and so asks its children for a path as well.
     asks_children: bool,
 }
 
@@ -61,8 +61,8 @@ impl Sender {
         composed_from: None,
     };
 
-    /// Judges when a beacon has to be sent, and of which class it is then. Its number becomes that of the one
-    /// before, so that the two can be compared.
+    /// Returns when a beacon has to be sent, and with which class. Sets its sequence number to that of the beacon
+    /// sent last, so that the two can be compared.
     fn judge(&self, now: Time, beacon: &mut Beacon, advertise: Span, heartbeat: Span) -> Due {
         beacon.sequence = self.sequence;
         let age = now.since(self.sent_at);
@@ -80,8 +80,8 @@ impl Sender {
         Due::Now(class)
     }
 
-    /// Returns true if composing a beacon would lead to what it led to last time: the beacon sent last, before
-    /// it has to be repeated, or news that can still wait.
+    /// Returns true if a beacon composed now would not be sent yet: its inputs are the same as last time, and either
+    /// the heartbeat is not due or the change that it carries can still wait.
     fn would_wait(&self, now: Time, from: Timed, heartbeat: Span) -> bool {
         let waits = match self.later {
             None => now.since(self.sent_at) < heartbeat,
@@ -90,7 +90,7 @@ impl Sender {
         self.sent.is_some() && self.composed_from == Some(from) && waits
     }
 
-    /// Returns the latest time at which a beacon is due.
+    /// Returns the time before which no beacon needs to be composed; zero if none has been sent in this session.
     fn due_at(&self, advertise: Span, heartbeat: Span) -> Time {
         if self.sent.is_none() {
             return Time::ZERO;
@@ -123,7 +123,7 @@ impl Beacons {
     pub fn touch(&mut self) {
         self.touch_faces(super::attraction::ALL_FACES);
     }
-    /// The same, if only the beacons of the faces in a mask may differ.
+    /// Does what [`Beacons::touch`] does, if only the beacons of the faces in a mask may differ.
     pub fn touch_faces(&mut self, faces: u8) {
         for (face, sender) in Face::ALL.into_iter().zip(&mut self.senders) {
             sender.stale = true;
@@ -135,8 +135,8 @@ impl Beacons {
 }
 
 impl Cube {
-    /// Sends the beacons that are due: news at most once per `advertise`, news of the field that can wait
-    /// later, the rest per `heartbeat`.
+    /// Sends the beacons that are due: urgent changes at most once per `advertise`, changed distances possibly later
+    /// (see `news_delay`), and an unchanged beacon once per `heartbeat`.
     pub(super) fn tend_beacons(&mut self, now: Time) {
         let (advertise, heartbeat) = (self.own.params().advertise, self.own.params().heartbeat);
         let (mut timed, mut common) = (None, None);
@@ -200,7 +200,7 @@ impl Cube {
         }
     }
 
-    /// Composes what all neighbours are told alike.
+    /// Composes the part of the beacon that is the same for all neighbours.
     fn compose_common(&self, now: Time) -> Beacon {
         let (own, v) = (&self.own, self.view(now));
         Beacon {
@@ -251,8 +251,8 @@ impl Cube {
             && self.sides.support_mask() == 0
     }
 
-    /// Returns the number of finalized modules that this one counts for: itself, those that it made
-    /// finalized, and so on.
+    /// Returns the number of finalized modules in the subtree of this one: itself, the modules that it made finalized,
+    /// those that they made finalized, and so on.
     pub(super) fn subtree(&self, now: Time) -> u32 {
         let v = self.view(now);
         let below: u32 = Face::ALL
@@ -278,9 +278,9 @@ impl Cube {
     }
 }
 
-/// Returns the delay of news of the field after the beacon before. A target that comes much closer is sent at
-/// once. Other news matters less the farther the target is: a module `n` moves away gets there `n` moves
-/// later at the earliest, and by then the news will have changed again.
+/// Returns how long after the last beacon a change of distances is sent. A distance that has fallen by much
+/// ([`MUCH_CLOSER`]) waits for one `advertise`. Other changes wait for one more `advertise` per move to the target:
+/// a module `n` moves away needs at least `n` moves to get there, and by then the distance will have changed again.
 fn news_delay(before: &Beacon, after: &Beacon, advertise: Span) -> Span {
     let changed = before.field.iter().zip(&after.field).filter(|(b, a)| a != b);
     let moves = changed.map(|(b, a)| {

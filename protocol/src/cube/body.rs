@@ -7,7 +7,7 @@ use crate::wire::{Decoder, Encoder, Wire, WireError};
 /// The action of a cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Move {
-    /// The motion.
+    /// The transition to make: its kind, the support that carries the module, and the heading.
     pub motion: Motion,
     /// The latest start: the body must refuse to begin later.
     pub not_after: Time,
@@ -46,7 +46,7 @@ impl Wire for Move {
 pub enum Refusal {
     /// A cell that the move needs free is not free, or a support is missing.
     Blocked = 0,
-    /// The request came too late.
+    /// The action reached the body after [`Move::not_after`].
     Late = 1,
     /// The contacts had changed since the agent decided.
     Stale = 2,

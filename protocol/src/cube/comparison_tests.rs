@@ -1,5 +1,5 @@
-//! A debug build computes field and beacons in two ways and compares. These tests plant a difference, to show
-//! that the comparison fires.
+//! A debug build computes the attraction field and the beacons in two ways and compares the results. These tests cause
+//! a difference on purpose, to show that the comparison detects it.
 
 use super::control::Order;
 use super::message::{Beacon, Claim, Entry, Message, Rank, Role};
@@ -37,7 +37,7 @@ fn beacon(sequence: u32, distance: u16) -> Beacon {
     }
 }
 
-/// A module with a neighbour in the east that has spoken, after it has told the neighbour so.
+/// Returns a module that has heard a neighbour in the east and has sent its own beacons, and the time.
 fn beside_one() -> (Cube, Time) {
     let seed = Cell::new(5, 0, 0);
     let setup = Setup {

@@ -28,7 +28,7 @@ pub enum Order {
         /// The time after which it did nothing more. It names the death: no two deaths have the same.
         died: Time,
     },
-    /// Another module holds a dead one.
+    /// A module has announced that it holds a dead neighbour.
     Custody(CustodyAnnouncement),
 }
 
@@ -59,8 +59,8 @@ impl CustodyAnnouncement {
     }
 }
 
-/// The place of a module in the order of holders of a dead one; the least holds it. Finalized modules come
-/// first, since they never leave, and then modules near the seed, since they are finalized first.
+/// The place of a module in the order of holders of a dead module; the smallest key is the best holder. Finalized
+/// modules come first, since they never leave, and then modules near the seed, since they are finalized first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CustodyKey {
     /// False if the module is finalized, or stands in the seed cell.
@@ -120,7 +120,7 @@ impl Wire for Order {
     }
 }
 
-/// The report of a cube to the world-controller when it changes.
+/// A report of a cube to the world-controller, sent when one of its fields has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status {
     /// The goal that it works for.
@@ -131,20 +131,20 @@ pub struct Status {
     pub attached: bool,
     /// True if it cannot move any more.
     pub immobile: bool,
-    /// True if it holds a child that it believes dead, and so cannot leave.
+    /// True if a neighbour that is dead or silent keeps it from ever leaving.
     pub pinned: bool,
     /// True if it knows a route to a target.
     pub attracted: bool,
     /// Faces outside which it wants a cell filled.
     pub wants: u8,
-    /// The number of finalized modules that it counts for; at the seed, all of them.
+    /// In the seed cell, the number of finalized modules of the goal; zero elsewhere.
     pub subtree: u32,
-    /// How often another module held the cell that it wanted, so that a collision was prevented.
+    /// How often a reservation was denied to it because the cell was occupied or reserved: collisions prevented.
     pub prevented: u32,
     /// The module that it waits for.
     pub waits_for: Option<ModuleId>,
-    /// For each face, the time of death of a dead neighbour that the module holds without hanging on it; zero
-    /// if there is none.
+    /// For each face, the time of death of a dead neighbour that the module has announced to hold; zero if there is
+    /// none.
     pub custody: [Time; 6],
 }
 

@@ -1,21 +1,23 @@
 //! Custody of the dead: which module stays for a dead neighbour, so that all others may leave.
 //!
 //! A dead module may have children, and stays part of the body. As far as its neighbours know, each of them
-//! may be what holds it to the rest. One of them is enough: a module whose path to the finalized modules was
-//! confirmed after the death announces that it holds the dead one ([`CustodyAnnouncement`]), and a neighbour
-//! that hears of a better holder than itself lets go. The order of holders depends on cells and the goal
+//! may be its only connection to the rest. One of them is enough: a module whose path to the finalized modules
+//! was confirmed after the death announces that it holds the dead one ([`CustodyAnnouncement`]), and a neighbour
+//! that hears of a better holder than itself may leave. The order of holders depends on cells and the goal
 //! alone, so all modules order them alike, also after a restart.
 //!
-//! *No circle.* The rank of a holder is better than any that the dead module has told, because its path is
-//! confirmed later than the death, and ranks never get worse. So the holder does not hang on the dead one, and
-//! never will. A registered child is no proof of that: the registration may be out of date.
+//! *No circle.* The rank of a holder is better than any rank that the dead module has told, because the holder's
+//! path was confirmed after the death, and ranks never get worse. So the holder's path does not lead over the dead
+//! module, and never will. That the dead module is registered as a child does not prove this: the registration may
+//! be out of date.
 //!
-//! *One holder stays.* The best of all modules that have announced themselves lets go only for a better one,
-//! so never. If it dies it stays where it is; if it is restarted it touches a dead stranger, which it holds.
+//! *One holder stays.* The best of all modules that have announced themselves would leave only for a better one, so
+//! it never does. If it dies, it stays where it is; if it restarts, it touches a dead module that it has never heard,
+//! and holds it for that reason.
 //!
 //! An announcement is a fact that stays true for one death and one goal: late, lost and repeated ones cost
 //! time only. The world-controller forwards them. Only a certificate of death begins custody; silence proves
-//! nothing. Absent: custody with connecting cycles, where all neighbours of a dead module stay.
+//! nothing. There is no custody with connecting cycles, where all neighbours of a dead module stay.
 
 use super::control::{CustodyAnnouncement, CustodyKey};
 use super::message::Role;
@@ -27,17 +29,17 @@ use crate::lattice::Face;
 use crate::time::Time;
 use std::hash::Hash;
 
-/// The death of a neighbour, as its certificate tells it.
+/// A dead neighbour: what its certificate says, and which holders have been announced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Death {
-    /// The time after which the neighbour's process did nothing more; it names the death.
+    /// The time after which the neighbour's process did nothing more; it identifies the death.
     died: Time,
     /// True if this module has announced that it holds the neighbour, for the present goal.
     announced: bool,
     /// The best other holder that was announced for the present goal.
     other: Option<CustodyKey>,
-    /// True if a finalized module was announced as a holder for the present goal: it never leaves, and so what
-    /// hangs on the dead one stays.
+    /// True if a finalized module was announced as a holder for the present goal. It never leaves, so the dead module
+    /// stays connected for good.
     is_fixed: bool,
 }
 
@@ -94,7 +96,8 @@ impl Custody {
     pub fn is_announced(&self, face: Face) -> bool {
         self.death(face).is_some_and(|death| death.announced)
     }
-    /// Returns the times of the deaths that this module has announced itself for; zero for the other faces.
+    /// Returns for each face the time of death of the neighbour, if this module has announced that it holds it; zero
+    /// otherwise.
     pub fn announced(&self) -> [Time; 6] {
         let Some(deaths) = &self.deaths else { return [Time::ZERO; 6] };
         deaths.map(|death| death.filter(|d| d.announced).map_or(Time::ZERO, |d| d.died))
@@ -106,8 +109,8 @@ impl Custody {
         }
     }
 
-    /// Takes up the announcement of another holder. Returns the face of the dead neighbour if it has one, in
-    /// the present goal.
+    /// Notes the announcement of another holder. Returns the face of the dead neighbour if the announcement is for the
+    /// present goal and for a death that this module knows of.
     pub fn hear(&mut self, v: View<'_>, of: &CustodyAnnouncement) -> Option<Face> {
         if of.epoch != v.own.epoch && !v.has(Defect::EpochWords) {
             return None;
@@ -130,14 +133,14 @@ impl Custody {
         self.death(face).is_some_and(|death| death.is_fixed)
     }
 
-    /// Returns true if a better holder of the neighbour on a face is known than this module.
+    /// Returns true if this module knows of a better holder than itself of the neighbour on a face.
     pub fn is_released(&self, v: View<'_>, face: Face) -> bool {
         let other = self.death(face).and_then(|death| death.other);
         other.is_some_and(|other| other < own_key(v))
     }
 }
 
-/// Returns the place of a module in the order of holders.
+/// Returns the place of this module in the order of holders.
 pub(super) fn own_key(v: View<'_>) -> CustodyKey {
     CustodyKey {
         is_loose: !(v.own.role == Role::Final || v.own.masks.seed),
@@ -146,7 +149,7 @@ pub(super) fn own_key(v: View<'_>) -> CustodyKey {
     }
 }
 
-/// Returns true if deaths lead to custody.
+/// Returns true if dead neighbours are held in custody; only the parent forest does so.
 pub(super) fn is_kept(v: View<'_>) -> bool {
     v.params().connectivity == Connectivity::Forest
 }
@@ -168,7 +171,8 @@ mod tests {
     const PARENT: Face = Face::East;
     const DEAD: Face = Face::West;
     const DIED: Time = Time(1_000_000_000);
-    /// Faces of the dead module behind which a better and a worse holder is than the module under test.
+    /// Faces of the dead module: a holder on `NEARER` is nearer to the seed than the module under test, and so better;
+    /// one on `FARTHER` is worse.
     const NEARER: Face = Face::North;
     const FARTHER: Face = Face::South;
 

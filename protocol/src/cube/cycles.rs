@@ -2,8 +2,8 @@
 //! connected without it, over modules that it has locked until it is gone.
 //!
 //! Neighbours count as connected over a module that touches both, over finalized modules (which never leave
-//! and hang together), or over a route that a search has found. Every route is locked; locks are refused
-//! rather than waited for, so they cannot deadlock.
+//! and are all connected with each other), or over a route that a search has found. Every route is locked; a lock is
+//! denied rather than waited for, so locks cannot deadlock.
 
 use super::Cube;
 use super::message::{Ask, Beacon, Message, RequestId, Role};
@@ -18,15 +18,15 @@ use crate::time::Time;
 const DEPTHS: [u8; 4] = [4, 8, 14, 22];
 /// The number of searches remembered, so that each is passed on once.
 const MAX_SEEN: usize = 64;
-/// Index of the finalized structure, a node beside the six faces.
+/// The index in `SearchState::part` that stands for all finalized modules; the faces have the indices below it.
 const ROOT: usize = 6;
 
-/// The neighbours that are known to be connected without the mover.
+/// Which neighbours of the mover are known to be connected with each other without it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct SearchState {
-    /// For each face, and for the finalized structure, the number of its part.
+    /// For each face and for the finalized modules ([`ROOT`]), the number of its connected part.
     part: [u8; 7],
-    /// Faces with a neighbour.
+    /// Faces with a neighbour that must stay connected.
     nodes: u8,
     depth: usize,
     /// The routes to be locked. They are locked only when all are found: a module that searches for long
@@ -104,9 +104,9 @@ impl Cube {
         }
     }
 
-    /// Floods a search from every neighbour that is not known to hang on the finalized modules. A flood ends
-    /// at each module that touches the mover, and another flood may have to go on beyond. Each flood has a
-    /// name of its own, since several may have to pass the same modules.
+    /// Floods a search from every neighbour that is not known to be connected with the finalized modules. A flood ends
+    /// at each module that touches the mover, where another flood may have to continue. So each flood has an id of its
+    /// own, and a module can pass on several of them.
     fn search(&mut self, now: Time) {
         let Some(attempt) = &mut self.attempt else { return };
         let Some(state) = &attempt.search else { return };
@@ -125,7 +125,7 @@ impl Cube {
         }
     }
 
-    /// Searches farther when nothing was found; returns false if the depth is at its limit, or there is no
+    /// Repeats the search with the next depth. Returns false if the last depth has been tried, or if there is no
     /// search.
     pub(super) fn widen_search(&mut self, now: Time) -> bool {
         let Some(state) = self.attempt.as_mut().and_then(|a| a.search.as_mut()) else { return false };

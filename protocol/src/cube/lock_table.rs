@@ -13,12 +13,12 @@ const MAX_LOCKS: usize = 16;
 pub(super) struct Lock {
     pub id: RequestId,
     pub expires: Time,
-    /// The face that the request went on to.
+    /// The face over which the request was passed on; `None` in the last module of the route.
     pub next: Option<Face>,
     /// The face outside which the cell is kept free.
     pub reserved: Option<Face>,
-    /// The co-owners that the last module of the route named; `None` until all modules further on have
-    /// granted.
+    /// The `co_owners` that the last module of the route answered with; `None` until all later modules of the route
+    /// have granted.
     pub beyond: Option<u8>,
 }
 
@@ -44,11 +44,11 @@ impl LockTable {
     pub fn is_full(&self) -> bool {
         self.locks.len() == MAX_LOCKS
     }
-    /// Returns another module that the cell outside a face is kept free for.
+    /// Returns the module, other than `origin`, for which the cell outside a face is reserved.
     pub fn reserved_for_other(&self, face: Face, origin: ModuleId) -> Option<ModuleId> {
         self.locks.iter().find(|l| l.reserved == Some(face) && l.id.origin != origin).map(|l| l.id.origin)
     }
-    /// Returns a module that this one has promised to stay for.
+    /// Returns a module that holds a lock on this one whose lease has not ended.
     pub fn holder(&self, now: Time) -> Option<ModuleId> {
         self.locks.iter().find(|l| l.expires > now).map(|l| l.id.origin)
     }
@@ -81,8 +81,8 @@ impl LockTable {
         self.locks.len() != before
     }
 
-    /// Drops all locks of the attempts that one of these locks belongs to, since such an attempt is over.
-    /// Returns the releases to pass on.
+    /// Drops all locks of every attempt that has a lock selected by `which`, since such an attempt is over. Returns the
+    /// releases to pass on.
     pub fn release(&mut self, which: impl Fn(&Lock) -> bool) -> Vec<Forward> {
         let mut forwards: Vec<Forward> = Vec::new();
         let attempts: Vec<(ModuleId, Token)> =

@@ -32,13 +32,14 @@ impl Role {
     }
 }
 
-/// A place in the parent forest: since when the path to the finalized modules is known, and how long it is.
-/// It never gets worse while the module stays, and a parent's is always better than its child's: so no module
-/// is its own ancestor, even if messages are late or modules forget. Sequence numbers do the same for routes
+/// A place in the parent forest: when the path to the finalized modules was last confirmed, and how long it is.
+/// A module's rank never gets worse while the module stays, and a parent's rank is always better than its child's: so
+/// no module is its own ancestor, even if messages are late or modules forget. Sequence numbers do the same for routes
 /// in radio networks (RFC 3561, section 6; RFC 8966, section 2.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Rank {
-    /// The parents led to a finalized module at this time or later; zero stands for the start of the goal.
+    /// The path over the parents is known to have led to a finalized module at this time or later; zero stands for the
+    /// start of the goal.
     pub rooted: Time,
     /// Depth in the forest, 0 if finalized.
     pub label: u16,
@@ -72,7 +73,7 @@ pub enum Claim {
     Parent(Token),
 }
 
-/// The nearest unfilled goal cell: its distance, and the face of the module that offers it.
+/// A value of the attraction field: the distance of the nearest target, and the module and face that announced it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Entry {
     /// The distance of the target: [`Entry::MOVE`] per move, and 1 for each time it was passed on between
@@ -135,30 +136,32 @@ pub struct Beacon {
     pub supports: u8,
     /// Faces behind which the sender knows finalized modules.
     pub finals: u8,
-    /// Faces behind which it knows goal cells that are filled for good: those, and dead modules in goal cells.
+    /// Faces outside which the sender knows goal cells that are filled for good: those of [`Beacon::finals`], and goal
+    /// cells with a dead module.
     pub filled: u8,
     /// The sender's place in the parent forest.
     pub rank: Rank,
-    /// The sender needs the receiver's path to the finalized modules to be confirmed anew, no earlier than
-    /// this; zero if it does not.
+    /// The sender asks for the receiver's path to the finalized modules to be confirmed at this time or later
+    /// ([`Rank::rooted`]); zero if it asks for nothing.
     pub renew: Time,
     /// What the sender wants of the receiver.
     pub claim: Claim,
-    /// The receiver's claim that the sender has registered.
+    /// The token of the receiver's claim, if the sender has registered the receiver as a child.
     pub ack: Option<Token>,
-    /// Directions in which a walker found the corner over the receiver blocked.
+    /// Directions in which the sender, a walker, found the corner over the edge of the receiver blocked.
     pub corners: u8,
-    /// The number of finalized modules that the sender counts for, including itself.
+    /// The number of finalized modules in the sender's subtree, itself included, if the receiver made the sender
+    /// finalized; zero otherwise.
     pub subtree: u32,
     /// Distances for the four headings at right angles to the shared face.
     pub field: [Entry; 4],
 }
 
 impl Beacon {
-    /// No finalized module is reached, not even over modules that have forgotten their role.
+    /// The value of [`Beacon::final_hops`] for a module that cannot have been finalized before.
     pub const NO_FINAL: u8 = u8::MAX;
 
-    /// Returns true if all but the distances and the number is the same in another beacon.
+    /// Returns true if another beacon is the same except for the distances and the sequence number.
     pub(super) fn differs_in_field_only(&self, other: &Beacon) -> bool {
         (Beacon { sequence: self.sequence, field: self.field, ..*other }) == *self
     }
@@ -181,11 +184,11 @@ pub enum Denial {
     Occupied = 1,
     /// The cell is reserved for another module.
     Reserved = 2,
-    /// A module of the route is leaving.
+    /// A module of the route is moving, or has no room for another lock.
     Busy = 3,
     /// A module of the route wants to leave and has waited longer.
     Younger = 4,
-    /// The route leads nowhere.
+    /// A module of the route is absent or silent, is a walker, or is the one that asks.
     NoSupport = 5,
     /// A module of the route has just restarted.
     Quarantined = 6,
@@ -220,7 +223,7 @@ impl Denial {
     }
 }
 
-/// The name of one request: its origin, the attempt, and the number within it.
+/// Identifies one request: its origin, the attempt, and the number within it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RequestId {
     /// The module that asks.
@@ -248,11 +251,12 @@ impl RequestId {
 pub enum Message {
     /// The state of the sender.
     Beacon(Beacon),
-    /// Asks the modules along a route to stay, and the last one for more.
+    /// Asks the modules along a route to stay, and the last one also for what `ask` says.
     Request {
         /// The request.
         id: RequestId,
-        /// How long the origin has been waiting; the longer wins.
+        /// How long the origin has been waiting to move. Of two modules that want to move, the one that has waited
+        /// longer goes first.
         age: Span,
         /// Hops already taken, at least 1.
         hop: u8,
@@ -261,22 +265,22 @@ pub enum Message {
         /// The route.
         route: Route,
     },
-    /// The answer, on the way back.
+    /// The answer to a request, passed back along its route.
     Response {
         /// The request.
         id: RequestId,
         /// Hops left to the origin.
         hop: u8,
-        /// The reason of a denial; `None` if granted.
+        /// The reason for a denial; `None` if the request is granted.
         denial: Option<Denial>,
         /// The module in the way, if there is one.
         blocker: Option<ModuleId>,
-        /// Directions from the last module in which a further module touches the reserved cell.
+        /// Directions in which the last module of the route has a neighbour with a module next to the reserved cell.
         co_owners: u8,
         /// The route.
         route: Route,
     },
-    /// The origin needs none of an attempt's locks any more.
+    /// The attempt is over: all locks granted for it can be dropped.
     Release {
         /// The module that asked.
         origin: ModuleId,

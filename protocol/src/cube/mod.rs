@@ -5,7 +5,7 @@
 //!
 //! * `sides` — the six contacts, and the last beacon of each neighbour;
 //! * `attraction` — the field towards unfilled goal cells, on faces of empty surface cells;
-//! * `parent_forest`, `custody`, `cycles` — the connectivity checks, and what they keep of the dead;
+//! * `parent_forest`, `custody`, `cycles` — the connectivity checks, and which module stays for a dead neighbour;
 //! * `lock_table`, `negotiation` — locks and reservations along routes, with leases;
 //! * `motion_planner` — where to go, and when;
 //! * `beacon` — telling the neighbours; `reporter` — telling the world-controller;
@@ -75,15 +75,15 @@ pub struct Cube {
     attraction: Attraction,
     locks: LockTable,
     planner: MotionPlanner,
-    /// What this module asks for before a move.
+    /// The move that this module is requesting locks and a reservation for.
     attempt: Option<Attempt>,
-    /// The attempt whose motion the body has been asked for.
+    /// The attempt whose motion the body has been asked for, until the percept arrives.
     moving: Option<Attempt>,
-    /// The searches seen last, so that each is passed on once.
+    /// The searches that this module saw last; it passes each of them on only once.
     searches: VecDeque<RequestId>,
-    /// The number of reservations denied because another module had the cell.
+    /// The number of this module's reservation requests that were denied because the cell was occupied or reserved.
     prevented: u32,
-    /// A goal received during a move, taken up after it.
+    /// The epoch of a goal received during a move; taken up when the move has ended.
     next_epoch: Option<u16>,
     beacons: Beacons,
     reporter: Reporter,
@@ -91,9 +91,10 @@ pub struct Cube {
     tokens: Tokens,
     /// Faces outside which this finalized module wants the cell filled; computed in every step.
     wanted: u8,
-    /// Faces behind which live finalized modules of the same goal are; computed in every step.
+    /// Faces with a live neighbour that is finalized for the same goal; computed in every step.
     finals: u8,
-    /// Faces behind which goal cells are filled for good; computed in every step.
+    /// Faces outside which a goal cell is filled for good, by a live finalized module or by a dead one; computed in
+    /// every step.
     filled: u8,
     wake: Time,
     out: Outbox,
@@ -115,11 +116,11 @@ impl Outbox {
     }
 }
 
-/// What is new in a beacon.
+/// How a beacon differs from the one before.
 enum News {
-    /// Anything.
+    /// Possibly in everything.
     All,
-    /// Distances alone, of the cells outside these faces.
+    /// Only in the distances of the cells outside these faces.
     Field(u8),
 }
 
@@ -306,8 +307,9 @@ impl Cube {
         }
     }
 
-    /// Returns true if a dead neighbour would want this cell filled: it stands in a goal cell, is held by a
-    /// finalized module or was one, and growth has come this far.
+    /// Returns true if a certified dead neighbour would have started this cell: rule G1 allows it, the neighbour was
+    /// finalized or is held by a finalized module, and rule G2 is met, which demands that the lower neighbours of
+    /// the cell are filled, except in a scaffold.
     fn is_started_by_dead(&self, now: Time) -> bool {
         let (v, masks) = (self.view(now), &self.own.masks);
         let dead = v.sides.certified_mask() & masks.starters;

@@ -23,21 +23,23 @@ use std::hash::Hash;
 const OUTERMOST_FIRST: u16 = 6;
 /// The same with connecting cycles.
 const OUTERMOST_FIRST_IN_CYCLES: u16 = 200;
-/// Number of decisions after which a walker accepts one move of detour.
+/// Number of deferrals up to which a module accepts no detour; after that, it accepts a detour of one move.
 const DETOUR: u16 = 12;
-/// Number of decisions after which a walker sometimes accepts two moves of detour.
+/// Number of deferrals after which a module sometimes accepts a detour of two moves.
 const WIDE_DETOUR: u16 = 40;
 
-/// Number of moves that a walker without a target tries at once. After that it waits twice as long every
-/// time, so that a swarm without work comes to rest; where it has stopped it may be in the way.
+/// Number of moves that a walker without a target tries one after the other. Later moves come after pauses, each twice
+/// as long as the one before, so that a swarm without work comes to rest. It never stops for good, since it may be in
+/// the way where it stands.
 const ROAMING: u8 = 100;
-/// The largest number of doublings of that wait.
+/// The largest number of times that the pause between moves doubles.
 const LONGEST_ROAMING: u8 = 30;
 /// The largest number of targets that a module in reserve remembers.
 const MAX_TARGETS: usize = 24;
 
-/// The random walk of a walker without a target. Distances go from module to module along the surface, and
-/// end where a dead module stands in the corner between two, though a walker gets past.
+/// The random walk of a walker without a target. It can lead to targets that the field does not show: distances pass
+/// from module to module along the surface, but not past a dead module in the corner between two, where a walker still
+/// gets through.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct RandomWalk {
     since: Time,
@@ -46,9 +48,9 @@ struct RandomWalk {
     from: Cell,
 }
 
-/// A target known to a module in reserve. A module leaves for a target only when the target has been there
-/// for half as long as a nearer module would have needed to fill it; so each target recruits in a growing
-/// circle, and few more modules walk than are needed.
+/// A target known to a module in reserve. A module leaves for a target only after it has known it for
+/// [`Params::recruit_per_move`] per move of its distance. So each target recruits from a growing circle, and few more
+/// modules walk than are needed.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Target {
     source: u32,
@@ -63,7 +65,7 @@ struct Course {
     /// True if the support is not finalized; a finalized one is steadier.
     over_loose: bool,
     motion: Motion,
-    /// The walker in the way.
+    /// The walker on the heading side, which must move on before this motion is possible.
     behind: Option<ModuleId>,
 }
 
@@ -75,12 +77,12 @@ pub(super) enum DigestPart {
     Targets,
 }
 
-/// What a module sees of the motions around it.
+/// The motions over the supports of a module, by what the module knows of them.
 #[derive(Default)]
 struct Courses {
     /// Motions towards a target, over every live support.
     known: Vec<Course>,
-    /// Motions of which the destination's distance is not known.
+    /// Motions to free cells from which no distance to a target is known.
     blind: Vec<Motion>,
     /// For each support, headings whose corner is blocked.
     corners: [u8; 6],
@@ -96,7 +98,7 @@ pub(super) struct MotionPlanner {
     pub waiting_since: Option<Time>,
     /// The module in the way, if it is known.
     pub waits_for: Option<ModuleId>,
-    /// The number of decisions put off since the last move.
+    /// The number of decisions put off and of attempts failed since the last move.
     deferrals: u16,
     /// The number of attempts that failed in a row.
     denied: u8,
@@ -196,7 +198,7 @@ impl MotionPlanner {
         self.back_off_until = now + p.tick() * ticks;
         self.decide_at = self.back_off_until;
     }
-    /// Schedules a decision since something has changed; a back-off is waited out.
+    /// Schedules a decision at once or, during a back-off, at its end, because something has changed.
     pub fn decide_soon(&mut self, now: Time) {
         self.decide_at = self.decide_at.min(self.back_off_until.max(now));
     }

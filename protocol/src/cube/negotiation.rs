@@ -1,6 +1,7 @@
 //! Local negotiation for a cell: requests along routes, consent, leases and deadlines.
 //!
-//! A mover asks the modules it needs to stay where they are, and the last one to keep its destination free.
+//! A module that wants to move asks every module along a route to stay where it is, and the last one also to keep
+//! the destination cell free.
 //! No module waits while it holds a lock: a request is granted or denied at once, so locks cannot deadlock.
 //! Every grant ends by itself after the lease, and the mover's deadline is earlier than the end of every
 //! grant, whatever the delay of the request was.
@@ -28,7 +29,7 @@ pub(super) struct Request {
     pub granted: bool,
 }
 
-/// The attempt of a module to get what it needs to move.
+/// One intended move, and the requests that must all be granted before it starts.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Attempt {
     pub token: Token,
@@ -76,7 +77,7 @@ impl Cube {
         self.ask(now, route, Ask::Reserve(face));
     }
 
-    /// Returns how long an answer over a route takes, if no message is lost.
+    /// Returns how long to wait for an answer over a route: two usual delays per hop, and eight ticks.
     fn answers_within(&self, route: Route) -> Span {
         let p = self.own.params();
         p.usual_delay * (2 * route.hop_count() as u64) + p.tick() * 8
@@ -108,9 +109,9 @@ impl Cube {
         }
     }
 
-    /// Repeats requests that have not been answered, if an answer could still be in time. A module that has
-    /// granted one confirms it, and keeps it as long as before. Without this all of an attempt's messages
-    /// would have to come through at once.
+    /// Repeats the requests that have not been answered. Returns false if no answer could arrive before the deadline.
+    /// A module that has already granted such a request confirms the grant without extending its lease. Without
+    /// repetition, the loss of a single message would fail the whole attempt.
     fn ask_again(&mut self, now: Time) -> bool {
         let Some(attempt) = &self.attempt else { return false };
         let open: Vec<(RequestId, Route, Ask)> = (0u8..)
@@ -183,7 +184,7 @@ impl Cube {
         }
     }
 
-    /// Grants a request (again) or returns the reason of a denial.
+    /// Grants a request, which may be a repeated one, or returns the reason for the denial and the module in the way.
     fn consider(
         &mut self,
         now: Time,
@@ -250,7 +251,8 @@ impl Cube {
         Ok(())
     }
 
-    /// Returns the directions from here in which a further module touches the cell outside `face`.
+    /// Returns the directions of the neighbours that have a module on their own `face`. Such a module touches the
+    /// cell outside `face` of this one.
     fn co_owners(&self, face: Face) -> u8 {
         let touches = |u: &Face| self.sides.support(*u).is_some_and(|b| b.supports & face.bit() != 0);
         face.perpendicular().into_iter().filter(touches).fold(0, |mask, u| mask | u.bit())
@@ -349,7 +351,8 @@ impl Cube {
         }
     }
 
-    /// Gives up waiting when answers do not come.
+    /// Handles the time-out of the current attempt: widens its search or repeats its requests, and aborts it if
+    /// neither is possible.
     pub(super) fn tend_attempt(&mut self, now: Time) {
         let waited = self.attempt.as_ref().filter(|a| now >= a.timeout).map(|a| a.search.is_some());
         let Some(searches) = waited else { return };
@@ -360,7 +363,7 @@ impl Cube {
         }
     }
 
-    /// Gives an attempt up: releases its grants and tries again later.
+    /// Aborts the current attempt: releases its grants and backs off. `blocker` is the module in the way, if known.
     pub(super) fn abort_attempt(&mut self, now: Time, blocker: Option<ModuleId>) {
         if let Some(attempt) = self.attempt.take() {
             self.give_back(&attempt);
@@ -370,7 +373,7 @@ impl Cube {
         }
     }
 
-    /// Tells the modules asked for an attempt that it is over.
+    /// Releases the grants of an attempt: sends one release over each face that its requests left by.
     pub(super) fn give_back(&mut self, attempt: &Attempt) {
         let mut told = 0u8;
         for first in attempt.requests.iter().filter_map(|r| r.route.hop(0)) {
@@ -382,7 +385,7 @@ impl Cube {
         }
     }
 
-    /// Drops locks, and all others of the same attempts, and passes the releases on.
+    /// Drops the locks that `which` selects and all others of the same attempts, and passes the releases on.
     pub(super) fn release_locks(&mut self, which: impl Fn(&Lock) -> bool) {
         if self.own.has(Defect::KeepLocks) {
             return;

@@ -6,10 +6,11 @@ use crate::ratio::Ratio;
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
 
-/// Back-off: the least number of ticks, the number of further ticks that are drawn at first, and the largest
-/// number of times that these double.
+/// The fixed part of a back-off, in ticks ([`Params::tick`]).
 pub(super) const BACK_OFF: u64 = 6;
+/// The bound of the random part of a back-off, in ticks; it doubles with every failure in a row.
 pub(super) const BACK_OFF_SPREAD: u64 = 8;
+/// The largest number of times that [`BACK_OFF_SPREAD`] doubles.
 pub(super) const MOST_DOUBLED: u8 = 4;
 
 /// How a module makes sure that the structure stays in one piece when it leaves.
@@ -29,17 +30,18 @@ pub enum Connectivity {
     Gradient,
 }
 
-/// Parameters of the cube protocol. All times are scenario time; the defaults scale with the duration of a
-/// move (prototype values in units of a twentieth of a move).
+/// Parameters of the cube protocol. All times are scenario time. [`Params::scaled`] derives the defaults from the
+/// duration of a move and the delay of a message.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Params {
     /// The connectivity check.
     pub connectivity: Connectivity,
-    /// True if modules that touch the same empty cell as the one asked are asked too.
+    /// True if a reservation also needs the consent of the other modules that touch the cell, as far as the module that
+    /// reserves it knows them.
     pub co_owners: bool,
     /// The longest duration of a move.
     pub move_time: Span,
-    /// The usual maximum delay of a message; for time-outs only, not for safety.
+    /// The time within which a message usually arrives. Time-outs depend on it, safety does not.
     pub usual_delay: Span,
     /// The least time between two beacons on a face.
     pub advertise: Span,
@@ -49,23 +51,24 @@ pub struct Params {
     pub refresh: Span,
     /// How long a version of a gradient is used after it was first heard.
     pub hold: Span,
-    /// How long a neighbour is silent before it is suspected dead.
+    /// How long a neighbour may be silent before it is suspected dead.
     pub suspect: Span,
     /// How long a lock or reservation lasts: at least eight usual delays and one move.
     pub lease: Span,
-    /// The largest drift of clocks against each other.
+    /// The largest relative drift of clocks against each other: time gained or lost per time passed.
     pub drift: Ratio,
     /// How long a corner found blocked is avoided.
     pub corner_hint: Span,
-    /// How long a goal cell stays unfilled before it may be started from any filled neighbour, unless that
-    /// misses a neighbour of its own.
+    /// How long a goal cell must have been unfilled before any finalized neighbour may start it out of turn. A module
+    /// with a suspected neighbour starts no cell out of turn.
     pub out_of_turn_after: Span,
     /// How long a restarted module only listens and looks for a parent: it grants nothing, does not move and
     /// is not finalized.
     pub quarantine: Span,
     /// The reach of gradients, in moves.
     pub range: u16,
-    /// How long a module in reserve knows a target before it leaves for it, per move of its distance.
+    /// How long a module in reserve must have known a target before it leaves for it, per move of the target's
+    /// distance.
     pub recruit_per_move: Span,
     /// The number of failed actions in a row after which a module counts itself immobile.
     pub immobile_after: u8,
@@ -104,7 +107,8 @@ impl Params {
         }
     }
 
-    /// Returns the parameters with another connectivity check.
+    /// Returns the parameters with another connectivity check. With connecting cycles, the lease and the quarantine
+    /// are made long enough for the longest route.
     pub fn keeping(mut self, connectivity: Connectivity) -> Params {
         self.connectivity = connectivity;
         if connectivity == Connectivity::Cycles {
@@ -125,7 +129,7 @@ impl Params {
     pub fn longest_back_off(&self) -> Span {
         self.tick() * (BACK_OFF + (BACK_OFF_SPREAD << MOST_DOUBLED))
     }
-    /// Returns how long the first messages of new neighbours take.
+    /// Returns how long a module at a new cell waits for the first beacons of its neighbours.
     pub fn first_words(&self) -> Span {
         self.usual_delay + self.advertise * 6
     }

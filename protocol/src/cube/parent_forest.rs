@@ -5,11 +5,12 @@
 //! it, and a parent forgets a child only when the child says so, in the same contact session. So a parent
 //! never leaves, even if messages are late, lost or duplicated.
 //!
-//! A module that has forgotten its parent keeps all its neighbours from leaving, since any may have been its
-//! parent. It takes another only on proof that the path to the finalized modules does not lead over itself:
-//! the path must be confirmed anew since it forgot ([`Rank`]), and a module without a parent does not pass a
-//! confirmation on. A module that has lost its parent and would fall back asks for the same proof. Finalized
-//! modules give it when they are asked ([`Beacon::renew`]), so it costs nothing while no module fails.
+//! A module that has forgotten its parent keeps all its neighbours from leaving, since any of them may have been its
+//! parent. It takes a new parent only with proof that the parent's path to the finalized modules does not lead over
+//! the module itself: the path must have been confirmed after the module forgot ([`Rank`]), and a module without a
+//! parent does not pass confirmations on. A module that has lost its parent and finds no other one of a sufficient
+//! rank asks for the same proof. Finalized modules confirm a path only when asked ([`Beacon::renew`]), so this costs
+//! nothing while no module fails.
 //!
 //! Also here: the published rule without registration, for comparison.
 
@@ -30,7 +31,7 @@ use std::hash::Hash;
 pub(super) const UNLABELLED: u16 = u16::MAX;
 /// The rank of a module that has never had a parent: any module qualifies as its parent.
 const UNRANKED: Rank = Rank { rooted: Time::ZERO, label: UNLABELLED };
-/// The token of claims to a parent, which differ only from claims to candidates.
+/// The token of every [`Claim::Parent`]; a [`Claim::Want`] has a unique one instead.
 const PARENT_TOKEN: Token = Token(u32::MAX);
 
 /// Why a module may not leave: the module in the way, if it is known.
@@ -61,10 +62,10 @@ pub(super) enum Effect {
 /// A module's place in the forest.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct ParentForest {
-    /// The rank; without a parent, a parent's must be better than this.
+    /// The module's rank; without a parent, a bound: the rank of the next parent must be better.
     rank: Rank,
-    /// The earliest time of confirmation that neighbours are asked for, of their path to the finalized
-    /// modules; zero if none is needed.
+    /// Neighbours are asked for a path to the finalized modules that is confirmed at this time or later; zero if
+    /// this module needs none.
     renew: Time,
     parent: Option<Face>,
     /// The neighbour asked to be the next parent.
@@ -75,9 +76,9 @@ pub(super) struct ParentForest {
 }
 
 impl ParentForest {
-    /// Creates the state of a module that has never had a parent or, if it has restarted, has forgotten it at
-    /// this time. Modules that hung on an earlier incarnation may still hang on it, and only a path that is
-    /// confirmed after the restart cannot lead over it.
+    /// Creates the state of a module that has never had a parent or, if it has restarted, forgot its parent at time
+    /// `restarted`. Modules whose path led over an earlier incarnation may still depend on it, and only a path that is
+    /// confirmed after the restart is sure not to lead over it.
     pub fn new(restarted: Option<Time>) -> ParentForest {
         let rank = restarted.map_or(UNRANKED, |rooted| Rank { rooted, label: 0 });
         ParentForest {
@@ -162,8 +163,8 @@ impl ParentForest {
             self.forget_child(face);
         }
     }
-    /// Announces that this module holds a dead neighbour, if it is proved that it does not hang on it.
-    /// Returns true if there is such news.
+    /// Announces that this module holds a dead neighbour, once it is proved that its own path does not lead over that
+    /// neighbour. Returns true if there is a new announcement.
     pub fn tend_custody(&mut self, v: View<'_>, is_moving: bool) -> bool {
         if self.custody.is_empty() || is_moving || v.own.role == Role::Walker || v.is_quarantined() {
             return false;
@@ -182,7 +183,7 @@ impl ParentForest {
         }
         is_news
     }
-    /// Returns true if it is proved that this module does not hang on a dead neighbour, and never will.
+    /// Returns true if it is proved that this module's path does not lead over a dead neighbour, and never will.
     fn is_above_dead(&self, v: View<'_>, face: Face, died: Time) -> bool {
         let is_carried = || v.peer(face).is_some_and(|b| b.role == Role::Walker && b.supported_here);
         let is_child = || self.child(face).is_some();
@@ -194,8 +195,8 @@ impl ParentForest {
                     || v.has(Defect::LetGoUnproved)
                     || (v.has(Defect::ChildProves) && is_child())))
     }
-    /// Returns the time after which this module's path has to be confirmed, so that it may announce that it
-    /// holds a dead neighbour; zero if there is none.
+    /// Returns the time at or after which this module's path must be confirmed before it may announce that it holds a
+    /// dead neighbour; zero if there is nothing to announce.
     fn custody_needs(&self, v: View<'_>) -> Time {
         if self.custody.is_empty() || v.own.role != Role::Reserve || !self.is_attached(v) {
             return Time::ZERO;
@@ -207,7 +208,7 @@ impl ParentForest {
         };
         Face::ALL.iter().filter_map(needs).max().unwrap_or(Time::ZERO)
     }
-    /// Forgets a neighbour that is certified to have died finalized: it hangs on no module.
+    /// Forgets the child on a face: a neighbour that died finalized, or that a better holder has in custody.
     pub fn forget_child(&mut self, face: Face) {
         self.children[face.index()] = None;
     }
@@ -275,8 +276,8 @@ impl ParentForest {
         if is_same { Effect::None } else { Effect::TellAndDecide }
     }
 
-    /// Returns a dead finalized neighbour, preferably the parent. It never leaves, and is connected with all
-    /// finalized modules.
+    /// Returns the face of a dead neighbour that was finalized or is held by a finalized module, preferably the parent.
+    /// Such a neighbour stays connected with the finalized modules for good.
     fn dead_root(&self, v: View<'_>) -> Option<Face> {
         let is_root = |f: &Face| {
             v.died_finalized(*f)
@@ -286,8 +287,8 @@ impl ParentForest {
         self.parent.into_iter().chain(Face::ALL).find(is_root)
     }
 
-    /// Takes a dead finalized module as the parent: it needs no acknowledgement, and the module confirms the
-    /// path in its place.
+    /// Takes the dead neighbour found by `dead_root` as the parent. No acknowledgement is needed, and this module
+    /// confirms the path in place of the dead one.
     fn hang_on_dead(&mut self, v: View<'_>, face: Face) {
         if self.parent != Some(face) {
             hit(CoveragePoint::CubeHangsOnDead);
@@ -343,7 +344,8 @@ impl ParentForest {
         }
     }
 
-    /// Confirms the module's path anew if asked to: it is finalized, or hangs on a dead finalized one.
+    /// Confirms this module's path anew if asked to. The module is finalized, or its parent is the dead neighbour that
+    /// `dead_root` returned.
     fn renew_root(&mut self, v: View<'_>) -> bool {
         let asked = self.asked(v, None);
         let renews = asked > self.rank.rooted && asked <= v.now;
@@ -354,17 +356,17 @@ impl ParentForest {
         renews
     }
 
-    /// Returns the latest time of confirmation that any neighbour but one asks for, or the dead ones that this
-    /// module holds.
+    /// Returns the latest time of confirmation that is asked for by a neighbour other than `except`, or needed for the
+    /// custody of a dead neighbour.
     fn asked(&self, v: View<'_>, except: Option<Face>) -> Time {
         let others = Face::ALL.into_iter().filter(|f| Some(*f) != except);
         let renew = others.filter_map(|f| v.peer(f)).filter(|b| b.epoch == v.own.epoch).map(|b| b.renew);
         renew.max().unwrap_or(Time::ZERO).max(self.custody_needs(v))
     }
 
-    /// Returns what a neighbour is asked for, as [`Beacon::renew`]: what this module itself needs, or what it
-    /// has been asked for and does not have. The latter goes to its parent; if the parent itself has asked,
-    /// to the other neighbours.
+    /// Returns the time of confirmation to ask a neighbour for ([`Beacon::renew`]): what this module needs itself, or
+    /// what others have asked it for and it does not have. Requests of other neighbours are passed on to the parent,
+    /// and a request of the parent to all other neighbours.
     pub fn renewal(&self, v: View<'_>, face: Face) -> Time {
         if v.own.role != Role::Reserve || v.params().connectivity != Connectivity::Forest {
             return Time::ZERO;
@@ -384,8 +386,8 @@ impl ParentForest {
         own.max(if passed_on > self.rank.rooted { passed_on } else { Time::ZERO })
     }
 
-    /// Returns true if any parent is better than none, or than the present one: that is silent, or asks
-    /// itself.
+    /// Returns true if the module has no parent, or if any other parent is better than the present one, which is silent
+    /// or itself asks for a newer confirmation.
     fn needs_parent(&self, v: View<'_>) -> bool {
         self.parent.is_none_or(|f| {
             // A module with children stays in any case, and leaves its parent only for their sake.
@@ -517,9 +519,9 @@ impl ParentForest {
     }
 }
 
-/// Returns true if every neighbour has been heard since a restart, which is required before a parent is
-/// chosen, however long it takes: a silent one may be a child in a later goal than this module knows of. Dead
-/// neighbours count for the goal that their certificate names.
+/// Returns true if a restarted module may choose a parent: every neighbour has been heard, however long that takes. An
+/// unheard one may be a child in a later goal than this module knows of. A dead neighbour need not be heard, since its
+/// certificate names the latest goal that it can have worked for.
 fn all_heard(v: View<'_>) -> bool {
     let is_last_goal = usize::from(v.own.epoch) + 1 == v.own.setup.goals.len();
     !v.own.restarted || is_last_goal || !v.sides.any_unheard()

@@ -14,7 +14,7 @@ impl Cube {
     pub fn role(&self) -> Role {
         self.own.role
     }
-    /// Returns the module's cell, as it believes.
+    /// Returns the cell that the module believes itself to be in.
     pub fn cell(&self) -> Cell {
         self.own.cell
     }
@@ -31,7 +31,8 @@ impl Cube {
     pub fn is_unlabelled(&self) -> bool {
         self.label() == UNLABELLED
     }
-    /// Returns the rank in the parent forest; without a parent, a parent's must be better than this.
+    /// Returns the rank in the parent forest. For a module without a parent it is a bound: the rank of its next parent
+    /// must be better.
     pub fn rank(&self) -> Rank {
         self.forest.rank()
     }
@@ -59,7 +60,8 @@ impl Cube {
     pub fn certified_faces(&self) -> u8 {
         self.sides.certified_mask()
     }
-    /// Returns the time of death of a dead neighbour that the module has announced to hold, for its goal.
+    /// Returns the time of death of the neighbour on a face, if the module has announced for its current goal that it
+    /// holds that neighbour.
     pub fn custody(&self, face: Face) -> Option<Time> {
         let custody = self.forest.custody();
         custody.died(face).filter(|_| custody.is_announced(face))
@@ -84,7 +86,7 @@ impl Cube {
     pub fn children(&self) -> usize {
         self.forest.child_count()
     }
-    /// Returns the session that the module believes to have on a face.
+    /// Returns the contact session on a face, as far as the module knows.
     pub fn session(&self, face: Face) -> Option<Session> {
         self.sides.session(face)
     }
@@ -92,7 +94,7 @@ impl Cube {
     pub fn has_heard(&self, face: Face) -> bool {
         self.sides.peer(face).is_some()
     }
-    /// Returns true if the module has asked its body to move and has not got the percept yet.
+    /// Returns true if the module has asked its body to move and has not received the percept yet.
     pub fn is_moving(&self) -> bool {
         self.moving.is_some()
     }
@@ -101,7 +103,7 @@ impl Cube {
         let (successor, heard) = self.attraction.successor(face);
         (self.attraction.value(face), successor, heard)
     }
-    /// Returns since when the module has been at its cell with its memory.
+    /// Returns the time at which the module arrived at its cell or, if later, restarted there.
     pub fn settled(&self) -> Time {
         self.own.settled
     }
@@ -119,7 +121,7 @@ impl Cube {
             _ => "idle",
         }
     }
-    /// Returns until when the module stays because of a lock of `origin`.
+    /// Returns when the last lock that the module has granted to `origin` expires.
     pub fn locked_for(&self, origin: ModuleId) -> Option<Time> {
         self.locks.iter().filter(|l| l.id.origin == origin).map(|l| l.expires).max()
     }

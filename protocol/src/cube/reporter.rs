@@ -1,4 +1,4 @@
-//! Reports to the world-controller: changes that matter for the outcome at once, the rest now and then.
+//! Reports to the world-controller: changes that matter for the outcome at once, others at most once per heartbeat.
 
 use super::Cube;
 use super::control::Status;
@@ -21,7 +21,8 @@ impl Reporter {
 }
 
 impl Cube {
-    /// Sends a report when something has changed that the world-controller depends on.
+    /// Sends a report if the status has changed: at once if the change matters for the outcome, otherwise not sooner
+    /// than one heartbeat after the last report.
     pub(super) fn tend_report(&mut self, now: Time) {
         let own = &self.own;
         let is_seed = own.role == Role::Final && own.masks.seed;

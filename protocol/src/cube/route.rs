@@ -6,7 +6,7 @@ use crate::wire::{Decoder, Encoder, WireError};
 /// The largest number of hops of a request.
 pub const MAX_HOPS: usize = 26;
 
-/// A path over faces, from the module that asks.
+/// The faces by which a message leaves one module after the other, starting with the module that asks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Route {
     len: u8,
@@ -37,7 +37,7 @@ impl Route {
     pub fn faces(&self) -> impl Iterator<Item = Face> + '_ {
         (0..self.hop_count()).filter_map(|i| self.hop(i))
     }
-    /// Returns this route with one more hop.
+    /// Returns this route with one more hop; `None` if it already has [`MAX_HOPS`].
     pub fn then(&self, face: Face) -> Option<Route> {
         let mut next = *self;
         *next.hops.get_mut(self.hop_count())? = face as u8;

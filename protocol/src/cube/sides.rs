@@ -1,8 +1,8 @@
 //! The six contacts of a cube: the session of each, and the last beacon of its neighbour.
 //!
 //! Questions such as "which neighbours are alive" are asked dozens of times a step, so the answers are kept
-//! as masks of faces. *Invariant.* Masks follow from the other fields and the time of the step; a debug build
-//! recomputes them after every change of either.
+//! as masks of faces. *Invariant.* The masks are determined by the other fields and the time of the step; a debug
+//! build recomputes and compares them at the start of every step.
 
 use super::message::{Beacon, Role};
 use crate::digest::Portable;
@@ -37,7 +37,8 @@ pub(super) struct Sides {
     heard_at: [Time; 6],
     /// The first instant at which a live neighbour has been silent for too long.
     silent_at: Time,
-    /// The goal in which a neighbour is certified to have been finalized; it need not have been heard.
+    /// For each face, the epoch in which the dead neighbour is certified to have been finalized. The certificate counts
+    /// even if the neighbour was never heard.
     died_final: [Option<u16>; 6],
     /// The last beacon of each neighbour in this session.
     peers: [Option<Beacon>; 6],
@@ -131,7 +132,7 @@ impl Sides {
         self.masks.touching & !self.masks.heard & !self.certified_dead != 0
     }
 
-    /// Begins a session or ends it; forgets all that belonged to the one before.
+    /// Begins a session, or ends it if `session` is `None`; forgets everything about the previous neighbour.
     pub fn begin(&mut self, face: Face, session: Option<Session>) {
         let i = face.index();
         self.sessions[i] = session;

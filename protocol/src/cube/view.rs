@@ -12,7 +12,7 @@ use std::hash::{Hash, Hasher};
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// The setup that all cubes of a swarm share. It never changes, so it is no part of an agent's state.
+/// The setup that all cubes of a swarm share. It never changes, so it is not part of an agent's state.
 #[derive(Clone, Debug)]
 pub(super) struct Shared(pub Arc<Setup>);
 
@@ -79,7 +79,7 @@ pub(super) struct Own {
     pub setup: Shared,
     pub id: ModuleId,
     pub cell: Cell,
-    /// Since when the module has been at its cell with its memory.
+    /// When the module arrived at its cell or, if later, restarted there.
     pub settled: Time,
     /// The goal that it works for.
     pub epoch: u16,
@@ -121,7 +121,7 @@ impl Own {
     }
 }
 
-/// What one step of a part reads.
+/// What a part of the agent reads in one step.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub now: Time,
@@ -159,15 +159,16 @@ impl<'a> View<'a> {
     pub fn is_final(self, b: &Beacon) -> bool {
         b.role == Role::Final && b.epoch == self.own.epoch
     }
-    /// Returns true if a neighbour that has not spoken yet may want this very cell filled, or know a shorter
-    /// route. One that has been silent for longer than first beacons take has nothing to say, or cannot.
+    /// Returns true if the first beacon of a neighbour may still arrive, which may want this cell filled or tell of a
+    /// shorter route. After [`Params::first_words`] at a cell, the module no longer waits for unheard neighbours.
     pub fn may_hear_more(self) -> bool {
         self.now.since(self.own.settled) < self.params().first_words() && self.sides.any_unheard()
     }
     /// Returns the number of hops to a finalized module over modules that have restarted
-    /// ([`Beacon::final_hops`]). A finalized module touches another one, and neither leaves: so one of its
-    /// neighbours is finalized still, or has forgotten it as well, or has not been heard, and so on up to the
-    /// seed. Modules that believe so only because of each other count up to [`Beacon::NO_FINAL`].
+    /// ([`Beacon::final_hops`]). Every finalized module but the seed touches another one, and neither leaves. So if
+    /// this module was finalized before it restarted, one of its neighbours is still finalized, or has forgotten its
+    /// role too, or has not been heard yet; and so on up to the seed. Modules that count only on each other count up
+    /// to [`Beacon::NO_FINAL`].
     pub fn final_hops(self) -> u8 {
         let hops = |b: &Beacon| if b.epoch == self.own.epoch { b.final_hops } else { 0 };
         if self.own.role == Role::Final {

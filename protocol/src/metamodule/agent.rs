@@ -21,7 +21,7 @@ use crate::time::Time;
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
-/// How long stuck joints rest before they are tried again, in retry delays.
+/// How long stuck joints rest before they are tried again, in multiples of `patience`.
 pub(super) const STUCK_FOR: u64 = 3;
 
 /// A metamodule's agent.
@@ -158,7 +158,7 @@ impl Metamodule {
         let Metamodule { setup, own, neighbours, locks, .. } = self;
         View { now, setup, own, neighbours, locks }
     }
-    /// Lets the strategy work.
+    /// Runs `work` on the strategy, with the context of this step.
     pub(super) fn with_policy<T>(
         &mut self,
         now: Time,
@@ -168,7 +168,7 @@ impl Metamodule {
         let v = View { now, setup, own, neighbours, locks };
         work(policy, &mut Context { v, out, waiting_since: &mut requester.waiting_since })
     }
-    /// Lets something be said.
+    /// Runs `say` on the outbox, with a view of the other parts.
     pub(super) fn say(&mut self, now: Time, say: impl FnOnce(View<'_>, &mut Outbox)) {
         let Metamodule { setup, own, neighbours, locks, out, .. } = self;
         say(View { now, setup, own, neighbours, locks }, out);
@@ -203,7 +203,7 @@ impl Metamodule {
         self.own.pose.both || !matches!(self.phase, Phase::Idle { .. })
     }
 
-    /// When what a timer stands for is due.
+    /// Returns when the event of a timer is due.
     fn due(&self, timer: Timer) -> Time {
         match (timer, &self.phase) {
             (Timer::Repeat, _) => self.out.repeat_at,
@@ -229,7 +229,8 @@ impl Metamodule {
 
 /// What to do next.
 impl Metamodule {
-    /// Something new is known: if the metamodule has nothing to do, it looks again.
+    /// Makes an idle metamodule look for something to do, because something new is known: at once or, during a
+    /// back-off, at its end.
     pub(super) fn look_again(&mut self, now: Time) {
         let rest = self.requester.rest_until;
         if let Phase::Idle { look_at } = &mut self.phase {
@@ -316,7 +317,7 @@ impl Metamodule {
         self.look_again(now);
     }
 
-    /// Notes the seeds that the dead fill: they stay filled, and the dead cannot say so.
+    /// Notes the seeds that dead bodies fill: these stay filled, but no process is left to tell so.
     pub(super) fn count_dead(&mut self, now: Time) {
         let v = self.view(now);
         let filled = v.neighbours.dead.values().filter_map(|pose| v.seed_filled_in(*pose));

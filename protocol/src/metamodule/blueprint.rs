@@ -35,8 +35,8 @@ impl Seed {
 pub enum SeedOrder {
     /// One after the other, as listed.
     Circular,
-    /// One after the other, each time the one opposite in the list. The default: of the three it takes the fewest
-    /// moves and messages under `negotiated`, which builds with each of them.
+    /// One after the other, in pairs that lie half the list apart. The default: of the three it takes the fewest moves
+    /// and messages under `negotiated`, which can build in any of them.
     #[default]
     Crosswise,
     /// All seeds of a level at once.
@@ -67,7 +67,7 @@ impl SeedSet {
     pub const fn has(self, seed: u8) -> bool {
         seed < 32 && self.0 >> seed & 1 == 1
     }
-    /// This set and one seed more.
+    /// Returns this set with one more seed.
     pub const fn with(self, seed: u8) -> SeedSet {
         SeedSet(if seed < 32 { self.0 | 1 << seed } else { self.0 })
     }
@@ -79,7 +79,7 @@ impl SeedSet {
     pub const fn holds(self, other: SeedSet) -> bool {
         other.0 & !self.0 == 0
     }
-    /// How many.
+    /// Returns the number of seeds in it.
     pub const fn len(self) -> usize {
         self.0.count_ones() as usize
     }
@@ -87,7 +87,7 @@ impl SeedSet {
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
-    /// This set and the other.
+    /// Returns the union of this set and the other.
     pub const fn and(self, other: SeedSet) -> SeedSet {
         SeedSet(self.0 | other.0)
     }
@@ -97,7 +97,8 @@ impl SeedSet {
     }
 }
 
-/// What a swarm builds at a time: one of its goals, moved along the floor. A larger epoch is later.
+/// What a swarm builds at present: one of its goals, moved along the floor. Of two tasks, the one with the larger epoch
+/// is later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 pub struct Task {
     /// How often the task has changed.
@@ -145,11 +146,11 @@ pub struct Blueprint {
 /// Why a blueprint cannot be built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum BlueprintError {
-    /// Nothing to do.
+    /// The blueprint has no seeds.
     #[error("there is no seed")]
     Empty,
-    /// Too much.
-    #[error("there are {0} seeds; {MAX_SEEDS} is the most")]
+    /// The blueprint has more than [`MAX_SEEDS`] seeds; holds their number.
+    #[error("there are {0} seeds; at most {MAX_SEEDS} are possible")]
     TooMany(usize),
     /// Two metamodules cannot share a cell.
     #[error("seeds {} and {} both need the cell {cell}", .first + 1, .second + 1)]
@@ -161,13 +162,13 @@ pub enum BlueprintError {
         /// What both need.
         cell: Cell,
     },
-    /// A chain that folds back, or goes into the floor.
+    /// The cells of a seed fold back onto each other, or go into the floor; holds its number, from 0.
     #[error("seed {} has a cell in the floor or twice the same cell", .0 + 1)]
     Impossible(usize),
 }
 
 impl Blueprint {
-    /// No seed at all: what an unknown goal stands for.
+    /// A blueprint without seeds; stands for a goal that does not exist.
     pub const NOTHING: Blueprint = Blueprint { seeds: Vec::new(), levels: Vec::new(), steps: Vec::new() };
 
     /// A blueprint of these levels, from the ground up.
@@ -231,7 +232,8 @@ impl Blueprint {
         let step = self.steps.iter().find(|s| s.has(seed)).copied().unwrap_or_default();
         before.and(SeedSet(step.0 & ((1 << seed) - 1)))
     }
-    /// The seeds that attract when these are filled: those of the first step that is not done.
+    /// Returns the seeds that are open when those in `filled` are filled: the unfilled ones of the first step that is
+    /// not complete.
     pub fn open(&self, filled: SeedSet) -> SeedSet {
         let step = self.steps.iter().find(|s| !filled.holds(**s)).copied().unwrap_or_default();
         step.without(filled)

@@ -1,20 +1,22 @@
-//! Finding out, without a controller, that no metamodule can go on. Off unless a scenario asks for it.
+//! Distributed deadlock detection: finds out, without a controller, that no metamodule can go on. Off unless a
+//! scenario asks for it.
 //!
-//! By the force field a metamodule without a better place does nothing until it hears something new: it waits
-//! for **any** of those in range, not for one of them. So chasing edges for a circle would not do; this is
-//! the diffusing computation of Chandy, Misra and Haas for that kind of waiting (1983). A metamodule that has
-//! waited for long asks all in range; each that is passive asks on, once for a wave, and answers when it has
-//! all answers. One that is not passive does not answer, and the wave ends nowhere.
+//! Under a force-field strategy, a metamodule without a better place does nothing until it hears something new: it
+//! waits for **any** neighbour in range, not for a particular one. So following wait-for edges to find a cycle would
+//! not be enough; this is the diffusing computation of Chandy, Misra and Haas (1983) for that kind of waiting. A
+//! metamodule that has waited for long starts a wave: it asks all neighbours in range. Each passive one asks its own
+//! neighbours, once per wave, and answers when all of them have answered. One that is not passive does not answer, so
+//! the wave does not complete.
 //!
-//! Links lose, double and overtake, which the original does not allow. So a question and an answer count
-//! only if the receiver has heard the latest state of the sender; a wave must have counted every
-//! metamodule; and two waves must have counted the same number of *stirs*, of which every metamodule
-//! makes one at least when it looks for something to do. Then nothing was begun between the two, nothing
-//! is under way that could begin anything, and nothing will be, until something fails, comes back or is
-//! told from outside. What is lost is asked and answered again.
+//! Links lose, duplicate and reorder messages, which the original does not allow. So a question or an answer counts
+//! only if the receiver has heard the latest state of the sender; a wave must have counted every metamodule; and two
+//! waves in a row must have counted the same number of *stirs*. A metamodule counts at least one stir whenever it
+//! looks for something to do. Two equal counts show that nothing was begun between the waves, that no message is under
+//! way that could cause anything to begin, and that nothing will begin until something fails, restarts or is ordered
+//! from outside. Lost questions and answers are repeated.
 //!
-//! Deliberately absent: anything to do about it; `negotiated`, where a metamodule that waits tries again
-//! after a time, and so is never passive.
+//! Not here: resolving a deadlock; and `negotiated`, where a metamodule that waits tries again after a time, and so
+//! is never passive.
 
 use super::message::{Counted, Message, Probe};
 use super::outbox::Outbox;
@@ -25,8 +27,8 @@ use crate::ids::{Incarnation, ModuleId, Port};
 use crate::time::{Span, Time};
 use std::collections::BTreeMap;
 
-/// A wave lasts at most this many times the time between two. A metamodule that restarts is silent for
-/// longer, and so is not counted twice by one wave.
+/// The longest duration of a wave, in multiples of the time between two waves. A metamodule that restarts is silent
+/// for longer than that, and so is not counted twice by one wave.
 const LASTS: u64 = 2;
 
 /// A wave as one metamodule sees it. The digest hashes its fields in this order.
@@ -40,7 +42,7 @@ struct Wave {
     pending: u32,
     again: Time,
     counted: Counted,
-    /// The own stirs when it came; later ones make it void.
+    /// This metamodule's stirs when it entered the wave; if it has stirred since, the wave is void.
     stirs: u32,
 }
 
@@ -57,7 +59,7 @@ pub(super) struct DeadlockDetector {
     waves: BTreeMap<ModuleId, Wave>,
     /// What its last complete wave has counted.
     last: Option<Counted>,
-    /// It knows that no metamodule can go on.
+    /// True if it has found out that no metamodule can go on.
     pub deadlocked: bool,
 }
 
@@ -93,7 +95,7 @@ impl DeadlockDetector {
         }
     }
 
-    /// When there is something to do.
+    /// Returns when the next wave begins or the next question is repeated.
     pub fn due(&self) -> Time {
         self.waves.values().map(|w| w.again).fold(self.next, Time::min)
     }
@@ -142,7 +144,7 @@ impl DeadlockDetector {
         }
     }
 
-    /// Takes part in a wave: asks all but the one that asked.
+    /// Enters a wave: asks all live neighbours except the one that asked first.
     fn enter(&mut self, v: View<'_>, out: &mut Outbox, initiator: ModuleId, number: u32, from: Option<Port>) {
         let pending = living(v) & !from.map_or(0, |p| 1 << p.0);
         let counted = Counted { metamodules: 1, stirs: self.stirs };
@@ -186,7 +188,8 @@ impl DeadlockDetector {
         }
     }
 
-    /// Answers, or concludes, if all that were asked have answered.
+    /// Ends a wave if all that were asked have answered: sends the answer back or, at the initiator, compares the count
+    /// with that of the wave before.
     fn end_wave(&mut self, v: View<'_>, out: &mut Outbox, initiator: ModuleId) {
         let Some(detector) = v.params().detector else { return };
         let complete = self.waves.get_mut(&initiator).filter(|w| w.pending == 0);

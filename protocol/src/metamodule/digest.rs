@@ -1,5 +1,5 @@
-//! The state of a metamodule as a hash: what it knows, has promised and is about, field by field in an order
-//! that stays. Absent: when to look again, and what it has found out already about the same surroundings.
+//! The state of a metamodule as a hash: what it knows, has promised and is doing, field by field in a fixed order.
+//! Not here: when to look again, and cached findings about the present surroundings.
 
 use super::agent::Metamodule;
 use super::locks::Requester;

@@ -46,7 +46,7 @@ impl Metamodule {
         self.send_requests(now);
     }
 
-    /// Notes that the neighbour on a port has granted, or need not.
+    /// Notes that the neighbour on a port has granted the lock, or that its grant is no longer needed.
     pub(super) fn granted(&mut self, now: Time, port: Port) {
         if let Phase::Asking(attempt) = &mut self.phase
             && attempt.granted_by(port)
@@ -55,7 +55,8 @@ impl Metamodule {
         }
     }
 
-    /// Begins the motion that all have granted, if it is still right.
+    /// Begins the motion that all have granted. Backs off instead if the strategy now objects to it, or if a dead body
+    /// is in its way.
     fn set_out(&mut self, now: Time) {
         let Phase::Asking(attempt) = &self.phase else { return };
         let v = self.view(now);
@@ -97,7 +98,7 @@ impl Metamodule {
 
 /// Moving.
 impl Metamodule {
-    /// Does the next thing of the motion.
+    /// Asks the body for the next action of the motion, or ends the motion.
     fn go_on(&mut self, now: Time) {
         let Phase::Moving(motion) = &self.phase else { return };
         match motion.next(self.view(now)) {

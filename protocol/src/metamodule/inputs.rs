@@ -1,4 +1,4 @@
-//! What messages, contacts and orders mean to a metamodule.
+//! How a metamodule handles messages, contacts and orders.
 
 use super::agent::Metamodule;
 use super::locks::{Grant, Request, Verdict, judge};
@@ -152,7 +152,7 @@ impl Metamodule {
 
 /// Contacts and orders.
 impl Metamodule {
-    /// Forgets all that belonged to the session before.
+    /// Begins a session on a port, or ends it, and forgets everything about the previous neighbour.
     fn begin_session(&mut self, port: Port, session: Option<Session>) {
         self.neighbours.begin(port, session);
         self.locks.begin(port);

@@ -2,9 +2,9 @@
 //!
 //! A metamodule is two Roombots modules with two ends that can grip. It stands on one connector of the floor,
 //! knows its absolute position, hears others within [`params::Params::communication_range`], and learns from the
-//! world-controller (or from its neighbours) which seeds are open. It chooses a motion, locks the cells of
-//! all of it with the neighbours in range, does it step by step, grips, lets go, tells where it is, and
-//! starts again. On an open seed's connector it takes the seed's shape and stays.
+//! world-controller (or from its neighbours) which seeds are open. It chooses a motion, asks the neighbours in
+//! range for a lock on all cells of the motion, turns its joints step by step, grips with the free end, lets go with
+//! the other, tells its new pose, and starts again. On an open seed's connector it takes the seed's shape and stays.
 //!
 //! An agent is made of parts, each with a state of its own. `agent` holds them together, with `inputs` for
 //! messages, contacts and orders, `execution` for asking and moving, `queries` for audits and viewers:
@@ -17,9 +17,9 @@
 //! * `outbox` — telling neighbours and the world-controller;
 //! * `view` — what the parts read: the module itself and the parts above, at the time of the step.
 //!
-//! *Safety.* A lock is granted by every neighbour in range or not at all; no metamodule waits for one while
-//! it holds another. Grants end by themselves, after the holder's own time is up, and the body does
-//! not begin what it is asked to begin too late. The interlock of the body is below all that.
+//! *Safety.* A metamodule has a lock only if every neighbour in range that may move has granted it, and none waits
+//! for a lock while it holds another. A grant ends by itself, later than the lease of the holder, and the body does
+//! not begin an action after its deadline. The body's own interlock protects it even if all of that fails.
 //!
 //! *Progress* is not promised by the strategies of the thesis: the force field has local minima, and
 //! that is what the experiment measures. `negotiated` has no field; what it promises is in

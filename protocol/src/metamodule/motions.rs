@@ -20,7 +20,7 @@ use thiserror::Error;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum MotionsError {
     /// A sweep is a set of 128 bits.
-    #[error("the motion database names {0} cells; 128 is the most that a message can carry")]
+    #[error("the motion database has {0} cells, but a message can carry at most 128")]
     TooManyCells(usize),
     /// A single module is no metamodule.
     #[error("a single module cannot be used as a metamodule; use PAR, SRS, PER or SRZ")]
@@ -43,17 +43,17 @@ impl fmt::Debug for Motions {
     }
 }
 
-/// What is worked out once from the database.
+/// Lookup tables derived from the database, and caches of searches; shared by all clones of a [`Motions`].
 struct LaidOut {
     graph: Graph,
     distances: Memo<Counted, Arc<Distances>>,
     learnt: EnclosureCache,
 }
 
-/// On which floor moves are counted, to which seed, and around which cells.
+/// The key of cached distances: the floor, the seed, and the cells that stay taken.
 type Counted = (Floor, Seed, Vec<Cell>);
 
-/// Counts of moves kept.
+/// Number of [`Distances`] kept in the cache.
 const KEPT: usize = 256;
 
 impl LaidOut {
@@ -100,11 +100,11 @@ impl Motions {
     pub fn graph(&self) -> &Graph {
         &self.laid_out.graph
     }
-    /// A posture that lands as a set of such postures.
+    /// Returns the bit of a posture in a set of landing postures ([`Graph::rest`]); zero if the posture does not land.
     pub fn rest_bit(&self, posture: u16) -> u128 {
         self.graph().rest(posture).map_or(0, |i| 1 << i)
     }
-    /// The moves to a seed around cells that stay taken.
+    /// Returns the number of moves to a seed from every place on the floor, around the cells `fixed` that stay taken.
     pub fn distances(&self, floor: Floor, seed: Seed, fixed: &[Cell]) -> Arc<Distances> {
         let mut fixed = fixed.to_vec();
         fixed.sort_unstable();
@@ -114,11 +114,11 @@ impl Motions {
         let count = |(floor, seed, fixed): &Counted| Arc::new(Distances::new(self, *floor, *seed, fixed));
         self.laid_out.distances.answer(hash, (floor, seed, fixed), count)
     }
-    /// What is known of ways out.
+    /// Returns the results of earlier searches for a way out of an enclosure.
     pub(super) fn learnt(&self) -> &EnclosureCache {
         &self.laid_out.learnt
     }
-    /// The number of the chain of these cells of the foot frame.
+    /// Returns the number of the chain that consists of these cells, given in the foot frame.
     pub fn chain_of(&self, cells: [Cell; 4]) -> Option<u16> {
         self.table().chains().iter().position(|c| c.cells == cells).map(|i| i as u16)
     }
@@ -133,7 +133,7 @@ impl Motions {
         self.graph().filled(pose.posture).map(|c| to_world(pose.state, c))
     }
 
-    /// Four times the middle of the four cells of a metamodule, along the floor.
+    /// Returns the middle of a metamodule: the sums of the x and y coordinates of its four cells.
     pub fn middle(&self, pose: Pose) -> Middle {
         self.cells(pose).iter().fold((0, 0), |(x, y), c| (x + i64::from(c.x), y + i64::from(c.y)))
     }
@@ -148,7 +148,7 @@ impl Motions {
         self.graph().landing(pose.posture).map(|(by, _)| then(pose.state, by))
     }
 
-    /// The same place and posture seen from the other end, which lies on the floor.
+    /// Returns the pose seen from the other end; `None` if that end does not lie on a connector.
     pub fn turned_around(&self, pose: Pose) -> Option<Pose> {
         let (by, posture) = self.graph().landing(pose.posture)?;
         Some(Pose { state: then(pose.state, by), end: pose.end.other(), posture, ..pose })

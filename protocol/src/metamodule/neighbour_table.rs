@@ -26,7 +26,7 @@ impl Neighbour {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct NeighbourTable {
     ports: Vec<Option<Neighbour>>,
-    /// Where the bodies without a living process stand.
+    /// The poses of the bodies whose process is certified dead.
     pub dead: BTreeMap<ModuleId, Pose>,
     /// Cells with something in them that is not a metamodule.
     pub obstacles: BTreeSet<Cell>,
@@ -42,7 +42,7 @@ impl NeighbourTable {
     pub fn get_mut(&mut self, port: Port) -> Option<&mut Neighbour> {
         self.ports.get_mut(port.index())?.as_mut()
     }
-    /// The neighbour that has told this id, and its port.
+    /// Returns the port and the entry of the neighbour with this id, if it has been heard.
     pub fn named(&mut self, id: ModuleId) -> Option<(Port, &mut Neighbour)> {
         let is_it = |n: &Neighbour| n.state.is_some_and(|s| s.id == id);
         let at = self.ports.iter().position(|n| n.as_ref().is_some_and(is_it))?;
@@ -65,8 +65,8 @@ impl NeighbourTable {
     pub fn is_dead(&self, id: ModuleId) -> bool {
         self.dead.contains_key(&id)
     }
-    /// Whether a neighbour has not been heard and may be alive; of the dead it is known where they are.
-    /// `range` is the communication range around `foot`.
+    /// Returns true if a neighbour that has not been heard may be alive: there are more unheard neighbours than unheard
+    /// dead bodies within the communication range `range` of `foot`.
     pub fn any_unheard(&self, foot: (i16, i16), range: u16) -> bool {
         let unheard = self.iter().filter(|(_, n)| n.state.is_none()).count();
         let in_range = |p: &Pose| {

@@ -15,14 +15,14 @@ use std::hash::{Hash, Hasher};
 pub(super) struct Outbox {
     /// Outputs that have not been polled yet.
     queue: VecDeque<OutputOf<Metamodule>>,
-    /// The number of the latest state, way or directive.
+    /// The sequence number of the latest state, path or directive.
     sequence: u32,
-    /// When the state is told again.
+    /// When the state is sent again.
     pub repeat_at: Time,
     reported: Option<Status>,
 }
 
-/// Without outputs: what has been said already changes nothing from now on.
+/// Leaves out the queued outputs, which do not affect what the metamodule does from now on.
 impl Hash for Outbox {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
         let Outbox { queue: _, sequence, repeat_at, reported } = self;
@@ -37,7 +37,7 @@ impl Outbox {
     pub fn poll(&mut self) -> Option<OutputOf<Metamodule>> {
         self.queue.pop_front()
     }
-    /// The number of the latest state, way or directive.
+    /// Returns the sequence number of the latest state, path or directive.
     pub fn sequence(&self) -> u32 {
         self.sequence
     }

@@ -14,12 +14,12 @@ use serde::{Deserialize, Serialize};
 pub enum Strategy {
     /// Neighbours do not push; of two that are close, the one nearer to a seed goes first.
     Greedy,
-    /// They push less with distance.
+    /// Neighbours push, the less the farther away they are.
     Slope,
-    /// They push equally within the range.
+    /// Neighbours push, equally at all distances within the range.
     Step,
-    /// Seeds are shared out, ways announced, and a metamodule in a more important way leaves it (see
-    /// `docs/negotiated.md`). The default, because the others deadlock.
+    /// Metamodules share out the seeds, announce their paths, and move out of more important paths (see
+    /// `docs/negotiated.md`). The default, because the published strategies deadlock.
     #[default]
     Negotiated,
     /// The world-controller plans for all, and orders one move after the other (see `docs/planned.md`).
@@ -29,7 +29,7 @@ pub enum Strategy {
 impl Strategy {
     /// The three of the thesis.
     pub const PUBLISHED: [Strategy; 3] = [Strategy::Greedy, Strategy::Slope, Strategy::Step];
-    /// Those by which each metamodule decides for itself.
+    /// The strategies under which each metamodule decides for itself.
     pub const DISTRIBUTED: [Strategy; 4] =
         [Strategy::Greedy, Strategy::Slope, Strategy::Step, Strategy::Negotiated];
     /// All of them.
@@ -51,7 +51,7 @@ impl Strategy {
             Strategy::Planned => "planned",
         }
     }
-    /// The parameters it stands for. The thesis gives no numbers; these are protocol design.
+    /// Returns the repulsion under this strategy. The thesis gives no numbers; these are our own choice.
     pub const fn repulsion(self) -> Repulsion {
         match self {
             Strategy::Greedy | Strategy::Negotiated | Strategy::Planned => {
@@ -61,9 +61,9 @@ impl Strategy {
             Strategy::Step => Repulsion { strength: 600, decay: 0, range: 4 },
         }
     }
-    /// The rule of precedence it stands for. The text defines only `greedy` by "locking modules which are
-    /// too close from each other before deciding which one should move first"; the distance and that the
-    /// nearer one goes first are protocol design.
+    /// Returns the rule of precedence under this strategy, if it has one. The thesis defines it only for `greedy`, by
+    /// "locking modules which are too close from each other before deciding which one should move first". The distance,
+    /// and the rule that the nearer one goes first, are our own choice.
     pub const fn precedence(self) -> Option<Precedence> {
         match self {
             Strategy::Greedy => Some(Precedence { within: 4, by: PrecedenceBy::SeedDistance }),
@@ -108,11 +108,11 @@ impl PrecedenceBy {
 /// range, in thousandths of the attraction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Repulsion {
-    /// In thousandths.
+    /// The push at distance zero, in thousandths of the attraction.
     pub strength: u16,
     /// How much of it is lost at the edge of the range, in thousandths.
     pub decay: u16,
-    /// In cells between the middles of the two.
+    /// The distance from which on a neighbour does not push, in cells between the middles of the two metamodules.
     pub range: u16,
 }
 
@@ -153,20 +153,20 @@ pub enum SeedAuthority {
 /// How metamodules find out that none of them can go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Detector {
-    /// After waiting for this long, and again as often, a metamodule asks.
+    /// How long a metamodule waits before it begins a wave of questions, and the time between two of its waves.
     pub after: Span,
-    /// How many there are; all of them must have been counted.
+    /// The number of metamodules in the swarm; a deadlock is found only if all of them have been counted.
     pub metamodules: u16,
 }
 
-/// Parameters.
+/// Parameters of the metamodule protocol. All times are scenario time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Params {
     /// How decisions are made.
     pub strategy: Strategy,
     /// How neighbours push.
     pub repulsion: Repulsion,
-    /// Which of two close together goes first; `None` leaves that to locks. Read by the published
+    /// Which of two metamodules close together goes first; `None` leaves that to locks. Read by the published
     /// strategies only.
     pub precedence: Option<Precedence>,
     /// Whether settled metamodules push like others. Read by the published strategies only.
@@ -180,18 +180,19 @@ pub struct Params {
     pub turn_time: Span,
     /// How long connecting and disconnecting take.
     pub connect_time: Span,
-    /// How long a lock holds.
+    /// How long a grant lasts.
     pub lease: Span,
-    /// After this time without an answer a request is repeated.
+    /// The time after which an unanswered request is repeated, and within which all neighbours should have heard a
+    /// message.
     pub resend: Span,
-    /// A metamodule tells its neighbours where it is at least this often.
+    /// The longest time between two states that a metamodule sends to its neighbours.
     pub repeat: Span,
-    /// How long to wait, at least, after a lock was refused.
+    /// The shortest wait after a lock was denied; the longest is twice as long.
     pub back_off: Span,
     /// Whether, and how, metamodules find out among themselves that none of them can go on.
     pub detector: Option<Detector>,
-    /// For how long it waits for others to make way, or to claim a seed that is rather theirs, before
-    /// it looks for another way.
+    /// How long a metamodule waits for others to make way, or to claim a seed that falls to one of them, before it acts
+    /// itself. Several other time-outs are multiples of it.
     pub patience: Span,
     /// A defect for tests.
     #[doc(hidden)]
@@ -199,7 +200,7 @@ pub struct Params {
 }
 
 impl Params {
-    /// Parameters for joints and links of this speed.
+    /// Returns default parameters for joints that need `turn_time` per step, and links with this message delay.
     pub fn scaled(strategy: Strategy, turn_time: Span, delay: Span) -> Params {
         let round_trip = delay * 2;
         Params {
@@ -231,7 +232,7 @@ pub struct Setup {
     pub floor: Floor,
     /// What may have to be built, one at a time. The first one is the task at the beginning.
     pub goals: Vec<Blueprint>,
-    /// What the bodies can do.
+    /// The motion database of the metamodules' kind.
     pub motions: Motions,
 }
 
@@ -239,15 +240,15 @@ impl Setup {
     /// What a swarm without a goal builds: nothing. Every setup from a scenario has a goal.
     pub const NO_GOAL: &'static Blueprint = &Blueprint::NOTHING;
 
-    /// The goal of a task, unmoved.
+    /// Returns the goal of a task, without the task's shift.
     pub fn goal(&self, task: Task) -> &Blueprint {
         self.goals.get(usize::from(task.goal)).unwrap_or(Setup::NO_GOAL)
     }
-    /// A seed of a task, where it is to be.
+    /// Returns a seed of a task, with the task's shift.
     pub fn seed(&self, task: Task, seed: u8) -> Option<Seed> {
         self.goal(task).seeds().get(usize::from(seed)).map(|s| task.moved(*s))
     }
-    /// All seeds of a task, where they are to be.
+    /// Iterates over all seeds of a task with their numbers, with the task's shift.
     pub fn seeds(&self, task: Task) -> impl Iterator<Item = (u8, Seed)> + '_ {
         (0u8..).zip(self.goal(task).seeds()).map(move |(i, s)| (i, task.moved(*s)))
     }

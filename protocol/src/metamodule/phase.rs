@@ -1,4 +1,4 @@
-//! What a metamodule does at a time: nothing, asking for a lock, or moving.
+//! The phase of a metamodule: idle, asking for a lock, or moving.
 
 use super::message::{Action, BodyAction, Percept, Refusal};
 use super::plan::{Aim, Plan};
@@ -55,7 +55,8 @@ pub(super) struct Attempt {
 }
 
 impl Attempt {
-    /// Notes that a port has granted, or need not. Returns whether all have.
+    /// Notes that the neighbour on a port has granted the lock, or need not grant it. Returns true if no answer is
+    /// pending any more.
     pub fn granted_by(&mut self, port: Port) -> bool {
         self.pending &= !(1 << port.0);
         self.pending == 0
@@ -72,7 +73,7 @@ pub(super) struct Motion {
     pub plan: Plan,
     /// The number of the next step.
     next: usize,
-    /// Failures of it in a row.
+    /// The number of times in a row that the next action has failed.
     tries: u8,
     /// When the lease of the lock ends.
     pub until: Time,
@@ -81,7 +82,7 @@ pub(super) struct Motion {
 /// What comes next in a motion.
 pub(super) enum Next {
     Act(Action),
-    /// The body stands in its seed.
+    /// The body has taken the shape of its seed.
     Settled,
     /// The body has taken another shape on the spot.
     Shifted,
@@ -109,7 +110,7 @@ pub(super) enum Setback {
 }
 
 impl Motion {
-    /// A motion whose lock was asked for at `asked`.
+    /// Creates a motion whose lock was asked for at `asked`; the lease runs from that time on.
     pub fn new(plan: Plan, asked: Time, lease: Span) -> Motion {
         Motion { plan, next: 0, tries: 0, until: asked + lease }
     }

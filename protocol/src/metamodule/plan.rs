@@ -7,7 +7,7 @@ use super::pose::Pose;
 /// What a motion is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Aim {
-    /// Putting the free end on a connector, and letting go of the other.
+    /// Attaching the free end to a connector, then detaching the other end.
     Land,
     /// Filling this seed.
     Settle(u8),
@@ -22,7 +22,8 @@ pub(super) struct Plan {
     pub from: Pose,
     /// The steps, by their numbers in the database.
     pub steps: Vec<u16>,
-    /// All cells of it, core and graze and those filled at the beginning, seen from `from`.
+    /// All cells that the motion needs, seen from `from`: those that its steps sweep (core and graze), and those that
+    /// the body fills at the beginning.
     pub sweep: Sweep,
     /// The posture at the end.
     pub ends: u16,
@@ -40,7 +41,7 @@ impl Plan {
         Some(Plan { from, steps: path.steps.to_vec(), sweep, ends: posture, aim, non_blocking: false })
     }
 
-    /// Letting go of the end that has been attached for longer. It sweeps nothing.
+    /// Returns the motion that only detaches the end that has been attached for longer. It sweeps no cell.
     pub fn let_go(from: Pose) -> Plan {
         let (steps, sweep, ends) = (Vec::new(), Sweep::default(), from.posture);
         Plan { from, steps, sweep, ends, aim: Aim::Land, non_blocking: false }
@@ -49,9 +50,9 @@ impl Plan {
 
 /// A motion that tries whether stuck joints turn again.
 pub(super) enum JointTrial {
-    /// By any step that is free.
+    /// Turn a joint by a step that is free.
     Turn(Plan),
-    /// By gripping with the other end, from where a step is free, as none is from this one.
+    /// Attach the other end first: seen from there a step is free, whereas seen from the present end none is.
     OtherEnd(Plan),
 }
 

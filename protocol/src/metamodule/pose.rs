@@ -17,7 +17,7 @@ pub enum End {
 }
 
 impl End {
-    /// The other one.
+    /// Returns the opposite end.
     pub const fn other(self) -> End {
         match self {
             End::Foot => End::Head,
@@ -45,7 +45,7 @@ impl Pose {
         (self.state.x, self.state.y)
     }
 
-    /// Writes nine bytes or fewer: eight.
+    /// Writes eight bytes.
     pub fn encode(self, out: &mut Encoder) {
         out.u16(self.state.x as u16);
         out.u16(self.state.y as u16);
@@ -70,7 +70,7 @@ impl Pose {
     }
 }
 
-/// No kind has more postures than this (all lattice angles of six joints).
+/// Bound of posture numbers: the number of combinations of the lattice angles of six joints.
 const MAX_POSTURES: u16 = 1296;
 
 impl Wire for Pose {
@@ -85,7 +85,7 @@ impl Wire for Pose {
     }
 }
 
-/// A cell of the foot frame of `state` as a cell of the world.
+/// Converts a cell from the foot frame of `state` to world coordinates.
 pub fn to_world(state: GridState, cell: Cell) -> Cell {
     let (x, y) = match state.class {
         0 => (cell.x, cell.y),
@@ -96,7 +96,7 @@ pub fn to_world(state: GridState, cell: Cell) -> Cell {
     Cell::new(state.x.wrapping_add(x), state.y.wrapping_add(y), cell.z)
 }
 
-/// A cell of the world in the foot frame of `state`.
+/// Converts a cell from world coordinates to the foot frame of `state`.
 pub fn to_frame(state: GridState, cell: Cell) -> Cell {
     let (x, y) = (cell.x.wrapping_sub(state.x), cell.y.wrapping_sub(state.y));
     let (x, y) = match state.class {

@@ -8,11 +8,11 @@ use crate::lattice::Cell;
 use crate::time::Time;
 
 impl Metamodule {
-    /// Where it believes to be.
+    /// Returns the pose that the metamodule believes itself to be in.
     pub fn pose(&self) -> Pose {
         self.own.pose
     }
-    /// The seed it fills.
+    /// Returns the seed that it fills; `None` if it is not settled.
     pub fn settled(&self) -> Option<u8> {
         self.own.settled
     }
@@ -24,7 +24,7 @@ impl Metamodule {
         };
         motion.into_iter().flat_map(|m| self.setup.motions.swept(m.plan.from.state, m.plan.sweep))
     }
-    /// When the lease ends of the lock under which it moves; `None` while it does not move.
+    /// Returns when the lease of its present motion's lock ends; `None` while it does not move.
     pub fn locked_until(&self) -> Option<Time> {
         match &self.phase {
             Phase::Moving(motion) => Some(motion.until),

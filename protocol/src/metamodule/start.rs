@@ -13,14 +13,14 @@ use thiserror::Error;
 /// Why metamodules cannot be placed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum StartError {
-    /// The draw has used up the floor.
+    /// No draw placed all metamodules without shutting one of them in.
     #[error(
         "the floor has no room for {wanted} metamodules two cells apart and away from the goal (only {placed} found a place); make it larger"
     )]
     NoRoom {
         /// How many there should be.
         wanted: usize,
-        /// How many found a place.
+        /// How many found a place in the best draw; one less than `wanted` if all did and one was shut in.
         placed: usize,
     },
 }
@@ -34,7 +34,7 @@ pub struct Start {
     pub redrawn: u32,
 }
 
-/// Starts drawn, at most, until one has no metamodule that is shut in.
+/// Largest number of starts drawn until one is complete and has no metamodule that is shut in.
 const TRIES: usize = 100;
 
 /// Draws places for `count` metamodules: any connector outside the rectangle around the seeds' feet

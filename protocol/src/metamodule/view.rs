@@ -27,13 +27,14 @@ pub(super) struct Own {
     pub filled: SeedSet,
     /// The seed that it fills.
     pub settled: Option<u8>,
-    /// Its joints did not turn when they should have; they are tried again at this time.
+    /// When stuck joints are tried again; `None` if no joint is stuck.
     pub stuck: Option<Time>,
-    /// Until then a restarted agent asks and grants nothing: it may have granted something before.
+    /// Before this time a restarted agent asks for nothing and grants nothing: an earlier incarnation may have granted
+    /// a lock that still holds.
     pub quarantine_until: Time,
 }
 
-/// What one step of a part reads.
+/// What a part of the agent reads in one step.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub now: Time,
@@ -54,7 +55,7 @@ impl<'a> View<'a> {
     pub fn has(self, defect: Defect) -> bool {
         self.setup.params.defect == Some(defect)
     }
-    /// The goal of the task, where its blueprint has it.
+    /// Returns the goal of the task, without the task's shift.
     pub fn goal(self) -> &'a Blueprint {
         self.setup.goal(self.own.task)
     }
@@ -70,13 +71,14 @@ impl<'a> View<'a> {
         let cells = self.motions().cells(pose);
         Some(self.setup.seeds(self.own.task).find(|(_, seed)| seed.cells() == cells)?.0)
     }
-    /// Whether a neighbour stays where it is while the task is what it is. Before it leaves for another task
-    /// it asks this one; if each of two took the other for settled in an old task, both would not ask.
+    /// Returns true if a neighbour stays where it is until the task changes: it is settled, and has the same task as
+    /// this metamodule. One that is settled in another task may leave, so it is asked for its consent. Otherwise two
+    /// metamodules that each take the other for settled in an old task would move without asking each other.
     pub fn stays(self, state: &State) -> bool {
         state.settled && state.task == self.own.task
     }
-    /// Whether a neighbour in range has not been heard yet and may be alive. However long it is silent, it
-    /// may be about to move, and would not be asked.
+    /// Returns true if a neighbour in range has not been heard yet and may be alive. Such a neighbour may be about to
+    /// move, however long it has been silent, and a metamodule that moved now would not ask it.
     pub fn any_unheard(self) -> bool {
         self.neighbours.any_unheard(self.own.pose.foot(), self.params().communication_range)
     }
@@ -85,7 +87,7 @@ impl<'a> View<'a> {
         let dead = self.neighbours.dead.values().flat_map(|p| self.motions().cells(*p));
         self.neighbours.obstacles.iter().copied().chain(dead).collect()
     }
-    /// The floor with these cells taken.
+    /// Returns the floor with the cells `taken`, for route searches.
     pub fn ground<'b>(self, taken: &'b [Cell]) -> Ground<'b>
     where
         'a: 'b,

@@ -1,8 +1,8 @@
 //! On-grid locomotion: one module that walks over a floor of connectors between obstacles (thesis chapter 6).
 //!
-//! [`OnGrid`] is the exact space: where the attached end is and in which class, and the posture. Steps of joints are
-//! free, a landing (an atomic motor primitive, table 6.1) costs 1; each step of a joint is tested against the
-//! obstacles. So a plan has the fewest primitives, and the search proves it if there is none. [`two_layer`] is
+//! [`OnGrid`] is the exact space: its states are the connector and class of the attached end, and the posture. A
+//! step of a joint costs 0 and is tested against the obstacles; a landing (an atomic motor primitive, table 6.1)
+//! costs 1. So a plan has the fewest primitives, and if there is no plan the search proves that. [`two_layer`] is
 //! the published planner.
 
 pub mod replanning;
@@ -24,7 +24,7 @@ pub enum Span {
     Feet,
     /// Cells entered deeper than 11 mm.
     Core,
-    /// And cells entered deeper than 2.2 mm.
+    /// Cells entered deeper than 2.2 mm.
     Strict,
 }
 
@@ -59,14 +59,14 @@ impl Ground {
     pub fn is_free(&self, x: i16, y: i16) -> bool {
         self.has(x, y) && !self.blocked[self.index(x, y)]
     }
-    /// Puts a column there, or removes it. Nothing happens outside of the floor.
+    /// Puts a column on a connector, or removes it if `blocked` is false. Does nothing outside of the floor.
     pub fn set(&mut self, x: i16, y: i16, blocked: bool) {
         if self.has(x, y) {
             let i = self.index(x, y);
             self.blocked[i] = blocked;
         }
     }
-    /// Puts columns on a rectangle.
+    /// Puts columns on a rectangle of connectors whose corner with the smallest coordinates is (`x`, `y`).
     pub fn block(&mut self, x: i16, y: i16, width: i16, height: i16) {
         for column in x..x + width {
             for row in y..y + height {
@@ -99,13 +99,13 @@ impl Standing {
 /// What a module on the floor does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum GridAction {
-    /// A joint (from 0) turns by a step.
+    /// A joint, counted from 0, turns by one step; true for the positive direction.
     Turn(u8, bool),
     /// The free end attaches, the other one lets go.
     Land,
 }
 
-/// A step of a joint: the posture afterwards, and cells in the foot frame of class 0 by depth.
+/// A step of a joint: the posture afterwards, and the swept cells by depth, in the foot frame of class 0.
 #[derive(Clone, Debug)]
 struct Turned {
     to: u8,
@@ -153,7 +153,7 @@ impl Default for ActionTable {
     }
 }
 
-/// A walk over a floor to a connector, in any class.
+/// The space of walks over a floor to a connector, which may be reached in any class.
 #[derive(Clone, Debug)]
 pub struct OnGrid {
     /// The floor.

@@ -10,7 +10,7 @@ use crate::roombots::grid::GridState;
 const LANDING: Length = 1 << 32;
 /// Postures of a single module.
 const POSTURES: u32 = 36;
-/// No cell that a turn sweeps and no landing is further from the foot than this, in cells along an axis.
+/// An upper bound of the distance along an axis, in cells, from the foot to a landing or a cell that a turn sweeps.
 const REACH: i16 = 3;
 
 /// The standings of a module on a floor, numbered.
@@ -30,7 +30,8 @@ impl GridGraph {
         let (x, y) = ((place % u32::from(width)) as i16, (place / u32::from(width)) as i16);
         Standing { foot: GridState::new(x, y, (foot % 4) as u8), posture }
     }
-    /// Iterates over all nodes with the foot in a rectangle, as far as the floor has it.
+    /// Returns the nodes with the foot on a connector of the floor that is at most `by` away from (`x`, `y`) on each
+    /// axis.
     fn nodes(&self, [x, y]: [i16; 2], by: i16) -> Vec<u32> {
         let places = (y - by..=y + by).flat_map(|row| (x - by..=x + by).map(move |column| (column, row)));
         let on_floor = places.filter(|p| self.0.ground.has(p.0, p.1));
@@ -79,12 +80,12 @@ impl Replanner {
     pub fn space(&self) -> &OnGrid {
         &self.0.graph().0
     }
-    /// Puts a column there, or removes it.
+    /// Puts a column on a connector, or removes it if `blocked` is false.
     pub fn set(&mut self, x: i16, y: i16, blocked: bool) {
         let touched = self.0.graph().nodes([x, y], REACH);
         self.0.edit(|graph| graph.0.ground.set(x, y, blocked), touched);
     }
-    /// Tells where the module is now.
+    /// Moves the start of the walk to where the module is now.
     pub fn move_to(&mut self, at: Standing) {
         let node = self.0.graph().node(at);
         self.0.move_to(node);

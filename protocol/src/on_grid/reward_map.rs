@@ -1,13 +1,13 @@
 //! Metamodules on a floor of connectors: the reward map of thesis 4.2.3, and exact moves with failing connections.
 //!
-//! The text leaves bonus, penalty, ties and classes open. Taken here: the reward of a connector is minus its moves
-//! to the goal in a map of connectors alone, in which two are neighbours if any class of connection allows the
-//! move; ties go to the straight distance. A try fails if the class of now does not allow the move, or the class
-//! of the goal is missed; then the next best connector is tried.
+//! The thesis leaves bonus, penalty, ties and classes open. Assumed here: the reward of a connector is minus the
+//! number of its moves to the goal on a map without classes, in which two connectors are neighbours if some class
+//! allows the move between them; ties are broken by the straight-line distance. A try fails if the current class
+//! does not allow the move, or if it would reach the goal in another class; then the next best connector is tried.
 //!
 //! The exact planner works on connectors with classes. A failed connection leaves a metamodule where it was, so the
-//! expected tries of a move are 1 / (1 − p), and the least expectation is a shortest path with these weights: no
-//! iteration over values is needed.
+//! expected number of tries of a move is 1 / (1 − p), and the least expected number of tries to the goal is a
+//! shortest path with these weights. No value iteration is needed.
 
 use crate::ratio::Ratio;
 use crate::rng::Rng;
@@ -17,10 +17,10 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// Moves after which a walk by the reward map is given up.
 const MOVE_LIMIT: u32 = 100;
-/// Expected tries are counted in millionths.
+/// One try in the unit of [`Floor::expected`]: expected tries are counted in millionths.
 pub const MILLION: u64 = 1_000_000;
 
-/// A square floor, and the moves of a kind by class.
+/// A square floor of connectors, and for each class the moves of one kind of metamodule.
 #[derive(Clone, Debug)]
 pub struct Floor {
     side: i16,
@@ -50,7 +50,7 @@ impl Floor {
     fn has(&self, x: i16, y: i16) -> bool {
         (0..self.side).contains(&x) && (0..self.side).contains(&y)
     }
-    /// Returns where moves lead.
+    /// Returns the states that one move from `at` leads to.
     pub fn next(&self, at: GridState) -> Vec<GridState> {
         let to = self.moves[usize::from(at.class)].iter();
         let to = to.map(|s| GridState::new(at.x + s.x, at.y + s.y, s.class));
@@ -62,12 +62,13 @@ impl Floor {
         GridState::new(rng.below(side) as i16, rng.below(side) as i16, rng.below(4) as u8)
     }
 
-    /// Returns the offsets that some class allows.
+    /// Returns the differences between the connectors before and after a move, for all moves of all classes.
     fn offsets(&self) -> BTreeSet<(i16, i16)> {
         self.moves.iter().flatten().map(|s| (s.x, s.y)).collect()
     }
 
-    /// Returns the moves from every connector to the goal by the map, whatever the classes.
+    /// Returns the map: for every connector from which the goal can be reached, the number of moves, whatever the
+    /// classes.
     pub fn map(&self, goal: GridState) -> BTreeMap<(i16, i16), u32> {
         let offsets = self.offsets();
         let mut far = BTreeMap::from([((goal.x, goal.y), 0)]);
@@ -149,7 +150,8 @@ impl Floor {
         known
     }
 
-    /// Walks by least expectation, with failures drawn. Returns tries and moves.
+    /// Walks by the least expected number of tries, with connection failures drawn from `rng`. Returns the numbers of
+    /// tries and of moves.
     pub fn attempt(
         &self,
         from: GridState,

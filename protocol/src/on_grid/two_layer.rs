@@ -1,9 +1,10 @@
 //! The published planner (thesis 6.2): a path over free connectors, and for each of its steps a fixed composed primitive.
 //!
-//! Taken here where the text is silent: the path is a shortest one among eight neighbours; the primitive of a
-//! direction has the fewest atomic ones on an open floor, and the first in the order of actions among these; its spanning
-//! area is that of [`Span`]; other neighbours are tried clockwise from the wanted one; a connector is
-//! visited once, which makes the search finite, and after the last neighbour it steps back.
+//! Assumed here where the thesis is silent: the path is a shortest one, with eight neighbours for each connector. The
+//! primitive of a direction has the fewest atomic ones on an open floor; among these the first in the order of
+//! actions is taken. Its spanning area is that of [`Span`]. If a step is not possible, the other neighbours are tried
+//! clockwise. A connector is visited once, which makes the search finite; if no neighbour is left the module steps
+//! back.
 
 use super::{GridAction, Ground, OnGrid, Span, Standing};
 use crate::plan::search::{Method, Search};
@@ -12,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// The eight neighbours, clockwise.
 const AROUND: [(i16, i16); 8] = [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)];
-/// Connectors of the open floor on which primitives are composed.
+/// Side of the open floor on which primitives are composed, in connectors.
 const OPEN: u8 = 15;
 
 /// The end of a walk.
@@ -20,12 +21,12 @@ const OPEN: u8 = 15;
 pub enum Walk {
     /// The goal was reached.
     Reached {
-        /// Atomic primitives, with those of steps back.
+        /// The number of atomic primitives, including those of steps back.
         primitives: Cost,
         /// Steps back.
         back: u32,
     },
-    /// No neighbour was left.
+    /// The goal was not reached: no neighbour was left to try.
     Lost,
 }
 
@@ -34,7 +35,7 @@ pub enum Walk {
 struct Composed(BTreeMap<(u8, i16, i16), Vec<GridAction>>);
 
 impl Composed {
-    /// Returns the actions to a neighbour in the foot frame.
+    /// Returns the actions that lead to the neighbour at (`dx`, `dy`) in the foot frame; none if it is not reachable.
     fn to(&mut self, space: &OnGrid, posture: u8, dx: i16, dy: i16) -> &[GridAction] {
         self.0.entry((posture, dx, dy)).or_insert_with(|| {
             let middle = i16::from(OPEN) / 2;
@@ -115,7 +116,8 @@ fn next(
     None
 }
 
-/// Returns the steps among eight neighbours from all free connectors to the goal.
+/// Returns the number of steps to the goal from every free connector that is connected with it, diagonal steps
+/// included.
 fn distances(ground: &Ground, goal: (i16, i16)) -> BTreeMap<(i16, i16), u32> {
     let mut far = BTreeMap::from([(goal, 0)]);
     let mut open = VecDeque::from([(goal, 0)]);
@@ -131,7 +133,7 @@ fn distances(ground: &Ground, goal: (i16, i16)) -> BTreeMap<(i16, i16), u32> {
     far
 }
 
-/// Returns true if the goal is connected with a connector, by eight neighbours.
+/// Returns true if steps over free connectors, diagonal ones included, lead from a connector to the goal.
 pub fn joined(ground: &Ground, from: (i16, i16), goal: (i16, i16)) -> bool {
     distances(ground, goal).contains_key(&from)
 }

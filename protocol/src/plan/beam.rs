@@ -1,23 +1,25 @@
-//! Beam search: the most promising states of every layer only, in passes that each keep twice as many. It finds some
-//! plan where an exact search has too much to look at, and proves nothing.
+//! Beam search: it keeps only the most promising states of every layer, in passes that each keep twice as many. It
+//! finds a plan where an exact search would take too much work, but proves nothing about the least cost.
 //!
-//! States are ordered by their bound, then by the space's guide. Of each class few are kept, the more the
-//! nearer the goal is by its bound: otherwise one plateau of alike states fills every layer.
+//! States are ordered by their bound, then by the space's guide. Only few states of each class are kept, and more of
+//! those whose bound is smaller: otherwise one plateau of similar states would fill every layer.
 
 use super::search::{chain, cost_along};
 use super::table::{Id, NO_PARENT, Table, hash};
 use super::{Cost, Limits, MAX_COST, Outcome, Path, Progress, Resource, Space, Step};
 use std::collections::{BTreeMap, HashSet};
 
-/// States of a layer in the first pass.
+/// The largest number of states kept of a layer in the first pass.
 const LEAST_WIDTH: usize = 2000;
-/// Layers of a pass without a plan: this many times the lower bound of the start, and some.
+/// The largest number of layers of a pass without a plan: the lower bound of the start times the first number,
+/// plus the second.
 const DEPTH: (Cost, Cost) = (3, 24);
 
 /// Candidates are thinned out when there are this many times the width.
 const FULL: usize = 32;
 
-/// How many times the states of a class at most may double with each step that the bound falls.
+/// The number of states kept of a class doubles with each unit by which their bound is below that of the start, at
+/// most this many times.
 const MOST_DOUBLED: u32 = 16;
 
 /// A successor that may be kept.
@@ -36,8 +38,6 @@ pub struct Beam<S: Space> {
     space: S,
     limits: Limits,
     width: usize,
-    /// The number of the pass, from 1, and the states of a class that are kept far from the goal.
-    pass: u32,
     table: Table,
     /// States to be expanded, the next one last.
     layer: Vec<Id>,
@@ -64,7 +64,6 @@ impl<S: Space> Beam<S> {
             table: Table::new(space.key_width()),
             limits,
             width: LEAST_WIDTH,
-            pass: 1,
             layer: Vec::new(),
             depth: 0,
             candidates: Vec::new(),
@@ -255,7 +254,6 @@ impl<S: Space> Beam<S> {
         self.keys.clear();
         self.seen.clear();
         self.width *= 2;
-        self.pass += 1;
         let start = self.table.key(0).to_vec();
         self.begin(&start);
     }

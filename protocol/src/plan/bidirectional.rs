@@ -6,8 +6,9 @@ use super::{Cost, Limits, Outcome, Path, Progress, Resource, Space, Step};
 
 struct Side {
     table: Table,
-    /// The first state of the last complete level, and the next one of it to be expanded.
+    /// The first state of the last complete level.
     level: Id,
+    /// The next state of that level to be expanded.
     next: Id,
     /// The first state of the level that is being made.
     end: Id,

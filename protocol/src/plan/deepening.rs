@@ -1,8 +1,9 @@
-//! Iterative deepening from the frontier of a search that has no more memory.
+//! Iterative deepening from the frontier of a search that has run out of memory.
 //!
 //! Every state that is kept and not expanded is a root of a depth-first search up to a threshold, which
-//! rises to the least cost that exceeded it. Kept states that are as near to the start end a branch: they are roots
-//! or have been expanded. A table of transpositions of fixed size ends most of the others.
+//! rises to the least cost that exceeded it. A branch ends at a kept state that is at least as near to the start:
+//! such a state is a root or has been expanded. A transposition table of fixed size ends most other branches that
+//! come to a known state.
 
 use super::search::{DEAD, chain};
 use super::table::{Id, Table, hash};

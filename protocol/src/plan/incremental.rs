@@ -30,14 +30,14 @@ pub struct DStarLite<G> {
     graph: G,
     start: u32,
     is_goal: Vec<bool>,
-    /// Distances to the nearest goal, as of the last expansion of each node.
+    /// The distance of each node to the nearest goal, as of its last expansion (g of D* Lite).
     known: Vec<Length>,
-    /// Distances by those of the neighbours.
+    /// The distance of each node computed from the distances of its neighbours (rhs of D* Lite).
     ahead: Vec<Length>,
     /// Nodes whose two distances differ.
     open: BTreeSet<(Priority, u32)>,
     priorities: Vec<Option<Priority>>,
-    /// What priorities have been raised by instead of recomputing them when the start moved.
+    /// What new priorities are raised by, instead of lowering the old ones when the start moves (k_m of D* Lite).
     raised: Length,
     expanded: u64,
 }
@@ -68,7 +68,7 @@ impl<G: Graph> DStarLite<G> {
     pub fn graph(&self) -> &G {
         &self.graph
     }
-    /// Returns the number of nodes expanded, again counted when expanded again.
+    /// Returns the number of expansions; a node that is expanded again counts again.
     pub fn expanded(&self) -> u64 {
         self.expanded
     }
@@ -135,7 +135,7 @@ impl<G: Graph> DStarLite<G> {
         let through = least.saturating_add(self.graph.lower(self.start, node)).saturating_add(self.raised);
         (through, least)
     }
-    /// Computes a node's distance by its neighbours.
+    /// Computes a node's distance from the distances of its neighbours.
     fn look_ahead(&mut self, node: u32) {
         let i = node as usize;
         if !self.is_goal[i] {

@@ -1,11 +1,15 @@
 //! The search core of all planners: shortest paths in spaces too large to be written down.
 //!
-//! A [`Space`] gives states, exact packed keys, successors and an admissible lower bound; the engines find plans in
-//! it: [`search::Search`] is A* with bounded memory, as an anytime search with falling weights if asked (ARA*, Likhachev
-//! et al. 2003), which continues with iterative deepening from its frontier when memory ends (after Bu and Korf 2019);
-//! [`bidirectional::Bidirectional`] is for one goal state; [`levels::Levels`] counts states by distance;
-//! [`beam::Beam`] finds plans where exact search has too much to look at, and [`portfolio::Portfolio`] lets it and A* work
-//! in turn; [`incremental::DStarLite`] repairs a path where edges change.
+//! A [`Space`] gives states, exact packed keys, successors and an admissible lower bound. The engines find plans in it:
+//!
+//! * [`search::Search`] is A* with bounded memory, or, if weights are given, an anytime search with falling weights
+//!   (ARA*, Likhachev et al. 2003). When memory ends it continues with iterative deepening from its frontier (after
+//!   Bu and Korf 2019).
+//! * [`bidirectional::Bidirectional`] searches from both ends, if there is one goal state.
+//! * [`levels::Levels`] counts states by their distance from a start.
+//! * [`beam::Beam`] finds plans where an exact search would take too much work.
+//! * [`portfolio::Portfolio`] lets beam search and A* work in turn.
+//! * [`incremental::DStarLite`] repairs a path where edges change.
 //!
 //! Everything is sans-IO, in integers and deterministic: engines are driven in slices of work by
 //! their callers, who own progress, cancelling and time limits; the same space, weights and limits give the same plan
@@ -48,12 +52,12 @@ pub trait Space {
     /// Visits all successors of a state. Their keys and costs depend on the state's key only; if actions can be undone,
     /// this holds in both directions.
     fn expand(&self, state: &Self::State, visit: &mut impl FnMut(Self::Action, Cost, &Self::State));
-    /// Returns a lower bound of the cost of a plan from here; `None` if the goal certainly cannot be reached. States are
-    /// opened again when a better path to them is found, so an action may lower it by more than its cost.
+    /// Returns a lower bound of the cost of a plan from here; `None` if the goal certainly cannot be reached. The bound
+    /// need not be consistent: states are opened again when a better path to them is found.
     fn lower(&self, state: &Self::State) -> Option<Cost>;
     /// Returns true if this is a goal. The lower bound is then 0.
     fn is_goal(&self, state: &Self::State) -> bool;
-    /// Returns a hint of how far the goal is, which promises nothing; it orders states whose bounds are equal.
+    /// Returns an estimate of how far the goal is. It need not be a bound, and only orders states of equal bounds.
     fn guide(&self, state: &Self::State) -> u32 {
         let _ = state;
         0
@@ -73,9 +77,9 @@ pub trait Space {
 /// What a search may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes kept.
+    /// The largest number of bytes kept.
     pub memory: usize,
-    /// Expansions.
+    /// The largest number of expansions.
     pub work: u64,
 }
 
@@ -91,7 +95,7 @@ pub struct Progress {
     pub lower: Cost,
     /// Cost of the best plan so far.
     pub upper: Option<Cost>,
-    /// States expanded, again counted when expanded again.
+    /// The number of expansions; a state that is expanded again counts again.
     pub expanded: u64,
     /// Successors generated.
     pub generated: u64,

@@ -1,10 +1,10 @@
-//! A* and beam search in turn: the one proves a bound, the other finds plans, and each uses what the other knows.
+//! A* and beam search in turn: A* proves a lower bound, beam search finds plans, and A* is given those.
 
 use super::beam::Beam;
 use super::search::{Method, OPTIMAL, Search};
 use super::{Limits, Outcome, Path, Progress, Space, Step};
 
-/// The share of memory and work that beam search has, as a divisor.
+/// Beam search gets one part in this many of memory and work.
 const SHARE: usize = 4;
 /// Expansions of one engine before the other has its turn.
 const TURN: u64 = 64;

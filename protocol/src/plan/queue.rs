@@ -1,4 +1,4 @@
-//! The open states of a search by priority: buckets of blocks, the last added of a bucket first.
+//! The open states of a search by priority: buckets of blocks; states of one priority are last in, first out.
 
 use super::table::Id;
 use std::collections::BTreeMap;

@@ -17,7 +17,7 @@ pub struct Method {
     /// Weights of the lower bound in hundredths, one pass each, falling; [`OPTIMAL`] last unless a plan within a
     /// factor is enough.
     pub weights: Vec<u32>,
-    /// True to keep states. Without, the search is iterative deepening from the start.
+    /// True to keep states. If false, the search is iterative deepening from the start.
     pub keep: bool,
     /// True to go on with iterative deepening when memory ends.
     pub deepen: bool,
@@ -59,7 +59,7 @@ pub struct Search<S: Space> {
     lower: Cost,
     expanded: u64,
     generated: u64,
-    /// States that were left out because of [`MAX_COST`].
+    /// True if states were left out because of [`MAX_COST`].
     cut: bool,
     phase: Phase<S>,
 }
@@ -134,7 +134,7 @@ impl<S: Space> Search<S> {
         }
     }
 
-    /// Takes a path from elsewhere, so that nothing is searched that cannot be better.
+    /// Takes a path found elsewhere, so that states that cannot lead to a better one are not searched.
     pub fn know(&mut self, path: Path) {
         if self.upper().is_none_or(|upper| path.cost < upper) {
             (self.best, self.goal) = (Some(path), None);
@@ -319,7 +319,7 @@ impl<S: Space> Search<S> {
     }
 }
 
-/// Returns the priority of a state: small weighted sums first, of these large costs from the start.
+/// Returns the priority of a state: smaller weighted sums come first, among equal sums larger costs from the start.
 fn priority(cost: Cost, lower: Cost, weight: u32) -> (u32, u32) {
     (cost * OPTIMAL + lower * weight, u32::MAX - cost)
 }

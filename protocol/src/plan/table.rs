@@ -9,9 +9,9 @@ use super::Cost;
 const CHUNK: usize = 4096;
 /// Slots of the smallest index.
 const LEAST_SLOTS: usize = 1024;
-/// The index grows when this part of its slots is used, in hundredths.
+/// The share of used slots at which the index grows, in percent.
 const FULL: usize = 80;
-/// The highest hundredth of slots used near the memory limit.
+/// The largest share of used slots near the memory limit, in percent.
 const CRAMMED: usize = 92;
 
 /// The number of a kept state.
@@ -20,7 +20,7 @@ pub type Id = u32;
 /// The parent of the start.
 pub const NO_PARENT: Id = Id::MAX;
 
-/// The mark of an expanded state in the cost.
+/// The bit of [`Node::cost`] that marks an expanded state.
 const EXPANDED: u16 = 0x8000;
 
 /// What is kept of a state beside its key.
@@ -160,8 +160,8 @@ impl Table {
         (id, true)
     }
 
-    /// Enlarges the index, and returns true if it was made anew. Near the limit it becomes as large as the records
-    /// need that still fit.
+    /// Enlarges the index, and returns true if it was made anew. Near the limit it gets only as many slots as the
+    /// records that still fit will need.
     fn grow(&mut self, limit: usize) -> bool {
         let slots = self.tags.len();
         let per_slot = 1 + size_of::<Id>();

@@ -34,7 +34,7 @@ impl Pose {
     pub fn point(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * p + self.origin
     }
-    /// Returns the pose of `inner`, given in this frame, in the frame outside.
+    /// Returns the pose in the outer frame of `inner`, which is given in this frame.
     pub fn compose(&self, inner: &Pose) -> Pose {
         Pose { rotation: self.rotation * inner.rotation, origin: self.point(&inner.origin) }
     }

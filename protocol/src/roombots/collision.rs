@@ -42,7 +42,7 @@ pub fn self_collision(bodies: &[Body], shrink: f64) -> bool {
 pub struct Contact {
     /// Depth of the lowest cube below the floor, in cells; negative if all are above.
     pub floor: f64,
-    /// True if cubes overlap that are not neighbours.
+    /// True if two cubes that are not neighbours overlap.
     pub own_body: bool,
 }
 

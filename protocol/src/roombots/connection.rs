@@ -1,8 +1,8 @@
 //! Whether a connection succeeds: bending, misalignment, and chance.
 //!
-//! The mechanism makes up for about 13° about the normal and 4 mm of shift (thesis 2.2.1). On a horizontal
-//! grid 1 of 20 connections failed (thesis 6.3.1); on walls more did, but no number is given, so the user of
-//! the model raises it there. The bending of a robot under its weight was studied without a usable result
+//! The mechanism compensates for about 13° about the normal and 4 mm of shift (thesis 2.2.1). On a horizontal grid
+//! 1 of 20 connections failed (thesis 6.3.1). On walls more failed, but no number is given, so users of the model
+//! have to raise the failure rate there. The bending of a robot under its weight was studied without a usable result
 //! (thesis 2.2.2): the compliance of the joints is a parameter, zero by default.
 //!
 //! Verdicts are drawn from integers only, so that a body that uses them is the same on every machine.
@@ -40,7 +40,7 @@ pub struct ConnectionModel {
     pub failure: Ratio,
     /// Further shift drawn evenly from 0 to this for every attempt, in micrometres.
     pub shift_noise_um: u32,
-    /// Further angle about the normal, likewise, in thousandths of a degree.
+    /// Further angle about the normal, drawn in the same way, in thousandths of a degree.
     pub twist_noise_mdeg: u32,
 }
 
@@ -109,8 +109,8 @@ impl Misalignment {
     }
 }
 
-/// Returns the pose of the head under the weight of the robot, to first order: every joint gives by its
-/// torque times `compliance`, in radians per Nm.
+/// Returns the pose of the head under the weight of the robot, to first order: every joint yields by its
+/// torque times `compliance` (radians per Nm).
 pub fn bent_head(kind: Kind, q: &[f64], load: &Load, compliance: f64) -> Result<Pose, KinematicsError> {
     let torques = torques(kind, q, load)?;
     let chain = Chain::of(kind);

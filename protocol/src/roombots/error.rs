@@ -3,8 +3,8 @@
 use super::Kind;
 use thiserror::Error;
 
-/// Why a question to the kinematic model has no answer. Unreachable poses are not errors of this kind: the
-/// solvers report them in their result.
+/// Why the kinematic model rejects its input. Unreachable poses are not errors of this kind: the solvers report
+/// them in their result.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum KinematicsError {
     /// The name of a kind that does not exist.
@@ -35,7 +35,7 @@ pub enum KinematicsError {
         /// The angle given.
         value: f64,
     },
-    /// An angle that is not one of the lattice.
+    /// An angle that is not a lattice angle of its joint.
     #[error(
         "joint {joint} at {degrees}° is not on the lattice; {} are",
         if joint % 3 == 2 { "0, 90, 180 and -90" } else { "0, 120 and -120" }
@@ -49,7 +49,7 @@ pub enum KinematicsError {
     /// A pose whose numbers are not finite.
     #[error("the pose holds a number that is not finite")]
     PoseNotFinite,
-    /// A pose whose matrix does not turn but stretches or mirrors.
+    /// A pose whose matrix is not a rotation.
     #[error(
         "the pose is not a rigid one: its rotation is {error:.1e} away from a right-handed orthonormal matrix"
     )]

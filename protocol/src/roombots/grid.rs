@@ -72,7 +72,7 @@ impl fmt::Display for GridState {
     }
 }
 
-/// Returns the landing of a posture: its head plate lies on a connector of the floor and no cube is below.
+/// Returns the landing of a posture; `None` unless the head plate lies on the floor and all cubes are above it.
 pub fn landing(posture: Posture) -> Option<GridState> {
     let placement = posture.placement();
     let last = placement.directions[posture.kind().cubes() - 1];

@@ -107,7 +107,7 @@ impl LatticePose {
     pub fn origin(self) -> Vector3<f64> {
         Vector3::from(self.half.map(|h| f64::from(h) / 2.0))
     }
-    /// Returns the pose of `inner`, given in this frame, in the frame outside.
+    /// Returns the pose in the outer frame of `inner`, which is given in this frame.
     pub fn compose(self, inner: LatticePose) -> LatticePose {
         let moved = self.rotation.apply(inner.half);
         LatticePose {

@@ -98,7 +98,7 @@ pub fn reachable(kind: Kind, assumptions: Assumptions) -> BTreeSet<GridState> {
     reachable_each(kind, &[assumptions]).pop().unwrap_or_default()
 }
 
-/// Does the same for several sets at once, solving every state once.
+/// Returns the states reached under each of several sets of assumptions, solving every state once.
 pub fn reachable_each(kind: Kind, sets: &[Assumptions]) -> Vec<BTreeSet<GridState>> {
     let mut found = vec![BTreeSet::new(); sets.len()];
     if sets.iter().any(|s| *s != Assumptions::Lattice) {
@@ -124,11 +124,11 @@ pub fn positions(states: &BTreeSet<GridState>) -> usize {
     states.iter().map(|s| (s.x, s.y)).collect::<BTreeSet<_>>().len()
 }
 
-/// Repeats an incomplete search as the thesis may have used one: plain damped least squares from `starts`
-/// random starts per state; a state counts if an outcome is free with the thesis spheres.
+/// Runs an incomplete search of the kind that the thesis may have used: plain damped least squares from `starts`
+/// random starts per state; a state counts if an outcome is free of collisions with the thesis spheres.
 ///
-/// With four starts each number of thesis table 2.2 is within the spread of such searches. Number of starts
-/// and step rule are not in the thesis, so this shows that the table is plausible, and not how it was made.
+/// With four starts each number of thesis table 2.2 is within the spread of such searches. The thesis gives neither
+/// the number of starts nor the step rule, so this shows that the table is plausible, but not how it was made.
 pub fn incomplete_search(kind: Kind, starts: u32, seed: u64) -> BTreeSet<GridState> {
     let chain = Chain::of(kind);
     let mut rng = Rng::named(seed, "incomplete search", kind as u64);

@@ -30,13 +30,13 @@ pub const GRAZE_DEPTH: f64 = 0.02;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum FloorContact {
-    /// None (below 0.3 mm).
+    /// No contact (less than 0.3 mm).
     Free = 0,
-    /// A plate pushes 3.2 mm into it at the start or the end, within the 4 mm that connectors give.
+    /// A plate enters the floor by 3.2 mm at the start or the end, within the 4 mm that the connectors tolerate.
     Plate = 1,
-    /// A cube turns in place next to it and a rib rubs, 9.0 mm deep.
+    /// A cube turns in place next to the floor, and one of its ribs enters it by 9.0 mm.
     Rib = 2,
-    /// A cube enters it.
+    /// A cube enters the floor deeper than that.
     Deep = 3,
 }
 
@@ -71,7 +71,7 @@ pub struct StepSweep {
     pub graze: Vec<Cell>,
 }
 
-/// Depth in cells above which a cell is certainly core, and its depth is not determined: 14 mm.
+/// Depth in cells, 14 mm, above which a cell is certainly a core cell and its exact depth is not computed.
 const CERTAIN_DEPTH: f64 = 14.0 / 110.0;
 
 /// The two ways a joint turns.

@@ -93,8 +93,8 @@ impl CubeWorld {
     }
 }
 
-/// All that [`PARENT_DESCENDS`] reads of one module. While it is the same, and that of its neighbours too, the
-/// answer is the same.
+/// All that the check of [`PARENT_DESCENDS`] reads of one module. As long as it is unchanged for the module and its
+/// neighbours, so is the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct AuditKey {
     rank: Rank,
@@ -108,7 +108,7 @@ pub(super) struct AuditKey {
     children: u8,
     is_listening: bool,
     is_unlabelled: bool,
-    /// It knows where its body is.
+    /// True if the agent knows the cell that its body is in.
     is_home: bool,
 }
 

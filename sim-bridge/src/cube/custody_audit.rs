@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 /// One death and goal: the module, where it lies, its time of death and the goal.
 type Custody = (ModuleId, Cell, Time, u16);
 
-/// The best holder that ever announced itself, of every death and for every goal.
+/// For every death and goal, the best holder that has ever announced itself.
 #[derive(Clone, Debug, Default, Hash)]
 pub(super) struct Announced(BTreeMap<Custody, (CustodyKey, ModuleId)>);
 
@@ -94,14 +94,14 @@ impl CubeWorld {
         note(found, BEST_HOLDER_STAYS, now, dead, invariants::best_holder_stays(stays));
     }
 
-    /// Returns true if a module stays for the dead one on a face. What a module kept when it died, it keeps; and
-    /// one that has not heard of a new contact yet, since it is stopped or dead, cannot begin to move.
+    /// Returns true if a module cannot leave the dead module on a face: either the last state of its agent keeps the
+    /// dead module, or the agent, which is stopped or dead, has not heard of this contact yet and cannot begin a move.
     fn stays(&self, now: Time, id: ModuleId, face: Face, agents: &Agents<'_, Cube>) -> bool {
         let session = self.contact(id, face).map(|contact| contact.session);
         agents.last(id).is_some_and(|cube| cube.session(face) != session || cube.keeps(now, face))
     }
 
-    /// Forgets the deaths of a module that is started again.
+    /// Forgets the announcements about a module that is started again.
     pub(super) fn forget_announced(&mut self, id: ModuleId) {
         self.announced.0.retain(|(dead, ..), _| *dead != id);
     }

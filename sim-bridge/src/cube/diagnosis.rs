@@ -107,7 +107,7 @@ pub fn diagnose(
     stall
 }
 
-/// Returns the standstill as a question for a reachability search.
+/// Returns the state of the swarm as the input of a reachability search.
 pub fn snapshot(
     world: &CubeWorld,
     known: &[Known],
@@ -138,8 +138,8 @@ pub fn snapshot(
     }
 }
 
-/// Returns the modules that can hear of a target: those connected over modules that pass messages on to one
-/// that starts it. Walkers hear, but pass no message on.
+/// Returns the modules that can hear of a target: those connected, through modules that pass messages on, with
+/// one that can start it. Walkers hear of it, but pass no messages on.
 fn called(
     world: &CubeWorld,
     known: &[Known],

@@ -98,7 +98,7 @@ impl Director {
     pub fn stall(&self) -> Option<&Stall> {
         self.stall.as_ref()
     }
-    /// Returns the current state of the swarm as a question for a reachability search.
+    /// Returns the current state of the swarm as the input of a reachability search.
     pub fn snapshot(&self, world: &CubeWorld) -> StandstillSnapshot {
         snapshot(world, &self.known, self.goal(), self.setup.params.connectivity, self.stage)
     }

@@ -32,7 +32,7 @@ pub struct ModuleSnapshot {
     pub pinned: bool,
 }
 
-/// A standstill as a question: the modules and the goal.
+/// The input of a search: the modules at a standstill, and the goal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StandstillSnapshot {
     /// All modules.
@@ -45,9 +45,9 @@ pub struct StandstillSnapshot {
     pub spared_by_live: bool,
 }
 
-/// Returns the widest rules within which it is proved that no plan exists; or the result of the search within
-/// the narrowest. The search looks at no more than `bound` arrangements within the rules of a growing swarm,
-/// and at far fewer within the others, which only widen the proof.
+/// Returns the widest set of rules within which it is proved that no plan exists. If nothing is proved, returns the
+/// result of the search within the narrowest set. The search looks at no more than `bound` arrangements within the
+/// two narrowest sets, and at far fewer within the others, which only widen the proof.
 pub fn widest_proof(snapshot: &StandstillSnapshot, bound: usize) -> Result<RuleSet, Found> {
     let mut proved = None;
     for within in RuleSet::ALL {
@@ -96,7 +96,7 @@ impl StandstillSnapshot {
         };
         module.alive && !module.stuck && !stays
     }
-    /// Returns true if there are fewer modules that can move than goal cells without one that cannot.
+    /// Returns true if fewer modules can move than there are goal cells without an immovable module in them.
     fn is_short_of_modules(&self) -> bool {
         let mut others = self.modules.iter().filter(|m| !self.moves(m, RuleSet::Anything));
         let held = others.clone().filter(|m| self.goal.contains(&m.cell)).count();
@@ -143,7 +143,7 @@ impl StateSpace {
         }
     }
 
-    /// Returns true if only live modules carry others and hear.
+    /// Returns true if the rules let only live modules support others and hear of the goal.
     fn needs_live(&self) -> bool {
         matches!(self.within, RuleSet::Held | RuleSet::Called)
     }
@@ -167,8 +167,8 @@ impl StateSpace {
         spread(self.roots.iter().copied(), &|c| self.goal.contains(c) && self.is_live(at, *c))
     }
 
-    /// Returns true if enough goal cells are filled; where growth matters, grown from the finalized
-    /// structure.
+    /// Returns true if enough goal cells are filled. If only live modules support others, a cell counts only if it is
+    /// part of the structure grown from the finalized one, or has a dead module in it.
     fn is_enough(&self, at: &[Cell]) -> bool {
         let grown = self.needs_live().then(|| self.grown(at));
         let is_filled = |c: &&Cell| match &grown {
@@ -258,7 +258,8 @@ impl StateSpace {
         })
     }
 
-    /// Returns the distance of the unfilled goal cells from modules that could come.
+    /// Returns a heuristic: for each unfilled goal cell 4 plus the distance of the nearest module outside of the goal,
+    /// or plus 100 if there is none.
     fn distance(&self, at: &[Cell]) -> u32 {
         let free = self.goal.iter().filter(|c| !self.is_taken(at, **c));
         let spare = || at.iter().filter(|c| !self.goal.contains(c));
@@ -328,7 +329,7 @@ impl StateSpace {
     }
 }
 
-/// Returns everything that is connected with the first cells over cells that count.
+/// Returns `from` and the cells connected with it through cells that `counts` accepts.
 fn spread(from: impl Iterator<Item = Cell>, counts: &dyn Fn(&Cell) -> bool) -> BTreeSet<Cell> {
     let mut reached: BTreeSet<Cell> = from.collect();
     let mut front: Vec<Cell> = reached.iter().copied().collect();

@@ -17,7 +17,7 @@ struct Death {
     died: Time,
     /// The contacts whose module has been told of the death.
     told: BTreeSet<Session>,
-    /// The goal and the cell that the best holder belongs to: a body may come to rest after its death.
+    /// The goal and the cell of the dead body that `best` is valid for; a body may come to rest after its death.
     of: (u16, Option<Cell>),
     best: Option<(CustodyKey, CustodyAnnouncement)>,
     /// The contacts whose module has been told of the best holder.
@@ -28,7 +28,7 @@ struct Death {
 #[derive(Clone, Debug, Default, Hash)]
 pub struct Registrar {
     deaths: BTreeMap<ModuleId, Death>,
-    /// The time of the last death; no two have the same.
+    /// The time of the last death. Every death gets a later time than the one before, so times identify deaths.
     last: Time,
     /// The latest reports of the modules that announce that they hold dead ones.
     news: BTreeMap<ModuleId, Status>,
@@ -47,7 +47,7 @@ impl Registrar {
         self.deaths.remove(&id);
         self.news.remove(&id);
     }
-    /// Takes up a report. Returns true if it announces that the module holds a dead one.
+    /// Takes in a report. Returns true if the module announces in it that it holds a dead one.
     pub fn has_news(&mut self, id: ModuleId, report: &Status) -> bool {
         let has_news = report.custody != [Time::ZERO; 6];
         if has_news {
@@ -100,7 +100,7 @@ impl Registrar {
 }
 
 impl Death {
-    /// Compares the announcements with the best one so far.
+    /// Replaces the best announcement if the latest reports hold a better one.
     fn take_up(
         &mut self,
         world: &CubeWorld,

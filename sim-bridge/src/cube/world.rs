@@ -73,11 +73,13 @@ pub struct CubeWorld {
     joints: Rng,
     motions: MotionCounts,
     violations: Vec<Violation>,
-    /// What each module was like when it was audited last and found sound.
+    /// For each module, its audit key when it was last audited and found sound.
     audited: Vec<Option<AuditKey>>,
     pub(super) announced: Announced,
-    /// Marks of the last search for connections, by module, and the number of the search.
+    /// For each module, the number of the last search that reached it, and the index of the start that it was reached
+    /// from (see `neighbours_connected`).
     marks: Vec<(u64, u32)>,
+    /// The number of the last search.
     search: u64,
 }
 

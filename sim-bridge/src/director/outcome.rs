@@ -83,12 +83,12 @@ pub struct Waiter {
 pub struct Proof {
     /// The number of reachable arrangements of bodies.
     pub arrangements: usize,
-    /// The number of places at which the goal cannot be built either, which are all places; `None` if the
-    /// goal may not be moved.
+    /// The number of clear places for the goal, at none of which it can be built; `None` if the goal may not be
+    /// moved.
     pub places: Option<usize>,
 }
 
-/// Something that a goal asks for.
+/// A part of a goal, such as a cell or a seed to be filled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Objective {
     /// What it is, for people.

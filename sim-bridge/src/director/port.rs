@@ -1,7 +1,7 @@
 //! The interface between a driver and the director.
 //!
-//! The director is a state machine like the agents: drivers hand it events and carry out its commands, with
-//! events in virtual time or with real signals to real processes.
+//! The director is a state machine like the agents: drivers hand it events and carry out its commands, either in
+//! virtual time or with signals to real processes.
 
 use crate::director::faults::FaultRecord;
 use crate::world::World;

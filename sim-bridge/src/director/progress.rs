@@ -46,6 +46,6 @@ pub struct Stage {
     pub opened: Time,
     /// When the last cell was filled, by the ground truth.
     pub built: Option<Time>,
-    /// When the seed knew that, by the swarm's own count.
+    /// When the module in the seed knew that all cells were filled, by the swarm's own count.
     pub known: Option<Time>,
 }

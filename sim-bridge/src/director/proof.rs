@@ -18,7 +18,7 @@ pub enum RuleSet {
 }
 
 impl RuleSet {
-    /// All rules, the narrowest first.
+    /// All sets of rules, the narrowest first.
     pub const ALL: [RuleSet; 4] = [RuleSet::Held, RuleSet::Called, RuleSet::Grown, RuleSet::Anything];
 
     /// Returns the name in reports.
@@ -52,8 +52,8 @@ impl fmt::Display for RuleSet {
 pub enum Found {
     /// There is a plan of this number of moves.
     Way(usize),
-    /// All reachable arrangements were seen, of which this is the number, and none is the goal.
+    /// None of the reachable arrangements, of which this is the number, reaches the goal.
     Impossible(usize),
-    /// The bound was reached first.
+    /// The search reached its bound before it had a result.
     Undecided,
 }

@@ -9,14 +9,14 @@ pub struct Reason {
     pub name: &'static str,
     /// The reason in words, for reports.
     pub text: &'static str,
-    /// The condition under which a run that ended for this reason is no fault of the protocol, without
+    /// The condition under which a run that ended for this reason does not count as a fault of the protocol, without
     /// further proof.
     pub excuse: Excuse,
     /// What the reason itself proves.
     pub proves: Proves,
 }
 
-/// The condition under which a standstill is no fault of the protocol, without further proof.
+/// The condition under which a standstill does not count as a fault of the protocol, without further proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Excuse {
     /// Never: a module could have gone on.
@@ -38,7 +38,7 @@ pub enum Proves {
     Nothing,
     /// No more cells can be filled in any way, by counting.
     Counted,
-    /// Nothing, and a search shows nothing either: at another place of the goal more may be possible.
+    /// Nothing, and neither does a search at the present place: at another place of the goal more may be possible.
     NotHere,
 }
 
@@ -47,8 +47,8 @@ impl Reason {
     pub const fn new(name: &'static str, excuse: Excuse, text: &'static str) -> Reason {
         Reason { name, text, excuse, proves: Proves::Nothing }
     }
-    /// Returns true if no module could have gone on as the others stand, so that the standstill is no fault
-    /// of a module. That no plan exists at all takes a search to prove.
+    /// Returns true if no module could have gone on as the others stand, so that the standstill is not the fault
+    /// of a module. To prove that no plan exists at all takes a search.
     pub fn is_infeasible(self) -> bool {
         matches!(self.excuse, Excuse::Always) || self == NO_ACTIVE_TARGET
     }

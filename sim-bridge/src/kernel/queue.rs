@@ -28,7 +28,7 @@ pub struct Entry<T> {
     pub what: T,
 }
 
-/// An entry of a heap, which does not keep the order of equal entries by itself.
+/// An entry of a heap, numbered because a heap does not keep entries of the same time in order.
 struct Numbered<T> {
     number: u64,
     entry: Entry<T>,
@@ -125,7 +125,7 @@ impl<T: Copy> Queue<T> {
         self.late.peek().map_or(current, |Reverse(l)| l.entry.at.min(current))
     }
 
-    /// Returns the next events as far as they are sorted, unless others are scheduled before them.
+    /// Returns the sorted entries that come next, unless others are scheduled before them.
     pub fn coming(&self) -> &[Entry<T>] {
         &self.current[self.taken..]
     }

@@ -51,7 +51,7 @@ pub struct SimConfig<A: Agent> {
     pub seed: u64,
     /// The interval of full audits; every action and every input is audited anyway.
     pub audit_every: metamorph_protocol::time::Span,
-    /// Delivers messages in whatever session they were sent. For tests that show why not to.
+    /// Delivers messages even if they were sent in an earlier session, for tests that show what goes wrong then.
     #[doc(hidden)]
     pub ignore_sessions: bool,
 }
@@ -95,7 +95,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         Sim::with_journal(config, world, director, None)
     }
 
-    /// Creates a run that records what agents do. World and director are the recorded ones then.
+    /// Creates a run that records the steps of agents. World and director must then be wrappers that record, too.
     pub fn with_journal(config: SimConfig<W::Agent>, world: W, director: D, log: Option<Log>) -> Self {
         let modules: Vec<Module<W::Agent>> = (0..world.len())
             .map(|i| Module {
@@ -216,8 +216,8 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         true
     }
 
-    /// Reads the memory that the next events will need. Changes nothing; but in a large swarm all of it is
-    /// far away in memory, and a processor waits for many reads at once as long as for one.
+    /// Reads the memory that the next events will need, without changing anything. In a large swarm most reads miss
+    /// the cache, and many overlapping misses take about as long as one.
     fn look_ahead(&self) {
         let coming = self.queue.coming();
         if coming.len() < AT_HAND {
@@ -338,7 +338,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         found.into_iter().for_each(|v| self.note(v));
     }
 
-    /// Ends a run in which time stands still: it would go on for ever, and could not be stopped from outside.
+    /// Counts the inputs of an instant, and ends a run in which time does not advance: it would never end by itself.
     fn count_input(&mut self) {
         let (at, inputs) = self.instant;
         self.instant = (self.now, if at == self.now { inputs + 1 } else { 1 });
@@ -394,8 +394,8 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         module.send(&self.config.link, self.now, sent, link, &mut self.tally, put);
     }
 
-    /// Carries what bodies sensed to their agents, and the controller's commands out, until no more happens
-    /// at this instant.
+    /// Hands what bodies sensed to their agents and carries out the controller's commands, until nothing is left to
+    /// do at this instant.
     fn settle(&mut self) {
         let mut bodies_moved = false;
         while self.time_passes().is_ok() {

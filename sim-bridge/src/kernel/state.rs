@@ -10,9 +10,10 @@ use std::hash::Hasher;
 /// Increased whenever the meaning of the hashes changes.
 const STATE_VERSION: u64 = 1;
 
-/// The number of events between two state hashes: per module, and at least. A hash costs about as much as
-/// three events of every module, so hashes cost about a hundredth of a run.
+/// The number of events per module between two state hashes. A hash costs about as much as three events of every
+/// module, so hashes cost about a hundredth of a run.
 const PER_MODULE: u64 = 256;
+/// The least number of events between two state hashes.
 const AT_LEAST: u64 = 4_096;
 
 fn hasher() -> SipHasher13 {

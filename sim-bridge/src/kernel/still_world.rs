@@ -17,8 +17,9 @@ use std::marker::PhantomData;
 /// A block of modules, numbered along z, then y, then x. `A` is the agent in each.
 pub struct StillWorld<A> {
     sides: [u32; 3],
-    /// The number of modules started so far, in the order of their ids, and of contacts sent.
+    /// The number of modules started so far, in the order of their ids.
     started: u32,
+    /// The number of faces whose contacts, if they have any, have been sent so far: six for each module.
     told: u32,
     agent: PhantomData<A>,
 }

@@ -8,9 +8,9 @@ use std::hash::Hasher;
 /// Increased whenever the meaning of the hash changes.
 const TRACE_VERSION: u64 = 1;
 
-/// The size of an event in bytes, and the number of events gathered before they are hashed: one long write is
-/// faster than many short ones.
+/// The size of an event in bytes.
 const EVENT: usize = 24;
+/// The number of events gathered before they are hashed: one long write is faster than many short ones.
 const GATHERED: usize = 32;
 
 /// A hash over events.

@@ -10,8 +10,8 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::time::Time;
 
-/// Returns what each metamodule holds: the cells of its locks, and those of its body. A body may complete an
-/// action that its process asked for before it died, and holds the swept cells until then.
+/// Checks that no cell locked by metamodule `id` is also locked by another, or taken by another body. A body may
+/// complete an action that its process asked for before it died, and takes the swept cells until then.
 fn locks(
     world: &MetamoduleWorld,
     now: Time,

@@ -96,11 +96,11 @@ pub struct MetamoduleDirector {
     follow: bool,
     detected: Option<(Time, ModuleId)>,
     alarms: u32,
-    /// Under `planned`.
+    /// The execution of plans under the strategy `planned`; `None` under the others.
     execution: Option<PlanExecution>,
 }
 
-/// Creates the entry of a new goal. No agent counts seeds, so none is ever known to be built.
+/// Creates the entry of a new goal. Its `known` stays `None`, since no agent counts the filled seeds.
 fn opened(goal: &Blueprint, now: Time) -> Stage {
     Stage { cells: goal.seeds().len(), filled: 0, opened: now, built: None, known: None }
 }
@@ -159,7 +159,7 @@ impl MetamoduleDirector {
     pub fn detected(&self) -> Option<(Time, ModuleId)> {
         self.detected
     }
-    /// Returns the standstill as a question for a search.
+    /// Returns the current state of the swarm as the input of a search.
     pub fn snapshot(&self, world: &MetamoduleWorld) -> Standstill {
         self.standstill(world, |known| known.status.is_none_or(|s| s.settled.is_none()))
     }
@@ -269,7 +269,7 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Lets a plan be made anew: what it was made for has changed.
+    /// Requests a new plan, since the state that the last one was made for has changed.
     fn disturb(&mut self) {
         if let Some(execution) = &mut self.execution {
             execution.disturb();
@@ -293,7 +293,7 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Returns the cells that no living metamodule can clear.
+    /// Returns the cells that no living metamodule can clear: those of dead bodies and of obstacles.
     fn foreign(&self, world: &MetamoduleWorld) -> BTreeSet<Cell> {
         let dead = self.dead.iter().flat_map(|id| world.cells(*id));
         dead.chain(world.obstacles()).copied().collect()
@@ -305,8 +305,8 @@ impl MetamoduleDirector {
         unfilled.any(|(_, seed)| seed.cells().iter().any(|c| foreign.contains(c)))
     }
 
-    /// Moves the goal if an immovable body or obstacle is in a seed, to the nearest clear place, with a
-    /// cell's width around it if there is room for that.
+    /// Moves the goal if an immovable body or obstacle is in a seed: to the clear place with the most room around it,
+    /// of several to the nearest (see [`clear_places`]).
     fn relocate(&mut self, now: Time, world: &MetamoduleWorld) {
         self.trials.forget();
         self.count_filled(now, world);
@@ -329,8 +329,8 @@ impl MetamoduleDirector {
         free().next().is_some() && open.iter().any(|seed| free().all(|s| s.unreachable.has(seed)))
     }
 
-    /// Returns the standstill with all metamodules that can move free and no seed filled: the material for a
-    /// goal at another place.
+    /// Returns the input of a search for another place of the goal: no seed is filled, and all metamodules that can
+    /// move are free.
     fn all_free(&self, world: &MetamoduleWorld) -> Standstill {
         Standstill { filled: SeedSet::default(), ..self.standstill(world, |_| true) }
     }
@@ -489,8 +489,8 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Returns true if all metamodules have no path to an open seed, and no cooperative plan exists either.
-    /// Computed once per state of the structure, as it takes a search.
+    /// Returns true if an open seed is unreachable for all metamodules, and no cooperative plan exists either. As that
+    /// takes a search, it is asked once per state of the structure; after that the answer is false.
     fn is_stranded(&mut self, world: &MetamoduleWorld) -> bool {
         let built = (self.task, self.filled);
         if !self.relocate || self.out_of_reach == Some(built) || !self.is_out_of_reach(world) {

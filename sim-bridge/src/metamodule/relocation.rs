@@ -41,10 +41,10 @@ pub type Reach = BTreeSet<[Cell; 4]>;
 pub enum Prospect {
     /// The whole goal can be built: every move is known.
     Whole,
-    /// Neither that nor the opposite is shown.
+    /// It is proved neither that the goal can be built nor that it cannot.
     Open,
-    /// The goal cannot be built: even if each body were alone, there is not a separate body for each seed; or
-    /// no seed can be the first.
+    /// The goal cannot be built: even if each body moved alone, there would not be a separate body for each seed; or
+    /// no seed can be filled first.
     Barred,
 }
 
@@ -128,9 +128,9 @@ fn can_all_be_filled(goal: SeedSet, able: &[SeedSet]) -> bool {
     goal.iter().all(|seed| give(seed, able, &mut given, &mut vec![false; able.len()]))
 }
 
-/// Returns the places of a goal at which no seed needs a cell that is taken for good. Those with the most
-/// free width around them come first, counting to the edge of the floor too; of these the nearest to the
-/// present place of the goal, which is one of them.
+/// Returns the places of a goal at which no seed contains a cell of `stays`, the immovable objects. Those with the
+/// most free width around them, up to the edge of the floor, come first, and among these the nearest to the present
+/// place of the goal. The present place is included if it is clear.
 pub fn clear_places(setup: &Setup, task: Task, stays: &BTreeSet<Cell>) -> Vec<Shift> {
     let floor = setup.floor;
     let rim = |shift: &Shift| {
@@ -174,9 +174,9 @@ fn shifts(setup: &Setup, task: Task, floor: Floor) -> Vec<Shift> {
 pub enum Elsewhere {
     /// The goal can be built here, or may be.
     Place(Shift),
-    /// The goal can be built at none of the clear places, of which this is the number; proved for each.
+    /// It is proved that the goal can be built at none of the clear places, of which this is the number.
     Barred(usize),
-    /// No place is left to be tried, and it is not proved of each that it is unreachable.
+    /// No place is left to try, but for some of them it is not proved that the goal cannot be built there.
     Unproved,
 }
 

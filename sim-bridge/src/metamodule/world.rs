@@ -41,7 +41,7 @@ struct UnderWay {
 #[derive(Clone, Debug, Hash)]
 struct Body {
     pose: Pose,
-    /// True for the foot and the head if it grips.
+    /// For the foot and the head, true if that end grips.
     grips: [bool; 2],
     cells: [Cell; 4],
     incarnation: Incarnation,

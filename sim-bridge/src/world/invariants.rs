@@ -38,7 +38,7 @@ pub const ONE_MODULE_PER_CELL: Invariant = Invariant { name: "one-module-per-cel
 pub const MOVE_WITHIN_LEASE: Invariant = Invariant::new("move-within-lease");
 /// A message is only accepted in the contact session that exists.
 pub const SESSION_CURRENT: Invariant = Invariant::new("session-current");
-/// Message counts add up.
+/// Every message sent has met exactly one fate, or is under way.
 pub const MESSAGES_BALANCE: Invariant = Invariant::new("messages-balance");
 /// Time advances: the inputs that modules are handed at one instant come to an end.
 pub const TIME_PASSES: Invariant = Invariant::new("time-passes");

@@ -116,8 +116,8 @@ impl Geometry {
         }
     }
 
-    /// Returns the cells of a body in the frame of its foot, and the foot that its other end is, if that lies
-    /// on the floor.
+    /// Returns the cells of a body in the frame of its foot, and the place where its other end can attach, if
+    /// that lies on the floor.
     fn chain(&self, joints: Joints) -> ([Cell; 4], Option<Foot>) {
         let (mut rotation, mut cell, mut cells) = (NONE, [0; 3], vec![[0; 3]]);
         for (joint, steps) in joints.into_iter().enumerate() {
@@ -227,7 +227,7 @@ impl<'a> Metamodules<'a> {
     fn check_stands(&self, id: u32, pose: Pose) -> Result<(), Broken> {
         let lies = !pose.both || self.geometry.landing(pose).is_some();
         demand(self.geometry.has(pose.foot) && lies, Rule::Attached, || {
-            format!("{id} holds on to air: {pose:?}")
+            format!("{id} is attached where there is no connector: {pose:?}")
         })?;
         let above = self.geometry.cells(pose).iter().all(|c| c[2] >= 0);
         demand(above, Rule::Possible, || format!("{id} is below the floor: {pose:?}"))
@@ -267,11 +267,11 @@ impl<'a> Metamodules<'a> {
             }
             (17, _) if pose.both => impossible("attaches an end that holds"),
             (17, _) if self.geometry.landing(pose).is_none() => {
-                Err((Rule::Attached, format!("{id} in {pose:?} holds on to air")))
+                Err((Rule::Attached, format!("{id} in {pose:?} attaches where there is no connector")))
             }
             (17, _) => Ok((Pose { both: true, ..pose }, Vec::new())),
             (18, _) => match self.geometry.landing(pose).filter(|_| pose.both) {
-                None => Err((Rule::Attached, format!("{id} in {pose:?} lets go with its last end"))),
+                None => Err((Rule::Attached, format!("{id} in {pose:?} releases the only end that holds"))),
                 Some(foot) => {
                     let mut joints = pose.joints;
                     joints.reverse();

@@ -241,7 +241,7 @@ impl From<BenchArgs> for bench::Request {
     }
 }
 
-/// Scenarios explored by default.
+/// Number of runs of `explore` if neither --runs nor --seconds is given.
 const EXPLORED: u64 = 1_000;
 
 /// Arguments of `explore`.
@@ -309,10 +309,11 @@ impl From<ExploreArgs> for explore::Request {
     }
 }
 
-/// Threads at most; more are taken for a typing error.
+/// Largest number of concurrent runs. A larger --jobs is reduced to it, as probably mistyped.
 const MAX_JOBS: NonZeroUsize = NonZeroUsize::new(1024).expect("invariant: 1024 is not 0");
 
-/// Returns the number of concurrent runs.
+/// Returns the number of concurrent runs: the typed one, or else the number of processors; at most
+/// [`MAX_JOBS`].
 fn jobs(typed: Option<NonZeroUsize>) -> NonZeroUsize {
     let all = || std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     typed.unwrap_or_else(all).min(MAX_JOBS)
@@ -326,7 +327,8 @@ pub struct CheckArgs {
     pub plan: PlanArgs,
 }
 
-/// Returns the help of an option that overrides a value of the scenario, which has its own default.
+/// Returns the help of an option that overrides a value of the scenario. `default` is the value that holds if
+/// the scenario does not set it either.
 fn left_out(what: &str, default: impl Display) -> String {
     format!("{what}; default: the scenario's, or {default}")
 }

@@ -15,7 +15,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use thiserror::Error;
 
-/// Signals cannot be caught.
+/// The thread or the handlers for signals cannot be set up.
 #[derive(Debug, Error)]
 #[error("cannot listen for Ctrl-C: {0}")]
 struct NoSignals(std::io::Error);
@@ -77,12 +77,13 @@ fn refuse(error: &clap::Error, args: &[OsString]) -> u8 {
 fn unless_out_failed(code: u8) -> u8 {
     let Some(why) = terminal::failure() else { return code };
     print_error(&format!(
-        "metamorph: standard output could not be written: {why}\n  fix: let it go to a file with room, or to a program"
+        "metamorph: standard output could not be written: {why}\n  fix: redirect it to a program or a file with room"
     ));
     FAILED
 }
 
-/// Runs as an agent if the arguments are those that a swarm starts its agents with.
+/// Executes one of the internal commands that this program starts itself with: an agent, the watcher of a
+/// controller, or a part of a benchmark. Returns `None` for all other arguments.
 fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
     match args {
         [_, agent, dashes, rest @ ..] if agent == "agent" && dashes == "--" => {

@@ -127,7 +127,8 @@ impl Show {
         Ok(Show { json, html, view, quiet, scene, interrupt: interrupt.clone() })
     }
 
-    /// Returns the log that records go to so that they are shown.
+    /// Returns the log whose records fill the scene of the page and the HTML report; `None` if neither is
+    /// wanted.
     fn log(&self, plan: &Plan) -> Option<Log> {
         self.scene.as_ref().map(|scene| family::of(plan).shown(plan).scribe(scene.clone()))
     }
@@ -163,7 +164,8 @@ fn address(scene: &Shared) -> Result<String, ServerError> {
     Ok(format!("open {} in a browser\nCtrl-C ends it", server.address()))
 }
 
-/// Ends a scene with the report. Messages between processes are in the journal only.
+/// Completes a scene with the report. The scene of a run of processes lacks their messages, which only the
+/// journal contains, so it is replaced by the scene of the journal if there is one.
 fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) {
     if plan.overrides.link == LinkKind::Ipc
         && let Some(journal) = journal
@@ -181,7 +183,7 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
     scene.lock().finish(report.clone());
 }
 
-/// Reads the scene of a journal, up to its damage.
+/// Builds the scene of a journal up to the first damage, and returns it with that damage.
 fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scene_builder::ReadError> {
     let mut journal = Journal::open(file)?;
     let plan = plan_of(families(), journal.head())?;
@@ -222,7 +224,8 @@ pub fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u
     Ok(0)
 }
 
-/// Waits until the page is no longer wanted. Returns at once if its address cannot be printed.
+/// Waits until a signal asks the program to end. Returns at once if standard output has failed, since the
+/// page's address was not printed then.
 fn wait_for_end(interrupt: &Interrupt) {
     if terminal::failure().is_none() {
         interrupt.wait();

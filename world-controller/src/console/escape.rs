@@ -7,13 +7,13 @@ use std::borrow::Cow;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Characters of a name shown at most.
+/// Largest number of characters shown of a name.
 const LONGEST_NAME: usize = 200;
-/// Characters of a path shown at most.
+/// Largest number of characters shown of a path.
 const LONGEST_PATH: usize = 400;
 
-/// Returns true if `c` is not printed itself but changes what is: controls (C0 and C1), direction marks,
-/// other invisible marks, line separators, noncharacters.
+/// Returns true if `c` is invisible or changes how other text is displayed: controls (C0 and C1), direction
+/// marks, other invisible marks, line separators, noncharacters.
 pub fn is_control(c: char) -> bool {
     c.is_control()
         || matches!(c,

@@ -41,7 +41,7 @@ pub fn bytes(n: u64) -> String {
     }
 }
 
-/// Formats a duration in seconds, as short as possible.
+/// Formats a duration given in seconds: below 1 s in whole milliseconds, else in seconds with one decimal.
 pub fn seconds(s: f64) -> String {
     if s < 0.000_5 {
         "0 s".to_owned()
@@ -53,7 +53,7 @@ pub fn seconds(s: f64) -> String {
     }
 }
 
-/// Formats a rate per second.
+/// Formats the rate of `n` events in `seconds` as a whole number per second.
 pub fn rate(n: u64, seconds: f64) -> String {
     format!("{} a second", count((n as f64 / seconds.max(1e-9)) as u64))
 }
@@ -73,8 +73,8 @@ pub fn listed(ids: &[u32], most: usize) -> String {
     }
 }
 
-/// Joins as many leading parts as fit into `width` columns with two spaces. A part that does not fit is left
-/// out whole; only the first one is cut.
+/// Joins parts by two spaces into a line of at most `width` columns. The first part is cut if it is too long;
+/// any other part that does not fit is left out.
 pub fn fitting<'a>(parts: impl IntoIterator<Item = &'a str>, width: usize) -> String {
     let mut line = String::new();
     for part in parts {
@@ -88,7 +88,7 @@ pub fn fitting<'a>(parts: impl IntoIterator<Item = &'a str>, width: usize) -> St
     line
 }
 
-/// Formats a hash as in reports.
+/// Formats a hash as 16 hexadecimal digits, as in reports.
 pub fn digits(hash: u64) -> String {
     format!("{hash:016x}")
 }
@@ -98,7 +98,7 @@ pub fn percent(share: f64) -> String {
     format!("{:.1}%", share * 100.0)
 }
 
-/// Formats a number with a readable number of digits.
+/// Formats a number with one decimal below 100, and rounded to an integer from there on.
 pub fn number(n: f64) -> String {
     match n {
         1_000.0.. => count(n.round() as u64),

@@ -1,7 +1,7 @@
 //! SIGINT (Ctrl-C), SIGTERM and SIGHUP. Before a command calls [`Interrupt::begin`], the first signal ends
-//! the program. Afterwards the first signal asks the command to end in order, with a partial report, and the
-//! second asks it to hurry; in both cases the program returns from `main`, so that everything temporary is
-//! removed.
+//! the program. Afterwards the first signal asks the command to shut down cleanly, with a partial report, and
+//! the second asks it to hurry; in both cases the program returns from `main`, so that everything temporary
+//! is removed.
 //!
 //! A SIGHUP that is ignored when the program starts (`nohup`) stays ignored.
 
@@ -17,7 +17,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// True once a signal has asked the program to end.
+/// The requests by signals that the program end. Clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Interrupt(Arc<Bell>);
 
@@ -31,7 +31,7 @@ struct Bell {
 
 #[derive(Debug, Default)]
 struct Desk {
-    /// True once there is something to end in order.
+    /// True once [`Interrupt::begin`] has been called.
     begun: bool,
     signals: u32,
     /// Swarms that the request is passed on to.
@@ -59,12 +59,13 @@ impl Interrupt {
         Ok(interrupt)
     }
 
-    /// Declares that there is something to end in order. Does not return if a signal came before.
+    /// Declares that from now on a signal must let the command shut down cleanly instead of ending the
+    /// program. Does not return if a signal came before.
     pub fn begin(&self) {
         self.desk().begun = true;
     }
 
-    /// Passes the request on to a swarm, even if it was made before this call.
+    /// Passes all requests to end on to a swarm, also those made before this call.
     pub fn pass_on(&self, swarm: &Shutdown) {
         let mut desk = self.desk();
         (0..desk.signals).for_each(|_| swarm.request());
@@ -107,7 +108,7 @@ impl Interrupt {
     }
 }
 
-/// Prints a message below a progress line.
+/// Prints a message on standard error; on a terminal, in place of the progress line.
 fn say(text: &str) {
     use std::io::IsTerminal as _;
     let fresh = if std::io::stderr().is_terminal() { "\r\x1b[2K" } else { "" };

@@ -1,14 +1,14 @@
 //! Output files: which ones a command may write, and how.
 //!
 //! A command registers its input files with [`Outputs`] and requests each output file from it. A file that is
-//! also read, or written twice, is refused by identity: device and inode, through symbolic and hard links,
-//! also for a file that does not exist yet. Output appears at the end and as a whole: it is written to an
-//! unnamed file in the same directory, which is linked to the name when complete. So an existing file is
-//! never half overwritten, and nothing is left behind however the program ends. Devices, pipes and
-//! descriptors (`/dev/stdout`) are written directly.
+//! also read, or written twice, is refused, even under another name: files are compared by device and inode,
+//! and files that do not exist yet by their directory and name. Output appears at the end and as a whole: it
+//! is written to an unnamed file in the same directory, which is linked to the name when complete. So an
+//! existing file is never half overwritten, and nothing is left behind however the program ends. Devices,
+//! pipes and descriptors (`/dev/stdout`) are written directly.
 //!
-//! Absent: result directories (see `sweep::store`), and journals of active runs, which are written piece by
-//! piece because they are for runs that are killed.
+//! Absent: result directories (see `experiments::sweep::store`), and journals of active runs, which are
+//! written piece by piece so that they survive a killed run.
 
 use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
 use crate::console::escape::{Shown, json};
@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 use tempfile::{Builder, TempPath};
 use thiserror::Error;
 
-/// Symbolic links followed at most.
+/// Largest number of symbolic links followed from one path.
 const MAX_LINKS: usize = 40;
 
 /// Why a file cannot be written.

@@ -49,12 +49,12 @@ impl fmt::Display for Status {
 const MEMORY: Duration = Duration::from_secs(10);
 /// No estimate is shown before this much time was observed.
 const LEARNING: Duration = Duration::from_secs(1);
-/// Relative clock speed from which the clock is not called slow.
+/// Relative clock speed below which the line says that the clock is slowed.
 const UNSLOWED: f64 = 0.95;
 /// Width of the bar in characters.
 const BAR: u64 = 10;
 
-/// Recent observations.
+/// Formats progress lines. Keeps recent observations to compute rates from.
 #[derive(Clone, Debug, Default)]
 pub struct ProgressLine {
     stage: (u16, u16),

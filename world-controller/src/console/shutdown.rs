@@ -5,12 +5,12 @@ use tokio::sync::watch;
 /// The urgency with which a swarm is asked to end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Urgency {
-    /// Not asked.
+    /// The swarm is not asked to end.
     #[default]
     None,
-    /// In order.
+    /// The swarm is asked to shut down cleanly: agents are asked to stop.
     Asked,
-    /// At once: agents are killed.
+    /// The swarm is asked to end at once: agents are killed.
     Hurried,
 }
 
@@ -29,7 +29,7 @@ impl Shutdown {
             *urgency = if *urgency == Urgency::None { Urgency::Asked } else { Urgency::Hurried };
         });
     }
-    /// How much the swarm is urged to end now.
+    /// Returns the current urgency of the request.
     pub fn urgency(&self) -> Urgency {
         *self.0.borrow()
     }

@@ -2,7 +2,7 @@
 
 use crate::console::terminal::Paint;
 
-/// Columns of a key shown at most.
+/// Largest width of a key in columns; longer keys are cut.
 const WIDTH: usize = 32;
 
 /// Text columns: keys left-aligned, numbers right-aligned.

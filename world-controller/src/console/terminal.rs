@@ -1,4 +1,4 @@
-//! All printing. Absent: what is printed.
+//! Prints all output of the program. Absent: the content of that output.
 //!
 //! Human-readable text contains no control characters but those of this module, wherever it comes from. A
 //! closed pipe is not an error: the rest of the output is dropped, as in ripgrep and git. Any other failure of
@@ -189,7 +189,8 @@ impl Live {
     /// Time between two redraws.
     const EVERY: Duration = Duration::from_millis(100);
 
-    /// Creates a line, active if wanted and visible.
+    /// Creates a line. It is drawn only if `wanted`, and if standard error is a terminal that can redraw a
+    /// line.
     pub fn new(wanted: bool) -> Live {
         // A dumb terminal cannot move its cursor and would print line after line.
         let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");

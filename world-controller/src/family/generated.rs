@@ -73,7 +73,8 @@ impl Dice {
     }
 }
 
-/// Returns halves, quarters, and so on down to single elements.
+/// Returns ranges of indices into a list of this length: all of it, its halves, its quarters, and so on down
+/// to single elements.
 pub fn parts(len: usize) -> Vec<std::ops::Range<usize>> {
     let (mut parts, mut size) = (Vec::new(), len);
     while size > 0 {

@@ -155,7 +155,7 @@ fn registry() -> &'static Registry {
 
 /// Families were used before [`install`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[error("families are installed once, before the first scenario is read")]
+#[error("families can be installed only once, and before the first scenario is read")]
 pub struct TooLate;
 
 /// Adds families to the built-in ones. Call it before anything else.

@@ -47,7 +47,7 @@ pub fn check(place: &str, plan: &PlanFile) -> Result<(), PlanError> {
     let mut cost = 0;
     for (i, step) in plan.actions.iter().enumerate() {
         if let Some(j) = step.after.iter().find(|j| **j >= i) {
-            return Err(bad(Some(i), format!("it is after action {j}, which does not come before it")));
+            return Err(bad(Some(i), format!("its `after` names action {j}, which is not an earlier one")));
         }
         let fingerprint = format!("{:016x}", at.fingerprint());
         if step.from != fingerprint {

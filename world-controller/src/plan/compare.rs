@@ -23,7 +23,8 @@ pub struct Distances {
     /// The similarities of [`Similarity`].
     #[serde(flatten)]
     pub similarity: Similarity,
-    /// A lower bound of the actions from one to the other: their distance in the graph of shapes.
+    /// A lower bound on the number of actions from one to the other: their distance in the graph of shapes.
+    /// `None` if the other cannot be reached.
     pub shape: Option<u32>,
     /// True if that distance is exact.
     pub shape_exact: bool,
@@ -35,7 +36,7 @@ pub fn distance(a: &Structured, b: &Structured, places: [&str; 2]) -> Result<Dis
     if shapes[0].len() != shapes[1].len() {
         let [x, y] = shapes.map(|s| s.len());
         let reason = format!("{} has {}, {} has {}", places[0], many(x as u64, "module"), places[1], y);
-        return Err(PlanError::option("--distance", reason, "compare structures of as many modules"));
+        return Err(PlanError::option("--distance", reason, "compare structures with equally many modules"));
     }
     let table = ShapeDistance::to(&shapes[1], Prices::ONE, 60_000);
     let shape = table.of(&shapes[0]);

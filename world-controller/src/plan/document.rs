@@ -113,7 +113,7 @@ pub enum What {
 }
 
 impl What {
-    /// Returns the action as the checker understands it; `None` if a joint or an angle is none.
+    /// Returns the action as the checker understands it; `None` if its joint or its angle does not exist.
     pub fn action(&self) -> Option<PhysicalAction> {
         match *self {
             What::Attach([a, b]) => Some(PhysicalAction::Attach(a, b)),

@@ -24,7 +24,7 @@ pub enum PlanError {
         /// What to do.
         fix: String,
     },
-    /// A name is no shape.
+    /// A name does not name a shape.
     #[error("{place}: {error}\n  fix: {fix}", fix = name_fix(.error))]
     Name {
         /// The option.
@@ -40,7 +40,7 @@ pub enum PlanError {
         /// What is wrong.
         error: io::Error,
     },
-    /// A file is no document of this format.
+    /// A file is not a document of this format.
     #[error("{place}: {reason}\n  fix: `metamorph schema {schema}` describes the format")]
     Format {
         /// The option, the file and the place in it.
@@ -50,7 +50,7 @@ pub enum PlanError {
         /// The name of the schema.
         schema: &'static str,
     },
-    /// A file describes no structure.
+    /// A file does not describe a valid structure.
     #[error("{place}: {error}\n  fix: {fix}", fix = structure_fix(.error))]
     Structure {
         /// The option and the file.
@@ -61,7 +61,8 @@ pub enum PlanError {
     /// An output cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// A plan does not lead where it says.
+    /// A plan fails its check: an action is impossible, or its effect or the cost is not what the file
+    /// states.
     #[error("{place}: {reason}\n  fix: {fix}")]
     Check {
         /// The file and the action.

@@ -358,7 +358,7 @@ fn weight(args: &PlanArgs) -> Result<u32, PlanError> {
     };
     let number: f64 = text.parse().map_err(|_| wrong("this is not a number"))?;
     if !(1.0..=100.0).contains(&number) {
-        return Err(wrong("a bound is weighted by 1 or more"));
+        return Err(wrong("the weight must be at least 1"));
     }
     if !matches!(args.planner, Planner::Auto | Planner::Portfolio | Planner::Astar) {
         let fix = "use --planner portfolio or --planner astar";

@@ -1,7 +1,8 @@
 //! Which actions of a plan must come after which, and what a plan consists of.
 //!
-//! Two turns are independent if the modules of the parts that they move are different and the cells within reach of
-//! these parts are disjoint. A change of a connection changes what moves, so it keeps its place among all others.
+//! Two turns are independent if the parts that they move have no module in common and cannot reach the same
+//! cell. An attachment or a detachment changes what turns move, so its order relative to all other actions is
+//! kept.
 
 use super::document::Counts;
 use metamorph_protocol::assembly::action::{Action, Rules};
@@ -10,7 +11,8 @@ use metamorph_protocol::assembly::tables::sub;
 
 /// The order of a plan.
 pub struct Order {
-    /// Of each action those that must be done before it; what follows from others is left out.
+    /// For each action, the actions that must be done before it, except those that follow from others in the
+    /// list.
     pub after: Vec<Vec<usize>>,
     /// What the plan consists of.
     pub counts: Counts,

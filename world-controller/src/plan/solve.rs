@@ -23,9 +23,9 @@ use metamorph_protocol::roombots::connector::Connector;
 use metamorph_protocol::roombots::posture::Posture;
 use std::time::Duration;
 
-/// Shapes whose distance to the goal is computed at most.
+/// The maximum number of shapes whose distance to the goal is computed, for five modules or more.
 const SHAPES: usize = 30_000;
-/// Shapes of four modules are counted to the last one.
+/// The same for up to four modules, where it is enough for all shapes.
 const ALL_OF_FOUR: usize = 20_000;
 /// Expansions between two looks at the clock.
 const SLICE: u64 = 256;
@@ -47,14 +47,14 @@ pub enum Planner {
     Portfolio,
 }
 
-/// A question to a planner.
+/// A planning problem, the planner to solve it, and the limits for that.
 #[derive(Clone, Debug)]
 pub struct Problem {
     /// Where it begins.
     pub start: Configuration,
     /// Where it ends.
     pub goal: Structured,
-    /// What is possible.
+    /// The rules that decide which actions are possible.
     pub rules: Rules,
     /// What the cost is.
     pub objective: Objective,
@@ -64,7 +64,7 @@ pub struct Problem {
     pub weight: u32,
     /// Memory and work.
     pub limits: Limits,
-    /// The time to be spent.
+    /// The limit of real time; `None` for no limit.
     pub timeout: Option<Duration>,
 }
 

@@ -18,7 +18,7 @@ const MOST_BINS: usize = 2048;
 const MOST_EDGES: usize = 2_000_000;
 /// Messages kept at most; beyond, they are thinned out.
 const MOST_LOGGED: usize = 2_000_000;
-/// Messages kept per module and bin at least.
+/// Messages kept per module and interval when the log is thinned out.
 const KEPT: usize = 6;
 
 /// The displayed contents of a message.

@@ -11,7 +11,7 @@ use metamorph_sim_bridge::director::proof::{Found, RuleSet};
 
 /// A standstill as a search problem: what could still have been done?
 pub trait Question {
-    /// Searches for the report of a run.
+    /// Searches for a way to go on, and returns the result for the report of a run.
     fn prospect(&self) -> Prospect;
     /// Returns the widest rules under which progress is proved impossible, or else the search's result.
     /// `misplaced` says whether more may be possible with the goal at another place.
@@ -21,8 +21,8 @@ pub trait Question {
     fn could_be_built(&self) -> Option<bool> {
         None
     }
-    /// Returns true if intact modules are at fault when nothing can be done any more, because they brought
-    /// themselves there.
+    /// Returns true if a standstill in which nothing was broken or restarted is the fault of the modules even
+    /// when nothing can be done any more, because they brought themselves there.
     fn blames_whole_modules(&self) -> bool {
         false
     }

@@ -46,7 +46,7 @@ pub enum ProcessError {
     /// The path of this executable is unknown.
     #[error("cannot find this executable, which agents are started from: {0}")]
     Program(std::io::Error),
-    /// The swarm.
+    /// The swarm of processes cannot be started or cannot go on.
     #[error(transparent)]
     Swarm(#[from] SwarmError),
     /// A journal cannot be read or written.
@@ -69,7 +69,7 @@ pub enum ProcessError {
     /// The run cannot be resumed.
     #[error(transparent)]
     NotResumable(#[from] NotResumable),
-    /// Carrying the journal out failed.
+    /// Re-executing the controller's records did not reproduce them.
     #[error("the run cannot be resumed, because its journal does not reproduce its state: {0}")]
     Recovery(RecoverError),
     /// Cleaning up after killed runs failed.
@@ -94,8 +94,9 @@ impl From<RecoverError> for ProcessError {
         }
     }
 }
-/// Tolerated lateness of agents before scenario time is slowed, as a divisor of the time of a move or joint
-/// step. No time-out expires from that much delay: leases and heartbeats are at least forty times as long.
+/// Divisor of the time of a move or joint step that gives the lateness of agents tolerated before scenario
+/// time is slowed. Such a delay lets no time-out expire: leases and heartbeats are at least forty times as
+/// long.
 const TOLERATED: u64 = 10;
 
 /// The inputs of a run of processes besides its plan.
@@ -159,7 +160,7 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
     })
 }
 
-/// Runs the plan to its end, or until a signal asks for it.
+/// Runs the plan until the run is over or a signal asks it to end.
 pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
     let Processes { live, since, keeping, patience, scribe } = processes;
     let mut world = swarm.world(plan);

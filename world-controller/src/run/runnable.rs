@@ -45,7 +45,7 @@ pub trait Runnable: SwarmPlan {
     fn last_check(world: &mut Self::World, now: Time) -> (Vec<Violation>, u64);
 }
 
-/// Describes the end of a goal, for reports.
+/// Converts the result of one goal to its entry in the report.
 pub fn stage(name: &str, stage: &Stage) -> StageReport {
     StageReport {
         name: name.to_owned(),

@@ -1,12 +1,12 @@
-//! Bounds for standstills: how long the absence of progress must last to count, from the protocol's own times
-//! and from what the link does to messages. A link of usual speed that loses nothing changes no bound.
+//! Bounds for standstills: how long a run may go without progress before that counts as a standstill. They
+//! follow from the protocol's own times and from what the link does to messages; a link of usual speed that
+//! loses nothing leaves them unchanged.
 //!
 //! A standstill must not be called a deadlock while a module may only be waiting for a message. So a bound is
-//! the longest time of one step of progress on a link of usual speed, and in addition
-//! - for each message that has to arrive before the next one is sent, how much later than usual it can be;
-//! - for each message that may be lost, enough repeats that all but one in [`ONCE_IN`] standstills are
-//!   covered.
-//!
+//! the longest time that one step of progress takes on a link of usual speed, plus
+//! - for each message that has to arrive before the next one is sent, the delay beyond the usual one;
+//! - for each message that may be lost, so many repeats that the bound is too short in at most one of
+//!   [`ONCE_IN`] standstills.
 //! A damaged or overtaken message is useless to its receiver, so it counts as lost; a duplicate does no harm.
 //! With p the probability of loss and q = 1 - p:
 //! - *News* passes from module to module, each repeating it until something newer is there. For n of them in
@@ -21,12 +21,13 @@ use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::Span;
 
-/// A bound is too short in one of this many standstills at most.
+/// A bound is too short in at most one of this many standstills.
 const ONCE_IN: u64 = 1_000_000;
 /// Tries and repeats counted at most. If more are needed, a bound guarantees nothing.
 const MOST: u64 = 4_096;
-/// Fixed point: 1 for probabilities, and for logarithms.
+/// The fixed-point representation of 1, for probabilities.
 pub const ONE: u64 = 1 << 32;
+/// Fractional bits of the fixed-point representation of logarithms.
 const LOG_BITS: u32 = 16;
 
 /// The effect of a link on messages, as bounds count it.
@@ -34,12 +35,13 @@ const LOG_BITS: u32 = 16;
 pub struct Passage {
     /// Delay of a message beyond the usual, at most.
     pub late: Span,
-    /// The probability that a message is useful, in units of 1/[`ONE`].
+    /// The probability that a message is not lost, damaged or overtaken, in units of 1/[`ONE`].
     pub arrives: u64,
 }
 
 impl Passage {
-    /// Returns the effect of a link with delays of up to `delay`, of which `usual` is usual.
+    /// Returns the effect of a link whose longest delay is `delay`, where protocols assume `usual`.
+    /// Impairments that end are not counted.
     pub fn of(link: &LinkModel, delay: Span, usual: Span) -> Passage {
         let lasts = link.harmless_from.is_none();
         let harms = [link.loss, link.reorder, link.corrupt].into_iter().filter(|_| lasts);
@@ -49,7 +51,8 @@ impl Passage {
         Passage { late: delay - usual, arrives: harms.fold(ONE, spared) }
     }
 
-    /// Returns the repeats that news needs at most to pass `messages` modules in a row, in `copies` copies.
+    /// Returns the number of repeats within which `copies` items of news have all passed `messages` modules
+    /// in a row, in all but one of [`ONCE_IN`] cases.
     pub fn repeats(self, messages: u64, copies: u64) -> u64 {
         let lost = ONE - self.arrives;
         if lost == 0 {
@@ -62,8 +65,8 @@ impl Passage {
         capped(needed, log_inverse(lost))
     }
 
-    /// Returns the tries that an exchange of `messages` messages needs at most after the first, with `copies`
-    /// exchanges at once.
+    /// Returns the number of tries after the first within which `copies` concurrent exchanges of `messages`
+    /// messages all succeed, in all but one of [`ONCE_IN`] cases.
     pub fn more_tries(self, messages: u32, copies: u64) -> u64 {
         let through =
             (0..messages).fold(ONE, |all, _| ((u128::from(all) * u128::from(self.arrives)) >> 32) as u64);

@@ -76,7 +76,8 @@ struct Source {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostics {
     source: Box<Source>,
-    /// Places of values from options: offsets behind the end of the text.
+    /// The options that set values, by the offset past the end of the text that stands for the option's
+    /// place.
     options: BTreeMap<usize, String>,
     /// Other files that the scenario has named so far.
     files: Vec<PathBuf>,

@@ -1,6 +1,6 @@
-//! What reading and planning need of a family of modules. A scenario names its family; everything particular
-//! to a family is read, checked and described through these traits. Absent: the list of families, which is
-//! passed in as [`Families`].
+//! The interface between scenarios and families of modules. A scenario names its family; everything
+//! particular to that family is read, checked and described through these traits. Absent: the list of
+//! families, which is passed in as [`Families`].
 
 use super::Plan;
 use super::bounds::{Bounds, Passage};
@@ -24,7 +24,8 @@ pub struct Families(pub &'static [&'static dyn ScenarioFamily]);
 pub trait ScenarioFamily: Sync {
     /// Returns the name used in scenarios, reports and on command lines.
     fn name(&self) -> &'static str;
-    /// Reads the family's sections. `swarm` is `[swarm]`, partly read; the method finishes it and the others.
+    /// Reads the sections whose keys depend on the family. The shared keys of `swarm`, which is `[swarm]`,
+    /// have been read already; this method reads its other keys, and all of `others`.
     fn read(
         &self,
         swarm: Section<'_, '_>,
@@ -33,7 +34,8 @@ pub trait ScenarioFamily: Sync {
     ) -> Box<dyn RawSwarm>;
     /// Returns the family's part of the JSON schema of scenarios.
     fn schema(&self) -> FamilySchema;
-    /// Returns the name and the JSON schema of the field of reports that only it fills; `None` if it has none.
+    /// Returns the name and the JSON schema of the report field that only this family fills; `None` if there
+    /// is no such field.
     fn report_part(&self) -> Option<(&'static str, Value)> {
         None
     }
@@ -92,7 +94,7 @@ pub struct FamilySchema {
 
 /// The family's parts of a scenario as written.
 pub trait RawSwarm: fmt::Debug {
-    /// Returns the shortest observable time step as written, and its key.
+    /// Returns the time of a move (cubes) or of a step of a joint (metamodules) as written, and its key.
     fn time_step(&self) -> (&Option<At<Span>>, &'static str);
     /// Checks what needs more than one value, and creates the family's part of a plan.
     fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec>;
@@ -208,7 +210,7 @@ pub struct Words {
     pub negotiation: &'static str,
     /// What refuses impossible actions.
     pub body: &'static str,
-    /// Describes a spare module that makes no progress.
+    /// A predicate for a spare module that makes no progress, for example `is free`.
     pub idle: &'static str,
     /// The unit of time, in the singular.
     pub time_step: &'static str,

@@ -138,7 +138,8 @@ fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diag
     fault
 }
 
-/// Marks the keys of the fault's times as known, so that they are not reported as well.
+/// Marks the keys that depend on the kind of fault as read, so that a table without exactly one kind is not
+/// also reported for unknown keys.
 fn ask_for_times(section: &mut Section<'_, '_>) {
     for key in ["at", "from", "until", "memory"] {
         section.node(key);
@@ -337,7 +338,7 @@ impl Bounds {
     }
 }
 
-/// Checks all faults: those of processes and bodies, and those of links.
+/// Checks all faults. Returns those of processes and bodies, and the partitions of the link.
 pub fn compile(
     faults: &[RawFault],
     bounds: &Bounds,

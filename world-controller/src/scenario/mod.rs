@@ -168,7 +168,8 @@ impl Plan {
         self.name.clone().unwrap_or_else(|| self.file())
     }
 
-    /// Returns the scenario file for output that is passed on.
+    /// Returns the scenario file as it was typed, or the last part of an absolute path: for output that is
+    /// passed on to others.
     pub fn file(&self) -> String {
         portable(Path::new(&self.origin))
     }
@@ -179,7 +180,8 @@ impl Plan {
         Ok(Plan { seed, schedule: faults::draw(&self.faults, seed), swarm, ..self.clone() })
     }
 
-    /// Returns the command that repeats the run, for output that is passed on.
+    /// Returns the command that repeats the run, with the file as [`Plan::file`] names it: for output that is
+    /// passed on to others.
     pub fn repeat_with(&self) -> String {
         self.repeat(self.file())
     }

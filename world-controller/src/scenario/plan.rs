@@ -21,7 +21,7 @@ pub const TIME_SCALE: f64 = 20.0;
 /// Default time of a move of a cube or of a step of a joint.
 pub const BEAT: Span = Span::secs(1);
 
-/// Default probability.
+/// The default of every probability in a scenario.
 pub const NEVER: Ratio = Ratio::ZERO;
 /// Modules of a partition listed in reports at most.
 const LISTED: usize = 8;

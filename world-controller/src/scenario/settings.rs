@@ -85,8 +85,8 @@ impl KeyError {
     }
 }
 
-/// Inserts all settings into the document. Their places are offsets behind the end of the text, and are shown
-/// as the options.
+/// Inserts all settings into the document. As their places they get offsets past the end of the text, which
+/// diagnostics show as the options.
 pub fn apply<'i>(
     document: &mut DeTable<'i>,
     settings: &'i [Setting],
@@ -102,7 +102,8 @@ pub fn apply<'i>(
     }
 }
 
-/// Parses TOML, or returns the text itself, so that shells need no nested quotes.
+/// Parses a value as TOML. Other text is taken as a string, so that shells need no nested quotes, unless it
+/// begins like a list, a table or a quoted string.
 fn value(text: &str) -> Result<DeValue<'_>, ScenarioError> {
     match DeValue::parse(text) {
         Ok(value) => Ok(value.into_inner()),

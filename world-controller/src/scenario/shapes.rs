@@ -132,8 +132,8 @@ fn file(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
     let up = section.choice("up", "axis", &UPS, diagnostics);
     let at = section.get::<Cell>("at", diagnostics);
     let part = section.choice("part", "part", &PARTS, diagnostics);
-    let drop_thin = section.choice("thin", "way with thin parts", &THIN, diagnostics);
-    let fill_voids = section.choice("voids", "way with voids", &VOIDS, diagnostics);
+    let drop_thin = section.choice("thin", "treatment of thin parts", &THIN, diagnostics);
+    let fill_voids = section.choice("voids", "treatment of voids", &VOIDS, diagnostics);
     section.finish(diagnostics);
     let At { value: path, place } = path?;
     let how = Import {

@@ -62,7 +62,7 @@ impl<'d, 'i> Section<'d, 'i> {
         self.table.get(key)
     }
 
-    /// Returns the name under which a key is given: its former one, if only that is present.
+    /// Returns `former` if the table has that key but not `key`, and `key` otherwise.
     pub fn key_or_former(&self, key: &'static str, former: &'static str) -> &'static str {
         if self.table.get(key).is_none() && self.table.get(former).is_some() { former } else { key }
     }
@@ -103,7 +103,7 @@ impl<'d, 'i> Section<'d, 'i> {
         self.choice_at(key, what, names, diagnostics).map(|chosen| chosen.value)
     }
 
-    /// Like [`Table::choice`], with the place of the value.
+    /// Like [`Section::choice`], with the place of the value.
     pub fn choice_at<T: Copy>(
         &mut self,
         key: &'static str,
@@ -188,7 +188,7 @@ pub trait Read: Sized {
     fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Self>;
 }
 
-/// Returns a whole number of 64 bits.
+/// Returns a whole number as an `i64`, or its text if it does not fit; `None` for a value of another kind.
 fn integer(node: &Node<'_>) -> Option<Result<i64, String>> {
     let DeValue::Integer(n) = node.get_ref() else { return None };
     Some(i64::from_str_radix(n.as_str(), n.radix()).map_err(|_| n.to_string()))

@@ -9,7 +9,8 @@ use metamorph_module_agent::transport::{AgentKey, Transport};
 use rustix::process::Signal;
 use std::io;
 
-/// Events of the launcher. At most two for each incarnation, two for each stop from outside, and two more.
+/// Events of the launcher. Their number in a run is bounded: at most two for each incarnation, two for each
+/// stop from outside, and two more.
 #[derive(Debug)]
 pub enum Event {
     /// An agent could not be started.
@@ -27,7 +28,7 @@ pub enum Event {
     },
     /// An agent was stopped by a signal that this controller did not send.
     Stopped(AgentKey, i32),
-    /// An agent goes on after such a stop, not by this controller.
+    /// An agent was continued after such a stop by a signal that this controller did not send.
     Continued(AgentKey),
     /// The run is to end early.
     Shutdown(Urgency),
@@ -57,7 +58,7 @@ pub trait Launcher {
     fn counters(&self, agent: AgentKey) -> Result<Option<AgentCounters>, String>;
 }
 
-/// One way to run a swarm.
+/// The types of one way to run a swarm: as processes of this machine, or as threads of this process.
 pub trait Backend {
     /// The transport of frames.
     type Transport: Transport;

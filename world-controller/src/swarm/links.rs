@@ -1,6 +1,6 @@
 //! The controller's links to its agents. Each costs descriptors, too many for all agents of a large swarm, so
-//! a link is opened when there is a message for it, and those unused for longest are closed. A link takes the
-//! messages that its agent has not taken with it, so the agent is asked first (`Process::leave`).
+//! a link is opened when there is a message for it, and those unused for longest are closed. Closing a link
+//! loses the messages that its agent has not taken yet, so the agent is asked first (`Process::leave`).
 //!
 //! Not here: links from agents to the controller, which stay open. Swarms small enough to keep all links open
 //! have no limit.
@@ -17,7 +17,7 @@ const AGENT: u64 = 3;
 const LINK: u64 = 10;
 /// Number of descriptors of the controller itself.
 const OWN: u64 = 256;
-/// Number of links that a swarm of any size can have open at a time.
+/// Number of links that may be open at a time however few descriptors the agents leave.
 const FEWEST: u64 = 64;
 
 /// One link to an agent.

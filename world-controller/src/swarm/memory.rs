@@ -36,7 +36,7 @@ use std::thread::JoinHandle;
 /// The generation of the only controller.
 const GENERATION: u32 = 0;
 
-/// Threads of this process.
+/// The backend that runs agents as threads of this process.
 struct Threads<A>(PhantomData<A>);
 
 impl<A: Agent> Backend for Threads<A> {

@@ -10,7 +10,8 @@ use std::time::Duration;
 
 /// The shortest time between two readings.
 const EVERY: Duration = Duration::from_secs(1);
-/// The same in durations of one reading, which limits the cost to a fiftieth of a core.
+/// The shortest time between two readings as a multiple of the duration of one reading. Limits the cost to a
+/// fiftieth of a core.
 const REST: u32 = 50;
 
 /// Reads the counter files at intervals.

@@ -57,14 +57,14 @@ pub struct SwarmOptions {
     /// The speed of scenario time, unless agents cannot keep up.
     pub speed: Speed,
     /// The lateness of agents, in scenario time, above which time passes more slowly. It should be small
-    /// against the time-outs of the protocol.
+    /// compared with the time-outs of the protocol.
     pub tolerance: Span,
     /// The present speed in parts of [`FULL`]; for display.
     pub share: Arc<AtomicU32>,
     /// The effects of links on messages.
     pub link: LinkModel,
-    /// True if agents log to this process's standard error. Otherwise it is kept, and its end is reported for
-    /// agents that crash.
+    /// True if agents log to this process's standard error. Otherwise the standard error of each agent is
+    /// kept in a file, whose end is reported if the agent crashes.
     pub verbose: bool,
     /// Requests the end of the swarm before its director does.
     pub shutdown: Shutdown,
@@ -80,9 +80,10 @@ pub struct SwarmOptions {
     pub patience: Duration,
     /// The run's directory, as soon as it exists; for display.
     pub root: Arc<OnceLock<PathBuf>>,
-    /// How long the start of one more agent may take.
+    /// How long the start of the swarm may go on without one more agent coming up.
     pub setup_timeout: Duration,
-    /// How long the stop of one more agent may take, before the rest are killed.
+    /// How long the end of the swarm may go on without one more agent falling silent or ending, before the
+    /// rest are killed.
     pub stop_timeout: Duration,
 }
 

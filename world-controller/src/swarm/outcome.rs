@@ -40,7 +40,8 @@ pub struct SwarmOutcome {
     pub left: [u64; Class::ALL.len()],
     /// Messages by class that may be lost with links that were closed while the receiver was stopped.
     pub loose: [u64; Class::ALL.len()],
-    /// Number of incarnations that did not end in order: messages in transit to and from them are not counted.
+    /// Number of incarnations that did not end regularly: messages in transit to and from them are not
+    /// counted.
     pub unclosed: u64,
     /// How the clock was slowed.
     pub slowed: Slowed,
@@ -66,7 +67,7 @@ pub struct SwarmOutcome {
     pub restarted: u32,
     /// Number of processes killed on the director's command.
     pub killed: u32,
-    /// Number of interventions from outside: kills, stops, and ends of these stops.
+    /// Number of interventions from outside: processes killed, stopped, or continued after such a stop.
     pub external: u32,
     /// Processes that ended by themselves.
     pub crashes: Vec<Crash>,
@@ -76,7 +77,7 @@ pub struct SwarmOutcome {
     pub accounts: Vec<(ModuleId, Incarnation, Tally)>,
     /// Number of records that agents could not write to the journal.
     pub unrecorded: u64,
-    /// True if a shutdown was asked for before the director had finished.
+    /// True if a shutdown was asked for, or shared memory ran short, before the director had finished.
     pub interrupted: bool,
     /// Why the swarm was ended early, if shared memory ran short.
     pub shortage: Option<String>,
@@ -114,7 +115,7 @@ impl SwarmOutcome {
 #[derive(Debug, Error)]
 pub enum SwarmError {
     /// No modules, or more than a machine can hold.
-    #[error("a swarm of {0} modules cannot be run as processes; the least is 1, the most is {limit}", limit = super::MODULE_LIMIT)]
+    #[error("a swarm of {0} modules cannot be run; it must have 1 to {limit} modules", limit = super::MODULE_LIMIT)]
     Size(usize),
     /// Too few file descriptors.
     #[error(
@@ -151,8 +152,8 @@ pub enum SwarmError {
     /// Shared memory cannot be used.
     #[error("cannot use {home}: {0}; processes need it to talk to each other", home = metamorph_module_agent::run_dir::run_name::HOME)]
     NoSharedMemory(io::Error),
-    /// This process cannot say who it is.
-    #[error("cannot find out who this process is, or say that it controls the run: {0}")]
+    /// This process cannot be identified, or the lease of the run cannot be read or written.
+    #[error("cannot identify this process, or cannot read or write the controller's lease of the run: {0}")]
     Identity(io::Error),
     /// The run's directory cannot be created.
     #[error(transparent)]

@@ -22,11 +22,11 @@ use std::time::Duration;
 
 /// Length of one slice of promised time (ns of real time).
 const SLICE: u64 = 25_000_000;
-/// Full speed, in the unit that speeds are set in.
+/// The number that stands for full speed; lower speeds are given in parts of it.
 pub const FULL: u32 = 1_000_000;
 /// The lowest speed that lateness can cause: a thousandth.
 const LEAST: u32 = FULL / 1_000;
-/// Largest divisor of the speed in one step.
+/// Largest factor by which the speed falls from one slice to the next.
 const STEEPEST: u64 = 4;
 /// Inverse of the relative increase of speed in a slice in which no agent is late: twice as fast after half a
 /// second.
@@ -105,7 +105,8 @@ impl<C: ClockSource> Pace<C> {
         self.page.at(self.monotonic())
     }
 
-    /// Returns how long to wait before the next look at the clock, not to miss `time` or the next slice.
+    /// Returns how long to wait, in real time, before the next look at the clock, in order not to miss `time`
+    /// or the instant at which the next slice has to be promised.
     pub fn until(&self, time: Time) -> Duration {
         let monotonic = self.monotonic();
         let renewal = Duration::from_nanos(self.page.renewal().saturating_sub(monotonic));
@@ -147,7 +148,8 @@ impl<C: ClockSource> Pace<C> {
         self.page = self.page.extended(monotonic, SLICE, speed);
     }
 
-    /// Returns the speed of the next slice.
+    /// Decides the speed of the next slice, in parts of [`FULL`], from the worst lateness since the last
+    /// slice.
     fn share(&mut self) -> u32 {
         let share = self.share.load(Ordering::Relaxed);
         let next = match self.worst.take() {
@@ -163,7 +165,7 @@ impl<C: ClockSource> Pace<C> {
         next
     }
 
-    /// Returns how much time has been slowed so far.
+    /// Returns how much, and for how long, the clock has been slowed so far.
     pub fn slowed(&self) -> Slowed {
         let Some((begun, time)) = self.begun else { return Slowed::default() };
         let monotonic = self.monotonic();

@@ -150,7 +150,8 @@ impl<A: Agent, L: Link> Process<A, L> {
         idle.then_some(link.used)
     }
 
-    /// Prepares to close the link to the process: messages that it has not taken would be lost.
+    /// Asks the process which messages it has taken, in order to close the link: those not taken would be
+    /// lost.
     pub fn leave(&mut self, now: Time) {
         if self.say_aside(RuntimeMessage::Leave, now)
             && let Some(link) = &mut self.link
@@ -168,7 +169,7 @@ impl<A: Agent, L: Link> Process<A, L> {
     }
 
     /// Notes that it has turned to this controller and expects the message of this number. Messages from
-    /// there on are sent again. Returns false if there cannot be such a message.
+    /// there on are sent again. Returns false if it claims to have taken more messages than were sent to it.
     pub fn found(&mut self, expected: u32) -> bool {
         if expected as usize > self.backlog.len() {
             return false;

@@ -28,7 +28,7 @@ use std::sync::Arc;
 /// restart beyond it fails, and is reported as a crash with this reason.
 const UNREAPED: usize = 1_000;
 
-/// Processes on this machine.
+/// The backend that runs agents as processes on this machine.
 enum Processes {}
 
 impl Backend for Processes {
@@ -88,7 +88,8 @@ where
     ControllerLoop::new(options, services, world, director, begun).run()
 }
 
-/// Goes on with a swarm whose controller was killed, from its journal. Otherwise like [`run_swarm`].
+/// Resumes a swarm whose controller was killed, in the state recovered from its journal. Otherwise like
+/// [`run_swarm`].
 ///
 /// # Errors
 /// If the swarm cannot be taken over, or its controller cannot go on.
@@ -118,7 +119,8 @@ where
     ControllerLoop::new(options, services, world, director, begun).go_on(dir.root(), epoch, resumption)
 }
 
-/// Prepares this process. Returns when the run was asked for.
+/// Prepares this process to control a swarm. Returns the time of CLOCK_MONOTONIC at which the run was asked
+/// for (ns).
 fn begin(options: &SwarmOptions, count: usize) -> Result<u64, SwarmError> {
     catch_signals(options)?;
     raise_descriptor_limit(count as u64)?;

@@ -39,7 +39,7 @@ impl ReaperThread {
         Ok(ReaperThread { dead: Some(dead), over, thread: Some(thread.map_err(SwarmError::Supervisor)?) })
     }
 
-    /// Reaps an incarnation that has ended. Few wait: a launch needs the slots of those before it.
+    /// Queues an incarnation that has ended for the thread to reap.
     pub fn reap(&self, agent: AgentKey) {
         if let Some(dead) = &self.dead
             && dead.send(agent).is_err()

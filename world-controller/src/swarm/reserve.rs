@@ -1,6 +1,6 @@
-//! Shared memory that a run reserves ahead: a file in the run's directory with all its pages. It is as large
-//! as the needs of the agents not started yet, so that a shortage is an error at the start; and, as long as
-//! the run lasts, of its end, in case something else fills the shared memory.
+//! Shared memory that a run reserves in advance: a file in the run's directory with all its pages allocated.
+//! It covers what agents will still need while the swarm starts, so that a shortage is an error at the start;
+//! and, as long as the run lasts, what its end needs in case something else fills the shared memory.
 
 use crate::swarm::outcome::SwarmError;
 use metamorph_module_agent::transport::SpaceShortage;
@@ -21,7 +21,8 @@ const LAST: u64 = 1 << 20;
 /// A run ends when fewer bytes than this are free.
 pub const SCARCE: u64 = 512 << 10;
 
-/// The file, removed with the run's directory. The default holds nothing, for runs without shared memory.
+/// The reserve of a run. Its file is removed with the run's directory. The default holds nothing, for runs
+/// without shared memory.
 #[derive(Debug, Default)]
 pub struct Reserve {
     file: Option<File>,
@@ -102,7 +103,7 @@ fn shortage(needed: u64, free: u64) -> SwarmError {
     SwarmError::Space { needed: needed.div_ceil(1 << 20), available: free >> 20 }
 }
 
-/// Returns the error for a controller that the system refused its part.
+/// Returns the error for a failed allocation of the controller's own part.
 pub fn refused_own(error: io::Error) -> SwarmError {
     refused(error, OWN)
 }

@@ -24,7 +24,7 @@ pub enum NotResumable {
     #[error("{0}: {1}; the controller was killed before the run began, so there is nothing to go on with")]
     NotBegun(PathBuf, io::Error),
     /// The file that names the run is damaged.
-    #[error("{0} does not say which run it is")]
+    #[error("{0} is damaged: it does not name the run and the time of its beginning")]
     Damaged(PathBuf),
     /// The run's directory cannot be taken over.
     #[error(transparent)]
@@ -42,9 +42,9 @@ pub struct TakenOver<A: Agent> {
     pub incarnation: Incarnation,
     /// The place of its body when it began.
     pub place: A::Place,
-    /// Number of its actions and reports that were taken.
+    /// Number of its actions and reports that earlier controllers have taken.
     pub heard: u32,
-    /// All messages to it since its beginning.
+    /// All messages that earlier controllers had for it, from its beginning on.
     pub told: VecDeque<ControlMessage<A>>,
     /// True if it was to be killed.
     pub terminating: bool,
@@ -62,7 +62,7 @@ pub struct Resumption<A: Agent> {
     pub latest: Vec<Incarnation>,
     /// Modules that are to be restarted.
     pub restarting: BTreeSet<ModuleId>,
-    /// True if only the agents of the run had still to be ended.
+    /// True if the director had ended the run, so that only its agents remain to be ended.
     pub finishing: bool,
     /// The counts of the controller.
     pub counted: Counted,

@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use thiserror::Error;
 
-/// Errors of creating a run's directory.
+/// Errors of creating or taking over a run's directory.
 #[derive(Debug, Error)]
 pub enum RunDirError {
     /// A file in it cannot be created.
@@ -186,12 +186,13 @@ fn is_locked(root: &Path) -> bool {
     })
 }
 
-/// True if agents of this run still wait. Stopped ones do not count, as they cannot end by themselves.
+/// True if agents of this run still wait for a controller to take over. Stopped agents do not count, as they
+/// cannot end by themselves.
 pub fn waits_for_controller(root: &Path) -> bool {
     is_resumable(root) && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
 }
 
-/// Iterates over the registered processes of agents, by the names of their incarnations.
+/// Iterates over the registered processes of agents, each with the name of its file: `ID.INCARNATION`.
 pub fn identities(root: &Path) -> impl Iterator<Item = (String, Identity)> {
     fs::read_dir(pid_directory(root)).into_iter().flatten().flatten().filter_map(|entry| {
         let text = fs::read_to_string(entry.path()).ok()?;

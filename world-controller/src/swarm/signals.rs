@@ -49,7 +49,7 @@ pub fn name(signal: i32) -> String {
     named.map_or_else(|| format!("signal {signal}"), |(_, name)| (*name).to_owned())
 }
 
-/// True if a process that ended by this signal was ended by something else.
+/// True if a process that was ended by this signal cannot have caused the signal itself.
 pub fn is_from_outside(signal: i32) -> bool {
     OWN.iter().all(|own| own.as_raw() != signal)
 }

@@ -60,11 +60,12 @@ enum Task {
     Signal(AgentKey, Signal),
 }
 
-/// Number of tasks that may wait; the controller blocks beyond, and the supervisor never waits for it.
+/// Number of tasks that may wait. Beyond it the controller blocks, which cannot cause a deadlock, because
+/// the supervisor never waits for the controller.
 const TASKS: usize = 1_024;
 /// Number of signals that may wait for one process.
 const SIGNALS: usize = 16;
-/// Bytes of standard error that are reported.
+/// Largest number of bytes from the end of an agent's standard error that are reported.
 const TAIL: u64 = 2_048;
 
 /// The handle on the supervisor.
@@ -405,7 +406,7 @@ fn is_scarce() -> bool {
     space::require(SCARCE).is_err()
 }
 
-/// Describes the end of a process by a signal. Two signals mean that it was given too little of a resource.
+/// Describes the end of a process by a signal. SIGBUS and SIGXFSZ are described by the resource that ran out.
 fn killed_by(signal: i32) -> String {
     match signal {
         SIGBUS if is_scarce() => {

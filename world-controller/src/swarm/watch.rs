@@ -1,6 +1,6 @@
-//! The watcher: a process that cleans up after a killed controller. It waits for the end of a pipe that only
-//! the controller holds; unless the controller has reported that everything is removed, the watcher reports
-//! its end and removes everything.
+//! The watcher: a process that cleans up after a killed controller. It waits until a pipe closes whose other
+//! end only the controller holds. Unless the controller has reported that everything is removed, the watcher
+//! then reports the controller's death and removes everything.
 //!
 //! A controller gets SIGBUS when it writes to shared memory that has run out. The pipe reports it too, and
 //! the controller ends with an exit code of its own. Not here: runs whose agents wait to be taken over by
@@ -28,7 +28,7 @@ pub const SUBCOMMAND: &str = "watch-run";
 const DONE: u8 = b'.';
 /// The exit code of a controller that got SIGBUS: the program itself failed.
 const FAILED: i32 = 1;
-/// How long a process may take to be gone after its files are closed (s).
+/// How long the watcher waits for the controller's process to disappear after its files are closed (s).
 const DYING: i64 = 5;
 
 /// The controller's end of the pipe.

@@ -47,7 +47,7 @@ impl Token {
 /// Why a request is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// Its method is not a reading one.
+    /// Its method is neither GET nor HEAD.
     Method,
     /// It is for another host than this one.
     Host,
@@ -61,7 +61,7 @@ impl Refusal {
     /// Returns the status and the text of the response.
     pub fn answer(self) -> (StatusCode, &'static str) {
         match self {
-            Refusal::Method => (StatusCode::METHOD_NOT_ALLOWED, "this page is only for looking\n"),
+            Refusal::Method => (StatusCode::METHOD_NOT_ALLOWED, "this page can only be read (GET or HEAD)\n"),
             Refusal::Host => (StatusCode::FORBIDDEN, "this server has another name\n"),
             Refusal::Origin => (StatusCode::FORBIDDEN, "pages of other servers may not read this one\n"),
             Refusal::Token => {
@@ -89,7 +89,7 @@ impl AccessCheck {
         format!("http://127.0.0.1:{}/{}/", self.port, self.token.text())
     }
 
-    /// Returns the path behind the token.
+    /// Checks a request, and returns the rest of its path, after the token.
     ///
     /// # Errors
     /// Returns the reason if the request is refused.

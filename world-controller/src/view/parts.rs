@@ -113,7 +113,7 @@ pub enum Displacement {
     Turn {
         /// Its direction, of any length.
         axis: [f64; 3],
-        /// The angle, counterclockwise as seen against the axis.
+        /// The angle in degrees, by the right-hand rule about the axis.
         degrees: f64,
         /// A point on the axis, relative to the centre of the body's first part before the motion.
         through: [f64; 3],

@@ -24,7 +24,7 @@ pub const VERSION: u32 = 2;
 const MOST_EVENTS: usize = 5_000_000;
 /// Number of events sent at once.
 const EVENTS_AT_ONCE: usize = 20_000;
-/// Number of messages shown of a module.
+/// Largest number of messages sent to the page at once for a module, the latest ones.
 const LAST_MESSAGES: usize = 40;
 /// Number of problems kept; the first ones are the most telling.
 const MOST_TROUBLES: usize = 20;
@@ -194,8 +194,9 @@ pub struct Scene {
     motions: BTreeMap<String, u32>,
     obstacles: BTreeSet<Cell>,
     goal: Option<(u16, (i16, i16))>,
-    /// The cells of bodies; below, the number of actions in progress of each, and the dead modules.
+    /// The current cell of the first part of each body.
     cells: Vec<Option<Cell>>,
+    /// The number of actions in progress of each body that has any.
     moving: BTreeMap<ModuleId, u32>,
     /// Bodies whose requested action cannot be drawn, because they cannot do it.
     unseen: BTreeSet<ModuleId>,
@@ -445,8 +446,9 @@ impl Scene {
         json!(self.beginning)
     }
 
-    /// Returns the events after the first `from`, and the totals of the time bins from `bin` on, or of all if
-    /// their width differs from the reader's (in microseconds).
+    /// Returns the events from number `from` on, as many as are sent at once, and the totals of the time bins
+    /// from number `bin` on. If `width`, the reader's width of a bin in microseconds, is outdated, returns
+    /// the totals of all bins.
     pub fn since(&self, from: usize, bin: usize, width: u64) -> Value {
         let from = from.min(self.events.len());
         let until = (from + EVENTS_AT_ONCE).min(self.events.len());
@@ -472,7 +474,7 @@ impl Scene {
         })
     }
 
-    /// Returns the messages between modules in some time bins.
+    /// Returns the messages between modules in at most `count` time bins, from number `first` on.
     pub fn talk(&self, first: usize, count: usize) -> Value {
         let bins = self.flow.bins();
         let first = first.min(bins.len());
@@ -489,7 +491,7 @@ impl Scene {
         })
     }
 
-    /// Returns the last messages of a module at a time.
+    /// Returns the latest messages of a module up to the time `at`, in microseconds.
     pub fn messages(&self, id: ModuleId, at: u64) -> Value {
         // Up to the end of the microsecond that the page names.
         let at = Time(at.saturating_mul(1_000).saturating_add(999));

@@ -138,7 +138,7 @@ impl<A: Visible> SceneBuilder<A> {
                 }
             }
             E::Torn | E::Resumed => {
-                scene.trouble(format!("from {at} on, the records of {who} are not whole"))
+                scene.trouble(format!("from {at} on, the records of {who} are incomplete"))
             }
             E::Ended { outcome, .. } => scene.ended(outcome),
             _ => {}
@@ -150,7 +150,7 @@ impl<A: Visible> SceneBuilder<A> {
 impl<A: Visible> Sink for SceneBuilder<A> {
     fn put(&mut self, record: &Record) {
         if let Err(error) = self.write(record.at, record.who, &record.event) {
-            let what = format!("a record of {} at {} makes no sense: {error}", record.who, record.at);
+            let what = format!("a record of {} at {} cannot be decoded: {error}", record.who, record.at);
             self.scene.lock().trouble(what);
         }
     }

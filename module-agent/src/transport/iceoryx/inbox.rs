@@ -33,7 +33,7 @@ impl Inbox {
         Inbox::over(vec![at.create_inbox(id, incarnation, ports)?], at.create_bell(id, incarnation, ports)?)
     }
 
-    /// Creates the inbox of a generation of controller: `shards` channels, `senders` agents in each.
+    /// Creates the inbox of the controller of this generation: `shards` channels of `senders` agents each.
     ///
     /// # Errors
     /// If a channel cannot be created.
@@ -75,7 +75,8 @@ impl Inbox {
         Ok(None)
     }
 
-    /// Blocks until the bell rings or `timeout` has passed. Earlier rings that were not waited for count.
+    /// Blocks until the bell rings or `timeout` has passed. Returns at once if it has rung since the last
+    /// wait.
     ///
     /// # Errors
     /// If waiting is not possible.

@@ -36,7 +36,7 @@ impl IceoryxTransport {
         Ok(IceoryxTransport { inbox, owner: agent.0, membership: at })
     }
 
-    /// Creates the inbox of a generation of controller: `shards` channels, `senders` agents in each.
+    /// Creates the inbox of the controller of this generation: `shards` channels of `senders` agents each.
     ///
     /// # Errors
     /// If a channel cannot be created.

@@ -31,7 +31,7 @@ impl Outbox {
         Outbox::over(at.open_inbox(id, incarnation)?, at.open_bell(id, incarnation)?)
     }
 
-    /// Opens the sending end from agent `id` to a generation of controller.
+    /// Opens the sending end from agent `id` to the controller of this generation.
     ///
     /// # Errors
     /// If the channel is absent or cannot be used, or too little memory is free.

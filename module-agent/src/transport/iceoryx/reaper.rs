@@ -2,9 +2,9 @@
 //! files.
 //!
 //! iceoryx2 can do this by itself, but for each port of the dead process it lists all shared memory of the
-//! machine several times, and every process with a bell that the dead one rang: half a second of work
-//! for each death in a swarm of 1,000. Here the same code of iceoryx2 is told that connections are in this
-//! process, where there are none, and their files are found by one listing for many deaths.
+//! machine several times, and it visits every process whose bell the dead one rang: half a second of work for
+//! each death in a swarm of 1,000. Here the same code of iceoryx2 runs with a service whose connections are
+//! local to this process, where there are none; the files are found by one listing for many deaths.
 //!
 //! Not here: slots at the controller's bell. To free one, iceoryx2 visits every process that has a bell, so
 //! the controller's bell has enough slots for all deaths of a run instead
@@ -26,7 +26,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The service of iceoryx2 between processes, but without connections.
+/// The service [`Svc`], but with connections local to this process, so that iceoryx2 finds none to remove.
 #[derive(Clone, Debug)]
 struct DetachedService;
 
@@ -149,7 +149,7 @@ impl NodeReaper {
     }
 }
 
-/// Counts the removal of a missing file as a success.
+/// Treats the removal of a missing file as a success.
 fn gone(removed: io::Result<()>) -> io::Result<()> {
     removed.or_else(|e| if e.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
 }

@@ -35,7 +35,7 @@ pub type Frames = port_factory::publish_subscribe::PortFactory<Svc, SharedFrame,
 /// A wake-up channel.
 pub type Wakes = port_factory::event::PortFactory<Svc>;
 
-/// Number of agents that may die in a run: their slots at the controller's bell are not freed.
+/// Number of spare slots at the controller's bell, one for each agent that dies: its slot is not freed.
 const CONTROLLER_RINGERS: usize = 20_000;
 /// Number of agents that share a channel to the controller; the cost of joining grows with it.
 pub const SHARD: u32 = 1_000;
@@ -198,7 +198,8 @@ impl Rendezvous {
     pub fn open_bell(&self, id: ModuleId, incarnation: Incarnation) -> Result<Wakes, ChannelError> {
         self.open_wakes(&bell(id, incarnation))
     }
-    /// Creates one channel from agents to this generation of controller, for `senders` agents at a time.
+    /// Creates the channel of one shard of agents to the controller of this generation, for `senders` agents
+    /// at a time.
     ///
     /// # Errors
     /// If memory is short, or the channel cannot be created.
@@ -210,21 +211,21 @@ impl Rendezvous {
     ) -> Result<Frames, ChannelError> {
         self.create_frames(&reports(shard, generation), senders, REPORTS_DEPTH)
     }
-    /// Opens the channel by which this agent reaches a generation of controller.
+    /// Opens the channel from agent `id` to the controller of this generation.
     ///
     /// # Errors
     /// If the channel is absent or cannot be opened.
     pub fn open_reports(&self, id: ModuleId, generation: u32) -> Result<Frames, ChannelError> {
         self.open_frames(&reports(id.0 / SHARD, generation))
     }
-    /// Creates the wake-up channel of this generation of controller, for `senders` agents at a time.
+    /// Creates the wake-up channel of the controller of this generation, for `senders` agents at a time.
     ///
     /// # Errors
     /// If the channel cannot be created.
     pub fn create_controller_bell(&self, generation: u32, senders: usize) -> Result<Wakes, ChannelError> {
         self.create_wakes(&controller_bell(generation), senders + CONTROLLER_RINGERS)
     }
-    /// Opens the wake-up channel of a generation of controller.
+    /// Opens the wake-up channel of the controller of this generation.
     ///
     /// # Errors
     /// If the channel is absent or cannot be opened.

@@ -13,7 +13,7 @@ use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use iceoryx2_cal::dynamic_storage::file;
 use std::fmt::Debug;
 
-/// Shared memory between the processes of one user.
+/// The service type of iceoryx2 over shared memory between the processes of one user.
 #[derive(Clone, Debug)]
 pub struct Svc;
 

@@ -27,9 +27,9 @@ pub(super) struct Record {
 pub(super) struct Offer {
     /// The offered value.
     pub entry: Entry,
-    /// How much farther the source is from here; at least 1.
+    /// The distance to add to `entry`'s, in the unit of [`Entry::distance`]; at least 1.
     pub cost: u16,
-    /// Identifies the origin of the offer, among the possible ones.
+    /// The face over which the offer came, plus [`super::OWN`] or [`super::SAME_CELL`] where that applies.
     pub via: u8,
 }
 
@@ -37,7 +37,7 @@ pub(super) struct Offer {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
     pub hold: Span,
-    /// The largest distance.
+    /// The largest distance, in the unit of [`Entry::distance`].
     pub range: u16,
     pub accept_stale: bool,
 }
@@ -46,7 +46,7 @@ pub(super) struct Limits {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct FaceField {
     value: Entry,
-    /// The origin of the offer that was chosen; 255 if none was.
+    /// `Offer::via` of the chosen offer; 255 if none was chosen.
     pub via: u8,
     /// The index of the record of the value's source, if an offer was chosen.
     chosen: u8,
@@ -54,7 +54,7 @@ pub(super) struct FaceField {
 }
 
 impl Hash for FaceField {
-    /// The index of a record follows from the rest.
+    /// Leaves out `chosen`, which follows from the other fields.
     fn hash<H: Hasher>(&self, hasher: &mut H) {
         let FaceField { value, via, chosen: _, records } = self;
         (value, via, records).hash(hasher);
@@ -75,7 +75,7 @@ impl FaceField {
         self.value
     }
 
-    /// Sets a value that needs no choice: this face is a target itself, or not open at all.
+    /// Sets a value that comes from no offer. Returns true if the value changed.
     pub fn set(&mut self, value: Entry) -> bool {
         let changed = self.value != value;
         (self.value, self.via, self.chosen) = (value, u8::MAX, 0);

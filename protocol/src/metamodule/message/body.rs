@@ -7,7 +7,7 @@ use crate::wire::{Decoder, Encoder, Wire, WireError};
 /// One action of a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BodyAction {
-    /// One joint turns by one step, given by its number in the motion database.
+    /// One joint turns by one position: the step with this number in the motion database.
     Turn(u16),
     /// The free end, which lies on a connector, grips it.
     Attach,
@@ -15,7 +15,7 @@ pub enum BodyAction {
     Detach,
 }
 
-/// Asks the body to do something.
+/// An action for the body, with the latest time to begin it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Action {
     /// What to do.
@@ -56,11 +56,11 @@ impl Wire for Action {
 pub enum Refusal {
     /// Something is in the way.
     Blocked = 0,
-    /// It is too late.
+    /// The action reached the body after [`Action::not_after`].
     Late = 1,
-    /// The neighbourhood has changed.
+    /// The contacts have changed since the agent decided.
     Stale = 2,
-    /// It is acting already.
+    /// The body is still carrying out an earlier action.
     Busy = 3,
     /// The body cannot do that from where it is.
     Impossible = 4,

@@ -10,12 +10,12 @@ use crate::wire::{Decoder, Encoder, Wire, WireError};
 /// What the world-controller tells a metamodule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Order {
-    /// This is to be built; these seeds of it attract, those are filled. Sets of filled seeds only grow
-    /// while the task is the same, so the larger is later.
+    /// The task, and which of its seeds are open and which are filled. While the task is the same, the set of filled
+    /// seeds only grows, so of two orders the one with the larger set is later.
     Seeds {
         /// What is to be built.
         task: Task,
-        /// What attracts.
+        /// The seeds that may be filled now.
         open: SeedSet,
         /// What is filled.
         filled: SeedSet,
@@ -33,14 +33,14 @@ pub enum Order {
         /// The metamodule.
         id: ModuleId,
     },
-    /// An obstacle is in a cell, or is there no more.
+    /// An obstacle has appeared in a cell, or has gone from it.
     Obstacle {
         /// The cell.
         cell: Cell,
         /// Whether it is there.
         there: bool,
     },
-    /// What this metamodule does next (`planned` only). Of two the one with the larger number counts.
+    /// What this metamodule does next (`planned` only). An instruction replaces those with smaller numbers.
     Instruct {
         /// Counts the instructions of a run.
         number: u32,
@@ -100,15 +100,15 @@ impl Wire for Order {
 /// What a metamodule tells the world-controller whenever it changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status {
-    /// Where it believes to be.
+    /// The pose that it believes itself to be in.
     pub pose: Pose,
     /// The seed it fills.
     pub settled: Option<u8>,
-    /// Locks refused because two would have met.
+    /// The number of its attempts that it gave up because two bodies would have met.
     pub prevented: u32,
-    /// The metamodule that refused last, while this one waits.
+    /// The metamodule that denied its last attempt or goes first, until the next motion begins.
     pub waits_for: Option<ModuleId>,
-    /// Seeds that it has no way to.
+    /// Seeds to which it has found no route.
     pub unreachable: SeedSet,
     /// It has found out that no metamodule can go on.
     pub deadlocked: bool,

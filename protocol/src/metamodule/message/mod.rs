@@ -22,7 +22,8 @@ use crate::wire::{Decoder, Encoder, Wire, WireError};
 pub struct State {
     /// The sender.
     pub id: ModuleId,
-    /// Grows with every state that an incarnation of the sender tells; later ones count.
+    /// Grows with every state, path and directive that an incarnation of the sender sends; of two states the one with
+    /// the larger number is later.
     pub sequence: u32,
     /// Where it is.
     pub pose: Pose,
@@ -30,15 +31,15 @@ pub struct State {
     pub settled: bool,
     /// Its joints do not turn.
     pub stuck: bool,
-    /// It is blocked: it stands in the way of a more important one and has no way out now.
+    /// It is blocked: it stands in the path of a more important metamodule and cannot leave it now.
     pub blocked: bool,
     /// What it builds.
     pub task: Task,
-    /// The seeds of it that it knows to be filled.
+    /// The seeds of the task that the sender knows to be filled.
     pub filled: SeedSet,
     /// The seed it is on its way to, and how far that was when it set out.
     pub claim: Option<Claim>,
-    /// Seeds that it has no way to.
+    /// Seeds to which it has found no route.
     pub unreachable: SeedSet,
 }
 
@@ -78,7 +79,8 @@ impl State {
 pub struct Claim {
     /// The seed.
     pub seed: u8,
-    /// Moves to it when it was claimed; of two that claim one seed the nearer keeps it.
+    /// The number of moves to it when it was claimed; of two metamodules that claim the same seed, the one with the
+    /// smaller cost keeps it.
     pub cost: u8,
 }
 
@@ -91,7 +93,7 @@ pub struct Rank(pub u16);
 impl Rank {
     /// Rank of a metamodule without a claim.
     pub const NONE: Rank = Rank(u16::MAX);
-    /// Ranks between those of two seeds in a row: the longest chain of metamodules that make way.
+    /// Number of ranks per seed; bounds how many metamodules in a chain that make way have ranks of their own.
     const DEPTHS: u16 = 16;
     const LAST: u16 = Rank::DEPTHS - 1;
 
@@ -108,19 +110,20 @@ impl Rank {
     }
 }
 
-/// The most legs of a way that one message tells.
+/// The largest number of segments in a [`Path`].
 pub const LEGS: usize = 4;
 
-/// One leg of a way: a turn to a posture that lands, or the last one to a posture that does not.
+/// One segment of a path: the turns to a posture that lands or, at the end of a path, to one that does not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Segment {
-    /// The posture at its end, seen from the end that is attached on the way to it.
+    /// The posture after the turns, seen from the end that is attached during them.
     pub posture: u16,
-    /// All cells of it.
+    /// All cells that the segment needs: those that the turns sweep, and those filled at the beginning.
     pub sweep: Sweep,
 }
 
-/// The way that the sender means to go; less important metamodules keep out of it. Empty when it is there.
+/// The path that the sender intends to take; less important metamodules keep out of its cells. Empty if the sender
+/// intends to stay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Path {
     /// The sender.
@@ -131,9 +134,9 @@ pub struct Path {
     pub rank: Rank,
     /// Where it begins.
     pub from: Pose,
-    /// The next legs of it, as many as fit.
+    /// The next segments, as many as fit; those from `count` on are unused.
     pub segments: [Segment; LEGS],
-    /// The number of legs.
+    /// The number of segments in use.
     pub count: u8,
 }
 
@@ -158,7 +161,7 @@ pub struct Directive {
 /// What is to be done by all metamodules in range of a coordinator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Instruction {
-    /// The sender coordinates no more.
+    /// The sender no longer coordinates.
     Over,
     /// All stay where they are.
     Stay,
@@ -242,9 +245,9 @@ impl Counted {
 pub enum Denial {
     /// The metamodule that is asked stands in the way.
     Occupied = 1,
-    /// It is moving through.
+    /// The metamodule that is asked is moving through the requested cells.
     Held = 2,
-    /// It wants to move through, and is more important or has waited longer.
+    /// It has asked for a motion through the requested cells, and is more important or has waited longer.
     Younger = 3,
     /// It has just restarted and does not know what it has granted.
     Quarantined = 4,
@@ -280,7 +283,7 @@ impl Denial {
 pub enum Message {
     /// Where the sender is.
     State(State),
-    /// Where the sender means to go.
+    /// Where the sender intends to go.
     Path(Path),
     /// What all in range are to do.
     Directive(Directive),
@@ -294,7 +297,8 @@ pub enum Message {
         token: Token,
         /// The importance of its move.
         rank: Rank,
-        /// For how long the origin has been waiting; of equally important ones the longest wins.
+        /// How long the origin has been waiting; of equally important attempts, the one that has waited longest goes
+        /// first.
         age: Span,
         /// Where it stands.
         pose: Pose,
@@ -312,7 +316,7 @@ pub enum Message {
         /// Why the request is denied; `None` if it is granted.
         denial: Option<Denial>,
     },
-    /// The sender needs the lock of an attempt, and of all before, no more.
+    /// The sender no longer needs the lock of this attempt, or of any earlier one.
     Release {
         /// The sender.
         origin: ModuleId,

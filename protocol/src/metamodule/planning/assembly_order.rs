@@ -26,8 +26,7 @@ pub struct Blocked {
 /// How a goal can be assembled.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AssemblyOrder {
-    /// Seeds by steps, the first step first. Those of one step can be filled in any order. Without those that are
-    /// blocked.
+    /// The seeds that are not blocked, by steps, the first step first. Those of one step can be filled in any order.
     pub steps: Vec<Vec<u8>>,
     /// The parts that block each other: none of them can be the last one.
     pub blocked: Vec<Blocked>,
@@ -78,7 +77,7 @@ impl<'a> Disassembly<'a> {
         self.motions.distances(self.floor, part, &taken).reach(|connector| is_away(middle, connector))
     }
 
-    /// Returns a smallest set of parts that a part cannot leave: it could without any one of them.
+    /// Returns a minimal set of parts that keep a part from leaving: without any one of them it could leave.
     fn blockers(&self, seed: u8, standing: SeedSet) -> Vec<u8> {
         let mut by = standing.without(SeedSet::default().with(seed));
         for other in standing.iter() {

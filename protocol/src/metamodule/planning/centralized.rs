@@ -1,10 +1,10 @@
 //! Centralised planning: the moves of all metamodules that build a goal, from a view of the whole.
 //!
-//! Seeds are filled in the order in which they open. For each fill the body is chosen that makes the sum of moves
-//! least, that of the rest by an optimal assignment (Kuhn and Munkres) with exact distances, around all other
-//! bodies; where none has a way, the cooperative search lets others make way. A fill after which a later seed
-//! can no longer be reached is taken back, and cheaper choices are looked for, as far as [`BRANCHES`] allow (depth-first
-//! branch and bound).
+//! Seeds are filled in the order in which they open. Each fill takes the body for which the total number of moves is
+//! smallest: its own moves around all other bodies, plus those of the rest by an optimal assignment (Kuhn and Munkres)
+//! of the exact distances. If no body has a route, the cooperative search moves others out of the way. A fill after
+//! which a later seed can no longer be reached is taken back, and cheaper choices are tried as long as [`BRANCHES`]
+//! allows it (depth-first branch and bound).
 //!
 //! The moves are found one after the other, and made in a partial order: a move comes after the earlier ones of
 //! its own body and after those whose cells meet its own; a fill of a seed that is not open at the start after
@@ -33,9 +33,9 @@ const SEARCHES: usize = 3;
 const CHOICES: usize = 3;
 /// Work of one search for a route, in units of the cooperative search.
 const ROUTE_WORK: usize = 2_000;
-/// Cost, in moves, of leaving an open seed without a body when there are fewer bodies than seeds.
+/// Added cost, in moves, of assigning a body to a seed that is not open yet when there are no more bodies than seeds.
 const LATER: i64 = 1 << 20;
-/// Cost, in moves, of a way that does not exist.
+/// Cost, in moves, where there is no route.
 const FAR: i64 = 1 << 10;
 
 /// One move of a plan.
@@ -297,7 +297,7 @@ impl Estimate {
         let place = self.seeds.iter().position(|s| *s == seed)?;
         self.steps.get(place)?.get(body).copied().flatten()
     }
-    /// Whether some seed that has to be filled has no way from any body, whatever the others do.
+    /// Returns true if no body has a route to some seed that must be filled, whatever the others do.
     fn is_dead_end(&self) -> bool {
         let needed = self.seeds.len() <= self.bodies;
         let has_way = |place: &usize| self.steps[*place].iter().any(Option::is_some);
@@ -344,8 +344,9 @@ fn distances(at: &Standstill, seed: Seed, fixed: &[Cell]) -> Vec<Option<i64>> {
     at.free.iter().map(|pose| distances.steps(*pose, ground.lands(*pose)).map(i64::from)).collect()
 }
 
-/// The least number of landings of any plan. Each seed takes a body at least as many as if it were alone until it turns to
-/// fill the seed; then the seeds that must be filled before it are, and of one seed, the last one, all others are.
+/// Returns a lower bound on the number of landings of any plan. A body needs at least as many landings to a seed as it
+/// would with no other body around. When it turns to fill the seed, all seeds that must be filled earlier are filled;
+/// for one seed, the last one, all others are.
 fn bound(start: &Standstill) -> u32 {
     let goal = start.setup.goal(start.task);
     let all = goal.all().without(start.filled);
@@ -397,7 +398,7 @@ fn steps(at: &Standstill, choice: &Choice) -> Option<Vec<Move>> {
     Some(moves)
 }
 
-/// A move with its cells, while all other bodies are where `poses` says; `poses` is advanced by it.
+/// Returns a move with the cells that it needs while all other bodies stay in their `poses`, and applies it to `poses`.
 fn found(
     at: &Standstill,
     poses: &mut [Pose],
@@ -421,7 +422,7 @@ fn found(
     Some(Found { body: bodies[body], from, posture, lands, fills, cells })
 }
 
-/// The moves with what each of them comes after.
+/// Returns the moves, each with the earlier moves that it must come after.
 fn ordered(start: &Standstill, found: &[Found]) -> Vec<PlannedMove> {
     let open = start.setup.goal(start.task).open(start.filled);
     let comes_after = |i: usize, j: usize| {

@@ -29,7 +29,7 @@ pub struct Standstill {
     pub task: Task,
     /// The seeds of it that are filled.
     pub filled: SeedSet,
-    /// The poses of the bodies that live, can move and are no part of the structure.
+    /// The poses of the bodies that are alive, can move, and are not part of the structure.
     pub free: Vec<Pose>,
     /// The cells of everything that stays.
     pub fixed: Vec<Cell>,
@@ -88,8 +88,7 @@ pub enum SearchResult {
     Undecided,
 }
 
-/// Numbers of states: a body counts as confined if it can reach at most this many, alone; or together with
-/// one or two others that are confined while everything else stays.
+/// The largest numbers of states with which a single body, and a group of up to [`GROUP`] bodies, count as confined.
 const HELD: [usize; 2] = [300, 4_000];
 /// Largest number of bodies examined as a group that confines itself.
 const GROUP: usize = 3;

@@ -20,12 +20,12 @@ pub type Place = (i16, i16);
 /// What acts on a metamodule in one place: the pull of the open seeds, and the push of the neighbours
 /// in range.
 ///
-/// Each seed pulls with 1/distance, and all together with a force of one. The pull is not taken where a
-/// move begins but over all of it, as the difference of distances; and distance is what matters to a
-/// metamodule: the remaining moves, around all that does not move. As the crow flies, what has
-/// been built would wall almost all metamodules out, because moves are coarse: no kind has one of two cells
-/// straight ahead, PAR has none of one. Only those that move remain in the way, and they are what the
-/// strategies are about.
+/// Each seed pulls with a weight of 1/distance, and the weights are scaled to a sum of one. The pull on a move is not
+/// the force where the move begins, but the distance that the whole move gains. Distances count the remaining moves
+/// around everything that does not move ([`distance`]). With straight-line distances, the parts already built would
+/// keep almost all metamodules away from the seeds, because moves are coarse: no kind has a move of two cells straight
+/// ahead, and PAR has none of one cell. Only the metamodules that move remain as obstacles, and the strategies are
+/// about how to deal with those.
 pub struct Field<'a> {
     motions: &'a Motions,
     floor: Floor,
@@ -43,13 +43,14 @@ fn length(x: i64, y: i64) -> i64 {
     (x.unsigned_abs() * x.unsigned_abs() + y.unsigned_abs() * y.unsigned_abs()).isqrt() as i64
 }
 
-/// Two cells for every move, and a quarter of the distance as the crow flies to tell equals apart.
+/// Returns the distance to a seed that is `steps` moves away, in cells times [`ONE`]: two cells for every move, plus a
+/// quarter of the straight-line distance to break ties.
 pub fn distance(steps: u16, from: Pose, to: Place) -> i64 {
     let (dx, dy) = (i64::from(to.0) - i64::from(from.state.x), i64::from(to.1) - i64::from(from.state.y));
     2 * ONE * i64::from(steps) + length(dx * ONE, dy * ONE) / 4
 }
 
-/// The last move, to where the seed can be filled from, is worth this much more.
+/// The bonus for a move to a place from which the seed can be filled.
 const HOME: i64 = 10 * ONE;
 
 impl<'a> Field<'a> {

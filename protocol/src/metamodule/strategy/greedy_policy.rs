@@ -1,5 +1,5 @@
-//! The published strategies (thesis 4.1.3): the landing that the force field likes best, or the last motion
-//! into a seed. They differ in their parameters, and have no state.
+//! The published strategies (thesis 4.1.3): a metamodule makes the landing with the highest score in the force field,
+//! or the last motion into a seed. The strategies differ only in their parameters, and have no state.
 
 use super::Decision;
 use super::force_field::{Field, WORTH};
@@ -56,7 +56,7 @@ pub(in crate::metamodule) fn look(v: View<'_>, next_expiry: Time) -> Decision {
     choice.best().map_or(Decision::WaitFor(None, next_expiry), Decision::Ask)
 }
 
-/// What the choice depends on.
+/// The inputs of the choice of a motion.
 struct Choice<'a> {
     setup: &'a Setup,
     task: Task,
@@ -85,7 +85,7 @@ impl Choice<'_> {
         self.open.iter().filter_map(|s| Some((s, self.setup.seed(self.task, s)?)))
     }
 
-    /// Filling the open seed on whose connector this is.
+    /// Returns the motion that fills the open seed on whose connector this metamodule stands.
     fn home(&self) -> Option<Plan> {
         let (number, seed) = self.open_seeds().find(|(_, seed)| seed.foot == self.pose.foot())?;
         let (posture, _) = self.ground.filling(self.pose, seed)?;
@@ -103,7 +103,7 @@ impl Choice<'_> {
         Plan::to(self.ground, self.pose, *to, Aim::Shift)
     }
 
-    /// The landing that the force field likes best, if it likes it at all.
+    /// Returns the motion to the landing with the highest score in the force field, if that score exceeds [`WORTH`].
     fn best_landing(&self, reach: &Reach) -> Option<Plan> {
         let motions = self.ground.motions;
         let landings: Vec<(Landed, Pose)> = reach

@@ -34,7 +34,7 @@ pub(super) enum Decision {
     Ask(Plan),
     /// It looks again at this time.
     Wait(Time),
-    /// It looks again at this time, and waits for this neighbour until then, if for any.
+    /// It looks again at this time. Until then it waits for this neighbour; `None` if it waits for no particular one.
     WaitFor(Option<ModuleId>, Time),
 }
 
@@ -42,9 +42,9 @@ pub(super) enum Decision {
 #[derive(Clone, Copy, Default)]
 pub(super) struct Advertised {
     pub claim: Option<Claim>,
-    /// Seeds that the metamodule has no way to.
+    /// Seeds to which the metamodule has found no route.
     pub unreachable: SeedSet,
-    /// It stands in a more important way and cannot leave it.
+    /// It stands in a more important path and cannot leave it.
     pub blocked: bool,
 }
 
@@ -100,7 +100,7 @@ impl Policy {
     pub fn announced(&self) -> Option<Path> {
         self.negotiated().and_then(Negotiated::announced)
     }
-    /// Whether the reason for which a motion was chosen has gone, from what is known by now.
+    /// Returns true if a motion was chosen because it blocks no other metamodule, but would do so by what is known now.
     pub fn objects_to(&self, v: View<'_>, plan: &Plan) -> bool {
         let holds = |n: &Negotiated| n.is_non_blocking(v, plan.ends);
         plan.non_blocking && !self.negotiated().is_none_or(holds)
@@ -134,7 +134,7 @@ impl Policy {
             n.on_motion(moved);
         }
     }
-    /// The neighbour on a port is another one, dead, or out of range.
+    /// Forgets what was heard on a port: the neighbour there has changed, died, or gone out of range.
     pub fn forget(&mut self, port: Port) {
         if let Some(n) = self.negotiated_mut() {
             n.forget(port);

@@ -18,8 +18,8 @@ use crate::metamodule::view::View;
 /// Where a metamodule stands in the order: distance to the nearest open seed, then id. Smaller goes first.
 type Turn = (i64, ModuleId);
 
-/// Returns the first in the order of those close by that go before this metamodule, or `None` if it may move.
-/// `fixed` are the cells that stay taken.
+/// Returns the neighbour close by that comes first in the order, if it goes before this metamodule; `None` if this
+/// metamodule may move. `fixed` are the cells that stay taken.
 ///
 /// Settled and dead bodies never move, and one with stuck joints cannot: none of them is waited for.
 pub(super) fn goes_before(v: View<'_>, fixed: &[Cell]) -> Option<ModuleId> {

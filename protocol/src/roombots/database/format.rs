@@ -25,7 +25,7 @@ use thiserror::Error;
 pub const VERSION: u16 = 1;
 const MAGIC: &[u8; 6] = b"MMRBDB";
 
-/// Why bytes are not a database.
+/// Why bytes cannot be read as a motion database.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DatabaseError {
     /// The bytes are not a motion database.

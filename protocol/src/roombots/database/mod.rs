@@ -39,7 +39,7 @@ pub struct Table {
     landings: Vec<Landing>,
     chains: Vec<CellChain>,
     min_steps: Vec<u8>,
-    /// The steps at each posture; not part of the bytes.
+    /// For each posture, the indices of the steps that begin or end at it; not part of the bytes.
     steps_at: Vec<Vec<u16>>,
 }
 
@@ -68,9 +68,9 @@ pub struct Step {
     /// [`FloorContact::Free`] for strict steps; [`FloorContact::Plate`] for steps that need the tolerance of
     /// the connectors. Others are not in the database.
     pub floor: FloorContact,
-    /// Cells that must be free.
+    /// Cells entered deeper than 11 mm, and the cells of both postures; they must be free.
     pub core: CellSet,
-    /// Cells that must be free in the strict model.
+    /// Cells entered 2.2 to 11 mm deep; they must also be free in the strict model.
     pub graze: CellSet,
 }
 
@@ -111,7 +111,7 @@ impl Database {
     pub fn resolve(&self, set: &CellSet) -> impl Iterator<Item = Cell> {
         set.indices().filter_map(|i| self.cells.get(usize::from(i)).copied())
     }
-    /// Returns the set of those of `cells` that the database knows; others are never swept.
+    /// Returns the set of `cells`. Cells that the database does not know are left out: no step sweeps them.
     pub fn cell_set(&self, cells: impl IntoIterator<Item = Cell>) -> CellSet {
         let mut set = CellSet::default();
         for cell in cells {

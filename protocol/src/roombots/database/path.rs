@@ -70,7 +70,7 @@ impl Table {
         reach
     }
 
-    /// Returns the path to a posture of a [`Reach`] that began at `from`; `None` if it is not in it.
+    /// Returns the path to posture `to` of a [`Reach`] that began at `from`; `None` if `to` is not in it.
     pub fn way_within(&self, reach: &Reach, from: u16, to: u16) -> Option<Transition> {
         let known = from == to || reach.came_by.get(usize::from(to)).copied().flatten().is_some();
         known.then(|| self.trace(from, to, &reach.came_by))

@@ -49,7 +49,7 @@ pub enum InverseError {
 
 /// Residual, in cells and radians, below which a candidate is a solution.
 pub const ACCEPTED: f64 = 1e-9;
-/// The largest number of points kept of a curve of postures that solves the question.
+/// The largest number of solutions kept; a target that a whole curve of postures reaches has more.
 const MOST: usize = 200;
 /// Difference in radians, in every joint, below which two solutions are the same.
 const SAME: f64 = 1e-6;
@@ -58,8 +58,8 @@ const RIGID: f64 = 1e-6;
 
 /// Finds all postures of a module or metamodule that put the head at `target`.
 ///
-/// Where a whole curve of postures does, which happens on the lattice, some of its points are returned, among
-/// them every lattice posture.
+/// If a whole curve of postures does, as happens on the lattice, some of its points are returned, among them
+/// every lattice posture.
 ///
 /// # Errors
 /// Refuses a pose that is not rigid, and one that no posture reaches.
@@ -121,7 +121,7 @@ impl<'a> Found<'a> {
         }
     }
 
-    /// Offers the lattice solutions, which are looked up: most postures on the lattice are singular.
+    /// Offers the lattice postures that reach the target. They are enumerated, since most of them are singular.
     fn offer_lattice(&mut self) {
         const ON_LATTICE: f64 = 1e-7;
         let twice = self.target.origin * 2.0;

@@ -42,7 +42,7 @@ const CONE: f64 = 0.577_350_269_189_625_8;
 const SAMPLES: usize = 64;
 /// The largest angle in radians that the normal of the first bend turns by between two samples.
 const MAX_TURN: f64 = 0.25;
-/// The largest number of times that a span of u is halved for that.
+/// The largest number of times that an interval of u is halved to stay within [`MAX_TURN`].
 const MAX_DEPTH: u32 = 14;
 /// The largest number of samples of a curve; only degenerate targets would need more.
 const MAX_SAMPLES: usize = 4096;
@@ -51,7 +51,7 @@ const NO_BEND: f64 = 1e-9;
 /// Value of f at a sample that counts as zero: the target has a whole curve of postures.
 const ZERO: f64 = 1e-13;
 
-/// Which of the two c2 and which of the two axes 3.
+/// The signs that select one of the two choices of c2 and one of the two choices of axis 3.
 #[derive(Clone, Copy, PartialEq)]
 struct Sheet {
     c2: f64,
@@ -74,7 +74,7 @@ impl Merge {
     }
 }
 
-/// a + b cos θ + c sin θ
+/// The function a + b cos θ + c sin θ, as (a, b, c).
 #[derive(Clone, Copy)]
 struct Wave(f64, f64, f64);
 
@@ -85,7 +85,7 @@ impl Wave {
     fn slope(self, (s, c): (f64, f64)) -> f64 {
         self.2 * c - self.1 * s
     }
-    /// Returns where it is zero.
+    /// Returns the angles at which the function is zero.
     fn zeros(self) -> Vec<f64> {
         let amplitude = self.1.hypot(self.2);
         let middle = self.2.atan2(self.1);
@@ -97,7 +97,7 @@ impl Wave {
     }
 }
 
-/// A range of θ6 with what merges at either end; no ends for the whole circle.
+/// A range of θ6: its first and last angle, and which choices merge there; `None` if it is the whole circle.
 type Range = (f64, f64, Option<[Merge; 2]>);
 
 /// The geometry of one question.
@@ -105,7 +105,7 @@ struct Problem {
     kind: Kind,
     /// R6: the rotation of the last hemisphere.
     last: Matrix3<f64>,
-    /// z across axis 1, and that a quarter turn on.
+    /// The component of z at right angles to axis 1, and the same turned by 90° about axis 1.
     across: Vector3<f64>,
     beside: Vector3<f64>,
     /// v = c3 − c1 = v0 + vc cos θ6 + vs sin θ6

@@ -1,10 +1,10 @@
 //! Carries plans out under `planned`: orders moves as those before them are confirmed, and plans anew when a move is
 //! not made, a metamodule dies, an obstacle comes or goes, or the goal changes.
 //!
-//! It plans from what metamodules report. While it plans nothing moves. A metamodule whose joints are stuck, or that does
-//! not make its move in time, is *suspected*: it counts as an obstacle in the next plan. Where the plan leaves seeds unfilled that it
-//! has metamodules for, they decide for themselves, as under `negotiated`, until one more seed is filled; if
-//! that is not allowed they rest.
+//! It plans from what metamodules report. Nothing moves while it plans. A metamodule whose joints are stuck, or that
+//! does not make its move in time, is *suspected*: it counts as an obstacle in the next plan. If a plan leaves seeds
+//! unfilled although there are metamodules for them, the metamodules decide for themselves, as under `negotiated`,
+//! until one more seed is filled; if that is not allowed they rest.
 //!
 //! Planning takes scenario time: its work divided by [`PLANNING_RATE`]. So a run has the same trace on every
 //! machine.
@@ -27,7 +27,7 @@ use std::sync::Arc;
 pub const PLANNING_RATE: u64 = 2_000_000;
 /// Work of one cooperative search. The metamodules that a plan is handed over to search further.
 const SEARCH_WORK: usize = WORK / 10;
-/// Plans without a seed filled meanwhile, after which the metamodules decide for themselves.
+/// The number of plans in a row, without a seed filled in between, after which the metamodules decide for themselves.
 const REPLANS: u32 = 8;
 
 /// What has been planned and ordered in a run.
@@ -64,12 +64,12 @@ impl Swarm<'_> {
         let all = (0..).map(ModuleId).zip(self.known);
         all.filter(|(_, known)| known.alive).map(|(id, known)| (id, known.status))
     }
-    /// Whether a metamodule fills a seed of the present task. What it last told may be of the task before.
+    /// Returns true if a metamodule fills a seed of the present task. Its last report may be about an earlier task.
     fn fills(&self, status: &Status) -> bool {
         let seed = status.settled.and_then(|seed| self.setup.seed(self.task, seed));
         seed.is_some_and(|seed| seed.cells() == self.setup.motions.cells(status.pose))
     }
-    /// What decides which plan is made, of each metamodule.
+    /// Returns, for each living metamodule, what a plan depends on: its pose, and whether it fills a seed and is stuck.
     fn standing(&self) -> Vec<(ModuleId, Option<(Pose, bool, bool)>)> {
         let told = |s: Status| (s.pose, self.fills(&s), s.stuck);
         self.living().map(|(id, status)| (id, status.map(told))).collect()
@@ -77,7 +77,7 @@ impl Swarm<'_> {
     fn status(&self, id: ModuleId) -> Option<Status> {
         self.known.get(id.index()).filter(|known| known.alive).and_then(|known| known.status)
     }
-    /// Whether all have reported and none moves.
+    /// Returns true if all living metamodules have reported and none moves.
     fn rests(&self) -> bool {
         self.living().all(|(_, status)| status.is_some_and(|s| !s.busy && !s.pose.both))
     }
@@ -93,7 +93,7 @@ enum Stage {
     Moving,
     /// There is nothing to do until something changes: no plan for what was known then fills another seed.
     Resting,
-    /// Metamodules decide for themselves until something changes, or others than these seeds are filled.
+    /// Metamodules decide for themselves until something changes, or the filled seeds are no longer these.
     HandedOver(SeedSet),
 }
 
@@ -151,7 +151,7 @@ impl PlanExecution {
         self.disturbed = true;
     }
 
-    /// When a plan is ready. All else is looked at when something is reported, and once in a turn time.
+    /// Returns when the plan is ready that is being made. All else is checked at every report, and once per turn time.
     pub fn ready_at(&self) -> Time {
         if let Stage::Planning(ready) = self.stage { ready } else { Time::NEVER }
     }
@@ -247,7 +247,7 @@ impl PlanExecution {
         self.stage = Stage::Planning(now + Span((work as u64).saturating_mul(1_000_000_000) / PLANNING_RATE));
     }
 
-    /// Notes what has been made, and orders what may be made now.
+    /// Notes which moves have been made, and orders those that may be made now.
     fn go_on(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
         let lease = swarm.setup.params.lease;
         let mut late = None;

@@ -13,7 +13,7 @@ use metamorph_protocol::metamodule::message::BodyAction;
 use metamorph_protocol::time::Time;
 
 impl MetamoduleWorld {
-    /// Enters all cells that a body takes into the record; the first body in a cell has it.
+    /// Records the body in all cells that it takes; a cell that already has a body in the record keeps that one.
     pub(super) fn claim(&mut self, id: ModuleId) {
         for cell in self.bodies[id.index()].taken() {
             if self.claims.get(*cell).is_none() {

@@ -112,7 +112,8 @@ pub fn member(mechanism: Mechanism, root: &str, id: u32, next: u32) -> Result<()
     }
 }
 
-/// Waits, then receives all that is there; a socket blocks for each.
+/// Receives all messages that are there and returns their number; if there are none, waits and returns 0. On
+/// a Unix socket, blocks for a single message instead.
 fn take_all(end: &mut dyn End, mechanism: Mechanism) -> Result<u32, BenchError> {
     if mechanism == Mechanism::UnixSocket {
         return Ok(u32::from(end.take()?.is_some()));

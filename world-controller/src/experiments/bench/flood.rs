@@ -27,7 +27,8 @@ use std::sync::Arc;
 
 /// Modules along a side.
 const SIDES: [u16; 4] = [10, 22, 47, 100];
-/// Delays differ by less than one part in the number of hops, so that hop counts are exact.
+/// The shortest and the longest delay. They differ by so little that a path with more hops is never the
+/// faster one, so that hop counts are exact.
 const DELAY: (Span, Span) = (Span::millis(100), Span(100_300_000));
 /// Messages delivered at least; small blocks are flooded repeatedly.
 const ENOUGH: u64 = 1_000_000;
@@ -55,8 +56,9 @@ pub struct Row {
     /// Peak memory, minus that of the empty process; and the same per module.
     pub peak_bytes: u64,
     pub bytes_per_module: f64,
-    /// The lower bounds: processor time per message in nanoseconds.
+    /// Lower bound: processor time per message with the bare queue of the simulator, in nanoseconds.
     pub queue_ns: f64,
+    /// The same with the heap of the standard library.
     pub heap_ns: f64,
     /// The trace hash, the same for floods of one size everywhere.
     pub trace_hash: String,
@@ -70,7 +72,7 @@ pub fn measure(most: u64, live: &mut Live) -> Result<Vec<Row>, BenchError> {
             live.show(|| format!("flood: {} along a side", many(side as u64, "module")));
             let text = part::output(&["flood", &side.to_string()])?;
             live.clear();
-            serde_json::from_str(&text).map_err(|e| BenchError::Part(format!("said what it should not: {e}")))
+            serde_json::from_str(&text).map_err(|e| BenchError::Part(format!("printed invalid JSON: {e}")))
         })
         .collect()
 }

@@ -100,8 +100,8 @@ impl Flow {
         flow
     }
 
-    /// Returns the target of a step and its reduced cost: the cheaper of taking the step and of cancelling
-    /// the opposite one.
+    /// Returns the cell that a step leads to and the reduced cost of the step, or `None` if that cell is in
+    /// the margin. A step that cancels the opposite one of a cube costs -1 instead of 1.
     fn arc(&self, at: usize, step: usize) -> Option<(usize, i32)> {
         let to = at.wrapping_add_signed(self.steps[step]);
         if self.is_margin[to] {
@@ -164,7 +164,8 @@ impl Flow {
         paths
     }
 
-    /// Searches depth first from a cube to a goal cell; `next` is the first untried step of each cell.
+    /// Searches depth first, along steps without reduced cost, for a path from a cube to a goal cell, and
+    /// augments the flow along it. `next` is the first untried step of each cell.
     fn set_out(&mut self, source: usize, next: &mut [u8]) -> bool {
         let mut path: Vec<(usize, usize)> = Vec::new();
         let mut at = source;

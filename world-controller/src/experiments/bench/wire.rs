@@ -175,7 +175,7 @@ fn receive(end: &mut dyn End, mode: Mode) -> Result<u32, BenchError> {
     Err(BenchError::Part("does not answer any more".to_owned()))
 }
 
-/// Runs the other process: returns what it is asked to.
+/// Runs the other process of a measurement: echoes or discards each message, or ends, as the message asks.
 pub fn echo(mechanism: Mechanism, mode: Mode, root: &str) -> Result<(), BenchError> {
     stay_on(mode, 1);
     rendezvous::set_verbosity(false);

@@ -52,11 +52,12 @@ fn smallest(family: &dyn Family) -> GeneratedScenario {
     }
 }
 
-/// Smaller seeds draw what they did before permanent impairments were added.
+/// The first seed that may draw permanent impairments. Smaller seeds draw the same scenarios as before these
+/// were added.
 const LASTING_FROM: u64 = 1 << 32;
 
-/// Returns true if impairments are permanent: in one of four runs that have any. The default bounds account
-/// for the link, but not for repeated failures of moves.
+/// Returns true if the impairments are permanent: in one of four runs that have impairments but no failing
+/// moves, because the default bounds account for the link, but not for repeated failures of moves.
 fn lasts(draft: &GeneratedScenario) -> bool {
     let drawn = || Rng::named(draft.seed, "explore, lasting harm", 0).below(4) == 0;
     draft.seed >= LASTING_FROM && draft.link.harms() && draft.failed_connections == 0 && drawn()
@@ -111,7 +112,8 @@ impl Dice {
         }
     }
 
-    /// Draws the end of the impairments: with the last fault or later. Delays are permanent.
+    /// Draws the end of the impairments in milliseconds, which is not before the end of the last fault;
+    /// `None` without impairments. Delays are permanent.
     fn end_of_harm(&mut self, draft: &GeneratedScenario) -> Option<u64> {
         let least = self.pick(&[10_000, 60_000, 150_000, 600_000]);
         draft.link.harms().then(|| draft.faults.iter().map(|f| f.until.unwrap_or(f.at)).fold(least, u64::max))
@@ -152,8 +154,8 @@ impl Dice {
         faults
     }
 
-    /// Draws many stops longer than a lease, or restarts, during the busiest time: what depends on time-outs
-    /// and earlier promises only matters then.
+    /// Draws many pauses that outlast a lease, or restarts, during the busiest time, the only one at which
+    /// time-outs and earlier promises matter.
     fn storm(&mut self, modules: u64, faults: &mut Vec<GeneratedFault>) {
         let (restarts, lasts) = (self.pick(&[0, 1, 4]), self.pick(&[9_000, 15_000, 55_000]));
         for _ in 0..self.within(4, 12) {

@@ -33,8 +33,8 @@ impl Limits {
     pub fn note_failure(&self) {
         self.failed.store(true, Ordering::Relaxed);
     }
-    /// Returns true if no more runs are started. A quarter of a time budget is reserved for shrinking
-    /// failures.
+    /// Returns true if no more runs are to be started: after Ctrl-C, and at the end of a time budget. Once a
+    /// run has failed, a quarter of the budget is reserved for shrinking.
     pub fn end_drawing(&self) -> bool {
         let failed = self.failed.load(Ordering::Relaxed);
         let spent = |time: Duration| self.elapsed() >= if failed { time * 3 / 4 } else { time };

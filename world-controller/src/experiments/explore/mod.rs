@@ -1,7 +1,7 @@
 //! `metamorph explore`: runs generated scenarios on the simulated link; failures are shrunk and written as
 //! ordinary scenario files.
 //!
-//! `draw` creates a [`draft`] of a scenario from a seed, `pool` runs many, `verdict` judges each, `shrink`
+//! `draw` creates a [`GeneratedScenario`] from a seed, `pool` runs many, `verdict` judges each, `shrink`
 //! reduces failing ones, `summary` collects the results.
 //!
 //! *Invariant.* A seed determines a run, whatever runs beside it; results do not depend on the number of
@@ -117,7 +117,7 @@ pub struct Ran {
     pub outcome: Option<Outcome>,
     /// Coverage points reached.
     pub marks: CoveragePoints,
-    /// Messages delivered to agents, and messages between bodies and agents.
+    /// Messages delivered to agents, plus messages between agents, bodies and the controller.
     pub events: u64,
     /// Moves completed.
     pub moves: u64,
@@ -176,9 +176,9 @@ pub struct Small {
     pub runs: u64,
 }
 
-/// Shrinks a failing scenario in at most `budget` runs. Passes each scenario that is smaller than those
-/// before and fails the same way to `take`, beginning with the given one, or nothing if the given one does not
-/// fail. Ends early when `stop` returns true.
+/// Shrinks a failing scenario in at most `budget` runs. Calls `take` with the given scenario, and then with
+/// each smaller one that fails the same way; never calls it if the given one does not fail. Ends early when
+/// `stop` returns true.
 pub fn make_small(
     draft: &GeneratedScenario,
     kind: &Kind,

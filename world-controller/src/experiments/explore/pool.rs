@@ -19,7 +19,8 @@ const QUEUE: usize = 1_000;
 /// Interval between checks of the limits while no result arrives.
 pub const LOOK: Duration = Duration::from_millis(50);
 
-/// Runs number 0, 1, 2, … with the seeds from `seed` on, until the budget is exhausted.
+/// Executes runs 0, 1, 2, … with consecutive seeds from `seed` on until the limits are reached, and passes
+/// the number and the result of each to `take`.
 pub fn run(seed: u64, request: &Request, limits: &Limits, mut take: impl FnMut(u64, Ran)) {
     let next = Arc::new(AtomicU64::new(0));
     let (sender, receiver) = sync_channel::<(u64, Ran)>(QUEUE);

@@ -9,8 +9,8 @@ use crate::family::generated::{GeneratedSwarm, Smaller, parts};
 /// Seeds tried besides the current one.
 const SEEDS: [u64; 3] = [1, 2, 3];
 
-/// Removes parts while `fails` returns true, calling it at most `budget` times. Also returns the number of
-/// calls.
+/// Reduces a scenario step by step, keeping a reduction if `fails` returns true for the result. Calls `fails`
+/// at most `budget` times. Returns the smallest failing scenario and the number of calls.
 pub fn shrink(
     draft: &GeneratedScenario,
     budget: u64,
@@ -56,7 +56,8 @@ fn candidates(draft: &GeneratedScenario) -> Vec<GeneratedScenario> {
     found
 }
 
-/// Returns the draft with another swarm that lacks these modules.
+/// Returns the draft with `swarm`, which lacks the modules `gone`. Faults of these modules alone are removed,
+/// and later modules are renumbered in the others.
 fn with(
     draft: &GeneratedScenario,
     swarm: Box<dyn GeneratedSwarm>,
@@ -75,7 +76,8 @@ fn with(
     draft
 }
 
-/// Returns the draft with another swarm in which another module takes over the faults of the one removed.
+/// Returns the draft with `swarm`, which lacks the module `gone`; a module next to it by number takes over
+/// its faults.
 fn with_another(draft: &GeneratedScenario, swarm: Box<dyn GeneratedSwarm>, gone: usize) -> GeneratedScenario {
     let other = if gone == 0 { 1 } else { gone - 1 };
     let mut draft = draft.clone();

@@ -139,7 +139,7 @@ pub struct Summary {
     pub family: Option<&'static str>,
     /// Number of runs.
     pub runs: u64,
-    /// Messages delivered to agents, and messages between bodies and agents.
+    /// Messages delivered to agents, plus messages between agents, bodies and the controller.
     pub events: u64,
     /// Moves completed.
     pub moves: u64,

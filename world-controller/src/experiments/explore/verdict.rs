@@ -1,4 +1,4 @@
-//! Judges a run: safe always; and live, unless the remaining modules cannot build the goal.
+//! Judges a run: it must always be safe, and it must build the goal unless the remaining modules cannot.
 
 use crate::report::run_result::RunResult;
 use crate::report::schema::Report;
@@ -15,7 +15,8 @@ pub enum Verdict {
     Built,
     /// The goal was not built, and an exhaustive search proved that no more of it could be.
     Infeasible(RuleSet),
-    /// The goal was not built for a reason that is no fault of the protocol; no search proved it.
+    /// The goal was not built for a reason that excuses the protocol, although no search proved it
+    /// impossible.
     Excused(String),
     /// The run failed.
     Failed(Failure),
@@ -29,9 +30,10 @@ pub enum Kind {
     Panic,
     /// This invariant was violated first.
     Unsafe(String),
-    /// A plan was left, and no module carried it out: the reason of the standstill.
+    /// The goal was not built although a plan was left, or although nothing was broken. Holds the reason of
+    /// the standstill, or the outcome if the report has no standstill.
     Stuck(String),
-    /// A standstill, and no search decided whether a plan was left: its reason.
+    /// A standstill for which no search decided whether a plan was left. Holds its reason.
     Undecided(String),
 }
 
@@ -62,8 +64,9 @@ pub struct Failure {
     pub what: String,
 }
 
-/// Returns a verdict, and whether any robot with these modules could have built the goal; `None` if no search
-/// decided it. A proof that none could replaces one within narrower rules.
+/// Returns the verdict, and whether any robot with these modules could have built the goal; `None` if no
+/// search decided that. If none could, a run that was infeasible within narrower rules, or excused, becomes
+/// infeasible under [`RuleSet::Anything`].
 pub fn could_be_built(verdict: Verdict, ran: &RunResult) -> (Verdict, Option<bool>) {
     let could = match verdict {
         Verdict::Built => Some(true),

@@ -118,7 +118,7 @@ const KEYS: [Key; 7] = [
     },
 ];
 
-/// Returns the seeds of every combination, for an experiment with `of_experiment` seeds.
+/// Returns the number of seeds for each combination, given the number in the experiment.
 pub const fn seeds(of_experiment: u64) -> u64 {
     let fewer = of_experiment.div_ceil(FEWER);
     if fewer < MOST_SEEDS { fewer } else { MOST_SEEDS }
@@ -137,7 +137,8 @@ pub fn axes(strategies: &[Strategy]) -> Vec<Axis> {
     ]
 }
 
-/// Varies every assumption with the goals of `runs`. The orders are those of `runs`.
+/// Runs a sweep for each assumption and each goal of `runs`. The effect of the order of seeds is taken from
+/// `runs` themselves.
 pub fn vary(
     runs: &Runs,
     seeds_of_experiment: u64,
@@ -189,7 +190,7 @@ fn of(goal: Goal, strategy: Strategy, built: u64, runs: u64) -> Built {
     }
 }
 
-/// Returns the orders of the seeds, from the experiment itself.
+/// Returns the effect of the order of seeds, from the runs of the experiment itself.
 fn orders(runs: &Runs, goals: &[Goal]) -> Vec<Assumption> {
     let one = |order: SeedOrder| {
         let pairs = goals.iter().flat_map(|g| STRATEGIES.map(|s| (*g, s)));

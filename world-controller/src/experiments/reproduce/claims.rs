@@ -153,7 +153,8 @@ pub const OF_FIGURE_4_5: [Statement; 8] = [
     },
 ];
 
-/// Judges "than the three other types", said of SRS and PER, of the four that there are.
+/// Judges the words "than the three other types", which the thesis says of SRS and PER although there are
+/// only four types.
 pub fn other_types() -> Claim {
     let others = KINDS.iter().filter(|k| ![Kind::Srs, Kind::Per].contains(k)).count();
     Claim {
@@ -165,7 +166,7 @@ pub fn other_types() -> Claim {
     }
 }
 
-/// Formats a probability with two digits, and never as zero.
+/// Formats a probability. Small ones are in scientific notation, so that only an exact zero is shown as 0.
 pub fn probability(p: f64) -> String {
     match p {
         0.0 => "0".to_owned(),

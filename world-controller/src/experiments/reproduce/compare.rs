@@ -25,7 +25,8 @@ pub struct Reproduction {
     pub schema: u32,
     /// The version of the program that ran.
     pub version: String,
-    /// Seeds of every combination of kind, strategy and order: 0 to this, exclusive.
+    /// Number of seeds for each combination of kind, strategy and order. The seeds are 0 to this number,
+    /// exclusive.
     pub seeds: u64,
     /// Runs asked for.
     pub runs_planned: u64,
@@ -99,7 +100,7 @@ pub struct Compared {
     pub published: Vec<Cell>,
     /// The share of the thesis's experiments that ended in a deadlock.
     pub published_deadlocks: Option<Rate>,
-    /// Mean collisions of the others.
+    /// Mean collisions of the thesis's experiments that did not end in a deadlock.
     pub published_collisions: Option<f64>,
     /// Ours, all orders together.
     pub ours: Ours,
@@ -137,8 +138,8 @@ pub struct Claim {
     /// The share of experiments of the published size, drawn from our runs, that show it.
     #[serde(default)]
     pub chance: Option<f64>,
-    /// Whether it holds here: nearly all of these experiments show it, or nearly none; null if as few runs as
-    /// those of the thesis cannot tell.
+    /// Whether it holds here: true if nearly all of these experiments show it, false if nearly none does;
+    /// null if experiments as small as those of the thesis cannot tell.
     pub holds: Option<bool>,
 }
 
@@ -211,7 +212,8 @@ impl Runs {
         found.expect("invariant: what an experiment needs was run")
     }
 
-    /// Returns the pooled runs with the strategies of the thesis that match `wanted`.
+    /// Returns pooled statistics of the runs with a published strategy for which `wanted` returns true, given
+    /// goal, kind, strategy and order.
     pub fn pooled(&self, wanted: impl Fn(Goal, &str, &str, &str) -> bool) -> Ours {
         let published = |strategy: &str| STRATEGIES.iter().any(|s| s.name() == strategy);
         let all = self.of.iter().flat_map(|(goal, s)| s.combinations.iter().map(move |c| (*goal, c)));
@@ -222,7 +224,8 @@ impl Runs {
         Ours::of(&some.map(|(_, c)| c).collect::<Vec<_>>())
     }
 
-    /// Returns the numbers of the requested experiments; what exceeds a single experiment is left empty.
+    /// Returns the numbers of the requested experiments. Fields that need further runs are left empty:
+    /// assumptions and redrawn starts.
     pub fn reproduction(self, experiments: &[Experiment], seeds: u64) -> Reproduction {
         let sum = |of: fn(&Summary) -> u64| self.of.iter().map(|(_, s)| of(s)).sum();
         let goals: Vec<Goal> = self.of.iter().map(|(goal, _)| *goal).collect();

@@ -54,7 +54,7 @@ pub struct FitKind {
     pub published_built: u64,
     /// Runs of the thesis.
     pub published_runs: u64,
-    /// The share of our runs, with goals and strategies weighted as in the thesis.
+    /// The share of our runs that was built, with goals and strategies weighted as in the thesis.
     pub ours: f64,
 }
 

@@ -15,7 +15,7 @@ use metamorph_protocol::metamodule::blueprint::{Seed, chair_of_six};
 use metamorph_protocol::rng::Rng;
 use metamorph_sim_bridge::director::outcome::Outcome;
 
-/// Random orders of each kind.
+/// The maximum number of random orders of each sort: within levels, and without regard to them.
 const ORDERS: u64 = 6;
 /// Significance level of the tests.
 const SIGNIFICANT: f64 = 0.05;
@@ -64,7 +64,8 @@ fn recipe() -> String {
     value(&seeds)
 }
 
-/// Runs the chair with all of these, and judges the sentence for both meanings of random.
+/// Runs the chair with the recipe and with the random orders, and judges the sentence for both meanings of
+/// "random".
 pub fn claims(seeds_of_experiment: u64, sweeper: &mut Sweeper<'_>) -> Result<Vec<Claim>, SweepError> {
     let sorts = [vec![recipe()], orders(true), orders(false)];
     let mut vary = assumptions::axes(&STRATEGIES);

@@ -87,7 +87,7 @@ pub enum SweepError {
         error: Box<ScenarioError>,
     },
     /// A panic in a run.
-    #[error("a run made the program panic, which is a defect of the program. It alone: {0}")]
+    #[error("a run made the program panic, which is a defect of the program. To repeat this run alone: {0}")]
     Defect(String),
 }
 
@@ -303,7 +303,7 @@ pub struct Progress {
     pub store: Option<Store>,
     /// Runs done before.
     pub done: Done,
-    /// Counts of the runs so far: those at the beginning of `done`.
+    /// Counts of the first runs, as many as `done.before`. Those of `done.ahead` are counted in their turn.
     pub tallies: Tallies,
 }
 

@@ -55,7 +55,8 @@ pub enum News {
     Nothing,
 }
 
-/// Executes all runs, or until interrupted or `take` fails. Interrupted runs are not delivered.
+/// Executes the runs until all are done, the sweep is interrupted, or `take` fails. Interrupted runs are not
+/// delivered.
 pub fn run<E>(work: Work<'_>, mut take: impl FnMut(News) -> Result<(), E>) -> Result<(), E> {
     let next = AtomicU64::new(work.first);
     let (sender, receiver) = sync_channel(QUEUE);

@@ -1,4 +1,4 @@
-//! How cubes look, and what they say.
+//! The appearance of cubes, and the labels of their messages and states.
 
 use crate::report::message_timeline::{FAR, MessageLabel};
 use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone};

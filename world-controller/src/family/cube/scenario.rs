@@ -55,7 +55,8 @@ pub const CONNECTIVITY: [(&str, Connectivity); 3] = [
 pub const DEAD: [(&str, bool); 2] = [("hold", true), ("abandon", false)];
 
 impl RawCubes {
-    /// Reads the sections of cubes. `swarm` is partly read; it and the others are finished here.
+    /// Reads the sections of cubes. The shared keys of `swarm` have been read already; its other keys, and
+    /// all of `others`, are read here.
     pub fn read(
         mut swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,

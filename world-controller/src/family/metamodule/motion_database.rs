@@ -33,7 +33,8 @@ pub fn motions(kind: Kind) -> Result<Motions, MotionsError> {
     })
 }
 
-/// Returns the database, from the cached bytes if `keep` is set and they are valid.
+/// Returns the motion database. If `keep` is set, it is read from the cache, or built and written there;
+/// otherwise it is built.
 pub fn database(keep: bool) -> Database {
     let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
     match keep.then(|| place(variable)).flatten() {
@@ -42,7 +43,8 @@ pub fn database(keep: bool) -> Database {
     }
 }
 
-/// Returns `$XDG_CACHE_HOME/metamorph`, or `~/.cache/metamorph`.
+/// Returns the path of the cached file, in `$XDG_CACHE_HOME/metamorph` or `~/.cache/metamorph`; `None` if
+/// neither `XDG_CACHE_HOME` nor `HOME` is usable.
 fn place(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     let base = match variable("XDG_CACHE_HOME").map(PathBuf::from).filter(|p| p.is_absolute()) {
         Some(base) => base,

@@ -105,7 +105,8 @@ pub const SHAPES: [&str; 2] = ["box", "chair"];
 const LIBRARY: [Library; 2] = [("box", box_of_four), ("chair", chair_of_six)];
 
 impl RawMetamodules {
-    /// Reads the sections of metamodules. `swarm` is partly read; it and the others are finished here.
+    /// Reads the sections of metamodules. The shared keys of `swarm` have been read already; its other keys,
+    /// and all of `others`, are read here.
     pub fn read(
         mut swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,

@@ -16,21 +16,22 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Records emitted so far, of something produced and consumed: consumption must not overtake production.
+/// Number of items that the records emitted so far have produced (`given`) and consumed (`taken`). No item
+/// may be consumed before it is produced.
 #[derive(Default)]
 struct Count {
     given: u32,
     taken: u32,
 }
 
-/// What the records of one incarnation of an agent amount to so far.
+/// Counts over the records emitted so far that concern one incarnation of an agent.
 #[derive(Default)]
 struct StepCounts {
     /// Messages sent.
     sent: u32,
-    /// Actions and reports.
+    /// Actions and reports, from the agent to the controller.
     up: Count,
-    /// Contacts, percepts and orders.
+    /// Contacts, percepts and orders, from the controller to the agent.
     down: Count,
 }
 
@@ -172,7 +173,7 @@ impl Join {
         self.incarnations.entry((id, incarnation)).or_default()
     }
 
-    /// Returns the writer whose record has to come first, if any.
+    /// Returns the writer of the cause that this record still waits for; `None` if it waits for none.
     fn cause(&self, record: &Record) -> Option<Who> {
         let incarnation = |id, incarnation| self.incarnations.get(&(id, incarnation));
         match (record.who, &record.event) {
@@ -200,7 +201,9 @@ impl Join {
         }
     }
 
-    /// Returns true if the record may come now. Notes a cause that cannot come any more.
+    /// Returns true if the next record of stream `i` may be emitted now: it waits for no cause, or for one
+    /// that cannot come any more because its stream is missing or has ended, which is noted
+    /// ([`Event::Torn`]).
     fn may_come(&mut self, i: usize) -> bool {
         let Some(record) = &self.streams[i].next else { return false };
         let at = record.at;
@@ -255,7 +258,7 @@ impl Join {
         }
     }
 
-    /// Emits the next record, or several of one instant. Returns false at the end.
+    /// Emits the next record, with notes of torn parts, if any. Returns false at the end.
     fn advance(&mut self) -> bool {
         for k in 0..self.blocked.len() {
             let (_, i) = self.blocked[k];

@@ -3,7 +3,7 @@
 //! [`Journal::open`] returns the head of a journal and then its records, in an order in which causes come
 //! before effects. A run of processes writes one file for the controller and one for each incarnation of an
 //! agent, in a directory beside the journal (`FILE.parts`), and joins them at its end (`join`); if the run
-//! was killed before, reading joins them. `keep` creates and completes a journal for the drivers. The file
+//! was killed before, reading joins them. `session` creates and completes a journal for the drivers. The file
 //! layout is in `metamorph_module_agent::journal_file`, the records are in `metamorph_protocol::record`.
 
 mod join;

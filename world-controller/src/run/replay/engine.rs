@@ -113,7 +113,8 @@ impl<'a, R: Runnable> Engine<'a, R> {
         }
     }
 
-    /// Accepts unchecked what agents told the controller: there are records of the controller only.
+    /// Makes the engine accept without checks what agents told the controller, for journals that contain the
+    /// controller's records only.
     pub fn follow_no_agents(&mut self) {
         self.alone = true;
     }
@@ -129,7 +130,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
     pub fn ended(&self) -> Option<&(String, Tally)> {
         self.ended.as_ref()
     }
-    /// Returns the place and the state of each module.
+    /// Returns each module with whether it is alive, its place, and its last recorded summary.
     pub fn modules(
         &self,
     ) -> impl Iterator<Item = (ModuleId, bool, <AgentOf<R> as Agent>::Place, Option<&Summary>)> {
@@ -141,7 +142,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
     }
 
     /// Returns the hashes of all agents and of the world in their current state, as in reports; `None` for
-    /// the agents if not all of them are followed to here.
+    /// the agents if records are missing, so that not all of them could be re-executed up to here.
     pub fn hashes(&self) -> (Option<u64>, u64) {
         let all = || {
             (0..self.world.len() as u32).map(ModuleId).map(|id| {
@@ -311,7 +312,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
             Event::Command(wanted) => {
                 let got = self.director.poll().map(|c| c.map(Blob::of));
                 if got.as_ref() != Some(wanted) {
-                    return Err(format!("it wants {got:?}, not {wanted:?}"));
+                    return Err(format!("the next command of the director is {got:?}, not {wanted:?}"));
                 }
                 if let Command::Order(id, order) = wanted {
                     self.tell(*id, Consumed::Order(order.clone()));
@@ -334,7 +335,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         Ok(())
     }
 
-    /// Takes what a body senses from the world, compares it, and hands it to the agent.
+    /// Polls the world for what a body senses, compares it with the record, and queues it for the agent.
     fn sensed(&mut self, id: ModuleId, sensed: &Sensed<Blob>) -> Result<(), String> {
         let got = self.world.poll().map(|(id, s)| (id, s.map(Blob::of)));
         if got.as_ref() != Some(&(id, sensed.clone())) {
@@ -365,7 +366,8 @@ impl<'a, R: Runnable> Engine<'a, R> {
         self.current.get(&id).and_then(|incarnation| self.incarnations.get_mut(&(id, *incarnation)))
     }
 
-    /// Records what the controller sends to a module, if it has a process.
+    /// Queues what the controller sends to a module, if the module has a live process and agents are
+    /// followed.
     fn tell(&mut self, id: ModuleId, input: Consumed) {
         if self.alone {
             return;
@@ -388,7 +390,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 self.done.unchecked += 1;
                 Ok(())
             }
-            first => Err(format!("module {id} told {told:?}, but next it had told {first:?}")),
+            first => Err(format!("the controller took {told:?}, but module {id} had sent {first:?} next")),
         }
     }
 
@@ -439,8 +441,8 @@ fn known(counts: &Counts) -> [u64; 3] {
     [counts.sent, counts.delivered, counts.bytes]
 }
 
-/// Removes a message of the controller. Contact changes that later ones of the same port have overtaken may
-/// be missing.
+/// Takes `taken` from the front of the queue, and returns true if it was there. Skips contact changes, each
+/// only if a later change of the same port is queued.
 fn take(inputs: &mut VecDeque<Consumed>, taken: &Consumed) -> bool {
     while let Some(input) = inputs.pop_front() {
         if input == *taken {

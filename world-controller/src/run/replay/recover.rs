@@ -33,7 +33,7 @@ pub struct Recovered<R: Runnable> {
     pub latest: Vec<Incarnation>,
     /// Modules that are dead and due for a restart.
     pub restarting: BTreeSet<ModuleId>,
-    /// True if the run was over.
+    /// True if the director had ended the run.
     pub finishing: bool,
     /// The controller's counts.
     pub counted: Counted,
@@ -87,7 +87,7 @@ pub fn recover<R: Runnable>(
     Ok(Recovered { world, director, struck, until, agents, latest, restarting, finishing, counted })
 }
 
-/// What is known of processes.
+/// What the controller's records say about the agents' processes.
 struct Notes<A: Agent> {
     agents: BTreeMap<ModuleId, TakenOver<A>>,
     latest: Vec<Incarnation>,
@@ -179,7 +179,8 @@ impl<A: Agent> Notes<A> {
         }
     }
 
-    /// As the controller loop does: nothing is sent to an agent that is about to be killed.
+    /// Notes a message of the controller to a module, and returns true if the module has a process. As in the
+    /// controller loop, nothing is sent to an agent that is about to be killed.
     fn tell(&mut self, id: ModuleId, letter: ControlMessage<A>) -> bool {
         let Some(incarnation) = self.agents.get_mut(&id) else { return false };
         if !incarnation.terminating {

@@ -16,9 +16,9 @@ use std::fmt::Write;
 pub trait Worded: Visible {
     /// Describes the place of a body.
     fn place(place: &Self::Place) -> String;
-    /// Describes an action, after "asks its body to".
+    /// Describes an action by words that continue "asks its body to".
     fn action(action: &Self::Action) -> String;
-    /// Describes a percept, after "its body".
+    /// Describes a percept by words that continue "its body".
     fn percept(percept: &Self::Percept) -> String;
     /// Describes an order of the controller.
     fn order(order: &Self::Order) -> String;
@@ -112,7 +112,7 @@ pub fn state(s: &Summary) -> String {
     text
 }
 
-/// Says which module another waits for; empty if `on` is `None`.
+/// Returns a clause that names the module being waited for, with a leading comma; empty if `on` is `None`.
 pub fn waiting(on: Option<ModuleId>) -> String {
     on.map_or(String::new(), |id| format!(", waits for {id}"))
 }

@@ -14,7 +14,8 @@ pub const MAX_TRIANGLES: usize = 2_000_000;
 pub const MAX_GRID: u64 = 16_000_000;
 /// Cells of the box around an imported shape at most.
 pub const MAX_BOX: u64 = 64_000_000;
-/// Pairs of a triangle and a column of cells or a surface sample that are examined at most.
+/// The maximum work to convert a mesh: pairs of a triangle and a column of cells that it may cross, plus
+/// samples of the surface.
 pub const MAX_WORK: u64 = 400_000_000;
 /// Elements, texts and comments of an XML file at most.
 pub const MAX_NODES: u32 = 2_000_000;

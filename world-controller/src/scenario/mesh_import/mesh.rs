@@ -99,7 +99,8 @@ fn read_solid(
     Ok(())
 }
 
-/// Returns the line, from 1, at which the facet after `before` others begins, or the last line.
+/// Returns the number, from 1, of the line at which the facet after the first `before` facets begins, or of
+/// the last line.
 fn line_of_facet(text: &[u8], before: usize) -> usize {
     let lines = || text.split(|b| *b == b'\n');
     let facet = |line: &&[u8]| line.trim_ascii_start().starts_with(b"facet");

@@ -42,7 +42,8 @@ pub struct Import {
     pub pitch: Option<f64>,
     /// Which axis points up in a mesh.
     pub up: Option<Up>,
-    /// Of a mesh, the cell at the centre of its lowest layer; of a configuration, its origin.
+    /// The cell where the shape is placed: for a mesh, that of the centre of its lowest layer; for a
+    /// configuration, that of its origin.
     pub at: Cell,
     /// The part of a configuration.
     pub part: Option<Part>,

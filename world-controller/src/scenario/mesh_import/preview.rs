@@ -9,7 +9,7 @@ use std::fmt::Write;
 /// Columns of a layer shown at most; the next constant limits the lines.
 const WIDEST: usize = 110;
 const LONGEST: usize = 400;
-/// Layers of the start slab at most, if possible.
+/// The maximum number of layers of the start slab; the slab is made wide enough for that.
 const THICKEST: usize = 3;
 
 /// Returns the layers from lowest to highest, north at the top; `None` if they are too large.

@@ -233,8 +233,9 @@ impl Fine {
         Ok(filled)
     }
 
-    /// Samples the surface. Returns the number of samples without a filled cell among the 27 around them, the
-    /// number of samples, and one such place. Surfaces of parts at least a cell thick have none.
+    /// Samples the surface for thin parts. Returns the number of samples without a filled cell among the
+    /// 3×3×3 cells around them, the number of all samples, and the place of the first sample without one. The
+    /// surface of a part that is at least a cell thick has no such samples.
     fn thin_places(
         &self,
         voxels: &Voxels,
@@ -275,8 +276,8 @@ fn cross(a: Point, b: Point, c: Point) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// Returns twice the area of `from`, `to` and `p` if `p`, or its perturbed place if it is on the line, is on
-/// the left, seen from above.
+/// Returns twice the area of the triangle `from`, `to`, `p`, seen from above, if `p` is to the left of the
+/// line from `from` to `to`. A `p` on the line is perturbed first.
 fn left_of(from: Point, to: Point, p: Point) -> Option<i64> {
     let area = cross(from, to, p);
     let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
@@ -287,8 +288,8 @@ fn left_of(from: Point, to: Point, p: Point) -> Option<i64> {
     left.then_some(area)
 }
 
-/// Returns the corners with the longest side first, and the steps along that side and the lines across it at
-/// which samples are at most half a cell apart.
+/// Returns the corners, rotated so that the longest side comes first, and the numbers of steps along that
+/// side and of lines parallel to it that keep samples at most half a cell apart.
 fn sampling([a, b, c]: [Point; 3]) -> ([[f64; 3]; 3], u64, u64) {
     let [a, b, c] = [a, b, c].map(|p| p.map(|x| x as f64));
     let square = |p: [f64; 3], q: [f64; 3]| (0..3).map(|axis| (p[axis] - q[axis]).powi(2)).sum::<f64>();
@@ -303,7 +304,8 @@ fn sampling([a, b, c]: [Point; 3]) -> ([[f64; 3]; 3], u64, u64) {
     ([p, q, r], parts(side), parts(height))
 }
 
-/// Returns the filled cells and all that touch them, also by a corner.
+/// Returns for each cell of the box whether it is filled or touches a filled cell by a face, an edge or a
+/// corner.
 fn grown(voxels: &Voxels) -> Vec<bool> {
     let [nx, ny, nz] = voxels.extent;
     let mut near = voxels.filled.clone();

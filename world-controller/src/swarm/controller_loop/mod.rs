@@ -39,7 +39,7 @@ use std::time::Duration;
 const DRAIN: usize = 2_048;
 /// Number of rounds of world and director in one tick.
 const ROUNDS: usize = 64;
-/// The longest wait.
+/// The longest wait for a message or an event while the swarm starts or ends.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
 /// The services that a controller runs over.

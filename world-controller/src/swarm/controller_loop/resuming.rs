@@ -1,6 +1,6 @@
-//! The takeover of a swarm whose controller was killed: the new controller calls every live agent, sends
-//! again the messages that it has not taken, and reads what it has sent meanwhile from its part of the
-//! journal.
+//! The takeover of a swarm whose controller was killed. The new controller calls every live agent, resends
+//! the messages that the agent has not taken, and reads what the agent has sent meanwhile from the agent's
+//! part of the journal.
 
 use super::ControllerLoop;
 use crate::swarm::launcher::{Backend, Launcher};
@@ -27,7 +27,7 @@ where
     D: DirectorPort<W>,
     B: Backend<Launcher = Supervisor>,
 {
-    /// Goes on with the run in `root` to its end.
+    /// Takes over the agents of the run in `root`, and continues the run to its end.
     pub fn go_on(
         mut self,
         root: &Path,

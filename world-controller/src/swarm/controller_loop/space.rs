@@ -1,5 +1,5 @@
-//! The orderly end of a run when something else fills the shared memory, with the memory held back for it,
-//! before its processes die of the shortage.
+//! Ends a run cleanly when something else fills the shared memory, before its processes die of the shortage.
+//! The memory that its end needs comes from the reserve.
 
 use super::ControllerLoop;
 use crate::swarm::launcher::Backend;

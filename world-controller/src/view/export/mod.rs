@@ -1,5 +1,5 @@
-//! A journal as a recording that the field's viewers show: an MCAP file with scene updates and a log in
-//! Foxglove's schemas, as JSON.
+//! Exports a journal as a recording for robotics viewers such as Foxglove: an MCAP file with scene updates
+//! and a log in Foxglove's schemas, as JSON.
 //!
 //! Bodies are drawn by their parts, in cells of one metre; the time of the recording is the scenario's. Every
 //! update holds all modules, because a viewer that jumps to a time shows the last update before it and
@@ -41,10 +41,10 @@ pub struct ExportArgs {
     /// The journal of a run (see `run --journal`)
     #[arg(value_name = "JOURNAL")]
     pub journal: PathBuf,
-    /// Write an MCAP file with Foxglove's scene updates, which must not exist
+    /// Write Foxglove's scene updates to this MCAP file, which must not exist yet
     #[arg(long, value_name = "FILE")]
     pub mcap: PathBuf,
-    /// Milliseconds of scenario time between two updates, at least
+    /// Shortest scenario time between two updates, in milliseconds
     #[arg(long, value_name = "MS", default_value_t = 100)]
     pub every: u32,
 }
@@ -176,7 +176,7 @@ struct Recording {
     now: Time,
 }
 
-/// Writes the recording and prints its contents.
+/// Writes the recording, and returns a summary of it for the terminal.
 ///
 /// # Errors
 /// If the journal cannot be read, or the file cannot be written.

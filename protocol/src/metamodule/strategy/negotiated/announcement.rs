@@ -14,7 +14,7 @@ use std::hash::Hash;
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Announcement {
     path: Option<Path>,
-    /// What the way was made from.
+    /// The route, the pose and the rank that `path` was computed from.
     made_from: Option<(Route, Pose, Rank)>,
     /// The rank of what the metamodule does.
     pub rank: Rank,
@@ -32,7 +32,7 @@ impl Announcement {
     pub fn path(&self) -> Option<Path> {
         self.path
     }
-    /// Withdraws the way, if one has been announced.
+    /// Withdraws the announced path, if there is one, by announcing an empty one.
     pub fn withdraw(&mut self, cx: &mut Context<'_>) {
         if let Some(path) = std::mem::replace(self, Announcement::new()).path {
             // No legs, not even those that are not told: all that hear it keep the same.

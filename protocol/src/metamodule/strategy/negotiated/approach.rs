@@ -1,4 +1,4 @@
-//! The way to the claimed seed: the course, and which of its legs may be made now.
+//! The approach to the claimed seed: the route, and which of its motions may be made now.
 
 use super::Negotiated;
 use super::corridor::Corridor;
@@ -11,11 +11,12 @@ use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::strategy::Context;
 
-/// Retry delays after which a metamodule leaves its seed to others.
+/// The time without progress after which a metamodule leaves its seed to others, in multiples of `patience`.
 const GIVE_UP: u64 = 3;
-/// Retry delays without progress after which any reachable seed is filled, even if that blocks others.
+/// The time without a newly filled seed after which any reachable seed is filled, even if that blocks others, in
+/// multiples of `patience`.
 const STANDS_STILL: u64 = 8;
-/// Moves of detour that a metamodule accepts after a retry delay in vain.
+/// The number of extra moves of detour that a metamodule accepts once it has waited for longer than `patience`.
 const DETOUR: usize = 3;
 
 /// What a claimant may do on its way now.
@@ -36,8 +37,8 @@ impl Permission {
 }
 
 impl Scene<'_> {
-    /// The best course to a seed: around those in the way if that is not longer than what they would need to
-    /// make way, through where they stand otherwise.
+    /// Returns the best route to a seed. It leads around the bodies in the way if that takes at most one extra move for
+    /// each of them (and [`DETOUR`] more unless `patient`), and otherwise through the cells in which they stand.
     pub fn route_to(&self, number: u8, patient: bool) -> Option<Route> {
         let seed = self.seed(number)?;
         let find = |fixed: &[Cell]| {
@@ -56,8 +57,8 @@ impl Scene<'_> {
         find(&self.planned(number)).or_else(|| find(&self.fixed))
     }
 
-    /// Whether filling the claimed seed loses a metamodule that is needed for another one: it would be shut
-    /// in, and is not shut in by what stays anyway.
+    /// Returns true if the built goal would shut in a metamodule that is needed for another seed than the claimed one,
+    /// and that the fixed cells do not shut in already.
     fn loses_candidates(&self, claim: Claim) -> bool {
         let own = self.v.own;
         let left = self.v.goal().all().without(own.filled).without(SeedSet::default().with(claim.seed));
@@ -128,8 +129,8 @@ impl Negotiated {
         self.next_leg(scene, &scene.taken, Some(corridor), claim, may)
     }
 
-    /// The next leg of the course over free ground, if this metamodule may make it. It does not end in a
-    /// more important way.
+    /// Returns the next motion of the route over free ground, if this metamodule may make it. A landing in `corridor`,
+    /// the paths of more important metamodules, is not allowed.
     fn next_leg(
         &self,
         scene: &Scene<'_>,

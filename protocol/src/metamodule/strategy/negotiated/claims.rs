@@ -13,13 +13,13 @@ use pathfinding::kuhn_munkres::kuhn_munkres_min;
 use pathfinding::matrix::Matrix;
 use std::hash::Hash;
 
-/// What it costs, in moves, to leave a seed that is not open yet to a metamodule.
+/// The added cost, in moves, of assigning a metamodule a seed that is not open yet.
 const LATER: i64 = 1 << 20;
-/// What it costs, in moves, to leave a seed to a metamodule that has no way to it.
+/// The added cost, in moves, of assigning a metamodule a seed that it has marked unreachable.
 const UNREACHABLE: i64 = 1 << 30;
-/// The moves that a way counts that is not there: it may be there when its time comes.
+/// The number of moves assumed where there is no route; there may be one by the time the seed opens.
 const FAR: i64 = 1 << 10;
-/// How long a seed counts as unreachable if nothing around changes, in retry delays.
+/// How long a seed counts as unreachable if the fixed cells do not change, in multiples of `patience`.
 const UNREACHABLE_FOR: u64 = 4;
 
 /// What a metamodule has claimed, and what it knows of seeds.
@@ -27,21 +27,22 @@ const UNREACHABLE_FOR: u64 = 4;
 pub(super) struct Claims {
     /// The seed it is on its way to.
     pub claim: Option<Claim>,
-    /// When all have heard of the claim, and would have objected.
+    /// When all neighbours have had time to hear of the claim and to object.
     agreed_at: Time,
-    /// Seeds that it has no way to, until what stands around changes, or this time.
+    /// Seeds to which it has found no route.
     unreachable: SeedSet,
+    /// When these are tried again, unless the fixed cells change before.
     reachable_at: Time,
-    /// What stood around when the first of them was found to be unreachable.
+    /// The [`fingerprint`] of the fixed cells when a seed was last found to be unreachable.
     unreachable_in: u64,
     /// Since when an open seed has been unclaimed.
     unclaimed_since: Option<Time>,
-    /// What is filled, and since when.
+    /// The filled seeds, and since when the set has been the same.
     filled: (SeedSet, Option<Time>),
-    /// What stood around when it looked for its course, and whether it had waited for less than a retry
-    /// delay.
+    /// The [`fingerprint`] of the bodies around when it last searched for a route, and whether it had waited for no
+    /// longer than `patience` then.
     pub searched_in: (u64, bool),
-    /// What is to stand there by the time it arrives.
+    /// The [`fingerprint`] of [`Scene::planned`], for the claimed seed, that the route was made for.
     pub planned_in: u64,
 }
 
@@ -88,11 +89,11 @@ impl Claims {
     pub fn reachable_at(&self) -> Time {
         if self.unreachable.is_empty() { Time::NEVER } else { self.reachable_at }
     }
-    /// Since when nothing has been filled.
+    /// Returns when the set of filled seeds last changed.
     pub fn filled_since(&self) -> Option<Time> {
         self.filled.1
     }
-    /// For how long nothing has been filled.
+    /// Returns for how long the set of filled seeds has been the same.
     pub fn unfilled_for(&self, now: Time) -> Span {
         self.filled.1.map_or(Span::ZERO, |at| now.since(at))
     }
@@ -104,13 +105,13 @@ impl Claims {
     pub fn is_agreed(&self, now: Time) -> bool {
         now >= self.agreed_at
     }
-    /// When all know of an unclaimed seed, or of the claim.
+    /// Returns when all neighbours have had time to learn of an unclaimed seed or, failing that, of the claim.
     pub fn known_at(&self, v: View<'_>) -> Option<Time> {
         let shared = self.unclaimed_since.map(|since| since + v.params().resend);
         shared.or(self.claim.map(|_| self.agreed_at))
     }
 
-    /// Notes what has changed around. Returns whether the claim is lost: its seed is not open any more, or a
+    /// Updates what depends on the surroundings. Returns true if the claim is lost: its seed is no longer open, or a
     /// nearer metamodule has claimed it too.
     pub fn review(&mut self, scene: &Scene<'_>) -> bool {
         let (now, own) = (scene.v.now, scene.v.own);

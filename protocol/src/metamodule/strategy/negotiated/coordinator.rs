@@ -31,13 +31,13 @@ use std::collections::VecDeque;
 use std::hash::Hash;
 use std::sync::Arc;
 
-/// Retry delays without a move after which a metamodule coordinates.
+/// The time without a move after which a metamodule coordinates, in multiples of `patience`.
 const QUIET: u64 = 5;
-/// Retry delays without a seed filled after which it does, whatever moves.
+/// The time without a newly filled seed after which it coordinates even if others move, in multiples of `patience`.
 const LONG: u64 = 20;
-/// Retry delays for which a coordinator is followed after it was last heard.
+/// How long a coordinator is followed after it was last heard, in multiples of `patience`.
 const FOLLOWED: u64 = 3;
-/// Doublings, at most, of the time until it coordinates again after having done so in vain.
+/// The largest number of doublings of the time until it coordinates again, after it has done so in vain.
 const MOST_DOUBLED: u8 = 4;
 
 /// What a metamodule coordinates, and which coordinator it follows.
@@ -129,7 +129,8 @@ impl Coordinator {
         }
     }
 
-    /// Not before this time it coordinates, if nothing else happens.
+    /// Returns the time at which this metamodule begins to coordinate if nothing changes; `Time::NEVER` if it would not
+    /// do so.
     pub fn due(&mut self, scene: &Scene<'_>, filled_since: Option<Time>) -> Time {
         let (v, around) = (scene.v, arrangement(scene));
         let retry = v.params().patience;
@@ -148,7 +149,7 @@ impl Coordinator {
         self.began.map_or(at, |began| at.max(began + retry * again))
     }
 
-    /// Orders the next move, unless it is waited for.
+    /// Orders the next move of the plan, unless it has been ordered already and is awaited.
     fn order_next(
         &mut self,
         cx: &mut Context<'_>,
@@ -203,7 +204,7 @@ impl Coordinator {
         cx.out.broadcast(cx.v, Class::Negotiation, Message::Directive(directive));
     }
 
-    /// Coordinates no more, as it was in vain.
+    /// Stops coordinating because it was in vain.
     fn give_up(&mut self, cx: &mut Context<'_>) {
         (self.began, self.times_in_vain) = (Some(cx.v.now), self.times_in_vain.saturating_add(1));
         self.stop(cx);
@@ -215,7 +216,7 @@ impl Coordinator {
         *self = Coordinator { said: self.said, heard: self.heard, ..Coordinator::default() };
     }
 
-    /// Coordinates no more, and says so.
+    /// Stops coordinating, and tells all in range.
     pub fn stop(&mut self, cx: &mut Context<'_>) {
         if std::mem::take(&mut self.stage) != Stage::Off {
             self.say(cx, Instruction::Over);
@@ -258,7 +259,7 @@ impl Coordinator {
     }
 }
 
-/// Tells one arrangement of all that can move from any other.
+/// Returns a hash of the task, of what is filled and fixed, and of the poses of all that can move.
 fn arrangement(scene: &Scene<'_>) -> u64 {
     let own = scene.v.own;
     let poses = scene.movable.iter().map(|(_, pose)| *pose).chain([own.pose]);

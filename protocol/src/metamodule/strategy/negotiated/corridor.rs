@@ -1,4 +1,4 @@
-//! The cells of ways: of those to keep out of, and of the own one.
+//! The cells of paths: of those of others, to keep out of, and of this metamodule's own.
 
 use super::scene::Scene;
 use crate::defects::Defect;
@@ -9,7 +9,7 @@ use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 
-/// The ways to keep out of: the cells and the rank of each.
+/// The paths to keep out of, each as its cells and its rank.
 pub(super) struct Corridor(Vec<(Vec<Cell>, Rank)>);
 
 impl Corridor {
@@ -17,11 +17,11 @@ impl Corridor {
         let crosses = |cells: &[Cell]| body.iter().any(|c| cells.contains(c));
         self.0.iter().filter(move |(cells, _)| crosses(cells)).map(|(_, rank)| *rank)
     }
-    /// The rank of the most important way that a body is in.
+    /// Returns the rank of the most important path that has a cell of a body in it.
     pub fn most_important(&self, body: &[Cell; 4]) -> Option<Rank> {
         self.crossed(body).min()
     }
-    /// Whether a body is out of all of them.
+    /// Returns true if a body has no cell in any of the paths.
     pub fn is_clear_of(&self, body: &[Cell; 4]) -> bool {
         self.crossed(body).next().is_none()
     }
@@ -42,7 +42,7 @@ impl Scene<'_> {
         Corridor(paths.map(|w| (self.cells_of(w.from, w.segments()), w.rank)).collect())
     }
 
-    /// Only the cells in which their legs end.
+    /// Returns the cells that bodies fill at the ends of the segments of the paths above a rank.
     pub fn ends_of_ways(&self, rank: Rank) -> Vec<Cell> {
         let unswept = |segment: &Segment| Segment { sweep: Sweep::default(), ..*segment };
         let ends =
@@ -66,8 +66,8 @@ impl Scene<'_> {
         cells
     }
 
-    /// The first legs of a course of this metamodule, around others where that is possible without another
-    /// course.
+    /// Returns the first segments of a route of this metamodule. Each leads around other bodies where that is possible
+    /// with the same landing posture.
     pub fn segments(&self, route: &Route) -> Vec<Segment> {
         let (fixed, taken) = (self.v.ground(&self.fixed), self.v.ground(&self.taken));
         let (mut at, mut segments) = (self.v.own.pose, Vec::new());

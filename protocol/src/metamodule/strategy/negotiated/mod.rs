@@ -1,9 +1,9 @@
-//! The `negotiated` strategy: which metamodule fills which seed, by which way, and which one makes way.
+//! The `negotiated` strategy: which metamodule fills which seed, by which route, and which one makes way.
 //!
-//! Seeds are shared out so that all together make the fewest moves; a metamodule that has got one claims it
-//! and announces its way. Claims are ranked by the order of their seeds. A metamodule in a more important way
-//! leaves it, and is as important as that way, one place below it, until it has: ranks travel along chains of
-//! metamodules that make way for each other. What is promised, under which assumptions, and why, is in
+//! Seeds are shared out so that all together make the fewest moves; a metamodule to which a seed falls claims it
+//! and announces its path. Claims are ranked by the order of their seeds. A metamodule that stands in a more important
+//! path leaves it, and until it has done so, its rank is the next one below the rank of that path: so ranks are passed
+//! along chains of metamodules that make way for each other. What is promised, under which assumptions, and why, is in
 //! `docs/negotiated.md`.
 //!
 //! * `scene` — what stands around, and where a metamodule blocks others;
@@ -14,8 +14,8 @@
 //! * `announcement` — telling others the way;
 //! * `coordinator` — planning for the whole group when it makes no progress.
 //!
-//! Everything but the last is decided from what a metamodule knows by itself. Locks, which keep it safe, are
-//! not here: a wrong or late word about a way costs time, never safety.
+//! In all parts but the last, a metamodule decides for itself, from what it knows. Locks, which keep it safe, are not
+//! here: a wrong or late message about a path costs time, never safety.
 
 mod announcement;
 mod approach;
@@ -47,7 +47,7 @@ use yielding::{Need, Yielding};
 /// The state of the strategy.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::metamodule) struct Negotiated {
-    /// Where the metamodule means to go next.
+    /// Where the metamodule intends to go next.
     route: Route,
     claims: Claims,
     yielding: Yielding,
@@ -156,8 +156,8 @@ impl Negotiated {
         self.route = Route::default();
     }
 
-    /// Claims an open seed, if the best way of sharing them out gives it one, or if it remains unclaimed for
-    /// long.
+    /// Claims an open seed: the one that the optimal assignment gives to this metamodule, or else the nearest one, once
+    /// open seeds have been unclaimed for long.
     fn claim(&mut self, cx: &mut Context<'_>, scene: &Scene<'_>) {
         while self.claims.claim.is_none() {
             let Some(seed) = self.claims.choose(scene) else { return };
@@ -173,7 +173,7 @@ impl Negotiated {
         }
     }
 
-    /// Leaves a seed to others.
+    /// Drops the claim to a seed that this metamodule cannot get to, and marks the seed unreachable.
     fn give_up(&mut self, cx: &mut Context<'_>, scene: &Scene<'_>, claim: Claim) {
         hit(CoveragePoint::MetaGaveUpSeed);
         self.drop_claim();
@@ -185,7 +185,7 @@ impl Negotiated {
         cx.out.tell(cx.v, self.advertised(), Class::Gradient);
     }
 
-    /// Does as a coordinator says: stays, or makes the move that it is told to make.
+    /// Follows the instruction of a coordinator: stays, or makes the move that it has been ordered to make.
     fn follow(
         &mut self,
         cx: &mut Context<'_>,

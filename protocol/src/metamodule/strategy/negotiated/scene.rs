@@ -14,7 +14,7 @@ pub(super) struct Other {
     pub id: ModuleId,
     pub pose: Pose,
     pub cells: [Cell; 4],
-    /// Where it will be when the motion that it is granted is over.
+    /// Its pose after the motion that this metamodule has granted it; `pose` if there is none.
     pub soon: Pose,
     pub claim: Option<Claim>,
     pub unreachable: SeedSet,
@@ -26,17 +26,17 @@ pub(super) struct Scene<'a> {
     pub v: View<'a>,
     /// Cells of what does not move: the built, the dead, the stuck, obstacles.
     pub stays: Vec<Cell>,
-    /// The same, and the blocked.
+    /// `stays`, and the cells of blocked metamodules.
     pub fixed: Vec<Cell>,
     /// The metamodules that can move, blocked or not, and where they are.
     pub movable: Vec<(ModuleId, Pose)>,
     /// Those that are not blocked.
     pub free: Vec<Other>,
-    /// Where all that have no seed yet will be soon.
+    /// The poses that all metamodules that can move will soon be in; see [`Other::soon`].
     pub candidates: Vec<Pose>,
     /// All cells to keep out of now: fixed ones, bodies, grants.
     pub taken: Vec<Cell>,
-    /// All cells of what will not move when the goal is built.
+    /// The cells of dead bodies and obstacles, and of all seeds: what is fixed once the goal is built.
     pub built: Vec<Cell>,
     /// The corners of the rectangle around the feet of all seeds.
     zone: ((i16, i16), (i16, i16)),
@@ -105,13 +105,13 @@ impl<'a> Scene<'a> {
     pub fn is_first(&self, claim: Claim) -> bool {
         self.free.iter().filter_map(|o| o.claim).all(|c| claim.seed <= c.seed)
     }
-    /// What will not move, with all that is to be built before this seed.
+    /// Returns the fixed cells, and those of all unfilled seeds that come before this one.
     pub fn planned(&self, number: u8) -> Vec<Cell> {
         let before = self.v.goal().before(number).without(self.v.own.filled);
         let seeds = before.iter().filter_map(|s| self.seed(s));
         self.fixed.iter().copied().chain(seeds.flat_map(|s| s.cells())).collect()
     }
-    /// Whether all seeds that should have been filled before this one can still be reached when it has been.
+    /// Returns true if all unfilled seeds that come before this one can still be reached after it has been filled.
     pub fn keeps_open(&self, number: u8) -> bool {
         let Some(seed) = self.seed(number) else { return true };
         let before = self.v.goal().before(number).without(self.v.own.filled);
@@ -143,7 +143,7 @@ impl<'a> Scene<'a> {
         taken.extend(self.free.iter().flat_map(|o| self.v.motions().cells(o.soon)));
         self.is_outside_zone(pose) && !self.v.ground(&taken).is_shut_in(pose)
     }
-    /// The same for another metamodule if this one stood in `me`.
+    /// Returns true if another metamodule would be safe, in the sense of [`Scene::is_safe`], with this one in `me`.
     pub fn is_safe_beside(&self, other: &Other, me: Pose) -> bool {
         let motions = self.v.motions();
         let others = self.free.iter().filter(|o| o.id != other.id);
@@ -161,7 +161,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Tells one set of cells from another; their order does not matter.
+/// Returns a hash of a set of cells, which does not depend on their order.
 pub(super) fn fingerprint(cells: &[Cell]) -> u64 {
     let mix = |c: &Cell| {
         let v = (c.x as u16 as u64) << 32 | (c.y as u16 as u64) << 16 | c.z as u16 as u64;

@@ -14,17 +14,17 @@ use crate::metamodule::strategy::Context;
 use crate::time::Time;
 use std::hash::Hash;
 
-/// Doublings, at most, of the time for which a metamodule counts as blocked.
+/// Largest number of doublings of the time for which a metamodule counts as blocked.
 const MOST_DOUBLED: u8 = 3;
-/// Places, at most, in which it is looked whether another metamodule gets past.
+/// Largest number of poses examined for whether another metamodule can get past.
 const MOST_LET_BY: u32 = 64;
 
-/// Whether a metamodule is blocked: it had no way out of a more important way.
+/// Whether a metamodule is blocked: it could not leave a more important path.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Yielding {
     /// Until when it counts as blocked.
     blocked_until: Option<Time>,
-    /// Until when it does in any case; after that, not if no other metamodule means to go anywhere.
+    /// Until when it counts as blocked in any case; after that, only while another metamodule announces a path.
     blocked_at_least: Time,
     /// How often it has been blocked since it last moved to another connector.
     times_blocked: u8,
@@ -45,7 +45,7 @@ impl Yielding {
     pub fn is_blocked(&self) -> bool {
         self.blocked_until.is_some()
     }
-    /// When it is to be looked whether the metamodule is still blocked.
+    /// Returns when to check again whether the metamodule still counts as blocked.
     pub fn ends(&self, now: Time) -> Time {
         let until = self.blocked_until.unwrap_or(Time::NEVER);
         if now < self.blocked_at_least { self.blocked_at_least } else { until }
@@ -54,8 +54,8 @@ impl Yielding {
     pub fn on_moved(&mut self) {
         self.times_blocked = 0;
     }
-    /// Ends being blocked when its time has come, or no other metamodule means to go anywhere. Returns
-    /// whether it has ended.
+    /// Ends the blocked state when its time is over, or when no free neighbour announces a path any more. Returns true
+    /// if the state has ended.
     pub fn review(&mut self, scene: &Scene<'_>) -> bool {
         let (now, at_least) = (scene.v.now, self.blocked_at_least);
         let is_over = |until: &mut Time| {
@@ -78,10 +78,10 @@ impl Yielding {
 /// Why a metamodule has to go elsewhere.
 #[derive(Clone, Copy)]
 pub(super) struct Need {
-    /// The rank of making way.
+    /// The rank of the metamodule while it makes way.
     rank: Rank,
-    /// It stands in a more important way. Otherwise it is at risk: the next seed waits until it is in a safe
-    /// place.
+    /// True if it stands in a more important path. Otherwise it is at risk of being shut in, and the next seed waits
+    /// until it is in a safe place.
     pub in_way: bool,
 }
 
@@ -105,8 +105,8 @@ impl Need {
 }
 
 impl Negotiated {
-    /// Looks for a way elsewhere and announces it. Returns the first motion of it, if that is free. The
-    /// course to a claimed seed is kept while it waits: it is found again from where the metamodule ends up.
+    /// Looks for a route elsewhere and announces it. Returns its first motion, if that is free. As long as there is no
+    /// such motion, the route to a claimed seed is kept; after one, it is searched anew.
     pub(super) fn make_way(
         &mut self,
         cx: &mut Context<'_>,
@@ -131,8 +131,7 @@ impl Negotiated {
         plan
     }
 
-    /// Takes the course out of everything at least as important as what the metamodule makes way for. Returns
-    /// its first leg, if that is free.
+    /// Sets the route to the one found by `route_aside`, if there is one. Returns its first motion, if that is free.
     fn find_way_aside(&mut self, scene: &Scene<'_>, rank: Rank) -> Option<Plan> {
         let (v, pose) = (scene.v, scene.v.own.pose);
         let route = route_aside(scene, rank)?;
@@ -146,7 +145,8 @@ impl Negotiated {
     }
 }
 
-/// The course to the best place that is out of the way of a rank.
+/// Returns the route to the best place out of the way of metamodules more important than `rank`: preferably clear of
+/// all their paths, otherwise of the ends of the segments, otherwise where `let_by` allows this one to stay.
 fn route_aside(scene: &Scene<'_>, rank: Rank) -> Option<Route> {
     let (v, corridor) = (scene.v, scene.corridor(rank));
     let (motions, pose) = (v.motions(), v.own.pose);
@@ -169,8 +169,8 @@ fn route_aside(scene: &Scene<'_>, rank: Rank) -> Option<Route> {
         .or_else(|| let_by(scene, rank, &free))
 }
 
-/// The course to the nearest place in which this metamodule may stay, as the most important of those in whose
-/// way it is gets to its seed by some other way then.
+/// Returns the route to the nearest place where this metamodule can stay because the most important claimant, of a rank
+/// above `rank`, then has some other route to its seed.
 fn let_by(scene: &Scene<'_>, rank: Rank, ground: &Ground<'_>) -> Option<Route> {
     let v = scene.v;
     let claims = |o: &Other| o.claim.filter(|c| o.path.is_some_and(|w| w.rank == Rank::of_seed(c.seed)));

@@ -17,7 +17,8 @@ use metamorph_protocol::plan::search::{Method, Search};
 use metamorph_protocol::plan::{Limits, Outcome, Space, Step};
 use metamorph_protocol::rng::Rng;
 
-/// Whole searches; each takes as long as some hundred first plans.
+/// The number of searches through the whole space; each takes as long as several hundred searches for a first
+/// plan.
 const WHOLE: u64 = 3;
 /// Expansions between two looks at the interrupt.
 const SLICE: u64 = 64;
@@ -38,7 +39,8 @@ fn run(start: &Configuration, goal: &Shape, seed: u64, until_first: bool, stop: 
     Some(search.found())
 }
 
-/// Returns the optimum with its expansions and generated configurations.
+/// Returns the cost of an optimal plan, and how many configurations A* expanded and generated to prove it;
+/// `None` if it found no plan within its limits.
 fn optimum(start: &Configuration, goal: &Shape) -> Option<(u32, u64, u64)> {
     let space = Assembly::new(start.len(), rules(), Objective::Actions, &Goal::Shape(*goal), usize::MAX);
     let limits = Limits { memory: 1 << 30, work: 1_000_000 };
@@ -101,7 +103,7 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
     table
 }
 
-/// Finds a shape that the report's planner does not reach, and A* does.
+/// Describes the first shape to which A* finds a plan and the report's planner finds none.
 fn missed(start: &Configuration, stop: &Interrupt) -> String {
     let graph = ShapeGraph { modules: start.len(), prices: Prices::ONE };
     let limits = Limits { memory: 1 << 30, work: u64::MAX };

@@ -20,7 +20,7 @@ const SIDE: u8 = 20;
 const COLUMN: i16 = 3;
 /// Worlds of experiment 2 and trials of experiment 3, as published.
 const PUBLISHED: u64 = 300;
-/// Edits of the floor in a trial of replanning, and those after which the module walks on.
+/// The number of edits of the floor in a trial of replanning, and of edits after which the module walks on.
 const EDITS: (u64, u64) = (40, 8);
 /// Rectangles of the fixed world: x, y, width, height. The published map is a figure.
 const RECTANGLES: [[i16; 4]; 5] = [[3, 3, 3, 5], [9, 2, 2, 6], [14, 5, 4, 3], [5, 12, 7, 2], [15, 13, 2, 5]];
@@ -28,7 +28,8 @@ const RECTANGLES: [[i16; 4]; 5] = [[3, 3, 3, 5], [9, 2, 2, 6], [14, 5, 4, 3], [5
 const SPANS: [(Span, &str); 3] =
     [(Span::Feet, "feet only"), (Span::Core, "core cells free"), (Span::Strict, "core and graze cells free")];
 
-/// Returns the fewest primitives, and the standings that a whole search expands.
+/// Returns the smallest number of primitives to the goal (`None` if it cannot be reached), and the number of
+/// standings that a search from scratch expands.
 fn search(space: &OnGrid, from: Standing) -> (Option<u32>, u64) {
     let limits = Limits { memory: 256 << 20, work: u64::MAX };
     let mut search = Search::new(space.clone(), &from, limits, Method::astar());
@@ -55,7 +56,7 @@ struct Replanning {
 }
 
 impl Replanning {
-    /// Columns come and go at random while a module walks to its goal.
+    /// Adds a trial in which columns appear and disappear at random while a module walks to its goal.
     fn add(
         &mut self,
         ground: Ground,
@@ -119,7 +120,7 @@ struct Outcomes {
     /// Primitives where both succeed.
     fewest: u64,
     walked: u64,
-    /// The published planner succeeded where the exact one proves that nothing can.
+    /// Trials in which the published planner succeeded although the exact one proved that there is no plan.
     contradictions: u64,
 }
 
