@@ -239,8 +239,8 @@ impl KeptEdges {
                 let first = [0, 1, 2].map(|f| outer(f) + sum(0, pose_of(class, f, 0, 0)));
                 let front = base + first[0].min(first[1]).min(first[2]);
                 let mut behind = NEVER;
-                for middle in 0..4 {
-                    let own = u16::from(turns[middle]) * price + sum(2, pose_of(class, 0, middle, 0));
+                for (middle, turns) in turns.into_iter().enumerate() {
+                    let own = u16::from(turns) * price + sum(2, pose_of(class, 0, middle, 0));
                     let last = [0, 1, 2].map(|l| outer(l) + sum(3, pose_of(class, 0, middle, l)));
                     let rest = own + last[0].min(last[1]).min(last[2]);
                     behind = behind.min(rest);
@@ -252,8 +252,8 @@ impl KeptEdges {
                     match towards.map(hemisphere) {
                         Some(2) => know(pose_of(class, 0, middle, 0), front + rest),
                         Some(3) => {
-                            for l in 0..3 {
-                                know(pose_of(class, 0, middle, l), front + own + last[l]);
+                            for (l, last) in last.into_iter().enumerate() {
+                                know(pose_of(class, 0, middle, l), front + own + last);
                             }
                         }
                         _ => {}
@@ -266,8 +266,8 @@ impl KeptEdges {
                 };
                 match towards.map(hemisphere) {
                     Some(0) => {
-                        for f in 0..3 {
-                            know(pose_of(class, f, 0, 0), base + first[f] + behind);
+                        for (f, first) in first.into_iter().enumerate() {
+                            know(pose_of(class, f, 0, 0), base + first + behind);
                         }
                     }
                     Some(1) => know(pose_of(class, 0, 0, 0), front + behind),

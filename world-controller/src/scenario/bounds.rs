@@ -7,6 +7,7 @@
 //! - for each message that has to arrive before the next one is sent, the delay beyond the usual one;
 //! - for each message that may be lost, so many repeats that the bound is too short in at most one of
 //!   [`ONCE_IN`] standstills.
+//!
 //! A damaged or overtaken message is useless to its receiver, so it counts as lost; a duplicate does no harm.
 //! With p the probability of loss and q = 1 - p:
 //! - *News* passes from module to module, each repeating it until something newer is there. For n of them in

@@ -49,6 +49,10 @@ pub struct PlanCounts {
     pub handed_over: u64,
 }
 
+/// What decides which plan is made, of one metamodule that has reported: its pose, whether it fills a seed, and whether
+/// its joints are stuck.
+type Standing = (ModuleId, Option<(Pose, bool, bool)>);
+
 /// What is known of the swarm at a moment.
 pub(super) struct Swarm<'a> {
     pub setup: &'a Arc<Setup>,
@@ -70,7 +74,7 @@ impl Swarm<'_> {
         seed.is_some_and(|seed| seed.cells() == self.setup.motions.cells(status.pose))
     }
     /// Returns, for each living metamodule, what a plan depends on: its pose, and whether it fills a seed and is stuck.
-    fn standing(&self) -> Vec<(ModuleId, Option<(Pose, bool, bool)>)> {
+    fn standing(&self) -> Vec<Standing> {
         let told = |s: Status| (s.pose, self.fills(&s), s.stuck);
         self.living().map(|(id, status)| (id, status.map(told))).collect()
     }
@@ -123,7 +127,7 @@ pub(super) struct PlanExecution {
     replans: u32,
     filled: SeedSet,
     /// What was known when there was nothing more to do.
-    rested: Vec<(ModuleId, Option<(Pose, bool, bool)>)>,
+    rested: Vec<Standing>,
     /// Whether metamodules may decide for themselves where there is no plan.
     hands_over: bool,
     pub counts: PlanCounts,
