@@ -142,7 +142,7 @@ pub struct Beacon {
     /// The sender's place in the parent forest.
     pub rank: Rank,
     /// The sender asks for the receiver's path to the finalized modules to be confirmed at this time or later
-    /// ([`Rank::rooted`]); zero if it asks for nothing.
+    /// ([`Rank::rooted`]); zero if it has no request.
     pub renew: Time,
     /// What the sender wants of the receiver.
     pub claim: Claim,

@@ -29,7 +29,7 @@ pub(super) struct Own {
     pub settled: Option<u8>,
     /// When stuck joints are tried again; `None` if no joint is stuck.
     pub stuck: Option<Time>,
-    /// Before this time a restarted agent asks for nothing and grants nothing: an earlier incarnation may have granted
+    /// Before this time a restarted agent neither requests nor grants a lock: an earlier incarnation may have granted
     /// a lock that still holds.
     pub quarantine_until: Time,
 }

@@ -5,7 +5,7 @@
 //! A standstill must not be called a deadlock while a module may only be waiting for a message. So a bound is
 //! the longest time that one step of progress takes on a link of usual speed, plus
 //! - for each message that has to arrive before the next one is sent, the delay beyond the usual one;
-//! - for each message that may be lost, so many repeats that the bound is too short in at most one of
+//! - for each message that may be lost, the repeats that make the bound too short in at most one of
 //!   [`ONCE_IN`] standstills.
 //!
 //! A damaged or overtaken message is useless to its receiver, so it counts as lost; a duplicate does no harm.
