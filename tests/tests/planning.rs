@@ -235,7 +235,7 @@ fn plans_that_do_not_check_are_told_apart() {
         assert!(ran.err.contains(reason) && ran.err.contains("fix: "), "{name}: {}", ran.err);
     };
     differs("order.json", &|p| p["actions"].as_array_mut().unwrap().swap(0, last), "action 0: ");
-    differs("cycle.json", &|p| p["actions"][0]["after"] = json!([last]), "does not come before it");
+    differs("cycle.json", &|p| p["actions"][0]["after"] = json!([last]), "not an earlier one");
     differs(
         "module.json",
         &|p| p["actions"][0]["do"] = json!({ "turn": [9, 1, 120] }),
