@@ -50,10 +50,8 @@ static END_POSES: LazyLock<Box<Poses>> = LazyLock::new(|| {
     let power = |one: Rot, n: usize| (0..n).fold(0, |r, _| t.times(r, one));
     for pose in 0..POSES {
         let (class, first, middle, last) = (pose / 36, pose / 12 % 3, pose / 3 % 4, pose % 3);
-        let turns = [0, 1, 2, 3].map(|now| {
-            let apart = middle.abs_diff(now);
-            (apart.min(4 - apart) + usize::from(first > 0) + usize::from(last > 0)) as u8
-        });
+        let outer = u8::from(first > 0) + u8::from(last > 0);
+        let turns = middle_turns(middle).map(|turns| turns + outer);
         for direction in 0..6 {
             let behind = frames_along(direction as u8)[class];
             let front = t.times(behind, power(t.diagonal, (3 - first) % 3));
@@ -77,6 +75,14 @@ static END_POSES: LazyLock<Box<Poses>> = LazyLock::new(|| {
 /// Returns the number of a pose: the frame about the long axis, and the joint values.
 const fn pose_of(class: usize, first: usize, middle: usize, last: usize) -> usize {
     class * 36 + first * 12 + middle * 3 + last
+}
+
+/// Returns the steps of the middle joint between a value and each of the four.
+fn middle_turns(value: usize) -> [u8; 4] {
+    [0, 1, 2, 3].map(|other: usize| {
+        let apart = other.abs_diff(value);
+        apart.min(4 - apart) as u8
+    })
 }
 
 /// A cube: its module, and which of the two it is.
@@ -158,13 +164,7 @@ impl KeptEdges {
             let now = usize::from(seen.modules()[own].posture / 3);
             let least = match (towards, children) {
                 (Some(connector), []) => self.leaf(now, connector, costs),
-                _ => {
-                    let turns = [0, 1, 2, 3].map(|middle: usize| {
-                        let apart = middle.abs_diff(now % 4);
-                        apart.min(4 - apart) as u8
-                    });
-                    self.behind(turns, &branches, children, towards, paid, costs)
-                }
+                _ => self.behind(middle_turns(now), &branches, children, towards, paid, costs),
             };
             match towards {
                 None => total = least,
@@ -234,6 +234,11 @@ impl KeptEdges {
                 };
                 hanging[at][..count[at]].iter().map(child).sum()
             };
+            let mut know = |pose: usize, cost: u16| {
+                let frame = frames[pose][usize::from(towards.unwrap_or(0))];
+                let known = &mut costs[place][usize::from(frame)];
+                *known = cost.min(*known);
+            };
             for class in 0..4 {
                 let base = sum(1, pose_of(class, 0, 0, 0));
                 let first = [0, 1, 2].map(|f| outer(f) + sum(0, pose_of(class, f, 0, 0)));
@@ -244,11 +249,6 @@ impl KeptEdges {
                     let last = [0, 1, 2].map(|l| outer(l) + sum(3, pose_of(class, 0, middle, l)));
                     let rest = own + last[0].min(last[1]).min(last[2]);
                     behind = behind.min(rest);
-                    let mut know = |pose: usize, cost: u16| {
-                        let frame = frames[pose][usize::from(towards.unwrap_or(0))];
-                        let known = &mut costs[place][usize::from(frame)];
-                        *known = cost.min(*known);
-                    };
                     match towards.map(hemisphere) {
                         Some(2) => know(pose_of(class, 0, middle, 0), front + rest),
                         Some(3) => {
@@ -259,11 +259,6 @@ impl KeptEdges {
                         _ => {}
                     }
                 }
-                let mut know = |pose: usize, cost: u16| {
-                    let frame = frames[pose][usize::from(towards.unwrap_or(0))];
-                    let known = &mut costs[place][usize::from(frame)];
-                    *known = cost.min(*known);
-                };
                 match towards.map(hemisphere) {
                     Some(0) => {
                         for (f, first) in first.into_iter().enumerate() {

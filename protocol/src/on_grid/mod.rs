@@ -237,7 +237,7 @@ mod tests {
 
     const LIMITS: Limits = Limits { memory: 64 << 20, work: u64::MAX };
 
-    fn fewest(space: &OnGrid, from: Standing) -> Option<Cost> {
+    pub(super) fn fewest(space: &OnGrid, from: Standing) -> Option<Cost> {
         let mut search = Search::new(space.clone(), &from, LIMITS, Method::astar());
         match search.advance(u64::MAX) {
             Step::Done(Outcome::Solved { path, .. }) => Some(path.cost),

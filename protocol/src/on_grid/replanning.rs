@@ -15,7 +15,7 @@ const REACH: i16 = 3;
 
 /// The standings of a module on a floor, numbered.
 #[derive(Clone, Debug)]
-pub struct GridGraph(OnGrid);
+struct GridGraph(OnGrid);
 
 impl GridGraph {
     fn node(&self, at: Standing) -> u32 {
@@ -108,21 +108,10 @@ impl Replanner {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::on_grid::tests::fewest;
     use crate::on_grid::{ActionTable, Ground, Span};
-    use crate::plan::search::{Method, Search};
-    use crate::plan::{Limits, Outcome, Step};
     use crate::rng::Rng;
     use std::rc::Rc;
-
-    fn fewest(space: &OnGrid, from: Standing) -> Option<Cost> {
-        let limits = Limits { memory: 64 << 20, work: u64::MAX };
-        let mut search = Search::new(space.clone(), &from, limits, Method::astar());
-        match search.advance(u64::MAX) {
-            Step::Done(Outcome::Solved { path, .. }) => Some(path.cost),
-            Step::Done(Outcome::Impossible { .. }) => None,
-            other => panic!("{other:?}"),
-        }
-    }
 
     /// After every edit and every step of the walk, the distance is that of a whole search, and the path is a path.
     #[test]

@@ -32,9 +32,9 @@ pub struct AssemblyOrder {
     pub blocked: Vec<Blocked>,
 }
 
-/// Finds the order in which metamodules can fill the seeds of a goal, with these obstacles, on a floor that is large enough.
-pub fn assembly_order(motions: &Motions, goal: &Blueprint, obstacles: &[Cell]) -> AssemblyOrder {
-    let of = Disassembly::new(motions, goal, obstacles);
+/// Finds the order in which metamodules can fill the seeds of a goal on a floor that is large enough.
+pub fn assembly_order(motions: &Motions, goal: &Blueprint) -> AssemblyOrder {
+    let of = Disassembly::new(motions, goal);
     let mut standing = goal.all();
     let mut steps = Vec::new();
     loop {
@@ -52,19 +52,18 @@ pub fn assembly_order(motions: &Motions, goal: &Blueprint, obstacles: &[Cell]) -
 
 struct Disassembly<'a> {
     motions: &'a Motions,
-    obstacles: &'a [Cell],
     seeds: Vec<Seed>,
     floor: Floor,
 }
 
 impl<'a> Disassembly<'a> {
-    fn new(motions: &'a Motions, goal: &Blueprint, obstacles: &'a [Cell]) -> Disassembly<'a> {
+    fn new(motions: &'a Motions, goal: &Blueprint) -> Disassembly<'a> {
         let seeds = goal.seeds().to_vec();
         let cells = || seeds.iter().flat_map(Seed::cells);
         let least = |along: fn(Cell) -> i16| cells().map(along).min().unwrap_or(0) - MARGIN;
         let most = |along: fn(Cell) -> i16| cells().map(along).max().unwrap_or(0) + MARGIN;
         let floor = Floor { min: (least(|c| c.x), least(|c| c.y)), max: (most(|c| c.x), most(|c| c.y)) };
-        Disassembly { motions, obstacles, seeds, floor }
+        Disassembly { motions, seeds, floor }
     }
 
     /// Returns true if a part can get away while these parts stand, itself among them or not.
@@ -72,7 +71,7 @@ impl<'a> Disassembly<'a> {
         let part = self.seeds[usize::from(seed)];
         let others = standing.without(SeedSet::default().with(seed));
         let cells = others.iter().flat_map(|other| self.seeds[usize::from(other)].cells());
-        let taken: Vec<Cell> = self.obstacles.iter().copied().chain(cells).collect();
+        let taken: Vec<Cell> = cells.collect();
         let middle = (i64::from(part.foot.0) * 4, i64::from(part.foot.1) * 4);
         self.motions.distances(self.floor, part, &taken).reach(|connector| is_away(middle, connector))
     }

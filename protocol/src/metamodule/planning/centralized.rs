@@ -71,8 +71,6 @@ pub enum Shortage {
 pub struct CentralPlan {
     /// The moves, in an order in which they can be made one after the other.
     pub moves: Vec<PlannedMove>,
-    /// The least number of landings that any plan takes.
-    pub bound: u32,
     /// Why seeds remain unfilled, if some do.
     pub shortage: Option<Shortage>,
     /// Work done, in units of the cooperative search.
@@ -108,9 +106,8 @@ pub fn plan(start: &Standstill, work: usize) -> CentralPlan {
         Some(states) if fills == 0 => Some(Shortage::NoWay(states)),
         _ => Some(Shortage::Undecided),
     };
-    let bound = bound(start);
     let Planner { best, work, .. } = planner;
-    CentralPlan { moves: ordered(start, &best), bound, shortage, work }
+    CentralPlan { moves: ordered(start, &best), shortage, work }
 }
 
 /// A move before the partial order is known, with the cells that it needs.
@@ -347,7 +344,7 @@ fn distances(at: &Standstill, seed: Seed, fixed: &[Cell]) -> Vec<Option<i64>> {
 /// Returns a lower bound on the number of landings of any plan. A body needs at least as many landings to a seed as it
 /// would with no other body around. When it turns to fill the seed, all seeds that must be filled earlier are filled;
 /// for one seed, the last one, all others are.
-fn bound(start: &Standstill) -> u32 {
+pub fn bound(start: &Standstill) -> u32 {
     let goal = start.setup.goal(start.task);
     let all = goal.all().without(start.filled);
     let seeds: Vec<u8> = all.iter().collect();

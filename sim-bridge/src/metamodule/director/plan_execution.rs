@@ -15,7 +15,9 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
 use metamorph_protocol::metamodule::message::{Instruction, Order, Status};
 use metamorph_protocol::metamodule::params::Setup;
-use metamorph_protocol::metamodule::planning::centralized::{CentralPlan, PlannedMove, Shortage, plan};
+use metamorph_protocol::metamodule::planning::centralized::{
+    CentralPlan, PlannedMove, Shortage, bound, plan,
+};
 use metamorph_protocol::metamodule::planning::cooperative::{Standstill, WORK};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::runtime::Command;
@@ -228,10 +230,10 @@ impl PlanExecution {
         }
         let setup = Arc::clone(swarm.setup);
         let standstill = Standstill { setup, task: swarm.task, filled: swarm.filled, free, fixed };
-        let CentralPlan { moves, bound, shortage, work } = plan(&standstill, SEARCH_WORK);
+        let CentralPlan { moves, shortage, work } = plan(&standstill, SEARCH_WORK);
         if self.counts.plans == 0 {
             self.counts.first_moves = moves.iter().filter(|m| m.lands).count() as u64;
-            self.counts.bound = u64::from(bound);
+            self.counts.bound = u64::from(bound(&standstill));
         }
         self.counts.plans += 1;
         self.counts.work += work as u64;

@@ -13,39 +13,47 @@ use crate::report::statistics::Spread;
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_sim_bridge::director::outcome::Outcome;
 
-/// What may break, and how the scenario says so.
-const CONDITIONS: [(&str, &str, &str); 3] = [
-    ("nothing breaks", "", ""),
-    ("5 % of connections fail", "failed_connections = \"5%\"\n", ""),
-    (
-        "5 % fail, one of the metamodules crashes, one is spare",
-        "failed_connections = \"5%\"\n",
-        "\n[[fault]]\ncrash = { count = 1, between = \"0s..90s\" }\n",
-    ),
+/// A condition of the runs.
+struct Condition {
+    name: &'static str,
+    /// Keys of the scenario with their values.
+    keys: &'static [(&'static str, &'static str)],
+    /// True if one of the metamodules crashes, and one is spare.
+    crash: bool,
+}
+
+const CONDITIONS: [Condition; 3] = [
+    Condition { name: "nothing breaks", keys: &[], crash: false },
+    Condition { name: "5 % of connections fail", keys: &[("swarm.failed_connections", "5%")], crash: false },
+    Condition {
+        name: "5 % fail, one of the metamodules crashes, one is spare",
+        keys: &[("swarm.failed_connections", "5%"), ("protocol.relocate", "true")],
+        crash: true,
+    },
 ];
+/// The crash.
+const CRASH: &str = "\n[[fault]]\ncrash = { count = 1, between = \"0s..90s\" }\n";
 
 /// Makes the table; an interrupted one has the rows so far.
 pub fn table(request: &Request, stop: &Interrupt) -> Result<PlannerTable, SweepError> {
     let mut table = PlannerTable::new(Experiment::Planned);
     for goal in Goal::ALL {
-        for (condition, swarm, fault) in CONDITIONS {
+        for condition in &CONDITIONS {
             if stop.is_set() {
                 return Ok(table);
             }
-            table.row(format!("{}, {condition}", goal.name()), "", "");
-            let scenario = scenario(goal, swarm, fault);
-            let grid = Grid::new(Seeds { from: 0, until: request.seeds }, axes())?;
+            table.row(format!("{}, {}", goal.name(), condition.name), "", "");
+            let text = goal.text().to_owned() + if condition.crash { CRASH } else { "" };
+            let scenario = Scenario { origin: format!("{}.toml", goal.name()), text };
+            let grid = Grid::new(Seeds { from: 0, until: request.seeds }, axes(goal, condition))?;
             let progress = Progress::new(&grid, None);
             let tallies = run(&scenario, &grid, progress, request.jobs, stop, !request.quiet)?;
             let summary = tallies.summary(&scenario.name(), &grid);
             for strategy in Strategy::ALL {
                 let of: Vec<&Combination> =
                     summary.combinations.iter().filter(|c| c.values[1] == strategy.name()).collect();
-                let published = if fault.is_empty() && swarm.is_empty() {
-                    published(goal, strategy)
-                } else {
-                    String::new()
-                };
+                let published =
+                    if condition.keys.is_empty() { published(goal, strategy) } else { String::new() };
                 table.row(format!("  {}", strategy.name()), published, ours(&of));
             }
         }
@@ -60,25 +68,20 @@ pub fn table(request: &Request, stop: &Interrupt) -> Result<PlannerTable, SweepE
     Ok(table)
 }
 
-fn axes() -> Vec<Axis> {
+/// Returns the kinds, the strategies, and the condition's keys with one value each.
+fn axes(goal: Goal, condition: &Condition) -> Vec<Axis> {
     let axis = |key: &str, values: Vec<&str>| Axis {
         key: key.to_owned(),
         values: values.into_iter().map(str::to_owned).collect(),
     };
+    let kinds = KINDS.iter().map(|k| k.name()).collect();
     let strategies = Strategy::ALL.iter().map(|s| s.name()).collect();
-    vec![axis("swarm.kind", KINDS.iter().map(|k| k.name()).collect()), axis("protocol.strategy", strategies)]
-}
-
-fn scenario(goal: Goal, swarm: &str, fault: &str) -> Scenario {
-    let spare = match goal {
-        Goal::Box => "count = 5\n",
-        Goal::Chair => "count = 7\n",
-    };
-    let count = if fault.is_empty() { "" } else { spare };
-    let (text, relocates) = (goal.text(), if fault.is_empty() { "" } else { "relocate = true\n" });
-    let text = text.replace("start = ", &format!("{swarm}{count}start = "));
-    let text = text.replace("[protocol]\n", &format!("[protocol]\n{relocates}"));
-    Scenario { origin: format!("{}.toml", goal.name()), text: text + fault }
+    let mut all = vec![axis("swarm.kind", kinds), axis("protocol.strategy", strategies)];
+    all.extend(condition.keys.iter().map(|(key, value)| axis(key, vec![value])));
+    if condition.crash {
+        all.push(axis("swarm.count", vec![if goal == Goal::Box { "5" } else { "7" }]));
+    }
+    all
 }
 
 /// Returns the share of the published runs that did not deadlock.

@@ -73,9 +73,6 @@ pub enum RobotError {
     /// No posture has the pose.
     #[error("{0}")]
     OutOfReach(String),
-    /// The scenario cannot be read.
-    #[error("{0}")]
-    Scenario(String),
     /// Goals that cannot be assembled.
     #[error("no order of assembly: {0}")]
     NoOrder(String),
@@ -90,7 +87,7 @@ pub enum RobotError {
 impl CommandError for RobotError {
     fn exit_code(&self) -> u8 {
         match self {
-            RobotError::Usage(_) | RobotError::Kinematics(_) | RobotError::Scenario(_) => BAD_USAGE,
+            RobotError::Usage(_) | RobotError::Kinematics(_) => BAD_USAGE,
             RobotError::File(error) => error.exit_code(),
             RobotError::OutOfReach(_) | RobotError::NoOrder(_) | RobotError::Output(_) => FAILED,
         }

@@ -5,7 +5,7 @@ use crate::family::families;
 use crate::family::metamodule::Metamodules;
 use crate::scenario::{Overrides, read_file};
 use clap::Args;
-use metamorph_protocol::metamodule::planning::assembly_order::{AssemblyOrder, assembly_order};
+use metamorph_protocol::metamodule::planning::assembly_order::{AssemblyOrder, Blocked, assembly_order};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ pub struct OrderArgs {
 /// Finds the assembly order of every goal. A goal without one is a failure.
 pub fn order(args: &OrderArgs) -> Result<Answer, RobotError> {
     let plan = read_file(families(), &args.scenario, &Overrides::default())
-        .map_err(|diagnostics| RobotError::Scenario(diagnostics.to_string()))?;
+        .map_err(|diagnostics| RobotError::Usage(diagnostics.to_string()))?;
     let Some(swarm) = plan.swarm.of::<Metamodules>() else {
         return Err(RobotError::Usage(
             "this scenario has no metamodules; only their goals have parts".into(),
@@ -28,7 +28,7 @@ pub fn order(args: &OrderArgs) -> Result<Answer, RobotError> {
     let (mut text, mut all, mut impossible) = (String::new(), Vec::new(), Vec::new());
     for (goal, stage) in swarm.setup.goals.iter().zip(&plan.stages) {
         let name = &stage.name;
-        let found = assembly_order(&swarm.setup.motions, goal, &[]);
+        let found = assembly_order(&swarm.setup.motions, goal);
         let _ = write_goal(&mut text, name, &found);
         if !found.blocked.is_empty() {
             impossible.push(name.clone());
@@ -72,7 +72,7 @@ fn write_goal(text: &mut String, name: &str, found: &AssemblyOrder) -> std::fmt:
 /// Seeds are numbered from 1, as in other texts and files.
 fn goal_json(name: &str, found: &AssemblyOrder) -> Value {
     let numbers = |list: &[u8]| list.iter().map(|seed| seed + 1).collect::<Vec<u8>>();
-    let blocked = |part: &metamorph_protocol::metamodule::planning::assembly_order::Blocked| json!({ "seed": part.seed + 1, "by": numbers(&part.by) });
+    let blocked = |part: &Blocked| json!({ "seed": part.seed + 1, "by": numbers(&part.by) });
     json!({
         "goal": name,
         "steps": found.steps.iter().map(|step| numbers(step)).collect::<Vec<_>>(),
