@@ -313,6 +313,63 @@ pub enum Message {
 /// Stands for no module on the wire.
 pub(super) const NO_MODULE: u32 = u32::MAX;
 
+/// Reads a set of faces: one bit for each of the six.
+fn face_mask(bits: u8) -> Result<u8, WireError> {
+    if bits < 64 { Ok(bits) } else { Err(WireError::Field("face mask")) }
+}
+
+impl Beacon {
+    fn decode(from: &mut Decoder<'_>) -> Result<Beacon, WireError> {
+        let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, from.u16()?);
+        let bits = from.u8()?;
+        if bits >> 7 != 0 {
+            return Err(WireError::Field("flags"));
+        }
+        let flag = |i: u8| bits >> (2 + i) & 1 == 1;
+        let (supports, finals) = (face_mask(from.u8()?)?, face_mask(from.u8()?)?);
+        let filled = face_mask(from.u8()?)?;
+        let (label, rooted, renew) = (from.u16()?, Time(from.u64()?), Time(from.u64()?));
+        let final_hops = from.u8()?;
+        let claim = match (from.u8()?, Token(from.u32()?)) {
+            (0, Token(0)) => Claim::None,
+            (1, t) => Claim::Want(t),
+            (2, t) => Claim::Parent(t),
+            _ => return Err(WireError::Field("claim")),
+        };
+        let (acked, token) = (from.bool("ack")?, Token(from.u32()?));
+        if !acked && token != Token(0) {
+            return Err(WireError::Field("ack"));
+        }
+        let (corners, subtree) = (face_mask(from.u8()?)?, from.u32()?);
+        let mut field = [Entry::NONE; 4];
+        for e in &mut field {
+            *e = Entry { distance: from.u16()?, source: from.u32()?, version: from.u16()? };
+        }
+        Ok(Beacon {
+            id,
+            sequence,
+            epoch,
+            role: Role::decode(bits & 3)?,
+            attached: flag(0),
+            immobile: flag(1),
+            supported_here: flag(2),
+            wants_you: flag(3),
+            quarantined: flag(4),
+            final_hops,
+            supports,
+            finals,
+            filled,
+            rank: Rank { rooted, label },
+            renew,
+            claim,
+            ack: acked.then_some(token),
+            corners,
+            subtree,
+            field,
+        })
+    }
+}
+
 impl Wire for Message {
     fn kind(&self) -> u8 {
         match self {
@@ -395,7 +452,6 @@ impl Wire for Message {
     }
 
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
-        let mask = |v: u8| if v < 64 { Ok(v) } else { Err(WireError::Field("face mask")) };
         let optional_face = |v: u8, field| match v {
             0xFF => Ok(None),
             v => Face::from_index(v).map(Some).ok_or(WireError::Field(field)),
@@ -405,55 +461,7 @@ impl Wire for Message {
             if valid { Ok(()) } else { Err(WireError::Field("hop")) }
         };
         match kind {
-            0 => {
-                let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, from.u16()?);
-                let bits = from.u8()?;
-                if bits >> 7 != 0 {
-                    return Err(WireError::Field("flags"));
-                }
-                let flag = |i: u8| bits >> (2 + i) & 1 == 1;
-                let (supports, finals) = (mask(from.u8()?)?, mask(from.u8()?)?);
-                let filled = mask(from.u8()?)?;
-                let (label, rooted, renew) = (from.u16()?, Time(from.u64()?), Time(from.u64()?));
-                let final_hops = from.u8()?;
-                let claim = match (from.u8()?, Token(from.u32()?)) {
-                    (0, Token(0)) => Claim::None,
-                    (1, t) => Claim::Want(t),
-                    (2, t) => Claim::Parent(t),
-                    _ => return Err(WireError::Field("claim")),
-                };
-                let (acked, token) = (from.bool("ack")?, Token(from.u32()?));
-                if !acked && token != Token(0) {
-                    return Err(WireError::Field("ack"));
-                }
-                let (corners, subtree) = (mask(from.u8()?)?, from.u32()?);
-                let mut field = [Entry::NONE; 4];
-                for e in &mut field {
-                    *e = Entry { distance: from.u16()?, source: from.u32()?, version: from.u16()? };
-                }
-                Ok(Message::Beacon(Beacon {
-                    id,
-                    sequence,
-                    epoch,
-                    role: Role::decode(bits & 3)?,
-                    attached: flag(0),
-                    immobile: flag(1),
-                    supported_here: flag(2),
-                    wants_you: flag(3),
-                    quarantined: flag(4),
-                    final_hops,
-                    supports,
-                    finals,
-                    filled,
-                    rank: Rank { rooted, label },
-                    renew,
-                    claim,
-                    ack: acked.then_some(token),
-                    corners,
-                    subtree,
-                    field,
-                }))
-            }
+            0 => Ok(Message::Beacon(Beacon::decode(from)?)),
             1 => {
                 let (id, age, hop) = (RequestId::decode(from)?, Span(from.u64()?), from.u8()?);
                 let ask = optional_face(from.u8()?, "ask")?.map_or(Ask::Lock, Ask::Reserve);
@@ -465,7 +473,7 @@ impl Wire for Message {
                 let (id, hop) = (RequestId::decode(from)?, from.u8()?);
                 let denial = Denial::decode(from.u8()?)?;
                 let blocker = Some(from.u32()?).filter(|b| *b != NO_MODULE).map(ModuleId);
-                let (co_owners, route) = (mask(from.u8()?)?, Route::decode(from)?);
+                let (co_owners, route) = (face_mask(from.u8()?)?, Route::decode(from)?);
                 inside(hop, &route, 0)?;
                 Ok(Message::Response { id, hop, denial, blocker, co_owners, route })
             }

@@ -51,6 +51,22 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
         count(a.restarted)
     )?;
     write_moves(out, r)?;
+    write_collisions_and_time(out, r, words)?;
+    write_invariants(out, r, paint)?;
+    writeln!(out)?;
+    write_messages(out, r, paint)?;
+    if let Some(unbuilt) = &r.unbuilt {
+        write_unbuilt(out, unbuilt, words, paint)?;
+    }
+    write_faults(out, r, paint)?;
+    for note in &r.notes {
+        writeln!(out, "  note: {note}")?;
+    }
+    write_identity(out, r)
+}
+
+/// Writes the collisions and the times of the run.
+fn write_collisions_and_time(out: &mut String, r: &Report, words: &Words) -> std::fmt::Result {
     let (c, t) = (&r.collisions, &r.time);
     writeln!(
         out,
@@ -78,6 +94,10 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
             slowed.lowest * 100.0
         )?;
     }
+    Ok(())
+}
+
+fn write_invariants(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
     let broken = if r.invariants.broken == 0 {
         "0 broken".to_owned()
     } else {
@@ -87,15 +107,11 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
     for v in r.invariants.violated.iter().take(SHOWN) {
         writeln!(out, "              {} at {}: {}", v.invariant, seconds(v.at_s), v.what)?;
     }
-    writeln!(out)?;
-    write_messages(out, r, paint)?;
-    if let Some(unbuilt) = &r.unbuilt {
-        write_unbuilt(out, unbuilt, words, paint)?;
-    }
-    write_faults(out, r, paint)?;
-    for note in &r.notes {
-        writeln!(out, "  note: {note}")?;
-    }
+    Ok(())
+}
+
+/// Writes how to repeat the run, and the hashes by which two runs are compared.
+fn write_identity(out: &mut String, r: &Report) -> std::fmt::Result {
     writeln!(out)?;
     writeln!(out, "  repeat with {}", r.repeat)?;
     if let Some(hash) = &r.trace_hash {
