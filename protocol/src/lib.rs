@@ -13,6 +13,7 @@ pub mod coverage;
 pub mod cube;
 pub mod defects;
 pub mod digest;
+pub mod free_module;
 pub mod goal;
 pub mod host;
 pub mod ids;

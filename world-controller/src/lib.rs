@@ -5,6 +5,7 @@
 //! `report` says what a run did; `record` reads and writes journals; `view` makes the page and
 //! recordings for other viewers; `run` carries out one run, simulated, on processes or from a journal;
 //! `family` holds what belongs to one family of modules, and the list of them; `plan` plans for free modules;
+//! `structure` analyses their body and limbs;
 //! `experiments` carries out many runs; `cli` is the command line.
 //!
 //! Absent: decisions of the protocol, which are in `protocol`, and ground truth about the world, which
@@ -19,5 +20,6 @@ pub mod record;
 pub mod report;
 pub mod run;
 pub mod scenario;
+pub mod structure;
 pub mod swarm;
 pub mod view;

@@ -22,6 +22,7 @@ use crate::run::processes;
 use crate::run::replay;
 use crate::scenario::mesh_import::shape::{ShapeArgs, shape};
 use crate::scenario::plan_summary::overview;
+use crate::structure::{self, StructureArgs};
 use crate::view::export::{ExportArgs, export};
 use clap::{ArgAction, Parser, Subcommand};
 
@@ -65,6 +66,9 @@ pub enum Command {
     /// Plan the reconfiguration of free modules, exactly; check, compare and count
     #[command(after_help = plan::EXAMPLES)]
     Plan(Box<ReconfigurationArgs>),
+    /// Find body and limbs of a structure, and its networks of oscillators
+    #[command(after_help = structure::EXAMPLES)]
+    Structure(StructureArgs),
     /// Generate random scenarios, run them, and shrink failures
     #[command(after_help = EXPLORE_EXAMPLES)]
     Explore(ExploreArgs),
@@ -125,6 +129,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
             Ok(if shown.buildable { 0 } else { BAD_USAGE })
         }
         Command::Plan(args) => Ok(plan::plan(&args, interrupt)?),
+        Command::Structure(args) => Ok(structure::structure(&args)?),
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Clean => {

@@ -103,13 +103,14 @@ Examples:
   metamorph reproduce 4.2 --seeds 100 --out results
   metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
   metamorph reproduce graph-signature on-grid reward-map planned
+  metamorph reproduce thesis-7
 
 4.1, 4.2 and fig4.5 run the thesis's experiment with metamodules (4.1.3), re-implemented by the nearest
 reading of its text, with every kind (PAR, PER, SRS, SRZ), strategy (greedy, slope, step, and our negotiated)
 and order of seeds (circular, crosswise, at-once), and print the published numbers beside ours: with exact
 tests, another reading, the effect of each open assumption (from fewer seeds), and whether experiments of
-the published size show what the thesis says. The experiments of planners are not sweeps: they
-are named without these and without --out, and print one table each.
+the published size show what the thesis says. The experiments of planners, and thesis-7, are not sweeps:
+they are named without these and without --out, and print one table each.
 
 Files in DIR: report.html with tables and plots, and for each of box and chair the scenario and a
 directory as `metamorph sweep` writes it; the same for the other reading (box-locks, chair-locks) and for other

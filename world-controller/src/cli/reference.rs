@@ -4,7 +4,7 @@ use crate::cli::commands::CommandLine;
 use crate::console::command_error::CommandError;
 use crate::experiments::sweep::summary::Summary;
 use crate::family::families;
-use crate::plan::document::{PlanFile, Structure};
+use crate::plan::document::{PlanFile, StructureFile};
 use crate::report::schema::Report;
 use crate::scenario::schema as scenario;
 use clap::{Args, CommandFactory, ValueEnum};
@@ -36,7 +36,7 @@ pub enum Described {
     Summary,
     /// A plan of free modules, as `plan -o` writes it
     Plan,
-    /// A structure of free modules, as `plan --from` reads it
+    /// A structure of free modules, as `plan --from` and `structure` read it
     Structure,
 }
 
@@ -63,7 +63,7 @@ pub fn schema(of: Described) -> String {
         Described::Report => report(),
         Described::Summary => written::<Summary>(),
         Described::Plan => written::<PlanFile>(),
-        Described::Structure => written::<Structure>(),
+        Described::Structure => written::<StructureFile>(),
     };
     serde_json::to_string_pretty(&schema).expect("invariant: a schema consists of plain values and text keys")
 }

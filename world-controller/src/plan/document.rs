@@ -30,6 +30,52 @@ pub struct Structure {
     pub joined: Vec<[[i64; 3]; 2]>,
 }
 
+/// A structure given by its connectors.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ConnectedStructure {
+    /// `metamorph structure`.
+    pub format: String,
+    /// 1.
+    pub version: u32,
+    /// The number of modules, numbered from 0.
+    pub modules: usize,
+    /// The connections.
+    pub connections: Vec<ConnectionEntry>,
+    /// Joint values q1, q2, q3 of every module in degrees; 0 if absent. A ring closes with bent joints only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joints_deg: Option<Vec<[f64; 3]>>,
+}
+
+/// A connection of two connectors.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ConnectionEntry {
+    /// A module.
+    pub a: u32,
+    /// Its connector, C0X to C3Z.
+    #[schemars(with = "String")]
+    pub at: Connector,
+    /// The other module.
+    pub b: u32,
+    /// Its connector.
+    #[schemars(with = "String")]
+    pub to: Connector,
+    /// Quarter turns 0 to 3 of `b` about the outward normal of `at`. At 0, the diagonal axes of two modules joined end
+    /// to end are parallel.
+    pub rotation: u8,
+}
+
+/// A structure file: by cells and joined faces, or by connectors.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub enum StructureFile {
+    /// By cells and joined faces.
+    Cells(Structure),
+    /// By connectors.
+    Connected(ConnectedStructure),
+}
+
 /// A module of a structure.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]

@@ -4,6 +4,8 @@ use crate::console::command_error::{BAD_USAGE, CommandError};
 use crate::console::output::OutputError;
 use metamorph_protocol::assembly::named::NameError;
 use metamorph_protocol::assembly::structure::StructureError;
+use metamorph_protocol::free_module::geometry::GeometryError;
+use metamorph_protocol::free_module::structure as connected;
 use std::io;
 use thiserror::Error;
 
@@ -57,6 +59,22 @@ pub enum PlanError {
         place: String,
         /// What is wrong.
         error: StructureError,
+    },
+    /// A file by connectors does not describe a structure.
+    #[error("{place}: {error}\n  fix: {fix}", fix = connection_fix(.error))]
+    Connections {
+        /// The option and the file.
+        place: String,
+        /// What is wrong.
+        error: connected::StructureError,
+    },
+    /// A structure by connectors cannot have its joint values.
+    #[error("{place}: {error}\n  fix: {fix}", fix = geometry_fix(.error))]
+    Geometry {
+        /// The option and the file.
+        place: String,
+        /// What is wrong.
+        error: GeometryError,
     },
     /// An output cannot be written.
     #[error(transparent)]
@@ -116,5 +134,29 @@ fn structure_fix(error: &StructureError) -> &'static str {
             "write three rows with one 1 or -1 each, of determinant 1, such as [[1,0,0],[0,1,0],[0,0,1]]"
         }
         StructureError::OtherCell { .. } => "correct the cells, the rotation or the joint values",
+    }
+}
+
+fn connection_fix(error: &connected::StructureError) -> &'static str {
+    use connected::StructureError as E;
+    match error {
+        E::Empty => "write how many modules there are, at least 1",
+        E::TooMany(_) => "divide it into structures of at most 256 modules",
+        E::NoModule { .. } => "modules are numbered from 0; correct the number, or `modules`",
+        E::ToItself { .. } => "join two different modules",
+        E::UsedTwice { .. } => "give every connector one connection",
+        E::Rotation { .. } => "write 0, 1, 2 or 3 quarter turns",
+        E::Disconnected { .. } => "join it with the others, or leave it out",
+    }
+}
+
+fn geometry_fix(error: &GeometryError) -> &'static str {
+    match error {
+        GeometryError::Count { .. } => "write three angles in degrees for every module",
+        GeometryError::Angle { .. } => "write an angle in degrees",
+        GeometryError::OpenRing { .. } => {
+            "write joints_deg with which the ring closes, or correct a connector or a rotation in it"
+        }
+        GeometryError::Overlap { .. } => "correct joints_deg, a connector or a rotation",
     }
 }

@@ -1,6 +1,7 @@
 //! Reads shapes and configurations: by name, or from structure files.
 
-use super::document::{Module, PLAN, PlanFile, Posed, STRUCTURE, Structure, VERSION};
+use super::connected;
+use super::document::{Module, PLAN, PlanFile, Posed, STRUCTURE, Structure, StructureFile, VERSION};
 use super::error::PlanError;
 use crate::console::escape::Shown;
 use metamorph_module_agent::regular_file;
@@ -11,7 +12,8 @@ use metamorph_protocol::assembly::structure::{self, Placed, StructureError};
 use metamorph_protocol::assembly::tables::Vec3;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::posture::Posture;
-use serde::de::DeserializeOwned;
+use serde::Deserialize;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use std::path::Path;
 
 /// The largest file that is read, in bytes.
@@ -49,8 +51,34 @@ pub fn structured(option: &str, text: &str) -> Result<Structured, PlanError> {
 
 fn read_structure(option: &str, path: &Path) -> Result<Structured, PlanError> {
     let place = format!("{option} {}", path.shown());
-    let document: Structure = read_document(&place, path, "structure")?;
-    of_document(&place, &document)
+    match read_structure_file(&place, path)? {
+        StructureFile::Cells(document) => of_document(&place, &document),
+        StructureFile::Connected(document) => connected::structured(&place, &document),
+    }
+}
+
+/// The key that only one of the two forms of structure files has.
+#[derive(Deserialize)]
+struct Form {
+    connections: Option<IgnoredAny>,
+}
+
+/// Reads a structure file of either form.
+pub fn read_structure_file(place: &str, path: &Path) -> Result<StructureFile, PlanError> {
+    let text = read_text(place, path)?;
+    let form: Form = parse(place, &text, "structure")?;
+    let file = match form.connections {
+        None => StructureFile::Cells(parse(place, &text, "structure")?),
+        Some(_) => StructureFile::Connected(parse(place, &text, "structure")?),
+    };
+    let (format, version) = match &file {
+        StructureFile::Cells(s) => (&s.format, s.version),
+        StructureFile::Connected(s) => (&s.format, s.version),
+    };
+    if (format.as_str(), version) != (STRUCTURE, VERSION) {
+        return Err(other_version(place.to_owned(), STRUCTURE, format, version, "structure"));
+    }
+    Ok(file)
 }
 
 /// Reads a plan.
@@ -73,10 +101,16 @@ fn read_document<T: DeserializeOwned>(
     path: &Path,
     schema: &'static str,
 ) -> Result<T, PlanError> {
-    let text = regular_file::read(path, LARGEST)
-        .map_err(|error| PlanError::Read { place: place.to_owned(), error })?;
+    parse(place, &read_text(place, path)?, schema)
+}
+
+fn read_text(place: &str, path: &Path) -> Result<Vec<u8>, PlanError> {
+    regular_file::read(path, LARGEST).map_err(|error| PlanError::Read { place: place.to_owned(), error })
+}
+
+fn parse<T: DeserializeOwned>(place: &str, text: &[u8], schema: &'static str) -> Result<T, PlanError> {
     let wrong = |place: String, reason: String| PlanError::Format { place, reason, schema };
-    serde_json::from_slice(&text).map_err(|error| {
+    serde_json::from_slice(text).map_err(|error| {
         let at = format!("{place}, line {}, column {}", error.line(), error.column());
         let text = error.to_string();
         let reason = text.split(" at line ").next().unwrap_or(&text).shown();

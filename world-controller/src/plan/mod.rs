@@ -1,14 +1,15 @@
 //! `metamorph plan`: plans the reconfiguration of free modules, exactly; checks plans, compares and counts structures.
 //!
-//! `input` and `document` read and write files, `solve` drives a planner, `order` finds what may happen at once, `check`
-//! is the independent check of a plan, `compare` has the questions without a plan. The planners themselves are in
-//! `metamorph_protocol::plan` and `assembly`.
+//! `input`, `connected` and `document` read and write files, `solve` drives a planner, `order` finds what may happen at
+//! once, `check` is the independent check of a plan, `compare` has the questions without a plan. The planners themselves
+//! are in `metamorph_protocol::plan` and `assembly`.
 
 mod check;
 mod compare;
+pub mod connected;
 pub mod document;
 mod error;
-mod input;
+pub mod input;
 mod order;
 pub mod solve;
 

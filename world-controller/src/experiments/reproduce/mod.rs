@@ -67,6 +67,9 @@ pub enum Experiment {
     RewardMap,
     /// Plans of the controller beside the strategies by which each metamodule decides for itself
     Planned,
+    /// Table 7.2: parameters of the reduced networks of oscillators
+    #[value(name = "thesis-7")]
+    Thesis7,
 }
 
 impl Experiment {
@@ -80,6 +83,7 @@ impl Experiment {
             Experiment::OnGrid => "on-grid",
             Experiment::RewardMap => "reward-map",
             Experiment::Planned => "planned",
+            Experiment::Thesis7 => "thesis-7",
         }
     }
     const fn title(self) -> &'static str {
@@ -91,6 +95,7 @@ impl Experiment {
             Experiment::OnGrid => "Thesis 6.3.2: a module walks over a floor with obstacles",
             Experiment::RewardMap => "Thesis 4.2.3: the reward map, one metamodule on a floor",
             Experiment::Planned => "Thesis 4.1.3: box and chair, planned centrally and by each metamodule",
+            Experiment::Thesis7 => "Thesis, table 7.2: parameters of networks of oscillators",
         }
     }
     const fn goals(self) -> &'static [Goal] {

@@ -1,6 +1,7 @@
-//! Published results of planners, beside ours: one table of figures each.
+//! Published results of planners and of networks of oscillators, beside ours: one table of figures each.
 
 mod graph_signature;
+mod network_parameters;
 mod on_grid;
 mod planned;
 mod reward_map;
@@ -78,6 +79,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
         planners.push(match experiment {
             Experiment::OnGrid => on_grid::table(request.seeds, &interrupt),
             Experiment::RewardMap => reward_map::table(request.seeds, &interrupt),
+            Experiment::Thesis7 => network_parameters::table(),
             Experiment::Planned => planned::table(request, &interrupt)?,
             _ => graph_signature::table(request.seeds, &interrupt),
         });
