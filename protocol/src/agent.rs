@@ -46,6 +46,9 @@ pub struct Birth<P> {
     pub place: P,
     /// The seed of the run, from which the agent's own random stream is derived.
     pub seed: u64,
+    /// When the process was started, by the controller's clock. Unlike times of the agent's own clock, these can be
+    /// compared with those of agents on other hosts.
+    pub born: Time,
 }
 
 /// What happens to an agent.

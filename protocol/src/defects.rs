@@ -64,6 +64,10 @@ pub enum Defect {
     StandInTheWay,
     /// Metamodules: an instruction of an earlier plan replaces a later one.
     FollowOldPlans,
+    /// Both families: deadlines of actions leave no room for the difference of clocks between hosts.
+    IgnoreSkew,
+    /// Cubes: a restarted module takes the time of its restart from its own clock.
+    OwnBirthTime,
 }
 
 /// A known defect of the planner of free modules.
@@ -80,7 +84,7 @@ pub enum PlanningDefect {
 
 impl Defect {
     /// All defects.
-    pub const ALL: [Defect; 26] = [
+    pub const ALL: [Defect; 28] = [
         Defect::IgnoreSessions,
         Defect::NoDeadline,
         Defect::ShortLease,
@@ -107,5 +111,7 @@ impl Defect {
         Defect::AcceptStaleStates,
         Defect::StandInTheWay,
         Defect::FollowOldPlans,
+        Defect::IgnoreSkew,
+        Defect::OwnBirthTime,
     ];
 }

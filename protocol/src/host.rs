@@ -65,7 +65,8 @@ impl<A: Agent> AgentHost<A> {
         sink: &mut dyn Sink,
     ) -> AgentHost<A> {
         let who = Who::Agent(birth.id, birth.incarnation);
-        sink.put(&Record { at: now, who, event: Event::Born { place: Blob::of(&birth.place) } });
+        // The time by the controller's clock, from which a replay derives the agent's own.
+        sink.put(&Record { at: birth.born, who, event: Event::Born { place: Blob::of(&birth.place) } });
         AgentHost::hashed(setup, birth, now)
     }
 

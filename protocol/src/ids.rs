@@ -45,6 +45,33 @@ id!(
     Revision(u32)
 );
 
+/// One of the hosts that a swarm runs on, numbered from 0 and called `h1`, `h2` and so on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
+#[serde(transparent)]
+pub struct HostId(pub u16);
+
+impl HostId {
+    /// The host of the world-controller.
+    pub const CONTROLLER: HostId = HostId(0);
+
+    /// Returns the index of the host in arrays of one entry per host.
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// Returns the host with this name, if it is of the form `h1`.
+    pub fn from_name(name: &str) -> Option<HostId> {
+        let number: u16 = name.strip_prefix('h').filter(|n| !n.starts_with(['0', '+']))?.parse().ok()?;
+        Some(HostId(number - 1))
+    }
+}
+
+impl fmt::Display for HostId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "h{}", u32::from(self.0) + 1)
+    }
+}
+
 impl ModuleId {
     /// Returns the index of the module in arrays of one entry per module.
     pub const fn index(self) -> usize {

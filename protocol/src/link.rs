@@ -4,11 +4,16 @@
 //! and an agent process delays, drops or duplicates what it sends in the same way. Links keep their order
 //! unless a message is drawn to be reordered.
 
+mod hosts;
+
+pub use hosts::{ClockOffset, Hosts, HostsError};
+
 use crate::ids::ModuleId;
 use crate::ratio::Ratio;
 use crate::rng::Rng;
 use crate::time::{Span, Time};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// A split of the swarm into two sides that cannot talk to each other for a while.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -48,6 +53,9 @@ pub struct LinkModel {
     pub harmless_from: Option<Time>,
     /// Partitions, during which no message passes between the sides.
     pub partitions: Vec<Partition>,
+    /// The hosts that modules run on; `None` if there is only one. Messages between two hosts have the fate that the
+    /// link of these hosts draws.
+    pub hosts: Option<Arc<Hosts>>,
 }
 
 /// One copy of a message under way.
@@ -72,6 +80,22 @@ impl LinkModel {
         self.delay_max == Span::ZERO
             && [self.loss, self.duplicate, self.reorder, self.corrupt].iter().all(|p| p.is_zero())
             && self.partitions.is_empty()
+            && self.hosts.is_none()
+    }
+
+    /// Returns the clock that the agent of a module reads.
+    pub fn clock(&self, id: ModuleId) -> ClockOffset {
+        self.hosts.as_ref().map_or(ClockOffset::default(), |hosts| hosts.clock(hosts.home(id)))
+    }
+
+    /// Returns the end of all partitions at `now`: `now` itself if there is none.
+    fn healed_at(&self, now: Time) -> Time {
+        let mut at = now;
+        // Each partition is left at most once, since time only advances.
+        while let Some(cut) = self.partitions.iter().find(|cut| (cut.from..cut.until).contains(&at)) {
+            at = cut.until;
+        }
+        at
     }
 
     /// Draws the fate of a message sent at `now`. `last` is the state of the link: the latest arrival so far,
@@ -80,6 +104,9 @@ impl LinkModel {
         let mut fate = Delivery { arrivals: [None, None] };
         if self.partitions.iter().any(|p| p.cuts(now, from, to)) {
             return fate;
+        }
+        if let Some(between) = self.hosts.as_deref().and_then(|hosts| hosts.between(from, to)) {
+            return between.carry(now, from, to, rng, last);
         }
         let harms = self.harmless_from.is_none_or(|at| now < at);
         if harms && rng.chance(self.loss) {

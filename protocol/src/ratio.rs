@@ -33,6 +33,11 @@ impl Ratio {
     pub const fn new(num: u32, den: u32) -> Option<Ratio> {
         if den == 0 || num > den { None } else { Some(Ratio { num, den }) }
     }
+    /// Returns the larger of two probabilities.
+    pub fn larger(self, other: Ratio) -> Ratio {
+        let is_less = u64::from(self.num) * u64::from(other.den) < u64::from(other.num) * u64::from(self.den);
+        if is_less { other } else { self }
+    }
     /// Returns the numerator.
     pub const fn num(self) -> u32 {
         self.num

@@ -1,12 +1,13 @@
 //! Cubes growing a sphere out of a slab on the simulated link: the experiment of most tests of the protocol,
 //! in many variations.
 
+use crate::hosts;
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::cube::params::{Params, Setup};
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::link::{ClockOffset, LinkModel};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::shape::{Radius, Shape};
@@ -160,6 +161,19 @@ impl Experiment {
                 self.faults.push((Time(rng.below(60_000_000_000)), Fault::Restart(id)));
             }
         }
+        self
+    }
+
+    /// Divides the modules among hosts with these clocks, and tells the protocol how far they differ.
+    pub fn hosts(mut self, clocks: &[ClockOffset]) -> Experiment {
+        hosts::divide(&mut self.link, self.start.len(), clocks);
+        self.setup.params.skew = self.link.hosts.as_ref().map_or(Span::ZERO, |hosts| hosts.skew());
+        self
+    }
+
+    /// Cuts every pair of hosts again and again in the first two minutes, for up to `longest`.
+    pub fn host_cuts(mut self, longest: Span) -> Experiment {
+        hosts::cut_again_and_again(&mut self.link, self.seed, Time::ZERO + MOVE * 120, longest);
         self
     }
 

@@ -16,6 +16,7 @@ pub mod command;
 pub mod conformance;
 pub mod growth;
 pub mod hostile;
+pub mod hosts;
 pub mod metamodules;
 pub mod probe;
 pub mod script;

@@ -1,9 +1,11 @@
 //! The thesis's experiment (4.1.3) on the simulated link: a box of four and a chair of six, from
 //! random starts, with each kind of metamodule and each strategy.
 
+use crate::hosts;
 use metamorph_protocol::counters::Tally;
+use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::link::{ClockOffset, LinkModel};
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four, chair_of_six};
 use metamorph_protocol::metamodule::motions::Motions;
 use metamorph_protocol::metamodule::params::{
@@ -237,6 +239,24 @@ impl Assembly {
         let mut setup = (*self.setup).clone();
         let metamodules = self.start.len() as u16;
         setup.params.detector = Some(Detector { after: setup.params.patience, metamodules });
+        self.setup = Arc::new(setup);
+        self
+    }
+
+    /// Divides the metamodules among hosts with these clocks, whose links are cut again and again for up to `longest` in
+    /// the first 200 steps.
+    pub fn hosts(mut self, clocks: &[ClockOffset], longest: Span) -> Assembly {
+        hosts::divide(&mut self.link, self.start.len(), clocks);
+        hosts::cut_again_and_again(&mut self.link, self.seed, Time::ZERO + TURN * 200, longest);
+        let mut setup = (*self.setup).clone();
+        setup.params.skew = self.link.hosts.as_ref().map_or(Span::ZERO, |hosts| hosts.skew());
+        self.setup = Arc::new(setup);
+        self
+    }
+    /// Gives the protocol a defect.
+    pub fn defect(mut self, defect: Option<Defect>) -> Assembly {
+        let mut setup = (*self.setup).clone();
+        setup.params.defect = defect;
         self.setup = Arc::new(setup);
         self
     }

@@ -122,7 +122,8 @@ fn after_an_old_plan(defect: Option<Defect>) -> Vec<OutputOf<Metamodule>> {
     let first = &plan(&at, WORK).moves[0];
     Arc::make_mut(&mut of.setup).params.defect = defect;
     let id = ModuleId(first.body as u32);
-    let birth = Birth { id, incarnation: Incarnation::default(), place: first.from, seed: 1 };
+    let birth =
+        Birth { id, incarnation: Incarnation::default(), place: first.from, seed: 1, born: Time::ZERO };
     let mut agent = Metamodule::new(&of.setup, birth, Time::ZERO);
     let forwards =
         Instruction::Move { mover: id, from: first.from, posture: first.posture, lands: first.lands };

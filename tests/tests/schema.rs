@@ -49,6 +49,21 @@ loss = "5%"
 duplicate = 0.01
 reorder = "1/50"
 corrupt = 0
+[link.between_hosts]
+hosts = [20, 18]
+delay = "20ms"
+loss = "1%"
+duplicate = "1%"
+reorder = "1%"
+corrupt = "1%"
+skew = ["0s", "-8ms"]
+[[link.between_hosts.pair]]
+hosts = ["h1", "h2"]
+delay = "20ms..30ms"
+loss = "2%"
+duplicate = "2%"
+reorder = "2%"
+corrupt = "2%"
 [process]
 time_scale = 20
 [[fault]]
@@ -72,6 +87,17 @@ crash = { fraction = "5%", between = "0s..60s" }
 crash = { count = 1, between = "0s..60s" }
 [[fault]]
 partition = { modules = [1, 2, 3], from = "5s", until = "10s" }
+[[fault]]
+kill_host = "h2"
+at = "20s"
+[[fault]]
+pause_host = "h2"
+from = "10s"
+until = "15s"
+[[fault]]
+cut = ["h1", "h2"]
+from = "1s"
+until = "3s"
 [stop]
 timeout = "1000s"
 stall = "300s"
@@ -146,11 +172,14 @@ fn validator() -> Validator {
 /// Returns each table of the texts, the definition in the schema that describes it, and keys that the reader
 /// lists there because they would make another kind of table of it.
 fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)> {
-    let verbs = ["kill", "pause", "restart", "stick", "crash", "partition", "obstacle", "controller"];
-    let fault = |verb: &str| verbs.into_iter().filter(|other| *other != verb).collect();
+    let shared = ["kill", "pause", "restart", "stick", "crash", "partition"];
+    let verbs = [&shared[..], &["kill_host", "pause_host", "cut", "obstacle", "controller"]].concat();
+    let fault = |verb: &str| verbs.iter().copied().filter(|other| *other != verb).collect();
     vec![
         (CUBES, "", "", vec![]),
         (CUBES, "link.", "link", vec![]),
+        (CUBES, "link.between_hosts.", "between_hosts", vec![]),
+        (CUBES, "link.between_hosts.pair.0.", "host-pair", vec![]),
         (CUBES, "process.", "process", vec![]),
         (CUBES, "stop.", "stop", vec![]),
         (CUBES, "swarm.", "cubeSwarm", vec![]),
@@ -163,7 +192,10 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (CUBES, "fault.4.", "crash", fault("crash")),
         (CUBES, "fault.4.crash.", "crashes", vec![]),
         (CUBES, "fault.6.", "partition", fault("partition")),
-        (CUBES, "fault.6.partition.", "cut", vec![]),
+        (CUBES, "fault.6.partition.", "sides", vec![]),
+        (CUBES, "fault.7.", "kill_host", fault("kill_host")),
+        (CUBES, "fault.8.", "pause_host", fault("pause_host")),
+        (CUBES, "fault.9.", "cut", fault("cut")),
         (CUBES, "swarm.start.", "shape", vec![]),
         (CUBES, "swarm.start.union.0.box.", "box", vec![]),
         (CUBES, "goal.0.shape.difference.0.sphere.", "sphere", vec![]),

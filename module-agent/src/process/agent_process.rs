@@ -329,8 +329,9 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
     }
 
     fn begin(&mut self, place: A::Place) {
-        let birth = Birth { id: self.agent.0, incarnation: self.agent.1, place, seed: self.seed };
+        // All processes of a run share one clock.
         let now = self.now();
+        let birth = Birth { id: self.agent.0, incarnation: self.agent.1, place, seed: self.seed, born: now };
         self.host = Some(match &mut self.write_ahead.journal {
             None => AgentHost::new(&self.setup, birth, now),
             Some(writer) => AgentHost::recorded(&self.setup, birth, now, writer),

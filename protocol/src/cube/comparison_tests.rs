@@ -44,7 +44,13 @@ fn beside_one() -> (Cube, Time) {
         params: Params::scaled(Span::secs(1), Span::millis(10), 100),
         goals: vec![Goal::compile(&[seed], seed, Growth::Solid).expect("one cell is a goal")],
     };
-    let birth = Birth { id: ModuleId(0), place: Cell::default(), incarnation: Incarnation(0), seed: 1 };
+    let birth = Birth {
+        id: ModuleId(0),
+        place: Cell::default(),
+        incarnation: Incarnation(0),
+        seed: 1,
+        born: Time::ZERO,
+    };
     let mut cube = Cube::new(&Arc::new(setup), birth, Time::ZERO);
     for face in [Face::East, Face::North] {
         let (port, session) = (Port(face as u8), Some(Session(1)));

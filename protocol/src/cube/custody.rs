@@ -193,8 +193,13 @@ mod tests {
             let mut params = Params::scaled(Span::secs(1), Span::millis(10), 100);
             params.defect = defect;
             let setup = Setup { params, goals: vec![goal(), goal()] };
-            let birth =
-                Birth { id: ModuleId(0), place: Cell::default(), incarnation: Incarnation(0), seed: 1 };
+            let birth = Birth {
+                id: ModuleId(0),
+                place: Cell::default(),
+                incarnation: Incarnation(0),
+                seed: 1,
+                born: Time::ZERO,
+            };
             let cube = Cube::new(&Arc::new(setup), birth, Time::ZERO);
             let mut bench = Bench { cube, now: Time::ZERO, sequence: 0, reports: vec![], beacons: vec![] };
             for face in [PARENT, DEAD] {

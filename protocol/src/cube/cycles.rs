@@ -254,7 +254,13 @@ mod tests {
             params: Params::scaled(Span::secs(1), Span::millis(10), 100).keeping(Connectivity::Cycles),
             goals: vec![Goal::compile(&[seed, Cell::new(-1, 0, 0)], seed, Growth::Solid).unwrap()],
         };
-        let birth = Birth { id: ModuleId(0), place: Cell::default(), incarnation: Incarnation(0), seed: 1 };
+        let birth = Birth {
+            id: ModuleId(0),
+            place: Cell::default(),
+            incarnation: Incarnation(0),
+            seed: 1,
+            born: Time::ZERO,
+        };
         let mut cube = Cube::new(&Arc::new(setup), birth, Time::ZERO);
         let (east, west, session) = (Port(Face::East as u8), Port(Face::West as u8), Session(1));
         for port in [east, west] {

@@ -181,6 +181,9 @@ impl Agent for Cube {
     fn new(setup: &Arc<Setup>, birth: Birth<Cell>, now: Time) -> Cube {
         let restarted = birth.incarnation > Incarnation(0);
         let listens = restarted && setup.params.defect != Some(Defect::NoListening);
+        // The time is compared with those of other restarted modules, so it comes from the controller's clock.
+        let by_own_clock = setup.params.defect == Some(Defect::OwnBirthTime);
+        let restarted_at = if by_own_clock { now } else { birth.born };
         let mut own = Own {
             setup: Shared(Arc::clone(setup)),
             id: birth.id,
@@ -199,7 +202,7 @@ impl Agent for Cube {
         Cube {
             own,
             sides: Sides::new(),
-            forest: ParentForest::new(restarted.then_some(now)),
+            forest: ParentForest::new(restarted.then_some(restarted_at)),
             attraction: Attraction::new(),
             locks: LockTable::default(),
             planner: MotionPlanner::new(now),

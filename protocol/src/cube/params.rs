@@ -57,6 +57,8 @@ pub struct Params {
     pub lease: Span,
     /// The largest relative drift of clocks against each other: time gained or lost per time passed.
     pub drift: Ratio,
+    /// The largest difference between the controller's clock and the clock of a host.
+    pub skew: Span,
     /// How long a corner found blocked is avoided.
     pub corner_hint: Span,
     /// How long a goal cell must have been unfilled before any finalized neighbour may start it out of turn. A module
@@ -95,6 +97,7 @@ impl Params {
             suspect: heartbeat * 10,
             lease,
             drift: Ratio::new(1, 50).expect("invariant: 1/50 is a ratio"),
+            skew: Span::ZERO,
             corner_hint: move_time * 75,
             out_of_turn_after: Span(heartbeat.0 / 2) * 125,
             quarantine: lease * 2,
@@ -133,10 +136,14 @@ impl Params {
     pub fn first_words(&self) -> Span {
         self.usual_delay + self.advertise * 6
     }
-    /// Returns the latest start of a move, counted from its first request: `lease·(1−drift) − move`.
+    /// Returns the latest start of a move, counted from its first request: `lease·(1−drift) − move − skew`. The mover
+    /// sets the deadline by its own clock, and the body compares it with the controller's.
     pub fn start_within(&self) -> Span {
         let shrunk = self.lease.0 - self.lease.0 / u64::from(self.drift.den()) * u64::from(self.drift.num());
-        Span(shrunk) - self.move_time
+        Span(shrunk) - self.move_time - self.clock_margin()
+    }
+    fn clock_margin(&self) -> Span {
+        if self.defect == Some(Defect::IgnoreSkew) { Span::ZERO } else { self.skew }
     }
     /// Returns how long a grantor keeps a lock, counted from the request's arrival: `lease·(1+drift)`.
     pub fn keep_for(&self) -> Span {

@@ -348,7 +348,8 @@ impl ParentForest {
     /// `dead_root` returned.
     fn renew_root(&mut self, v: View<'_>) -> bool {
         let asked = self.asked(v, None);
-        let renews = asked > self.rank.rooted && asked <= v.now;
+        // Requests hold times of the controller's clock, and this module's clock may be behind it.
+        let renews = asked > self.rank.rooted && asked <= v.now + v.params().skew;
         if renews {
             hit(CoveragePoint::CubeRootRenewed);
             self.rank.rooted = asked;

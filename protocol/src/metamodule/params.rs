@@ -182,6 +182,8 @@ pub struct Params {
     pub connect_time: Span,
     /// How long a grant lasts.
     pub lease: Span,
+    /// The largest difference between the controller's clock and the clock of a host.
+    pub skew: Span,
     /// The time after which an unanswered request is repeated, and within which all neighbours should have heard a
     /// message.
     pub resend: Span,
@@ -213,6 +215,7 @@ impl Params {
             turn_time,
             connect_time: turn_time,
             lease: turn_time * 40 + round_trip * 4,
+            skew: Span::ZERO,
             resend: round_trip + Span(delay.0 / 2) + Span::millis(20),
             repeat: turn_time * 10,
             back_off: turn_time,
@@ -220,6 +223,12 @@ impl Params {
             patience: turn_time * 10 + round_trip * 4,
             defect: None,
         }
+    }
+
+    /// Returns how much earlier than the end of a lease the deadline of an action is: the holder of the lock sets the
+    /// deadline by its own clock, and the body compares it with the controller's.
+    pub fn clock_margin(&self) -> Span {
+        if self.defect == Some(Defect::IgnoreSkew) { Span::ZERO } else { self.skew }
     }
 }
 

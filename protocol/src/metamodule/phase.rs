@@ -125,7 +125,7 @@ impl Motion {
             (None, Aim::Land) if v.own.pose.both => (BodyAction::Detach, params.connect_time),
             (None, Aim::Land) => (BodyAction::Attach, params.connect_time),
         };
-        let not_after = self.until - takes;
+        let not_after = self.until - takes - params.clock_margin();
         let is_late = v.now > not_after;
         if is_late {
             hit(CoveragePoint::MetaLockRanOut);

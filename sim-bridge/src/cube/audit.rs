@@ -31,10 +31,13 @@ impl CubeWorld {
             return Ok(());
         }
         let Some(face) = cube.parent() else { return Ok(()) };
-        let Some(parent) = self.neighbour(id, face).and_then(|p| agents.get(p)) else { return Ok(()) };
+        let Some((parent_id, parent)) = self.neighbour(id, face).and_then(|p| Some((p, agents.get(p)?)))
+        else {
+            return Ok(());
+        };
         // A restarted parent, or one of another goal, has to learn of its children again; until then it does
         // not leave. A finalized one never does.
-        let learning = parent.is_listening(now)
+        let learning = parent.is_listening(agents.clock(parent_id).local(now))
             || parent.is_unlabelled()
             || parent.epoch() != cube.epoch()
             || !parent.has_heard(face.opposite());
@@ -82,7 +85,8 @@ impl CubeWorld {
             };
             let agent = settled(successor.0)?;
             // A module that came later is not the one that was followed, which has left.
-            if agent.settled() > heard {
+            let settled_at = agents.clock(successor.0).global(agent.settled());
+            if settled_at > agents.clock(id).global(heard) {
                 return None;
             }
             let (theirs, ..) = agent.attraction(successor.1);
@@ -113,6 +117,7 @@ pub(super) struct AuditKey {
 }
 
 impl CubeWorld {
+    /// Returns the key of a module at time `now` of its clock.
     fn audit_key(&self, now: Time, cube: &Cube, id: ModuleId) -> AuditKey {
         AuditKey {
             rank: cube.rank(),
@@ -139,7 +144,7 @@ impl CubeWorld {
         agents: &Agents<'_, Cube>,
         found: &mut Vec<Violation>,
     ) {
-        let key = self.audit_key(now, cube, id);
+        let key = self.audit_key(agents.clock(id).local(now), cube, id);
         if self.is_audited(id, &key) {
             debug_assert_eq!(self.unsound(now, cube, id, agents), [], "{id} was taken to be sound");
             return;
@@ -235,9 +240,10 @@ impl Audited for CubeWorld {
         if let Some(grantor) = agents.get(landing)
             // Finalized modules stay in any case, restarted ones until they have listened long enough.
             && grantor.role() != Role::Final
-            && !grantor.is_listening(now)
+            && !grantor.is_listening(agents.clock(landing).local(now))
         {
-            let check = move_within_lease(now, self.move_time(), grantor.locked_for(id));
+            let granted = grantor.locked_for(id).map(|until| agents.clock(landing).global(until));
+            let check = move_within_lease(now, self.move_time(), granted);
             note(found, MOVE_WITHIN_LEASE, now, id, check);
         }
     }

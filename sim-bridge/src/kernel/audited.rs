@@ -3,6 +3,7 @@
 use crate::world::World;
 use crate::world::invariants::Violation;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::link::ClockOffset;
 use metamorph_protocol::time::Time;
 
 /// A world whose agents can be audited: the invariants that involve agents and the world.
@@ -38,6 +39,10 @@ pub trait Swarm<A> {
     fn living(&self, index: usize) -> Option<&A>;
     /// Returns the agent of the module with this number, or its last state if its process has died.
     fn last(&self, index: usize) -> Option<&A>;
+    /// Returns the clock that the agent of the module with this number reads. By default all read the controller's.
+    fn clock(&self, _index: usize) -> ClockOffset {
+        ClockOffset::default()
+    }
 }
 
 /// Read access to the living agents, for audits.
@@ -57,6 +62,10 @@ impl<'a, A> Agents<'a, A> {
     /// Returns the agent of a module, or its last state if its process has died.
     pub fn last(&self, id: ModuleId) -> Option<&A> {
         self.swarm.last(id.index())
+    }
+    /// Returns the clock of a module's agent. Times in the state of an agent are times of its clock.
+    pub fn clock(&self, id: ModuleId) -> ClockOffset {
+        self.swarm.clock(id.index())
     }
     /// Iterates over all living agents.
     pub fn iter(&self) -> impl Iterator<Item = (ModuleId, &A)> {

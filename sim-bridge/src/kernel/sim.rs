@@ -6,7 +6,10 @@
 //! The state of all modules lies in flat arrays, and messages under way in one slab, so that a message costs
 //! no allocation and a module a few hundred bytes.
 
+mod bodies;
 mod module;
+
+pub use bodies::{Crossed, Crossings};
 
 use crate::director::port::DirectorPort;
 use crate::kernel::audited::{Agents, Audited};
@@ -16,6 +19,7 @@ use crate::kernel::state::{self, Hashes, Held, States};
 use crate::kernel::trace::Trace;
 use crate::world::invariants::{self, Violation};
 use crate::world::invariants::{MESSAGES_BALANCE, SESSION_CURRENT, TIME_PASSES};
+use bodies::{BodyMessage, HostStreams};
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::{Class, Tally};
 use metamorph_protocol::coverage::{CoveragePoint, hit};
@@ -61,6 +65,8 @@ enum Event {
     /// A message arrives; its index in the slab.
     Arrive(u32),
     Wake(ModuleId),
+    /// The stream between an agent on another host and the controller delivers; the index in its slab.
+    Stream(u32),
 }
 
 /// A simulated run.
@@ -75,6 +81,8 @@ pub struct Sim<W: Audited, D: DirectorPort<W>> {
     backlogs: BTreeMap<ModuleId, Backlog<W::Agent>>,
     queue: Queue<Event>,
     parcels: Slab<InFlight<<W::Agent as Agent>::Message>>,
+    /// What several hosts add; `None` if there is only one.
+    hosts: Option<HostStreams<W::Agent>>,
     tally: Tally,
     body_messages: u64,
     trace: Trace,
@@ -97,9 +105,11 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
 
     /// Creates a run that records the steps of agents. World and director must then be wrappers that record, too.
     pub fn with_journal(config: SimConfig<W::Agent>, world: W, director: D, log: Option<Log>) -> Self {
+        let hosts = config.link.hosts.clone().map(|hosts| HostStreams::new(hosts, config.seed));
         let modules: Vec<Module<W::Agent>> = (0..world.len())
             .map(|i| Module {
                 rng: Rng::named(config.seed, "link", i as u64),
+                clock: config.link.clock(ModuleId(i as u32)),
                 wake: Time::NEVER,
                 revision: Revision(0),
                 sent: 0,
@@ -117,6 +127,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             backlogs: BTreeMap::new(),
             queue: Queue::new(config.link.delay_max),
             parcels: Slab::new(),
+            hosts,
             config,
             world,
             director,
@@ -227,7 +238,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             let events = coming.iter().skip(from).take(AT_HAND);
             events.filter_map(|e| match e.what {
                 Event::Arrive(index) => self.parcels.get(index as usize),
-                Event::Wake(_) => None,
+                Event::Wake(_) | Event::Stream(_) => None,
             })
         };
         let mut read = 0;
@@ -262,6 +273,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
                 let parcel = self.parcels.remove(index as usize);
                 self.arrive(parcel);
             }
+            Event::Stream(index) => self.stream_delivers(index),
         }
         self.settle();
     }
@@ -315,8 +327,10 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     /// Hands one input to an agent and carries out its outputs; `heard` is the name of the message, if it is
     /// one.
     fn feed_heard(&mut self, id: ModuleId, input: InputOf<W::Agent>, heard: Option<(MessageName, Class)>) {
-        let now = self.now;
-        let Module { agent: Some(agent), revision, .. } = &mut self.modules[id.index()] else { return };
+        let Module { agent: Some(agent), revision, clock, .. } = &mut self.modules[id.index()] else {
+            return;
+        };
+        let now = clock.local(self.now);
         match &self.log {
             None => agent.handle(now, input),
             Some(log) => {
@@ -365,19 +379,10 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         match output {
             Output::Send { port, class, message } => self.send(Sent { from: id, port, class, message }),
             Output::Act(action) => {
-                self.body_messages += 1;
-                self.trace.event(self.now, 2, id.0, u64::from(action.kind()));
                 let revision = self.modules[id.index()].revision;
-                self.world.act(self.now, id, revision, &action);
-                self.checked += 1;
-                let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
-                self.world.audit_action(self.now, id, &agents, &mut found);
-                found.into_iter().for_each(|v| self.note(v));
+                self.pass(id, BodyMessage::Act(revision, action));
             }
-            Output::Report(report) => {
-                self.body_messages += 1;
-                self.director.report(self.now, id, report);
-            }
+            Output::Report(report) => self.pass(id, BodyMessage::Report(report)),
         }
     }
 
@@ -391,7 +396,14 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             queue.push(at, Event::Arrive(index));
         };
         let module = &mut self.modules[from.index()];
-        module.send(&self.config.link, self.now, sent, link, &mut self.tally, put);
+        let crossed = link.contact.and_then(|c| self.hosts.as_mut()?.crossed(from, c.peer));
+        let Some(crossed) = crossed else {
+            return module.send(&self.config.link, self.now, sent, link, &mut self.tally, put);
+        };
+        let mut counts = Tally::default();
+        module.send(&self.config.link, self.now, sent, link, &mut counts, put);
+        crossed.messages += counts;
+        self.tally += counts;
     }
 
     /// Hands what bodies sensed to their agents and carries out the controller's commands, until nothing is left to
@@ -403,7 +415,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             found.into_iter().for_each(|v| self.note(v));
             if let Some((id, sensed)) = self.world.poll() {
                 bodies_moved |= matches!(sensed, Sensed::Percept(_));
-                self.sense(id, sensed);
+                self.pass(id, BodyMessage::Sensed(sensed));
             } else if let Some(command) = self.director.poll() {
                 self.execute(command);
             } else if bodies_moved {
@@ -470,17 +482,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
                     self.start(id, Incarnation(next));
                 }
             }
-            Command::Order(id, order) => match self.modules[id.index()].process {
-                Process::Dead => {}
-                Process::Stopped => {
-                    self.backlogs.entry(id).or_default().waiting.push_back(Waiting::Order(order));
-                }
-                Process::Running => {
-                    self.body_messages += 1;
-                    self.trace.event(now, 7, id.0, u64::from(order.kind()));
-                    self.feed(id, Input::Order(order));
-                }
-            },
+            Command::Order(id, order) => self.pass(id, BodyMessage::Order(order)),
             Command::Finish => self.finished = true,
         }
     }
@@ -496,7 +498,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             hit(CoveragePoint::DriverSleptOver);
             match waiting {
                 Waiting::Sensed(sensed) => self.sense(id, sensed),
-                Waiting::Order(order) => self.execute(Command::Order(id, order)),
+                Waiting::Order(order) => self.order(id, order),
                 Waiting::Message(parcel) => self.receive(parcel),
             }
         }
@@ -504,11 +506,13 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     }
 
     fn start(&mut self, id: ModuleId, incarnation: Incarnation) {
-        let birth = Birth { id, incarnation, place: self.world.place(id), seed: self.config.seed };
+        let (place, seed, born) = (self.world.place(id), self.config.seed, self.now);
+        let birth = Birth { id, incarnation, place, seed, born };
         let module = &mut self.modules[id.index()];
+        let now = module.clock.local(born);
         module.agent = Some(match &self.log {
-            None => AgentHost::new(&self.config.setup, birth, self.now),
-            Some(log) => AgentHost::recorded(&self.config.setup, birth, self.now, &mut *log.borrow_mut()),
+            None => AgentHost::new(&self.config.setup, birth, now),
+            Some(log) => AgentHost::recorded(&self.config.setup, birth, now, &mut *log.borrow_mut()),
         });
         module.process = Process::Running;
         module.incarnation = incarnation;

@@ -19,14 +19,14 @@ fn locks(
     agents: &Agents<'_, Metamodule>,
     found: &mut Vec<Violation>,
 ) {
-    let mut mine: Vec<Cell> = agents.get(id).into_iter().flat_map(|a| a.held(now)).collect();
+    let held = |id| agents.get(id).into_iter().flat_map(move |a| a.held(agents.clock(id).local(now)));
+    let mut mine: Vec<Cell> = held(id).collect();
     if mine.is_empty() {
         return;
     }
     mine.sort_unstable();
     for other in (0..world.len() as u32).map(ModuleId).filter(|o| *o != id) {
-        let held = agents.get(other).into_iter().flat_map(|a| a.held(now));
-        let theirs = held.chain(world.taken(other).iter().copied());
+        let theirs = held(other).chain(world.taken(other).iter().copied());
         if let Err(what) = one_holder_per_lock(&mine, theirs) {
             let what = format!("{id} and {other}: {what}");
             found.push(Violation { invariant: ONE_HOLDER_PER_LOCK, at: now, what });
@@ -50,7 +50,8 @@ impl Audited for MetamoduleWorld {
         // A refused action has not begun.
         if let Some((agent, until)) = agents.get(id).zip(self.acting_until(id)) {
             let takes = until.since(now);
-            if let Err(what) = move_within_lease(now, takes, agent.locked_until()) {
+            let locked_until = agent.locked_until().map(|at| agents.clock(id).global(at));
+            if let Err(what) = move_within_lease(now, takes, locked_until) {
                 let what = format!("module {id}: {what}");
                 found.push(Violation { invariant: MOVE_WITHIN_LEASE, at: now, what });
             }

@@ -287,7 +287,7 @@ where
         place: <W::Agent as Agent>::Place,
         now: Time,
     ) -> AgentHost<W::Agent> {
-        AgentHost::new(&self.setup, Birth { id, incarnation, place, seed: self.seed }, now)
+        AgentHost::new(&self.setup, Birth { id, incarnation, place, seed: self.seed, born: now }, now)
     }
 
     /// Returns the messages that are due at the first module that has any: those of one sender in their

@@ -346,10 +346,11 @@ pub struct PlanArgs {
     /// The seed of the run's randomness
     #[arg(long, value_name = "N", help = left_out("The seed of the run's randomness", SEED))]
     pub seed: Option<u64>,
-    /// Kill the process of module ID at time T; its body stays where it is (repeatable)
+    /// Kill the process of module ID at time T; its body stays where it is. ID may be a host of the scenario, such as
+    /// h2: all its processes (repeatable)
     #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
     pub kill: Vec<String>,
-    /// Stop the process of module ID from one time to another (repeatable)
+    /// Stop the process of module ID, or all of a host, from one time to another (repeatable)
     #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
     pub pause: Vec<String>,
     /// Restart the process of module ID at time T, without its memory; if it is alive, it is

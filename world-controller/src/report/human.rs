@@ -194,7 +194,8 @@ fn write_messages(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Resul
         count(per_module.round() as u64),
         count(r.messages.all.in_flight.unsigned_abs()),
         count(r.body_messages)
-    )
+    )?;
+    r.hosts.as_ref().map_or(Ok(()), |hosts| hosts.write(out, r.messages.total))
 }
 
 fn write_unbuilt(out: &mut String, s: &Standstill, words: &Words, paint: Paint) -> std::fmt::Result {

@@ -4,6 +4,7 @@
 pub mod balance;
 pub mod document;
 pub mod family_part;
+pub mod hosts;
 mod human;
 pub mod message_timeline;
 mod over_time;
@@ -21,11 +22,13 @@ use crate::report::run_result::RunResult;
 use crate::scenario::family::Words;
 use crate::scenario::{LinkChange, Plan};
 use crate::swarm::Slowed;
+use hosts::HostsReport;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::{Counts, Tally};
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::faults::Fault;
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
+use metamorph_sim_bridge::kernel::sim::Crossings;
 use metamorph_sim_bridge::world::invariants::Violation;
 use prospect::{Possible, Prospect};
 use schema::{
@@ -47,6 +50,8 @@ pub struct Facts<'a> {
     pub tally: &'a Tally,
     /// Messages between agents, bodies and controller, not counted as protocol messages.
     pub body_messages: u64,
+    /// What crossed between hosts, if there were several.
+    pub crossings: Crossings,
     /// Violations kept, in order.
     pub violations: &'a [Violation],
     /// Violations in all.
@@ -119,6 +124,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
         family_text: part.map(|part| part.text.clone()).unwrap_or_default(),
         messages: messages(facts.tally, facts.left.as_ref()),
         body_messages: facts.body_messages,
+        hosts: HostsReport::of(plan, &facts.crossings),
         time: Times {
             virtual_s: facts.now.as_secs_f64(),
             move_times: facts.now.0 as f64 / facts.time_step.0 as f64,

@@ -2,6 +2,7 @@
 //! new fields may be added. Times end in `_s` and are seconds of scenario time unless stated otherwise.
 
 use super::family_part::FamilyText;
+use super::hosts::HostsReport;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -63,6 +64,9 @@ pub struct Report {
     /// Messages between agents, bodies and controller: actions, percepts, contact changes, reports, orders.
     /// They are not protocol messages.
     pub body_messages: u64,
+    /// The hosts, and what crossed between them; null if there was one host only.
+    #[serde(default)]
+    pub hosts: Option<HostsReport>,
     /// Durations of the run.
     pub time: Times,
     /// Invariant checks and violations.

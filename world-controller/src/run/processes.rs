@@ -32,6 +32,7 @@ use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
+use metamorph_sim_bridge::kernel::sim::Crossings;
 use metamorph_sim_bridge::kernel::state::world_hash;
 use metamorph_sim_bridge::world::World;
 use std::path::{Path, PathBuf};
@@ -266,6 +267,7 @@ fn conclude<R: Runnable>(
         time_step: swarm.time_step(),
         tally: &outcome.tally,
         body_messages: outcome.body_messages + outcome.control_messages,
+        crossings: Crossings::new(),
         violations: &violations,
         broken: violations.len() as u64,
         // The message counts are one more check.

@@ -91,6 +91,7 @@ fn drive<R: Runnable, W: Audited, D: DirectorPort<W>>(
         time_step: swarm.time_step(),
         tally: sim.tally(),
         body_messages: sim.body_messages(),
+        crossings: sim.crossings(),
         violations,
         broken,
         checked: sim.checked(),

@@ -3,6 +3,7 @@
 //! One variant per reason, so that tests and callers can tell them apart; the text of a variant is the
 //! reason, [`ScenarioError::fix`] says what to do. Absent: the place of the error (see `diagnostics`).
 
+use super::hosts::HostsProblem;
 use super::settings::KeyError;
 use crate::scenario::mesh_import::error::SolidError;
 use metamorph_protocol::goal::GoalError;
@@ -240,6 +241,9 @@ pub enum ScenarioError {
         /// The end of the run.
         timeout: Span,
     },
+    /// The hosts are invalid.
+    #[error(transparent)]
+    Hosts(#[from] HostsProblem),
     /// A setting for an invalid key.
     #[error(transparent)]
     Key(#[from] KeyError),
@@ -313,6 +317,7 @@ impl ScenarioError {
             ScenarioError::AfterTheEnd { .. } => {
                 "choose an earlier time, or raise `timeout` in [stop]".into()
             }
+            ScenarioError::Hosts(problem) => problem.fix(),
             ScenarioError::Key(error) => error.fix(),
             ScenarioError::Form(_, form) => format!("write for example `{}`", option_example(form)),
         }

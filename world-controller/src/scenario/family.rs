@@ -9,6 +9,7 @@ use super::error::ScenarioError;
 use super::faults;
 use super::table::{Node, Section};
 use metamorph_protocol::defects::Defect;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Span;
 use metamorph_sim_bridge::director::faults::{Target, WorldFault};
 use serde_json::Value;
@@ -109,6 +110,8 @@ pub struct DraftContext {
     pub time_step: Span,
     /// The message delay that protocols assume.
     pub usual_delay: Span,
+    /// The largest difference between the controller's clock and the clock of a host.
+    pub skew: Span,
     /// The effect of the link on messages.
     pub passage: Passage,
     /// The seed of the run.
@@ -121,6 +124,9 @@ pub struct FamilySpec {
     pub swarm: Option<Swarm>,
     /// The number of modules; 0 if unknown.
     pub modules: usize,
+    /// The time after its first request in which an action may start if all clocks agree; `None` if actions have no
+    /// deadline.
+    pub start_within: Option<Span>,
     /// The names of the goals.
     pub goals: Vec<String>,
     /// The default bounds.
@@ -155,6 +161,10 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     fn defect(&self) -> Option<Defect>;
     /// Returns the swarm with another defect.
     fn with_defect(&self, defect: Option<Defect>) -> Swarm;
+    /// Returns the contacts at the start, each once; `None` if the family does not know them before a run.
+    fn contacts(&self) -> Option<Vec<(ModuleId, ModuleId)>> {
+        None
+    }
     /// Writes its description for `metamorph check`.
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result;
     /// Returns the family's terms, for reports for people.

@@ -4,10 +4,11 @@
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::ScenarioError;
 use super::family::{ScenarioFamily, SectionKind, WorldFaultKind, fault_keys};
+use super::hosts::{self, Pair};
 use super::schema::{Definitions, fault, for_good, natural, of, or, said, table};
 use super::table::{Node, Read, Section, Window, elements, span, span_range};
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::link::Partition;
+use metamorph_protocol::ids::{HostId, ModuleId};
+use metamorph_protocol::link::{Hosts, Partition};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
@@ -70,6 +71,26 @@ pub enum RawFault {
         /// End of the fault.
         until: Option<At<Span>>,
     },
+    /// A host is hit: all processes on it.
+    Host {
+        /// The kind of fault.
+        verb: Verb,
+        /// The host.
+        host: At<String>,
+        /// Start of the fault.
+        from: At<Span>,
+        /// End of the fault.
+        until: Option<At<Span>>,
+    },
+    /// Nothing passes between two hosts.
+    Cut {
+        /// The hosts.
+        hosts: Pair,
+        /// Start of the fault.
+        from: At<Span>,
+        /// End of the fault.
+        until: At<Span>,
+    },
     /// Modules are cut off from the others.
     Partition {
         /// The modules on one side.
@@ -82,10 +103,13 @@ pub enum RawFault {
 }
 
 /// The kinds of fault that every family may have.
-pub const KINDS: &[&str] = &["kill", "pause", "restart", "stick", "crash", "partition"];
+pub const KINDS: &[&str] =
+    &["kill", "pause", "restart", "stick", "crash", "partition", "kill_host", "pause_host", "cut"];
 
 const VERBS: [(&str, Verb); 4] =
     [("kill", Verb::Kill), ("pause", Verb::Pause), ("restart", Verb::Restart), ("stick", Verb::Stick)];
+
+const HOST_VERBS: [(&str, Verb); 2] = [("kill_host", Verb::Kill), ("pause_host", Verb::Pause)];
 
 /// Reads all `[[fault]]` tables.
 pub fn read(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diagnostics) -> Vec<RawFault> {
@@ -110,6 +134,9 @@ fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diag
         .filter(|(key, _)| family.faults().contains(key))
         .filter_map(|(key, verb)| Some((*verb, section.node(key)?)))
         .collect();
+    let hosts: Vec<_> =
+        HOST_VERBS.iter().filter_map(|(key, verb)| Some((*verb, section.node(key)?))).collect();
+    let cut = section.node("cut");
     let crash = section.node("crash");
     let partition = section.node("partition");
     if let Some(controller) = section.node("controller") {
@@ -118,11 +145,15 @@ fn read_one(node: &Node<'_>, family: &dyn ScenarioFamily, diagnostics: &mut Diag
         diagnostics.add(controller.span(), ScenarioError::NotYet { what, instead });
         return None;
     }
-    let fault = match (&named[..], crash, partition, &world[..]) {
-        ([(verb, modules)], None, None, []) => read_named(*verb, modules, &mut section, diagnostics),
-        ([], Some(crash), None, []) => read_crashes(crash, diagnostics),
-        ([], None, Some(partition), []) => read_partition(partition, diagnostics),
-        ([], None, None, [(kind, target)]) => read_world(kind, target, &mut section, diagnostics),
+    let fault = match (&named[..], &hosts[..], cut, crash, partition, &world[..]) {
+        ([(verb, modules)], [], None, None, None, []) => {
+            read_named(*verb, modules, &mut section, diagnostics)
+        }
+        ([], [(verb, host)], None, None, None, []) => read_host(*verb, host, &mut section, diagnostics),
+        ([], [], Some(hosts), None, None, []) => read_cut(hosts, &mut section, diagnostics),
+        ([], [], None, Some(crash), None, []) => read_crashes(crash, diagnostics),
+        ([], [], None, None, Some(partition), []) => read_partition(partition, diagnostics),
+        ([], [], None, None, None, [(kind, target)]) => read_world(kind, target, &mut section, diagnostics),
         _ => {
             ask_for_times(&mut section);
             let kinds = fault_keys(family);
@@ -160,6 +191,16 @@ fn read_named(
         let instead = "leave `memory` out: the module comes back without its memory and asks around";
         diagnostics.add(memory.place, ScenarioError::NotYet { what, instead });
     }
+    let (from, until) = read_times(verb, section, diagnostics)?;
+    Some(RawFault::Named { verb, modules: modules?, from, until })
+}
+
+/// Reads the times that a kind of fault needs.
+fn read_times(
+    verb: Verb,
+    section: &mut Section<'_, '_>,
+    diagnostics: &mut Diagnostics,
+) -> Option<(At<Span>, Option<At<Span>>)> {
     let (from, until) = match verb {
         Verb::Kill | Verb::Restart => (section.need("at", "at = \"2s\"", diagnostics), None),
         Verb::Pause => {
@@ -171,7 +212,29 @@ fn read_named(
             (from, section.get("until", diagnostics))
         }
     };
-    Some(RawFault::Named { verb, modules: modules?, from: from?, until })
+    Some((from?, until))
+}
+
+fn read_host(
+    verb: Verb,
+    host: &Node<'_>,
+    section: &mut Section<'_, '_>,
+    diagnostics: &mut Diagnostics,
+) -> Option<RawFault> {
+    let name = String::read(host, diagnostics).map(|name| At::new(name, host.span()));
+    let (from, until) = read_times(verb, section, diagnostics)?;
+    Some(RawFault::Host { verb, host: name?, from, until })
+}
+
+fn read_cut(
+    hosts: &Node<'_>,
+    section: &mut Section<'_, '_>,
+    diagnostics: &mut Diagnostics,
+) -> Option<RawFault> {
+    let hosts = hosts::read_names(hosts, diagnostics);
+    let from = section.need("from", "from = \"5s\"", diagnostics);
+    let until = section.need("until", "until = \"9s\"", diagnostics);
+    Some(RawFault::Cut { hosts: hosts?, from: from?, until: until? })
 }
 
 /// Reads one module or several.
@@ -225,13 +288,17 @@ fn read_partition(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawF
     Some(RawFault::Partition { modules: modules?, from: from?, until: until? })
 }
 
-/// Reads an option such as `--kill 3@2s` or `--pause 2@1s..3s`.
+/// Reads an option such as `--kill 3@2s` or `--pause 2@1s..3s`. A name such as `h2` instead of the number stands for all
+/// modules of that host.
 pub fn read_option(verb: Verb, name: &str, text: &str, diagnostics: &mut Diagnostics) -> Option<RawFault> {
     let place = Place::Option(format!("{name} {text}"));
     let form = if verb == Verb::Pause { "ID@T..T" } else { "ID@T" };
+    let has_host = HOST_VERBS.iter().any(|(_, of_hosts)| *of_hosts == verb);
+    let is_target = |id: &str| id.parse::<u64>().is_ok() || (has_host && HostId::from_name(id).is_some());
     let parsed = text
         .split_once('@')
-        .and_then(|(id, times)| Some((id.trim().parse::<u64>().ok()?, times)))
+        .map(|(id, times)| (id.trim(), times))
+        .filter(|(id, _)| is_target(id))
         .ok_or_else(|| ScenarioError::Form(text.to_owned(), form));
     let (id, times) = diagnostics.note(&place, parsed)?;
     let (from, until) = match verb {
@@ -245,14 +312,19 @@ pub fn read_option(verb: Verb, name: &str, text: &str, diagnostics: &mut Diagnos
         }
         _ => (diagnostics.note(&place, span(times))?, None),
     };
-    let modules = vec![At::new(id, place.clone())];
-    Some(RawFault::Named { verb, modules, from: At::new(from, place), until })
+    let from = At::new(from, place.clone());
+    Some(match id.parse() {
+        Ok(id) => RawFault::Named { verb, modules: vec![At::new(id, place)], from, until },
+        Err(_) => RawFault::Host { verb, host: At::new(id.to_owned(), place), from, until },
+    })
 }
 
 /// The properties of the run that faults are checked against.
-pub struct Bounds {
+pub struct Bounds<'h> {
     /// The number of modules.
     pub modules: usize,
+    /// The hosts, if there are several.
+    pub hosts: Option<&'h Hosts>,
     /// The latest end of the run.
     pub timeout: Span,
 }
@@ -294,7 +366,11 @@ pub fn draw(planned: &[Planned], seed: u64) -> Schedule {
     Schedule::new(schedule)
 }
 
-impl Bounds {
+impl Bounds<'_> {
+    fn host_count(&self) -> usize {
+        self.hosts.map_or(0, Hosts::len)
+    }
+
     fn module(&self, id: &At<u64>, diagnostics: &mut Diagnostics) -> Option<ModuleId> {
         if id.value < self.modules as u64 {
             // Invariant: a swarm has fewer than 2^32 modules.
@@ -338,22 +414,49 @@ impl Bounds {
     }
 }
 
-/// Checks all faults. Returns those of processes and bodies, and the partitions of the link.
-pub fn compile(
-    faults: &[RawFault],
-    bounds: &Bounds,
-    diagnostics: &mut Diagnostics,
-) -> (Vec<Planned>, Vec<Partition>) {
-    let (mut planned, mut partitions) = (Vec::new(), Vec::new());
+/// A time in which nothing passes between two hosts.
+pub struct HostCut {
+    /// The hosts, which are different.
+    pub hosts: (HostId, HostId),
+    /// The start.
+    pub from: Time,
+    /// The end.
+    pub until: Time,
+}
+
+/// Faults that have passed every check.
+#[derive(Default)]
+pub struct Compiled {
+    /// Faults of processes, bodies and the world.
+    pub planned: Vec<Planned>,
+    /// Partitions between modules.
+    pub partitions: Vec<Partition>,
+    /// Cuts between hosts.
+    pub cuts: Vec<HostCut>,
+}
+
+/// Checks all faults.
+pub fn compile(faults: &[RawFault], bounds: &Bounds<'_>, diagnostics: &mut Diagnostics) -> Compiled {
+    let mut compiled = Compiled::default();
+    let Compiled { planned, partitions, cuts } = &mut compiled;
     for fault in faults {
         match fault {
             RawFault::Named { verb, modules, from, until } => {
                 let (begin, end) = bounds.span(from, until.as_ref(), diagnostics);
-                for id in modules.iter().filter_map(|id| bounds.module(id, diagnostics)) {
-                    let (first, second) = events(*verb, id);
-                    planned.push(Planned::At(begin, first));
-                    planned.extend(end.zip(second).map(|(at, fault)| Planned::At(at, fault)));
-                }
+                let modules = modules.iter().filter_map(|id| bounds.module(id, diagnostics));
+                planned.extend(modules.flat_map(|id| events(*verb, id, begin, end)));
+            }
+            RawFault::Host { verb, host, from, until } => {
+                let (begin, end) = bounds.span(from, until.as_ref(), diagnostics);
+                let host = hosts::host_of(host, bounds.host_count(), diagnostics);
+                let modules =
+                    host.zip(bounds.hosts).into_iter().flat_map(|(host, hosts)| hosts.modules(host));
+                planned.extend(modules.flat_map(|id| events(*verb, id, begin, end)));
+            }
+            RawFault::Cut { hosts, from, until } => {
+                let (from, until) = bounds.window(from, until, diagnostics);
+                let pair = hosts::pair_of(hosts, bounds.host_count(), diagnostics);
+                cuts.extend(pair.map(|hosts| HostCut { hosts, from, until }));
             }
             RawFault::World { kinds: [first, second], target, from, until } => {
                 let (begin, end) = bounds.span(from, until.as_ref(), diagnostics);
@@ -393,16 +496,19 @@ pub fn compile(
             }
         }
     }
-    (planned, partitions)
+    compiled
 }
 
-fn events(verb: Verb, id: ModuleId) -> (Fault, Option<Fault>) {
-    match verb {
+/// Returns what happens to a module: the fault, and its end if it has one.
+fn events(verb: Verb, id: ModuleId, begin: Time, end: Option<Time>) -> impl Iterator<Item = Planned> {
+    let (first, second) = match verb {
         Verb::Kill => (Fault::Kill(id), None),
         Verb::Pause => (Fault::Pause(id), Some(Fault::Resume(id))),
         Verb::Restart => (Fault::Restart(id), None),
         Verb::Stick => (Fault::Stick(id), Some(Fault::Unstick(id))),
-    }
+    };
+    let ends = end.zip(second).map(|(at, fault)| Planned::At(at, fault));
+    std::iter::once(Planned::At(begin, first)).chain(ends)
 }
 
 /// Returns the definitions of the faults that every family may have, for the JSON schema.
@@ -436,9 +542,36 @@ pub fn schema() -> Definitions {
                 }),
             ),
         ),
-        ("partition", fault("Modules are cut off.", "partition", &[], json!({ "partition": of("cut") }))),
+        (
+            "kill_host",
+            fault(
+                "All processes of a host are killed.",
+                "kill_host",
+                &["at"],
+                json!({ "kill_host": of("host") }),
+            ),
+        ),
+        (
+            "pause_host",
+            fault(
+                "All processes of a host are stopped for a while.",
+                "pause_host",
+                &["from", "until"],
+                json!({ "pause_host": of("host") }),
+            ),
+        ),
         (
             "cut",
+            fault(
+                "Nothing passes between two hosts.",
+                "cut",
+                &["from", "until"],
+                json!({ "cut": of("two-hosts") }),
+            ),
+        ),
+        ("partition", fault("Modules are cut off.", "partition", &[], json!({ "partition": of("sides") }))),
+        (
+            "sides",
             table(
                 "The modules, and when.",
                 &["modules", "from", "until"],

@@ -16,6 +16,8 @@ pub mod diagnostics;
 pub mod error;
 pub mod family;
 pub mod faults;
+pub mod hosts;
+mod hosts_summary;
 pub mod mesh_import;
 pub mod plan;
 pub mod plan_summary;

@@ -4,13 +4,15 @@
 use super::bounds::Passage;
 use super::diagnostics::{At, Diagnostics};
 use super::error::{LONGEST, SHORTEST, ScenarioError};
-use super::family::{DraftContext, Patience};
-use super::faults::{self, Bounds};
+use super::family::{DraftContext, FamilySpec, Patience};
+use super::faults::{self, Bounds, HostCut};
+use super::hosts::RawHosts;
 use super::raw::{Raw, default_delay};
 use super::table::Delay;
 use super::{LinkKind, Overrides, Plan, StagePlan};
 use crate::console::format::{count, listed};
-use metamorph_protocol::link::{LinkModel, Partition};
+use metamorph_protocol::ids::HostId;
+use metamorph_protocol::link::{Hosts, LinkModel, Partition};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::progress::Stop;
@@ -38,15 +40,26 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
     let time_step = bounded(time_step, key, SHORTEST, LONGEST, diagnostics).unwrap_or(BEAT);
     let (mut link, usual_delay) = link(raw, overrides.link, time_step, diagnostics);
     let Delay(_, usual) = default_delay(LinkKind::Sim, time_step);
-    let passage = Passage::of(&link, usual_delay, usual);
-    let context = DraftContext { time_step, usual_delay, passage, seed: raw.seed };
+    let worst = raw.hosts.as_ref().map_or_else(|| link.clone(), |hosts| hosts.worst(&link));
+    let passage = Passage::of(&worst, usual_delay, usual);
+    let skew = raw.hosts.as_ref().map_or(Span::ZERO, RawHosts::skew);
+    let context = DraftContext { time_step, usual_delay, passage, skew, seed: raw.seed };
     let draft = swarm.draft(&context, diagnostics)?;
     let mut stop = stop(raw, &draft.patience, diagnostics);
     let mut faults = Vec::new();
     if draft.modules > 0 {
-        let bounds = Bounds { modules: draft.modules, timeout: stop.timeout.since(Time::ZERO) };
-        (faults, link.partitions) = faults::compile(&raw.faults, &bounds, diagnostics);
-        let ends = link.partitions.iter().map(|p| p.until).chain(link.harmless_from);
+        let mut hosts = hosts(raw, overrides.link, &link, &draft, diagnostics);
+        let timeout = stop.timeout.since(Time::ZERO);
+        let bounds = Bounds { modules: draft.modules, hosts: hosts.as_ref(), timeout };
+        let compiled = faults::compile(&raw.faults, &bounds, diagnostics);
+        for HostCut { hosts: (a, b), from, until } in compiled.cuts {
+            hosts.iter_mut().for_each(|hosts| hosts.cut(a, b, from, until));
+        }
+        (faults, link.partitions, link.hosts) = (compiled.planned, compiled.partitions, hosts.map(Arc::new));
+        let between =
+            link.hosts.iter().flat_map(|hosts| hosts.links()).flat_map(|(_, link)| &link.partitions);
+        let cuts = link.partitions.iter().chain(between);
+        let ends = cuts.map(|cut| cut.until).chain(link.harmless_from);
         stop.planned_until = ends.max().unwrap_or(Time::ZERO).min(stop.timeout);
     }
     swarm.check_end(stop.timeout.since(Time::ZERO), diagnostics);
@@ -72,6 +85,26 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         is_beyond: raw.stall.is_none() && passage.is_beyond(&draft.patience.bounds),
         time_scale,
     })
+}
+
+/// Returns the hosts, if the scenario divides the swarm among several.
+fn hosts(
+    raw: &Raw,
+    kind: LinkKind,
+    link: &LinkModel,
+    draft: &FamilySpec,
+    diagnostics: &mut Diagnostics,
+) -> Option<Hosts> {
+    let hosts = raw.hosts.as_ref()?;
+    if kind == LinkKind::Ipc {
+        let what = "a run of processes on several hosts".to_owned();
+        let instead = "simulate it with `--link sim`, or remove [link.between_hosts]";
+        diagnostics.add(hosts.place().clone(), ScenarioError::NotYet { what, instead });
+    }
+    if let Some(start_within) = draft.start_within {
+        hosts.check_skew(start_within, diagnostics);
+    }
+    hosts.compile(link, draft.modules, diagnostics)
 }
 
 fn bounded(
@@ -108,18 +141,9 @@ fn link(raw: &Raw, kind: LinkKind, time_step: Span, diagnostics: &mut Diagnostic
     let written = raw.link.delay.as_ref().map(|d| d.value);
     let Delay(delay_min, delay_max) = written.unwrap_or_else(|| default_delay(kind, time_step));
     let Delay(_, usual) = written.unwrap_or_else(|| default_delay(LinkKind::Sim, time_step));
-    let ratio = |r: &Option<At<Ratio>>| r.as_ref().map_or(NEVER, |r| r.value);
-    let model = LinkModel {
-        delay_min,
-        delay_max,
-        loss: ratio(&raw.link.loss),
-        duplicate: ratio(&raw.link.duplicate),
-        reorder: ratio(&raw.link.reorder),
-        corrupt: ratio(&raw.link.corrupt),
-        harmless_from: raw.link.until.as_ref().map(|until| Time::ZERO + until.value),
-        partitions: Vec::new(),
-    };
-    (model, usual)
+    let usual = raw.hosts.as_ref().map_or(usual, |hosts| hosts.longest_delay(usual, diagnostics));
+    let default = LinkModel { delay_min, delay_max, ..LinkModel::default() };
+    (raw.link.over(&default), usual)
 }
 
 fn time_scale(raw: &Raw, diagnostics: &mut Diagnostics) -> f64 {
@@ -166,7 +190,18 @@ impl Plan {
                 LinkChange { at: cut.until, name: "heal", effect: until },
             ]
         };
-        let mut changes: Vec<LinkChange> = self.link.partitions.iter().flat_map(of_cut).collect();
+        let of_hosts = |((a, b), cut): ((HostId, HostId), &Partition)| {
+            let from = format!("{a} and {b} cut off from each other");
+            let until = format!("{a} and {b} no longer cut off from each other");
+            [
+                LinkChange { at: cut.from, name: "partition", effect: from },
+                LinkChange { at: cut.until, name: "heal", effect: until },
+            ]
+        };
+        let links = self.link.hosts.iter().flat_map(|hosts| hosts.links());
+        let between = links.flat_map(|(pair, link)| link.partitions.iter().map(move |cut| (pair, cut)));
+        let cuts = self.link.partitions.iter().flat_map(of_cut);
+        let mut changes: Vec<LinkChange> = cuts.chain(between.flat_map(of_hosts)).collect();
         changes.sort_by_key(|change| change.at);
         changes
     }

@@ -2,8 +2,7 @@
 
 use crate::console::escape::Shown;
 use crate::console::format::{count, many};
-use crate::scenario::{LinkKind, Plan};
-use metamorph_protocol::ratio::Ratio;
+use crate::scenario::{LinkKind, Plan, hosts_summary};
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
 
@@ -54,20 +53,7 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
         )?,
         LinkKind::Sim => write!(out, "  link      sim, seed {}", plan.seed)?,
     }
-    match (link.delay_min, link.delay_max) {
-        (min, max) if max.0 == 0 && min.0 == 0 => write!(out, "; no added delay")?,
-        (min, max) if min == max => write!(out, "; delay {min}")?,
-        (min, max) => write!(out, "; delay {min} to {max}")?,
-    }
-    let rates: [(&str, Ratio); 4] = [
-        ("loss", link.loss),
-        ("duplication", link.duplicate),
-        ("reorder", link.reorder),
-        ("corruption", link.corrupt),
-    ];
-    for (name, rate) in rates.iter().filter(|(_, rate)| !rate.is_zero()) {
-        write!(out, "; {name} {rate}")?;
-    }
+    write!(out, "; {}", hosts_summary::rates(link))?;
     if let Some(until) = link.harmless_from {
         write!(out, "; until {until}")?;
     }
@@ -76,7 +62,7 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
         let side = many(cut.side.len() as u64, "module");
         writeln!(out, "            {side} cut off from {} to {}", cut.from, cut.until)?;
     }
-    Ok(())
+    link.hosts.as_ref().map_or(Ok(()), |hosts| hosts_summary::write(out, plan, hosts))
 }
 
 fn write_faults(out: &mut String, plan: &Plan) -> std::fmt::Result {

@@ -4,10 +4,12 @@ use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{MAX_GOALS, ScenarioError, VERSION};
 use super::family::{RawSwarm, SectionKind, Sections};
 use super::faults::{self, RawFault, Verb};
+use super::hosts::RawHosts;
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
+use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::time::Span;
+use metamorph_protocol::time::{Span, Time};
 use toml::de::DeTable;
 
 /// A link as written.
@@ -27,6 +29,40 @@ pub struct RawLink {
     pub until: Option<At<Span>>,
 }
 
+impl RawLink {
+    /// Reads the delay and the probabilities.
+    pub fn read_rates(section: &mut Section<'_, '_>, diagnostics: &mut Diagnostics) -> RawLink {
+        RawLink {
+            delay: section.get("delay", diagnostics),
+            loss: section.get("loss", diagnostics),
+            duplicate: section.get("duplicate", diagnostics),
+            reorder: section.get("reorder", diagnostics),
+            corrupt: section.get("corrupt", diagnostics),
+            until: None,
+        }
+    }
+
+    /// Returns a link with what is written here, and otherwise as `default`.
+    pub fn over(&self, default: &LinkModel) -> LinkModel {
+        let ratio = |written: &Option<At<Ratio>>, default| written.as_ref().map_or(default, |r| r.value);
+        let Delay(delay_min, delay_max) =
+            self.delay.as_ref().map_or(Delay(default.delay_min, default.delay_max), |delay| delay.value);
+        LinkModel {
+            delay_min,
+            delay_max,
+            loss: ratio(&self.loss, default.loss),
+            duplicate: ratio(&self.duplicate, default.duplicate),
+            reorder: ratio(&self.reorder, default.reorder),
+            corrupt: ratio(&self.corrupt, default.corrupt),
+            harmless_from: self
+                .until
+                .as_ref()
+                .map_or(default.harmless_from, |at| Some(Time::ZERO + at.value)),
+            ..default.clone()
+        }
+    }
+}
+
 /// A scenario as written, with the overrides of the command line.
 #[derive(Debug)]
 pub struct Raw {
@@ -42,6 +78,8 @@ pub struct Raw {
     pub failed_connections: Option<At<Ratio>>,
     /// The link.
     pub link: RawLink,
+    /// The hosts, if the swarm is divided among several.
+    pub hosts: Option<RawHosts>,
     /// Scenario seconds per second on the process link.
     pub time_scale: Option<At<f64>>,
     /// The faults.
@@ -127,6 +165,7 @@ impl Raw {
             swarm: None,
             failed_connections: None,
             link: RawLink::default(),
+            hosts: None,
             time_scale: None,
             faults: Vec::new(),
             timeout: None,
@@ -137,14 +176,9 @@ impl Raw {
 
     fn read_link(&mut self, node: &Node<'_>, diagnostics: &mut Diagnostics) {
         let Some(mut section) = Section::of(node, "[link]", "loss = \"5%\"", diagnostics) else { return };
-        self.link = RawLink {
-            delay: section.get("delay", diagnostics),
-            loss: section.get("loss", diagnostics),
-            duplicate: section.get("duplicate", diagnostics),
-            reorder: section.get("reorder", diagnostics),
-            corrupt: section.get("corrupt", diagnostics),
-            until: section.get("until", diagnostics),
-        };
+        self.link = RawLink::read_rates(&mut section, diagnostics);
+        self.link.until = section.get("until", diagnostics);
+        self.hosts = section.node("between_hosts").and_then(|node| RawHosts::read(node, diagnostics));
         section.finish(diagnostics);
     }
 

@@ -10,6 +10,7 @@
 use super::error::{MAX_GOALS, VERSION};
 use super::family::{Families, FamilySchema, ScenarioFamily, fault_keys};
 use super::faults;
+use super::hosts;
 use super::plan::{NEVER, TIME_SCALE};
 use super::raw::SEED;
 use super::shapes::{AXES, PARTS, THIN, UPS, VOIDS};
@@ -74,7 +75,9 @@ fn definition(family: &dyn ScenarioFamily, part: &str) -> String {
 
 fn definitions(families: Families) -> Value {
     let mut all = Map::new();
-    for (name, value) in values().into_iter().chain(shared()).chain(faults::schema()).chain(shapes()) {
+    for (name, value) in
+        values().into_iter().chain(shared()).chain(faults::schema()).chain(hosts::schema()).chain(shapes())
+    {
         all.insert(name.to_owned(), value);
     }
     for family in families.0 {
@@ -133,6 +136,7 @@ fn shared() -> Definitions {
                     "reorder": seldom(),
                     "corrupt": seldom(),
                     "until": said("When all of these but the delay end. Default: never.", of("time")),
+                    "between_hosts": said("If left out, all modules are on one host.", of("between_hosts")),
                 }),
             ),
         ),

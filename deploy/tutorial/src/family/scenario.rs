@@ -98,6 +98,7 @@ impl RawSwarm for RawPlate {
         Some(FamilySpec {
             swarm: Some(Swarm::new(Plate { side: side as u16, setup: Arc::new(Setup { repeat }) })),
             modules: (side * side) as usize,
+            start_within: None,
             goals: self.goals.iter().enumerate().map(name).collect(),
             patience: Patience {
                 bounds: Bounds { stall: repeat * 4 + late + lost, legs: 1, copies: side * side },

@@ -6,7 +6,7 @@ use metamorph_protocol::counters::{Class, Tally};
 use metamorph_protocol::coverage::{CoveragePoint, hit};
 use metamorph_protocol::host::AgentHost;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
-use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::link::{ClockOffset, LinkModel};
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
@@ -24,7 +24,9 @@ pub(super) enum Process {
 /// The state of a module besides its links.
 pub(super) struct Module<A: Agent> {
     pub rng: Rng,
-    /// The time of the wake-up that is in the queue.
+    /// The clock of the module's host.
+    pub clock: ClockOffset,
+    /// The time of the wake-up that is in the queue, by the controller's clock.
     pub wake: Time,
     pub revision: Revision,
     /// The number of messages sent in this incarnation.
@@ -42,7 +44,7 @@ impl<A: Agent> Module<A> {
 
     /// Returns the wake-up to schedule, if the agent wants another one than the one that is in the queue.
     pub fn plan_wake(&mut self, now: Time) -> Option<Time> {
-        let at = self.agent.as_ref().map(AgentHost::wake_at)?;
+        let at = self.clock.global(self.agent.as_ref().map(AgentHost::wake_at)?);
         if at == self.wake {
             return None;
         }
@@ -146,6 +148,9 @@ impl<A: Agent> Swarm<A> for Vec<Module<A>> {
     }
     fn last(&self, index: usize) -> Option<&A> {
         self.get(index).and_then(|m| m.agent.as_ref()).map(AgentHost::agent)
+    }
+    fn clock(&self, index: usize) -> ClockOffset {
+        self.get(index).map_or(ClockOffset::default(), |m| m.clock)
     }
 }
 

@@ -20,7 +20,8 @@ use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, 
 use crate::scenario::table::Section;
 use metamorph_protocol::cube::params::{Connectivity, Setup};
 use metamorph_protocol::defects::Defect;
-use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::{Cell, Face};
 use scenario::RawCubes;
 use std::fmt;
 use std::sync::Arc;
@@ -100,6 +101,15 @@ impl SwarmPlan for Cubes {
         let mut swarm = self.clone();
         Arc::make_mut(&mut swarm.setup).params.defect = defect;
         Swarm::new(swarm)
+    }
+    fn contacts(&self) -> Option<Vec<(ModuleId, ModuleId)>> {
+        // Invariant: the cells are in ascending order, and there are fewer than 2^32.
+        let at = |cell: Cell| self.cells.binary_search(&cell).ok().map(|i| ModuleId(i as u32));
+        let beside = |cell: Cell| Face::ALL.into_iter().filter_map(move |face| at(cell.step(face)));
+        let all = (0u32..).map(ModuleId).zip(self.cells.iter());
+        Some(
+            all.flat_map(|(id, cell)| beside(*cell).filter(move |b| id < *b).map(move |b| (id, b))).collect(),
+        )
     }
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result {
         describe::describe(out, plan, self)

@@ -127,7 +127,7 @@ impl RawSwarm for RawCubes {
         (&self.move_time, "move_time")
     }
     fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec> {
-        let DraftContext { time_step, usual_delay, passage, .. } = *context;
+        let DraftContext { time_step, usual_delay, passage, skew, .. } = *context;
         let mut layout = Layout::default();
         let cells = self.start_cells(&mut layout, diagnostics);
         let shapes: Vec<Option<Vec<Cell>>> =
@@ -142,9 +142,11 @@ impl RawSwarm for RawCubes {
         let range = u16::try_from(sides * 4).unwrap_or(u16::MAX).min(60_000);
         let params = Params {
             co_owners: self.co_owners.unwrap_or(CO_OWNERS),
+            skew,
             ..Params::scaled(time_step, usual_delay, range).keeping(self.connectivity)
         };
         Some(FamilySpec {
+            start_within: Some(params.start_within() + skew),
             modules: cells.as_ref().map_or(0, Vec::len),
             goals: self.goals.iter().enumerate().map(name).collect(),
             patience: Patience {

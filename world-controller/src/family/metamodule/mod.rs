@@ -28,6 +28,7 @@ use crate::scenario::family::{
 use crate::scenario::table::Section;
 use error::MetamoduleError;
 use metamorph_protocol::defects::Defect;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
@@ -132,6 +133,16 @@ impl SwarmPlan for Metamodules {
         let mut swarm = self.clone();
         Arc::make_mut(&mut swarm.setup).params.defect = defect;
         Swarm::new(swarm)
+    }
+    fn contacts(&self) -> Option<Vec<(ModuleId, ModuleId)>> {
+        let range = self.setup.params.communication_range;
+        let is_near = |a: &Pose, b: &Pose| {
+            let (a, b) = (a.foot(), b.foot());
+            a.0.abs_diff(b.0).max(a.1.abs_diff(b.1)) <= range
+        };
+        let all = || (0u32..).map(ModuleId).zip(self.poses.iter());
+        let pairs = all().flat_map(|a| all().filter(move |b| a.0 < b.0).map(move |b| (a, b)));
+        Some(pairs.filter(|((_, a), (_, b))| is_near(a, b)).map(|((a, _), (b, _))| (a, b)).collect())
     }
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result {
         describe::describe(out, plan, self)

@@ -269,7 +269,7 @@ impl RawSwarm for RawMetamodules {
         }
     }
     fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec> {
-        let DraftContext { time_step, usual_delay, passage, seed } = *context;
+        let DraftContext { time_step, usual_delay, passage, skew, seed } = *context;
         // Invariant: only kinds of metamodules can be chosen, and the database is small enough for them.
         let motions = motions(self.kind).ok()?;
         let goals: Vec<Option<Blueprint>> =
@@ -280,7 +280,7 @@ impl RawSwarm for RawMetamodules {
         let (most, all) = seeds.fold((0, 0), |(most, all): (usize, usize), n: usize| (most.max(n), all + n));
         let count = self.count(most, diagnostics)?;
         let mut params = Params::scaled(self.strategy, time_step, usual_delay);
-        params.seed_authority = self.seed_authority;
+        (params.skew, params.seed_authority) = (skew, self.seed_authority);
         if let Some(communication_range) = &self.communication_range {
             let (least, most) = (u64::from(LEAST_COMMUNICATION_RANGE), MAX_COMMUNICATION_RANGE);
             params.communication_range =
@@ -302,6 +302,7 @@ impl RawSwarm for RawMetamodules {
         let mut draft = FamilySpec {
             swarm: None,
             modules: count,
+            start_within: Some(params.lease),
             goals: self.goals.iter().enumerate().map(name).collect(),
             patience: Patience { bounds: bounds(&params, passage), livelock: 16, timeout: all as u64 + 1 },
         };

@@ -178,9 +178,11 @@ impl<'a, R: Runnable> Engine<'a, R> {
         let key = (id, incarnation);
         match &record.event {
             Event::Born { place } => {
-                let birth = Birth { id, incarnation, place: read(place)?, seed: self.plan.seed };
+                let (place, seed, born) = (read(place)?, self.plan.seed, record.at);
+                let birth = Birth { id, incarnation, place, seed, born };
+                let now = self.plan.link.clock(id).local(born);
                 let replayed = self.incarnations.entry(key).or_default();
-                replayed.agent = Some(AgentHost::hashed(self.swarm.setup(), birth, record.at));
+                replayed.agent = Some(AgentHost::hashed(self.swarm.setup(), birth, now));
                 self.done.incarnations += 1;
                 Ok(())
             }

@@ -1,0 +1,382 @@
+//! `[link.between_hosts]`: the hosts of a swarm, which modules are at home on each, and the links between hosts.
+//! Absent: faults of hosts (`faults`).
+
+use super::diagnostics::{At, Diagnostics, Place};
+use super::error::{LONGEST, ScenarioError};
+use super::raw::RawLink;
+use super::schema::{Definitions, of, said, table, text};
+use super::table::{Delay, Node, Read, Section, elements, span, wrong};
+use metamorph_protocol::ids::HostId;
+use metamorph_protocol::link::{ClockOffset, Hosts, LinkModel};
+use metamorph_protocol::time::Span;
+use serde_json::json;
+use thiserror::Error;
+use toml::de::DeValue;
+
+/// Hosts of one swarm at most.
+pub const MAX_HOSTS: usize = 256;
+const PAIR: &str = "hosts = [\"h1\", \"h2\"]";
+
+/// What is wrong with the hosts of a scenario.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum HostsProblem {
+    /// A name that is not that of a host.
+    #[error("there is no host `{name}`; the swarm has {}", names(*hosts))]
+    Unknown {
+        /// The name.
+        name: String,
+        /// The number of hosts; 0 if the scenario does not divide the swarm among hosts.
+        hosts: usize,
+    },
+    /// A link needs two ends.
+    #[error("both ends are {0}")]
+    SameHost(HostId),
+    /// The numbers of modules per host do not add up.
+    #[error("the hosts have {sum} modules together, and the swarm has {modules}")]
+    Sizes {
+        /// The sum of the numbers.
+        sum: u64,
+        /// Modules of the swarm.
+        modules: usize,
+    },
+    /// A clock is missing or one too many.
+    #[error("{found} clocks are given for {hosts} hosts")]
+    Clocks {
+        /// Clocks given.
+        found: usize,
+        /// The number of hosts.
+        hosts: usize,
+    },
+    /// The controller's clock is the reference.
+    #[error("the clock of {} is the controller's, with which the others are compared", HostId::CONTROLLER)]
+    Reference,
+    /// The clocks differ by more than the protocol has time for.
+    #[error(
+        "clocks differ by up to {skew}; {most} is the maximum, a quarter of the time in which an action may start"
+    )]
+    Skew {
+        /// The largest difference from the controller's clock.
+        skew: Span,
+        /// The maximum.
+        most: Span,
+    },
+}
+
+impl HostsProblem {
+    /// Returns what to do about it.
+    pub fn fix(&self) -> String {
+        match self {
+            HostsProblem::Unknown { hosts: 0, .. } => {
+                "divide the swarm among hosts first, with\n    [link.between_hosts]\n    hosts = 3".into()
+            }
+            HostsProblem::Unknown { hosts, .. } => format!("name one of {}", names(*hosts)),
+            HostsProblem::SameHost(_) => "name two different hosts".into(),
+            HostsProblem::Sizes { .. } => {
+                "write numbers that add up, or only how many hosts there are".into()
+            }
+            HostsProblem::Clocks { hosts, .. } => format!("write {hosts} times"),
+            HostsProblem::Reference => "write `0s` as the first time".into(),
+            HostsProblem::Skew { .. } => "write smaller differences, or make moves longer".into(),
+        }
+    }
+}
+
+fn names(hosts: usize) -> String {
+    match hosts {
+        0 => "one host, which has no name".into(),
+        1 => HostId::CONTROLLER.to_string(),
+        _ => format!("{} to h{hosts}", HostId::CONTROLLER),
+    }
+}
+
+/// How the modules are divided.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Division {
+    /// Equal blocks of module numbers for this many hosts.
+    Equal(u64),
+    /// Blocks of module numbers with these sizes.
+    Blocks(Vec<u64>),
+}
+
+impl Division {
+    fn hosts(&self) -> usize {
+        match self {
+            Division::Equal(count) => usize::try_from(*count).unwrap_or(usize::MAX),
+            Division::Blocks(sizes) => sizes.len(),
+        }
+    }
+
+    /// Returns the home of each module.
+    fn homes(&self, modules: usize) -> Vec<HostId> {
+        let sizes: Vec<usize> = match self {
+            Division::Equal(_) => {
+                let hosts = self.hosts();
+                (0..hosts).map(|i| modules / hosts + usize::from(i < modules % hosts)).collect()
+            }
+            Division::Blocks(sizes) => sizes.iter().map(|size| *size as usize).collect(),
+        };
+        // Invariant: there are fewer than 2^16 hosts.
+        (0u16..).zip(sizes).flat_map(|(host, size)| std::iter::repeat_n(HostId(host), size)).collect()
+    }
+}
+
+impl Read for Division {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Division> {
+        match node.get_ref() {
+            DeValue::Array(array) => {
+                let sizes = array.iter().map(|size| u64::read(size, diagnostics));
+                Some(Division::Blocks(sizes.collect::<Option<_>>()?))
+            }
+            _ => u64::read(node, diagnostics).map(Division::Equal),
+        }
+    }
+}
+
+/// A time that may be negative.
+struct Offset(ClockOffset);
+
+impl Read for Offset {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Offset> {
+        let DeValue::String(text) = node.get_ref() else {
+            diagnostics.add(node.span(), wrong("a time", node.get_ref(), "\"-8ms\""));
+            return None;
+        };
+        let (digits, sign) = text.strip_prefix('-').map_or((&**text, 1), |digits| (digits, -1));
+        let value = diagnostics.note(&node.span().into(), span(digits))?;
+        // A longer time is out of range in any case.
+        Some(Offset(ClockOffset(sign * i64::try_from(value.0).unwrap_or(i64::MAX))))
+    }
+}
+
+/// Two hosts by name, not checked yet.
+pub type Pair = [At<String>; 2];
+
+/// `[link.between_hosts]` as written.
+#[derive(Clone, Debug)]
+pub struct RawHosts {
+    place: Place,
+    division: Option<At<Division>>,
+    link: RawLink,
+    skew: Option<At<Vec<ClockOffset>>>,
+    pairs: Vec<(Pair, RawLink)>,
+}
+
+impl RawHosts {
+    /// Reads the table.
+    pub fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawHosts> {
+        let mut section = Section::of(node, "[link.between_hosts]", "hosts = 3", diagnostics)?;
+        let division = section.need("hosts", "hosts = 3", diagnostics);
+        let link = RawLink::read_rates(&mut section, diagnostics);
+        let skew = section.node("skew").and_then(|node| {
+            let clocks = elements(node, "skew = [\"0s\", \"12ms\"]", diagnostics)?;
+            let clocks = clocks.iter().map(|clock| Offset::read(clock, diagnostics).map(|o| o.0));
+            Some(At::new(clocks.collect::<Option<Vec<_>>>()?, node.span()))
+        });
+        let pairs =
+            section.node("pair").and_then(|node| elements(node, "[[link.between_hosts.pair]]", diagnostics));
+        let pairs = pairs.into_iter().flat_map(|array| array.iter());
+        let pairs = pairs.filter_map(|node| read_pair(node, diagnostics)).collect();
+        section.finish(diagnostics);
+        Some(RawHosts { place: node.span().into(), division, link, skew, pairs })
+    }
+
+    /// Returns the place of the table.
+    pub fn place(&self) -> &Place {
+        &self.place
+    }
+
+    /// Returns the longest delay of a link, if it is longer than that within a host.
+    pub fn longest_delay(&self, within: Span, diagnostics: &mut Diagnostics) -> Span {
+        let links = std::iter::once(&self.link).chain(self.pairs.iter().map(|(_, link)| link));
+        let mut longest = within;
+        for At { value: Delay(_, max), place } in links.filter_map(|link| link.delay.as_ref()) {
+            if *max > LONGEST {
+                let (got, low, high) = (max.to_string(), Span::ZERO.to_string(), LONGEST.to_string());
+                let what = "the delay";
+                diagnostics.add(place.clone(), ScenarioError::Range { what, got, low, high });
+            }
+            longest = longest.max(*max);
+        }
+        longest
+    }
+
+    /// Returns a link that is as bad as the worst of all, within hosts and between them.
+    pub fn worst(&self, within: &LinkModel) -> LinkModel {
+        let between = self.link.over(within);
+        let pairs = self.pairs.iter().map(|(_, link)| link.over(&between));
+        pairs.chain([between.clone()]).fold(within.clone(), |worst, link| LinkModel {
+            loss: worst.loss.larger(link.loss),
+            reorder: worst.reorder.larger(link.reorder),
+            corrupt: worst.corrupt.larger(link.corrupt),
+            ..worst
+        })
+    }
+
+    /// Returns the largest difference of a clock from the controller's.
+    pub fn skew(&self) -> Span {
+        let clocks = self.skew.iter().flat_map(|skew| &skew.value);
+        Span(clocks.map(|clock| clock.0.unsigned_abs()).max().unwrap_or(0))
+    }
+
+    /// Checks that actions can start in time although clocks differ; `start_within` is the time they have otherwise.
+    pub fn check_skew(&self, start_within: Span, diagnostics: &mut Diagnostics) {
+        let (skew, most) = (self.skew(), start_within / 4);
+        if let Some(At { place, .. }) = self.skew.as_ref().filter(|_| skew > most) {
+            diagnostics.add(place.clone(), HostsProblem::Skew { skew, most });
+        }
+    }
+
+    /// Returns the hosts. Links have the rates of `within` unless the scenario says otherwise.
+    pub fn compile(
+        &self,
+        within: &LinkModel,
+        modules: usize,
+        diagnostics: &mut Diagnostics,
+    ) -> Option<Hosts> {
+        let At { value: division, place } = self.division.as_ref()?;
+        let (hosts, most) = (division.hosts(), MAX_HOSTS.min(modules));
+        if !(1..=most).contains(&hosts) {
+            let (got, low, high) = (hosts.to_string(), "1".into(), most.to_string());
+            let what = "the number of hosts";
+            diagnostics.add(place.clone(), ScenarioError::Range { what, got, low, high });
+            return None;
+        }
+        if let Division::Blocks(sizes) = division {
+            let sum = sizes.iter().fold(0u64, |sum, size| sum.saturating_add(*size));
+            if sum != modules as u64 || sizes.contains(&0) {
+                diagnostics.add(place.clone(), HostsProblem::Sizes { sum, modules });
+                return None;
+            }
+        }
+        let clocks = self.clocks(hosts, diagnostics)?;
+        let between = self.link.over(&LinkModel { partitions: Vec::new(), hosts: None, ..within.clone() });
+        let mut links: Vec<LinkModel> = Hosts::pairs(hosts).map(|_| between.clone()).collect();
+        for (pair, raw) in &self.pairs {
+            let (a, b) = pair_of(pair, hosts, diagnostics)?;
+            let index = Hosts::pairs(hosts).position(|(low, high)| (low, high) == (a.min(b), a.max(b)));
+            // Invariant: the hosts exist and differ.
+            links[index?] = raw.over(&between);
+        }
+        let homes = division.homes(modules);
+        Hosts::new(homes, clocks, links).ok()
+    }
+
+    fn clocks(&self, hosts: usize, diagnostics: &mut Diagnostics) -> Option<Vec<ClockOffset>> {
+        let Some(At { value: clocks, place }) = &self.skew else {
+            return Some(vec![ClockOffset::default(); hosts]);
+        };
+        let problem = if clocks.len() != hosts {
+            HostsProblem::Clocks { found: clocks.len(), hosts }
+        } else if clocks.first() != Some(&ClockOffset::default()) {
+            HostsProblem::Reference
+        } else {
+            return Some(clocks.clone());
+        };
+        diagnostics.add(place.clone(), problem);
+        None
+    }
+}
+
+fn read_pair(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<(Pair, RawLink)> {
+    let mut section = Section::of(node, "[[link.between_hosts.pair]]", PAIR, diagnostics)?;
+    let hosts = match section.node("hosts") {
+        Some(hosts) => read_names(hosts, diagnostics),
+        None => {
+            section.missing("hosts", PAIR, diagnostics);
+            None
+        }
+    };
+    let link = RawLink::read_rates(&mut section, diagnostics);
+    section.finish(diagnostics);
+    Some((hosts?, link))
+}
+
+/// Reads the names of two hosts.
+pub fn read_names(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Pair> {
+    let names = elements(node, PAIR, diagnostics)?;
+    let names =
+        names.iter().map(|name| String::read(name, diagnostics).map(|text| At::new(text, name.span())));
+    let names: Vec<_> = names.collect::<Option<_>>()?;
+    let pair = Pair::try_from(names);
+    if pair.is_err() {
+        let (expected, found) = ("the names of two hosts", "a list of another length");
+        diagnostics.add(node.span(), ScenarioError::Kind { expected, found, example: PAIR });
+    }
+    pair.ok()
+}
+
+/// Returns the host with this name; `hosts` is the number of hosts.
+pub fn host_of(name: &At<String>, hosts: usize, diagnostics: &mut Diagnostics) -> Option<HostId> {
+    let host = HostId::from_name(&name.value).filter(|host| host.index() < hosts);
+    if host.is_none() {
+        let text = name.value.chars().take(40).collect();
+        diagnostics.add(name.place.clone(), HostsProblem::Unknown { name: text, hosts });
+    }
+    host
+}
+
+/// Returns two different hosts; `hosts` is the number of hosts.
+pub fn pair_of(pair: &Pair, hosts: usize, diagnostics: &mut Diagnostics) -> Option<(HostId, HostId)> {
+    let [a, b] = pair.each_ref().map(|name| host_of(name, hosts, diagnostics));
+    let (a, b) = (a?, b?);
+    if a == b {
+        diagnostics.add(pair[1].place.clone(), HostsProblem::SameHost(a));
+        return None;
+    }
+    Some((a, b))
+}
+
+/// Returns the definitions of the hosts, for the JSON schema.
+pub fn schema() -> Definitions {
+    let sizes =
+        json!({ "type": "array", "items": { "type": "integer", "minimum": 1 }, "maxItems": MAX_HOSTS });
+    let number = json!({ "type": "integer", "minimum": 1, "maximum": MAX_HOSTS });
+    let rates = |mut own: serde_json::Value, otherwise: &str| {
+        let rate = |kind| said(&format!("If left out, as {otherwise}."), of(kind));
+        own["delay"] = rate("delay");
+        for key in ["loss", "duplicate", "reorder", "corrupt"] {
+            own[key] = rate("probability");
+        }
+        own
+    };
+    vec![
+        (
+            "host",
+            said("The name of a host: h1, h2 and so on.", json!({ "type": "string", "pattern": "^h[1-9]" })),
+        ),
+        ("two-hosts", json!({ "type": "array", "items": of("host"), "minItems": 2, "maxItems": 2 })),
+        (
+            "between_hosts",
+            table(
+                "The hosts that the simulated swarm is divided among, and the links between them.",
+                &["hosts"],
+                rates(
+                    json!({
+                        "hosts": said(
+                            "How many, each with an equal block of module numbers; or the number of modules on each.",
+                            json!({ "anyOf": [number, sizes] }),
+                        ),
+                        "skew": said(
+                            "How far the clock of each host is ahead of that of h1, such as 12ms or -8ms. If left \
+                             out, all clocks agree.",
+                            json!({ "type": "array", "items": text() }),
+                        ),
+                        "pair": said(
+                            "Links of two hosts that differ from the others. If left out, all are alike.",
+                            json!({ "type": "array", "items": of("host-pair") }),
+                        ),
+                    }),
+                    "within a host",
+                ),
+            ),
+        ),
+        (
+            "host-pair",
+            table(
+                "The link of two hosts.",
+                &["hosts"],
+                rates(json!({ "hosts": of("two-hosts") }), "between the other hosts"),
+            ),
+        ),
+    ]
+}
