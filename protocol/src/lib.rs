@@ -19,6 +19,7 @@ pub mod host;
 pub mod ids;
 pub mod lattice;
 pub mod link;
+pub mod manipulation;
 pub mod metamodule;
 pub mod on_grid;
 pub mod plan;

@@ -62,9 +62,9 @@ fn degrees(d: [f64; 6]) -> [f64; 6] {
 #[test]
 fn torques_of_the_tabulated_postures() {
     let floor = Load::floor();
-    let wall = Load { gravity: Vector3::x(), payload: 0.0 };
+    let wall = Load { gravity: Vector3::x(), ..Load::floor() };
     // Least favourable class: gravity along the face diagonal that the axes are square to.
-    let diagonal = Load { gravity: Vector3::new(1.0, -1.0, 0.0).normalize(), payload: 0.0 };
+    let diagonal = Load { gravity: Vector3::new(1.0, -1.0, 0.0).normalize(), ..Load::floor() };
     let lying = degrees([120.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let straight = [0.0; 6];
     let l = degrees([0.0, 0.0, 120.0, 0.0, 0.0, 0.0]);
@@ -134,7 +134,7 @@ fn largest_torques_over_all_floor_postures() {
 /// Straight out of a wall with 0.5 kg in the least favourable class is too much.
 #[test]
 fn the_payload_on_a_wall_is_too_much() {
-    let load = Load { gravity: Vector3::new(1.0, -1.0, 0.0).normalize(), payload: 0.5 };
+    let load = Load { gravity: Vector3::new(1.0, -1.0, 0.0).normalize(), payload: 0.5, ..Load::floor() };
     let t = torques(Kind::Per, &[0.0; 6], &load).unwrap();
     assert!((t[0].exact - 5.24).abs() < 0.005, "{}", t[0].exact);
     assert_eq!(overloaded(Kind::Per, &[0.0; 6], &load, &Limits::NOMINAL), Ok(Some(0)));

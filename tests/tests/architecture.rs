@@ -124,6 +124,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "on_grid",
             "assembly",
             "free_module",
+            "manipulation",
             "cube",
             "metamodule",
         ],

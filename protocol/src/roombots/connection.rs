@@ -176,7 +176,7 @@ mod tests {
     /// A robot straight out of a wall sags downwards, an upright one does not bend.
     #[test]
     fn weight_bends_the_lever() {
-        let wall = Load { gravity: -Vector3::x(), payload: 0.0 };
+        let wall = Load { gravity: -Vector3::x(), ..Load::floor() };
         let head = bent_head(Kind::Par, &[0.0; 6], &wall, 1e-3).unwrap();
         assert!(head.origin.x < -1e-3, "{}", head.origin);
         let up = bending(Kind::Par, &[0.0; 6], &Load::floor(), 1e-3).unwrap();

@@ -31,6 +31,13 @@ impl LatticeRotation {
         let r = LatticeRotation(rows);
         (rows.into_iter().all(unit) && columns.into_iter().all(unit) && r.determinant() == 1).then_some(r)
     }
+    /// Iterates over the 24 rotations of the cube, in order.
+    pub fn all() -> impl Iterator<Item = LatticeRotation> {
+        let signed = |i: i8| [0, 1, 2].map(|k| if k == i / 2 { 1 - 2 * (i % 2) } else { 0 });
+        (0..216).filter_map(move |n: i16| {
+            LatticeRotation::from_rows([n / 36, n / 6 % 6, n % 6].map(|i| signed(i as i8)))
+        })
+    }
     /// Returns the rows of the matrix.
     pub const fn rows(self) -> [[i8; 3]; 3] {
         self.0
@@ -141,6 +148,7 @@ mod tests {
             }
         }
         assert_eq!(all.len(), 24);
+        assert_eq!(LatticeRotation::all().collect::<std::collections::BTreeSet<_>>(), all);
         for r in &all {
             assert_eq!(*r * r.inverse(), LatticeRotation::IDENTITY);
             assert_eq!(LatticeRotation::from_rows(r.rows()), Some(*r));

@@ -76,7 +76,7 @@ const CERTAIN_DEPTH: f64 = 14.0 / 110.0;
 
 /// The two ways a joint turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Turn {
+pub(crate) enum Turn {
     /// 120° about (1,1,1) through the centre of a cube.
     Outer,
     /// 90° about z through the plate between two cubes.
@@ -84,7 +84,7 @@ enum Turn {
 }
 
 impl Turn {
-    fn at(self, fraction: f64) -> Matrix3<f64> {
+    pub(crate) fn at(self, fraction: f64) -> Matrix3<f64> {
         match self {
             Turn::Outer => rotation(&diagonal(), fraction * TAU / 3.0),
             Turn::Middle => rotation(&Vector3::z(), fraction * FRAC_PI_2),
@@ -94,7 +94,7 @@ impl Turn {
 
 /// A cube in the frame of the joint: place in half cells from the pivot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Part {
+pub(crate) enum Part {
     /// In front of the joint.
     Still(Half),
     /// The cube of an outer joint: its lower half stays, its upper half turns.
@@ -104,7 +104,7 @@ enum Part {
 }
 
 impl Part {
-    fn body(self, turn: &Matrix3<f64>) -> Body {
+    pub(crate) fn body(self, turn: &Matrix3<f64>) -> Body {
         let at = |h: Half| Vector3::from(h.map(|x| f64::from(x) / 2.0));
         let still = Pose::identity();
         match self {
@@ -128,7 +128,7 @@ struct PartSweep {
 }
 
 /// Number of samples per step: one every degree or less.
-const SAMPLES: u32 = 120;
+pub(crate) const SAMPLES: u32 = 120;
 
 /// Sweeps of all places met so far.
 #[derive(Debug, Default)]
@@ -234,17 +234,17 @@ impl Sweeper {
 }
 
 /// The frame of a joint at the start of a step.
-struct Frame {
-    turn: Turn,
+pub(crate) struct Frame {
+    pub(crate) turn: Turn,
     joint: usize,
     /// The pivot in half cells of the foot frame.
-    pivot: Half,
+    pub(crate) pivot: Half,
     rotation: LatticeRotation,
-    to_joint: LatticeRotation,
+    pub(crate) to_joint: LatticeRotation,
 }
 
 impl Frame {
-    fn of(kind: Kind, start: &Placement, joint: usize) -> Frame {
+    pub(crate) fn of(kind: Kind, start: &Placement, joint: usize) -> Frame {
         debug_assert!(joint < kind.joints());
         // Cubes 0, 0-1, 1 for the first module, 2, 2-3, 3 for the second.
         let cube = joint / 3 * 2 + usize::from(joint % 3 == 2);
@@ -257,9 +257,12 @@ impl Frame {
         let rotation = start.rotations[joint];
         Frame { turn, joint, pivot, rotation, to_joint: rotation.inverse() }
     }
-    fn part(&self, start: &Placement, cube: usize) -> Part {
-        let at = half(start.cells[cube]);
-        let place = self.to_joint.apply([0, 1, 2].map(|i| at[i] - self.pivot[i]));
+    /// Returns the place in the frame of the joint of a point of the foot frame.
+    pub(crate) fn place(&self, at: Half) -> Half {
+        self.to_joint.apply([0, 1, 2].map(|i| at[i] - self.pivot[i]))
+    }
+    pub(crate) fn part(&self, start: &Placement, cube: usize) -> Part {
+        let place = self.place(half(start.cells[cube]));
         // The joint between a cube's own halves; joints in front of that one move the whole cube.
         match self.joint.cmp(&[0, 2, 3, 5][cube]) {
             Ordering::Less => Part::Moving(place),
@@ -267,7 +270,7 @@ impl Frame {
             Ordering::Greater => Part::Still(place),
         }
     }
-    fn cell(&self, place: Half) -> Cell {
+    pub(crate) fn cell(&self, place: Half) -> Cell {
         let at = self.rotation.apply(place);
         let [x, y, z] = [0, 1, 2].map(|i| self.pivot[i] + at[i]);
         Cell::new(x / 2, y / 2, (z - 1) / 2)
@@ -296,7 +299,7 @@ fn sweep_part(turn: Turn, part: Part) -> PartSweep {
     });
 
     // Cells whose centres are odd or even in half cells like the start place of the cube.
-    let places = bodies.iter().flat_map(|b| near_places(turn, &b.centre));
+    let places = bodies.iter().flat_map(|b| near_places(turn, &b.centre, OUTER_RADIUS));
     let places: BTreeSet<Half> = places.collect();
     let mut entered = Vec::new();
     for place in places {
@@ -320,13 +323,13 @@ fn sweep_part(turn: Turn, part: Part) -> PartSweep {
     PartSweep { reach, entered }
 }
 
-/// Returns the places of cells that a cube centred here may enter.
-fn near_places(turn: Turn, centre: &Vector3<f64>) -> Vec<Half> {
+/// Returns the places of cells that a body of this radius centred here may enter.
+pub(crate) fn near_places(turn: Turn, centre: &Vector3<f64>, radius: f64) -> Vec<Half> {
     // For an outer joint the pivot is a cell centre, for a middle one a face centre along z.
     let offset = [0.0, 0.0, if turn == Turn::Middle { 0.5 } else { 0.0 }];
     let range = |i: usize| {
-        let low = (centre[i] - offset[i] - OUTER_RADIUS - HALF_EDGE).ceil() as i16;
-        let high = (centre[i] - offset[i] + OUTER_RADIUS + HALF_EDGE).floor() as i16;
+        let low = (centre[i] - offset[i] - radius - HALF_EDGE).ceil() as i16;
+        let high = (centre[i] - offset[i] + radius + HALF_EDGE).floor() as i16;
         (low..=high).map(move |n| 2 * n + (2.0 * offset[i]) as i16)
     };
     let mut all = Vec::new();
@@ -356,12 +359,12 @@ pub fn entry_depth(body: &Body, cell: &Vector3<f64>, than: f64) -> Option<f64> {
     Some(low)
 }
 
-fn maximum(values: impl Iterator<Item = f64>) -> (f64, usize) {
+pub(crate) fn maximum(values: impl Iterator<Item = f64>) -> (f64, usize) {
     values.enumerate().fold((f64::MIN, 0), |best, (i, v)| if v > best.0 { (v, i) } else { best })
 }
 
 /// Refines the maximum of `f` near sample `i`, where it is `best`, by golden section.
-fn refined(best: f64, i: usize, f: impl Fn(f64) -> f64) -> f64 {
+pub(crate) fn refined(best: f64, i: usize, f: impl Fn(f64) -> f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let step = 1.0 / f64::from(SAMPLES);
     let at = i as f64 * step;

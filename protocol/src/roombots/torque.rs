@@ -21,14 +21,16 @@ pub const GRAVITY: f64 = 9.81;
 pub struct Load {
     /// Direction of gravity in the foot frame, of unit length; −z for a robot on the floor.
     pub gravity: Vector3<f64>,
-    /// Mass on the head plate in kilograms.
+    /// Mass of the payload in kilograms.
     pub payload: f64,
+    /// Centre of mass of the payload in the head frame, in cells. The origin is the middle of the head plate.
+    pub payload_at: Vector3<f64>,
 }
 
 impl Load {
     /// Returns the load of a robot on the floor without payload.
     pub fn floor() -> Load {
-        Load { gravity: -Vector3::z(), payload: 0.0 }
+        Load { gravity: -Vector3::z(), payload: 0.0, payload_at: Vector3::zeros() }
     }
 }
 
@@ -77,14 +79,14 @@ pub fn torques(kind: Kind, q: &[f64], load: &Load) -> Result<Vec<Torque>, Kinema
     let chain = Chain::of(kind);
     let motions = chain.motions(q);
     let v = load.gravity;
-    let head = motions[kind.joints()].compose(&chain.home).origin;
+    let payload_at = motions[kind.joints()].compose(&chain.home).point(&load.payload_at);
     let last = all[all.len() - 1].origin;
     let result = chain.joints.iter().enumerate().map(|(i, joint)| {
         let u = motions[i].rotation * joint.axis;
         let pivot = motions[i].point(&joint.pivot);
         // Hemisphere h of a module lies beyond the first h of its joints.
         let beyond = all.iter().enumerate().filter(|(h, _)| h / 4 * 3 + h % 4 > i);
-        let (mut mass, mut moment) = (load.payload, head * load.payload);
+        let (mut mass, mut moment) = (load.payload, payload_at * load.payload);
         for (_, h) in beyond {
             mass += HEMISPHERE_MASS;
             moment += h.origin * HEMISPHERE_MASS;

@@ -102,7 +102,7 @@ Examples:
   metamorph reproduce 4.1 4.2 fig4.5
   metamorph reproduce 4.2 --seeds 100 --out results
   metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
-  metamorph reproduce graph-signature on-grid reward-map planned
+  metamorph reproduce graph-signature on-grid reward-map planned torque
   metamorph reproduce thesis-7
 
 4.1, 4.2 and fig4.5 run the thesis's experiment with metamodules (4.1.3), re-implemented by the nearest

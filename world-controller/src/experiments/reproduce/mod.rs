@@ -70,6 +70,9 @@ pub enum Experiment {
     /// Table 7.2: parameters of the reduced networks of oscillators
     #[value(name = "thesis-7")]
     Thesis7,
+    /// Experiment 2 of 5.1.4 and figure 5.10: a metamodule crosses a floor under limits of torque
+    #[value(alias = "5.10")]
+    Torque,
 }
 
 impl Experiment {
@@ -84,6 +87,7 @@ impl Experiment {
             Experiment::RewardMap => "reward-map",
             Experiment::Planned => "planned",
             Experiment::Thesis7 => "thesis-7",
+            Experiment::Torque => "torque",
         }
     }
     const fn title(self) -> &'static str {
@@ -96,6 +100,7 @@ impl Experiment {
             Experiment::RewardMap => "Thesis 4.2.3: the reward map, one metamodule on a floor",
             Experiment::Planned => "Thesis 4.1.3: box and chair, planned centrally and by each metamodule",
             Experiment::Thesis7 => "Thesis, table 7.2: parameters of networks of oscillators",
+            Experiment::Torque => "Thesis 5.1.4, experiment 2 (figure 5.10): limits of torque",
         }
     }
     const fn goals(self) -> &'static [Goal] {

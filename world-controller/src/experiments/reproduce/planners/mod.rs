@@ -5,6 +5,7 @@ mod network_parameters;
 mod on_grid;
 mod planned;
 mod reward_map;
+mod torque;
 
 use super::{Experiment, Request};
 use crate::console::interrupt::Interrupt;
@@ -80,6 +81,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
             Experiment::OnGrid => on_grid::table(request.seeds, &interrupt),
             Experiment::RewardMap => reward_map::table(request.seeds, &interrupt),
             Experiment::Thesis7 => network_parameters::table(),
+            Experiment::Torque => torque::table(),
             Experiment::Planned => planned::table(request, &interrupt)?,
             _ => graph_signature::table(request.seeds, &interrupt),
         });

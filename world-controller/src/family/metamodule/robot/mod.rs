@@ -2,6 +2,7 @@
 //!
 //! Answers are written as text, or as one JSON value with `--json`. Not here: running a swarm.
 
+mod elements;
 mod motions;
 mod order;
 mod poses;
@@ -47,6 +48,15 @@ enum RobotCommand {
     Moves(motions::MovesArgs),
     /// The order in which the parts of a scenario's goals can be assembled
     Order(order::OrderArgs),
+    /// The postures in which a metamodule carries a passive element
+    #[command(after_help = "Example: metamorph robot carry SRS --element plate3x3 --mass 0.5")]
+    Carry(elements::CarryArgs),
+    /// The pairs of postures in which one metamodule hands a cube to another
+    #[command(after_help = "Example: metamorph robot handover SRS --json")]
+    Handover(elements::HandoverArgs),
+    /// Random walks that look for a change of the colour (x + y + z) mod 2 of a carried cell
+    #[command(after_help = "Example: metamorph robot colour --lattice --walks 10000")]
+    Colour(elements::ColourArgs),
     /// Pose of the head: forward kinematics
     Fk(poses::FkArgs),
     /// Joint angles for a pose of the head: inverse kinematics
@@ -76,6 +86,9 @@ pub enum RobotError {
     /// Goals that cannot be assembled.
     #[error("no order of assembly: {0}")]
     NoOrder(String),
+    /// Cells that changed colour, which no lattice motion can do.
+    #[error("{0} cells changed colour; a lattice motion cannot do that, so the model is wrong")]
+    Colour(usize),
     /// A file cannot be written.
     #[error(transparent)]
     File(#[from] OutputError),
@@ -89,7 +102,10 @@ impl CommandError for RobotError {
         match self {
             RobotError::Usage(_) | RobotError::Kinematics(_) => BAD_USAGE,
             RobotError::File(error) => error.exit_code(),
-            RobotError::OutOfReach(_) | RobotError::NoOrder(_) | RobotError::Output(_) => FAILED,
+            RobotError::OutOfReach(_)
+            | RobotError::NoOrder(_)
+            | RobotError::Colour(_)
+            | RobotError::Output(_) => FAILED,
         }
     }
     fn text(&self) -> String {
@@ -133,6 +149,9 @@ pub fn run_to(args: RobotArgs, out: &mut dyn Write) -> Result<(), RobotError> {
         RobotCommand::Shapes { kind } => motions::shapes(&database(), kind),
         RobotCommand::Moves(moves) => motions::moves(&database(), &moves)?,
         RobotCommand::Order(order) => order::order(&order)?,
+        RobotCommand::Carry(carry) => elements::carry(&database(), &carry)?,
+        RobotCommand::Handover(handover) => elements::handover(&database(), &handover)?,
+        RobotCommand::Colour(colour) => elements::colour(&colour)?,
         RobotCommand::Fk(fk) => poses::fk(&fk)?,
         RobotCommand::Ik(ik) => poses::ik(&ik)?,
         RobotCommand::Svg(svg) => svg::answer(&svg)?,

@@ -1,0 +1,113 @@
+//! Hand-over tables: the pairs of postures in which two metamodules hold one element at different ports.
+
+use super::carry::CarryTable;
+use super::element::{Element, cell_at, centre_of, moved};
+use crate::lattice::{Cell, Face};
+use crate::roombots::database::Table;
+use crate::roombots::lattice_pose::LatticePose;
+use std::collections::BTreeMap;
+
+/// A holder and a taker that hold an element at the same time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Pair {
+    /// The posture of the holder.
+    pub holder: u16,
+    /// The posture of the taker.
+    pub taker: u16,
+}
+
+/// The hand-overs from one grip to another, by the pose of the taker's foot in the foot frame of the holder.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct HandoverTable {
+    /// The number of pairs that hold the element in one place at different ports.
+    pub examined: u64,
+    /// Those that do not collide, ascending.
+    pub pairs: BTreeMap<LatticePose, Vec<Pair>>,
+}
+
+/// A posture and the cells of its cubes.
+type Standing = (u16, [Cell; 4]);
+
+impl HandoverTable {
+    /// Generates the table for a holder and a taker with these carry tables, both in their main sets. The foot of the taker
+    /// is on the floor of the holder, or on a wall above it.
+    pub fn new(table: &Table, element: &Element, holder: &CarryTable, taker: &CarryTable) -> HandoverTable {
+        HandoverTable::between(table, element, [holder, taker], [holder.main_set(), taker.main_set()])
+    }
+
+    /// Generates the table for these postures of a holder and a taker.
+    pub fn between(
+        table: &Table,
+        element: &Element,
+        [holder, taker]: [&CarryTable; 2],
+        [holders, takers]: [Vec<u16>; 2],
+    ) -> HandoverTable {
+        let symmetries = element.symmetries();
+        let takers = by_pose(table, taker, &takers);
+        // The middle of the occupied port, in the frame of the element.
+        let port_of = |carry: &CarryTable| carry.grip().offset.inverse().half;
+        let mut found = HandoverTable::default();
+        for (pose, holders) in by_pose(table, holder, &holders) {
+            let occupied = moved(pose, port_of(holder));
+            for symmetry in &symmetries {
+                let turned = pose.compose(*symmetry);
+                if moved(turned, port_of(taker)) == occupied {
+                    continue;
+                }
+                for (of_taker, takers) in &takers {
+                    let foot = turned.compose(of_taker.inverse());
+                    if is_foothold(foot) {
+                        found.add(foot, &holders, takers);
+                    }
+                }
+            }
+        }
+        found.pairs.values_mut().for_each(|pairs| pairs.sort_unstable());
+        found
+    }
+
+    fn add(&mut self, foot: LatticePose, holders: &[Standing], takers: &[Standing]) {
+        self.examined += (holders.len() * takers.len()) as u64;
+        let mut free = Vec::new();
+        for (taker, cells) in takers {
+            let cells = cells.map(|cell| cell_at(moved(foot, centre_of(cell))));
+            if cells.iter().any(|c| c.z < 0) {
+                continue;
+            }
+            let clear = holders.iter().filter(|(_, own)| !cells.iter().any(|c| own.contains(c)));
+            free.extend(clear.map(|(holder, _)| Pair { holder: *holder, taker: *taker }));
+        }
+        if !free.is_empty() {
+            self.pairs.entry(foot).or_default().extend(free);
+        }
+    }
+
+    /// Returns the number of pairs that do not collide.
+    pub fn free(&self) -> usize {
+        self.pairs.values().map(Vec::len).sum()
+    }
+    /// Returns the number of foot poses on the floor of the holder.
+    pub fn same_floor(&self) -> usize {
+        self.pairs.keys().filter(|foot| foot.rotation.up() == Face::Up).count()
+    }
+}
+
+/// Returns true for foot poses on the floor, and on walls above it.
+fn is_foothold(pose: LatticePose) -> bool {
+    match pose.rotation.up() {
+        Face::Up => pose.half[2] == 0,
+        Face::Down => false,
+        _ => pose.half[2] > 0,
+    }
+}
+
+/// Returns postures by the pose of the element in the foot frame.
+fn by_pose(table: &Table, carry: &CarryTable, postures: &[u16]) -> BTreeMap<LatticePose, Vec<Standing>> {
+    let mut all: BTreeMap<LatticePose, Vec<Standing>> = BTreeMap::new();
+    for posture in postures {
+        let placement = table.postures()[usize::from(*posture)].posture.placement();
+        let pose = placement.head.compose(carry.grip().offset);
+        all.entry(pose).or_default().push((*posture, placement.cells));
+    }
+    all
+}

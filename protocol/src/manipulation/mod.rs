@@ -1,0 +1,18 @@
+//! Passive elements: what metamodules carry, hand over and place (thesis chapter 5).
+//!
+//! An [`element::Element`] is a rigid set of cells with ports. A metamodule holds it by a port with its head plate,
+//! in one of a few [`element::Grip`]s. Whether it can move with it is a table of the postures and single steps
+//! ([`carry`]) and of the load on its joints ([`load`]); which pairs of postures pass an element on is the table
+//! of [`handover`]. [`colour`] shows what no posture of the lattice can do, and [`stride`] repeats the torque
+//! experiment of thesis 5.1.4.
+//!
+//! Lengths are in cells, masses in grams, torques in µNm. Floats are used to build tables only: [`contact`] and
+//! [`load`] compute with exact bodies and levers, and everything they give is an integer.
+
+pub mod carry;
+pub mod colour;
+pub mod contact;
+pub mod element;
+pub mod handover;
+pub mod load;
+pub mod stride;
