@@ -103,7 +103,7 @@ pub type OutputOf<A> = Output<<A as Agent>::Message, <A as Agent>::Action, <A as
 ///
 /// Its state is made of integers and a shared [`Agent::Setup`], so that the same inputs give the
 /// same outputs on every machine.
-pub trait Agent: Sized {
+pub trait Agent: Sized + Send + Sync + 'static {
     /// What all agents of a swarm share and what never changes: parameters, goals.
     type Setup: Serialize + DeserializeOwned + Send + Sync + 'static;
     /// The place of a body when its agent starts.

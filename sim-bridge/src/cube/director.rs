@@ -341,6 +341,13 @@ impl DirectorPort<CubeWorld> for Director {
         self.watch(now, world);
     }
 
+    fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
+        if self.outcome.is_some() {
+            return Err("the run is over".to_owned());
+        }
+        self.faults.input(now, kind, bytes, self.known.len())
+    }
+
     fn wake_at(&self) -> Time {
         if self.outcome.is_some() {
             return Time::NEVER;

@@ -8,6 +8,9 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use std::collections::{BTreeSet, VecDeque};
 
+/// The kind of [`DirectorPort::input`](super::port::DirectorPort::input) that is a fault: its text, such as `kill 7`.
+pub const FAULT_INPUT: &str = "fault";
+
 /// A schedule and the position in it.
 #[derive(Clone, Debug, Default)]
 pub struct FaultInjector {
@@ -23,6 +26,25 @@ impl FaultInjector {
     /// Creates an injector at the start of a schedule.
     pub fn new(schedule: Schedule) -> FaultInjector {
         FaultInjector { schedule, ..FaultInjector::default() }
+    }
+    /// Takes a fault that the schedule does not have, to be injected at `now` after those that are due.
+    ///
+    /// # Errors
+    /// Returns what is wrong with the input: it is of another kind, or names no fault of one of `modules` modules.
+    pub fn input(&mut self, now: Time, kind: &str, bytes: &[u8], modules: usize) -> Result<(), String> {
+        if kind != FAULT_INPUT {
+            return Err(format!("this director takes no input of kind `{kind}`"));
+        }
+        let fault: Fault = String::from_utf8_lossy(bytes).parse()?;
+        match fault.module() {
+            Some(id) if id.index() >= modules => {
+                Err(format!("there is no module {id}; they are numbered from 0 to {}", modules - 1))
+            }
+            _ => {
+                self.schedule.insert(self.next, now, fault);
+                Ok(())
+            }
+        }
     }
     /// Returns the next fault that is due.
     pub fn due(&mut self, now: Time) -> Option<Fault> {

@@ -5,6 +5,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Time;
 use std::fmt;
+use std::str::FromStr;
 
 /// A fault of the world that only some families know, such as an obstacle that appears. The family's director
 /// injects it; everything else needs only what is here.
@@ -75,6 +76,30 @@ impl Fault {
     }
 }
 
+impl FromStr for Fault {
+    type Err = String;
+
+    /// Reads a fault that hits a module, as [`Display`](fmt::Display) writes it: `kill 7`.
+    fn from_str(text: &str) -> Result<Fault, String> {
+        let form = || {
+            format!(
+                "`{text}` is no fault; write one of kill, pause, resume, restart, stick, unstick, and a module, such as `kill 7`"
+            )
+        };
+        let (verb, id) = text.trim().split_once(' ').ok_or_else(form)?;
+        let id = ModuleId(id.trim().parse().map_err(|_| form())?);
+        Ok(match verb {
+            "kill" => Fault::Kill(id),
+            "pause" => Fault::Pause(id),
+            "resume" => Fault::Resume(id),
+            "restart" => Fault::Restart(id),
+            "stick" => Fault::Stick(id),
+            "unstick" => Fault::Unstick(id),
+            _ => return Err(form()),
+        })
+    }
+}
+
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -112,6 +137,11 @@ impl Schedule {
     pub fn new(mut faults: Vec<(Time, Fault)>) -> Schedule {
         faults.sort_by_key(|(at, _)| *at);
         Schedule { faults }
+    }
+    /// Adds a fault at the end of those that are due at or before its time, but not before the index `first`.
+    pub fn insert(&mut self, first: usize, at: Time, fault: Fault) {
+        let after = first + self.faults[first..].partition_point(|(due, _)| *due <= at);
+        self.faults.insert(after, (at, fault));
     }
     /// Iterates over the faults in order.
     pub fn iter(&self) -> impl Iterator<Item = &(Time, Fault)> {

@@ -13,16 +13,27 @@ use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::record::{Blob, Event, Outside, Record, Sink, Who};
 use metamorph_protocol::runtime::{Command, Sensed};
 use metamorph_protocol::time::Time;
-use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::hash::Hasher;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The destination of all records of a driver.
-pub type Log = Rc<RefCell<dyn Sink>>;
+/// The destination of all records of a driver, shared by everything that writes them.
+#[derive(Clone)]
+pub struct Log(Arc<Mutex<dyn Sink + Send>>);
+
+impl Log {
+    /// Creates a log that writes to this sink.
+    pub fn new(sink: Arc<Mutex<impl Sink + Send + 'static>>) -> Log {
+        Log(sink)
+    }
+    /// Returns the sink, locked. A run is driven by one thread at a time, so nothing waits for it for long.
+    pub fn lock(&self) -> MutexGuard<'_, dyn Sink + Send + 'static> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
 
 fn put(log: &Log, at: Time, event: Event) {
-    log.borrow_mut().put(&Record { at, who: Who::Controller, event });
+    log.lock().put(&Record { at, who: Who::Controller, event });
 }
 
 /// Converts the record of a fault to an event.
@@ -251,7 +262,7 @@ impl<W: World, D: DirectorPort<W>> DirectorPort<RecordedWorld<W>> for RecordedDi
         self.inner.struck()
     }
     fn commit(&mut self) {
-        self.log.borrow_mut().commit();
+        self.log.lock().commit();
     }
 }
 
@@ -299,21 +310,21 @@ mod tests {
 
     #[test]
     fn accepted_inputs_are_recorded() {
-        let log = Rc::new(RefCell::new(Kept::default()));
-        let mut director = RecordedDirector::new(Listening(Vec::new()), log.clone());
+        let log = Arc::new(Mutex::new(Kept::default()));
+        let mut director = RecordedDirector::new(Listening(Vec::new()), Log::new(log.clone()));
         assert_eq!(director.input(Time(1), "known", &[1, 2]), Ok(()));
         assert_eq!(director.input(Time(2), "other", &[3]), Err("other".to_owned()));
         assert_eq!(director.inner().0, [vec![1, 2]]);
-        assert_eq!(log.borrow().0, [Event::Input { kind: "known".into(), bytes: vec![1, 2] }]);
+        assert_eq!(log.lock().unwrap().0, [Event::Input { kind: "known".into(), bytes: vec![1, 2] }]);
     }
 
     /// Starts and ends of actions are in the records of inputs, in the order of the world, whenever it is
     /// polled.
     #[test]
     fn starts_and_ends_of_actions_are_recorded() {
-        let log = Rc::new(RefCell::new(Kept::default()));
+        let log = Arc::new(Mutex::new(Kept::default()));
         let cells = [[0, 0, 0], [1, 0, 0], [0, 0, 1]].map(Cell::from);
-        let mut world = RecordedWorld::new(CubeWorld::new(&cells, Span::secs(1), 1), log.clone());
+        let mut world = RecordedWorld::new(CubeWorld::new(&cells, Span::secs(1), 1), Log::new(log.clone()));
         let motion = Motion { kind: MotionKind::Slide, support: Face::Down, heading: Face::East };
         let action = Move { motion, not_after: Time::NEVER };
         let mover = ModuleId(2);
@@ -323,7 +334,7 @@ mod tests {
         world.advance(Time(999_999_999));
         world.advance(Time(1_000_000_000));
         let there = Blob::of(&Cell::new(1, 0, 1));
-        let log = log.borrow();
+        let log = log.lock().unwrap();
         let seen = log.0.iter().map(|event| match event {
             Event::Act { id: ModuleId(2), begun, .. } => Ok(*begun),
             Event::Advance { ended } => Err(ended.clone()),

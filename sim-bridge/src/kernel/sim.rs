@@ -6,6 +6,7 @@
 //! The state of all modules lies in flat arrays, and messages under way in one slab, so that a message costs
 //! no allocation and a module a few hundred bytes.
 
+mod audit;
 mod bodies;
 mod module;
 
@@ -15,10 +16,10 @@ use crate::director::port::DirectorPort;
 use crate::kernel::audited::{Agents, Audited};
 use crate::kernel::queue::Queue;
 use crate::kernel::recording::Log;
-use crate::kernel::state::{self, Hashes, Held, States};
+use crate::kernel::state::States;
 use crate::kernel::trace::Trace;
+use crate::world::invariants::SESSION_CURRENT;
 use crate::world::invariants::{self, Violation};
-use crate::world::invariants::{MESSAGES_BALANCE, SESSION_CURRENT, TIME_PASSES};
 use bodies::{BodyMessage, HostStreams};
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::{Class, Tally};
@@ -69,6 +70,17 @@ enum Event {
     Stream(u32),
 }
 
+/// The result of [`Sim::step`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// An event was carried out.
+    Done,
+    /// No event is due yet.
+    Nothing,
+    /// The run is over.
+    Over,
+}
+
 /// A simulated run.
 pub struct Sim<W: Audited, D: DirectorPort<W>> {
     now: Time,
@@ -94,6 +106,8 @@ pub struct Sim<W: Audited, D: DirectorPort<W>> {
     /// The instant of the latest input to an agent, and how many there have been at it.
     instant: (Time, u64),
     finished: bool,
+    /// True if everything was audited after the end.
+    audited: bool,
     log: Option<Log>,
 }
 
@@ -140,6 +154,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             checked: 0,
             instant: (Time::ZERO, 0),
             finished: false,
+            audited: false,
             log,
         };
         for i in 0..sim.modules.len() as u32 {
@@ -191,40 +206,64 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     /// Runs until the director finishes the run, no event is left, or `until` has come. Returns true if the
     /// run is over.
     pub fn run_until(&mut self, until: Time) -> bool {
-        while !self.finished {
-            let event = self.queue.next_at();
-            let (world, director) = (self.world.next_event(), self.director.wake_at());
-            let next = event.min(world).min(director).max(self.now);
-            if next == Time::NEVER || next > until {
-                self.now = self.now.max(until.min(next));
-                return next == Time::NEVER;
-            }
-            self.now = next;
-            // At one instant bodies come first, then messages and timers, then the controller.
-            if world <= next {
-                self.world.advance(next);
-                self.settle();
-            } else if event <= next {
-                if self.queue.taken().is_multiple_of(AT_HAND) {
-                    self.look_ahead();
-                }
-                if let Some((at, event)) = self.queue.pop() {
-                    self.dispatch(at, event);
-                }
-            } else {
-                self.director.wake(self.now, &mut self.world);
-                self.settle();
-            }
-            if self.states.is_due(self.trace.events()) {
-                self.look_at_states();
-            }
-            if self.now >= self.next_audit {
-                self.audit_all();
-                self.next_audit = self.now + self.config.audit_every;
+        loop {
+            match self.step(until) {
+                Step::Done => {}
+                Step::Nothing => return false,
+                Step::Over => return true,
             }
         }
-        self.audit_all();
-        true
+    }
+
+    /// Carries out the next event, if it is due at or before `until`: bodies that finish a motion, a message or a
+    /// timer, or the director.
+    pub fn step(&mut self, until: Time) -> Step {
+        if self.finished {
+            // Audited once more, since the last event was carried out.
+            if !std::mem::replace(&mut self.audited, true) {
+                self.audit_all();
+            }
+            return Step::Over;
+        }
+        let event = self.queue.next_at();
+        let (world, director) = (self.world.next_event(), self.director.wake_at());
+        let next = event.min(world).min(director).max(self.now);
+        if next == Time::NEVER || next > until {
+            self.now = self.now.max(until.min(next));
+            return if next == Time::NEVER { Step::Over } else { Step::Nothing };
+        }
+        self.now = next;
+        // At one instant bodies come first, then messages and timers, then the controller.
+        if world <= next {
+            self.world.advance(next);
+            self.settle();
+        } else if event <= next {
+            if self.queue.taken().is_multiple_of(AT_HAND) {
+                self.look_ahead();
+            }
+            if let Some((at, event)) = self.queue.pop() {
+                self.dispatch(at, event);
+            }
+        } else {
+            self.director.wake(self.now, &mut self.world);
+            self.settle();
+        }
+        if self.states.is_due(self.trace.events()) {
+            self.look_at_states();
+        }
+        if self.now >= self.next_audit {
+            self.audit_all();
+            self.next_audit = self.now + self.config.audit_every;
+        }
+        Step::Done
+    }
+
+    /// Hands the director an input that is not determined by scenario and seed.
+    ///
+    /// # Errors
+    /// Returns what is wrong with the input.
+    pub fn input(&mut self, kind: &str, bytes: &[u8]) -> Result<(), String> {
+        self.director.input(self.now, kind, bytes)
     }
 
     /// Reads the memory that the next events will need, without changing anything. In a large swarm most reads miss
@@ -336,7 +375,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             Some(log) => {
                 let links = &self.links[id.index() * W::Agent::PORTS..];
                 let peer = |port: Port| links[port.index()].contact.map(|c| c.peer);
-                let sink = &mut *log.borrow_mut();
+                let sink = &mut *log.lock();
                 let context = StepContext { heard, revision: *revision, peer: &peer, sink };
                 agent.handle_recorded(now, input, context);
             }
@@ -350,23 +389,6 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
         self.world.audit_agent(self.now, id, &agents, &mut found);
         found.into_iter().for_each(|v| self.note(v));
-    }
-
-    /// Counts the inputs of an instant, and ends a run in which time does not advance: it would never end by itself.
-    fn count_input(&mut self) {
-        let (at, inputs) = self.instant;
-        self.instant = (self.now, if at == self.now { inputs + 1 } else { 1 });
-        if self.finished {
-            return;
-        }
-        if let Err(what) = self.time_passes() {
-            self.note(Violation { invariant: TIME_PASSES, at: self.now, what });
-            self.finished = true;
-        }
-    }
-
-    fn time_passes(&self) -> Result<(), String> {
-        invariants::time_passes(self.instant.1, self.modules.len())
     }
 
     fn plan_wake(&mut self, id: ModuleId) {
@@ -512,7 +534,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         let now = module.clock.local(born);
         module.agent = Some(match &self.log {
             None => AgentHost::new(&self.config.setup, birth, now),
-            Some(log) => AgentHost::recorded(&self.config.setup, birth, now, &mut *log.borrow_mut()),
+            Some(log) => AgentHost::recorded(&self.config.setup, birth, now, &mut *log.lock()),
         });
         module.process = Process::Running;
         module.incarnation = incarnation;
@@ -523,58 +545,5 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         self.plan_wake(id);
         self.world.start(self.now, id, incarnation);
         self.director.started(self.now, id);
-    }
-
-    fn note(&mut self, violation: Violation) {
-        self.broken += 1;
-        if self.violations.len() < MAX_VIOLATIONS {
-            self.violations.push(violation);
-        }
-    }
-
-    fn audit_all(&mut self) {
-        self.checked += 1;
-        let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
-        self.world.audit_all(self.now, &agents, &mut found);
-        found.extend(self.world.take_violations());
-        if let Err(what) = invariants::messages_balance(&self.tally, &self.under_way()) {
-            found.push(Violation { invariant: MESSAGES_BALANCE, at: self.now, what });
-        }
-        found.into_iter().for_each(|v| self.note(v));
-    }
-
-    /// Returns the number of messages of each class that are under way, or unread at a stopped module.
-    fn under_way(&self) -> invariants::PerClass {
-        let mut of = invariants::PerClass::default();
-        self.parcels.iter().for_each(|(_, parcel)| of[parcel.class.index()] += 1);
-        for waiting in self.backlogs.values().flat_map(|b| &b.waiting) {
-            if let Waiting::Message(parcel) = waiting {
-                of[parcel.class.index()] += 1;
-            }
-        }
-        of
-    }
-
-    /// Returns the hash of the current state of all agents.
-    pub fn agents_hash(&self) -> u64 {
-        state::agents_hash(self.modules.iter().map(|m| Held {
-            is_alive: m.is_alive(),
-            incarnation: m.incarnation,
-            agent: m.agent.as_ref().map(AgentHost::agent),
-        }))
-    }
-
-    /// Returns the hashes of the current state and of the sampled states. Independent of how the run was
-    /// sliced.
-    pub fn hashes(&self) -> Hashes {
-        let (agents, world) = (self.agents_hash(), state::world_hash(&self.world));
-        let mut states = self.states.clone();
-        states.fold(self.trace.events(), agents, world);
-        Hashes { states: states.value(), agents, world }
-    }
-
-    fn look_at_states(&mut self) {
-        let (agents, world) = (self.agents_hash(), state::world_hash(&self.world));
-        self.states.fold(self.trace.events(), agents, world);
     }
 }

@@ -570,6 +570,13 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         }
     }
 
+    fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
+        if self.outcome.is_some() {
+            return Err("the run is over".to_owned());
+        }
+        self.faults.input(now, kind, bytes, self.known.len())
+    }
+
     fn wake_at(&self) -> Time {
         if self.outcome.is_some() {
             return Time::NEVER;

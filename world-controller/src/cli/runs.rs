@@ -190,7 +190,7 @@ fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scene_builder::ReadE
     let scene = Shared::new(scene(&plan, true));
     let log = family::of(&plan).shown(&plan).scribe(scene.clone());
     let whole = journal.by_ref().try_for_each(|record| {
-        log.borrow_mut().put(&record?);
+        log.lock().put(&record?);
         Ok(())
     });
     drop(log);

@@ -72,6 +72,11 @@ impl Interrupt {
         desk.swarms.push(swarm.clone());
     }
 
+    /// Asks the command to end, as a signal does.
+    pub fn request(&self) {
+        self.0.rung.store(true, Ordering::Relaxed);
+    }
+
     /// Returns true if the command is asked to end.
     pub fn is_set(&self) -> bool {
         self.0.rung.load(Ordering::Relaxed)

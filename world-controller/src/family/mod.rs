@@ -19,7 +19,7 @@ use crate::report::schema::Report;
 use crate::run::processes::{self, LeftBehind, ProcessError, Processes};
 use crate::run::replay::{self, AgentOf, ReplayError, Replayed, Request, Worded};
 use crate::run::runnable::Runnable;
-use crate::run::simulated::{self, Simulation, Watch};
+use crate::run::simulated::{self, Simulation, SteppedRun, Watch};
 use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::family::{Families, ScenarioFamily};
 use crate::scenario::{self, Overrides, Plan};
@@ -66,6 +66,8 @@ pub trait FamilyParts: ExploredFamily {
 pub trait Family: ExploredFamily {
     /// Simulates a plan to its end, or until it is interrupted.
     fn simulate(&self, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult);
+    /// Begins a simulated run to be carried out in steps.
+    fn begin(&self, plan: &Plan, since: Stopwatch) -> Box<dyn SteppedRun>;
     /// Runs a plan with one process per module.
     fn run_processes(&self, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError>;
     /// Resumes a run of processes whose controller was killed.
@@ -89,8 +91,11 @@ where
     AgentOf<F::Swarm>: Worded<Place: 'static> + 'static,
 {
     fn simulate(&self, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) {
-        let (report, result) = simulated::run(swarm::<F>(plan), plan, simulation);
+        let (report, result) = simulated::run::<F::Swarm>(plan, simulation);
         (with_all_parts(report), result)
+    }
+    fn begin(&self, plan: &Plan, since: Stopwatch) -> Box<dyn SteppedRun> {
+        simulated::begin::<F::Swarm>(plan, since)
     }
     fn run_processes(&self, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
         processes::run(swarm::<F>(plan), plan, processes).map(with_all_parts)
@@ -209,6 +214,11 @@ pub fn simulate(plan: &Plan, since: Stopwatch, watch: &mut Watch<'_>) -> (Report
     of(plan).simulate(plan, Simulation { since, watch, keeping: None, scribe: None, search: false })
 }
 
+/// Begins a simulated run that is carried out in steps, for programs that embed one.
+pub fn begin(plan: &Plan) -> Box<dyn SteppedRun> {
+    of(plan).begin(plan, Stopwatch::start())
+}
+
 /// Simulates a plan to its end, or until interrupted, with a progress line. `since` was started with the
 /// program; the run is recorded in a journal and for a page, if given.
 pub fn run_simulated(
@@ -257,4 +267,44 @@ pub fn agent(line: &[OsString]) -> Result<(), AgentProcessError> {
     let name = first.to_string_lossy();
     let family = named(&name).ok_or_else(|| ArgsError::Family(name.into_owned()))?;
     Ok(family.agent(&AgentArgs::parse(rest.iter().cloned())?)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::ids::ModuleId;
+    use metamorph_protocol::time::Time;
+    use metamorph_sim_bridge::director::faults::Fault;
+
+    fn plan(name: &str, kill: &[String]) -> Plan {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/scenarios").join(name);
+        let kill = kill.to_vec();
+        let overrides = Overrides { link: scenario::LinkKind::Sim, kill, ..Overrides::default() };
+        read_file(&file, &overrides).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    /// Neither steps nor where a run is stopped have an effect; an injected fault has that of a planned one.
+    #[test]
+    fn a_run_in_steps_is_the_run_at_once() {
+        for name in ["swarm.toml", "chair.toml"] {
+            let at_once = |plan: &Plan| simulate(plan, Stopwatch::start(), &mut |_, _| true).0;
+            let hashes = |report: Report| (report.trace_hash, report.state_hash, report.messages.all.sent);
+            let whole = at_once(&plan(name, &[]));
+            let mut run = begin(&plan(name, &[]));
+            assert!(!run.run_until(Time(1_234_567_890)));
+            while run.step() {}
+            assert_eq!(hashes(run.report()), hashes(whole));
+            assert!(!run.step() && run.run_until(Time::NEVER));
+            assert_eq!(run.inject(Fault::Kill(ModuleId(1))), Err("the run is over".to_owned()));
+
+            let mut run = begin(&plan(name, &[]));
+            assert!((0..700).all(|_| run.step()));
+            run.inject(Fault::Kill(ModuleId(2))).unwrap();
+            let planned = plan(name, &[format!("2@{}ns", run.now().0)]);
+            assert!(run.inject(Fault::Kill(ModuleId(4_000))).unwrap_err().contains("no module 4000"));
+            run.run_until(Time::NEVER);
+            assert!(!run.module(ModuleId(2)).is_alive && run.cells().len() == run.modules());
+            assert_eq!(hashes(run.report()), hashes(at_once(&planned)));
+        }
+    }
 }

@@ -217,7 +217,7 @@ pub fn resume<R: Runnable>(
     if let Some(scribe) = &scribe {
         // The page receives the records from before.
         for record in Reader::open(&controller_part(&parts))? {
-            scribe.borrow_mut().put(&record.map_err(JournalError::from)?);
+            scribe.lock().put(&record.map_err(JournalError::from)?);
         }
     }
     let keeping = JournalSession::going_on(&file, run, part.end(), until)?;

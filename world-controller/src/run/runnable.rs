@@ -22,9 +22,9 @@ pub type SetupOf<R> = <<<R as Runnable>::World as World>::Agent as Agent>::Setup
 /// A swarm that can be run.
 pub trait Runnable: SwarmPlan {
     /// Its world.
-    type World: Audited;
+    type World: Audited + Send + Sync + 'static;
     /// Its director.
-    type Director: DirectorPort<Self::World>;
+    type Director: DirectorPort<Self::World> + Send + Sync + 'static;
 
     /// Returns what all agents share.
     fn setup(&self) -> &Arc<SetupOf<Self>>;

@@ -1,4 +1,5 @@
-//! Runs a plan on the simulated link: one thread, virtual time, deterministic.
+//! Runs a plan on the simulated link: one thread, virtual time, deterministic. A run is carried out to its end, or in
+//! steps by a program that embeds it.
 
 use crate::console::stopwatch::Stopwatch;
 use crate::record::journal::JournalSession;
@@ -7,15 +8,24 @@ use crate::report::run_result::RunResult;
 use crate::report::{Facts, report, schema::Report};
 use crate::run::runnable::Runnable;
 use crate::scenario::Plan;
+use crate::view::visible::Visible;
+use metamorph_protocol::agent::{Agent, Summary};
+use metamorph_protocol::counters::Tally;
 use metamorph_protocol::defects::Defect;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::director::fault_injector::FAULT_INPUT;
+use metamorph_sim_bridge::director::faults::Fault;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::audited::Audited;
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
-use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
+use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig, Step};
+use metamorph_sim_bridge::world::World;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// A callback with the scenario time and the progress of the run; returning false ends the run.
 pub type Watch<'w> = dyn FnMut(Time, &dyn Fn() -> Progress) -> bool + 'w;
@@ -35,75 +45,211 @@ pub struct Simulation<'w> {
 }
 
 /// Runs the plan to its end, or until `watch` returns false.
-pub fn run<R: Runnable>(swarm: &R, plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) {
+pub fn run<R: Runnable>(plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) {
     let Simulation { since, watch, keeping, scribe, search } = simulation;
-    let config = SimConfig {
-        setup: Arc::clone(swarm.setup()),
-        link: plan.link.clone(),
-        seed: plan.seed,
-        audit_every: swarm.audit_every(),
-        ignore_sessions: plan.swarm.defect() == Some(Defect::IgnoreSessions),
-    };
-    let (world, director) = (swarm.world(plan), swarm.director(plan));
-    let Some(log) = both(keeping.as_ref().map(JournalSession::log), scribe) else {
-        let sim = Sim::new(config, world, director);
-        return drive(swarm, plan, since, watch, sim, |w| w, |d| d, |_, _| Vec::new(), search);
-    };
-    let world = RecordedWorld::new(world, log.clone());
-    let director = RecordedDirector::new(director, log.clone());
-    let sim = Sim::with_journal(config, world, director, Some(log));
-    let finish = |sim: &Sim<_, _>, outcome: Outcome| {
-        let kept = keeping.map(|k| k.finish(sim.now(), outcome.name(), sim.tally(), &[], 0));
-        kept.unwrap_or_default()
-    };
-    drive(swarm, plan, since, watch, sim, RecordedWorld::inner, RecordedDirector::inner, finish, search)
+    let log = both(keeping.as_ref().map(JournalSession::log), scribe);
+    match log {
+        None => to_the_end(Run::<R, _, _>::plain(plan, since), watch, keeping, search),
+        Some(log) => to_the_end(Run::<R, _, _>::recorded(plan, since, log), watch, keeping, search),
+    }
 }
 
-#[allow(clippy::too_many_arguments, reason = "the same for runs with and without a journal")]
-fn drive<R: Runnable, W: Audited, D: DirectorPort<W>>(
-    swarm: &R,
-    plan: &Plan,
-    since: Stopwatch,
+fn to_the_end<R: Runnable, W: Audited, D: DirectorPort<W>>(
+    mut run: Run<R, W, D>,
     watch: &mut Watch<'_>,
-    mut sim: Sim<W, D>,
-    world: fn(&W) -> &R::World,
-    director: fn(&D) -> &R::Director,
-    finish: impl FnOnce(&Sim<W, D>, Outcome) -> Vec<String>,
+    keeping: Option<JournalSession>,
     search: bool,
 ) -> (Report, RunResult) {
-    let (setup, running) = (since.elapsed(), Stopwatch::start());
+    let time_step = run.swarm().time_step();
     // Slices exist for `watch` only; where they end has no effect on the run.
-    while watch(sim.now(), &|| Progress {
-        messages: Some(sim.tally().total().sent),
-        ..R::progress(director(sim.director()))
-    }) && !sim.run_until(sim.now() + swarm.time_step())
-    {}
-    let wall = running.elapsed();
-    let account = swarm.account(plan, director(sim.director()), world(sim.world()));
-    let notes = finish(&sim, account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome));
-    let (violations, broken) = sim.violations();
-    let hashes = sim.hashes();
-    let facts = Facts {
-        slowed: None,
-        left: None,
-        plan,
-        account,
-        time_step: swarm.time_step(),
-        tally: sim.tally(),
-        body_messages: sim.body_messages(),
-        crossings: sim.crossings(),
-        violations,
-        broken,
-        checked: sim.checked(),
-        now: sim.now(),
-        wall,
-        setup,
-        trace_hash: Some(sim.trace().value()),
-        state_hash: Some(hashes.states),
-        agents_hash: Some(hashes.agents),
-        world_hash: hashes.world,
-        search,
-        notes,
-    };
-    (report(&facts), facts.account)
+    while watch(run.sim.now(), &|| run.progress()) && !run.sim.run_until(run.sim.now() + time_step) {}
+    run.report(keeping, search)
+}
+
+/// A simulated run of a swarm; `W` and `D` are its world and director, or wrappers of them that record.
+struct Run<R: Runnable, W: Audited, D: DirectorPort<W>> {
+    plan: Plan,
+    sim: Sim<W, D>,
+    world: fn(&W) -> &R::World,
+    director: fn(&D) -> &R::Director,
+    setup: Duration,
+    running: Stopwatch,
+}
+
+fn swarm<R: Runnable>(plan: &Plan) -> &R {
+    plan.swarm.of().expect("invariant: a plan is run by the family that it names")
+}
+
+fn config<R: Runnable>(plan: &Plan) -> SimConfig<<R::World as World>::Agent> {
+    SimConfig {
+        setup: Arc::clone(swarm::<R>(plan).setup()),
+        link: plan.link.clone(),
+        seed: plan.seed,
+        audit_every: swarm::<R>(plan).audit_every(),
+        ignore_sessions: plan.swarm.defect() == Some(Defect::IgnoreSessions),
+    }
+}
+
+impl<R: Runnable> Run<R, R::World, R::Director> {
+    fn plain(plan: &Plan, since: Stopwatch) -> Self {
+        let swarm = swarm::<R>(plan);
+        let sim = Sim::new(config::<R>(plan), swarm.world(plan), swarm.director(plan));
+        Run::begin(plan, since, sim, |w| w, |d| d)
+    }
+}
+
+impl<R: Runnable> Run<R, RecordedWorld<R::World>, RecordedDirector<R::Director>> {
+    fn recorded(plan: &Plan, since: Stopwatch, log: Log) -> Self {
+        let swarm = swarm::<R>(plan);
+        let world = RecordedWorld::new(swarm.world(plan), log.clone());
+        let director = RecordedDirector::new(swarm.director(plan), log.clone());
+        let sim = Sim::with_journal(config::<R>(plan), world, director, Some(log));
+        Run::begin(plan, since, sim, RecordedWorld::inner, RecordedDirector::inner)
+    }
+}
+
+impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
+    fn begin(
+        plan: &Plan,
+        since: Stopwatch,
+        sim: Sim<W, D>,
+        world: fn(&W) -> &R::World,
+        director: fn(&D) -> &R::Director,
+    ) -> Self {
+        Run { plan: plan.clone(), sim, world, director, setup: since.elapsed(), running: Stopwatch::start() }
+    }
+
+    fn swarm(&self) -> &R {
+        swarm(&self.plan)
+    }
+    fn progress(&self) -> Progress {
+        let messages = Some(self.sim.tally().total().sent);
+        Progress { messages, ..R::progress((self.director)(self.sim.director())) }
+    }
+
+    /// Returns the result so far; `search` says whether a standstill is searched for what could still be built.
+    fn report(&self, keeping: Option<JournalSession>, search: bool) -> (Report, RunResult) {
+        let (sim, plan) = (&self.sim, &self.plan);
+        let wall = self.running.elapsed();
+        let account = self.swarm().account(plan, (self.director)(sim.director()), (self.world)(sim.world()));
+        let outcome = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
+        let kept = keeping.map(|k| k.finish(sim.now(), outcome.name(), sim.tally(), &[], 0));
+        let (violations, broken) = sim.violations();
+        let hashes = sim.hashes();
+        let facts = Facts {
+            slowed: None,
+            left: None,
+            plan,
+            account,
+            time_step: self.swarm().time_step(),
+            tally: sim.tally(),
+            body_messages: sim.body_messages(),
+            violations,
+            broken,
+            checked: sim.checked(),
+            crossings: sim.crossings(),
+            now: sim.now(),
+            wall,
+            setup: self.setup,
+            trace_hash: Some(sim.trace().value()),
+            state_hash: Some(hashes.states),
+            agents_hash: Some(hashes.agents),
+            world_hash: hashes.world,
+            search,
+            notes: kept.unwrap_or_default(),
+        };
+        (report(&facts), facts.account)
+    }
+}
+
+/// What a module is and does at an instant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ModuleState {
+    /// The cell of its body; of bodies with several cells, the one at the connector that holds them.
+    pub cell: Cell,
+    /// Whether its process lives.
+    pub is_alive: bool,
+    /// What its agent says of itself; of a dead one, the last state.
+    pub summary: Option<Summary>,
+}
+
+/// A simulated run that is carried out in steps.
+pub trait SteppedRun: Send + Sync {
+    /// Carries out the next event of the kernel. Returns false if the run is over.
+    fn step(&mut self) -> bool;
+    /// Runs until a time. Returns true if the run is over.
+    fn run_until(&mut self, until: Time) -> bool;
+    /// Returns the scenario time.
+    fn now(&self) -> Time;
+    /// Injects a fault now: after everything else that is due at this instant.
+    ///
+    /// # Errors
+    /// Returns why there can be no such fault.
+    fn inject(&mut self, fault: Fault) -> Result<(), String>;
+    /// Returns the number of modules.
+    fn modules(&self) -> usize;
+    /// Returns the cell of each module's body.
+    fn cells(&self) -> Vec<Cell>;
+    /// Returns the state of a module.
+    fn module(&self, id: ModuleId) -> ModuleState;
+    /// Returns the message counts.
+    fn tally(&self) -> &Tally;
+    /// Returns the hash of all events so far.
+    fn trace_hash(&self) -> u64;
+    /// Returns the hash of the sampled states and the current one.
+    fn state_hash(&self) -> u64;
+    /// Returns the report so far. Before the end its outcome is `aborted`.
+    fn report(&self) -> Report;
+}
+
+/// Begins a run to be carried out in steps.
+pub fn begin<R: Runnable<World: World<Agent: Visible>>>(
+    plan: &Plan,
+    since: Stopwatch,
+) -> Box<dyn SteppedRun> {
+    Box::new(Run::<R, _, _>::plain(plan, since))
+}
+
+impl<R: Runnable<World: World<Agent: Visible>>> SteppedRun for Run<R, R::World, R::Director> {
+    fn step(&mut self) -> bool {
+        self.sim.step(Time::NEVER) != Step::Over
+    }
+    fn run_until(&mut self, until: Time) -> bool {
+        self.sim.run_until(until)
+    }
+    fn now(&self) -> Time {
+        self.sim.now()
+    }
+    fn inject(&mut self, fault: Fault) -> Result<(), String> {
+        self.sim.input(FAULT_INPUT, fault.to_string().as_bytes())
+    }
+    fn modules(&self) -> usize {
+        self.sim.world().len()
+    }
+    fn cells(&self) -> Vec<Cell> {
+        let world = self.sim.world();
+        (0..world.len() as u32)
+            .map(|id| <R::World as World>::Agent::cell(&world.place(ModuleId(id))))
+            .collect()
+    }
+    fn module(&self, id: ModuleId) -> ModuleState {
+        let agents = self.sim.agents();
+        ModuleState {
+            cell: <R::World as World>::Agent::cell(&self.sim.world().place(id)),
+            is_alive: agents.get(id).is_some(),
+            summary: agents.last(id).map(|agent| agent.summary(self.sim.now())),
+        }
+    }
+    fn tally(&self) -> &Tally {
+        self.sim.tally()
+    }
+    fn trace_hash(&self) -> u64 {
+        self.sim.trace().value()
+    }
+    fn state_hash(&self) -> u64 {
+        self.sim.hashes().states
+    }
+    fn report(&self) -> Report {
+        self.report(None, true).0
+    }
 }

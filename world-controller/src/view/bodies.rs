@@ -5,9 +5,7 @@ use super::scene_builder::{SceneBuilder, Shared};
 use super::visible::{Stage, Visible, Words};
 use metamorph_protocol::record::Blob;
 use metamorph_sim_bridge::kernel::recording::Log;
-use std::cell::RefCell;
-use std::rc::Rc;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// The bodies of a swarm at the start of its run.
 pub struct Bodies<A: Visible> {
@@ -46,6 +44,6 @@ impl<A: Visible<Place: 'static> + 'static> ShownSwarm for Bodies<A> {
         (!parts.is_empty()).then_some(parts)
     }
     fn scribe(self: Box<Self>, scene: Shared) -> Log {
-        Rc::new(RefCell::new(SceneBuilder { bodies: *self, scene }))
+        Log::new(Arc::new(Mutex::new(SceneBuilder { bodies: *self, scene })))
     }
 }

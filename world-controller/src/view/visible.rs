@@ -4,6 +4,7 @@ use super::parts::{Motion, Part};
 use crate::report::message_timeline::MessageLabel;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Span;
 use serde::Serialize;
 
@@ -135,6 +136,8 @@ pub trait Visible: Agent {
         place: &Self::Place,
         action: &Self::Action,
     ) -> Option<(Motion, Self::Place)>;
+    /// Returns the cell of a body; of one with several cells, the one at the connector that holds it.
+    fn cell(place: &Self::Place) -> Cell;
     /// Describes the place of a body.
     fn whereabouts(place: &Self::Place) -> String;
     /// Returns the outcome that a percept reports.

@@ -45,6 +45,9 @@ impl Visible for Leader {
     fn motion(_: &Setup, _: &Cell, action: &Never) -> Option<(Motion, Cell)> {
         match *action {}
     }
+    fn cell(cell: &Cell) -> Cell {
+        *cell
+    }
     fn whereabouts(cell: &Cell) -> String {
         cell.to_string()
     }

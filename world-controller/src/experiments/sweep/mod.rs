@@ -125,7 +125,7 @@ impl Scenario {
     }
 
     /// Reads the scenario with every combination.
-    fn check(&self, grid: &Grid) -> Result<(), SweepError> {
+    pub fn check(&self, grid: &Grid) -> Result<(), SweepError> {
         for combination in 0..grid.combinations() {
             self.plan(grid, combination).map_err(|diagnostics| match grid.values(combination).len() {
                 0 => SweepError::Scenario(diagnostics),
@@ -170,7 +170,7 @@ impl Scenario {
     }
 
     /// Returns the command that repeats one run.
-    fn repeat(&self, grid: &Grid, run: u64) -> String {
+    pub fn repeat(&self, grid: &Grid, run: u64) -> String {
         let settings = options(grid, grid.combination(run), "--set");
         let space = if settings.is_empty() { "" } else { " " };
         let (file, seed) = (quote(self.origin.clone()), grid.seed(run));

@@ -62,6 +62,9 @@ impl Visible for Cube {
         Some((drawn, motion.destination(*cell)))
     }
 
+    fn cell(cell: &Cell) -> Cell {
+        *cell
+    }
     fn whereabouts(cell: &Cell) -> String {
         format!("[{}, {}, {}]", cell.x, cell.y, cell.z)
     }

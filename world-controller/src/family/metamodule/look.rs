@@ -137,6 +137,10 @@ impl Visible for Metamodule {
         }
     }
 
+    fn cell(pose: &Pose) -> Cell {
+        let (x, y) = pose.foot();
+        Cell::new(x, y, 0)
+    }
     fn whereabouts(pose: &Pose) -> String {
         let end = match (pose.both, pose.end) {
             (true, _) => "both ends",

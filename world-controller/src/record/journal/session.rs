@@ -12,24 +12,23 @@ use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::record::Sink;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::kernel::recording::Log;
-use std::cell::RefCell;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A journal that is being written.
 pub struct JournalSession {
     file: PathBuf,
     parts: Option<Parts>,
-    writer: Rc<RefCell<Writer>>,
+    writer: Arc<Mutex<Writer>>,
 }
 
 impl JournalSession {
     /// Creates the journal of a simulated run: one file.
     pub fn simulated(file: &Path, plan: &Plan) -> Result<JournalSession, JournalError> {
         let writer = Writer::create(file, &Head::Run(head(file, plan)?))?;
-        Ok(JournalSession { file: file.to_owned(), parts: None, writer: Rc::new(RefCell::new(writer)) })
+        Ok(JournalSession { file: file.to_owned(), parts: None, writer: Arc::new(Mutex::new(writer)) })
     }
 
     /// Creates the journal of a run of processes: a directory of parts.
@@ -47,7 +46,7 @@ impl JournalSession {
         let run = head.run;
         let writer = Writer::create(&controller_part(&parts), &Head::Run(head))?;
         let parts = Some(Parts { dir: parts, run });
-        Ok(JournalSession { file, parts, writer: Rc::new(RefCell::new(writer)) })
+        Ok(JournalSession { file, parts, writer: Arc::new(Mutex::new(writer)) })
     }
 
     /// Continues the journal of a run of processes whose controller was killed, after the intact records of
@@ -57,16 +56,12 @@ impl JournalSession {
         let mut writer = Writer::go_on(&controller_part(&parts.dir), end)?;
         writer.put(&Record { at, who: Who::Controller, event: Event::Resumed });
         writer.commit();
-        Ok(JournalSession {
-            file: file.to_owned(),
-            parts: Some(parts),
-            writer: Rc::new(RefCell::new(writer)),
-        })
+        Ok(JournalSession { file: file.to_owned(), parts: Some(parts), writer: Arc::new(Mutex::new(writer)) })
     }
 
     /// Returns the log for records of this process.
     pub fn log(&self) -> Log {
-        self.writer.clone()
+        Log::new(Arc::clone(&self.writer))
     }
     /// Returns the directory for the agents' parts, if there is one.
     pub fn parts(&self) -> Option<&Parts> {
@@ -85,7 +80,7 @@ impl JournalSession {
         unrecorded: u64,
     ) -> Vec<String> {
         let mut notes = Vec::new();
-        let mut writer = self.writer.borrow_mut();
+        let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
         let mut put = |event| writer.put(&Record { at: end, who: Who::Controller, event });
         for (id, incarnation, tally) in counts {
             put(Event::Counted { id: *id, incarnation: *incarnation, tally: *tally });
@@ -111,7 +106,7 @@ impl JournalSession {
 
     /// Abandons the journal of a run that could not be finished; its files are kept.
     pub fn give_up(&self) {
-        self.writer.borrow_mut().commit();
+        self.writer.lock().unwrap_or_else(PoisonError::into_inner).commit();
         if let Some(parts) = &self.parts
             && let Err(e) = self.join(&parts.dir)
         {
