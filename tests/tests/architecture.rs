@@ -27,6 +27,10 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
             ],
         ),
         (
+            "metamorph-python",
+            vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-world-controller"],
+        ),
+        (
             "metamorph-tests",
             vec![
                 "metamorph-protocol",

@@ -1,0 +1,435 @@
+"""The public interface: scenarios, runs, sweeps and simulations in steps."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import subprocess
+import tempfile
+from datetime import timedelta
+from pathlib import Path
+from typing import Any, Callable, Iterable, Mapping, NamedTuple, Optional, Sequence, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _metamorph as _native
+from . import _program
+from ._errors import MetamorphError, ProgramError, ScenarioError
+from ._table import Table
+
+#: Text as in scenarios ("200ms"), or seconds of scenario time.
+Duration = Union[str, float, int, timedelta]
+#: A file, the keys of a scenario as a mapping, or a scenario.
+ScenarioLike = Union[str, "os.PathLike[str]", Mapping[str, Any], "Scenario"]
+
+
+def _nanoseconds(duration: Duration) -> int:
+    if isinstance(duration, timedelta):
+        whole: int = duration // timedelta(microseconds=1)
+        return whole * 1000
+    if isinstance(duration, str):
+        return _native.nanoseconds(duration)
+    if not duration >= 0:
+        raise ValueError(f"{duration} is no duration; it must not be negative")
+    return round(float(duration) * 1_000_000_000)
+
+
+def _setting(key: str, value: Any) -> str:
+    text = value if isinstance(value, str) else _native.to_value(json.dumps(value))
+    return f"{key}={text}"
+
+
+class Scenario:
+    """A scenario: a text in the format of scenario files, with values set in it.
+
+    Equal if text, origin and settings are equal. Nothing is checked before it is used, except by :meth:`check`.
+    """
+
+    def __init__(self, keys: Mapping[str, Any]) -> None:
+        """Makes a scenario of the keys of the format, nested as tables are. Files that it names are relative to
+        the current directory."""
+        self._origin = "scenario.toml"
+        self._text = _native.to_toml(json.dumps(keys))
+        self._settings: tuple[str, ...] = ()
+        self._faults: tuple[str, ...] = ()
+
+    @classmethod
+    def load(cls, path: Union[str, os.PathLike[str]]) -> Scenario:
+        """Reads a file."""
+        return cls._of(os.fspath(path), _native.read_file(os.fspath(path)))
+
+    @classmethod
+    def parse(cls, text: str) -> Scenario:
+        """Takes the text of a scenario."""
+        return cls._of("scenario.toml", text)
+
+    @classmethod
+    def _of(cls, origin: str, text: str, settings: tuple[str, ...] = (), faults: tuple[str, ...] = ()) -> Scenario:
+        scenario = cls.__new__(cls)
+        scenario._origin, scenario._text = origin, text
+        scenario._settings, scenario._faults = settings, faults
+        return scenario
+
+    def set(self, key: str, value: Any) -> Scenario:
+        """Returns a copy with a value for a key, such as `link.loss`. Text is taken as in `--set KEY=VALUE`."""
+        return self._of(self._origin, self._text, (*self._settings, _setting(key, value)), self._faults)
+
+    def with_fault(self, fault: str) -> Scenario:
+        """Returns a copy with one more fault: `kill 7@2s`, `restart 7@3s` or `pause 7@1s..2s`."""
+        verb, _, _ = fault.partition(" ")
+        if verb not in ("kill", "restart", "pause"):
+            raise ValueError(f"`{fault}` is no fault; write `kill 7@2s`, `restart 7@3s` or `pause 7@1s..2s`")
+        return self._of(self._origin, self._text, self._settings, (*self._faults, fault))
+
+    def _plan(self, seed: Optional[int] = None) -> _native.Plan:
+        def faults(verb: str) -> list[str]:
+            return [f.partition(" ")[2].strip() for f in self._faults if f.startswith(verb + " ")]
+
+        return _native.Plan(
+            self._origin, self._text, list(self._settings), seed, faults("kill"), faults("pause"), faults("restart")
+        )
+
+    @property
+    def name(self) -> str:
+        """Its name, or that of its file."""
+        return self._plan().title
+
+    @property
+    def family(self) -> str:
+        """The family of its modules."""
+        return self._plan().family
+
+    @property
+    def seed(self) -> int:
+        """Its seed."""
+        return self._plan().seed
+
+    @property
+    def modules(self) -> int:
+        """The number of modules."""
+        return self._plan().modules
+
+    def check(self) -> str:
+        """Returns what `metamorph check` prints; raises :class:`ScenarioError` with every problem."""
+        return self._plan().check()
+
+    def to_toml(self) -> str:
+        """The text, without the values that were set in it."""
+        return self._text
+
+    def _key(self) -> tuple[Any, ...]:
+        return self._origin, self._text, self._settings, self._faults
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scenario) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __repr__(self) -> str:
+        return f"<Scenario {self._origin}{''.join(f' {s}' for s in self._settings + self._faults)}>"
+
+
+def _scenario(
+    like: ScenarioLike, settings: Optional[Mapping[str, Any]] = None, faults: Iterable[str] = ()
+) -> Scenario:
+    if isinstance(like, Scenario):
+        scenario = like
+    elif isinstance(like, Mapping):
+        scenario = Scenario(like)
+    else:
+        scenario = Scenario.load(like)
+    for key, value in (settings or {}).items():
+        scenario = scenario.set(key, value)
+    for fault in faults:
+        scenario = scenario.with_fault(fault)
+    return scenario
+
+
+class Report:
+    """The result of a run: every field of the report schema (`metamorph schema report`) is an attribute."""
+
+    def __init__(self, fields: Mapping[str, Any]) -> None:
+        self._fields = dict(fields)
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self.__dict__["_fields"][name]
+        except KeyError:
+            raise AttributeError(f"a report has no field `{name}`") from None
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._fields]
+
+    @property
+    def messages_by_class(self) -> Table:
+        """The messages by class."""
+        return _messages([(name, counts) for name, counts in self._fields["messages"]["by_class"].items()])
+
+    def to_dict(self) -> dict[str, Any]:
+        """All fields."""
+        return dict(self._fields)
+
+    def to_json(self) -> str:
+        """All fields as JSON, as `--json` writes them."""
+        return json.dumps(self._fields, indent=2)
+
+    def __repr__(self) -> str:
+        time = self._fields["time"]["virtual_s"]
+        return f"<Report {self._fields['scenario']}, seed {self._fields['seed']}: {self._fields['outcome']} at {time:g} s>"
+
+
+_COUNTS = ("sent", "delivered", "lost", "duplicated", "overflowed", "expired", "refused", "bytes")
+
+
+def _messages(rows: Iterable[tuple[str, Mapping[str, int]]]) -> Table:
+    rows = list(rows)
+    columns: dict[str, list[Any]] = {"class": [name for name, _ in rows]}
+    for count in _COUNTS:
+        columns[count] = [counts[count] for _, counts in rows]
+    return Table(columns)
+
+
+def run(
+    scenario: ScenarioLike,
+    *,
+    link: str = "sim",
+    seed: Optional[int] = None,
+    set: Optional[Mapping[str, Any]] = None,
+    faults: Iterable[str] = (),
+    journal: Optional[Union[str, os.PathLike[str]]] = None,
+    timeout_s: Optional[float] = None,
+) -> Report:
+    """Runs a scenario to its end.
+
+    :param scenario: a file, the keys of a scenario, or a :class:`Scenario`.
+    :param link: `"sim"` in virtual time in this process, or `"ipc"` with one process per module, by the program.
+    :param seed: the seed, else that of the scenario.
+    :param set: values to be set, such as `{"link.loss": "5%"}`.
+    :param faults: further faults, such as `"kill 7@2s"`.
+    :param journal: a file to record the run in.
+    :param timeout_s: seconds of real time; then the outcome is `aborted`.
+    """
+    chosen = _scenario(scenario, set, faults)
+    if link == "ipc":
+        return _run_processes(chosen, seed, journal, timeout_s)
+    if link != "sim":
+        raise ValueError(f"link is {link!r}; write \"sim\" or \"ipc\"")
+    text = _native.run(chosen._plan(seed), None if journal is None else os.fspath(journal), timeout_s)
+    return Report(json.loads(text))
+
+
+def _run_processes(
+    scenario: Scenario, seed: Optional[int], journal: Optional[Union[str, os.PathLike[str]]], timeout_s: Optional[float]
+) -> Report:
+    scenario._plan(seed)  # Errors of the scenario are raised here.
+    with tempfile.TemporaryDirectory() as directory:
+        report, file = Path(directory) / "report.json", Path(scenario._origin)
+        if not file.exists():
+            file = Path(directory) / "scenario.toml"
+            file.write_text(scenario.to_toml())
+        command = [_program.find(), "run", str(file), "--link", "ipc", "--quiet", "--json", str(report)]
+        command += ["--seed", str(seed)] if seed is not None else []
+        command += [word for s in scenario._settings for word in ("--set", s)]
+        for fault in scenario._faults:
+            verb, _, what = fault.partition(" ")
+            command += [f"--{verb}", what]
+        command += ["--journal", os.fspath(journal)] if journal is not None else []
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+            try:
+                _, said = process.communicate(timeout=timeout_s)
+            except BaseException as error:
+                # The program ends the swarm by itself, and writes a report.
+                process.terminate()
+                _, said = process.communicate()
+                if not isinstance(error, subprocess.TimeoutExpired):
+                    raise
+        if not report.exists():
+            raise ProgramError(said.strip() or f"the program ended with exit code {process.returncode}")
+        return Report(json.loads(report.read_text()))
+
+
+class Sweep:
+    """The runs of a sweep."""
+
+    def __init__(self, runs: Table) -> None:
+        #: One row for each run, with the columns of `runs.csv`: the varied keys first.
+        self.runs = runs
+
+    def to_pandas(self) -> Any:
+        """The runs as a pandas data frame."""
+        return self.runs.to_pandas()
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def __repr__(self) -> str:
+        return f"<Sweep of {len(self)} runs>"
+
+
+class Progress(NamedTuple):
+    """How far a sweep is."""
+
+    done: int
+    total: int
+
+
+#: Columns of `runs.csv` that are texts; the others, behind the varied keys, are numbers.
+_TEXTS = {"outcome", "reason", "trace_hash", "state_hash"}
+
+
+def _number(text: str) -> Union[int, float, None]:
+    if text == "":
+        return None
+    return float(text) if any(c in text for c in ".eE") else int(text)
+
+
+def _runs(text: str, varied: int) -> Table:
+    header, *rows = csv.reader(io.StringIO(text))
+    columns: dict[str, list[Any]] = {}
+    for i, name in enumerate(header):
+        texts = name in _TEXTS or 0 < i <= varied
+        values = [row[i] if texts else _number(row[i]) for row in rows]
+        columns[name] = values
+    return Table(columns)
+
+
+def sweep(
+    scenario: ScenarioLike,
+    *,
+    seeds: Iterable[int] = range(100),
+    vary: Optional[Mapping[str, Sequence[Any]]] = None,
+    set: Optional[Mapping[str, Any]] = None,
+    jobs: Optional[int] = None,
+    progress: Optional[Callable[[Progress], object]] = None,
+) -> Sweep:
+    """Simulates a scenario with many seeds and all combinations of varied values, on several threads.
+
+    The runs are those of `metamorph sweep`, whatever the number of threads.
+
+    :param seeds: consecutive seeds.
+    :param vary: values by key, such as `{"link.loss": ["0%", "5%"]}`.
+    :param jobs: threads; by default as many as there are processors.
+    :param progress: called at most ten times a second.
+    """
+    numbers = list(seeds)
+    if not numbers or numbers != list(range(numbers[0], numbers[0] + len(numbers))):
+        raise ValueError("seeds must be consecutive, such as range(100)")
+    chosen = _scenario(scenario, set)
+    if chosen._faults:
+        raise ValueError("a scenario with added faults cannot be swept; write them as [[fault]] in its text")
+    axes = [(key, [_setting("", value)[1:] for value in values]) for key, values in (vary or {}).items()]
+    for key, values in axes:
+        if not values:
+            raise ValueError(f"vary: `{key}` has no values")
+    # A value that does not vary is an axis of one value.
+    fixed = [tuple(s.split("=", 1)) for s in chosen._settings]
+    all_axes = [(key, [value]) for key, value in fixed] + axes
+    told = None if progress is None else lambda done, total: progress(Progress(done, total))
+    text = _native.sweep(
+        chosen._origin,
+        chosen._text,
+        (numbers[0], numbers[0] + len(numbers)),
+        all_axes,
+        jobs or len(os.sched_getaffinity(0)),
+        told,
+    )
+    return Sweep(_runs(text, len(all_axes)))
+
+
+class Simulation:
+    """A simulated run that is carried out in steps.
+
+    What is injected is part of :meth:`scenario`, so that the run can be repeated by the command.
+    """
+
+    def __init__(self, scenario: ScenarioLike, *, seed: Optional[int] = None, set: Optional[Mapping[str, Any]] = None) -> None:
+        self._scenario = _scenario(scenario, set)
+        plan = self._scenario._plan(seed)
+        self._seed = plan.seed
+        self._run = _native.Simulation(plan)
+
+    @property
+    def now_ns(self) -> int:
+        """The scenario time in nanoseconds."""
+        return self._run.now_ns
+
+    @property
+    def now_s(self) -> float:
+        """The scenario time in seconds."""
+        return self._run.now_ns / 1e9
+
+    @property
+    def done(self) -> bool:
+        """True when the run is over."""
+        return self._run.done
+
+    @property
+    def outcome(self) -> Optional[str]:
+        """The outcome, when the run is over."""
+        return str(self.report().outcome) if self.done else None
+
+    @property
+    def trace_hash(self) -> str:
+        """The hash of all events so far."""
+        return self._run.trace_hash
+
+    @property
+    def state_hash(self) -> str:
+        """The hash of the states of all modules."""
+        return self._run.state_hash
+
+    def step(self, events: int = 1) -> int:
+        """Carries out events of the kernel; returns how many: fewer only at the end."""
+        return self._run.step(events)
+
+    def advance(self, span: Duration) -> bool:
+        """Runs for a span of scenario time; returns True when the run is over."""
+        return self._run.run_until(self._run.now_ns + _nanoseconds(span))
+
+    def run(self, until: Optional[Duration] = None) -> bool:
+        """Runs to the end, or until a scenario time; returns True when the run is over."""
+        return self._run.run_until(2**63 if until is None else _nanoseconds(until))
+
+    def positions(self) -> NDArray[np.int16]:
+        """The cells of all modules, x y z with z up, as an array of N × 3. Of metamodules the connector that holds."""
+        cells: NDArray[np.int16] = np.frombuffer(self._run.cells(), dtype=np.int16).reshape(-1, 3).copy()
+        return cells
+
+    def state(self) -> Table:
+        """One row for each module."""
+        names = ("x", "y", "z", "alive", "role", "activity", "goal", "level", "gradient", "lock", "waits_for")
+        rows = [(i, *cell, *rest) for i, (cell, *rest) in enumerate(self._run.state())]
+        return Table(dict(zip(("module", *names), zip(*rows))))
+
+    def messages(self) -> Table:
+        """The messages so far by class."""
+        return _messages([(name, dict(zip(_COUNTS, counts))) for name, counts in self._run.messages()])
+
+    def inject(self, fault: str) -> None:
+        """Injects a fault now: `kill 7`, `restart 7`, `pause 7`, `resume 7`, `stick 7` or `unstick 7`. It comes after
+        everything else that is due at this instant."""
+        self._run.inject(fault)
+        verb, _, module = fault.strip().partition(" ")
+        if verb not in ("kill", "restart"):
+            self._unrepeatable = fault
+            return
+        self._scenario = self._scenario.with_fault(f"{verb} {int(module)}@{self.now_ns}ns")
+
+    _unrepeatable: Optional[str] = None
+
+    def scenario(self) -> Scenario:
+        """The scenario with what was injected; simulated with the same seed it has the same trace hash."""
+        if self._unrepeatable is not None:
+            raise MetamorphError(f"`{self._unrepeatable}` was injected, which cannot be written as a fault of a scenario")
+        return self._scenario
+
+    def report(self) -> Report:
+        """The report so far; before the end its outcome is `aborted`."""
+        return Report(json.loads(self._run.report()))
+
+
+__all__ = ["Duration", "Progress", "Report", "Scenario", "ScenarioError", "Simulation", "Sweep", "run", "sweep"]

@@ -1,0 +1,47 @@
+"""The errors of the package. No outcome of a run is an error: a deadlock is a result."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Optional, Sequence
+
+
+class MetamorphError(Exception):
+    """What every error of this package derives from."""
+
+
+class Problem(NamedTuple):
+    """One problem of a scenario."""
+
+    #: Where it is: a line, a setting, or the file.
+    place: str
+    #: The line in the text, from 1, if it is there.
+    line: Optional[int]
+    #: The column, from 1.
+    column: Optional[int]
+    #: What is wrong.
+    what: str
+    #: What to do.
+    fix: str
+
+
+class ScenarioError(MetamorphError, ValueError):
+    """A scenario that cannot be run. The text is that of the command; `problems` has each problem by itself."""
+
+    def __init__(self, text: str, problems: Sequence[tuple[str, Optional[int], Optional[int], str, str]] = ()) -> None:
+        super().__init__(text)
+        self.problems = [Problem(*problem) for problem in problems]
+
+    def __reduce__(self) -> tuple[type[ScenarioError], tuple[str, list[Problem]]]:
+        return type(self), (self.args[0], self.problems)
+
+
+class JournalError(MetamorphError):
+    """A journal that cannot be written."""
+
+
+class SweepError(MetamorphError):
+    """A sweep that cannot be run."""
+
+
+class ProgramError(MetamorphError):
+    """The program `metamorph` is missing, or failed."""

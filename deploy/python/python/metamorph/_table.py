@@ -1,0 +1,52 @@
+"""Tables: named columns of equal length."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Table:
+    """Named columns of equal length; a missing value is `None`."""
+
+    def __init__(self, columns: Mapping[str, Sequence[Any]]) -> None:
+        self._columns = {name: list(values) for name, values in columns.items()}
+        lengths = {len(values) for values in self._columns.values()}
+        if len(lengths) > 1:
+            raise ValueError("the columns of a table have one length")
+
+    @property
+    def columns(self) -> list[str]:
+        """The names of the columns, in order."""
+        return list(self._columns)
+
+    def __len__(self) -> int:
+        return len(next(iter(self._columns.values()), []))
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """A column as an array. Missing numbers are NaN, so that a column with any is one of floats."""
+        values = self._columns[name]
+        if any(value is None for value in values) and all(
+            value is None or isinstance(value, (int, float)) for value in values
+        ):
+            return np.array([np.nan if value is None else value for value in values], dtype=float)
+        return np.array(values)
+
+    def to_dict(self) -> dict[str, list[Any]]:
+        """The columns as lists."""
+        return {name: list(values) for name, values in self._columns.items()}
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The table as a pandas data frame; needs pandas. Missing numbers stay missing, and whole numbers whole."""
+        import pandas as pd
+
+        frame = pd.DataFrame(self._columns)
+        return frame.convert_dtypes(convert_string=False, convert_floating=False)
+
+    def __repr__(self) -> str:
+        return f"<Table of {len(self)} rows: {', '.join(self.columns)}>"

@@ -1,0 +1,32 @@
+//! The private extension under the Python package `metamorph`: about a dozen entry points. The public, typed interface is
+//! `python/metamorph/_api.py`; what is here takes and returns plain values only.
+//!
+//! Long calls release the interpreter, and look for signals at least every 0.1 s, so that Ctrl-C works as in any other
+//! Python code. Nothing here installs a signal handler.
+
+mod convert;
+mod scenario;
+mod simulation;
+mod sweep;
+
+use pyo3::prelude::*;
+
+/// Simulated runs of swarms of self-reconfigurable modular robots.
+#[pymodule]
+mod _metamorph {
+    #[pymodule_export]
+    use super::convert::{nanoseconds, to_toml, to_value};
+    #[pymodule_export]
+    use super::scenario::{Plan, read_file};
+    #[pymodule_export]
+    use super::simulation::{Simulation, run};
+    #[pymodule_export]
+    use super::sweep::sweep;
+
+    use super::{Bound, PyModule, PyModuleMethods, PyResult};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("VERSION", env!("CARGO_PKG_VERSION"))
+    }
+}

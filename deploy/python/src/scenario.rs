@@ -1,0 +1,102 @@
+//! Scenarios that were read and checked.
+
+use metamorph_world_controller::family::read_text;
+use metamorph_world_controller::scenario::diagnostics::{Diagnostics, Place};
+use metamorph_world_controller::scenario::error::ScenarioError;
+use metamorph_world_controller::scenario::plan_summary::overview;
+use metamorph_world_controller::scenario::settings::Setting;
+use metamorph_world_controller::scenario::{self, LinkKind, Overrides, load};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+
+/// Raises a class of `metamorph._errors`. These are made in Python: an extension for all versions of Python can derive
+/// exceptions only from 3.12 on.
+pub fn raise(py: Python<'_>, class: &str, arguments: impl for<'py> pyo3::call::PyCallArgs<'py>) -> PyErr {
+    let raised =
+        py.import("metamorph._errors").and_then(|m| m.getattr(class)).and_then(|c| c.call1(arguments));
+    raised.map_or_else(|e| e, PyErr::from_value)
+}
+
+fn invalid(py: Python<'_>, diagnostics: &Diagnostics, text: &str) -> PyErr {
+    let problems = diagnostics.list().iter().map(|problem| {
+        let (place, line, column) = match &problem.place {
+            Place::File => ("file".to_owned(), None, None),
+            Place::Option(option) => (option.clone(), None, None),
+            Place::Text { start, .. } => {
+                let before = &text[..text.floor_char_boundary(*start)];
+                let line = before.matches('\n').count() + 1;
+                let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+                (format!("line {line}"), Some(line), Some(column))
+            }
+        };
+        (place, line, column, problem.scenario_error.to_string(), problem.scenario_error.fix())
+    });
+    let problems = problems.collect::<Vec<_>>();
+    raise(py, "ScenarioError", (diagnostics.to_string(), problems))
+}
+
+/// A scenario with a seed, checked.
+#[pyclass(frozen, module = "metamorph._metamorph")]
+pub struct Plan {
+    pub plan: scenario::Plan,
+}
+
+#[pymethods]
+impl Plan {
+    /// Reads the text of a scenario; `origin` names it in errors, and shapes are read from files beside it.
+    /// `settings` are `KEY=VALUE`.
+    #[new]
+    #[pyo3(signature = (origin, text, settings, seed, kill, pause, restart))]
+    #[allow(clippy::too_many_arguments, reason = "called from one place in Python, by name")]
+    fn new(
+        py: Python<'_>,
+        origin: &str,
+        text: &str,
+        settings: Vec<String>,
+        seed: Option<u64>,
+        kill: Vec<String>,
+        pause: Vec<String>,
+        restart: Vec<String>,
+    ) -> PyResult<Plan> {
+        let settings = settings.into_iter().map(|text| Setting { option: "set", text }).collect();
+        let overrides =
+            Overrides { link: LinkKind::Sim, settings, seed, kill, pause, restart, ..Overrides::default() };
+        match read_text(origin, text, &overrides) {
+            Ok(plan) => Ok(Plan { plan }),
+            Err(diagnostics) => Err(invalid(py, &diagnostics, text)),
+        }
+    }
+    /// Returns the same with another seed.
+    fn with_seed(&self, seed: u64) -> PyResult<Plan> {
+        let drawn = self.plan.with_seed(seed);
+        let error = |e: ScenarioError| PyValueError::new_err(format!("{e}; {}", e.fix()));
+        Ok(Plan { plan: drawn.map_err(error)? })
+    }
+    #[getter]
+    fn title(&self) -> String {
+        self.plan.title()
+    }
+    #[getter]
+    fn family(&self) -> &'static str {
+        self.plan.swarm.family()
+    }
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.plan.seed
+    }
+    #[getter]
+    fn modules(&self) -> usize {
+        self.plan.swarm.len()
+    }
+    /// Returns what `metamorph check` prints.
+    fn check(&self) -> String {
+        overview(&self.plan)
+    }
+}
+
+/// Reads a file, as the command does.
+#[pyfunction]
+pub fn read_file(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+    load(&path).map_err(|diagnostics| invalid(py, &diagnostics, ""))
+}
