@@ -24,7 +24,7 @@ fn invalid(py: Python<'_>, diagnostics: &Diagnostics, text: &str) -> PyErr {
             Place::File => ("file".to_owned(), None, None),
             Place::Option(option) => (option.clone(), None, None),
             Place::Text { start, .. } => {
-                let before = &text[..text.floor_char_boundary(*start)];
+                let before = text.get(..*start).unwrap_or(text);
                 let line = before.matches('\n').count() + 1;
                 let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
                 (format!("line {line}"), Some(line), Some(column))
