@@ -23,17 +23,20 @@ pub enum Class {
     World = 4,
     /// Liveness: repeats that carry nothing new, first contact.
     Liveness = 5,
+    /// Locomotion: phases of oscillators.
+    Gait = 6,
 }
 
 impl Class {
     /// All classes in the order of their numbers.
-    pub const ALL: [Class; 6] = [
+    pub const ALL: [Class; 7] = [
         Class::Gradient,
         Class::Seed,
         Class::Connectivity,
         Class::Negotiation,
         Class::World,
         Class::Liveness,
+        Class::Gait,
     ];
 
     /// Returns the class with this number, if there is one.
@@ -49,6 +52,7 @@ impl Class {
             Class::Negotiation => "negotiation",
             Class::World => "world",
             Class::Liveness => "liveness",
+            Class::Gait => "gait",
         }
     }
     /// Returns the index of the class in arrays of one entry per class.

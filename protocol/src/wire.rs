@@ -499,7 +499,7 @@ mod tests {
         };
         assert_eq!(resealed(|f| f.version = VERSION + 1), Err(WireError::Version(VERSION + 1)));
         assert_eq!(resealed(|f| f.channel = 9), Err(WireError::Field("channel")));
-        assert_eq!(resealed(|f| f.class = 6), Err(WireError::Field("class")));
+        assert_eq!(resealed(|f| f.class = 7), Err(WireError::Field("class")));
         assert_eq!(resealed(|f| f.reserved = [1, 0, 0, 0]), Err(WireError::Field("reserved")));
         assert_eq!(resealed(|f| f.length = 97), Err(WireError::Length));
         assert_eq!(resealed(|f| f.length = 7), Err(WireError::Length));

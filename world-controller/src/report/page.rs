@@ -180,6 +180,7 @@ fn class_of(class: Class) -> &'static str {
         Class::Negotiation => "c-negotiation",
         Class::World => "c-world",
         Class::Liveness => "c-liveness",
+        Class::Gait => "c-gait",
     }
 }
 

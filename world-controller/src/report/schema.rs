@@ -263,7 +263,7 @@ pub struct Messages {
     pub bytes: u64,
     /// All classes together.
     pub all: ClassCounts,
-    /// Counts by class: gradient, seed, connectivity, negotiation, world, liveness.
+    /// Counts by class: gradient, seed, connectivity, negotiation, world, liveness, gait.
     pub by_class: BTreeMap<String, ClassCounts>,
 }
 

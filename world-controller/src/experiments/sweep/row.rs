@@ -48,6 +48,8 @@ pub struct Row {
     pub sent_world: u64,
     /// Messages of class liveness.
     pub sent_liveness: u64,
+    /// Messages of class gait.
+    pub sent_gait: u64,
     /// Time at which the last goal cell was filled, in seconds of scenario time, if all were.
     pub makespan_s: Option<f64>,
     /// End of the run in seconds of scenario time.
@@ -64,7 +66,7 @@ pub struct Row {
 
 impl Row {
     /// The names of the columns.
-    pub const COLUMNS: [&str; 22] = [
+    pub const COLUMNS: [&str; 23] = [
         "seed",
         "outcome",
         "reason",
@@ -81,6 +83,7 @@ impl Row {
         "sent_negotiation",
         "sent_world",
         "sent_liveness",
+        "sent_gait",
         "makespan_s",
         "end_s",
         "faults_struck",
@@ -118,6 +121,7 @@ impl Row {
             sent_negotiation: sent(Class::Negotiation),
             sent_world: sent(Class::World),
             sent_liveness: sent(Class::Liveness),
+            sent_gait: sent(Class::Gait),
             makespan_s: report.stages.last().and_then(|s| s.built_s).filter(|_| built),
             end_s: report.time.virtual_s,
             faults_struck: report.faults.len() as u64,
@@ -135,6 +139,7 @@ impl Row {
             + self.sent_negotiation
             + self.sent_world
             + self.sent_liveness
+            + self.sent_gait
     }
     /// Returns the number of attempts to use one cell twice.
     pub fn collisions(&self) -> u64 {
@@ -215,6 +220,7 @@ pub(crate) mod tests {
             sent_negotiation: 40,
             sent_world: 50,
             sent_liveness: 60,
+            sent_gait: 70,
             makespan_s: Some(1.25),
             end_s: 0.1 + 0.2,
             faults_struck: 4,
