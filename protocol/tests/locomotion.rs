@@ -145,13 +145,35 @@ fn a_passive_limb_loses_its_knee_only() {
     assert_eq!(morphology.limbs[0].knee, None);
 }
 
+/// A ring with a limb, and behind a neck a fork: the neck is part of one body, not a limb between two.
+#[test]
+fn a_neck_between_ring_and_fork_is_a_link() {
+    use Connector::{C0X, C0Y, C3X, C3Y};
+    let joins = [(0, C3X, 1), (1, C3X, 2), (2, C3X, 3), (3, C3X, 0), (0, C0Y, 4), (2, C0Y, 5), (5, C3X, 6)];
+    let fork = [(6, C3X, 7), (6, C3Y, 8)];
+    let connection = |(a, at, b)| Connection { a: ModuleId(a), at, b: ModuleId(b), to: C0X, rotation: 0 };
+    let connections: Vec<Connection> = joins.into_iter().chain(fork).map(connection).collect();
+    let found = serde_json::to_value(partition(&Structure::new(9, &connections).unwrap())).unwrap();
+    assert_eq!(found["cyclic"], json!([0, 1, 2, 3]));
+    assert_eq!((&found["selected"], &found["links"]), (&json!([6]), &json!([[5]])));
+    assert_eq!((&found["linear"], &found["limbs"]), (&json!([5, 6]), &json!([[4], [7], [8]])));
+}
+
+/// Numbers of modules that were released stay free.
 #[test]
 fn a_released_limb_is_gone() {
     let quad = named::structure("quad5-sym").unwrap();
-    let tripod = Morphology::of(&quad.without(ModuleId(3)).unwrap());
+    let without = |gone: u32| {
+        let gone = ModuleId(gone);
+        let members = quad.modules().filter(|m| *m != gone).map(|m| (m, true)).collect();
+        let touches = |c: &&Connection| c.a != gone && c.b != gone;
+        let rest: Vec<Connection> = quad.connections().iter().filter(touches).copied().collect();
+        Structure::of(&members, &rest)
+    };
+    let tripod = Morphology::of(&without(3).unwrap());
     assert_eq!(tripod.network(NetworkKind::Blf).unwrap().oscillators, [0, 1, 2, 3, 6, 12].map(Joint));
     let (module, first) = (ModuleId(2), ModuleId(1));
-    assert_eq!(quad.without(ModuleId(0)), Err(StructureError::Disconnected { module, first }));
+    assert_eq!(without(0), Err(StructureError::Disconnected { module, first }));
 }
 
 /// Draws a connected structure: a tree, and up to three further connections.

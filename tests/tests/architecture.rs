@@ -133,7 +133,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "metamodule",
         ],
     ),
-    ("sim-bridge", &["world", "director", "kernel", "cube", "metamodule", "testing"]),
+    ("sim-bridge", &["world", "director", "kernel", "cube", "metamodule", "free_module", "testing"]),
     (
         "module-agent",
         &[

@@ -7,6 +7,7 @@
 //!
 //! Citations are to S. Bonardi, EPFL thesis, 2014, chapter 7.
 
+pub mod gait;
 pub mod geometry;
 pub mod graph;
 pub mod lattice;

@@ -223,20 +223,6 @@ impl Structure {
         }
     }
 
-    /// Removes a module that was released or lost, with its connections.
-    ///
-    /// # Errors
-    /// Refuses to remove one without which the others are not connected, or the last one.
-    pub fn without(&self, module: ModuleId) -> Result<Structure, StructureError> {
-        let mut rest = self.clone();
-        if let Some(member) = rest.members.get_mut(module.index()) {
-            *member = Member::Absent;
-        }
-        rest.connections.retain(|c| c.a != module && c.b != module);
-        rest.connected()?;
-        Ok(rest)
-    }
-
     fn connected(&self) -> Result<(), StructureError> {
         let parts = self.graph().parts();
         match parts.as_slice() {

@@ -26,8 +26,9 @@ Examples:
   metamorph structure quad5-sym --dead 0             the same with the joints of module 0 locked
   metamorph structure quad5-sym --json - | jq .networks
 
-A structure is a file, or one of quad5-sym, quad5-unsym, struct10, quad9 and tripod4. `metamorph schema structure`
-describes files. Joints are written MODULE.q1 to q3; in JSON they are numbers, 3 * module + 0, 1 or 2.
+A structure is a file, or one of quad5-sym, quad5-unsym, struct10, quad9 and tripod4.
+`metamorph schema structure` describes files. Joints are written MODULE.q1 to q3; in JSON they are
+numbers: 3 * module + 0, 1 or 2.
 
 Exit codes:
   0  the structure was analysed

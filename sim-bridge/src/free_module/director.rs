@@ -1,0 +1,79 @@
+//! The director of one gait: gives every agent that starts the parameters of its own oscillators, and tells all agents
+//! which modules are dead.
+
+use super::structure_world::StructureWorld;
+use crate::director::port::DirectorPort;
+use metamorph_protocol::free_module::gait::message::{Gait, Order, Parameters};
+use metamorph_protocol::free_module::structure::Joint;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::runtime::Command;
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::Never;
+use std::collections::{BTreeMap, VecDeque};
+
+/// A gait of a whole structure, and when it begins.
+pub struct GaitDirector {
+    epoch: u16,
+    start: Time,
+    joints: BTreeMap<Joint, Parameters>,
+    /// Crashes to come, in the order of their times.
+    kills: VecDeque<(Time, ModuleId)>,
+    /// The incarnation of each module whose process lives.
+    alive: BTreeMap<ModuleId, Incarnation>,
+    dead: BTreeMap<ModuleId, Incarnation>,
+    commands: VecDeque<Command<Order>>,
+}
+
+impl GaitDirector {
+    /// Creates the director of a gait; joints without parameters are locked at 0.
+    pub fn new(start: Time, joints: BTreeMap<Joint, Parameters>) -> GaitDirector {
+        GaitDirector {
+            epoch: 1,
+            start,
+            joints,
+            kills: VecDeque::new(),
+            alive: BTreeMap::new(),
+            dead: BTreeMap::new(),
+            commands: VecDeque::new(),
+        }
+    }
+    /// Kills the process of a module at a time; times must not go back.
+    pub fn kill(mut self, at: Time, module: ModuleId) -> GaitDirector {
+        self.kills.push_back((at, module));
+        self
+    }
+}
+
+impl DirectorPort<StructureWorld> for GaitDirector {
+    fn report(&mut self, _: Time, _: ModuleId, report: Never) {
+        match report {}
+    }
+    fn died(&mut self, _: Time, module: ModuleId) {
+        let Some(incarnation) = self.alive.remove(&module) else { return };
+        self.dead.insert(module, incarnation);
+        let order = Order::Dead { module, incarnation };
+        self.commands.extend(self.alive.keys().map(|id| Command::Order(*id, order)));
+    }
+    fn started(&mut self, _: Time, id: ModuleId) {
+        let joints = [0, 1, 2].map(|j| self.joints.get(&Joint::new(id, j)).copied());
+        let gait = Gait { epoch: self.epoch, start: self.start, joints };
+        self.commands.push_back(Command::Order(id, Order::Gait(gait)));
+        let incarnation = self.dead.remove(&id).map_or(Incarnation(0), |dead| Incarnation(dead.0 + 1));
+        self.alive.insert(id, incarnation);
+        let dead = self.dead.iter().map(|(module, incarnation)| (*module, *incarnation));
+        let orders = dead.map(|(module, incarnation)| Order::Dead { module, incarnation });
+        self.commands.extend(orders.map(|order| Command::Order(id, order)));
+    }
+    fn wake(&mut self, now: Time, _: &mut StructureWorld) {
+        while let Some((_, module)) = self.kills.front().copied().filter(|(at, _)| *at <= now) {
+            self.commands.push_back(Command::Kill(module));
+            self.kills.pop_front();
+        }
+    }
+    fn wake_at(&self) -> Time {
+        self.kills.front().map_or(Time::NEVER, |(at, _)| *at)
+    }
+    fn poll(&mut self) -> Option<Command<Order>> {
+        self.commands.pop_front()
+    }
+}
