@@ -269,7 +269,7 @@ impl Agent for FreeModule {
     const PORTS: usize = CONNECTORS;
 
     fn new(setup: &Arc<Setup>, birth: Birth<Docking>, now: Time) -> FreeModule {
-        let Birth { id, incarnation, place, seed } = birth;
+        let Birth { id, incarnation, place, seed, .. } = birth;
         let own = LinkState { module: id, incarnation, number: 0, docking: Docking::default() };
         FreeModule {
             setup: Arc::clone(setup),
