@@ -213,7 +213,7 @@ fn options() -> Vec<Case> {
 
 /// Returns cases with other kinds of entries where a file should be: refused at once.
 fn special_files() -> Vec<Case> {
-    let commands: [&[&str]; 9] = [
+    let commands: [&[&str]; 11] = [
         &["check", "--link", "sim", "x.toml"],
         &["run", "--link", "sim", "x.toml"],
         &["sweep", "--seeds", "0..1", "x.toml"],
@@ -221,6 +221,8 @@ fn special_files() -> Vec<Case> {
         &["view", "x.journal"],
         &["replay", "x.journal"],
         &["export", "x.journal", "--mcap", "out.mcap"],
+        &["render", "x.toml", "--out", "out.svg"],
+        &["render", "x.journal", "--out", "out.svg"],
         &["shape", "x.stl"],
         &["shape", "x.xml"],
     ];
@@ -302,6 +304,7 @@ fn journals() -> Vec<Case> {
         cases.push(
             Case::new(&["export", "x", "--mcap", "out.mcap"]).with("x", file(&bytes)).makes("out.mcap"),
         );
+        cases.push(Case::new(&["render", "x", "--out", "out.svg"]).with("x", file(&bytes)).makes("out.svg"));
     }
     for args in [&["replay", "x"][..], &["resume", "x"], &["export", "x", "--mcap", "out.mcap"]] {
         let case = Case::new(args).with("x.parts", Thing::Directory).makes("out.mcap");

@@ -2,6 +2,7 @@
 
 use crate::cli::args::*;
 use crate::cli::examples::*;
+use crate::cli::figures::{RenderArgs, render};
 use crate::cli::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
 use crate::cli::runs::{self, resume, run, view};
 use crate::console::command_error::{BAD_USAGE, DIFFERENT, Failure};
@@ -83,6 +84,9 @@ pub enum Command {
     Clean,
     /// Query the Roombots model: shapes, moves, kinematics, published tables
     Robot(RobotArgs),
+    /// Draw figures of a run for papers: SVG, PNG, GIF and APNG, without a browser or a display
+    #[command(after_help = RENDER_EXAMPLES)]
+    Render(Box<RenderArgs>),
     /// Export a journal as a recording for other viewers
     #[command(after_help = EXPORT_EXAMPLES)]
     Export(ExportArgs),
@@ -140,6 +144,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
             robot::run(args)?;
             Ok(0)
         }
+        Command::Render(args) => render(*args, since, interrupt),
         Command::Export(args) => {
             print_out(&export(&args, families(), |plan| family::of(plan).shown(plan), interrupt)?);
             Ok(0)

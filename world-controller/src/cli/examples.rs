@@ -151,6 +151,25 @@ Exit codes:
   2  the command line or the file is wrong, or something cannot be built; every error names its
      place, reason and fix";
 
+pub const RENDER_EXAMPLES: &str = "\
+Examples:
+  metamorph render deploy/scenarios/slab-to-sphere.toml --at 50% --out slab-to-sphere.svg
+  metamorph render deploy/scenarios/slab-to-sphere.toml --section 'x<11' --color level --width 180mm --out cut.png
+  metamorph render deploy/scenarios/swarm.toml --every 250ms --out swarm.gif
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal
+  metamorph render run.journal --at 12s --camera top --only goal --goal ghost > top.svg
+
+Projections are parallel: lengths in the plane of the picture can be measured with the scale bar. In an SVG
+every module is a group with its number, role and cell. A figure says in itself how it was made. The same run
+and options give the same bytes.
+
+Exit codes:
+  0  the figure is written
+  1  it could not be written completely
+  2  the command line or the scenario is wrong, or there is nothing to draw
+  7  stopped by Ctrl-C, SIGTERM or SIGHUP; nothing is written
+  9  the journal is damaged";
+
 pub const EXPORT_EXAMPLES: &str = "\
 Examples:
   metamorph run deploy/scenarios/swarm.toml --link sim --journal run.journal

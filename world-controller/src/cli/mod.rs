@@ -4,5 +4,6 @@ pub mod args;
 pub mod commands;
 pub mod dispatch;
 mod examples;
+mod figures;
 pub mod reference;
 mod runs;

@@ -184,7 +184,7 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
 }
 
 /// Builds the scene of a journal up to the first damage, and returns it with that damage.
-fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scene_builder::ReadError> {
+pub fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scene_builder::ReadError> {
     let mut journal = Journal::open(file)?;
     let plan = plan_of(families(), journal.head())?;
     let scene = Shared::new(scene(&plan, true));

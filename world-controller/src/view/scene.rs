@@ -441,6 +441,23 @@ impl Scene {
         (self.flow.width(), self.flow.bins())
     }
 
+    /// Returns the events in the order of time.
+    pub fn events(&self) -> &[(Time, Event)] {
+        &self.events
+    }
+    /// Returns the number of events that were too many to keep.
+    pub fn forgotten(&self) -> u64 {
+        self.forgotten
+    }
+    /// Returns the present time; of a finished run, its end.
+    pub fn now(&self) -> Time {
+        self.now
+    }
+    /// Returns the cells of a goal with their levels, where it is described.
+    pub fn goal_cells(&self, goal: u16) -> &[(i16, i16, i16, u16)] {
+        self.beginning.goals.get(usize::from(goal)).map_or(&[], |goal| &goal.cells)
+    }
+
     /// Returns the beginning.
     pub fn beginning(&self) -> Value {
         json!(self.beginning)
