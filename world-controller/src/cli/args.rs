@@ -52,8 +52,8 @@ pub struct RunArgs {
 /// Arguments of `view`.
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml), which is
-    /// simulated and shown
+    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml, or a name that
+    /// `metamorph scenarios` lists), which is simulated and shown
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Of a scenario: the seed of the run's randomness
@@ -143,7 +143,7 @@ impl From<ReplayArgs> for replay::Request {
 /// Arguments of `sweep`.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
-    /// The scenario, a TOML file (see deploy/scenarios for examples)
+    /// The scenario: a TOML file, or a name that `metamorph scenarios` lists
     #[arg(value_name = "SCENARIO")]
     pub scenario: PathBuf,
     /// The seeds, from A to B without B: 0..1000 are 1,000 runs
@@ -336,7 +336,7 @@ fn left_out(what: &str, default: impl Display) -> String {
 /// The scenario and its overrides.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
-    /// The scenario, a TOML file (see deploy/scenarios for examples)
+    /// The scenario: a TOML file, or a name that `metamorph scenarios` lists
     #[arg(value_name = "SCENARIO")]
     pub scenario: PathBuf,
     /// The link: `ipc` starts one process per module, `sim` simulates all in virtual time,

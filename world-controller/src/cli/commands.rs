@@ -5,6 +5,7 @@ use crate::cli::examples::*;
 use crate::cli::figures::{RenderArgs, render};
 use crate::cli::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
 use crate::cli::runs::{self, resume, run, view};
+use crate::cli::scenarios::{ScenariosArgs, scenarios};
 use crate::console::command_error::{BAD_USAGE, DIFFERENT, Failure};
 use crate::console::escape::Shown;
 use crate::console::interrupt::Interrupt;
@@ -76,6 +77,9 @@ pub enum Command {
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
+    /// List the scenarios that ship with the program
+    #[command(after_help = SCENARIOS_EXAMPLES)]
+    Scenarios(ScenariosArgs),
     /// Convert a solid from a CAD program to cells, and write it as a scenario
     #[command(after_help = SHAPE_EXAMPLES)]
     Shape(ShapeArgs),
@@ -113,6 +117,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
             print_out(&overview(&runs::plan(&path, &overrides)?));
             Ok(0)
         }
+        Command::Scenarios(args) => scenarios(&args),
         Command::Sweep(args) => Ok(sweep(&args.into())?),
         Command::Resume(args) => resume(args, since, interrupt),
         Command::Replay(args) => {

@@ -72,6 +72,16 @@ Exit codes:
   0  the scenario can be run
   2  the command line or the scenario is wrong; every error names its place, reason and fix";
 
+pub const SCENARIOS_EXAMPLES: &str = "\
+Examples:
+  metamorph scenarios
+  metamorph scenarios --json | jq -r '.[].name'
+  metamorph run swarm
+  metamorph check rabbit
+
+Every command that takes a scenario also takes a name of this list. A file of the same name, or of the
+name with .toml, wins over it.";
+
 pub const SWEEP_EXAMPLES: &str = "\
 Examples:
   metamorph sweep deploy/scenarios/swarm.toml --seeds 0..1000

@@ -13,6 +13,7 @@ use crate::record::journal::{Journal, JournalError, plan_of};
 use crate::report::progress;
 use crate::run::simulated::Simulation;
 use crate::scenario::settings::Setting;
+use crate::scenario::shipped::is_scenario;
 use crate::scenario::{LinkKind, Overrides, Plan};
 use crate::view::bodies::ShownSwarm;
 use crate::view::figure::animation::Format;
@@ -34,8 +35,8 @@ use thiserror::Error;
 /// Arguments of `render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml), which is
-    /// simulated as far as it is needed
+    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml, or a name that
+    /// `metamorph scenarios` lists), which is simulated as far as it is needed
     #[arg(value_name = "JOURNAL|SCENARIO")]
     pub file: PathBuf,
     /// Write a figure (.svg, .png) or a moving picture (.gif, .apng) to this file; default: SVG on standard
@@ -205,8 +206,7 @@ pub fn render(args: RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
     outputs.reads("the run", &args.file);
     let output = args.out.as_deref().map(|file| outputs.writes("--out", file)).transpose()?;
     interrupt.begin();
-    let is_scenario = args.file.extension().is_some_and(|extension| extension == "toml");
-    let source = if is_scenario { simulated(&args, since, interrupt)? } else { read(&args)? };
+    let source = if is_scenario(&args.file) { simulated(&args, since, interrupt)? } else { read(&args)? };
     let Some(at) = args.at.within(source.scene.now()) else {
         let (at, end) = (args.at.to_string(), seconds(source.scene.now().as_secs_f64()));
         return Err(RenderError::Late { at, end }.into());

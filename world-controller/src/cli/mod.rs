@@ -7,3 +7,4 @@ mod examples;
 mod figures;
 pub mod reference;
 mod runs;
+mod scenarios;

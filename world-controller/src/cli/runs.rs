@@ -12,6 +12,7 @@ use crate::report::human;
 use crate::report::page::page;
 use crate::report::schema::Report;
 use crate::run::processes::{self, Processes};
+use crate::scenario::shipped::is_scenario;
 use crate::scenario::{LinkKind, Overrides, Plan};
 use crate::view::scene::Scene;
 use crate::view::scene_builder::{self, Shared};
@@ -43,7 +44,7 @@ pub fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8,
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
     let mut outputs = Outputs::new();
-    outputs.reads("the scenario", &path);
+    outputs.reads("the scenario", Path::new(&plan.origin));
     plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
     if let Some(file) = &args.journal {
         // The journal is written during the run; only its permission is checked here.
@@ -202,7 +203,7 @@ pub fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scene_builder::R
 
 /// Shows a journal, or a scenario that is simulated meanwhile.
 pub fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
-    if args.file.extension().is_none_or(|extension| extension != "toml") {
+    if !is_scenario(&args.file) {
         let (scene, damage) = recorded(&args.file)?;
         for trouble in scene.troubles() {
             print_error(&format!("note: {trouble}"));

@@ -3,6 +3,7 @@
 
 use super::error::{MAX_FILES, ScenarioError};
 use super::family::{Families, SectionKind};
+use super::shipped::resolve;
 use crate::console::escape::{Shown, is_control, line};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -107,7 +108,7 @@ impl Diagnostics {
         if self.files.len() >= MAX_FILES {
             return Err(ScenarioError::TooManyFiles);
         }
-        let path = Path::new(&*self.source.origin).parent().unwrap_or(Path::new("")).join(name);
+        let path = resolve(&self.source.origin, name);
         self.files.push(path.clone());
         Ok(path)
     }

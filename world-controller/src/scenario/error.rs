@@ -5,6 +5,7 @@
 
 use super::hosts::HostsProblem;
 use super::settings::KeyError;
+use crate::console::escape::Shown;
 use crate::scenario::mesh_import::error::SolidError;
 use metamorph_protocol::goal::GoalError;
 use metamorph_protocol::lattice::Cell;
@@ -40,6 +41,12 @@ pub enum ScenarioError {
     /// The file cannot be opened or read.
     #[error("cannot read the scenario: {0}")]
     Unreadable(String),
+    /// There is no such file.
+    #[error("cannot read the scenario: there is no such file, and none of this name ships with the program")]
+    NoSuchFile {
+        /// Similar names.
+        suggestions: Vec<String>,
+    },
     /// A directory, a pipe or a device.
     #[error("cannot read the scenario: {0}")]
     NoFile(String),
@@ -257,6 +264,14 @@ impl ScenarioError {
     pub fn fix(&self) -> String {
         match self {
             ScenarioError::Unreadable(_) => "check the path and its permissions".into(),
+            ScenarioError::NoSuchFile { suggestions } if suggestions.is_empty() => {
+                "check the path; `metamorph scenarios` lists the scenarios that ship with the program".into()
+            }
+            ScenarioError::NoSuchFile { suggestions } => {
+                let quoted: Vec<String> =
+                    suggestions.iter().map(|name| format!("`{}`", name.shown())).collect();
+                format!("did you mean {}?", quoted.join(" or "))
+            }
             ScenarioError::NoFile(_) => {
                 "name a file; what another program prints is read from /dev/stdin or <(program)".into()
             }

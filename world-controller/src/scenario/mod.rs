@@ -3,7 +3,7 @@
 //! `settings` puts values of the command line into the document; `table` and `shapes` read values with their
 //! places, `raw` and `faults` a whole document and the other options; `plan` checks what depends on several
 //! values; `family` is the interface of families for both; `schema` describes the format to programs; `error`
-//! and `diagnostics` say what is wrong, where, and how to fix it. All problems are collected and shown at once.
+//! and `diagnostics` say what is wrong, where, and how to fix it; `shipped` has the scenarios that are in the program. All problems are collected and shown at once.
 //!
 //! Reading is slow and done once; [`Plan::with_seed`] is fast and returns the same plan with other random
 //! places and crashes.
@@ -25,6 +25,7 @@ pub mod raw;
 pub mod schema;
 pub mod settings;
 pub mod shapes;
+pub mod shipped;
 pub mod table;
 
 pub use plan::{NEVER, TIME_SCALE};
@@ -43,6 +44,7 @@ use metamorph_sim_bridge::director::progress::Stop;
 pub use plan::LinkChange;
 use serde::{Deserialize, Serialize};
 use settings::Setting;
+use shipped::Named;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -212,17 +214,37 @@ pub fn quote(text: String) -> String {
     }
 }
 
-/// Reads and checks a scenario file.
+/// Reads and checks a scenario: a file, or the name of one that ships with the program.
 ///
 /// # Errors
 ///
 /// All problems of the scenario.
 pub fn read_file(families: Families, path: &Path, overrides: &Overrides) -> Result<Plan, Diagnostics> {
-    read_text(families, &path.display().to_string(), &load(path)?, overrides)
+    let Loaded { origin, text } = load(path)?;
+    read_text(families, &origin, &text, overrides)
 }
 
-/// Reads the text of a scenario file.
-pub fn load(path: &Path) -> Result<String, Diagnostics> {
+/// The text of a scenario.
+#[derive(Clone, Debug)]
+pub struct Loaded {
+    /// Its file, or the name of a shipped scenario.
+    pub origin: String,
+    /// The text.
+    pub text: String,
+}
+
+/// Reads the text of a scenario: of a file, or of one that ships with the program.
+pub fn load(argument: &Path) -> Result<Loaded, Diagnostics> {
+    match shipped::find(argument) {
+        Named::File(path) => Ok(Loaded { origin: path.display().to_string(), text: load_file(&path)? }),
+        Named::Shipped(name) => {
+            let text = shipped::text(name).unwrap_or_default().to_owned();
+            Ok(Loaded { origin: name.to_owned(), text })
+        }
+    }
+}
+
+fn load_file(path: &Path) -> Result<String, Diagnostics> {
     let origin = path.display().to_string();
     let unreadable =
         |error: std::io::Error| Diagnostics::of_file(&origin, ScenarioError::Unreadable(error.to_string()));
@@ -234,6 +256,7 @@ pub fn load(path: &Path) -> Result<String, Diagnostics> {
         std::io::ErrorKind::InvalidInput => {
             Diagnostics::of_file(&origin, ScenarioError::NoFile(error.to_string()))
         }
+        std::io::ErrorKind::NotFound => shipped::missing(path),
         _ => unreadable(error),
     })?;
     let mut bytes = Vec::new();

@@ -25,7 +25,7 @@ use crate::console::terminal::{Channel, Live};
 use crate::family::read_text;
 use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::error::ScenarioError;
-use crate::scenario::{LinkKind, Overrides, Plan, load, quote};
+use crate::scenario::{LinkKind, Loaded, Overrides, Plan, load, quote};
 use grid::{Axis, Grid, GridError, Seeds};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use page::Context;
@@ -205,13 +205,13 @@ pub struct Request {
 
 /// Executes the request, and returns the exit code.
 pub fn sweep(request: &Request) -> Result<u8, SweepError> {
-    let text = load(&request.scenario).map_err(SweepError::Scenario)?;
-    let scenario = Scenario { origin: request.scenario.display().to_string(), text };
+    let Loaded { origin, text } = load(&request.scenario).map_err(SweepError::Scenario)?;
+    let scenario = Scenario { origin, text };
     let vary = request.vary.iter().map(|text| Axis::parse(text)).collect::<Result<Vec<_>, _>>()?;
     let grid = Grid::new(Seeds::parse(&request.seeds)?, vary)?;
     scenario.check(&grid)?;
     let mut outputs = Outputs::new();
-    outputs.reads("the scenario", &request.scenario);
+    outputs.reads("the scenario", Path::new(&scenario.origin));
     for file in scenario.plan(&grid, 0).map(|plan| plan.files).unwrap_or_default() {
         outputs.reads("a file that the scenario names,", &file);
     }

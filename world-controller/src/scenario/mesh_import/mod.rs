@@ -17,6 +17,7 @@ mod visiblesim;
 mod voxel;
 
 use crate::console::escape::Shown;
+use crate::scenario::shipped;
 use error::{MAX_BOX, MAX_BYTES, SolidError};
 use metamorph_module_agent::regular_file;
 use metamorph_protocol::lattice::Cell;
@@ -190,6 +191,9 @@ fn place(file: &str, triangles: &[mesh::Triangle], pitch: f64, at: Cell) -> Resu
 
 /// Reads the bytes of a regular file of limited size.
 fn load(path: &Path) -> Result<Vec<u8>, SolidError> {
+    if let Some(shipped) = shipped::file(path) {
+        return Ok(shipped.to_owned());
+    }
     let file = path.shown();
     let unreadable =
         |error: std::io::Error| SolidError::Unreadable { file: file.clone(), why: error.to_string() };

@@ -1,0 +1,54 @@
+//! The command `scenarios`: the scenarios that ship with the program.
+
+use crate::console::command_error::{BAD_USAGE, Failure};
+use crate::console::escape::json;
+use crate::console::format::count;
+use crate::console::table::Table;
+use crate::console::terminal::{Channel, print_data};
+use crate::family::read_file;
+use crate::scenario::{LinkKind, Overrides, shipped};
+use clap::Args;
+use serde::Serialize;
+use std::path::Path;
+
+/// Arguments of `scenarios`.
+#[derive(Debug, Args)]
+pub struct ScenariosArgs {
+    /// Print a JSON array instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A scenario in the list.
+#[derive(Debug, Serialize)]
+struct Entry {
+    name: &'static str,
+    family: &'static str,
+    modules: usize,
+    description: String,
+}
+
+/// Lists the scenarios.
+pub fn scenarios(args: &ScenariosArgs) -> Result<u8, Failure> {
+    let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+    let entry = |name: &'static str| {
+        let plan = read_file(Path::new(name), &overrides)
+            .map_err(|diagnostics| Failure { text: diagnostics.to_string(), exit_code: BAD_USAGE })?;
+        let description = plan.description.as_deref().unwrap_or_default().trim().to_owned();
+        Ok(Entry { name, family: plan.swarm.family(), modules: plan.swarm.len(), description })
+    };
+    let entries: Vec<Entry> = shipped::names().map(entry).collect::<Result<_, Failure>>()?;
+    if args.json {
+        print_data(&(json(&entries) + "\n"));
+        return Ok(0);
+    }
+    let channel = Channel::Out;
+    let mut table = Table::new(&["name", "family", "modules", "description"]);
+    for Entry { name, family, modules, description } in &entries {
+        let modules = format!("{:>7}", count(*modules as u64));
+        table
+            .whole_row(&[(*name).to_owned(), (*family).to_owned(), modules, description.clone()], Vec::new());
+    }
+    channel.say(&table.text(channel.paint()));
+    Ok(0)
+}

@@ -1,0 +1,233 @@
+//! The scenarios that ship with the program, and the shapes that they name: part of the program, so that a
+//! scenario is found by its name wherever the program is started.
+
+use crate::scenario::diagnostics::Diagnostics;
+use crate::scenario::error::ScenarioError;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Component, Path, PathBuf};
+use strsim::damerau_levenshtein;
+
+/// Where the files of the program seem to be.
+const ROOT: &str = "(shipped)";
+/// Where shipped scenarios seem to be.
+const DIRECTORY: &str = "(shipped)/scenarios";
+/// Suggestions at most.
+const SUGGESTIONS: usize = 3;
+
+macro_rules! scenarios {
+    ($($name:literal),* $(,)?) => {
+        /// The scenarios, in the order of their names.
+        const SCENARIOS: &[(&str, &str)] =
+            &[$(($name, include_str!(concat!("../../../deploy/scenarios/", $name, ".toml")))),*];
+    };
+}
+
+scenarios!(
+    "arch",
+    "box",
+    "box-to-chair",
+    "box-to-table",
+    "chair",
+    "chair-hardware",
+    "disc-to-sphere",
+    "faults",
+    "line-to-box",
+    "rabbit",
+    "slab-to-disc",
+    "slab-to-sphere",
+    "stoy",
+    "swarm",
+    "swarm-200",
+);
+
+/// The files that shipped scenarios name.
+const SHAPES: &[(&str, &[u8])] = &[
+    ("(shipped)/shapes/arch.stl", include_bytes!("../../../deploy/shapes/arch.stl")),
+    ("(shipped)/shapes/rabbit.stl", include_bytes!("../../../deploy/shapes/rabbit.stl")),
+];
+
+/// Returns the names of all scenarios, in order.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    SCENARIOS.iter().map(|(name, _)| *name)
+}
+
+/// Returns the text of the scenario of this name.
+pub fn text(name: &str) -> Option<&'static str> {
+    SCENARIOS.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
+
+/// Resolves the path of a file that a scenario names: relative to the scenario, unless it is in the program.
+pub fn resolve(origin: &str, name: &str) -> PathBuf {
+    let directory = match text(origin) {
+        _ if name.starts_with(ROOT) => Path::new(""),
+        Some(_) => Path::new(DIRECTORY),
+        None => Path::new(origin).parent().unwrap_or(Path::new("")),
+    };
+    directory.join(name)
+}
+
+/// Returns the text of the scenario of this name, for a file elsewhere: with files of the program by their whole
+/// paths.
+pub fn text_elsewhere(name: &str) -> Option<String> {
+    text(name).map(|text| text.replace("\"../shapes/", &format!("\"{ROOT}/shapes/")))
+}
+
+/// Returns the content of a file that a shipped scenario names.
+pub fn file(path: &Path) -> Option<&'static [u8]> {
+    path.starts_with(ROOT).then(|| {
+        let mut plain = PathBuf::new();
+        for component in path.components() {
+            match component {
+                Component::ParentDir => drop(plain.pop()),
+                other => plain.push(other),
+            }
+        }
+        SHAPES.iter().find(|(name, _)| Path::new(name) == plain).map(|(_, bytes)| *bytes)
+    })?
+}
+
+/// What an argument names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Named {
+    /// A file, which may be missing.
+    File(PathBuf),
+    /// The scenario of this name that ships with the program.
+    Shipped(&'static str),
+}
+
+/// Finds what an argument names: an existing file, else one of this name with `.toml`, else a shipped scenario.
+pub fn find(argument: &Path) -> Named {
+    let shipped = argument.to_str().and_then(|name| names().find(|known| *known == name));
+    let is_file = |path: &Path| fs::metadata(path).is_ok_and(|file| !file.is_dir());
+    let with_end = || {
+        let mut name = argument.as_os_str().to_owned();
+        name.push(".toml");
+        PathBuf::from(name)
+    };
+    match shipped {
+        Some(name) if is_file(argument) => {
+            tracing::warn!(
+                "{name}: this file is read, not the scenario of this name that ships with the program"
+            );
+            // Written so, the name does not mean the shipped scenario.
+            Named::File(Path::new(".").join(argument))
+        }
+        None if fs::symlink_metadata(argument).is_ok() => Named::File(argument.to_owned()),
+        _ if is_file(&with_end()) => Named::File(with_end()),
+        Some(name) => Named::Shipped(name),
+        None => Named::File(argument.to_owned()),
+    }
+}
+
+/// Returns true if an argument names a scenario, by its end or by its name, and not a journal.
+pub fn is_scenario(argument: &Path) -> bool {
+    let is_toml = |path: &Path| path.extension().is_some_and(|end| end == "toml");
+    match find(argument) {
+        Named::File(path) => is_toml(&path),
+        Named::Shipped(_) => true,
+    }
+}
+
+/// Returns what a missing file may have been meant to be: similar names of shipped scenarios and of scenarios
+/// in its directory, the most similar first.
+pub fn suggestions(missing: &Path) -> Vec<String> {
+    let end = |name: &OsStr| name.to_string_lossy().trim_end_matches(".toml").to_owned();
+    let Some(wanted) = missing.file_name().map(end) else { return Vec::new() };
+    let directory = missing.parent().filter(|parent| !parent.as_os_str().is_empty());
+    let entries = fs::read_dir(directory.unwrap_or(Path::new("."))).into_iter().flatten().flatten();
+    let mut beside: Vec<PathBuf> = entries
+        .map(|entry| directory.map_or_else(PathBuf::new, Path::to_owned).join(entry.file_name()))
+        .filter(|path| path.extension().is_some_and(|end| end == "toml"))
+        .collect();
+    beside.sort();
+    let files = beside.iter().filter_map(|path| Some((end(path.file_name()?), path.display().to_string())));
+    nearest(&wanted, files.chain(names().map(|name| (name.to_owned(), name.to_owned()))))
+}
+
+/// Returns the names of shipped scenarios that are similar to a name.
+pub fn similar(wanted: &str) -> Vec<String> {
+    nearest(wanted, names().map(|name| (name.to_owned(), name.to_owned())))
+}
+
+/// Chooses the nearest of some names, and returns what is to be shown for each.
+fn nearest(wanted: &str, names: impl Iterator<Item = (String, String)>) -> Vec<String> {
+    let most = (wanted.chars().count() / 3).max(1);
+    let away = |(name, shown): (String, String)| (damerau_levenshtein(&name, wanted), shown);
+    let mut near: Vec<(usize, String)> = names.map(away).filter(|(away, _)| *away <= most).collect();
+    near.sort_by_key(|(away, _)| *away);
+    near.into_iter().map(|(_, shown)| shown).take(SUGGESTIONS).collect()
+}
+
+/// Returns the error of a file that does not exist.
+pub fn missing(path: &Path) -> Diagnostics {
+    let suggestions = suggestions(path);
+    Diagnostics::of_file(&path.display().to_string(), ScenarioError::NoSuchFile { suggestions })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::family::read_file;
+    use crate::scenario::{LinkKind, Overrides};
+
+    fn deploy() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy")
+    }
+
+    /// The list is the directory, and every file that a scenario names is there.
+    #[test]
+    fn all_scenarios_are_in_the_program() {
+        let entries = fs::read_dir(deploy().join("scenarios")).unwrap();
+        let mut files: Vec<String> = entries
+            .map(|entry| {
+                entry.unwrap().file_name().into_string().unwrap().trim_end_matches(".toml").to_owned()
+            })
+            .collect();
+        files.sort();
+        assert_eq!(names().collect::<Vec<_>>(), files);
+        let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+        for name in names() {
+            assert_eq!(find(Path::new(name)), Named::Shipped(name));
+            let shipped = read_file(Path::new(name), &overrides).unwrap_or_else(|p| panic!("{p}"));
+            let file = deploy().join("scenarios").join(format!("{name}.toml"));
+            let read = read_file(&file, &overrides).unwrap_or_else(|p| panic!("{p}"));
+            assert_eq!((&shipped.text, shipped.swarm.len()), (&read.text, read.swarm.len()), "{name}");
+            assert!(shipped.repeat_with().starts_with(&format!("metamorph run {name} --link sim")), "{name}");
+        }
+    }
+
+    #[test]
+    fn shapes_are_found_where_scenarios_name_them() {
+        let path = resolve("rabbit", "../shapes/rabbit.stl");
+        assert_eq!(file(&path), Some(fs::read(deploy().join("shapes/rabbit.stl")).unwrap().as_slice()));
+        for other in
+            ["(shipped)/scenarios/../shapes/none.stl", "(shipped)/../../etc/passwd", "shapes/rabbit.stl"]
+        {
+            assert_eq!(file(Path::new(other)), None, "{other}");
+        }
+        assert_eq!(resolve("./rabbit", "a.stl"), Path::new("./a.stl"));
+        assert_eq!(
+            resolve("x/rabbit.toml", "(shipped)/shapes/arch.stl"),
+            Path::new("(shipped)/shapes/arch.stl")
+        );
+    }
+
+    #[test]
+    fn similar_names_are_suggested() {
+        let near = |name: &str| suggestions(Path::new(name));
+        assert_eq!(near("swram"), ["swarm"]);
+        assert_eq!(near("swarm200"), ["swarm-200"]);
+        assert_eq!(near("chiar.toml"), ["chair"]);
+        assert_eq!(near("slab-to-spere"), ["slab-to-sphere"]);
+        assert_eq!(near("nothing-like-it"), [""; 0]);
+        assert!(suggestions(Path::new("/")).is_empty());
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        fs::write(path("tower.toml"), "").unwrap();
+        fs::write(path("tower.txt"), "").unwrap();
+        assert_eq!(suggestions(&path("towre.toml")), [path("tower.toml").display().to_string()]);
+        assert_eq!(find(&path("tower")), Named::File(path("tower.toml")));
+        assert!(is_scenario(&path("tower")) && is_scenario(Path::new("swarm")) && !is_scenario(&path("x")));
+    }
+}
