@@ -83,3 +83,73 @@ fn wrong_names_are_refused_with_similar_ones() {
         }
     }
 }
+
+/// Two sweeps of one scenario with another protocol differ; two sweeps with other seeds do not; a sweep equals
+/// itself.
+#[test]
+fn sweeps_are_compared_by_statistics() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |args: &[&str]| within(directory.path(), args);
+    let cycles = fs::read_to_string(metamorph_tests::command::scenario("line-to-box.toml")).unwrap();
+    fs::write(directory.path().join("cycles.toml"), cycles + "\n[protocol]\nconnectivity = \"cycles\"\n")
+        .unwrap();
+    for (scenario, seeds, out) in [
+        ("line-to-box", "0..40", "forest"),
+        ("line-to-box", "100..140", "again"),
+        ("cycles.toml", "0..40", "cycles"),
+    ] {
+        let ran = at(&["sweep", scenario, "--seeds", seeds, "--out", out, "--quiet"]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+    }
+    let lines = |a: &str, b: &str, more: &[&str]| {
+        let ran = at(&[&["diff", a, b, "--quiet", "--json", "-"], more].concat());
+        json(&ran)["lines"].as_array().unwrap().clone()
+    };
+    let differing = |lines: &[Value]| lines.iter().filter(|line| line["differs"] == true).count();
+    let found = lines("forest", "cycles", &[]);
+    assert!(found.len() > 5 && differing(&found) > 0, "{found:?}");
+    let messages = found.iter().find(|line| line["measure"] == "messages").unwrap();
+    let number = |key: &str| messages[key].as_f64().unwrap();
+    assert!(number("low") <= number("by") && number("by") <= number("high"), "{messages}");
+    assert_eq!((messages["n_a"].as_u64(), messages["n_b"].as_u64()), (Some(40), Some(40)));
+    assert_eq!(differing(&lines("forest", "cycles", &["--at-least", "1000%"])), 0);
+    assert_eq!(differing(&lines("forest", "again", &[])), 0);
+    let same = lines("forest", "forest", &[]);
+    assert!(same.iter().all(|line| line["by"] == 0.0 && line["p"].as_f64() > Some(0.99)), "{same:?}");
+    let ran = at(&["diff", "forest", "cycles"]);
+    assert!(ran.out.contains("differs") && ran.out.contains("95 % interval"), "{}", ran.out);
+    // What is no sweep is refused.
+    fs::create_dir(directory.path().join("empty")).unwrap();
+    for (a, b, reason) in [
+        ("forest", "empty", "empty: "),
+        ("forest", "none", "one is a directory and the other one is a file"),
+        ("none", "none", "none: cannot read it"),
+        ("cycles.toml", "cycles.toml", "this is not JSON"),
+    ] {
+        let ran = at(&["diff", a, b]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{ran:?}");
+        assert!(ran.err.contains(reason) && ran.err.contains("\n  fix: "), "{}", ran.err);
+    }
+}
+
+#[test]
+fn reports_are_compared_field_by_field() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |args: &[&str]| within(directory.path(), args);
+    for (seed, out) in [("1", "a.json"), ("1", "again.json"), ("2", "b.json")] {
+        let ran = at(&["run", "swarm", "--link", "sim", "--seed", seed, "--quiet", "--json", out]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+    }
+    let same = at(&["diff", "a.json", "again.json"]);
+    assert!(same.out.contains("the same run: the trace hashes are equal"), "{}", same.out);
+    let same = json(&at(&["diff", "a.json", "again.json", "--quiet", "--json", "-"]));
+    assert_eq!(
+        (&same["same_run"], same["differences"].as_array().unwrap().len()),
+        (&Value::Bool(true), 0),
+        "{same}"
+    );
+    let other = json(&at(&["diff", "a.json", "b.json", "--quiet", "--json", "-"]));
+    let fields: Vec<&str> =
+        other["differences"].as_array().unwrap().iter().map(|d| d["field"].as_str().unwrap()).collect();
+    assert!(["seed", "trace_hash"].iter().all(|field| fields.contains(field)), "{fields:?}");
+}

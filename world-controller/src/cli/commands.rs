@@ -13,6 +13,7 @@ use crate::console::output::Outputs;
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{print_data, print_out};
 use crate::experiments::bench;
+use crate::experiments::diff::{DiffArgs, diff};
 use crate::experiments::explore::explore;
 use crate::experiments::reproduce::reproduce;
 use crate::experiments::sweep::sweep;
@@ -53,6 +54,9 @@ pub enum Command {
     /// Run a scenario with many seeds and varied values, and compare
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
+    /// Compare two sweeps, with intervals and tests, or two reports
+    #[command(after_help = DIFF_EXAMPLES)]
+    Diff(DiffArgs),
     /// Resume a run whose controller was killed
     #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}{DAMAGED_EXIT_CODE}"))]
     Resume(ResumeArgs),
@@ -119,6 +123,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         }
         Command::Scenarios(args) => scenarios(&args),
         Command::Sweep(args) => Ok(sweep(&args.into())?),
+        Command::Diff(args) => Ok(diff(&args)?),
         Command::Resume(args) => resume(args, since, interrupt),
         Command::Replay(args) => {
             let quiet = args.quiet;

@@ -107,6 +107,24 @@ Exit codes:
   6  an invariant broke in at least one run, such as two modules in one cell
   7  stopped by Ctrl-C, SIGTERM or SIGHUP before every run was done";
 
+pub const DIFF_EXAMPLES: &str = "\
+Examples:
+  metamorph sweep swarm --seeds 0..200 --out forest
+  metamorph sweep cycles.toml --seeds 0..200 --out cycles
+  metamorph diff forest cycles
+  metamorph diff forest cycles --at-least 5% --json diff.json
+  metamorph diff a.report.json b.report.json
+
+Of sweeps, combinations with equal values are compared. Shares of outcomes have intervals of Newcombe and
+Fisher's exact test; numbers of built runs have the shift of Hodges and Lehmann and the test of Mann and
+Whitney. Probabilities are adjusted for the number of tests (Holm). Of reports, fields that differ are
+listed, without those about the machine.
+
+Exit codes:
+  0  both could be compared, whether they differ or not
+  1  the comparison could not be written
+  2  the command line, a sweep or a report is wrong";
+
 pub const REPRODUCE_EXAMPLES: &str = "\
 Examples:
   metamorph reproduce 4.1 4.2 fig4.5

@@ -14,6 +14,7 @@ pub mod prospect;
 pub mod run_result;
 pub mod schema;
 pub mod statistics;
+pub mod two_samples;
 
 pub use human::{human, progress};
 

@@ -278,6 +278,36 @@ pub fn create_directory(dir: &Path) -> Result<(), StoreError> {
     }
 }
 
+/// The runs of a sweep that is not resumed.
+#[derive(Debug)]
+pub struct Runs {
+    /// The scenario, as named by the user.
+    pub scenario: String,
+    /// The keys that are varied.
+    pub keys: Vec<String>,
+    /// The number of runs of the whole sweep.
+    pub planned: u64,
+    /// The runs done, each with the values of these keys.
+    pub rows: Vec<(Vec<String>, Row)>,
+}
+
+/// Reads the runs of a sweep.
+///
+/// # Errors
+///
+/// The directory has no sweep of this version, or its runs are damaged.
+pub fn read_runs(dir: &Path) -> Result<Runs, StoreError> {
+    let Manifest { scenario, grid, .. } = Manifest::read(dir)?;
+    let path = dir.join(RUNS);
+    let file = regular_file::open(&path).map_err(|error| StoreError::File { path: path.clone(), error })?;
+    let values = |run| grid.values(grid.combination(run)).into_iter().map(str::to_owned).collect();
+    let mut rows = Vec::new();
+    let (done, _) = scan(&file, &path, &grid, |run, row| rows.push((values(run), row.clone())))?;
+    rows.extend(done.ahead.into_iter().map(|(run, row)| (values(run), row)));
+    let keys = grid.vary.iter().map(|axis| axis.key.clone()).collect();
+    Ok(Runs { scenario, keys, planned: grid.runs(), rows })
+}
+
 /// Reads the runs of the file. Returns those done, and the offset of the first gap or torn line.
 fn scan(
     file: &File,
