@@ -155,3 +155,20 @@ fn a_cut_journal_is_shown_as_far_as_it_goes_and_other_files_are_refused() {
     let ran = run(&["view", "/nowhere/run.journal"]);
     assert!(ran.code == Some(2) && ran.err.contains("/nowhere/run.journal"), "{ran:?}");
 }
+
+/// A port can be chosen, so that it can be forwarded; one that is taken is refused.
+#[test]
+fn the_port_can_be_chosen() {
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = free.local_addr().unwrap().port().to_string();
+    let ran = run(&["view", "chair", "--port", &port]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{ran:?}");
+    assert!(
+        ran.err.contains(&format!("--port {port}: ")) && ran.err.contains("\n  fix: name another port"),
+        "{ran:?}"
+    );
+    drop(free);
+    let view = View::of("chair.toml", &["--port", &port]);
+    assert_eq!(view.parts().0, format!("127.0.0.1:{port}"));
+    assert_eq!(view.get(&format!("{}scene", view.parts().1), "").0, 200);
+}

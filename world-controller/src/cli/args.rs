@@ -68,6 +68,9 @@ pub struct ViewArgs {
     /// Of a scenario: stop the process of module ID from one time to another (repeatable)
     #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
     pub pause: Vec<String>,
+    /// The port of the page's address, for example one that is forwarded; default: any free one
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub port: Option<u16>,
 }
 
 impl ViewArgs {

@@ -49,6 +49,7 @@ Examples:
   metamorph run deploy/scenarios/swarm.toml --journal run.journal
   metamorph view run.journal                             show a recorded run
   metamorph view deploy/scenarios/chair.toml --seed 7    simulate a scenario, and show it
+  metamorph view run.journal --port 8080                 at a port that is forwarded from another machine
   metamorph run deploy/scenarios/swarm.toml --view       show processes while they run
 
 The address of the page is printed; open it in a browser of this machine. It works without a network,

@@ -123,7 +123,7 @@ impl Show {
         let scene = watched.then(|| Shared::new(scene(plan, messages)));
         if let Some(scene) = scene.as_ref().filter(|_| view) {
             // Standard output is for the report.
-            print_error(&address(scene)?);
+            print_error(&address(scene, None)?);
         }
         Ok(Show { json, html, view, quiet, scene, interrupt: interrupt.clone() })
     }
@@ -160,8 +160,8 @@ impl Show {
 }
 
 /// Serves a scene, and returns the text with its address.
-fn address(scene: &Shared) -> Result<String, ServerError> {
-    let server = Server::start(scene.clone())?;
+fn address(scene: &Shared, port: Option<u16>) -> Result<String, ServerError> {
+    let server = Server::start(scene.clone(), port)?;
     Ok(format!("open {} in a browser\nCtrl-C ends it", server.address()))
 }
 
@@ -209,15 +209,15 @@ pub fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u
             print_error(&format!("note: {trouble}"));
         }
         interrupt.begin();
-        print_out(&address(&Shared::new(scene))?);
+        print_out(&address(&Shared::new(scene), args.port)?);
         wait_for_end(interrupt);
         return damage.map_or(Ok(0), |damage| Err(JournalError::from(damage).into()));
     }
-    let file = args.file.clone();
+    let (file, port) = (args.file.clone(), args.port);
     let plan = plan(&file, &args.overrides())?;
     let scene = Shared::new(scene(&plan, true));
     interrupt.begin();
-    print_out(&address(&scene)?);
+    print_out(&address(&scene, port)?);
     let scribe = Some(family::of(&plan).shown(&plan).scribe(scene.clone()));
     let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, scribe);
     scene.lock().finish(report);

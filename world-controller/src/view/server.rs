@@ -5,7 +5,7 @@
 
 use super::access::{AccessCheck, Token};
 use super::scene_builder::Shared;
-use crate::console::command_error::CommandError;
+use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
 use http_body_util::Full;
 use hyper::body::{Bytes, Incoming};
 use hyper::header::{
@@ -68,12 +68,32 @@ const JS: &str = "text/javascript; charset=utf-8";
 /// Errors of serving the page.
 #[derive(Debug, Error)]
 pub enum ServerError {
+    /// The port is taken or not allowed.
+    #[error(
+        "--port {port}: the page cannot be served there: {error}\n  fix: name another port, or leave it out"
+    )]
+    Port {
+        /// The port.
+        port: u16,
+        /// The cause.
+        error: io::Error,
+    },
     /// No port or no thread is available.
     #[error("the page cannot be served on this machine's loopback address: {0}")]
     Listen(#[from] io::Error),
 }
 
-impl CommandError for ServerError {}
+impl CommandError for ServerError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            ServerError::Port { .. } => BAD_USAGE,
+            ServerError::Listen(_) => FAILED,
+        }
+    }
+    fn text(&self) -> String {
+        format!("metamorph: {self}")
+    }
+}
 
 /// A page that is served until the program ends.
 #[derive(Debug)]
@@ -87,12 +107,16 @@ struct Inside {
 }
 
 impl Server {
-    /// Starts to serve a scene.
+    /// Starts to serve a scene, at this port or at any free one.
     ///
     /// # Errors
-    /// If there is no port or no thread.
-    pub fn start(scene: Shared) -> Result<Server, ServerError> {
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
+    /// If the port is not available, or there is no thread.
+    pub fn start(scene: Shared, port: Option<u16>) -> Result<Server, ServerError> {
+        let bound = TcpListener::bind((Ipv4Addr::LOCALHOST, port.unwrap_or(0)));
+        let listener = bound.map_err(|error| match port {
+            Some(port) => ServerError::Port { port, error },
+            None => ServerError::Listen(error),
+        })?;
         listener.set_nonblocking(true)?;
         let access = AccessCheck::new(Token::random()?, listener.local_addr()?.port());
         let address = access.address();
