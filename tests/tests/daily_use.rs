@@ -153,3 +153,35 @@ fn reports_are_compared_field_by_field() {
         other["differences"].as_array().unwrap().iter().map(|d| d["field"].as_str().unwrap()).collect();
     assert!(["seed", "trace_hash"].iter().all(|field| fields.contains(field)), "{fields:?}");
 }
+
+/// Every check says what it found and what is needed; a swarm that is too large for this machine's limits cannot
+/// run, and the check that fails says what to change.
+#[test]
+fn doctor_names_what_limits_a_swarm() {
+    let directory = tempfile::tempdir().unwrap();
+    let checks = |ran: &Ran| -> Vec<Value> {
+        serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"))
+    };
+    let few = within(directory.path(), &["doctor", "--modules", "1", "--json"]);
+    let few = checks(&few);
+    assert!(few.len() >= 9, "{few:?}");
+    for check in &few {
+        for key in ["name", "state", "found", "needs", "otherwise", "fix"] {
+            assert!(check[key].as_str().is_some_and(|text| !text.is_empty()), "{key}: {check}");
+        }
+    }
+    // With few open files, as a shell passes the limit on.
+    let mut shell = std::process::Command::new("sh");
+    shell.arg("-c").arg("ulimit -n 1200 && exec \"$0\" doctor --modules 1000 --json");
+    let ran: Ran = shell.arg(metamorph_tests::command::metamorph()).output().unwrap().into();
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    let files = checks(&ran).into_iter().find(|check| check["name"] == "open files, hard limit").unwrap();
+    assert_eq!((files["state"].as_str(), files["found"].as_str()), (Some("fail"), Some("1,200")), "{files}");
+    assert!(
+        files["fix"].as_str().unwrap().contains("nofile")
+            || files["fix"].as_str().unwrap().contains("NOFILE")
+    );
+    let text = within(directory.path(), &["doctor", "--modules", "16000"]);
+    assert!(text.out.contains("a swarm of 16,000 modules can"), "{text:?}");
+    assert_eq!(within(directory.path(), &["doctor", "--modules", "16001"]).code, Some(2));
+}

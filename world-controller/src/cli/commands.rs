@@ -1,6 +1,7 @@
 //! All commands: the arguments of each, and the function that executes it.
 
 use crate::cli::args::*;
+use crate::cli::doctor::{DoctorArgs, doctor};
 use crate::cli::examples::*;
 use crate::cli::figures::{RenderArgs, render};
 use crate::cli::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
@@ -87,6 +88,9 @@ pub enum Command {
     /// Convert a solid from a CAD program to cells, and write it as a scenario
     #[command(after_help = SHAPE_EXAMPLES)]
     Shape(ShapeArgs),
+    /// Check what of this machine limits a swarm of processes, and how to raise it
+    #[command(after_help = DOCTOR_EXAMPLES)]
+    Doctor(DoctorArgs),
     /// Remove what killed runs left behind
     #[command(after_help = CLEAN_EXAMPLES)]
     Clean,
@@ -146,6 +150,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         Command::Structure(args) => Ok(structure::structure(&args)?),
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
+        Command::Doctor(args) => Ok(doctor(&args)),
         Command::Clean => {
             print_out(&processes::clean_up()?);
             Ok(0)

@@ -162,6 +162,18 @@ The controller hosts the simulated bodies, so without it nothing moves, while mo
 messages. Bodies and controller are rebuilt from the journal. Modules wait for --patience; after that, or
 if the machine was restarted, the run cannot be resumed.";
 
+pub const DOCTOR_EXAMPLES: &str = "\
+Examples:
+  metamorph doctor
+  metamorph doctor --modules 1058
+  metamorph doctor --json | jq '.[] | select(.state != \"ok\")'
+
+Nothing is changed. What a swarm needs is computed as `run` does.
+
+Exit codes:
+  0  a swarm of this size can run
+  1  it cannot; the lines with FAIL say what to change";
+
 pub const SHAPE_EXAMPLES: &str = "\
 Examples:
   metamorph shape deploy/shapes/table.obj --pitch 10

@@ -3,6 +3,7 @@
 pub mod args;
 pub mod commands;
 pub mod dispatch;
+mod doctor;
 mod examples;
 mod figures;
 pub mod reference;

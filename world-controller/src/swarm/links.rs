@@ -103,12 +103,17 @@ pub fn descriptor_limit() -> (u64, u64) {
     (allowed, (allowed.saturating_sub(OWN + FEWEST * LINK) / AGENT).min(super::MODULE_LIMIT as u64))
 }
 
+/// Returns the number of descriptors without which the controller of so many agents does not start.
+pub fn descriptors_needed(agents: u64) -> u64 {
+    OWN + agents * AGENT + FEWEST * LINK
+}
+
 /// Raises the limit of descriptors of this process to what the controller of `agents` agents can use.
 ///
 /// # Errors
 /// If the limit stays below what it needs.
 pub fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
-    let (least, useful) = (OWN + agents * AGENT + FEWEST * LINK, OWN + agents * (AGENT + LINK));
+    let (least, useful) = (descriptors_needed(agents), OWN + agents * (AGENT + LINK));
     let limit = getrlimit(Resource::Nofile);
     let hard = limit.maximum.unwrap_or(u64::MAX);
     if hard < useful {

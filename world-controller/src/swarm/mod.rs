@@ -22,13 +22,14 @@ mod signals;
 mod supervisor;
 mod watch;
 
-pub use crate::swarm::links::descriptor_limit;
+pub use crate::swarm::links::{descriptor_limit, descriptors_needed};
 pub use crate::swarm::memory::run_in_memory;
 pub use crate::swarm::meter::Meter;
 pub use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
 pub use crate::swarm::pace::{FULL, Slowed};
 pub use crate::swarm::process::ControlMessage;
 pub use crate::swarm::processes::{resume_swarm, run_swarm};
+pub use crate::swarm::reserve::needed as shared_memory_needed;
 pub use crate::swarm::resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
 pub use crate::swarm::run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean};
 pub use crate::swarm::watch::{SUBCOMMAND as WATCH, watch};

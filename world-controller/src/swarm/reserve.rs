@@ -31,13 +31,18 @@ pub struct Reserve {
     shared: bool,
 }
 
+/// Returns the bytes of shared memory that a run of so many agents must find free.
+pub fn needed(agents: u64) -> u64 {
+    agents * SPACE.0 + SPACE.1
+}
+
 impl Reserve {
     /// Reserves the needs of `agents` agents.
     ///
     /// # Errors
     /// If too little is free, or the limit of file sizes is too low.
     pub fn take(root: &Path, agents: u64) -> Result<Reserve, SwarmError> {
-        let held = agents * SPACE.0 + SPACE.1;
+        let held = needed(agents);
         // A failed attempt would take all memory for a moment, which may kill other programs.
         match space::free() {
             Ok(free) if free < held => return Err(shortage(held, free)),
