@@ -305,3 +305,35 @@ fn without_a_file_the_figure_goes_to_standard_output() {
     assert!(output.status.success());
     assert!(String::from_utf8(output.stdout).unwrap().starts_with("<svg "));
 }
+
+/// The pictures of README.md are what `docs/pictures/make` makes: the SVG byte by byte, the moving picture in size
+/// and number of frames, since pixels may differ a little on other processors.
+#[test]
+fn the_pictures_of_the_readme_are_made_by_render() {
+    let pictures = metamorph_tests::command::root().join("docs/pictures");
+    let readme = fs::read_to_string(metamorph_tests::command::root().join("README.md")).unwrap();
+    let script = fs::read_to_string(pictures.join("make")).unwrap();
+    let lines: Vec<&str> = script.lines().filter_map(|line| line.strip_prefix("metamorph ")).collect();
+    assert_eq!(lines.len(), 2, "{script}");
+    let frames = |bytes: &[u8]| {
+        let mut decoder = gif::DecodeOptions::new().read_info(bytes).unwrap();
+        let mut frames = 0;
+        while decoder.read_next_frame().unwrap().is_some() {
+            frames += 1;
+        }
+        (decoder.width(), decoder.height(), frames)
+    };
+    for line in lines {
+        let words: Vec<&str> = line.split(' ').collect();
+        let (options, name) = (&words[2..words.len() - 2], words[words.len() - 1]);
+        assert!(words[0] == "render" && readme.contains(&format!("docs/pictures/{name}")), "{line}");
+        let options: Vec<&str> = options.iter().copied().filter(|word| *word != "--quiet").collect();
+        let made = figure(words[1], name, &options);
+        let kept = fs::read(pictures.join(name)).unwrap();
+        assert!(kept.len() < 300_000, "{name}: {}", kept.len());
+        match name.ends_with(".svg") {
+            true => assert!(made == kept, "{name} is not what `{line}` makes; run docs/pictures/make"),
+            false => assert_eq!(frames(&made), frames(&kept), "{name}; run docs/pictures/make"),
+        }
+    }
+}
