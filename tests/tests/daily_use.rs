@@ -185,3 +185,31 @@ fn doctor_names_what_limits_a_swarm() {
     assert!(text.out.contains("a swarm of 16,000 modules can"), "{text:?}");
     assert_eq!(within(directory.path(), &["doctor", "--modules", "16001"]).code, Some(2));
 }
+
+#[test]
+fn new_scenarios_can_be_run_and_overwrite_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |args: &[&str]| within(directory.path(), args);
+    for (file, options) in [
+        ("a.toml", &[][..]),
+        ("b.toml", &["--family", "metamodule"]),
+        ("c.toml", &["--like", "swarm", "--minimal"]),
+    ] {
+        let ran = at(&[&["new", file][..], options].concat());
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        let ran = at(&["check", file, "--link", "sim"]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        let before = fs::read(directory.path().join(file)).unwrap();
+        assert_eq!(at(&["new", file]).code, Some(2));
+        assert_eq!(fs::read(directory.path().join(file)).unwrap(), before);
+    }
+    for (options, fix) in [
+        (&["--family", "cubes"][..], "fix: name one of cube, metamodule"),
+        (&["--like", "swram"], "fix: did you mean `swarm`?"),
+    ] {
+        let ran = at(&[&["new", "d.toml"][..], options].concat());
+        assert_eq!(ran.code, Some(2), "{ran:?}");
+        assert!(ran.err.contains(fix), "{}", ran.err);
+    }
+    assert!(!directory.path().join("d.toml").exists());
+}

@@ -4,6 +4,7 @@ use crate::cli::args::*;
 use crate::cli::doctor::{DoctorArgs, doctor};
 use crate::cli::examples::*;
 use crate::cli::figures::{RenderArgs, render};
+use crate::cli::new::{NewArgs, new};
 use crate::cli::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
 use crate::cli::runs::{self, resume, run, view};
 use crate::cli::scenarios::{ScenariosArgs, scenarios};
@@ -82,6 +83,9 @@ pub enum Command {
     /// Check a scenario and show what would run
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
+    /// Write a scenario to begin with: every key with its default and meaning
+    #[command(after_help = NEW_EXAMPLES)]
+    New(NewArgs),
     /// List the scenarios that ship with the program
     #[command(after_help = SCENARIOS_EXAMPLES)]
     Scenarios(ScenariosArgs),
@@ -125,6 +129,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
             print_out(&overview(&runs::plan(&path, &overrides)?));
             Ok(0)
         }
+        Command::New(args) => Ok(new(&args)?),
         Command::Scenarios(args) => scenarios(&args),
         Command::Sweep(args) => Ok(sweep(&args.into())?),
         Command::Diff(args) => Ok(diff(&args)?),

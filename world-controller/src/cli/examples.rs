@@ -73,6 +73,20 @@ Exit codes:
   0  the scenario can be run
   2  the command line or the scenario is wrong; every error names its place, reason and fix";
 
+pub const NEW_EXAMPLES: &str = "\
+Examples:
+  metamorph new mine.toml
+  metamorph new chairs.toml --family metamodule
+  metamorph new tower.toml --like rabbit --minimal
+
+Keys that are not set are commented out, with their defaults or examples. An existing file is never
+overwritten.
+
+Exit codes:
+  0  the scenario is written
+  1  it could not be written completely
+  2  the command line is wrong, or the file exists";
+
 pub const SCENARIOS_EXAMPLES: &str = "\
 Examples:
   metamorph scenarios

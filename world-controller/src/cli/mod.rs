@@ -6,6 +6,7 @@ pub mod dispatch;
 mod doctor;
 mod examples;
 mod figures;
+mod new;
 pub mod reference;
 mod runs;
 mod scenarios;

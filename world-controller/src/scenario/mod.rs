@@ -3,7 +3,7 @@
 //! `settings` puts values of the command line into the document; `table` and `shapes` read values with their
 //! places, `raw` and `faults` a whole document and the other options; `plan` checks what depends on several
 //! values; `family` is the interface of families for both; `schema` describes the format to programs; `error`
-//! and `diagnostics` say what is wrong, where, and how to fix it; `shipped` has the scenarios that are in the program. All problems are collected and shown at once.
+//! and `diagnostics` say what is wrong, where, and how to fix it; `shipped` has the scenarios that are in the program, and `template` writes new ones. All problems are collected and shown at once.
 //!
 //! Reading is slow and done once; [`Plan::with_seed`] is fast and returns the same plan with other random
 //! places and crashes.
@@ -27,6 +27,7 @@ pub mod settings;
 pub mod shapes;
 pub mod shipped;
 pub mod table;
+pub mod template;
 
 pub use plan::{NEVER, TIME_SCALE};
 pub use raw::SEED;

@@ -1,0 +1,193 @@
+//! The command `new`: a scenario to begin with.
+
+use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
+use crate::console::escape::{Shown, portable};
+use crate::console::output::{OutputError, Outputs};
+use crate::console::terminal::print_out;
+use crate::family::{self, families};
+use crate::scenario::error::ScenarioError;
+use crate::scenario::shipped;
+use crate::scenario::template::template;
+use clap::Args;
+use std::path::PathBuf;
+use thiserror::Error;
+use toml::{Table, Value};
+
+/// The scenarios that new ones begin with: one of each family.
+const BASES: [(&str, &str); 2] = [("cube", "line-to-box"), ("metamodule", "chair")];
+
+/// Arguments of `new`.
+#[derive(Debug, Args)]
+pub struct NewArgs {
+    /// The file to write, which must not exist yet; its name is that of the scenario
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// The family of its modules: cube or metamodule; default: that of --like, or cube
+    #[arg(long, value_name = "FAMILY", conflicts_with = "like")]
+    pub family: Option<String>,
+    /// Begin with the values of this scenario, a name that `metamorph scenarios` lists
+    #[arg(long, value_name = "NAME")]
+    pub like: Option<String>,
+    /// Write only the keys that are set, without comments
+    #[arg(long)]
+    pub minimal: bool,
+}
+
+/// Errors of `new`.
+#[derive(Debug, Error)]
+pub enum NewError {
+    /// No such family.
+    #[error("--family {}: there is no such family\n  fix: name one of {}", .0.shown(), BASES.map(|(family, _)| family).join(", "))]
+    Family(String),
+    /// No such scenario.
+    #[error("--like {}: no scenario of this name ships with the program\n  fix: {}", .name.shown(), meant(.suggestions))]
+    Like {
+        /// The name.
+        name: String,
+        /// Similar names.
+        suggestions: Vec<String>,
+    },
+    /// The file cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+fn meant(suggestions: &[String]) -> String {
+    ScenarioError::NoSuchFile { suggestions: suggestions.to_vec() }.fix()
+}
+
+impl CommandError for NewError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            NewError::Output(error) if !error.is_input() => FAILED,
+            _ => BAD_USAGE,
+        }
+    }
+    fn text(&self) -> String {
+        format!("metamorph: {self}")
+    }
+}
+
+/// Writes a scenario.
+///
+/// # Errors
+///
+/// There is no such family or scenario, or the file exists or cannot be written.
+pub fn new(args: &NewArgs) -> Result<u8, NewError> {
+    let base = match (&args.like, &args.family) {
+        (Some(name), _) => name.as_str(),
+        (None, None) => BASES[0].1,
+        (None, Some(wanted)) => match BASES.iter().find(|(family, _)| family == wanted) {
+            Some((_, base)) => *base,
+            None => return Err(NewError::Family(wanted.clone())),
+        },
+    };
+    let text = shipped::text_elsewhere(base).ok_or_else(|| {
+        let suggestions = shipped::similar(base);
+        NewError::Like { name: base.to_owned(), suggestions }
+    })?;
+    let base: Table = text.parse().expect("invariant: shipped scenarios are TOML, as a test shows");
+    let own = base.get("swarm").and_then(|swarm| swarm.get("family")).and_then(Value::as_str);
+    let own = own.unwrap_or(BASES[0].0);
+    let family = family::named(own).expect("invariant: shipped scenarios name a family, as a test shows");
+    let name = args.file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    let file = Outputs::new().creates("new", &args.file)?;
+    file.write(template(families(), family, &base, &name.shown(), args.minimal))?;
+    print_out(&format!(
+        "{}: a scenario of the family {own}\n  metamorph check {} says what would run\n",
+        args.file.shown(),
+        crate::scenario::quote(portable(&args.file)),
+    ));
+    Ok(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::family::read_text;
+    use crate::scenario::schema::schema;
+    use crate::scenario::{LinkKind, Overrides};
+    use serde_json::Value as Json;
+
+    fn made(base: &str, minimal: bool) -> String {
+        let base: Table = shipped::text_elsewhere(base).unwrap().parse().unwrap();
+        let own = base["swarm"].get("family").and_then(Value::as_str).unwrap_or("cube");
+        template(families(), family::named(own).unwrap(), &base, "mine", minimal)
+    }
+
+    fn check(text: &str) -> Result<usize, String> {
+        let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+        read_text("elsewhere/mine.toml", text, &overrides)
+            .map(|plan| plan.swarm.len())
+            .map_err(|problems| problems.to_string())
+    }
+
+    #[test]
+    fn templates_of_all_shipped_scenarios_can_be_run() {
+        for name in shipped::names() {
+            let whole = check(&shipped::text_elsewhere(name).unwrap()).unwrap();
+            for minimal in [false, true] {
+                let text = made(name, minimal);
+                assert_eq!(check(&text), Ok(whole), "{name}: {text}");
+                assert_eq!(text.contains('#'), !minimal, "{name}");
+            }
+        }
+    }
+
+    /// Every key of the sections occurs, set or commented out, unless it is the former name of another.
+    #[test]
+    fn templates_have_every_key() {
+        let schema = schema(families());
+        for (family, base) in BASES {
+            let text = made(base, false);
+            let lines: Vec<&str> = text.lines().map(|line| line.trim_start_matches('#')).collect();
+            for part in ["Swarm", "Goal", "Protocol"]
+                .map(|part| format!("{family}{part}"))
+                .iter()
+                .map(String::as_str)
+                .chain(["link", "process", "stop"])
+            {
+                for (key, value) in schema["$defs"][part]["properties"].as_object().unwrap() {
+                    let is_there = lines.iter().any(|line| line.starts_with(&format!("{key} = ")));
+                    assert_eq!(is_there, value["deprecated"] != Json::Bool(true), "{family}: {key}");
+                }
+            }
+        }
+    }
+
+    /// Each commented key can be set as it is, but for those that contradict what is set.
+    #[test]
+    fn commented_keys_can_be_set() {
+        // `seed` depends on the shape, `levels` is instead of it, `at` is of further goals, and the others are for
+        // other strategies.
+        let contradict = ["seed", "levels", "at", "precedence", "settled_repel", "repulsion", "fallback"];
+        let mut set = 0;
+        for (family, base) in BASES {
+            let text = made(base, false);
+            let (keys, faults) = text.split_once("# Faults").unwrap();
+            for line in keys.lines().filter(|line| line.starts_with('#') && !line.starts_with("# ")) {
+                let key = line[1..].split(' ').next().unwrap();
+                let changed = text.replacen(line, &line[1..], 1);
+                match check(&changed) {
+                    Ok(_) => set += 1,
+                    Err(problems) => {
+                        assert!(contradict.contains(&key), "{family}: {line}\n{problems}");
+                        assert!(!problems.contains("unknown"), "{family}: {line}\n{problems}");
+                    }
+                }
+            }
+            for block in faults.split("#[[fault]]\n").skip(1) {
+                let fault: String = block
+                    .lines()
+                    .take_while(|line| !line.is_empty())
+                    .filter(|line| !line.starts_with("# "))
+                    .map(|line| format!("{}\n", &line[1..]))
+                    .collect();
+                check(&format!("{text}\n[[fault]]\n{fault}"))
+                    .unwrap_or_else(|problems| panic!("{fault}\n{problems}"));
+                set += 1;
+            }
+        }
+        assert!(set > 35, "{set}");
+    }
+}
