@@ -82,6 +82,45 @@ pub enum PlanningDefect {
     IgnoreOwnHalf,
 }
 
+/// A known defect of the link between two hosts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[doc(hidden)]
+pub enum HostLinkDefect {
+    /// Frames are taken although they have come before, or after a later one.
+    TakeDoubled,
+    /// A stream goes on after a gap.
+    SkipGaps,
+    /// A stream is not sent again after a gap.
+    NoRepeat,
+    /// Frames are sent however many are under way.
+    IgnoreWindow,
+    /// Packets from and for an earlier life are taken.
+    TrustAnyLife,
+    /// Frames that an acknowledgement shows to be lost are counted again with each acknowledgement.
+    CountLossTwice,
+    /// A ward acts as long as it hears its guardian, although that may not hear it.
+    LeaseByHearing,
+    /// An accept is taken whatever hello it answers.
+    AnyAttempt,
+    /// A confirmation is taken whatever accept it answers.
+    AnyChallenge,
+}
+
+impl HostLinkDefect {
+    /// All defects.
+    pub const ALL: [HostLinkDefect; 9] = [
+        HostLinkDefect::TakeDoubled,
+        HostLinkDefect::SkipGaps,
+        HostLinkDefect::NoRepeat,
+        HostLinkDefect::IgnoreWindow,
+        HostLinkDefect::TrustAnyLife,
+        HostLinkDefect::CountLossTwice,
+        HostLinkDefect::LeaseByHearing,
+        HostLinkDefect::AnyAttempt,
+        HostLinkDefect::AnyChallenge,
+    ];
+}
+
 impl Defect {
     /// All defects.
     pub const ALL: [Defect; 28] = [

@@ -16,6 +16,7 @@ pub mod digest;
 pub mod free_module;
 pub mod goal;
 pub mod host;
+pub mod host_link;
 pub mod ids;
 pub mod lattice;
 pub mod link;

@@ -154,7 +154,7 @@ pub struct Header {
 pub const CONTROLLER: ModuleId = ModuleId(u32::MAX);
 
 /// One message in its fixed layout.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(C)]
 pub struct Frame {
     version: u8,

@@ -123,6 +123,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "runtime",
             "record",
             "host",
+            "host_link",
             "roombots",
             "plan",
             "on_grid",

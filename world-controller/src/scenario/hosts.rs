@@ -32,7 +32,7 @@ pub enum HostsProblem {
     #[error("both ends are {0}")]
     SameHost(HostId),
     /// The numbers of modules per host do not add up.
-    #[error("the hosts have {sum} modules together, and the swarm has {modules}")]
+    #[error("the hosts have {sum} modules together, and the swarm has {modules}; each host has at least one")]
     Sizes {
         /// The sum of the numbers.
         sum: u64,
