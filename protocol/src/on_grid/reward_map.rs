@@ -12,19 +12,30 @@
 use crate::ratio::Ratio;
 use crate::rng::Rng;
 use crate::roombots::Kind;
-use crate::roombots::grid::{GridState, landings};
+use crate::roombots::lattice_pose::{Half, LatticePose, LatticeRotation};
+use crate::roombots::posture::Posture;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// Moves after which a walk by the reward map is given up.
 const MOVE_LIMIT: u32 = 100;
-/// One try in the unit of [`Floor::expected`]: expected tries are counted in millionths.
+/// One try in the unit of [`Terrain::expected`]: expected tries are counted in millionths.
 pub const MILLION: u64 = 1_000_000;
 
-/// A square floor of connectors, and for each class the moves of one kind of metamodule.
+/// An attachment: a connector of a terrain, and the class of the attached frame, 0 to 3.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Attachment {
+    /// The number of the connector.
+    pub connector: u16,
+    /// Quarter turns of the attached frame about the connector's normal.
+    pub class: u8,
+}
+
+/// Connectors on the surface of solid cells, and for each attachment the moves of one kind of metamodule.
 #[derive(Clone, Debug)]
-pub struct Floor {
-    side: i16,
-    moves: [Vec<GridState>; 4],
+pub struct Terrain {
+    /// The poses of the connectors: origin in the surface, +z outwards.
+    connectors: Vec<LatticePose>,
+    moves: BTreeMap<Attachment, BTreeSet<Attachment>>,
 }
 
 /// A walk by the reward map.
@@ -40,84 +51,165 @@ pub struct MapWalk {
     pub minimal: u32,
 }
 
-impl Floor {
-    /// Creates a floor of `side` by `side` connectors.
-    pub fn new(kind: Kind, side: i16) -> Floor {
-        let all: Vec<GridState> = landings(kind).into_keys().collect();
-        let turned = |class| all.iter().map(move |l| GridState::new(0, 0, class).then(*l));
-        Floor { side, moves: [0, 1, 2, 3].map(|class| turned(class).collect()) }
-    }
-    fn has(&self, x: i16, y: i16) -> bool {
-        (0..self.side).contains(&x) && (0..self.side).contains(&y)
-    }
-    /// Returns the states that one move from `at` leads to.
-    pub fn next(&self, at: GridState) -> Vec<GridState> {
-        let to = self.moves[usize::from(at.class)].iter();
-        let to = to.map(|s| GridState::new(at.x + s.x, at.y + s.y, s.class));
-        to.filter(|s| self.has(s.x, s.y)).collect()
-    }
-    /// Draws a place and a class.
-    pub fn draw(&self, rng: &mut Rng) -> GridState {
-        let side = self.side as u64;
-        GridState::new(rng.below(side) as i16, rng.below(side) as i16, rng.below(4) as u8)
+/// The frames whose +z points along +z, +x, +y and against them.
+fn outward() -> [LatticeRotation; 6] {
+    let turned = [0, 1, 2].map(|n| LatticeRotation::DIAGONAL.power(n));
+    let [a, b, c] = turned.map(|r| r * LatticeRotation::FLIP);
+    [turned[0], turned[1], turned[2], a, b, c]
+}
+
+/// A posture: its cells, and the frame of its head.
+struct Reach {
+    cells: Vec<Half>,
+    head: LatticePose,
+}
+
+impl Terrain {
+    /// Creates the terrain of these connectors. `solid` is true for cells that no body may be in; a cell is given by
+    /// its centre, in half cells from the origin of connector frames.
+    pub fn new(kind: Kind, connectors: Vec<LatticePose>, solid: impl Fn(Half) -> bool) -> Terrain {
+        let reaches: Vec<Reach> = Posture::all(kind)
+            .map(|posture| {
+                let placement = posture.placement();
+                let centre = |c: &crate::lattice::Cell| [2 * c.x, 2 * c.y, 2 * c.z + 1];
+                let cells = placement.cells[..kind.cubes()].iter().map(centre).collect();
+                Reach { cells, head: placement.head }
+            })
+            .collect();
+        let at: BTreeMap<Half, usize> = connectors.iter().enumerate().map(|(i, c)| (c.half, i)).collect();
+        let mut moves = BTreeMap::new();
+        for (i, connector) in (0..).zip(&connectors) {
+            for class in 0..4 {
+                let turned = LatticePose { rotation: LatticeRotation::QUARTER.power(class), half: [0; 3] };
+                let foot = connector.compose(turned);
+                let landings = reaches.iter().filter_map(|reach| {
+                    let head = foot.compose(reach.head);
+                    let to = at.get(&head.half)?;
+                    let class = (connectors[*to].rotation.inverse() * head.rotation).class()?;
+                    let place = |half| foot.compose(LatticePose { half, ..LatticePose::IDENTITY }).half;
+                    let is_free = reach.cells.iter().all(|cell| !solid(place(*cell)));
+                    // Invariant: connectors are numbered by 16 bits, as `i` is.
+                    (is_free && *to != usize::from(i)).then_some(Attachment { connector: *to as u16, class })
+                });
+                moves.insert(Attachment { connector: i, class }, landings.collect());
+            }
+        }
+        Terrain { connectors, moves }
     }
 
-    /// Returns the differences between the connectors before and after a move, for all moves of all classes.
-    fn offsets(&self) -> BTreeSet<(i16, i16)> {
-        self.moves.iter().flatten().map(|s| (s.x, s.y)).collect()
+    /// Creates a floor of `side` by `side` connectors without those for which `is_missing` is true.
+    pub fn floor(kind: Kind, side: i16, is_missing: impl Fn(i16, i16) -> bool) -> Terrain {
+        let all = (0..side).flat_map(|x| (0..side).map(move |y| (x, y)));
+        let flat = |(x, y)| LatticePose { rotation: LatticeRotation::IDENTITY, half: [2 * x, 2 * y, 0] };
+        let connectors = all.filter(|(x, y)| !is_missing(*x, *y)).map(flat).collect();
+        Terrain::new(kind, connectors, |cell| cell[2] < 0)
+    }
+
+    /// Creates a solid cube of `side` cells with connectors all over its surface.
+    pub fn cube(kind: Kind, side: i16) -> Terrain {
+        // Centres are at odd heights, and at even places in the plane.
+        let inside = |cell: Half| {
+            (0..2 * side).contains(&cell[0])
+                && (0..2 * side).contains(&cell[1])
+                && (0..2 * side).contains(&cell[2])
+        };
+        let mut connectors = Vec::new();
+        for (x, y, z) in (0..side * side * side).map(|i| (i / side / side, i / side % side, i % side)) {
+            for rotation in outward() {
+                let normal = rotation.apply([0, 0, 1]);
+                let centre = [2 * x, 2 * y, 2 * z + 1];
+                let next = [0, 1, 2].map(|i| centre[i] + 2 * normal[i]);
+                if !inside(next) {
+                    connectors.push(LatticePose { rotation, half: [0, 1, 2].map(|i| centre[i] + normal[i]) });
+                }
+            }
+        }
+        Terrain::new(kind, connectors, inside)
+    }
+
+    /// Returns the attachment at the connector of a floor at (`x`, `y`), if it is there.
+    pub fn at(&self, x: i16, y: i16, class: u8) -> Option<Attachment> {
+        let connector = self.connectors.iter().position(|c| c.half == [2 * x, 2 * y, 0])?;
+        Some(Attachment { connector: connector as u16, class })
+    }
+    /// Returns the place of a connector, in half cells.
+    pub fn place(&self, at: Attachment) -> Half {
+        self.connectors[usize::from(at.connector)].half
+    }
+    /// Returns the number of connectors.
+    pub fn len(&self) -> usize {
+        self.connectors.len()
+    }
+    /// Returns true if there are no connectors.
+    pub fn is_empty(&self) -> bool {
+        self.connectors.is_empty()
+    }
+    /// Returns the attachments that one move from `at` leads to.
+    pub fn next(&self, at: Attachment) -> &BTreeSet<Attachment> {
+        &self.moves[&at]
+    }
+    /// Draws a connector and a class.
+    pub fn draw(&self, rng: &mut Rng) -> Attachment {
+        Attachment { connector: rng.below(self.connectors.len() as u64) as u16, class: rng.below(4) as u8 }
+    }
+
+    /// Returns the connectors that a move leads to, in whatever class the metamodule is attached.
+    fn neighbours(&self, connector: u16) -> BTreeSet<u16> {
+        let classes = (0..4).flat_map(|class| self.next(Attachment { connector, class }));
+        classes.map(|to| to.connector).collect()
     }
 
     /// Returns the map: for every connector from which the goal can be reached, the number of moves, whatever the
-    /// classes.
-    pub fn map(&self, goal: GridState) -> BTreeMap<(i16, i16), u32> {
-        let offsets = self.offsets();
-        let mut far = BTreeMap::from([((goal.x, goal.y), 0)]);
-        let mut open = VecDeque::from([((goal.x, goal.y), 0)]);
-        while let Some(((x, y), n)) = open.pop_front() {
-            for (dx, dy) in &offsets {
-                // The offsets of all four classes are symmetric.
-                let to = (x - dx, y - dy);
-                if self.has(to.0, to.1) && !far.contains_key(&to) {
-                    far.insert(to, n + 1);
+    /// classes. Moves can be undone, so it is computed from the goal.
+    pub fn map(&self, goal: u16) -> BTreeMap<u16, u32> {
+        let mut far = BTreeMap::from([(goal, 0)]);
+        let mut open = VecDeque::from([(goal, 0)]);
+        while let Some((at, n)) = open.pop_front() {
+            for to in self.neighbours(at) {
+                far.entry(to).or_insert_with(|| {
                     open.push_back((to, n + 1));
-                }
+                    n + 1
+                });
             }
         }
         far
     }
 
     /// Walks by the reward map; `penalty` moves are added for each earlier visit of a connector.
-    pub fn walk(&self, from: GridState, goal: GridState, penalty: u32) -> MapWalk {
-        let (far, offsets) = (self.map(goal), self.offsets());
-        let minimal = far.get(&(from.x, from.y)).copied().unwrap_or(0);
+    pub fn walk(&self, from: Attachment, goal: Attachment, penalty: u32) -> MapWalk {
+        let far = self.map(goal.connector);
+        let minimal = far.get(&from.connector).copied().unwrap_or(0);
         let mut walk = MapWalk { reached: false, failed: 0, moves: 0, minimal };
-        let mut visits = BTreeMap::from([((from.x, from.y), 1)]);
-        let mut at = from;
+        let mut visits = BTreeMap::from([(from.connector, 1)]);
+        let (mut at, there) = (from, self.place(goal));
         while walk.moves < MOVE_LIMIT {
             if at == goal {
                 return MapWalk { reached: true, ..walk };
             }
-            let mut candidates: Vec<_> = offsets
-                .iter()
-                .map(|(dx, dy)| (at.x + dx, at.y + dy))
-                .filter_map(|c| {
-                    let moves = far.get(&c)? + penalty * visits.get(&c).unwrap_or(&0);
-                    let (x, y) = (i32::from(c.0 - goal.x), i32::from(c.1 - goal.y));
-                    Some((moves, x * x + y * y, c))
+            let mut candidates: Vec<_> = self
+                .neighbours(at.connector)
+                .into_iter()
+                .filter_map(|connector| {
+                    let moves = far.get(&connector)? + penalty * visits.get(&connector).unwrap_or(&0);
+                    let place = self.place(Attachment { connector, class: 0 });
+                    let apart = (0..3).map(|i| i32::from(place[i] - there[i]).pow(2)).sum::<i32>();
+                    Some((moves, apart, connector))
                 })
                 .collect();
             candidates.sort_unstable();
             let next = self.next(at);
-            let landed = candidates.iter().find_map(|(_, _, c)| {
-                let there = |s: &&GridState| (s.x, s.y) == *c && (*c != (goal.x, goal.y) || **s == goal);
-                let found = next.iter().find(there);
+            let landed = candidates.iter().find_map(|(_, _, connector)| {
+                let fits = |s: &&Attachment| {
+                    s.connector == *connector && (*connector != goal.connector || **s == goal)
+                };
+                let found = next.iter().find(fits);
                 walk.failed += u32::from(found.is_none());
                 found
             });
             let Some(to) = landed else { break };
             at = *to;
             walk.moves += 1;
-            *visits.entry((at.x, at.y)).or_default() += 1;
+            *visits.entry(at.connector).or_default() += 1;
         }
         walk
     }
@@ -126,9 +218,9 @@ impl Floor {
     /// with the probability of `failure`.
     pub fn expected(
         &self,
-        goal: GridState,
-        failure: impl Fn(GridState) -> Ratio,
-    ) -> BTreeMap<GridState, u64> {
+        goal: Attachment,
+        failure: impl Fn(Attachment) -> Ratio,
+    ) -> BTreeMap<Attachment, u64> {
         let mut known = BTreeMap::new();
         let mut open = BTreeSet::from([(0, goal)]);
         while let Some((cost, at)) = open.pop_first() {
@@ -143,8 +235,8 @@ impl Floor {
                 continue;
             }
             let tries = MILLION * den / (den - num);
-            for from in self.next(at).into_iter().filter(|s| self.next(*s).contains(&at)) {
-                open.insert((cost + tries, from));
+            for from in self.next(at).iter().filter(|s| self.next(**s).contains(&at)) {
+                open.insert((cost + tries, *from));
             }
         }
         known
@@ -154,21 +246,21 @@ impl Floor {
     /// tries and of moves.
     pub fn attempt(
         &self,
-        from: GridState,
-        expected: &BTreeMap<GridState, u64>,
-        failure: impl Fn(GridState) -> Ratio,
+        from: Attachment,
+        expected: &BTreeMap<Attachment, u64>,
+        failure: impl Fn(Attachment) -> Ratio,
         rng: &mut Rng,
     ) -> (u64, u64) {
         let (mut tries, mut moves) = (0, 0);
         let mut at = from;
-        let value = |s: &GridState| {
+        let value = |s: &Attachment| {
             let p = failure(*s);
             let (num, den) = (u64::from(p.num()), u64::from(p.den()));
             let own = expected.get(s).copied().filter(|_| num < den)?;
             Some(own + MILLION * den / (den - num))
         };
         while expected.get(&at).is_some_and(|e| *e > 0) {
-            let next = self.next(at).into_iter().filter_map(|s| value(&s).map(|v| (v, s))).min();
+            let next = self.next(at).iter().filter_map(|s| value(s).map(|v| (v, *s))).min();
             let Some((_, to)) = next else { break };
             tries += 1;
             if !rng.chance(failure(to)) {
@@ -183,6 +275,7 @@ impl Floor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::roombots::grid::landings;
 
     const P: (u32, u32) = (1, 20);
 
@@ -192,23 +285,26 @@ mod tests {
         let always = |_| Ratio::ZERO;
         let equal = |_| Ratio::new(P.0, P.1).unwrap();
         for kind in Kind::METAMODULES {
-            let floor = Floor::new(kind, 13);
-            let goal = GridState::new(6, 6, 1);
+            let floor = Terrain::floor(kind, 13, |_, _| false);
+            let goal = floor.at(6, 6, 1).unwrap();
             let (sure, tries) = (floor.expected(goal, always), floor.expected(goal, equal));
             // PAR cannot turn in the corners of a floor.
             let least = if kind == Kind::Par { 13 * 13 * 4 - 16 } else { 13 * 13 * 4 };
             assert!((least..=13 * 13 * 4).contains(&sure.len()), "{kind}: {}", sure.len());
+            let map = floor.map(goal.connector);
             for (state, moves) in &sure {
                 let moves = moves / MILLION;
-                assert_eq!(tries[state], moves * (MILLION * 20 / 19), "{kind}, {state}");
-                let map = floor.map(goal)[&(state.x, state.y)];
-                assert!(u64::from(map) <= moves, "{kind}, {state}");
+                assert_eq!(tries[state], moves * (MILLION * 20 / 19), "{kind}, {state:?}");
+                assert!(u64::from(map[&state.connector]) <= moves, "{kind}, {state:?}");
             }
-            let from = GridState::new(0, 6, 0);
-            let on_path = floor.next(from).into_iter().min_by_key(|s| sure[s]).unwrap();
-            let bad = |s: GridState| {
-                let here = (s.x, s.y) == (on_path.x, on_path.y);
-                if here { Ratio::new(3, 5).unwrap() } else { Ratio::new(P.0, P.1).unwrap() }
+            let from = floor.at(0, 6, 0).unwrap();
+            let on_path = floor.next(from).iter().min_by_key(|s| sure[s]).unwrap();
+            let bad = |s: Attachment| {
+                if s.connector == on_path.connector {
+                    Ratio::new(3, 5).unwrap()
+                } else {
+                    Ratio::new(P.0, P.1).unwrap()
+                }
             };
             let around = floor.expected(goal, bad)[&from];
             let through = tries[&from] + (MILLION * 5 / 2 - MILLION * 20 / 19);
@@ -221,6 +317,32 @@ mod tests {
             }
             let ratio = tried as f64 / made as f64;
             assert!((ratio - 20.0 / 19.0).abs() < 0.02, "{kind}: {ratio}");
+        }
+    }
+
+    /// On a floor the moves are the landings of the kind; around an edge of a cube there are others.
+    #[test]
+    fn moves_are_landings_on_whatever_surface() {
+        for kind in Kind::METAMODULES {
+            let floor = Terrain::floor(kind, 13, |_, _| false);
+            let from = floor.at(6, 6, 0).unwrap();
+            let landings = landings(kind).into_keys();
+            let expected: BTreeSet<_> = landings
+                .filter(|s| (s.x, s.y) != (0, 0))
+                .map(|s| floor.at(6 + s.x, 6 + s.y, s.class).unwrap())
+                .collect();
+            assert_eq!(*floor.next(from), expected, "{kind}");
+            let cube = Terrain::cube(kind, 6);
+            assert_eq!(cube.len(), 6 * 36);
+            let (mut flat, mut around) = (0, 0);
+            for (at, next) in &cube.moves {
+                for to in next {
+                    assert!(cube.next(*to).contains(at), "{kind}: {at:?} to {to:?} cannot be undone");
+                    let normals = [at, to].map(|a| cube.connectors[usize::from(a.connector)].rotation.up());
+                    *if normals[0] == normals[1] { &mut flat } else { &mut around } += 1;
+                }
+            }
+            assert!(flat > 0 && around > 0, "{kind}: {flat} {around}");
         }
     }
 }

@@ -5,13 +5,18 @@ use crate::console::format::{count, percent};
 use crate::console::interrupt::Interrupt;
 use crate::experiments::reproduce::Experiment;
 use crate::experiments::reproduce::published::KINDS;
-use metamorph_protocol::on_grid::reward_map::{Floor, MILLION};
+use metamorph_protocol::on_grid::reward_map::{Attachment, MILLION, Terrain};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Rng;
-use metamorph_protocol::roombots::grid::GridState;
+use metamorph_protocol::roombots::Kind;
 
 /// Connectors along each side of the published floor.
 const SIDE: i16 = 13;
+/// Cells along each edge of the published box.
+const BOX: i16 = 6;
+/// The channel of the floor with a narrow passage: its length in x and its width in y, in connectors. The floor has no other
+/// connectors at these x.
+const CHANNEL: [std::ops::RangeInclusive<i16>; 2] = [5..=7, 5..=7];
 /// Moves of the experiment with failing connections.
 const MOVES: u64 = 100_000;
 
@@ -22,15 +27,15 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
         if stop.is_set() {
             break;
         }
-        let floor = Floor::new(kind, SIDE);
-        for penalty in [0, 2] {
-            let name = match penalty {
-                0 => format!("{kind}: failed tries per minimal move"),
-                n => format!("  with a penalty of {n} moves for each visit"),
-            };
-            table.row(name, "1.22; 100 % reached", published(&floor, seeds, penalty));
-        }
-        table.row("  exact moves: failed tries; reached", "", exact(&floor, seeds));
+        let floor = Terrain::floor(kind, SIDE, |_, _| false);
+        let channel = passage(kind);
+        let name = format!("{kind}, floor: failed tries per minimal move");
+        table.row(name, "1.22; 100 % reached", published(&floor, seeds, 0, ends));
+        table.row("  with a penalty of 2 moves for each visit", "", published(&floor, seeds, 2, ends));
+        table.row("  box", "0.92; 100 % reached", published(&Terrain::cube(kind, BOX), seeds, 0, ends));
+        table.row("  floor with a narrow passage", "100 % reached", published(&channel, seeds, 0, through));
+        table.row("  exact moves: failed tries; reached", "", exact(&floor, seeds, ends));
+        table.row("  exact moves through the passage", "", exact(&channel, seeds, through));
         let (tries, moves) = failing(&floor);
         let ratio = tries as f64 / moves.max(1) as f64;
         let ours = format!("{ratio:.4} in {} moves (expected 1.0526)", count(moves));
@@ -42,27 +47,48 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
         "the text leaves bonus, penalty, discount, ties, classes and start poses open; this is one reading".to_owned(),
         "where a connector can be reached in several classes the smallest is taken, which the rates depend on".to_owned(),
         "exact: PAR cannot reach all states in the corners of a floor with a rim".to_owned(),
-        "the box with connectors on its walls (0.92) and the floor with a passage (no number) are not compared"
-            .to_owned(),
+        format!("box: the surface of {BOX} by {BOX} by {BOX} cells, all six faces; moves lead around its edges"),
+        "passage: connectors at x 5 to 7 only where y is 5 to 7, from one side to the other".to_owned(),
+        "box and passage with one metamodule; two and four published, in places that are not given".to_owned(),
     ];
     table
 }
 
-/// Draws different states.
-fn ends(floor: &Floor, rng: &mut Rng) -> (GridState, GridState) {
+/// Makes the floor with the narrow passage.
+fn passage(kind: Kind) -> Terrain {
+    let [length, width] = CHANNEL;
+    Terrain::floor(kind, SIDE, |x, y| length.contains(&x) && !width.contains(&y))
+}
+
+/// Draws a start and a goal at different connectors.
+fn ends(terrain: &Terrain, rng: &mut Rng) -> (Attachment, Attachment) {
     loop {
-        let (from, goal) = (floor.draw(rng), floor.draw(rng));
-        if (from.x, from.y) != (goal.x, goal.y) {
+        let (from, goal) = (terrain.draw(rng), terrain.draw(rng));
+        if from.connector != goal.connector {
             return (from, goal);
         }
     }
 }
 
-fn published(floor: &Floor, seeds: u64, penalty: u32) -> String {
+/// Draws a start on one side of the passage and a goal on the other.
+fn through(terrain: &Terrain, rng: &mut Rng) -> (Attachment, Attachment) {
+    loop {
+        let (from, goal) = ends(terrain, rng);
+        let [first, last] = [CHANNEL[0].start(), CHANNEL[0].end()].map(|x| 2 * x);
+        if terrain.place(from)[0] < first && terrain.place(goal)[0] > last {
+            return (from, goal);
+        }
+    }
+}
+
+/// A way to draw a start and a goal.
+type Draw = fn(&Terrain, &mut Rng) -> (Attachment, Attachment);
+
+fn published(terrain: &Terrain, seeds: u64, penalty: u32, draw: Draw) -> String {
     let (mut reached, mut failed, mut minimal, mut moves) = (0, 0, 0, 0);
     for seed in 0..seeds {
-        let (from, goal) = ends(floor, &mut Rng::named(seed, "reward map", 0));
-        let walk = floor.walk(from, goal, penalty);
+        let (from, goal) = draw(terrain, &mut Rng::named(seed, "reward map", 0));
+        let walk = terrain.walk(from, goal, penalty);
         reached += u64::from(walk.reached);
         failed += u64::from(walk.failed);
         minimal += u64::from(walk.minimal);
@@ -73,14 +99,14 @@ fn published(floor: &Floor, seeds: u64, penalty: u32) -> String {
     format!("{:.2}; {share} reached; {:.2} moves per minimal one", per(failed), per(moves))
 }
 
-fn exact(floor: &Floor, seeds: u64) -> String {
+fn exact(terrain: &Terrain, seeds: u64, draw: Draw) -> String {
     let (mut reached, mut moves, mut minimal) = (0, 0, 0);
     for seed in 0..seeds {
-        let (from, goal) = ends(floor, &mut Rng::named(seed, "reward map", 0));
-        if let Some(cost) = floor.expected(goal, |_| Ratio::ZERO).get(&from) {
+        let (from, goal) = draw(terrain, &mut Rng::named(seed, "reward map", 0));
+        if let Some(cost) = terrain.expected(goal, |_| Ratio::ZERO).get(&from) {
             reached += 1;
             moves += cost / MILLION;
-            minimal += u64::from(floor.map(goal)[&(from.x, from.y)]);
+            minimal += u64::from(terrain.map(goal.connector)[&from.connector]);
         }
     }
     let share = percent(reached as f64 / seeds.max(1) as f64);
@@ -91,7 +117,7 @@ fn five_percent() -> Ratio {
     Ratio::new(1, 20).expect("one of twenty is a probability")
 }
 
-fn failing(floor: &Floor) -> (u64, u64) {
+fn failing(floor: &Terrain) -> (u64, u64) {
     let mut rng = Rng::named(0, "failing connections", 0);
     let (mut tries, mut moves) = (0, 0);
     while moves < MOVES {
@@ -107,16 +133,16 @@ fn failing(floor: &Floor) -> (u64, u64) {
 }
 
 /// Puts a connector that fails at 60 % on a shortest path.
-fn detour(floor: &Floor) -> String {
-    let (from, goal) = (GridState::new(0, SIDE / 2, 0), GridState::new(SIDE / 2, SIDE / 2, 1));
+fn detour(floor: &Terrain) -> String {
+    let end = |x, class| floor.at(x, SIDE / 2, class).expect("the floor has all its connectors");
+    let (from, goal) = (end(0, 0), end(SIDE / 2, 1));
     let equal = floor.expected(goal, |_| five_percent());
-    let Some(bad) = floor.next(from).into_iter().min_by_key(|s| equal.get(s).copied().unwrap_or(u64::MAX))
-    else {
+    let Some(bad) = floor.next(from).iter().min_by_key(|s| equal.get(s).copied().unwrap_or(u64::MAX)) else {
         return "no move".to_owned();
     };
-    let at = |s: GridState| {
-        let here = (s.x, s.y) == (bad.x, bad.y);
-        if here { Ratio::new(3, 5).expect("three of five is a probability") } else { five_percent() }
+    let at = |s: Attachment| {
+        let bad = s.connector == bad.connector;
+        if bad { Ratio::new(3, 5).expect("three of five is a probability") } else { five_percent() }
     };
     let around = floor.expected(goal, at).get(&from).copied().unwrap_or(0);
     // The same path as before, through the bad connector once.
