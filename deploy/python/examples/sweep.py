@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import metamorph as mm
 
-SCENARIO = "deploy/scenarios/swarm.toml"
+SCENARIO = "swarm"
 runs = mm.sweep(SCENARIO, seeds=range(100), vary={"link.loss": ["0%", "5%"]}).to_pandas()  # 200 runs
 assert (runs.outcome == "built").all()
 print(runs.groupby("link.loss")[["moves", "makespan_s"]].median())

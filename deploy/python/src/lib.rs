@@ -17,7 +17,7 @@ mod _metamorph {
     #[pymodule_export]
     use super::convert::{nanoseconds, to_toml, to_value};
     #[pymodule_export]
-    use super::scenario::{Plan, read_file};
+    use super::scenario::{Plan, load, shipped};
     #[pymodule_export]
     use super::simulation::{Simulation, run};
     #[pymodule_export]

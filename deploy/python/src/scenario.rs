@@ -5,7 +5,7 @@ use metamorph_world_controller::scenario::diagnostics::{Diagnostics, Place};
 use metamorph_world_controller::scenario::error::ScenarioError;
 use metamorph_world_controller::scenario::plan_summary::overview;
 use metamorph_world_controller::scenario::settings::Setting;
-use metamorph_world_controller::scenario::{self, LinkKind, Overrides, load};
+use metamorph_world_controller::scenario::{self, LinkKind, Overrides};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -95,8 +95,15 @@ impl Plan {
     }
 }
 
-/// Reads a file, as the command does.
+/// Reads a file, or a scenario that ships, as the command does. Returns how it is called in messages, and its text.
 #[pyfunction]
-pub fn read_file(py: Python<'_>, path: PathBuf) -> PyResult<String> {
-    load(&path).map_err(|diagnostics| invalid(py, &diagnostics, ""))
+pub fn load(py: Python<'_>, path: PathBuf) -> PyResult<(String, String)> {
+    let loaded = scenario::load(&path).map_err(|diagnostics| invalid(py, &diagnostics, ""))?;
+    Ok((loaded.origin, loaded.text))
+}
+
+/// Returns the names and texts of the scenarios that ship.
+#[pyfunction]
+pub fn shipped() -> Vec<(&'static str, &'static str)> {
+    scenario::shipped::names().map(|n| (n, scenario::shipped::text(n).unwrap_or_default())).collect()
 }

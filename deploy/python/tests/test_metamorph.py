@@ -114,6 +114,16 @@ def test_errors_name_the_place_and_what_to_do() -> None:
         mm.sweep(SWARM, seeds=[1, 3])
 
 
+def test_shipped_scenarios_are_found_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert mm.scenarios() == [path.stem for path in SCENARIOS]
+    monkeypatch.chdir(tmp_path)
+    named, file = mm.run("arch", seed=2), mm.run(ROOT / "deploy" / "scenarios" / "arch.toml", seed=2)
+    assert named.trace_hash == file.trace_hash
+    assert mm.run("swarm", link="ipc").outcome == "built"
+    with pytest.raises(mm.ScenarioError, match="swarm"):
+        mm.run("swam")
+
+
 def test_a_scenario_is_made_of_a_dictionary() -> None:
     keys = {
         "version": 1,

@@ -19,7 +19,7 @@ macro_rules! scenarios {
     ($($name:literal),* $(,)?) => {
         /// The scenarios, in the order of their names.
         const SCENARIOS: &[(&str, &str)] =
-            &[$(($name, include_str!(concat!("../../../deploy/scenarios/", $name, ".toml")))),*];
+            &[$(($name, include_str!(concat!("../../shipped/scenarios/", $name, ".toml")))),*];
     };
 }
 
@@ -43,8 +43,8 @@ scenarios!(
 
 /// The files that shipped scenarios name.
 const SHAPES: &[(&str, &[u8])] = &[
-    ("(shipped)/shapes/arch.stl", include_bytes!("../../../deploy/shapes/arch.stl")),
-    ("(shipped)/shapes/rabbit.stl", include_bytes!("../../../deploy/shapes/rabbit.stl")),
+    ("(shipped)/shapes/arch.stl", include_bytes!("../../shipped/shapes/arch.stl")),
+    ("(shipped)/shapes/rabbit.stl", include_bytes!("../../shipped/shapes/rabbit.stl")),
 ];
 
 /// Returns the names of all scenarios, in order.

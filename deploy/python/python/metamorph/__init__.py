@@ -1,11 +1,11 @@
 """Swarms of self-reconfigurable modular robots: runs, sweeps, and simulations in steps.
 
     >>> import metamorph as mm
-    >>> mm.run("deploy/scenarios/swarm.toml", seed=1).outcome
+    >>> mm.run("swarm", seed=1).outcome
     'built'
 """
 
-from ._api import Progress, Report, Scenario, Simulation, Sweep, run, sweep
+from ._api import Progress, Report, Scenario, Simulation, Sweep, run, scenarios, sweep
 from ._errors import JournalError, MetamorphError, Problem, ProgramError, ScenarioError, SweepError
 from ._metamorph import VERSION as __version__
 from ._table import Table
@@ -25,5 +25,6 @@ __all__ = [
     "Table",
     "__version__",
     "run",
+    "scenarios",
     "sweep",
 ]

@@ -22,7 +22,7 @@ from ._table import Table
 
 #: Text as in scenarios ("200ms"), or seconds of scenario time.
 Duration = Union[str, float, int, timedelta]
-#: A file, the keys of a scenario as a mapping, or a scenario.
+#: A file or the name of a shipped scenario, the keys of a scenario as a mapping, or a scenario.
 ScenarioLike = Union[str, "os.PathLike[str]", Mapping[str, Any], "Scenario"]
 
 
@@ -58,8 +58,8 @@ class Scenario:
 
     @classmethod
     def load(cls, path: Union[str, os.PathLike[str]]) -> Scenario:
-        """Reads a file."""
-        return cls._of(os.fspath(path), _native.read_file(os.fspath(path)))
+        """Reads a file, or a scenario that ships with the package, by its name."""
+        return cls._of(*_native.load(os.fspath(path)))
 
     @classmethod
     def parse(cls, text: str) -> Scenario:
@@ -149,6 +149,11 @@ def _scenario(
     return scenario
 
 
+def scenarios() -> list[str]:
+    """The names of the scenarios that ship with the package."""
+    return [name for name, _ in _native.shipped()]
+
+
 class Report:
     """The result of a run: every field of the report schema (`metamorph schema report`) is an attribute."""
 
@@ -205,7 +210,7 @@ def run(
 ) -> Report:
     """Runs a scenario to its end.
 
-    :param scenario: a file, the keys of a scenario, or a :class:`Scenario`.
+    :param scenario: a file, the name of a shipped scenario, the keys of a scenario, or a :class:`Scenario`.
     :param link: `"sim"` in virtual time in this process, or `"ipc"` with one process per module, by the program.
     :param seed: the seed, else that of the scenario.
     :param set: values to be set, such as `{"link.loss": "5%"}`.
@@ -227,11 +232,11 @@ def _run_processes(
 ) -> Report:
     scenario._plan(seed)  # Errors of the scenario are raised here.
     with tempfile.TemporaryDirectory() as directory:
-        report, file = Path(directory) / "report.json", Path(scenario._origin)
-        if not file.exists():
-            file = Path(directory) / "scenario.toml"
-            file.write_text(scenario.to_toml())
-        command = [_program.find(), "run", str(file), "--link", "ipc", "--quiet", "--json", str(report)]
+        report, file = Path(directory) / "report.json", scenario._origin
+        if not Path(file).exists() and file not in scenarios():
+            file = str(Path(directory) / "scenario.toml")
+            Path(file).write_text(scenario.to_toml())
+        command = [_program.find(), "run", file, "--link", "ipc", "--quiet", "--json", str(report)]
         command += ["--seed", str(seed)] if seed is not None else []
         command += [word for s in scenario._settings for word in ("--set", s)]
         for fault in scenario._faults:
@@ -432,4 +437,4 @@ class Simulation:
         return Report(json.loads(self._run.report()))
 
 
-__all__ = ["Duration", "Progress", "Report", "Scenario", "ScenarioError", "Simulation", "Sweep", "run", "sweep"]
+__all__ = ["Duration", "Progress", "Report", "Scenario", "ScenarioError", "Simulation", "Sweep", "run", "scenarios", "sweep"]
