@@ -46,7 +46,7 @@ pub struct RenderArgs {
     /// The moment to show: a scenario time, a share of the run (50%), or `end`; of a moving picture, the last one
     #[arg(long, value_name = "T", default_value = "end")]
     pub at: Moment,
-    /// Scenario time from one frame of a moving picture to the next
+    /// Scenario time from one frame of a moving picture to the next; default: none, for one moment
     #[arg(long, value_name = "T", value_parser = span)]
     pub every: Option<Span>,
     /// Frames per second of a moving picture
@@ -87,7 +87,8 @@ pub struct StyleArgs {
     /// The modules to draw: all, goal (those in its cells), level=N, modules=1,4,7..9
     #[arg(long, value_name = "WHICH", default_value = "all")]
     pub only: Only,
-    /// Keep only cells on one side of a plane, such as x<11 or z>=2; cut faces are hatched (repeatable)
+    /// Keep only cells on one side of a plane, such as x<11 or z>=2; cut faces are hatched (repeatable);
+    /// default: none
     #[arg(long, value_name = "PLANE")]
     pub section: Vec<Section>,
     /// What colours mean
@@ -105,7 +106,7 @@ pub struct StyleArgs {
     /// Explain the colours
     #[arg(long, value_name = "on|off", default_value = "on", value_parser = switch, action = ArgAction::Set)]
     pub legend: bool,
-    /// A title; {t} stands for the scenario time
+    /// A title; {t} stands for the scenario time; default: none, of moving pictures the time
     #[arg(long, value_name = "TEXT")]
     pub title: Option<String>,
     /// What is written on modules

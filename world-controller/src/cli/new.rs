@@ -25,7 +25,8 @@ pub struct NewArgs {
     /// The family of its modules: cube or metamodule; default: that of --like, or cube
     #[arg(long, value_name = "FAMILY", conflicts_with = "like")]
     pub family: Option<String>,
-    /// Begin with the values of this scenario, a name that `metamorph scenarios` lists
+    /// Begin with the values of this scenario, a name that `metamorph scenarios` lists; default: a small
+    /// one of the family
     #[arg(long, value_name = "NAME")]
     pub like: Option<String>,
     /// Write only the keys that are set, without comments
