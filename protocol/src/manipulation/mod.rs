@@ -6,6 +6,10 @@
 //! of [`handover`]. [`colour`] shows what no posture of the lattice can do, and [`stride`] repeats the torque
 //! experiment of thesis 5.1.4.
 //!
+//! A [`terrain`] with everything that metamodules of one kind can do on it is a [`scene`]. The planner of [`transport`]
+//! searches it first without the bodies of metamodules that stand still, and [`verification`] carries out what was
+//! found with all bodies. [`walking`] moves a metamodule without an element among obstacles.
+//!
 //! Lengths are in cells, masses in grams, torques in µNm. Floats are used to build tables only: [`contact`] and
 //! [`load`] compute with exact bodies and levers, and everything they give is an integer.
 
@@ -15,4 +19,10 @@ pub mod contact;
 pub mod element;
 pub mod handover;
 pub mod load;
+pub mod scene;
 pub mod stride;
+pub mod terrain;
+pub mod transport;
+pub mod verification;
+pub mod walking;
+pub mod worlds;

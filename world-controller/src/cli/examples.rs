@@ -145,8 +145,8 @@ Examples:
   metamorph reproduce 4.1 4.2 fig4.5
   metamorph reproduce 4.2 --seeds 100 --out results
   metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
-  metamorph reproduce graph-signature on-grid reward-map planned torque
-  metamorph reproduce thesis-7
+  metamorph reproduce graph-signature on-grid reward-map planned
+  metamorph reproduce torque transport thesis-7
 
 4.1, 4.2 and fig4.5 run the thesis's experiment with metamodules (4.1.3), re-implemented by the nearest
 reading of its text, with every kind (PAR, PER, SRS, SRZ), strategy (greedy, slope, step, and our negotiated)

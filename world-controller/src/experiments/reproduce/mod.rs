@@ -73,6 +73,9 @@ pub enum Experiment {
     /// Experiment 2 of 5.1.4 and figure 5.10: a metamodule crosses a floor under limits of torque
     #[value(alias = "5.10")]
     Torque,
+    /// Experiment 1 of 5.1.4: two metamodules transport a cube; figures 5.8 and 5.9
+    #[value(aliases = ["5.8", "5.9"])]
+    Transport,
 }
 
 impl Experiment {
@@ -88,6 +91,7 @@ impl Experiment {
             Experiment::Planned => "planned",
             Experiment::Thesis7 => "thesis-7",
             Experiment::Torque => "torque",
+            Experiment::Transport => "transport",
         }
     }
     const fn title(self) -> &'static str {
@@ -101,6 +105,7 @@ impl Experiment {
             Experiment::Planned => "Thesis 4.1.3: box and chair, planned centrally and by each metamodule",
             Experiment::Thesis7 => "Thesis, table 7.2: parameters of networks of oscillators",
             Experiment::Torque => "Thesis 5.1.4, experiment 2 (figure 5.10): limits of torque",
+            Experiment::Transport => "Thesis 5.1.4, experiment 1 (figures 5.8 and 5.9): transport of a cube",
         }
     }
     const fn goals(self) -> &'static [Goal] {

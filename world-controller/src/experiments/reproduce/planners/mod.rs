@@ -6,6 +6,7 @@ mod on_grid;
 mod planned;
 mod reward_map;
 mod torque;
+mod transport;
 
 use super::{Experiment, Request};
 use crate::console::interrupt::Interrupt;
@@ -82,6 +83,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
             Experiment::RewardMap => reward_map::table(request.seeds, &interrupt),
             Experiment::Thesis7 => network_parameters::table(),
             Experiment::Torque => torque::table(),
+            Experiment::Transport => transport::table(request.seeds, &interrupt),
             Experiment::Planned => planned::table(request, &interrupt)?,
             _ => graph_signature::table(request.seeds, &interrupt),
         });

@@ -171,6 +171,21 @@ mod tests {
     use super::*;
 
     #[test]
+    fn answers_have_the_counts_of_the_model() {
+        let database = Database::build();
+        let ask = |element: &str, mass| {
+            carry(&database, &CarryArgs { kind: Kind::Srs, element: element.into(), mass })
+        };
+        let json = ask("cube", Some(500)).unwrap().json;
+        assert_eq!((&json["main"], &json["main_within_torque"]), (&json!(854), &json!({"0.5": 830})));
+        assert_eq!(json["lowest_cell_height"], json!([242, 312, 204, 80, 16]));
+        assert!(ask("bar3", None).unwrap().text.contains("1.4  514"));
+        assert!(matches!(ask("ball", None), Err(RobotError::Usage(text)) if text.contains("plateNxM")));
+        let walks = colour(&ColourArgs { lattice: true, walks: 1000 }).unwrap();
+        assert!(walks.failure.is_none() && walks.text.contains(": 0 cells"), "{}", walks.text);
+    }
+
+    #[test]
     fn masses_and_kinds_are_checked() {
         assert_eq!(grams("0.5"), Ok(500));
         assert_eq!(kilograms(1000), "1.0");

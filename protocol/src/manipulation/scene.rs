@@ -1,0 +1,358 @@
+//! A terrain with everything that metamodules of one kind can do on it with one element: the graphs of the planner.
+//!
+//! The *footholds* are the poses of a foot on all connectors. At a foothold, postures that steps connect are one set,
+//! named by its first posture: sets of empty metamodules, and sets of metamodules that hold the element within
+//! the limits of torque. Landings connect footholds, and *links* are the hand-overs between them. Which connectors
+//! exist is a matter of the task; a scene is made once for all of them.
+
+use super::carry::{CarryTable, Cells};
+use super::element::Element;
+use super::handover::{HandoverTable, Pair};
+use super::load::{Limits, LoadTable};
+use super::terrain::{Terrain, gravity, world_cell};
+use crate::lattice::{Cell, Face};
+use crate::roombots::Kind;
+use crate::roombots::database::{CellSet, Database, Table};
+use crate::roombots::lattice_pose::LatticePose;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap};
+use std::rc::Rc;
+
+/// The number of a foothold.
+pub type Foothold = u16;
+
+/// The first posture of the set that each posture belongs to; [`NO_SET`] where the posture collides.
+pub type Sets = Rc<[u16]>;
+
+/// The set of a posture that collides.
+pub const NO_SET: u16 = u16::MAX;
+
+/// A posture whose head plate is on a connector.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Landing {
+    /// The posture before.
+    pub posture: u16,
+    /// The foothold of the head.
+    pub to: Foothold,
+    /// The same posture seen from the head.
+    pub reversed: u16,
+}
+
+/// A set of postures that hold the element.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Hold {
+    /// Where the holder stands.
+    pub foothold: Foothold,
+    /// The grip.
+    pub grip: u8,
+    /// The set.
+    pub set: u16,
+}
+
+/// A way to hand the element over between two footholds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Way {
+    /// The grip and the set of the holder.
+    pub holder: (u8, u16),
+    /// The set of empty postures that the holder is in afterwards.
+    pub left: u16,
+    /// The grip and the set of the taker.
+    pub taker: (u8, u16),
+    /// The set of empty postures from which the taker takes the element.
+    pub came: u16,
+}
+
+/// The ways to hand the element over to a foothold from one grip to another.
+#[derive(Clone, Debug)]
+pub struct Link {
+    /// The foothold of the taker.
+    pub to: Foothold,
+    /// The ways, ascending.
+    ways: Rc<[Way]>,
+}
+
+impl Link {
+    /// Returns the ways from a set of postures of the holder.
+    pub fn ways_from(&self, hold: &Hold) -> &[Way] {
+        let holder = (hold.grip, hold.set);
+        let first = self.ways.partition_point(|w| w.holder < holder);
+        let count = self.ways[first..].partition_point(|w| w.holder == holder);
+        &self.ways[first..first + count]
+    }
+}
+
+/// Footholds with the same relative pose, sets (by address) and grips have the same ways.
+type SameWays = (LatticePose, [*const u16; 4], (u8, u8));
+
+/// The graphs of a terrain.
+pub struct Scene {
+    database: Rc<Database>,
+    kind: Kind,
+    terrain: Terrain,
+    footholds: Vec<LatticePose>,
+    carry: Vec<CarryTable>,
+    loads: BTreeMap<(u8, Face), LoadTable>,
+    grams: u32,
+    limits: Limits,
+    handovers: BTreeMap<(u8, u8), HandoverTable>,
+    landings: Vec<Vec<Landing>>,
+    empty: Vec<Sets>,
+    /// By foothold and grip.
+    holding: Vec<Vec<Sets>>,
+    links: Vec<Vec<Link>>,
+    /// Sets of empty postures by what is blocked.
+    known: RefCell<HashMap<CellSet, Sets>>,
+}
+
+impl Scene {
+    /// Makes the graphs for an element of this mass.
+    pub fn new(
+        database: Rc<Database>,
+        kind: Kind,
+        element: &Element,
+        grams: u32,
+        limits: Limits,
+        terrain: Terrain,
+    ) -> Scene {
+        let carry = CarryTable::all(&database, kind, element);
+        let mut handovers = BTreeMap::new();
+        for (g, holder) in carry.iter().enumerate() {
+            for (h, taker) in carry.iter().enumerate() {
+                let sets = [holder, taker].map(CarryTable::valid_postures);
+                let table = HandoverTable::between(database.table(kind), element, [holder, taker], sets);
+                handovers.insert((g as u8, h as u8), table);
+            }
+        }
+        let footholds = terrain.footholds();
+        let mut scene = Scene {
+            kind,
+            terrain,
+            carry,
+            loads: BTreeMap::new(),
+            grams,
+            limits,
+            handovers,
+            landings: Vec::new(),
+            empty: Vec::new(),
+            holding: Vec::new(),
+            links: Vec::new(),
+            known: RefCell::default(),
+            footholds,
+            database,
+        };
+        scene.make_sets();
+        let index: HashMap<LatticePose, Foothold> =
+            scene.footholds.iter().enumerate().map(|(i, pose)| (*pose, i as Foothold)).collect();
+        scene.landings = scene.footholds.iter().map(|foot| scene.landings_at(*foot, &index)).collect();
+        scene.make_links(&index);
+        scene
+    }
+
+    /// Returns the motions of the kind.
+    pub fn table(&self) -> &Table {
+        self.database.table(self.kind)
+    }
+    /// Returns the terrain.
+    pub fn terrain(&self) -> &Terrain {
+        &self.terrain
+    }
+    /// Returns the poses of all footholds, four for each connector.
+    pub fn footholds(&self) -> &[LatticePose] {
+        &self.footholds
+    }
+    /// Returns the pose of a foothold.
+    pub fn pose(&self, foothold: Foothold) -> LatticePose {
+        self.footholds[usize::from(foothold)]
+    }
+    /// Returns the carry tables by grip.
+    pub fn carry(&self) -> &[CarryTable] {
+        &self.carry
+    }
+    /// Returns the landings from a foothold.
+    pub fn landings(&self, foothold: Foothold) -> &[Landing] {
+        &self.landings[usize::from(foothold)]
+    }
+    /// Returns the links from a foothold.
+    pub fn links(&self, foothold: Foothold) -> &[Link] {
+        &self.links[usize::from(foothold)]
+    }
+    /// Returns the sets of empty postures at a foothold without other bodies.
+    pub fn empty(&self, foothold: Foothold) -> &Sets {
+        &self.empty[usize::from(foothold)]
+    }
+    /// Returns the sets of postures at a foothold that hold the element.
+    pub fn holding(&self, foothold: Foothold, grip: u8) -> &Sets {
+        &self.holding[usize::from(foothold)][usize::from(grip)]
+    }
+    /// Returns the cells of the element that a posture at a foothold holds.
+    pub fn held(&self, foothold: Foothold, grip: u8, posture: u16) -> Option<Vec<Cell>> {
+        let cells = self.carry[usize::from(grip)].held(posture)?;
+        let mut cells: Vec<Cell> = cells.iter().map(|c| world_cell(self.pose(foothold), *c)).collect();
+        cells.sort_unstable();
+        Some(cells)
+    }
+    /// Returns the cells of the cubes of a posture at a foothold.
+    pub fn body(&self, foothold: Foothold, posture: u16) -> [Cell; 4] {
+        let placement = self.table().postures()[usize::from(posture)].posture.placement();
+        placement.cells.map(|cell| world_cell(self.pose(foothold), cell))
+    }
+    /// Returns true if a step of a holder at a foothold is within the limits of torque.
+    pub fn is_within_limits(&self, foothold: Foothold, grip: u8, step: usize) -> bool {
+        self.loads[&(grip, gravity(self.pose(foothold)))].peak(step, self.grams).within(self.limits)
+    }
+
+    /// Returns all ways to hold the element in these cells: the hold and the posture.
+    pub fn holds_at(&self, cells: &[Cell]) -> Vec<(Hold, u16)> {
+        let mut all = Vec::new();
+        let reach = |foothold: Foothold| {
+            let foot = world_cell(self.pose(foothold), Cell::default());
+            cells.iter().any(|c| c.manhattan(foot) <= 4)
+        };
+        for foothold in (0..self.footholds.len() as Foothold).filter(|f| reach(*f)) {
+            for grip in 0..self.carry.len() as u8 {
+                let sets = self.holding(foothold, grip);
+                for (posture, set) in (0..).zip(sets.iter()).filter(|(_, set)| **set != NO_SET) {
+                    if self.held(foothold, grip, posture).is_some_and(|held| held == cells) {
+                        all.push((Hold { foothold, grip, set: *set }, posture));
+                    }
+                }
+            }
+        }
+        all
+    }
+
+    /// Returns the pairs of postures for a way along a link.
+    pub fn pairs(&self, from: Foothold, to: Foothold, way: &Way) -> Vec<Pair> {
+        let relative = self.pose(from).inverse().compose(self.pose(to));
+        let pairs = self.handovers[&(way.holder.0, way.taker.0)].pairs.get(&relative);
+        let sets = self.sets_of(from, to, (way.holder.0, way.taker.0));
+        pairs.into_iter().flatten().filter(|pair| sets(pair).as_ref() == Some(way)).copied().collect()
+    }
+
+    /// Returns the sets of empty postures where these cells are blocked.
+    pub fn empty_among(&self, blocked: &CellSet) -> Sets {
+        if let Some(sets) = self.known.borrow().get(blocked) {
+            return sets.clone();
+        }
+        let table = self.table();
+        let mut sets = vec![NO_SET; table.postures().len()];
+        for posture in 0..sets.len() as u16 {
+            if sets[usize::from(posture)] == NO_SET {
+                for (reached, _) in table.reach(posture, blocked).postures() {
+                    sets[usize::from(reached)] = posture;
+                }
+            }
+        }
+        let sets: Sets = sets.into();
+        self.known.borrow_mut().insert(*blocked, sets.clone());
+        sets
+    }
+
+    /// Returns the cells of the motion database that are blocked at a foothold.
+    pub fn blocked(&self, foothold: Foothold, is_taken: impl Fn(Cell) -> bool) -> CellSet {
+        let pose = self.pose(foothold);
+        let taken = |cell: &Cell| {
+            let cell = world_cell(pose, *cell);
+            self.terrain.is_blocked(cell) || is_taken(cell)
+        };
+        self.database.cell_set(self.database.cells().iter().copied().filter(taken))
+    }
+
+    fn make_sets(&mut self) {
+        let mut known: HashMap<(u8, Face, Vec<u64>), Sets> = HashMap::new();
+        for (foothold, pose) in self.footholds.clone().into_iter().enumerate() {
+            let blocked = self.blocked(foothold as Foothold, |_| false);
+            self.empty.push(self.empty_among(&blocked));
+            let down = gravity(pose);
+            let mut of_grips = Vec::new();
+            for (grip, carry) in self.carry.iter().enumerate() {
+                let grip = grip as u8;
+                let table = self.database.table(self.kind);
+                let loads =
+                    self.loads.entry((grip, down)).or_insert_with(|| LoadTable::new(table, carry, down));
+                let blocked = carry.set(|cell| self.terrain.is_blocked(world_cell(pose, cell)));
+                let key = (grip, down, blocked.words().to_vec());
+                let sets = known.entry(key).or_insert_with(|| {
+                    let passes = |i: usize| {
+                        !carry.steps()[i].swept.meets(&blocked)
+                            && loads.peak(i, self.grams).within(self.limits)
+                    };
+                    first_postures(carry, &blocked, passes)
+                });
+                of_grips.push(sets.clone());
+            }
+            self.holding.push(of_grips);
+        }
+    }
+
+    fn landings_at(&self, foot: LatticePose, index: &HashMap<LatticePose, Foothold>) -> Vec<Landing> {
+        let table = self.table();
+        let landing = |(posture, entry): (u16, &crate::roombots::database::PostureEntry)| {
+            let to = *index.get(&foot.compose(entry.posture.placement().head))?;
+            Some(Landing { posture, to, reversed: table.find(entry.posture.reversed())? })
+        };
+        (0..).zip(table.postures()).filter_map(landing).collect()
+    }
+
+    fn make_links(&mut self, index: &HashMap<LatticePose, Foothold>) {
+        let mut known: HashMap<SameWays, Rc<[Way]>> = HashMap::new();
+        for from in 0..self.footholds.len() as Foothold {
+            let mut links = Vec::new();
+            for (grips, table) in &self.handovers {
+                for (relative, pairs) in &table.pairs {
+                    let Some(to) = index.get(&self.pose(from).compose(*relative)) else { continue };
+                    let sets = [
+                        self.holding(from, grips.0),
+                        self.holding(*to, grips.1),
+                        self.empty(from),
+                        self.empty(*to),
+                    ];
+                    let key = (*relative, sets.map(|s| s.as_ptr()), *grips);
+                    let ways = known.entry(key).or_insert_with(|| {
+                        let mut ways: Vec<Way> =
+                            pairs.iter().filter_map(self.sets_of(from, *to, *grips)).collect();
+                        ways.sort_unstable();
+                        ways.dedup();
+                        ways.into()
+                    });
+                    if !ways.is_empty() {
+                        links.push(Link { to: *to, ways: ways.clone() });
+                    }
+                }
+            }
+            self.links.push(links);
+        }
+    }
+
+    /// Returns the function that gives the way of a pair.
+    fn sets_of(
+        &self,
+        from: Foothold,
+        to: Foothold,
+        grips: (u8, u8),
+    ) -> impl Fn(&Pair) -> Option<Way> + use<> {
+        let (holding, left) = (self.holding(from, grips.0).clone(), self.empty(from).clone());
+        let (taking, came) = (self.holding(to, grips.1).clone(), self.empty(to).clone());
+        move |pair| {
+            let (holder, taker) = (usize::from(pair.holder), usize::from(pair.taker));
+            let valid = holding[holder] != NO_SET && taking[taker] != NO_SET;
+            valid.then(|| Way {
+                holder: (grips.0, holding[holder]),
+                left: left[holder],
+                taker: (grips.1, taking[taker]),
+                came: came[taker],
+            })
+        }
+    }
+}
+
+/// Returns for each posture the first one of its set.
+fn first_postures(carry: &CarryTable, blocked: &Cells, passes: impl Fn(usize) -> bool) -> Sets {
+    let mut sets = vec![NO_SET; carry.postures()];
+    for set in carry.connected(|p| !carry.fills(p).is_some_and(|cells| cells.meets(blocked)), passes) {
+        for posture in &set {
+            sets[usize::from(*posture)] = set[0];
+        }
+    }
+    sets.into()
+}

@@ -1,0 +1,349 @@
+//! The planner of transports: metamodules bring one element from one place to another.
+//!
+//! The nodes of the manipulation graph are the holds: foothold, grip, and set of postures of the holder. Its edges are
+//! hand-overs. A state of the search is a hold with the stands of the other metamodules; its cost counts connections,
+//! the landings of walks and the grips. The search ignores the bodies of metamodules that stand still. A plan that it
+//! finds is carried out with all bodies; an edge that cannot be is taken out, and the search begins anew. If the search
+//! ends without a plan before any edge was taken out, there is none.
+
+use super::colour::colours_differ;
+use super::scene::{Hold, NO_SET, Way};
+use super::verification::{Action, Deed, Situation};
+use super::walking::{Body, Ground, Motion, Stand};
+use crate::lattice::Cell;
+use crate::plan::search::{Method, Search};
+use crate::plan::{Cost, Limits, Outcome, Space, Step, actions};
+use std::collections::{BTreeSet, HashMap, VecDeque};
+
+/// Edges that are taken out at most.
+pub const MAX_REFUTATIONS: usize = 200;
+/// Expansions of one search at most.
+const MAX_EXPANSIONS: u64 = 1_000_000;
+/// Memory of one search in bytes: 256 MiB.
+const MEMORY: usize = 256 << 20;
+
+/// What is asked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Task {
+    /// The metamodules.
+    pub bodies: Vec<Body>,
+    /// The cells of the element, at rest.
+    pub start: Vec<Cell>,
+    /// The cells where a metamodule shall hold it.
+    pub goal: Vec<Cell>,
+    /// The weight of the lower bound in hundredths; 100 for a plan that is minimal in the relaxed graph.
+    pub weight: u32,
+}
+
+/// Why there is no plan with lattice angles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Reason {
+    /// The goal has cells of the other colour.
+    Colour,
+    /// No metamodule can hold the element where it is.
+    NoGrip,
+    /// No metamodule can hold the element at its goal.
+    NoPlace,
+    /// No sequence of hand-overs leads to the goal.
+    NoTransfer,
+    /// The metamodules cannot walk to where they are needed.
+    NoWalk,
+}
+
+impl Reason {
+    /// Returns the name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Reason::Colour => "colour",
+            Reason::NoGrip => "no-grip",
+            Reason::NoPlace => "no-place",
+            Reason::NoTransfer => "no-transfer",
+            Reason::NoWalk => "no-walk",
+        }
+    }
+}
+
+/// A plan that was carried out with all bodies.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// What is done, in order.
+    pub actions: Vec<Action>,
+    /// The number of hand-overs.
+    pub hand_overs: u32,
+    /// The connections that the search counted, without the bodies of metamodules that stand still.
+    pub relaxed: Cost,
+    /// The proven least number of connections, if no edge was taken out; with weight 1 it is [`Plan::relaxed`].
+    pub lower: Cost,
+    /// The number of edges that were taken out before.
+    pub refutations: usize,
+}
+
+impl Plan {
+    /// Returns the number of connections of all metamodules: landings and grips.
+    pub fn connections(&self) -> u32 {
+        let connects =
+            |action: &&Action| matches!(action.deed, Deed::Move(Motion::Land(_)) | Deed::Grip { .. });
+        self.actions.iter().filter(connects).count() as u32
+    }
+    /// Returns the sum of all joint motions, in degrees.
+    pub fn degrees(&self) -> u32 {
+        let angle = |action: &Action| match action.deed {
+            Deed::Move(Motion::Turn { degrees, .. }) => u32::from(degrees),
+            _ => 0,
+        };
+        self.actions.iter().map(angle).sum()
+    }
+}
+
+/// The answer to a task.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// A plan.
+    Plan(Plan),
+    /// There is no plan with lattice angles.
+    Infeasible(Reason),
+    /// Neither a plan nor a proof was found.
+    Undecided {
+        /// The number of edges that were taken out.
+        refutations: usize,
+    },
+}
+
+/// Plans a transport.
+pub fn plan(ground: &Ground<'_>, task: &Task) -> Answer {
+    if colours_differ(&task.start, &task.goal) {
+        return Answer::Infeasible(Reason::Colour);
+    }
+    let mut graph = match Relaxed::new(ground, task) {
+        Ok(graph) => graph,
+        Err(reason) => return Answer::Infeasible(reason),
+    };
+    loop {
+        let refutations = graph.banned.len();
+        if refutations > MAX_REFUTATIONS {
+            return Answer::Undecided { refutations };
+        }
+        let limits = Limits { memory: MEMORY, work: MAX_EXPANSIONS };
+        let method = Method { weights: vec![task.weight], keep: true, deepen: false };
+        let start = graph.start();
+        let mut search = Search::new(&graph, &start, limits, method);
+        let (path, lower) = match search.advance(u64::MAX) {
+            Step::Done(Outcome::Solved { path, lower }) => (path, lower),
+            Step::Done(Outcome::Impossible { .. }) if refutations == 0 => {
+                return Answer::Infeasible(Reason::NoWalk);
+            }
+            _ => return Answer::Undecided { refutations },
+        };
+        let edges = actions(&&graph, &start, &path.keys).unwrap_or_default();
+        match graph.carried_out(&edges) {
+            Ok(situation) => {
+                let hand_overs = edges.len().saturating_sub(1) as u32;
+                let (actions, relaxed) = (situation.actions, path.cost);
+                return Answer::Plan(Plan { actions, hand_overs, relaxed, lower, refutations });
+            }
+            Err(failed) => {
+                // The last edge leads to a goal that cannot be taken from there.
+                let edge = failed.min(path.keys.len() - 2);
+                graph.banned.insert((path.keys[edge].clone(), path.keys[edge + 1].clone()));
+            }
+        }
+    }
+}
+
+/// The manipulation graph of a task, without the bodies of metamodules that stand still.
+struct Relaxed<'a> {
+    ground: &'a Ground<'a>,
+    task: &'a Task,
+    picks: Vec<(Hold, u16)>,
+    places: Vec<(Hold, u16)>,
+    /// The fewest hand-overs from a hold to the goal.
+    left: HashMap<Hold, u16>,
+    /// Edges that cannot be carried out.
+    banned: BTreeSet<(Vec<u8>, Vec<u8>)>,
+}
+
+/// A state: who holds the element and how, and the stands of all. That of the holder is where it stands, without a set.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct State {
+    holder: Option<(u8, Hold)>,
+    stands: Vec<Stand>,
+}
+
+/// An edge: who takes the element, and how.
+#[derive(Clone, Copy, Debug)]
+enum Edge {
+    PickUp { taker: u8, hold: Hold, came: u16 },
+    HandOver { taker: u8, to: u16, way: Way },
+}
+
+impl<'a> Relaxed<'a> {
+    fn new(ground: &'a Ground<'a>, task: &'a Task) -> Result<Relaxed<'a>, Reason> {
+        let holds = |cells: &[Cell]| {
+            let mut holds = ground.scene().holds_at(cells);
+            holds.retain(|(hold, _)| ground.exists(hold.foothold));
+            holds
+        };
+        let (picks, places) = (holds(&task.start), holds(&task.goal));
+        if picks.is_empty() {
+            return Err(Reason::NoGrip);
+        }
+        if places.is_empty() {
+            return Err(Reason::NoPlace);
+        }
+        let left = hand_overs_left(ground, &places);
+        if !picks.iter().any(|(hold, _)| left.contains_key(hold)) {
+            return Err(Reason::NoTransfer);
+        }
+        Ok(Relaxed { ground, task, picks, places, left, banned: BTreeSet::new() })
+    }
+
+    fn start(&self) -> State {
+        let stand = |body: &Body| {
+            (body.foothold, self.ground.scene().empty(body.foothold)[usize::from(body.posture)])
+        };
+        State { holder: None, stands: self.task.bodies.iter().map(stand).collect() }
+    }
+
+    fn empty(&self, hold: &Hold, posture: u16) -> u16 {
+        self.ground.scene().empty(hold.foothold)[usize::from(posture)]
+    }
+
+    /// Carries out edges from the start, and then places the element. On failure returns the number of the edge that
+    /// cannot be carried out; the number of all edges if it is the placing.
+    fn carried_out(&self, edges: &[Edge]) -> Result<Situation<'a>, usize> {
+        let mut at = Situation::new(self.ground, self.task.bodies.clone(), self.task.start.clone());
+        let mut last = None;
+        for (i, edge) in edges.iter().enumerate() {
+            let (next, hold) = match edge {
+                Edge::PickUp { taker, hold, came } => {
+                    let same = |(h, p): &&(Hold, u16)| h == hold && self.empty(h, *p) == *came;
+                    let holds: Vec<_> = self.picks.iter().filter(same).copied().collect();
+                    (at.picked_up(usize::from(*taker), &holds), *hold)
+                }
+                Edge::HandOver { taker, to, way } => {
+                    let hold = Hold { foothold: *to, grip: way.taker.0, set: way.taker.1 };
+                    (at.handed_over(usize::from(*taker), *to, way), hold)
+                }
+            };
+            (at, last) = (next.ok_or(i)?, Some(hold));
+        }
+        let places: Vec<_> = self.places.iter().filter(|(h, _)| Some(*h) == last).copied().collect();
+        at.placed(&places).ok_or(edges.len())
+    }
+
+    fn visit(
+        &self,
+        from: &State,
+        (taker, before, came): (usize, Stand, u16),
+        (hold, left): (Hold, Option<u16>),
+    ) -> Option<(Cost, State)> {
+        let to = (hold.foothold, came);
+        let walk = *self.ground.distances(before).get(&to)?;
+        let mut stands = from.stands.clone();
+        if let (Some((holder, _)), Some(left)) = (from.holder, left) {
+            stands[usize::from(holder)].1 = left;
+        }
+        stands[taker] = (hold.foothold, NO_SET);
+        Some((Cost::from(walk) + 1, State { holder: Some((taker as u8, hold)), stands }))
+    }
+}
+
+/// Counts the hand-overs from every hold to the nearest of `places`. A hand-over can be taken backwards.
+fn hand_overs_left(ground: &Ground<'_>, places: &[(Hold, u16)]) -> HashMap<Hold, u16> {
+    let mut found: HashMap<Hold, u16> = HashMap::new();
+    let mut open = VecDeque::new();
+    for (hold, _) in places {
+        if found.insert(*hold, 0).is_none() {
+            open.push_back(*hold);
+        }
+    }
+    while let Some(at) = open.pop_front() {
+        let next = found[&at] + 1;
+        for link in ground.scene().links(at.foothold).iter().filter(|l| ground.exists(l.to)) {
+            for way in link.ways_from(&at) {
+                let to = Hold { foothold: link.to, grip: way.taker.0, set: way.taker.1 };
+                found.entry(to).or_insert_with(|| {
+                    open.push_back(to);
+                    next
+                });
+            }
+        }
+    }
+    found
+}
+
+impl Space for &Relaxed<'_> {
+    type State = State;
+    type Action = Edge;
+
+    fn key_width(&self) -> usize {
+        6 + 4 * self.task.bodies.len()
+    }
+    fn key(&self, state: &State, key: &mut [u8]) {
+        key.fill(u8::MAX);
+        if let Some((holder, hold)) = &state.holder {
+            key[0] = *holder;
+            key[1] = hold.grip;
+            key[2..4].copy_from_slice(&hold.foothold.to_be_bytes());
+            key[4..6].copy_from_slice(&hold.set.to_be_bytes());
+        }
+        for (bytes, (foothold, set)) in key[6..].chunks_exact_mut(4).zip(&state.stands) {
+            bytes[..2].copy_from_slice(&foothold.to_be_bytes());
+            bytes[2..].copy_from_slice(&set.to_be_bytes());
+        }
+    }
+    fn state(&self, key: &[u8]) -> State {
+        let number = |i: usize| u16::from_be_bytes([key[i], key[i + 1]]);
+        let hold = Hold { grip: key[1], foothold: number(2), set: number(4) };
+        let holder = (key[0] != u8::MAX).then_some((key[0], hold));
+        let stands = (6..key.len()).step_by(4).map(|i| (number(i), number(i + 2))).collect();
+        State { holder, stands }
+    }
+    fn expand(&self, state: &State, visit: &mut impl FnMut(Edge, Cost, &State)) {
+        let mut from = vec![0; self.key_width()];
+        self.key(state, &mut from);
+        let mut key = from.clone();
+        let mut unless_banned = |edge: Edge, found: Option<(Cost, State)>| {
+            let Some((cost, to)) = found else { return };
+            self.key(&to, &mut key);
+            if self.banned.is_empty() || !self.banned.contains(&(from.clone(), key.clone())) {
+                visit(edge, cost, &to);
+            }
+        };
+        let movers =
+            (0..state.stands.len()).filter(|i| state.holder.is_none_or(|(h, _)| usize::from(h) != *i));
+        for taker in movers {
+            let before = state.stands[taker];
+            let Some((_, held)) = &state.holder else {
+                let picks: BTreeSet<(Hold, u16)> =
+                    self.picks.iter().map(|(hold, p)| (*hold, self.empty(hold, *p))).collect();
+                for (hold, came) in picks {
+                    let edge = Edge::PickUp { taker: taker as u8, hold, came };
+                    unless_banned(edge, self.visit(state, (taker, before, came), (hold, None)));
+                }
+                continue;
+            };
+            let links = self.ground.scene().links(held.foothold).iter();
+            for link in links.filter(|l| self.ground.exists(l.to)) {
+                for way in link.ways_from(held) {
+                    let hold = Hold { foothold: link.to, grip: way.taker.0, set: way.taker.1 };
+                    let edge = Edge::HandOver { taker: taker as u8, to: link.to, way: *way };
+                    let found = self.visit(state, (taker, before, way.came), (hold, Some(way.left)));
+                    unless_banned(edge, found);
+                }
+            }
+        }
+    }
+    fn lower(&self, state: &State) -> Option<Cost> {
+        match &state.holder {
+            Some((_, hold)) => self.left.get(hold).map(|n| Cost::from(*n)),
+            None => {
+                let least = self.picks.iter().filter_map(|(hold, _)| self.left.get(hold)).min();
+                least.map(|n| Cost::from(*n) + 1)
+            }
+        }
+    }
+    fn is_goal(&self, state: &State) -> bool {
+        state.holder.is_some_and(|(_, hold)| self.left.get(&hold) == Some(&0))
+    }
+}

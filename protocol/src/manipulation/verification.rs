@@ -1,0 +1,194 @@
+//! Carries out what the relaxed search found, with the bodies of all metamodules as obstacles.
+
+use super::handover::Pair;
+use super::scene::{Foothold, Hold, Way};
+use super::terrain::world_cell;
+use super::walking::{Body, Ground, Motion, Walk, degrees_of};
+use crate::lattice::Cell;
+use crate::roombots::posture::Posture;
+use std::collections::BTreeSet;
+
+/// Pairs of postures that are tried for a hand-over, at most.
+const MAX_PAIRS: usize = 40;
+/// Sites that are tried for a metamodule to go away to, at most.
+const MAX_SITES: usize = 6;
+/// Distance in cells between two feet at which metamodules are in each other's way less than before.
+const APART: u32 = 5;
+
+/// What a metamodule does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Deed {
+    /// It moves.
+    Move(Motion),
+    /// Its head grips the element.
+    Grip {
+        /// The grip.
+        grip: u8,
+    },
+    /// Its head lets go of the element.
+    LetGo,
+}
+
+/// A deed of a metamodule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Action {
+    /// The metamodule, from 0.
+    pub mover: usize,
+    /// What it does.
+    pub deed: Deed,
+}
+
+/// Where everything is, and what led there.
+#[derive(Clone)]
+pub struct Situation<'a> {
+    ground: &'a Ground<'a>,
+    /// All metamodules.
+    pub bodies: Vec<Body>,
+    /// The metamodule that holds the element, and its grip.
+    holder: Option<(usize, u8)>,
+    /// The cells of the element, sorted.
+    element: Vec<Cell>,
+    /// What was done so far.
+    pub actions: Vec<Action>,
+}
+
+impl<'a> Situation<'a> {
+    /// Creates the situation at the start of a task.
+    pub fn new(ground: &'a Ground<'a>, bodies: Vec<Body>, element: Vec<Cell>) -> Situation<'a> {
+        Situation { ground, bodies, holder: None, element, actions: Vec::new() }
+    }
+
+    /// Returns the situation after a metamodule has walked to the element and gripped it, by the first of `holds` to which
+    /// there is a path.
+    pub fn picked_up(&self, taker: usize, holds: &[(Hold, u16)]) -> Option<Situation<'a>> {
+        let others = (0..self.bodies.len()).filter(|i| *i != taker);
+        let before = std::iter::once(self.clone()).chain(others.flat_map(|i| self.away(i, taker, None)));
+        let try_all = |at: Situation<'a>| {
+            holds.iter().take(MAX_PAIRS).find_map(|(hold, posture)| {
+                let to = Body { foothold: hold.foothold, posture: *posture };
+                Some(at.walked(taker, to)?.gripped(taker, hold.grip))
+            })
+        };
+        before.into_iter().find_map(try_all)
+    }
+
+    /// Returns the situation after the holder has handed the element over to `taker` at foothold `to`. In order: the holder
+    /// carries the element to the place and the taker comes; the taker comes first and raises its head afterwards; the
+    /// taker first goes out of the way.
+    pub fn handed_over(&self, taker: usize, to: Foothold, way: &Way) -> Option<Situation<'a>> {
+        let (holder, _) = self.holder?;
+        let pairs = self.ground.scene().pairs(self.bodies[holder].foothold, to, way);
+        let pairs = spread(&pairs);
+        let taken_over = |at: &Situation<'a>, pair: &Pair| {
+            at.carried(pair.holder)?
+                .walked(taker, Body { foothold: to, posture: pair.taker })
+                .map(|s| s.gripped(taker, way.taker.0))
+        };
+        let of = |at: Situation<'a>| pairs.iter().find_map(|pair| taken_over(&at, pair));
+        let upright = self.upright(to);
+        of(self.clone())
+            .or_else(|| of(self.walked(taker, upright)?))
+            .or_else(|| self.away(taker, holder, Some(to)).into_iter().find_map(of))
+    }
+
+    /// Returns the situation after the holder has carried the element to its goal, in the first of `holds` to which there is
+    /// a path.
+    pub fn placed(&self, holds: &[(Hold, u16)]) -> Option<Situation<'a>> {
+        let (holder, _) = self.holder?;
+        let others = (0..self.bodies.len()).filter(|i| *i != holder);
+        let before = std::iter::once(self.clone()).chain(others.flat_map(|i| self.away(i, holder, None)));
+        before.into_iter().find_map(|at| holds.iter().find_map(|(_, posture)| at.carried(*posture)))
+    }
+
+    fn upright(&self, foothold: Foothold) -> Body {
+        let table = self.ground.scene().table();
+        let posture = table.find(Posture::zero(table.kind()));
+        Body { foothold, posture: posture.expect("invariant: the upright posture is above the floor") }
+    }
+
+    /// Returns the situations in which a metamodule has gone to a site away from `other`, those with the least detour to
+    /// `next` first.
+    fn away(&self, mover: usize, other: usize, next: Option<Foothold>) -> Vec<Situation<'a>> {
+        let (scene, at) = (self.ground.scene(), self.bodies[mover]);
+        let foot = |f: Foothold| world_cell(scene.pose(f), Cell::default());
+        let middle = foot(self.bodies[other].foothold);
+        let stand = (at.foothold, scene.empty(at.foothold)[usize::from(at.posture)]);
+        let upright_set = |f: Foothold| scene.empty(f)[usize::from(self.upright(f).posture)];
+        let distances = self.ground.distances(stand);
+        let onwards = next.map(|f| self.ground.distances((f, upright_set(f))));
+        let mut sites: Vec<(u16, Foothold)> = (0..scene.footholds().len() as Foothold)
+            .filter(|f| foot(*f).manhattan(middle) >= APART)
+            .filter_map(|f| {
+                let site = (f, upright_set(f));
+                let onwards = onwards.as_ref().map_or(Some(0), |d| d.get(&site).copied())?;
+                Some((distances.get(&site)? + onwards, f))
+            })
+            .collect();
+        sites.sort_unstable();
+        let tried = sites.into_iter().take(MAX_SITES);
+        tried.filter_map(|(_, f)| self.walked(mover, self.upright(f))).collect()
+    }
+
+    /// Returns the cells that a metamodule must not enter.
+    fn obstacles(&self, mover: usize) -> BTreeSet<Cell> {
+        let others = (0..self.bodies.len()).filter(|i| *i != mover);
+        let scene = self.ground.scene();
+        let mut cells: BTreeSet<Cell> =
+            others.flat_map(|i| scene.body(self.bodies[i].foothold, self.bodies[i].posture)).collect();
+        if self.holder.is_none_or(|(holder, _)| holder != mover) {
+            cells.extend(&self.element);
+        }
+        cells
+    }
+
+    fn walked(&self, mover: usize, to: Body) -> Option<Situation<'a>> {
+        let obstacles = self.obstacles(mover);
+        let taken = self.ground.scene().body(to.foothold, to.posture);
+        if taken.iter().any(|c| obstacles.contains(c)) {
+            return None;
+        }
+        let motions = Walk::new(self.ground, &obstacles, to).find(self.bodies[mover], to)?;
+        let mut after = self.clone();
+        after.bodies[mover] = to;
+        after.actions.extend(motions.into_iter().map(|motion| Action { mover, deed: Deed::Move(motion) }));
+        Some(after)
+    }
+
+    fn carried(&self, to: u16) -> Option<Situation<'a>> {
+        let ((mover, grip), scene) = (self.holder?, self.ground.scene());
+        let Body { foothold, posture } = self.bodies[mover];
+        let (carry, pose) = (&scene.carry()[usize::from(grip)], scene.pose(foothold));
+        let obstacles = self.obstacles(mover);
+        let blocked = carry.set(|cell| {
+            let cell = world_cell(pose, cell);
+            scene.terrain().is_blocked(cell) || obstacles.contains(&cell)
+        });
+        let passes = |step: usize| {
+            !carry.steps()[step].swept.meets(&blocked) && scene.is_within_limits(foothold, grip, step)
+        };
+        let path = carry.path(posture, to, passes)?;
+        let mut after = self.clone();
+        after.bodies[mover].posture = to;
+        after.element = scene.held(foothold, grip, to)?;
+        after.actions.extend(path.into_iter().map(|(step, to)| {
+            let degrees = degrees_of(usize::from(carry.steps()[step].joint));
+            Action { mover, deed: Deed::Move(Motion::Turn { to, degrees }) }
+        }));
+        Some(after)
+    }
+
+    /// The metamodule grips the element, and the one that held it lets go.
+    fn gripped(mut self, taker: usize, grip: u8) -> Situation<'a> {
+        self.actions.push(Action { mover: taker, deed: Deed::Grip { grip } });
+        if let Some((mover, _)) = self.holder.replace((taker, grip)) {
+            self.actions.push(Action { mover, deed: Deed::LetGo });
+        }
+        self
+    }
+}
+
+/// Returns at most [`MAX_PAIRS`] pairs, evenly spread.
+fn spread(pairs: &[Pair]) -> Vec<Pair> {
+    let step = pairs.len().div_ceil(MAX_PAIRS).max(1);
+    pairs.iter().step_by(step).copied().collect()
+}

@@ -1,0 +1,113 @@
+//! Transports of a cube by two metamodules: plans, proofs, and an independent check of every plan.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::manipulation::colour::colour;
+use metamorph_protocol::manipulation::element::{cell_at, moved};
+use metamorph_protocol::manipulation::load::Limits;
+use metamorph_protocol::manipulation::scene::Scene;
+use metamorph_protocol::manipulation::terrain::Terrain;
+use metamorph_protocol::manipulation::transport::{Answer, Plan, Reason, Task, plan};
+use metamorph_protocol::manipulation::verification::Deed;
+use metamorph_protocol::manipulation::walking::{Body, Ground, Motion};
+use metamorph_protocol::manipulation::worlds::World;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::roombots::Kind;
+use metamorph_protocol::roombots::database::Database;
+use metamorph_protocol::roombots::sweep::FloorContact;
+use std::collections::BTreeSet;
+use std::rc::Rc;
+
+/// Carries a plan out on cells alone: every posture of every action, with everything else where it is.
+fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
+    let table = scene.table();
+    let (mut bodies, mut cube, mut holder) = (task.bodies.clone(), task.start[0], None);
+    let head = |body: &Body| {
+        let head = table.postures()[usize::from(body.posture)].posture.placement().head;
+        scene.pose(body.foothold).compose(head)
+    };
+    // The cell in front of the head plate.
+    let front = |body: &Body| cell_at(moved(head(body), [0, 0, -1]));
+    for action in &plan.actions {
+        let body = &mut bodies[action.mover];
+        match action.deed {
+            Deed::Move(Motion::Turn { to, degrees }) => {
+                let ends = BTreeSet::from([body.posture, to]);
+                let step = table.steps().iter().find(|s| BTreeSet::from([s.from, s.to]) == ends).unwrap();
+                assert_eq!(step.floor, FloorContact::Free);
+                assert_eq!(degrees, if step.joint % 3 == 1 { 90 } else { 120 });
+                body.posture = to;
+            }
+            Deed::Move(Motion::Land(to)) => {
+                assert_eq!(head(body), scene.pose(to.foothold), "the head is on the connector");
+                assert!(ground.exists(to.foothold), "the connector exists");
+                assert_ne!(holder, Some(action.mover), "the head is free");
+                let seen = |b: &Body| scene.body(b.foothold, b.posture);
+                let (before, mut after) = (seen(body), seen(&to));
+                after.reverse();
+                assert_eq!(before, after, "landing moves nothing");
+                *body = to;
+            }
+            Deed::Grip { .. } => {
+                assert_eq!(front(body), cube);
+                // The one that held it lets go in the next action.
+                holder = Some(action.mover);
+            }
+            Deed::LetGo => assert_ne!(holder, Some(action.mover), "the element stays held"),
+        }
+        if let (Some(mover), Deed::Move(_)) = (holder, action.deed) {
+            cube = front(&bodies[mover]);
+        }
+        let mut cells: Vec<Cell> = bodies.iter().flat_map(|b| scene.body(b.foothold, b.posture)).collect();
+        cells.push(cube);
+        assert!(cells.iter().all(|c| !scene.terrain().is_blocked(*c)), "{cells:?}");
+        assert_eq!(cells.iter().collect::<BTreeSet<_>>().len(), cells.len(), "{cells:?}");
+        assert_eq!(colour(cube), colour(task.start[0]));
+    }
+    assert_eq!(vec![cube], task.goal);
+    let grips = plan.actions.iter().filter(|a| matches!(a.deed, Deed::Grip { .. })).count() as u32;
+    assert_eq!(plan.hand_overs + 1, grips);
+    assert!(plan.lower <= plan.relaxed && plan.hand_overs < plan.connections());
+}
+
+#[test]
+fn every_task_ends_in_a_plan_that_holds_or_a_proof() {
+    let (database, cube) = (Rc::new(Database::build()), "cube".parse().unwrap());
+    let scene = Scene::new(database, Kind::Srs, &cube, 250, Limits::NOMINAL, Terrain::experiment());
+    let (mut planned, mut hand_overs, mut reasons) = (0, 0, BTreeSet::new());
+    for (tenths, seeds) in [(8, 0..2), (4, 0..2), (2, 0..2)] {
+        for seed in seeds {
+            let world = World::draw(&scene, Ratio::new(tenths, 10).unwrap(), seed);
+            let ground = Ground::new(&scene, |c| world.exists(c));
+            let task = world.task(500);
+            match plan(&ground, &task) {
+                Answer::Plan(plan) => {
+                    check(&scene, &ground, &task, &plan);
+                    (planned, hand_overs) = (planned + 1, hand_overs + plan.hand_overs);
+                }
+                Answer::Infeasible(reason) => _ = reasons.insert(reason),
+                undecided @ Answer::Undecided { .. } => panic!("{tenths} {seed}: {undecided:?}"),
+            }
+        }
+    }
+    assert!(planned >= 4 && hand_overs >= 2, "{planned} plans, {hand_overs} hand-overs");
+    assert!(reasons.contains(&Reason::NoPlace) && reasons.contains(&Reason::NoWalk), "{reasons:?}");
+
+    let world = World::draw(&scene, Ratio::new(8, 10).unwrap(), 0);
+    let ground = Ground::new(&scene, |c| world.exists(c));
+    let other = |change: &dyn Fn(&mut Task)| {
+        let mut task = world.task(500);
+        change(&mut task);
+        plan(&ground, &task)
+    };
+    let beside = |task: &mut Task| task.goal[0].x += 1;
+    assert_eq!(other(&beside), Answer::Infeasible(Reason::Colour));
+    let high = |task: &mut Task| task.start[0].z += 40;
+    assert_eq!(other(&high), Answer::Infeasible(Reason::NoGrip));
+    // One metamodule cannot hand over, and cannot bring the cube to the other end of the floor.
+    let alone = |task: &mut Task| {
+        task.bodies.truncate(1);
+        task.goal = vec![Cell::new(19, 12 - (1 + colour(task.start[0])) as i16 % 2, 0)];
+    };
+    assert_eq!(other(&alone), Answer::Infeasible(Reason::NoWalk));
+}
