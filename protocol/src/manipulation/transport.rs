@@ -35,7 +35,7 @@ pub struct Task {
     pub weight: u32,
 }
 
-/// Why there is no plan with lattice angles.
+/// Why there is no plan with lattice angles in which the element is always held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reason {
     /// The goal has cells of the other colour.

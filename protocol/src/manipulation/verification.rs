@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 const MAX_PAIRS: usize = 40;
 /// Sites that are tried for a metamodule to go away to, at most.
 const MAX_SITES: usize = 6;
-/// Distance in cells between two feet at which metamodules are in each other's way less than before.
+/// Least distance in cells between the feet of a metamodule that went away and the other one.
 const APART: u32 = 5;
 
 /// What a metamodule does.
