@@ -83,7 +83,10 @@ fn bad_arguments_are_refused() {
     let full = full.path().display().to_string();
     let cases: &[(&[&str], &str)] = &[
         (&[], "EXPERIMENT"),
-        (&["4.3"], "[possible values: 4.1, 4.2, fig4.5, graph-signature, on-grid, reward-map, planned]"),
+        (
+            &["4.3"],
+            "[possible values: 4.1, 4.2, fig4.5, graph-signature, on-grid, reward-map, planned, thesis-7]",
+        ),
         (&["4.1", "--seeds", "0"], "--seeds"),
         (&["4.1", "--seeds", "1000000"], "--seeds"),
         (&["4.1", "--out", &full], "is not empty\n  fix: "),
