@@ -184,6 +184,9 @@ mod tests {
                     .filter(|line| !line.starts_with("# "))
                     .map(|line| format!("{}\n", &line[1..]))
                     .collect();
+                // Faults of hosts need hosts.
+                let hosts = text.replacen("#between_hosts = ", "between_hosts = ", 1);
+                let text = if fault.contains("h2") { &hosts } else { &text };
                 check(&format!("{text}\n[[fault]]\n{fault}"))
                     .unwrap_or_else(|problems| panic!("{fault}\n{problems}"));
                 set += 1;

@@ -14,11 +14,15 @@ use toml::{Table, Value};
 const WIDTH: usize = 100;
 
 /// Examples of values that have no default, by key or else by the name of their definition.
-const EXAMPLES: [(&str, &str); 18] = [
+const EXAMPLES: [(&str, &str); 22] = [
     ("from", "\"10s\""),
     ("until", "\"20s\""),
     ("timeout", "\"1000s\""),
     ("count", "10"),
+    ("hosts", "2"),
+    ("kill_host", "\"h2\""),
+    ("pause_host", "\"h2\""),
+    ("cut", "[\"h1\", \"h2\"]"),
     ("crash", "{ count = 1, between = \"0s..60s\" }"),
     ("time", "\"10s\""),
     ("window", "\"0s..60s\""),

@@ -460,8 +460,10 @@ mod tests {
         refused(&Manifest { program: "9.9.9".into(), ..manifest() }, "another version of metamorph");
         let path = dir.path().join(MANIFEST);
         let text = fs::read_to_string(&path).unwrap();
+        let version = |n: u32| (format!("\"version\": {n}"), format!("format version {n}"));
+        let ((ours, _), (newer, named)) = (version(VERSION), version(VERSION + 1));
         for (old, new, part) in [
-            ("\"version\": 1", "\"version\": 2", "format version 2"),
+            (ours.as_str(), newer.as_str(), named.as_str()),
             ("metamorph-sweep", "else", "its format is `else`"),
             ("{", "", "not the manifest of a sweep"),
         ] {
