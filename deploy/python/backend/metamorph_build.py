@@ -26,12 +26,10 @@ HERE = Path(__file__).resolve().parent.parent
 def _program() -> None:
     root = HERE.parent.parent
     target = Path(os.environ.get("CARGO_TARGET_DIR", root / "target"))
-    subprocess.run(
-        ["cargo", "build", "--release", "--locked", "--bin", "metamorph"],
-        cwd=root,
-        env={**os.environ, "CARGO_PROFILE_RELEASE_STRIP": "symbols"},
-        check=True,
-    )
+    # The same for the extension, so that both share what they are built of.
+    os.environ["CARGO_PROFILE_RELEASE_STRIP"] = "symbols"
+    command = ["cargo", "build", "--release", "--locked", "--bin", "metamorph"]
+    subprocess.run(command, cwd=root, check=True)
     to = HERE / "python" / "metamorph" / "bin"
     to.mkdir(exist_ok=True)
     shutil.copy2(target / "release" / "metamorph", to / "metamorph")
