@@ -111,10 +111,10 @@ impl Simulation {
     fn state_hash(&self) -> String {
         format!("{:016x}", self.run.state_hash())
     }
-    /// Injects a fault, such as `kill 7`.
-    fn inject(&mut self, fault: &str) -> PyResult<()> {
+    /// Injects a fault, such as `kill 7`. Returns its time in nanoseconds.
+    fn inject(&mut self, fault: &str) -> PyResult<u64> {
         let fault = fault.parse().map_err(PyValueError::new_err)?;
-        self.run.inject(fault).map_err(PyValueError::new_err)
+        self.run.inject(fault).map(|at| at.0).map_err(PyValueError::new_err)
     }
     /// Returns the cells of all modules: three numbers of 16 bits each, in the byte order of the machine.
     fn cells<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {

@@ -8,7 +8,8 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use std::collections::{BTreeSet, VecDeque};
 
-/// The kind of [`DirectorPort::input`](super::port::DirectorPort::input) that is a fault: its text, such as `kill 7`.
+/// The kind of [`DirectorPort::input`](super::port::DirectorPort::input) that is a fault: its text and its time in
+/// nanoseconds, such as `kill 7@2000000001`.
 pub const FAULT_INPUT: &str = "fault";
 
 /// A schedule and the position in it.
@@ -27,21 +28,30 @@ impl FaultInjector {
     pub fn new(schedule: Schedule) -> FaultInjector {
         FaultInjector { schedule, ..FaultInjector::default() }
     }
-    /// Takes a fault that the schedule does not have, to be injected at `now` after those that are due.
+    /// Adds a fault to the schedule.
     ///
     /// # Errors
-    /// Returns what is wrong with the input: it is of another kind, or names no fault of one of `modules` modules.
+    /// Returns what is wrong with the input: it is of another kind, it names no fault of one of `modules` modules, or
+    /// its time is past.
     pub fn input(&mut self, now: Time, kind: &str, bytes: &[u8], modules: usize) -> Result<(), String> {
         if kind != FAULT_INPUT {
             return Err(format!("this director takes no input of kind `{kind}`"));
         }
-        let fault: Fault = String::from_utf8_lossy(bytes).parse()?;
+        let text = String::from_utf8_lossy(bytes);
+        let (fault, at) = text.rsplit_once('@').ok_or_else(|| format!("`{text}` has no time"))?;
+        let at = at
+            .parse()
+            .ok()
+            .map(Time)
+            .filter(|at| *at >= now)
+            .ok_or_else(|| format!("the time of `{text}` is past"))?;
+        let fault: Fault = fault.parse()?;
         match fault.module() {
             Some(id) if id.index() >= modules => {
                 Err(format!("there is no module {id}; they are numbered from 0 to {}", modules - 1))
             }
             _ => {
-                self.schedule.insert(self.next, now, fault);
+                self.schedule.insert(self.next, at, fault);
                 Ok(())
             }
         }

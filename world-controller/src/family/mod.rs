@@ -297,10 +297,12 @@ mod tests {
             assert!(!run.step() && run.run_until(Time::NEVER));
             assert_eq!(run.inject(Fault::Kill(ModuleId(1))), Err("the run is over".to_owned()));
 
+            // At two seconds the first scenario has a fault of its own.
             let mut run = begin(&plan(name, &[]));
-            assert!((0..700).all(|_| run.step()));
-            run.inject(Fault::Kill(ModuleId(2))).unwrap();
-            let planned = plan(name, &[format!("2@{}ns", run.now().0)]);
+            run.run_until(Time(2_000_000_000));
+            let at = [2, 3].map(|id| run.inject(Fault::Kill(ModuleId(id))).unwrap());
+            assert_eq!(at, [1, 2].map(|ns| Time(2_000_000_000 + ns)));
+            let planned = plan(name, &[format!("2@{}ns", at[0].0), format!("3@{}ns", at[1].0)]);
             assert!(run.inject(Fault::Kill(ModuleId(4_000))).unwrap_err().contains("no module 4000"));
             run.run_until(Time::NEVER);
             assert!(!run.module(ModuleId(2)).is_alive && run.cells().len() == run.modules());

@@ -14,7 +14,7 @@ use metamorph_protocol::counters::Tally;
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::time::Time;
+use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::fault_injector::FAULT_INPUT;
 use metamorph_sim_bridge::director::faults::Fault;
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -74,6 +74,8 @@ struct Run<R: Runnable, W: Audited, D: DirectorPort<W>> {
     director: fn(&D) -> &R::Director,
     setup: Duration,
     running: Stopwatch,
+    /// The time of the fault injected last.
+    injected: Time,
 }
 
 fn swarm<R: Runnable>(plan: &Plan) -> &R {
@@ -116,7 +118,8 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
         world: fn(&W) -> &R::World,
         director: fn(&D) -> &R::Director,
     ) -> Self {
-        Run { plan: plan.clone(), sim, world, director, setup: since.elapsed(), running: Stopwatch::start() }
+        let (setup, running, injected) = (since.elapsed(), Stopwatch::start(), Time::ZERO);
+        Run { plan: plan.clone(), sim, world, director, setup, running, injected }
     }
 
     fn swarm(&self) -> &R {
@@ -181,11 +184,12 @@ pub trait SteppedRun: Send + Sync {
     fn run_until(&mut self, until: Time) -> bool;
     /// Returns the scenario time.
     fn now(&self) -> Time;
-    /// Injects a fault now: after everything else that is due at this instant.
+    /// Injects a fault a nanosecond from now, and after the last one injected, so that it does not meet what else is due
+    /// at this instant. Returns its time: a scenario with the fault at this time makes the same run.
     ///
     /// # Errors
     /// Returns why there can be no such fault.
-    fn inject(&mut self, fault: Fault) -> Result<(), String>;
+    fn inject(&mut self, fault: Fault) -> Result<Time, String>;
     /// Returns the number of modules.
     fn modules(&self) -> usize;
     /// Returns the cell of each module's body.
@@ -220,8 +224,11 @@ impl<R: Runnable<World: World<Agent: Visible>>> SteppedRun for Run<R, R::World, 
     fn now(&self) -> Time {
         self.sim.now()
     }
-    fn inject(&mut self, fault: Fault) -> Result<(), String> {
-        self.sim.input(FAULT_INPUT, fault.to_string().as_bytes())
+    fn inject(&mut self, fault: Fault) -> Result<Time, String> {
+        let at = self.sim.now().max(self.injected) + Span(1);
+        self.sim.input(FAULT_INPUT, format!("{fault}@{}", at.0).as_bytes())?;
+        self.injected = at;
+        Ok(at)
     }
     fn modules(&self) -> usize {
         self.sim.world().len()

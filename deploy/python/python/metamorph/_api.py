@@ -415,14 +415,14 @@ class Simulation:
         return _messages([(name, dict(zip(_COUNTS, counts))) for name, counts in self._run.messages()])
 
     def inject(self, fault: str) -> None:
-        """Injects a fault now: `kill 7`, `restart 7`, `pause 7`, `resume 7`, `stick 7` or `unstick 7`. It comes after
-        everything else that is due at this instant."""
-        self._run.inject(fault)
+        """Injects a fault now: `kill 7`, `restart 7`, `pause 7`, `resume 7`, `stick 7` or `unstick 7`. It strikes
+        a nanosecond later, so that it does not meet what else is due at this instant."""
+        at = self._run.inject(fault)
         verb, _, module = fault.strip().partition(" ")
         if verb not in ("kill", "restart"):
             self._unrepeatable = fault
             return
-        self._scenario = self._scenario.with_fault(f"{verb} {int(module)}@{self.now_ns}ns")
+        self._scenario = self._scenario.with_fault(f"{verb} {int(module)}@{at}ns")
 
     _unrepeatable: Optional[str] = None
 
