@@ -5,12 +5,11 @@ use super::control::Order;
 use super::message::{Beacon, Claim, Entry, Message, Rank, Role};
 use super::params::{Params, Setup};
 use super::{Cube, Percept};
-use crate::agent::{Agent, Birth, Input};
+use crate::agent::{Agent, Input};
 use crate::goal::{Goal, Growth};
-use crate::ids::{Incarnation, ModuleId, Port, Session};
+use crate::ids::{ModuleId, Port, Session};
 use crate::lattice::{Cell, Face};
 use crate::time::{Span, Time};
-use std::sync::Arc;
 
 fn beacon(sequence: u32, distance: u16) -> Beacon {
     Beacon {
@@ -44,14 +43,7 @@ fn beside_one() -> (Cube, Time) {
         params: Params::scaled(Span::secs(1), Span::millis(10), 100),
         goals: vec![Goal::compile(&[seed], seed, Growth::Solid).expect("one cell is a goal")],
     };
-    let birth = Birth {
-        id: ModuleId(0),
-        place: Cell::default(),
-        incarnation: Incarnation(0),
-        seed: 1,
-        born: Time::ZERO,
-    };
-    let mut cube = Cube::new(&Arc::new(setup), birth, Time::ZERO);
+    let mut cube = Cube::first(setup);
     for face in [Face::East, Face::North] {
         let (port, session) = (Port(face as u8), Some(Session(1)));
         cube.handle(Time::ZERO, Input::Contact { port, session });

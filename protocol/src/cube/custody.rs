@@ -157,16 +157,15 @@ pub(super) fn is_kept(v: View<'_>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{Agent, Birth, Input, Output};
+    use crate::agent::{Agent, Input, Output};
     use crate::cube::Cube;
     use crate::cube::control::{Order, Status};
     use crate::cube::message::{Beacon, Claim, Entry, Message, Rank};
     use crate::cube::params::{Params, Setup};
     use crate::goal::{Goal, Growth};
-    use crate::ids::{Incarnation, ModuleId, Port, Session};
+    use crate::ids::{ModuleId, Port, Session};
     use crate::lattice::Cell;
     use crate::time::Span;
-    use std::sync::Arc;
 
     const PARENT: Face = Face::East;
     const DEAD: Face = Face::West;
@@ -193,14 +192,7 @@ mod tests {
             let mut params = Params::scaled(Span::secs(1), Span::millis(10), 100);
             params.defect = defect;
             let setup = Setup { params, goals: vec![goal(), goal()] };
-            let birth = Birth {
-                id: ModuleId(0),
-                place: Cell::default(),
-                incarnation: Incarnation(0),
-                seed: 1,
-                born: Time::ZERO,
-            };
-            let cube = Cube::new(&Arc::new(setup), birth, Time::ZERO);
+            let cube = Cube::first(setup);
             let mut bench = Bench { cube, now: Time::ZERO, sequence: 0, reports: vec![], beacons: vec![] };
             for face in [PARENT, DEAD] {
                 let (port, session) = (Port(face as u8), Some(Session(1)));

@@ -236,15 +236,14 @@ impl Cube {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{Agent, Birth, Input};
+    use crate::agent::{Agent, Input};
     use crate::cube::control::Order;
     use crate::cube::message::{Claim, Entry, Rank};
     use crate::cube::params::{Connectivity, Params, Setup};
     use crate::goal::{Goal, Growth};
-    use crate::ids::{Incarnation, ModuleId, Port, Session};
+    use crate::ids::{ModuleId, Port, Session};
     use crate::lattice::Cell;
     use crate::time::Span;
-    use std::sync::Arc;
 
     /// Returns a module in reserve at the origin with a live neighbour in the east and a dead one in the
     /// west.
@@ -254,14 +253,7 @@ mod tests {
             params: Params::scaled(Span::secs(1), Span::millis(10), 100).keeping(Connectivity::Cycles),
             goals: vec![Goal::compile(&[seed, Cell::new(-1, 0, 0)], seed, Growth::Solid).unwrap()],
         };
-        let birth = Birth {
-            id: ModuleId(0),
-            place: Cell::default(),
-            incarnation: Incarnation(0),
-            seed: 1,
-            born: Time::ZERO,
-        };
-        let mut cube = Cube::new(&Arc::new(setup), birth, Time::ZERO);
+        let mut cube = Cube::first(setup);
         let (east, west, session) = (Port(Face::East as u8), Port(Face::West as u8), Session(1));
         for port in [east, west] {
             cube.handle(Time::ZERO, Input::Contact { port, session: Some(session) });

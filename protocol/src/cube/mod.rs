@@ -167,6 +167,16 @@ impl Timer {
     ];
 }
 
+#[cfg(test)]
+impl Cube {
+    /// Creates the module with number 0 at the origin, at time zero.
+    fn first(setup: Setup) -> Cube {
+        let (id, place, born) = (crate::ids::ModuleId(0), Cell::default(), Time::ZERO);
+        let birth = Birth { id, place, incarnation: Incarnation(0), seed: 1, born };
+        Cube::new(&Arc::new(setup), birth, born)
+    }
+}
+
 impl Agent for Cube {
     type Setup = Setup;
     type Place = Cell;

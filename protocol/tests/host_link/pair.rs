@@ -11,7 +11,7 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::{self, Frame, Header};
 
-/// A proof that anyone could make: enough to tell lives and numbers apart.
+/// A proof without a secret: enough to tell lives and numbers apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Plain;
 

@@ -56,6 +56,17 @@ pub struct ViewArgs {
     /// `metamorph scenarios` lists), which is simulated and shown
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+    /// What is simulated.
+    #[command(flatten)]
+    pub simulated: SimulatedArgs,
+    /// The port of the page's address, for example one that is forwarded; default: any free one
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub port: Option<u16>,
+}
+
+/// Options of commands that simulate a scenario if they are given one.
+#[derive(Debug, Args)]
+pub struct SimulatedArgs {
     /// Of a scenario: the seed of the run's randomness
     #[arg(long, value_name = "N", help = left_out("Of a scenario: the seed of the run's randomness", SEED))]
     pub seed: Option<u64>,
@@ -68,21 +79,18 @@ pub struct ViewArgs {
     /// Of a scenario: stop the process of module ID from one time to another (repeatable)
     #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
     pub pause: Vec<String>,
-    /// The port of the page's address, for example one that is forwarded; default: any free one
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
-    pub port: Option<u16>,
 }
 
-impl ViewArgs {
+impl SimulatedArgs {
     /// Returns the overrides of a scenario.
-    pub fn overrides(self) -> Overrides {
-        let setting = |text| Setting { option: "--set", text };
+    pub fn overrides(&self) -> Overrides {
+        let setting = |text: &String| Setting { option: "--set", text: text.clone() };
         Overrides {
             link: LinkKind::Sim,
             seed: self.seed,
-            kill: self.kill,
-            pause: self.pause,
-            settings: self.set.into_iter().map(setting).collect(),
+            kill: self.kill.clone(),
+            pause: self.pause.clone(),
+            settings: self.set.iter().map(setting).collect(),
             ..Overrides::default()
         }
     }

@@ -123,7 +123,7 @@ pub enum Command {
 pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     match command {
         Command::Run(args) => run(args, since, interrupt),
-        Command::View(args) => view(args, since, interrupt),
+        Command::View(args) => view(&args, since, interrupt),
         Command::Check(args) => {
             let (path, overrides) = args.plan.into();
             print_out(&overview(&runs::plan(&path, &overrides)?));

@@ -1,5 +1,6 @@
 //! The command `render`: figures of a journal, or of a scenario that is simulated as far as it is needed.
 
+use crate::cli::args::SimulatedArgs;
 use crate::cli::runs::{self, recorded};
 use crate::console::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use crate::console::escape::{Shown, portable};
@@ -12,9 +13,8 @@ use crate::family;
 use crate::record::journal::{Journal, JournalError, plan_of};
 use crate::report::progress;
 use crate::run::simulated::Simulation;
-use crate::scenario::settings::Setting;
+use crate::scenario::Plan;
 use crate::scenario::shipped::is_scenario;
-use crate::scenario::{LinkKind, Overrides, Plan};
 use crate::view::bodies::ShownSwarm;
 use crate::view::figure::animation::Format;
 use crate::view::figure::camera::Camera;
@@ -55,18 +55,9 @@ pub struct RenderArgs {
     /// How the figure is drawn.
     #[command(flatten)]
     pub style: StyleArgs,
-    /// Of a scenario: the seed of the run's randomness; default: the scenario's
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Of a scenario: set a value in it, as for `run` (repeatable)
-    #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
-    pub set: Vec<String>,
-    /// Of a scenario: kill the process of module ID at time T (repeatable)
-    #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
-    pub kill: Vec<String>,
-    /// Of a scenario: stop the process of module ID from one time to another (repeatable)
-    #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
-    pub pause: Vec<String>,
+    /// What is simulated.
+    #[command(flatten)]
+    pub simulated: SimulatedArgs,
     /// Print errors only
     #[arg(short, long)]
     pub quiet: bool,
@@ -287,16 +278,7 @@ fn style(args: &RenderArgs, kind: Kind) -> Style {
 
 /// Simulates a scenario, no longer than needed.
 fn simulated(args: &RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<Source, Failure> {
-    let setting = |text: &String| Setting { option: "--set", text: text.clone() };
-    let overrides = Overrides {
-        link: LinkKind::Sim,
-        seed: args.seed,
-        kill: args.kill.clone(),
-        pause: args.pause.clone(),
-        settings: args.set.iter().map(setting).collect(),
-        ..Overrides::default()
-    };
-    let plan = runs::plan(&args.file, &overrides)?;
+    let plan = runs::plan(&args.file, &args.simulated.overrides())?;
     let until = match args.at {
         Moment::At(at) => Some(at),
         Moment::Share(_) => None,
@@ -325,11 +307,12 @@ fn simulated(args: &RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
 
 /// Reads a journal.
 fn read(args: &RenderArgs) -> Result<Source, RenderError> {
+    let SimulatedArgs { seed, set, kill, pause } = &args.simulated;
     let given = [
-        ("--seed", args.seed.is_some()),
-        ("--set", !args.set.is_empty()),
-        ("--kill", !args.kill.is_empty()),
-        ("--pause", !args.pause.is_empty()),
+        ("--seed", seed.is_some()),
+        ("--set", !set.is_empty()),
+        ("--kill", !kill.is_empty()),
+        ("--pause", !pause.is_empty()),
     ];
     if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
         return Err(RenderError::OfScenario { option });
@@ -392,8 +375,9 @@ fn command(args: &RenderArgs, style: &Style) -> String {
     add("--title", args.style.title.clone().unwrap_or_default(), "");
     add("--labels", named(&|| style.labels.to_possible_value()), "off");
     add("--theme", named(&|| style.theme.to_possible_value()), "paper");
-    add("--seed", args.seed.map(|seed| seed.to_string()).unwrap_or_default(), "");
-    for (option, values) in [("--set", &args.set), ("--kill", &args.kill), ("--pause", &args.pause)] {
+    let SimulatedArgs { seed, set, kill, pause } = &args.simulated;
+    add("--seed", seed.map(|seed| seed.to_string()).unwrap_or_default(), "");
+    for (option, values) in [("--set", set), ("--kill", kill), ("--pause", pause)] {
         values.iter().for_each(|value| add(option, value.clone(), ""));
     }
     line.join(" ")

@@ -202,7 +202,7 @@ pub fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scene_builder::R
 }
 
 /// Shows a journal, or a scenario that is simulated meanwhile.
-pub fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+pub fn view(args: &ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     if !is_scenario(&args.file) {
         let (scene, damage) = recorded(&args.file)?;
         for trouble in scene.troubles() {
@@ -213,11 +213,10 @@ pub fn view(args: ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u
         wait_for_end(interrupt);
         return damage.map_or(Ok(0), |damage| Err(JournalError::from(damage).into()));
     }
-    let (file, port) = (args.file.clone(), args.port);
-    let plan = plan(&file, &args.overrides())?;
+    let plan = plan(&args.file, &args.simulated.overrides())?;
     let scene = Shared::new(scene(&plan, true));
     interrupt.begin();
-    print_out(&address(&scene, port)?);
+    print_out(&address(&scene, args.port)?);
     let scribe = Some(family::of(&plan).shown(&plan).scribe(scene.clone()));
     let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, scribe);
     scene.lock().finish(report);

@@ -98,7 +98,7 @@ where
         simulated::begin::<F::Swarm>(plan, since)
     }
     fn run_processes(&self, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
-        processes::run(swarm::<F>(plan), plan, processes).map(with_all_parts)
+        processes::run(plan.swarm.own::<F::Swarm>(), plan, processes).map(with_all_parts)
     }
     fn resume(
         &self,
@@ -108,16 +108,16 @@ where
         scribe: Option<Log>,
     ) -> Result<Report, ProcessError> {
         let shared = left.plan.swarm.clone();
-        processes::resume(own::<F>(&shared), left, live, since, scribe).map(with_all_parts)
+        processes::resume(shared.own::<F::Swarm>(), left, live, since, scribe).map(with_all_parts)
     }
     fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed {
-        replay::run(swarm::<F>(plan), plan, journal, request)
+        replay::run(plan.swarm.own::<F::Swarm>(), plan, journal, request)
     }
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError> {
         metamorph_module_agent::run::<AgentOf<F::Swarm>>(args)
     }
     fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm> {
-        let swarm = swarm::<F>(plan);
+        let swarm = plan.swarm.own::<F::Swarm>();
         let (setup, places) = (Arc::clone(swarm.setup()), self.places(swarm));
         Box::new(Bodies::<AgentOf<F::Swarm>> { setup, places })
     }
@@ -129,14 +129,6 @@ fn with_all_parts(mut report: Report) -> Report {
         report.family_parts.entry(key.to_owned()).or_default();
     }
     report
-}
-
-fn swarm<F: FamilyParts>(plan: &Plan) -> &F::Swarm {
-    own::<F>(&plan.swarm)
-}
-
-fn own<F: FamilyParts>(swarm: &crate::scenario::family::Swarm) -> &F::Swarm {
-    swarm.of().expect("invariant: a plan is run by the family that it names")
 }
 
 struct Registry {

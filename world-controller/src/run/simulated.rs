@@ -78,23 +78,19 @@ struct Run<R: Runnable, W: Audited, D: DirectorPort<W>> {
     injected: Time,
 }
 
-fn swarm<R: Runnable>(plan: &Plan) -> &R {
-    plan.swarm.of().expect("invariant: a plan is run by the family that it names")
-}
-
 fn config<R: Runnable>(plan: &Plan) -> SimConfig<<R::World as World>::Agent> {
     SimConfig {
-        setup: Arc::clone(swarm::<R>(plan).setup()),
+        setup: Arc::clone(plan.swarm.own::<R>().setup()),
         link: plan.link.clone(),
         seed: plan.seed,
-        audit_every: swarm::<R>(plan).audit_every(),
+        audit_every: plan.swarm.own::<R>().audit_every(),
         ignore_sessions: plan.swarm.defect() == Some(Defect::IgnoreSessions),
     }
 }
 
 impl<R: Runnable> Run<R, R::World, R::Director> {
     fn plain(plan: &Plan, since: Stopwatch) -> Self {
-        let swarm = swarm::<R>(plan);
+        let swarm = plan.swarm.own::<R>();
         let sim = Sim::new(config::<R>(plan), swarm.world(plan), swarm.director(plan));
         Run::begin(plan, since, sim, |w| w, |d| d)
     }
@@ -102,7 +98,7 @@ impl<R: Runnable> Run<R, R::World, R::Director> {
 
 impl<R: Runnable> Run<R, RecordedWorld<R::World>, RecordedDirector<R::Director>> {
     fn recorded(plan: &Plan, since: Stopwatch, log: Log) -> Self {
-        let swarm = swarm::<R>(plan);
+        let swarm = plan.swarm.own::<R>();
         let world = RecordedWorld::new(swarm.world(plan), log.clone());
         let director = RecordedDirector::new(swarm.director(plan), log.clone());
         let sim = Sim::with_journal(config::<R>(plan), world, director, Some(log));
@@ -123,7 +119,7 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
     }
 
     fn swarm(&self) -> &R {
-        swarm(&self.plan)
+        self.plan.swarm.own()
     }
     fn progress(&self) -> Progress {
         let messages = Some(self.sim.tally().total().sent);

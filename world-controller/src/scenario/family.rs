@@ -185,6 +185,14 @@ impl Swarm {
         let any: &dyn Any = &*self.0;
         any.downcast_ref()
     }
+    /// Returns the swarm of the family that the plan names.
+    ///
+    /// # Panics
+    ///
+    /// If the swarm has another type, which a plan of this family never has.
+    pub fn own<S: SwarmPlan>(&self) -> &S {
+        self.of().expect("invariant: a plan is run by the family that it names")
+    }
     /// Returns the number of modules.
     pub fn len(&self) -> usize {
         self.0.modules()

@@ -13,7 +13,7 @@ pub const CONNECTORS: usize = Connector::ALL.len();
 /// The largest number of phases in a frame.
 pub const PHASES: usize = 5;
 /// No module.
-const NOBODY: u16 = u16::MAX;
+const UNDOCKED: u16 = u16::MAX;
 
 /// What is docked at a connector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -44,7 +44,7 @@ impl Docking {
     fn put(&self, out: &mut Encoder) {
         for docked in &self.0 {
             let (peer, how) =
-                docked.map_or((NOBODY, 0), |d| (d.peer.0 as u16, 4 * d.connector as u8 + d.rotation));
+                docked.map_or((UNDOCKED, 0), |d| (d.peer.0 as u16, 4 * d.connector as u8 + d.rotation));
             out.u16(peer);
             out.u8(how);
         }
@@ -55,8 +55,8 @@ impl Docking {
             let (peer, how) = (from.u16()?, from.u8()?);
             let connector = Connector::ALL.get(usize::from(how / 4)).copied();
             *docked = match peer {
-                NOBODY if how == 0 => None,
-                NOBODY => return Err(WireError::Field("connector")),
+                UNDOCKED if how == 0 => None,
+                UNDOCKED => return Err(WireError::Field("connector")),
                 _ => Some(Docked {
                     peer: module(peer)?,
                     connector: connector.ok_or(WireError::Field("connector"))?,
@@ -85,7 +85,7 @@ impl Wire for Docking {
     }
 }
 
-/// What a module tells everyone about itself.
+/// What a module tells all others about itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LinkState {
     /// The module.
