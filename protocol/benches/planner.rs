@@ -15,7 +15,7 @@ use metamorph_protocol::assembly::named::{line, shape};
 use metamorph_protocol::assembly::space::{Assembly, Goal, Objective};
 use metamorph_protocol::plan::levels::{Counted, Levels};
 use metamorph_protocol::plan::portfolio::Portfolio;
-use metamorph_protocol::plan::search::OPTIMAL;
+use metamorph_protocol::plan::search::{Method, OPTIMAL, Search};
 use metamorph_protocol::plan::{Limits, Outcome, Step};
 use metamorph_protocol::rng::Rng;
 use std::time::Instant;
@@ -34,6 +34,7 @@ fn main() {
         return;
     }
     breadth_first();
+    exact();
     let work = setting("PLANNER_WORK", 200_000);
     for model in [Model::Final, Model::Core, Model::Strict] {
         solve(
@@ -73,6 +74,27 @@ fn breadth_first() {
     println!(
         "breadth-first from line:4: 100,000 expansions in {seconds:.2} s, {states} kept, {:.1} bytes each",
         bytes / states
+    );
+}
+
+/// Measures the search core alone: A* on problems of four modules, all with the same table of shapes.
+fn exact() {
+    let goal = shape("line:4").expect("a known name");
+    let space = Assembly::new(4, rules(Model::Final), Objective::Actions, &Goal::Shape(goal), 20_000);
+    let since = Instant::now();
+    let generated: u64 = fillings("zigzag:4")
+        .iter()
+        .map(|start| {
+            let limits = Limits { memory: 1 << 30, work: 20_000 };
+            let mut search = Search::new(space.clone(), start, limits, Method::astar());
+            while search.advance(1_000) == Step::Running {}
+            search.progress().generated
+        })
+        .sum();
+    let seconds = since.elapsed().as_secs_f64();
+    println!(
+        "A*, zigzag:4 to line:4: {generated} generated in {seconds:.2} s ({:.2} M/s)",
+        generated as f64 / seconds / 1e6
     );
 }
 

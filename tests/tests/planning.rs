@@ -128,6 +128,30 @@ fn counts_distances_and_names() {
     assert!(ran.out.contains("loop:3x3: 4 modules with 4 joined faces"), "{ran:?}");
 }
 
+/// A tower bends into a loop in eight actions on the ground, and in six in the air. A plan in which something else is held
+/// does not check.
+#[test]
+fn structures_on_the_ground_are_planned_and_checked() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("plan.json").display().to_string();
+    let base = ["plan", "--from", "line:4", "--to", "loop:3x3", "--collision", "core", "-o", &file];
+    assert!(run(&base).out.contains("optimal: 6 actions, proved"));
+    for (more, actions) in [("--up x", 8), ("--up z", 9)] {
+        let on_the_ground: Vec<&str> = more.split(' ').chain(["--floor", "--gravity"]).collect();
+        let ran = run(&[&base[..], &on_the_ground].concat());
+        assert!(ran.out.contains(&format!("optimal: {actions} actions, proved")), "{ran:?}");
+        let ran = run(&["plan", "--check", &file]);
+        assert_eq!((ran.code, ran.out.contains("valid")), (Some(0), true), "{ran:?}");
+    }
+    let mut plan: Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
+    for (held, reason) in [(3, "bears"), (9, "module 9, which does not exist")] {
+        plan["ground"]["module"] = json!(held);
+        fs::write(&file, plan.to_string()).unwrap();
+        let ran = run(&["plan", "--check", &file]);
+        assert_eq!((ran.code, ran.err.contains(reason)), (Some(8), true), "{ran:?}");
+    }
+}
+
 fn write(directory: &Path, name: &str, content: &str) -> String {
     let path = directory.join(name);
     fs::write(&path, content).unwrap();
@@ -164,6 +188,14 @@ fn bad_options_are_refused_with_place_reason_and_fix() {
     refused(&plan(&["line:4", "--memory", "99999999999GiB"]), &["more than a machine has"]);
     refused(&plan(&["line:4", "--timeout", "60"]), &["--timeout 60"]);
     refused(&plan(&["line:4", "--planner", "bidirectional"]), &["the goal has no joint values"]);
+    refused(
+        &plan(&["line:4", "--gravity"]),
+        &["the start does not stand", "joint 1 of module 0 bears", "--hold"],
+    );
+    refused(&plan(&["line:4", "--floor", "--hold", "4"]), &["--hold 4", "no such module", "0 to 3"]);
+    refused(&plan(&["line:4", "--floor", "--hold", "0:tail"]), &["--hold 0:tail", "no end `tail`"]);
+    refused(&plan(&["line:4", "--hold", "1"]), &["--hold", "nothing is held"]);
+    refused(&plan(&["line:4", "--up", "-y"]), &["--up", "no direction is up"]);
     refused(&["plan", "--distance", "line:4", "line:3"], &["--distance", "4 modules"]);
 }
 

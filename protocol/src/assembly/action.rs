@@ -2,6 +2,7 @@
 
 use super::collision::{Collision, Model, Turning};
 use super::configuration::{Configuration, Links, MAX_MODULES, Module, Pair, at_hemispheres};
+use super::ground::{Ground, Turn};
 use super::tables::{TABLES, Vec3, add, sub};
 use crate::defects::PlanningDefect;
 use serde::{Deserialize, Serialize};
@@ -50,6 +51,8 @@ pub struct Rules {
     pub connectors: Connectors,
     /// What a turn may touch.
     pub collision: Collision,
+    /// What the ground forbids; `None` in free assembly.
+    pub ground: Option<Ground>,
     /// A defect that a test has injected.
     defect: Option<PlanningDefect>,
 }
@@ -66,7 +69,11 @@ struct Around<'a> {
 impl Rules {
     /// Creates the rules of a collision model.
     pub fn new(connectors: Connectors, model: Model) -> Rules {
-        Rules { connectors, collision: Collision::new(model), defect: None }
+        Rules { connectors, collision: Collision::new(model), ground: None, defect: None }
+    }
+    /// Returns the same rules on the ground.
+    pub fn on(self, ground: Ground) -> Rules {
+        Rules { ground: Some(ground), ..self }
     }
     /// Returns the same rules with a defect, for tests.
     #[doc(hidden)]
@@ -98,7 +105,10 @@ impl Rules {
                 || self.defect == Some(PlanningDefect::DetachBridges)
             {
                 next.set(*pair, false);
-                visit(Action::Detach(*pair), &next);
+                // A loop that opens leaves its load to single joints.
+                if self.ground.is_none_or(|ground| ground.check(&next).is_ok()) {
+                    visit(Action::Detach(*pair), &next);
+                }
                 next.set(*pair, true);
             }
         }
@@ -192,7 +202,15 @@ impl Around<'_> {
             frame: t.times(m.rotation, t.hemisphere[posture][usize::from(joint)]),
             moving,
         };
-        self.rules.collision.is_free(&swept).then_some(next)
+        if !self.rules.collision.is_free(&swept) {
+            return None;
+        }
+        let turn = Turn { module: own, joint, positive, behind: moving };
+        let model = self.rules.collision.model();
+        match &self.rules.ground {
+            None => Some(next),
+            Some(ground) => ground.after(self.configuration, &next, &turn, model),
+        }
     }
 }
 

@@ -12,7 +12,7 @@
 //! merges up to 9 configurations a module into one. Joints still turn by the same steps to the same places.
 
 use super::configuration::{Configuration, MAX_MODULES, Module};
-use super::tables::{TABLES, sub};
+use super::tables::{Rot, TABLES, Vec3, sub};
 
 /// What two configurations must agree in to be the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -21,6 +21,8 @@ pub enum Detail {
     Joints,
     /// Everything except outer joint values and the assignment of an outer hemisphere's connectors to its faces.
     Frames,
+    /// Everything, and the place: configurations on the ground do not move as a whole (see [`ground`](super::ground)).
+    Place,
 }
 
 /// The offset of coordinates in keys, in cells.
@@ -30,19 +32,29 @@ impl Detail {
     /// Returns the bytes of a module other than the root: cell 21 bits, rotation 5, connectors 10, joints 6 or 2.
     const fn bytes(self) -> usize {
         match self {
-            Detail::Joints => 6,
+            Detail::Joints | Detail::Place => 6,
             Detail::Frames => 5,
         }
     }
     /// Returns the number of bytes of the keys of `modules` modules.
     pub const fn key_width(self, modules: usize) -> usize {
-        2 + (modules - 1) * self.bytes()
+        match self {
+            Detail::Place => modules * self.bytes(),
+            Detail::Joints | Detail::Frames => 2 + (modules - 1) * self.bytes(),
+        }
+    }
+    /// Returns the bits of what does not depend on the place of a module.
+    const fn local_bits(self) -> u32 {
+        match self {
+            Detail::Joints | Detail::Place => 16,
+            Detail::Frames => 12,
+        }
     }
 
     /// Returns the module without what this detail leaves out.
     pub fn seen(self, m: &Module) -> Module {
         match self {
-            Detail::Joints => *m,
+            Detail::Joints | Detail::Place => *m,
             Detail::Frames => without_outer_joints(m),
         }
     }
@@ -50,6 +62,14 @@ impl Detail {
     /// Writes the key of a configuration.
     pub fn key(self, configuration: &Configuration, key: &mut [u8]) {
         let n = configuration.len();
+        if self == Detail::Place {
+            let mut list = [0; MAX_MODULES];
+            for (to, m) in list.iter_mut().zip(configuration.modules()) {
+                *to = self.packed(&[*m, m.reversed()], [0; 3], 0);
+            }
+            list[..n].sort_unstable();
+            return self.write(&list[..n], key);
+        }
         let mut ends = [[Module::default(); 2]; MAX_MODULES];
         let mut codes = [[0; 2]; MAX_MODULES];
         let mut least = u16::MAX;
@@ -73,8 +93,12 @@ impl Detail {
             }
         }
         key[..2].copy_from_slice(&least.to_be_bytes());
+        self.write(&best[..n - 1], &mut key[2..]);
+    }
+
+    fn write(self, list: &[u64], key: &mut [u8]) {
         let bytes = self.bytes();
-        for (to, module) in key[2..].chunks_exact_mut(bytes).zip(&best) {
+        for (to, module) in key.chunks_exact_mut(bytes).zip(list) {
             to.copy_from_slice(&module.to_be_bytes()[8 - bytes..]);
         }
     }
@@ -82,45 +106,48 @@ impl Detail {
     /// Packs what does not depend on the place of a module: joint values, and the connectors that hold.
     fn local(self, m: &Module) -> u16 {
         match self {
-            Detail::Joints => u16::from(m.posture) << 10 | m.held,
+            Detail::Joints | Detail::Place => u16::from(m.posture) << 10 | m.held,
             Detail::Frames => u16::from(m.posture / 3) << 10 | m.held,
         }
     }
 
     /// Lists all modules but the root in the frame of the root, in order.
     fn list(self, ends: &[[Module; 2]], root: usize, end: usize, list: &mut [u64; MAX_MODULES]) {
-        let t = &**TABLES;
         let origin = ends[root][end].cell;
-        let back = t.inverse[usize::from(ends[root][end].rotation)];
-        let mut at = 0;
-        for (i, module) in ends.iter().enumerate() {
-            if i == root {
-                continue;
-            }
-            let cells = [0, 1].map(|e| pack(t.rotate(back, sub(module[e].cell, origin))));
-            let first = usize::from(cells[1] < cells[0]);
-            let m = &module[first];
-            let rotation = u64::from(t.times(back, m.rotation));
-            let local_bits = if self == Detail::Joints { 16 } else { 12 };
-            list[at] = (cells[first] << 5 | rotation) << local_bits | u64::from(self.local(m));
-            at += 1;
+        let back = TABLES.inverse[usize::from(ends[root][end].rotation)];
+        let others = ends.iter().enumerate().filter(|(i, _)| *i != root);
+        for (to, (_, module)) in list.iter_mut().zip(others) {
+            *to = self.packed(module, origin, back);
         }
-        list[..at].sort_unstable();
+        list[..ends.len() - 1].sort_unstable();
     }
 
-    /// Returns the configuration with this key whose root is at the origin.
+    /// Packs a module, given from both ends, in the frame with this origin whose inverse rotation is `back`: from the
+    /// end whose cell is smaller.
+    fn packed(self, module: &[Module; 2], origin: Vec3, back: Rot) -> u64 {
+        let t = &**TABLES;
+        let cells = [0, 1].map(|e| pack(t.rotate(back, sub(module[e].cell, origin))));
+        let first = usize::from(cells[1] < cells[0]);
+        let m = &module[first];
+        let rotation = u64::from(t.times(back, m.rotation));
+        (cells[first] << 5 | rotation) << self.local_bits() | u64::from(self.local(m))
+    }
+
+    /// Returns the configuration with this key; its root is at the origin, unless the key has its place.
     pub fn configuration(self, key: &[u8]) -> Configuration {
         let mut modules = [Module::default(); MAX_MODULES];
         let local = |m: &mut Module, code: u16| {
             m.held = code & 0x3ff;
             m.posture = (code >> 10) as u8 * if self == Detail::Frames { 3 } else { 1 };
         };
-        local(&mut modules[0], u16::from_be_bytes([key[0], key[1]]));
-        let bytes = self.bytes();
-        let mut n = 1;
-        for from in key[2..].chunks_exact(bytes) {
+        let (mut n, mut rest) = (0, key);
+        if self != Detail::Place {
+            local(&mut modules[0], u16::from_be_bytes([key[0], key[1]]));
+            (n, rest) = (1, &key[2..]);
+        }
+        for from in rest.chunks_exact(self.bytes()) {
             let code = from.iter().fold(0_u64, |code, b| code << 8 | u64::from(*b));
-            let local_bits = if self == Detail::Joints { 16 } else { 12 };
+            let local_bits = self.local_bits();
             local(&mut modules[n], (code & ((1 << local_bits) - 1)) as u16);
             modules[n].rotation = (code >> local_bits & 31) as u8;
             modules[n].cell = unpack(code >> (local_bits + 5));

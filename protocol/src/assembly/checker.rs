@@ -4,6 +4,7 @@
 //! written against the model of [`roombots`](crate::roombots) alone.
 
 use super::collision::Model;
+use super::standing::{Standing, Turned};
 use crate::lattice::Cell;
 use crate::roombots::body::Body;
 use crate::roombots::chain::{Pose, diagonal, rotation};
@@ -83,6 +84,26 @@ pub enum Refusal {
     /// Two modules touch on the way.
     #[error("modules {0} and {1} touch during the turn")]
     Touch(usize, usize),
+    /// A module is below the floor.
+    #[error("module {0} is below the floor")]
+    BelowFloor(usize),
+    /// A module goes into the floor on the way.
+    #[error("module {0} goes into the floor during the turn")]
+    IntoFloor(usize),
+    /// A joint bears more than it can.
+    #[error(
+        "joint {joint} of module {module} bears {torque} Nm, more than it can",
+        joint = .joint + 1,
+        torque = f64::from(*.millis) / 1000.0
+    )]
+    Overloaded {
+        /// The module.
+        module: usize,
+        /// The joint, from 0.
+        joint: usize,
+        /// The torque in mNm.
+        millis: u32,
+    },
 }
 
 fn name((module, connector): &Place) -> String {
@@ -96,16 +117,18 @@ pub struct Physics {
     pub collision: Model,
     /// True if one connector of each connection must be active: C0X or C3X.
     pub active: bool,
+    /// What the structure stands on; `None` in free assembly.
+    pub standing: Option<Standing>,
 }
 
 impl Robot {
     /// Returns the frames of its hemispheres.
-    fn hemispheres(&self) -> [LatticeRotation; 4] {
+    pub(super) fn hemispheres(&self) -> [LatticeRotation; 4] {
         let placement = self.posture.placement();
         [0, 1, 2, 3].map(|h| self.foot.rotation * placement.rotations[h])
     }
     /// Returns the centres of its cubes, in half cells.
-    fn centres(&self) -> [[i16; 3]; 2] {
+    pub(super) fn centres(&self) -> [[i16; 3]; 2] {
         let placement = self.posture.placement();
         [0, 1].map(|c| {
             let cell = placement.cells[c];
@@ -149,6 +172,11 @@ impl World {
         self.whole()
     }
 
+    /// Returns twice the height of its lowest cube's bottom, in cells.
+    pub fn lowest(&self) -> i16 {
+        self.robots.iter().flat_map(|r| r.centres()).map(|c| c[2] - 1).min().unwrap_or(0)
+    }
+
     fn robot(&self, module: usize) -> Result<&Robot, Refusal> {
         self.robots.get(module).ok_or(Refusal::NoModule(module))
     }
@@ -177,7 +205,11 @@ impl World {
         lost.map_or(Ok(()), |m| Err(Refusal::Parted(m)))
     }
     /// Returns the hemispheres connected with `from` when the joint `without` (module and joint) is cut.
-    fn flood(&self, from: (usize, usize), without: Option<(usize, usize)>) -> BTreeSet<(usize, usize)> {
+    pub(super) fn flood(
+        &self,
+        from: (usize, usize),
+        without: Option<(usize, usize)>,
+    ) -> BTreeSet<(usize, usize)> {
         let mut reached = BTreeSet::from([from]);
         let mut edge = vec![from];
         while let Some((m, h)) = edge.pop() {
@@ -232,6 +264,18 @@ impl World {
                     return Err(Refusal::Locked(module, joint));
                 }
                 self.sweep(module, joint, positive, &behind, physics.collision)?;
+                let standing = physics.standing.as_ref();
+                let held_moves = standing.is_some_and(|s| behind.contains(&s.held));
+                if let Some(standing) = standing {
+                    let front;
+                    let moves = if held_moves {
+                        front = self.flood((module, joint), Some((module, joint)));
+                        &front
+                    } else {
+                        &behind
+                    };
+                    standing.sweep(self, &Turned { module, joint, positive, moves }, physics.collision)?;
+                }
                 let axis = robot.hemispheres()[joint];
                 let one = if joint == 1 { LatticeRotation::QUARTER } else { LatticeRotation::DIAGONAL };
                 let one = if positive { one } else { one.inverse() };
@@ -253,9 +297,13 @@ impl World {
                 };
                 let posture = &mut next.robots[module].posture;
                 *posture = (0..times).fold(*posture, |p, _| p.turned(joint));
+                if held_moves {
+                    next.robots.iter_mut().for_each(|r| r.foot = about.inverse().compose(r.foot));
+                }
                 next.check()?;
             }
         }
+        physics.standing.map_or(Ok(()), |standing| standing.check(&next))?;
         Ok(next)
     }
 

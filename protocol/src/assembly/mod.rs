@@ -9,6 +9,9 @@ pub mod canonical;
 pub mod checker;
 pub mod collision;
 pub mod configuration;
+pub mod ground;
+#[cfg(test)]
+mod ground_tests;
 pub mod kept_edges;
 pub mod named;
 pub mod recognise;
@@ -18,6 +21,7 @@ pub mod shape_distance;
 pub mod shape_graph;
 pub mod similarity;
 pub mod space;
+pub mod standing;
 pub mod structure;
 pub mod tables;
 #[cfg(test)]

@@ -104,7 +104,11 @@ impl Assembly {
         };
         let by_shape = key.as_ref().is_some_and(|(by_shape, _)| *by_shape);
         let alike = rules.connectors == super::action::Connectors::All;
-        let detail = if by_shape && alike { Detail::Frames } else { Detail::Joints };
+        let detail = match rules.ground {
+            Some(_) => Detail::Place,
+            None if by_shape && alike => Detail::Frames,
+            None => Detail::Joints,
+        };
         let distance = shape.map(|shape| Rc::new(ShapeDistance::to(&shape, prices, shapes)));
         let kept = shape.map(|shape| KeptEdges::to(&shape, prices));
         let spectrum = shape.map_or(Vec::new(), |shape| spectrum(&shape));
@@ -112,7 +116,8 @@ impl Assembly {
     }
     /// Returns the same space with states told apart in all detail.
     pub fn in_full(self) -> Assembly {
-        Assembly { detail: Detail::Joints, ..self }
+        let detail = if self.rules.ground.is_some() { Detail::Place } else { Detail::Joints };
+        Assembly { detail, ..self }
     }
     /// Returns the same space without the kept-edges bound.
     pub fn by_shape_only(self) -> Assembly {

@@ -20,14 +20,14 @@ use crate::roombots::Kind;
 use crate::roombots::connector::Connector;
 use crate::roombots::posture::Posture;
 
-const LIMITS: Limits = Limits { memory: 1 << 30, work: u64::MAX };
+pub(super) const LIMITS: Limits = Limits { memory: 1 << 30, work: u64::MAX };
 
-fn rules(model: Model) -> Rules {
+pub(super) fn rules(model: Model) -> Rules {
     Rules::new(Connectors::All, model)
 }
 
 /// Returns a configuration some random actions away from a line.
-fn drawn(rng: &mut Rng, modules: usize, steps: u64) -> Configuration {
+pub(super) fn drawn(rng: &mut Rng, modules: usize, steps: u64) -> Configuration {
     let types: Vec<u8> = (1..modules).map(|_| rng.below(4) as u8).collect();
     let mut at = line(&types).unwrap();
     let rules = rules(Model::Final);
@@ -39,7 +39,7 @@ fn drawn(rng: &mut Rng, modules: usize, steps: u64) -> Configuration {
     at
 }
 
-fn world(c: &Configuration) -> World {
+pub(super) fn world(c: &Configuration) -> World {
     let t = &**TABLES;
     let robots = c.modules().iter().map(|m| {
         let steps = Posture::from_code(Kind::Single, m.posture.into()).steps().try_into().unwrap();
@@ -50,7 +50,7 @@ fn world(c: &Configuration) -> World {
     World { robots: robots.collect(), held }
 }
 
-fn physical(action: Action) -> PhysicalAction {
+pub(super) fn physical(action: Action) -> PhysicalAction {
     let place = |(m, c): (u8, u8)| (usize::from(m), Connector::ALL[usize::from(c)]);
     match action {
         Action::Attach(p) => PhysicalAction::Attach(place(p.a), place(p.b)),
@@ -66,7 +66,7 @@ fn physical(action: Action) -> PhysicalAction {
 fn the_checker_permits_what_the_planner_generates_and_nothing_else() {
     let mut rng = Rng::named(1, "checker", 0);
     for model in [Model::Final, Model::Core, Model::Strict] {
-        let physics = Physics { collision: model, active: false };
+        let physics = Physics { collision: model, active: false, standing: None };
         let rules = rules(model);
         let rounds = if model == Model::Final { 60 } else { 3 };
         for round in 0..rounds {
@@ -96,7 +96,7 @@ fn the_checker_permits_what_the_planner_generates_and_nothing_else() {
 
 /// Returns why the checker refuses an action that rules with a defect generate; the first such refusal.
 fn refusal(defect: PlanningDefect, model: Model) -> Option<Refusal> {
-    let physics = Physics { collision: model, active: false };
+    let physics = Physics { collision: model, active: false, standing: None };
     let defective = rules(model).with(defect);
     (0..400).find_map(|seed| {
         let mut rng = Rng::named(seed, "defects", 0);
@@ -146,7 +146,7 @@ fn a_search_that_visits_by_shape_misses_a_goal() {
     assert!(missed.is_some());
 }
 
-fn all_physical_actions(c: &Configuration) -> Vec<PhysicalAction> {
+pub(super) fn all_physical_actions(c: &Configuration) -> Vec<PhysicalAction> {
     let mut actions = Vec::new();
     let n = c.len();
     for m in 0..n {
@@ -294,7 +294,7 @@ fn optimum(from: &Configuration, space: &Assembly) -> u32 {
     assert_eq!(lower, path.cost);
     let plan = actions(search.space(), from, &path.keys).expect("the keys are a path");
     assert_eq!(plan.len() as u32, path.cost);
-    let physics = Physics { collision: model, active: false };
+    let physics = Physics { collision: model, active: false, standing: None };
     let mut at = *from;
     let mut world = world(from);
     for action in plan {

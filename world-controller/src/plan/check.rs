@@ -40,9 +40,16 @@ pub fn check(place: &str, plan: &PlanFile) -> Result<(), PlanError> {
     if plan.actions.len() > MOST_ACTIONS {
         return Err(bad(None, format!("it has more than {MOST_ACTIONS} actions")));
     }
-    let physics = physics(plan.collision, plan.connectors);
     let mut at = world(&start);
     at.check().map_err(|e| bad(None, format!("the start: {e}")))?;
+    let physics = physics(plan, &at);
+    if let Some(standing) = physics.standing {
+        let held = standing.held.0;
+        if held >= at.robots.len() {
+            return Err(bad(None, format!("`ground` holds module {held}, which does not exist")));
+        }
+        standing.check(&at).map_err(|e| bad(None, format!("the start: {e}")))?;
+    }
     let prices = plan.objective.prices();
     let mut cost = 0;
     for (i, step) in plan.actions.iter().enumerate() {

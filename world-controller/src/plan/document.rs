@@ -119,6 +119,9 @@ pub struct PlanFile {
     /// Which connectors can connect: all or active.
     #[schemars(with = "String")]
     pub connectors: Connectors,
+    /// What the structure stands on; absent in free assembly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ground: Option<GroundEntry>,
     /// The actions in an order in which they can be carried out.
     pub actions: Vec<Step>,
     /// The cost.
@@ -129,6 +132,20 @@ pub struct PlanFile {
     pub planner: String,
     /// The states that the planner expanded.
     pub expanded: u64,
+}
+
+/// What a structure stands on. Up is +z of the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GroundEntry {
+    /// The module that is held.
+    pub module: usize,
+    /// True if it is held by its head, false by its foot.
+    pub head: bool,
+    /// True if the floor is solid; it lies below the lowest cell of the start.
+    pub floor: bool,
+    /// True if the static torque of joints is limited.
+    pub gravity: bool,
 }
 
 /// An action of a plan.

@@ -1,7 +1,7 @@
 //! `metamorph plan`: plans the reconfiguration of free modules, exactly; checks plans, compares and counts structures.
 //!
 //! `input`, `connected` and `document` read and write files, `solve` drives a planner, `order` finds what may happen at
-//! once, `check` is the independent check of a plan, `compare` has the questions without a plan. The planners themselves
+//! once, `ground` reads how it stands, `check` is the independent check of a plan, `compare` has the questions without a plan. The planners themselves
 //! are in `metamorph_protocol::plan` and `assembly`.
 
 mod check;
@@ -9,6 +9,7 @@ mod compare;
 pub mod connected;
 pub mod document;
 mod error;
+mod ground;
 pub mod input;
 mod order;
 pub mod solve;
@@ -42,6 +43,7 @@ Examples:
   metamorph plan --from line:4 --to loop:3x3 --types 123 --collision final -o plan.json
   metamorph plan --check plan.json                       carry it out, independently of the planner
   metamorph plan --from zigzag:4 --to line:4 --seed 1 --planner ara --timeout 60s
+  metamorph plan --from line:4 --to loop:3x3 --collision core --floor --gravity --up x     a tower
   metamorph plan --distance line:4 ell:4
   metamorph plan --recognise structure.json
   metamorph plan --count line:4
@@ -87,6 +89,20 @@ pub struct PlanArgs {
     /// Which connectors can connect: all, or one of the two must be C0X or C3X (active)
     #[arg(long, value_enum, default_value_t = ConnectorsArg::All)]
     pub connectors: ConnectorsArg,
+    /// The floor is solid: nothing goes below the lowest cell of the start, nor deeper into the floor on the way than
+    /// --collision permits (final: any depth, core: 11 mm, strict: 2.2 mm)
+    #[arg(long, requires = "from")]
+    pub floor: bool,
+    /// Joints bear the weight: at most 4.9 Nm (outer) and 3.6 Nm (middle), at rest and during turns
+    #[arg(long, requires = "from")]
+    pub gravity: bool,
+    /// With --floor or --gravity: the module whose foot is held by the ground, or with `:head` its other end; the side of
+    /// a joint without it moves; default: 0
+    #[arg(long, value_name = "MODULE[:head]", requires = "from")]
+    pub hold: Option<String>,
+    /// With --floor or --gravity: the direction of the start that is up
+    #[arg(long, value_enum, default_value_t = Up::Z, allow_hyphen_values = true)]
+    pub up: Up,
     /// The planner
     #[arg(long, value_enum, default_value_t = Planner::Auto)]
     pub planner: Planner,
@@ -124,6 +140,26 @@ pub struct PlanArgs {
     /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// A direction, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Up {
+    /// +x
+    X,
+    /// -x
+    #[value(name = "-x")]
+    NegativeX,
+    /// +y
+    Y,
+    /// -y
+    #[value(name = "-y")]
+    NegativeY,
+    /// +z
+    Z,
+    /// -z
+    #[value(name = "-z")]
+    NegativeZ,
 }
 
 /// An objective, as typed.
@@ -269,10 +305,16 @@ fn problem(args: &PlanArgs) -> Result<Problem, PlanError> {
         ObjectiveArg::Turns => Objective::Turns,
         ObjectiveArg::Moves => Objective::Moves,
     };
+    let standing = ground::standing(args, &start)?;
+    let (start, rules) = match &standing {
+        Some((start, _, ground)) => (*start, rules(args).on(*ground)),
+        None => (start, rules(args)),
+    };
     let problem = Problem {
         start,
         goal,
-        rules: rules(args),
+        rules,
+        ground: standing.map(|(_, entry, _)| entry),
         objective,
         planner: args.planner,
         weight: weight(args)?,
@@ -280,6 +322,10 @@ fn problem(args: &PlanArgs) -> Result<Problem, PlanError> {
         timeout: args.timeout.as_deref().map(timeout).transpose()?,
     };
     if args.planner == Planner::Bidirectional {
+        if problem.ground.is_some() {
+            let reason = "on the ground it matters where the goal stands, which the goal does not say";
+            return Err(PlanError::option("--planner bidirectional", reason, "use --planner astar"));
+        }
         let fix = "name a file with joint values by --to, or use --planner astar";
         if matches!(problem.goal, Structured::Shape(_)) {
             return Err(PlanError::option("--planner bidirectional", "the goal has no joint values", fix));

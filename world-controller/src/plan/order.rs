@@ -56,7 +56,9 @@ pub fn of(rules: &Rules, start: &Configuration, actions: &[Action]) -> Order {
     for i in 0..actions.len() {
         let (mut known, mut direct, mut deepest) = (vec![false; i], Vec::new(), 0);
         for j in (0..i).rev() {
-            if known[j] || independent(moved[i].as_ref(), moved[j].as_ref()) {
+            // On the ground two turns at once may bear more than one after the other.
+            let free = rules.ground.is_none() && independent(moved[i].as_ref(), moved[j].as_ref());
+            if known[j] || free {
                 continue;
             }
             direct.push(j);

@@ -1,6 +1,8 @@
 //! Drives a planner: slices of work, time limit, Ctrl-C, progress; and makes a plan file of its path.
 
-use super::document::{Answer, Counts, PLAN, PlanFile, Step as PlannedStep, VERSION, Verdict, What};
+use super::document::{
+    Answer, Counts, GroundEntry, PLAN, PlanFile, Step as PlannedStep, VERSION, Verdict, What,
+};
 use super::input::{Structured, configuration_document, shape_document};
 use super::order;
 use crate::console::format::{bytes, count};
@@ -8,11 +10,11 @@ use crate::console::interrupt::Interrupt;
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::Live;
 use clap::ValueEnum;
-use metamorph_protocol::assembly::action::{Action, Rules};
+use metamorph_protocol::assembly::action::{Action, Connectors, Rules};
 use metamorph_protocol::assembly::checker::{PhysicalAction, Physics, World, robot};
-use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::assembly::configuration::Configuration;
 use metamorph_protocol::assembly::space::{Assembly, Goal, Objective};
+use metamorph_protocol::assembly::standing::Standing;
 use metamorph_protocol::assembly::tables::TABLES;
 use metamorph_protocol::plan::bidirectional::Bidirectional;
 use metamorph_protocol::plan::portfolio::Portfolio;
@@ -56,6 +58,8 @@ pub struct Problem {
     pub goal: Structured,
     /// The rules that decide which actions are possible.
     pub rules: Rules,
+    /// How it stands, in the terms of a plan file; the rules have the same.
+    pub ground: Option<GroundEntry>,
     /// What the cost is.
     pub objective: Objective,
     /// Who plans.
@@ -133,7 +137,9 @@ impl Problem {
     /// Returns the planner that `auto` stands for.
     pub fn chosen(&self) -> Planner {
         match (self.planner, &self.goal, self.objective) {
-            (Planner::Auto, Structured::Configuration(_), Objective::Actions) => Planner::Bidirectional,
+            (Planner::Auto, Structured::Configuration(_), Objective::Actions) if self.ground.is_none() => {
+                Planner::Bidirectional
+            }
             (Planner::Auto, ..) => Planner::Portfolio,
             (other, ..) => other,
         }
@@ -270,6 +276,7 @@ impl Problem {
             objective: self.objective,
             collision: self.rules.collision.model(),
             connectors: self.rules.connectors,
+            ground: self.ground,
             actions: steps,
             cost,
             lower,
@@ -319,10 +326,12 @@ pub fn physical(action: Action) -> PhysicalAction {
     }
 }
 
-/// Returns what a plan is checked against.
-pub fn physics(model: Model, connectors: metamorph_protocol::assembly::action::Connectors) -> Physics {
-    Physics {
-        collision: model,
-        active: connectors == metamorph_protocol::assembly::action::Connectors::Active,
-    }
+/// Returns what a plan is checked against. `start` is where it begins.
+pub fn physics(plan: &PlanFile, start: &World) -> Physics {
+    let standing = plan.ground.map(|g| Standing {
+        held: (g.module, if g.head { 3 } else { 0 }),
+        floor: g.floor.then(|| start.lowest()),
+        gravity: g.gravity,
+    });
+    Physics { collision: plan.collision, active: plan.connectors == Connectors::Active, standing }
 }
