@@ -4,8 +4,10 @@
 //! and an agent process delays, drops or duplicates what it sends in the same way. Links keep their order
 //! unless a message is drawn to be reordered.
 
+mod controller;
 mod hosts;
 
+pub use controller::ControllerLink;
 pub use hosts::{ClockOffset, Hosts, HostsError};
 
 use crate::ids::ModuleId;
@@ -56,6 +58,8 @@ pub struct LinkModel {
     /// The hosts that modules run on; `None` if there is only one. Messages between two hosts have the fate that the
     /// link of these hosts draws.
     pub hosts: Option<Arc<Hosts>>,
+    /// What delays orders and reports; `None` if they take no time. Messages between modules do not use it.
+    pub controller: Option<ControllerLink>,
 }
 
 /// One copy of a message under way.

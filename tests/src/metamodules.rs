@@ -278,6 +278,7 @@ impl Assembly {
             relocate: self.relocate,
             follow: self.follow,
             hands_over: true,
+            round_trip: Span::ZERO,
         };
         let director = MetamoduleDirector::new(Arc::clone(&self.setup), self.start.len(), plan);
         let config = SimConfig {

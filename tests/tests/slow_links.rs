@@ -19,13 +19,16 @@ shape = { sphere = { center = [2, 2, 2], radius = 2 } }
 ";
 
 fn run(text: &str, delay: &str, loss: &str, seed: u64) -> Report {
-    let overrides = Overrides {
-        link: LinkKind::Sim,
-        seed: Some(seed),
-        delay: Some(delay.to_owned()),
-        loss: Some(loss.to_owned()),
-        ..Overrides::default()
-    };
+    let (delay, loss) = (Some(delay.to_owned()), Some(loss.to_owned()));
+    simulated(text, Overrides { seed: Some(seed), delay, loss, ..Overrides::default() })
+}
+
+fn run_as_written(text: &str, seed: u64) -> Report {
+    simulated(text, Overrides { seed: Some(seed), ..Overrides::default() })
+}
+
+fn simulated(text: &str, overrides: Overrides) -> Report {
+    let overrides = Overrides { link: LinkKind::Sim, ..overrides };
     let plan = read_text("slow.toml", text, &overrides).unwrap_or_else(|diagnostics| panic!("{diagnostics}"));
     simulate(&plan, Stopwatch::start(), &mut |_, _| true).0
 }
@@ -36,6 +39,35 @@ fn builds(text: &str, delay: &str, loss: &str, seeds: u64) {
         let report = run(text, delay, loss, seed);
         assert_eq!(report.outcome, "built", "delay {delay}, loss {loss}, seed {seed}: {}", report.reason);
     }
+}
+
+/// Orders and reports that are late, and of which a fifth is sent more than once: nothing breaks, all is built, and the
+/// planned swarm, which waits for orders, is slowed more than one that decides for itself.
+#[test]
+fn swarms_build_although_orders_and_reports_are_late() {
+    let planned = shipped("chair.toml") + "\n[protocol]\nstrategy = \"planned\"\n";
+    let mut slowed = Vec::new();
+    for (name, text) in
+        [("cubes", CUBES.to_owned()), ("negotiated", shipped("chair.toml")), ("planned", planned)]
+    {
+        let late = format!("{text}\n[link.controller]\ndelay = \"500ms..2s\"\nloss = \"20%\"\n");
+        let (mut usual, mut makespan) = (0.0, 0.0);
+        for seed in 0..12 {
+            let at_once = run_as_written(&text, seed);
+            let report = run_as_written(&late, seed);
+            let place = format!("{name}, seed {seed}: {}", report.reason);
+            assert_eq!((report.outcome.as_str(), report.invariants.broken), ("built", 0), "{place}");
+            let control = report.controller.unwrap();
+            assert!(control.lost > 0 && control.reports > control.lost, "{place}: {control:?}");
+            assert_eq!(control.orders > 0, name != "cubes", "{place}: {control:?}");
+            assert_eq!(at_once.controller.unwrap().lost, 0, "{place}");
+            usual += at_once.time.virtual_s;
+            makespan += report.time.virtual_s;
+        }
+        slowed.push(makespan / usual);
+    }
+    let [_, negotiated, planned] = slowed[..] else { panic!("{slowed:?}") };
+    assert!(planned > 1.2 * negotiated, "{slowed:?}");
 }
 
 fn shipped(name: &str) -> String {

@@ -10,7 +10,7 @@ mod audit;
 mod bodies;
 mod module;
 
-pub use bodies::{Crossed, Crossings};
+pub use bodies::{ControlCounts, Crossed, Crossings};
 
 use crate::director::port::DirectorPort;
 use crate::kernel::audited::{Agents, Audited};
@@ -20,7 +20,7 @@ use crate::kernel::state::States;
 use crate::kernel::trace::Trace;
 use crate::world::invariants::SESSION_CURRENT;
 use crate::world::invariants::{self, Violation};
-use bodies::{BodyMessage, HostStreams};
+use bodies::{BodyMessage, ControlStreams, HostStreams, Posted};
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::{Class, Tally};
 use metamorph_protocol::coverage::{CoveragePoint, hit};
@@ -66,8 +66,8 @@ enum Event {
     /// A message arrives; its index in the slab.
     Arrive(u32),
     Wake(ModuleId),
-    /// The stream between an agent on another host and the controller delivers; the index in its slab.
-    Stream(u32),
+    /// A message between an agent and the controller arrives; the index in its slab.
+    Posted(u32),
 }
 
 /// The result of [`Sim::step`].
@@ -94,7 +94,12 @@ pub struct Sim<W: Audited, D: DirectorPort<W>> {
     queue: Queue<Event>,
     parcels: Slab<InFlight<<W::Agent as Agent>::Message>>,
     /// What several hosts add; `None` if there is only one.
-    hosts: Option<HostStreams<W::Agent>>,
+    hosts: Option<HostStreams>,
+    /// What a link for orders and reports adds; `None` if they take no time.
+    controller: Option<ControlStreams>,
+    /// Messages under way between agents and the controller.
+    posted: Slab<Posted<W::Agent>>,
+    control: ControlCounts,
     tally: Tally,
     body_messages: u64,
     trace: Trace,
@@ -120,6 +125,8 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     /// Creates a run that records the steps of agents. World and director must then be wrappers that record, too.
     pub fn with_journal(config: SimConfig<W::Agent>, world: W, director: D, log: Option<Log>) -> Self {
         let hosts = config.link.hosts.clone().map(|hosts| HostStreams::new(hosts, config.seed));
+        let controller = config.link.controller.clone();
+        let controller = controller.map(|link| ControlStreams::new(link, world.len(), config.seed));
         let modules: Vec<Module<W::Agent>> = (0..world.len())
             .map(|i| Module {
                 rng: Rng::named(config.seed, "link", i as u64),
@@ -142,6 +149,9 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             queue: Queue::new(config.link.delay_max),
             parcels: Slab::new(),
             hosts,
+            controller,
+            posted: Slab::new(),
+            control: ControlCounts::default(),
             config,
             world,
             director,
@@ -277,7 +287,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             let events = coming.iter().skip(from).take(AT_HAND);
             events.filter_map(|e| match e.what {
                 Event::Arrive(index) => self.parcels.get(index as usize),
-                Event::Wake(_) | Event::Stream(_) => None,
+                Event::Wake(_) | Event::Posted(_) => None,
             })
         };
         let mut read = 0;
@@ -312,7 +322,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
                 let parcel = self.parcels.remove(index as usize);
                 self.arrive(parcel);
             }
-            Event::Stream(index) => self.stream_delivers(index),
+            Event::Posted(index) => self.posted_arrives(index),
         }
         self.settle();
     }

@@ -21,7 +21,7 @@ use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, Stands
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
-use metamorph_protocol::time::Time;
+use metamorph_protocol::time::{Span, Time};
 use plan_execution::{PlanExecution, Swarm};
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -55,6 +55,8 @@ pub struct MetamodulePlan {
     pub follow: bool,
     /// True if metamodules may decide for themselves where a plan leaves seeds unfilled (`planned` only).
     pub hands_over: bool,
+    /// How long an order and the report of its result are under way at most.
+    pub round_trip: Span,
 }
 
 /// The director of a swarm of metamodules.
@@ -108,7 +110,8 @@ fn opened(goal: &Blueprint, now: Time) -> Stage {
 impl MetamoduleDirector {
     /// Creates a director for a swarm of this many metamodules.
     pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
-        let MetamodulePlan { schedule, stop, failure, changes, relocate, follow, hands_over } = plan;
+        let MetamodulePlan { schedule, stop, failure, changes, relocate, follow, hands_over, round_trip } =
+            plan;
         let is_planned = setup.params.strategy == Strategy::Planned;
         let stages = vec![opened(setup.goal(Task::default()), Time::ZERO)];
         MetamoduleDirector {
@@ -142,7 +145,7 @@ impl MetamoduleDirector {
             follow,
             detected: None,
             alarms: 0,
-            execution: is_planned.then(|| PlanExecution::new(hands_over)),
+            execution: is_planned.then(|| PlanExecution::new(hands_over, round_trip)),
         }
     }
 

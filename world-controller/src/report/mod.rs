@@ -29,7 +29,7 @@ use metamorph_protocol::counters::{Counts, Tally};
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::faults::Fault;
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
-use metamorph_sim_bridge::kernel::sim::Crossings;
+use metamorph_sim_bridge::kernel::sim::{ControlCounts, Crossings};
 use metamorph_sim_bridge::world::invariants::Violation;
 use prospect::{Possible, Prospect};
 use schema::{
@@ -51,6 +51,8 @@ pub struct Facts<'a> {
     pub tally: &'a Tally,
     /// Messages between agents, bodies and controller, not counted as protocol messages.
     pub body_messages: u64,
+    /// What passed between the controller and the agents; `None` if it was not counted.
+    pub control: Option<ControlCounts>,
     /// What crossed between hosts, if there were several.
     pub crossings: Crossings,
     /// Violations kept, in order.
@@ -125,6 +127,9 @@ pub fn report(facts: &Facts<'_>) -> Report {
         family_text: part.map(|part| part.text.clone()).unwrap_or_default(),
         messages: messages(facts.tally, facts.left.as_ref()),
         body_messages: facts.body_messages,
+        controller: facts.control.map(|ControlCounts { orders, reports, bytes, lost }| {
+            schema::ControllerReport { orders, reports, bytes, lost }
+        }),
         hosts: HostsReport::of(plan, &facts.crossings),
         time: Times {
             virtual_s: facts.now.as_secs_f64(),

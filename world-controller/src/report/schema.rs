@@ -64,6 +64,9 @@ pub struct Report {
     /// Messages between agents, bodies and controller: actions, percepts, contact changes, reports, orders.
     /// They are not protocol messages.
     pub body_messages: u64,
+    /// Orders and reports, which are among the messages before; null on `ipc`, where they are not told apart.
+    #[serde(default)]
+    pub controller: Option<ControllerReport>,
     /// The hosts, and what crossed between them; null if there was one host only.
     #[serde(default)]
     pub hosts: Option<HostsReport>,
@@ -92,6 +95,19 @@ pub struct Report {
     pub repeat: String,
     /// The machine that ran it.
     pub machine: Machine,
+}
+
+/// What passed between the controller and the agents.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ControllerReport {
+    /// Orders to living agents.
+    pub orders: u64,
+    /// Reports of agents.
+    pub reports: u64,
+    /// Bytes of both, headers included; what was sent again counts once.
+    pub bytes: u64,
+    /// Sendings that were lost, each of which was made again.
+    pub lost: u64,
 }
 
 /// Processes or simulated agents.

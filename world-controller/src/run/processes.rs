@@ -267,6 +267,7 @@ fn conclude<R: Runnable>(
         time_step: swarm.time_step(),
         tally: &outcome.tally,
         body_messages: outcome.body_messages + outcome.control_messages,
+        control: None,
         crossings: Crossings::new(),
         violations: &violations,
         broken: violations.len() as u64,

@@ -146,6 +146,7 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
             violations,
             broken,
             checked: sim.checked(),
+            control: Some(sim.control()),
             crossings: sim.crossings(),
             now: sim.now(),
             wall,

@@ -12,6 +12,7 @@
 //! allow. Absent: running anything.
 
 pub mod bounds;
+mod controller_link;
 pub mod diagnostics;
 pub mod error;
 pub mod family;

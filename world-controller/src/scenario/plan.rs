@@ -12,7 +12,7 @@ use super::table::Delay;
 use super::{LinkKind, Overrides, Plan, StagePlan};
 use crate::console::format::{count, listed};
 use metamorph_protocol::ids::HostId;
-use metamorph_protocol::link::{Hosts, LinkModel, Partition};
+use metamorph_protocol::link::{ControllerLink, Hosts, LinkModel, Partition};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::progress::Stop;
@@ -45,7 +45,8 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
     let skew = raw.hosts.as_ref().map_or(Span::ZERO, RawHosts::skew);
     let context = DraftContext { time_step, usual_delay, passage, skew, seed: raw.seed };
     let draft = swarm.draft(&context, diagnostics)?;
-    let mut stop = stop(raw, &draft.patience, diagnostics);
+    link.controller = raw.controller.as_ref().map(|c| c.compile(overrides.link, diagnostics));
+    let mut stop = stop(raw, &draft.patience, link.controller.as_ref(), diagnostics);
     let mut faults = Vec::new();
     if draft.modules > 0 {
         let mut hosts = hosts(raw, overrides.link, &link, &draft, diagnostics);
@@ -125,10 +126,17 @@ fn bounded(
 }
 
 /// Returns the end conditions of the run.
-fn stop(raw: &Raw, patience: &Patience, diagnostics: &mut Diagnostics) -> Stop {
+fn stop(
+    raw: &Raw,
+    patience: &Patience,
+    controller: Option<&ControllerLink>,
+    diagnostics: &mut Diagnostics,
+) -> Stop {
+    // A move under `planned`: the order, the report that it is made, and as much for the plan before it.
+    let orders = controller.map_or(Span::ZERO, |link| link.usual_longest() * 4);
     let long = Span(u64::MAX / 4);
     let mut get = |span, what, default| bounded(span, what, Span(1), long, diagnostics).unwrap_or(default);
-    let stall = get(&raw.stall, "stall", patience.bounds.stall);
+    let stall = get(&raw.stall, "stall", patience.bounds.stall + orders);
     let livelock = get(&raw.livelock, "livelock", stall * patience.livelock);
     let timeout = get(&raw.timeout, "timeout", livelock * patience.timeout);
     Stop { timeout: Time::ZERO + timeout, stall, livelock, planned_until: Time::ZERO }

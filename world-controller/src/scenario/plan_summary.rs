@@ -3,6 +3,7 @@
 use crate::console::escape::Shown;
 use crate::console::format::{count, many};
 use crate::scenario::{LinkKind, Plan, hosts_summary};
+use metamorph_protocol::link::{ControllerLink, LinkModel};
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
 
@@ -61,6 +62,11 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
     for cut in &link.partitions {
         let side = many(cut.side.len() as u64, "module");
         writeln!(out, "            {side} cut off from {} to {}", cut.from, cut.until)?;
+    }
+    if let Some(controller) = &link.controller {
+        let ControllerLink { delay_min, delay_max, loss } = *controller;
+        let rates = LinkModel { delay_min, delay_max, loss, ..LinkModel::default() };
+        writeln!(out, "            orders and reports: {}", hosts_summary::rates(&rates))?;
     }
     link.hosts.as_ref().map_or(Ok(()), |hosts| hosts_summary::write(out, plan, hosts))
 }

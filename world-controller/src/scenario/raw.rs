@@ -1,5 +1,6 @@
 //! A scenario as written: typed values with their places, before checks that need more than one of them.
 
+use super::controller_link::RawController;
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{MAX_GOALS, ScenarioError, VERSION};
 use super::family::{RawSwarm, SectionKind, Sections};
@@ -78,6 +79,8 @@ pub struct Raw {
     pub failed_connections: Option<At<Ratio>>,
     /// The link.
     pub link: RawLink,
+    /// The link of orders and reports, if they take time.
+    pub controller: Option<RawController>,
     /// The hosts, if the swarm is divided among several.
     pub hosts: Option<RawHosts>,
     /// Scenario seconds per second on the process link.
@@ -165,6 +168,7 @@ impl Raw {
             swarm: None,
             failed_connections: None,
             link: RawLink::default(),
+            controller: None,
             hosts: None,
             time_scale: None,
             faults: Vec::new(),
@@ -178,6 +182,7 @@ impl Raw {
         let Some(mut section) = Section::of(node, "[link]", "loss = \"5%\"", diagnostics) else { return };
         self.link = RawLink::read_rates(&mut section, diagnostics);
         self.link.until = section.get("until", diagnostics);
+        self.controller = section.node("controller").and_then(|node| RawController::read(node, diagnostics));
         self.hosts = section.node("between_hosts").and_then(|node| RawHosts::read(node, diagnostics));
         section.finish(diagnostics);
     }

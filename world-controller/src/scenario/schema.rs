@@ -7,6 +7,7 @@
 //! An optional key has a `default`, which is the value that the reader uses, or its description says what
 //! happens without it.
 
+use super::controller_link;
 use super::error::{MAX_GOALS, VERSION};
 use super::family::{Families, FamilySchema, ScenarioFamily, fault_keys};
 use super::faults;
@@ -75,8 +76,13 @@ fn definition(family: &dyn ScenarioFamily, part: &str) -> String {
 
 fn definitions(families: Families) -> Value {
     let mut all = Map::new();
-    for (name, value) in
-        values().into_iter().chain(shared()).chain(faults::schema()).chain(hosts::schema()).chain(shapes())
+    for (name, value) in values()
+        .into_iter()
+        .chain(shared())
+        .chain(faults::schema())
+        .chain(hosts::schema())
+        .chain(controller_link::schema())
+        .chain(shapes())
     {
         all.insert(name.to_owned(), value);
     }
@@ -136,6 +142,7 @@ fn shared() -> Definitions {
                     "reorder": seldom(),
                     "corrupt": seldom(),
                     "until": said("When all of these but the delay end. Default: never.", of("time")),
+                    "controller": said("If left out, orders and reports take no time.", of("controller-link")),
                     "between_hosts": said("If left out, all modules are on one host.", of("between_hosts")),
                 }),
             ),

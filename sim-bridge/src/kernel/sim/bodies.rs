@@ -1,5 +1,5 @@
-//! What passes between agents and the controller: bodies, orders and reports. In no time on the controller's host; from
-//! and to other hosts by a stream that is late, in order and without loss.
+//! What passes between agents and the controller: bodies, orders and reports. In no time, unless orders and reports have a
+//! link of their own; from and to other hosts by a stream that is late, in order and without loss.
 
 use super::module::{Process, Waiting};
 use super::{Event, Sim};
@@ -8,12 +8,11 @@ use crate::kernel::audited::{Agents, Audited};
 use metamorph_protocol::agent::{Agent, Input};
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{HostId, Incarnation, ModuleId, Revision};
-use metamorph_protocol::link::Hosts;
+use metamorph_protocol::link::{ControllerLink, Hosts};
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Wire;
-use slab::Slab;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -29,20 +28,35 @@ impl<A: Agent> BodyMessage<A> {
     fn is_to_controller(&self) -> bool {
         matches!(self, BodyMessage::Act(..) | BodyMessage::Report(_))
     }
+    /// Returns the bytes on the wire of an order or a report.
+    fn control_bytes(&self) -> Option<u64> {
+        match self {
+            BodyMessage::Report(report) => Some(report.wire_len() as u64),
+            BodyMessage::Order(order) => Some(order.wire_len() as u64),
+            BodyMessage::Act(..) | BodyMessage::Sensed(_) => None,
+        }
+    }
 }
 
-/// A message that a stream has not delivered yet.
-struct Posted<A: Agent> {
+/// A message that has not been delivered yet.
+pub(super) struct Posted<A: Agent> {
     id: ModuleId,
     /// The incarnation that the message is from or for; it is dropped if that has ended.
     incarnation: Incarnation,
     message: BodyMessage<A>,
 }
 
-/// One direction of the stream between a host and the controller's.
+/// One direction of a stream.
 struct Stream {
     rng: Rng,
     last: Time,
+}
+
+impl Stream {
+    /// Returns the streams of this number in both directions.
+    fn both(seed: u64, name: &'static str, number: usize) -> [Stream; 2] {
+        [0, 1].map(|way| Stream { rng: Rng::named(seed, name, (2 * number + way) as u64), last: Time::ZERO })
+    }
 }
 
 /// What has crossed from one host to another.
@@ -58,20 +72,17 @@ pub struct Crossed {
 pub type Crossings = BTreeMap<(HostId, HostId), Crossed>;
 
 /// The streams between the controller and the other hosts, and the counts of what crosses.
-pub(super) struct HostStreams<A: Agent> {
+pub(super) struct HostStreams {
     hosts: Arc<Hosts>,
     /// For each host the streams to the controller and from it.
     streams: Vec<[Stream; 2]>,
-    waiting: Slab<Posted<A>>,
     crossings: Crossings,
 }
 
-impl<A: Agent> HostStreams<A> {
-    pub fn new(hosts: Arc<Hosts>, seed: u64) -> HostStreams<A> {
-        let stream =
-            |number: usize| Stream { rng: Rng::named(seed, "hosts", number as u64), last: Time::ZERO };
-        let streams = (0..hosts.len()).map(|host| [stream(host * 2), stream(host * 2 + 1)]).collect();
-        HostStreams { hosts, streams, waiting: Slab::new(), crossings: Crossings::new() }
+impl HostStreams {
+    pub fn new(hosts: Arc<Hosts>, seed: u64) -> HostStreams {
+        let streams = (0..hosts.len()).map(|host| Stream::both(seed, "hosts", host)).collect();
+        HostStreams { hosts, streams, crossings: Crossings::new() }
     }
 
     /// Returns the counts of what crosses from one module to another; `None` if both are on one host.
@@ -80,27 +91,44 @@ impl<A: Agent> HostStreams<A> {
         (pair.0 != pair.1).then(|| self.crossings.entry(pair).or_default())
     }
 
-    /// Takes a message for the stream of the module's host, and returns its delivery; gives it back if the module is
-    /// on the controller's host.
-    fn take(
-        &mut self,
-        now: Time,
-        id: ModuleId,
-        incarnation: Incarnation,
-        message: BodyMessage<A>,
-    ) -> Result<(Time, Event), BodyMessage<A>> {
+    /// Returns when a message between the controller and a module arrives that the stream of the module's host takes at
+    /// `at`; `None` if the module is on the controller's host.
+    fn delivery(&mut self, at: Time, id: ModuleId, is_up: bool) -> Option<Time> {
         let home = self.hosts.home(id);
         if home == HostId::CONTROLLER {
-            return Err(message);
+            return None;
         }
-        let is_up = message.is_to_controller();
         let pair = if is_up { (home, HostId::CONTROLLER) } else { (HostId::CONTROLLER, home) };
         self.crossings.entry(pair).or_default().body_messages += 1;
         let Stream { rng, last } = &mut self.streams[home.index()][usize::from(!is_up)];
-        let at = self.hosts.stream(home, now, rng, last);
-        // Invariant: 2^32 messages under way would not fit into memory.
-        let index = self.waiting.insert(Posted { id, incarnation, message }) as u32;
-        Ok((at, Event::Stream(index)))
+        Some(self.hosts.stream(home, at, rng, last))
+    }
+}
+
+/// What passed between the controller and the agents.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ControlCounts {
+    /// Orders to living agents.
+    pub orders: u64,
+    /// Reports.
+    pub reports: u64,
+    /// Bytes of orders and reports, headers included; what was sent again counts once.
+    pub bytes: u64,
+    /// Sendings of orders and reports that were lost, after each of which they were sent again.
+    pub lost: u64,
+}
+
+/// The link of orders and reports, and the streams of each module on it.
+pub(super) struct ControlStreams {
+    link: ControllerLink,
+    /// For each module the streams to the controller and from it.
+    streams: Vec<[Stream; 2]>,
+}
+
+impl ControlStreams {
+    pub fn new(link: ControllerLink, modules: usize, seed: u64) -> ControlStreams {
+        let streams = (0..modules).map(|module| Stream::both(seed, "controller link", module)).collect();
+        ControlStreams { link, streams }
     }
 }
 
@@ -110,25 +138,49 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         self.hosts.as_ref().map(|hosts| hosts.crossings.clone()).unwrap_or_default()
     }
 
-    /// Passes a message between an agent and the controller: at once, or by the stream of the module's host.
+    /// Returns what has passed between the controller and the agents.
+    pub fn control(&self) -> ControlCounts {
+        self.control
+    }
+
+    /// Passes a message between an agent and the controller: at once, or by the links that it has to take.
     pub(super) fn pass(&mut self, id: ModuleId, message: BodyMessage<W::Agent>) {
-        let Some(hosts) = &mut self.hosts else { return self.hand_over(id, message) };
         let module = &self.modules[id.index()];
+        let (is_up, control) = (message.is_to_controller(), message.control_bytes());
+        if let Some(bytes) = control.filter(|_| module.is_alive()) {
+            let count = if is_up { &mut self.control.reports } else { &mut self.control.orders };
+            *count += 1;
+            self.control.bytes += bytes;
+        }
+        if self.hosts.is_none() && self.controller.is_none() {
+            return self.hand_over(id, message);
+        }
         // What is meant for a dead process goes nowhere.
         if !module.is_alive() {
             return;
         }
-        match hosts.take(self.now, id, module.incarnation, message) {
-            Err(message) => self.hand_over(id, message),
-            Ok((at, delivery)) => self.queue.push(at, delivery),
+        let mut delivery = None;
+        if let Some(ControlStreams { link, streams }) = self.controller.as_mut().filter(|_| control.is_some())
+        {
+            let Stream { rng, last } = &mut streams[id.index()][usize::from(!is_up)];
+            let (at, lost) = link.carry(self.now, rng, last);
+            self.control.lost += u64::from(lost);
+            delivery = Some(at);
         }
+        if let Some(hosts) = &mut self.hosts {
+            delivery = hosts.delivery(delivery.unwrap_or(self.now), id, is_up).or(delivery);
+        }
+        let Some(at) = delivery else { return self.hand_over(id, message) };
+        let posted = Posted { id, incarnation: module.incarnation, message };
+        // Invariant: 2^32 messages under way would not fit into memory.
+        let index = self.posted.insert(posted) as u32;
+        self.queue.push(at, Event::Posted(index));
     }
 
-    /// Hands over what a stream delivers. The controller takes nothing from an incarnation that it knows to be dead,
+    /// Hands over what a link delivers. The controller takes nothing from an incarnation that it knows to be dead,
     /// because neighbours of the dead module rely on its body standing still.
-    pub(super) fn stream_delivers(&mut self, index: u32) {
-        let Some(hosts) = &mut self.hosts else { return };
-        let Posted { id, incarnation, message } = hosts.waiting.remove(index as usize);
+    pub(super) fn posted_arrives(&mut self, index: u32) {
+        let Posted { id, incarnation, message } = self.posted.remove(index as usize);
         let module = &self.modules[id.index()];
         if module.is_alive() && module.incarnation == incarnation {
             self.hand_over(id, message);

@@ -132,11 +132,13 @@ pub(super) struct PlanExecution {
     rested: Vec<Standing>,
     /// Whether metamodules may decide for themselves where there is no plan.
     hands_over: bool,
+    /// How long an order and the report of its result are under way at most.
+    round_trip: Span,
     pub counts: PlanCounts,
 }
 
 impl PlanExecution {
-    pub fn new(hands_over: bool) -> PlanExecution {
+    pub fn new(hands_over: bool, round_trip: Span) -> PlanExecution {
         PlanExecution {
             stage: Stage::Holding(Time::ZERO),
             steps: Vec::new(),
@@ -148,6 +150,7 @@ impl PlanExecution {
             filled: SeedSet::default(),
             rested: Vec::new(),
             hands_over,
+            round_trip,
             counts: PlanCounts::default(),
         }
     }
@@ -205,7 +208,8 @@ impl PlanExecution {
         let moving: Vec<ModuleId> =
             swarm.living().map(|(id, _)| id).filter(|id| is_free || ordered(*id)).collect();
         // What is under way to a metamodule meanwhile is not known to have been obeyed.
-        let settles = if moving.is_empty() { Span::ZERO } else { swarm.setup.params.resend };
+        let sent = swarm.setup.params.resend + self.round_trip;
+        let settles = if moving.is_empty() { Span::ZERO } else { sent };
         moving.into_iter().for_each(|id| self.instruct(id, Instruction::Stay, orders));
         self.steps.clear();
         self.stage = Stage::Holding(now + settles);
@@ -255,7 +259,7 @@ impl PlanExecution {
 
     /// Notes which moves have been made, and orders those that may be made now.
     fn go_on(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
-        let lease = swarm.setup.params.lease;
+        let allowed = swarm.setup.params.lease + self.round_trip;
         let mut late = None;
         for step in self.steps.iter_mut().filter(|s| !s.done) {
             let Some(due) = step.due else { continue };
@@ -266,7 +270,7 @@ impl PlanExecution {
                 late = Some(step.id);
             } else if !step.done && now >= due {
                 match status.is_some_and(|s| s.busy) {
-                    true => step.due = Some(now + lease),
+                    true => step.due = Some(now + allowed),
                     false => late = Some(step.id),
                 }
             }
@@ -289,7 +293,7 @@ impl PlanExecution {
         let due: Vec<usize> = (0..self.steps.len()).filter(|i| is_due(&self.steps[*i])).collect();
         for i in due {
             let step = &mut self.steps[i];
-            step.due = Some(now + lease);
+            step.due = Some(now + allowed);
             let PlannedMove { from, posture, lands, .. } = step.planned;
             let (mover, instruction) = (step.id, Instruction::Move { mover: step.id, from, posture, lands });
             self.counts.ordered += 1;

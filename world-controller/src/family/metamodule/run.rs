@@ -34,6 +34,7 @@ impl Runnable for Metamodules {
             relocate: self.relocate,
             follow: true,
             hands_over: self.hands_over,
+            round_trip: plan.link.controller.as_ref().map_or(Span::ZERO, |link| link.usual_longest() * 2),
         };
         MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
     }
