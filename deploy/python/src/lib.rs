@@ -1,10 +1,12 @@
-//! The private extension under the Python package `metamorph`: about a dozen entry points. The public, typed interface is
+//! The private extension under the Python package `metamorph`: about twenty entry points. The public, typed interface is
 //! `python/metamorph/_api.py`; what is here takes and returns plain values only.
 //!
 //! Long calls release the interpreter, and look for signals at least every 0.1 s, so that Ctrl-C works as in any other
 //! Python code. Nothing here installs a signal handler.
 
 mod convert;
+mod journal;
+mod protocol;
 mod scenario;
 mod simulation;
 mod sweep;
@@ -17,6 +19,10 @@ mod _metamorph {
     #[pymodule_export]
     use super::convert::{nanoseconds, to_toml, to_value};
     #[pymodule_export]
+    use super::journal::Journal;
+    #[pymodule_export]
+    use super::protocol::{Context, Protocol, Random, check_message, state_parts};
+    #[pymodule_export]
     use super::scenario::{Plan, load, shipped};
     #[pymodule_export]
     use super::simulation::{Simulation, run};
@@ -27,6 +33,8 @@ mod _metamorph {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        // The families are in use already if the module was imported before.
+        let _ = metamorph_world_controller::family::install(&[&super::protocol::family::PythonFamily]);
         module.add("VERSION", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -1,5 +1,7 @@
 //! Scenarios that were read and checked.
 
+use crate::protocol::family::PySwarm;
+use crate::protocol::{Protocol, Setup};
 use metamorph_world_controller::family::read_text;
 use metamorph_world_controller::scenario::diagnostics::{Diagnostics, Place};
 use metamorph_world_controller::scenario::error::ScenarioError;
@@ -9,6 +11,7 @@ use metamorph_world_controller::scenario::{self, LinkKind, Overrides};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Raises a class of `metamorph._errors`. These are made in Python: an extension for all versions of Python can derive
 /// exceptions only from 3.12 on.
@@ -45,9 +48,9 @@ pub struct Plan {
 #[pymethods]
 impl Plan {
     /// Reads the text of a scenario; `origin` names it in errors, and shapes are read from files beside it.
-    /// `settings` are `KEY=VALUE`.
+    /// `settings` are `KEY=VALUE`; `protocol` is that of a scenario of the family `python`.
     #[new]
-    #[pyo3(signature = (origin, text, settings, seed, kill, pause, restart))]
+    #[pyo3(signature = (origin, text, settings, seed, kill, pause, restart, protocol))]
     #[allow(clippy::too_many_arguments, reason = "called from one place in Python, by name")]
     fn new(
         py: Python<'_>,
@@ -58,11 +61,16 @@ impl Plan {
         kill: Vec<String>,
         pause: Vec<String>,
         restart: Vec<String>,
+        protocol: Option<&Protocol>,
     ) -> PyResult<Plan> {
+        // The interpreter is held until the text is read.
+        let _reading = protocol.map(|protocol| protocol.spec.reading());
         let settings = settings.into_iter().map(|text| Setting { option: "set", text }).collect();
         let overrides =
             Overrides { link: LinkKind::Sim, settings, seed, kill, pause, restart, ..Overrides::default() };
-        match read_text(origin, text, &overrides) {
+        let read = read_text(origin, text, &overrides);
+        protocol.map_or(Ok(()), |protocol| protocol.spec.check(py))?;
+        match read {
             Ok(plan) => Ok(Plan { plan }),
             Err(diagnostics) => Err(invalid(py, &diagnostics, text)),
         }
@@ -92,6 +100,13 @@ impl Plan {
     /// Returns what `metamorph check` prints.
     fn check(&self) -> String {
         overview(&self.plan)
+    }
+}
+
+impl Plan {
+    /// Returns what the agents share, if the scenario is for a protocol in Python.
+    pub fn setup(&self) -> Option<Arc<Setup>> {
+        self.plan.swarm.of::<PySwarm>().map(|swarm| Arc::clone(&swarm.setup))
     }
 }
 

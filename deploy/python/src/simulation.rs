@@ -1,5 +1,6 @@
 //! Runs on the simulated link, at once or in steps.
 
+use crate::protocol::Setup;
 use crate::scenario::{Plan, raise};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::ModuleId;
@@ -10,8 +11,9 @@ use metamorph_world_controller::record::journal::JournalSession;
 use metamorph_world_controller::run::simulated::{self, SteppedRun};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyDict};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Time between two looks for signals.
@@ -21,6 +23,11 @@ const EVENTS: u64 = 256;
 
 fn json(value: &impl serde::Serialize) -> PyResult<String> {
     serde_json::to_string(value).map_err(|e| PyValueError::new_err(e.to_string()))
+}
+
+/// Works without the interpreter, unless a protocol in Python would take it back for every event.
+fn released<T: Send>(py: Python<'_>, release: bool, work: impl FnOnce() -> T + Send) -> T {
+    if release { py.detach(work) } else { work() }
 }
 
 /// Simulates a scenario to its end and returns the report as JSON.
@@ -35,7 +42,8 @@ pub fn run(
     let keeping = journal.map(|file| JournalSession::simulated(&file, &plan.plan)).transpose();
     let keeping = keeping.map_err(|e| raise(py, "JournalError", (e.to_string(),)))?;
     let since = Stopwatch::start();
-    let (report, interrupted) = py.detach(|| {
+    let setup = plan.setup();
+    let simulate = || {
         let (mut looked, mut interrupted) = (Stopwatch::start(), None);
         let mut watch = |_, _: &dyn Fn() -> _| {
             if looked.elapsed() >= PATIENCE {
@@ -47,7 +55,9 @@ pub fn run(
         let simulation =
             simulated::Simulation { since, watch: &mut watch, keeping, scribe: None, search: true };
         (of(&plan.plan).simulate(&plan.plan, simulation).0, interrupted)
-    });
+    };
+    let (report, interrupted) = released(py, setup.is_none(), simulate);
+    setup.map_or(Ok(()), |setup| setup.spec.check(py))?;
     interrupted.map_or_else(|| json(&report), Err)
 }
 
@@ -57,23 +67,31 @@ pub struct Simulation {
     run: Box<dyn SteppedRun>,
     events: u64,
     over: bool,
+    /// What the agents share, if the protocol is one in Python.
+    setup: Option<Arc<Setup>>,
 }
 
 #[pymethods]
 impl Simulation {
     /// Begins a run.
     #[new]
-    fn new(plan: &Plan) -> Simulation {
-        Simulation { run: family::begin(&plan.plan), events: 0, over: false }
+    fn new(py: Python<'_>, plan: &Plan) -> PyResult<Simulation> {
+        let simulation =
+            Simulation { run: family::begin(&plan.plan), events: 0, over: false, setup: plan.setup() };
+        simulation.check(py)?;
+        Ok(simulation)
     }
     /// Carries out events of the kernel; returns how many: fewer only at the end.
     fn step(&mut self, py: Python<'_>, events: u64) -> PyResult<u64> {
         if events <= EVENTS {
-            return Ok(self.carry_out(events));
+            let done = self.carry_out(events);
+            self.check(py)?;
+            return Ok(done);
         }
         let mut left = events;
         while left > 0 && !self.over {
-            left -= py.detach(|| self.slice(left, None));
+            left -= released(py, self.setup.is_none(), || self.slice(left, None));
+            self.check(py)?;
             py.check_signals()?;
         }
         Ok(events - left)
@@ -82,7 +100,8 @@ impl Simulation {
     fn run_until(&mut self, py: Python<'_>, until_ns: u64) -> PyResult<bool> {
         let until = Time(until_ns);
         while !self.over && self.run.now() < until {
-            py.detach(|| self.slice(u64::MAX, Some(until)));
+            released(py, self.setup.is_none(), || self.slice(u64::MAX, Some(until)));
+            self.check(py)?;
             py.check_signals()?;
         }
         Ok(self.over)
@@ -108,13 +127,19 @@ impl Simulation {
         format!("{:016x}", self.run.trace_hash())
     }
     #[getter]
-    fn state_hash(&self) -> String {
-        format!("{:016x}", self.run.state_hash())
+    fn state_hash(&self, py: Python<'_>) -> PyResult<String> {
+        let hash = self.run.state_hash();
+        self.check(py)?;
+        Ok(format!("{hash:016x}"))
     }
     /// Injects a fault, such as `kill 7`. Returns its time in nanoseconds.
     fn inject(&mut self, fault: &str) -> PyResult<u64> {
         let fault = fault.parse().map_err(PyValueError::new_err)?;
         self.run.inject(fault).map(|at| at.0).map_err(PyValueError::new_err)
+    }
+    /// Returns the objects of living modules by number; `None` if the protocol is not one in Python.
+    fn objects(&self, py: Python<'_>) -> Option<Py<PyDict>> {
+        self.setup.as_ref().map(|setup| setup.modules.clone_ref(py))
     }
     /// Returns the cells of all modules: three numbers of 16 bits each, in the byte order of the machine.
     fn cells<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
@@ -159,12 +184,18 @@ impl Simulation {
         Class::ALL.into_iter().map(row).collect()
     }
     /// Returns the report so far as JSON.
-    fn report(&self) -> PyResult<String> {
-        json(&self.run.report())
+    fn report(&self, py: Python<'_>) -> PyResult<String> {
+        let report = self.run.report();
+        self.check(py)?;
+        json(&report)
     }
 }
 
 impl Simulation {
+    fn check(&self, py: Python<'_>) -> PyResult<()> {
+        self.setup.as_ref().map_or(Ok(()), |setup| setup.spec.check(py))
+    }
+
     fn carry_out(&mut self, events: u64) -> u64 {
         let mut done = 0;
         while done < events && !self.over {

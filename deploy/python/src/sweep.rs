@@ -1,5 +1,7 @@
 //! One scenario with many seeds and varied values, on several threads.
 
+use crate::protocol::Protocol;
+use crate::protocol::spec::Spec;
 use crate::scenario::raise;
 use metamorph_world_controller::console::interrupt::Interrupt;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
@@ -10,15 +12,18 @@ use metamorph_world_controller::experiments::sweep::{Scenario, SweepError};
 use pyo3::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Time between two looks for signals, and two calls of `progress`.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Simulates every combination with every seed, and returns the runs as `runs.csv` has them. `vary` are the keys and
-/// their values, `progress` is called with the numbers of runs done and to do, at most ten times a second.
+/// their values, `progress` is called with the numbers of runs done and to do, at most ten times a second. With a
+/// `protocol`, this must be the only work of the process.
 #[pyfunction]
-#[pyo3(signature = (origin, text, seeds, vary, jobs, progress))]
+#[pyo3(signature = (origin, text, seeds, vary, jobs, progress, protocol))]
+#[allow(clippy::too_many_arguments, reason = "called from one place in Python")]
 pub fn sweep(
     py: Python<'_>,
     origin: String,
@@ -27,6 +32,7 @@ pub fn sweep(
     vary: Vec<(String, Vec<String>)>,
     jobs: NonZeroUsize,
     progress: Option<Py<PyAny>>,
+    protocol: Option<&Protocol>,
 ) -> PyResult<String> {
     fn failed(py: Python<'_>, e: &SweepError) -> PyErr {
         raise(py, "SweepError", (e.to_string(),))
@@ -35,7 +41,12 @@ pub fn sweep(
     let vary = vary.into_iter().map(|(key, values)| Axis { key, values }).collect();
     let grid = Grid::new(Seeds { from: seeds.0, until: seeds.1 }, vary).map_err(wrong)?;
     let scenario = Scenario { origin, text };
-    scenario.check(&grid).map_err(|e| failed(py, &e))?;
+    let spec = protocol.map(|protocol| Arc::clone(&protocol.spec));
+    let _reading = spec.as_ref().map(Spec::reading);
+    let check = |py: Python<'_>| spec.as_ref().map_or(Ok(()), |spec| spec.check(py));
+    let checked = scenario.check(&grid);
+    check(py)?;
+    checked.map_err(|e| failed(py, &e))?;
     let interrupt = Interrupt::default();
     let rows = py.detach(|| {
         let none = BTreeSet::new();
@@ -62,6 +73,7 @@ pub fn sweep(
             told = Stopwatch::start();
             let result = Python::attach(|py| {
                 py.check_signals()?;
+                check(py)?;
                 if let Some(progress) = &progress {
                     progress.call1(py, (rows.len(), grid.runs()))?;
                 }
@@ -74,6 +86,7 @@ pub fn sweep(
         });
         end.map(|()| rows)
     })?;
+    check(py)?;
     let mut out = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
     let written = row::write_header(&mut out, &grid)
         .and_then(|()| rows.iter().try_for_each(|(run, row)| row::write(&mut out, &grid, *run, row)));

@@ -1,6 +1,7 @@
 //! Sliding cubes: their world, the director of their goals, and their invariants.
 
 pub mod audit;
+pub mod bodies;
 mod custody_audit;
 pub mod diagnosis;
 pub mod director;

@@ -1,7 +1,7 @@
 //! The command `render`: figures of a journal, or of a scenario that is simulated as far as it is needed.
 
 use crate::cli::args::SimulatedArgs;
-use crate::cli::runs::{self, recorded};
+use crate::cli::runs;
 use crate::console::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use crate::console::escape::{Shown, portable};
 use crate::console::format::{bytes, many, seconds};
@@ -321,7 +321,7 @@ fn read(args: &RenderArgs) -> Result<Source, RenderError> {
         let journal = Journal::open(&args.file)?;
         plan_of(family::families(), journal.head()).map_err(ReadError::from)?
     };
-    let (scene, damage) = recorded(&args.file)?;
+    let (scene, damage) = family::recorded(&args.file)?;
     if let Some(damage) = damage {
         return Err(JournalError::from(damage).into());
     }

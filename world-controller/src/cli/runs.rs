@@ -6,16 +6,15 @@ use crate::console::interrupt::Interrupt;
 use crate::console::output::{Json, Output, Outputs};
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{self, Channel, Live, print_error, print_out};
-use crate::family::{self, families, read_file, run_simulated, scene};
-use crate::record::journal::{Damage, Journal, JournalError, JournalSession, parts_of, plan_of};
+use crate::family::{self, families, read_file, recorded, run_simulated, scene};
+use crate::record::journal::{JournalError, JournalSession, parts_of};
 use crate::report::human;
 use crate::report::page::page;
 use crate::report::schema::Report;
 use crate::run::processes::{self, Processes};
 use crate::scenario::shipped::is_scenario;
 use crate::scenario::{LinkKind, Overrides, Plan};
-use crate::view::scene::Scene;
-use crate::view::scene_builder::{self, Shared};
+use crate::view::scene_builder::Shared;
 use crate::view::server::{Server, ServerError};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::kernel::recording::Log;
@@ -182,23 +181,6 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
         }
     }
     scene.lock().finish(report.clone());
-}
-
-/// Builds the scene of a journal up to the first damage, and returns it with that damage.
-pub fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), scene_builder::ReadError> {
-    let mut journal = Journal::open(file)?;
-    let plan = plan_of(families(), journal.head())?;
-    let scene = Shared::new(scene(&plan, true));
-    let log = family::of(&plan).shown(&plan).scribe(scene.clone());
-    let whole = journal.by_ref().try_for_each(|record| {
-        log.lock().put(&record?);
-        Ok(())
-    });
-    drop(log);
-    let (mut scene, damage) = (scene.into_inner(), whole.err());
-    let troubles = journal.troubles().into_iter().chain(damage.as_ref().map(Damage::to_string));
-    scene.end(troubles.collect());
-    Ok((scene, damage))
 }
 
 /// Shows a journal, or a scenario that is simulated meanwhile.

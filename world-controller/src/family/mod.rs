@@ -12,7 +12,7 @@ use crate::console::command_error::CommandError;
 use crate::console::interrupt::Interrupt;
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::Live;
-use crate::record::journal::{Journal, JournalSession};
+use crate::record::journal::{Damage, Journal, JournalSession, plan_of};
 use crate::report::progress;
 use crate::report::run_result::RunResult;
 use crate::report::schema::Report;
@@ -25,6 +25,7 @@ use crate::scenario::family::{Families, ScenarioFamily};
 use crate::scenario::{self, Overrides, Plan};
 use crate::view::bodies::{Bodies, ShownSwarm};
 use crate::view::scene::Scene;
+use crate::view::scene_builder::{ReadError, Shared};
 use generated::{Dice, GeneratedSwarm};
 use metamorph_module_agent::process::args::ArgsError;
 use metamorph_module_agent::{AgentArgs, AgentError};
@@ -197,6 +198,23 @@ pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan
 /// Creates the scene of a plan before its run. `messages` says whether messages will be shown.
 pub fn scene(plan: &Plan, messages: bool) -> Scene {
     Scene::new(plan, &*of(plan).shown(plan), messages)
+}
+
+/// Builds the scene of a journal up to the first damage, and returns it with that damage.
+pub fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), ReadError> {
+    let mut journal = Journal::open(file)?;
+    let plan = plan_of(families(), journal.head())?;
+    let scene = Shared::new(scene(&plan, true));
+    let log = of(&plan).shown(&plan).scribe(scene.clone());
+    let whole = journal.by_ref().try_for_each(|record| {
+        log.lock().put(&record?);
+        Ok(())
+    });
+    drop(log);
+    let (mut scene, damage) = (scene.into_inner(), whole.err());
+    let troubles = journal.troubles().into_iter().chain(damage.as_ref().map(Damage::to_string));
+    scene.end(troubles.collect());
+    Ok((scene, damage))
 }
 
 /// Simulates a plan to its end, or until `watch` returns false; also returns the results of world and

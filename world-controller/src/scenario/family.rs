@@ -40,6 +40,10 @@ pub trait ScenarioFamily: Sync {
     fn report_part(&self) -> Option<(&'static str, Value)> {
         None
     }
+    /// Returns true if its scenarios have at least one `[[goal]]`.
+    fn needs_goal(&self) -> bool {
+        true
+    }
     /// Returns the keys of the shared `[[fault]]` kinds that apply to it.
     fn faults(&self) -> &'static [&'static str] {
         faults::KINDS

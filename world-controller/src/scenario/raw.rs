@@ -130,9 +130,6 @@ impl Raw {
         if swarm.is_none() {
             top.missing("swarm", SWARM, diagnostics);
         }
-        if others.goals.is_none() {
-            diagnostics.add(Place::File, ScenarioError::NoGoal);
-        }
         let families = diagnostics.families();
         let mut family = families.0[0];
         if let Some(mut section) = swarm.and_then(|node| Section::of(node, "[swarm]", SWARM, diagnostics)) {
@@ -142,6 +139,9 @@ impl Raw {
             section.differs_between_families(SectionKind::Swarm);
             raw.failed_connections = section.get("failed_connections", diagnostics);
             raw.swarm = Some(family.read(section, &others, diagnostics));
+        }
+        if others.goals.is_none() && family.needs_goal() {
+            diagnostics.add(Place::File, ScenarioError::NoGoal);
         }
         if let Some(node) = top.node("link") {
             raw.read_link(node, diagnostics);

@@ -1,13 +1,13 @@
 //! Shapes as written in a scenario, with the places of their parts. Shapes from files become cells here (see
 //! `mesh_import`).
 
-use super::diagnostics::{At, Diagnostics};
-use super::error::{MAX_DEPTH, MAX_LAID_OUT, ScenarioError};
+use super::diagnostics::{At, Diagnostics, Place};
+use super::error::{MAX_DEPTH, MAX_LAID_OUT, MAX_MODULES, MAX_VOLUME, ScenarioError};
 use super::family::SectionKind;
 use super::table::{Node, Read, Section, elements};
 use crate::scenario::mesh_import::{Import, Part, Up, import};
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::shape::{Axis, Radius, Shape, ShapeError};
+use metamorph_protocol::shape::{Axis, Radius, Shape, ShapeError, components};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::Error as ValueError;
@@ -187,6 +187,52 @@ impl Layout {
         }
         Ok(shape.cells()?)
     }
+
+    /// Returns the cells of the modules at the start, which must be connected; `None` if they cannot be laid out.
+    pub fn start(&mut self, start: &At<Shape>, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
+        let cells = diagnostics.note(&start.place, self.cells(&start.value))?;
+        if cells.len() > MAX_MODULES {
+            diagnostics.add(start.place.clone(), ScenarioError::TooMany(cells.len()));
+            return None;
+        }
+        let parts = components(&cells);
+        if parts.len() > 1 {
+            let examples: Vec<String> = parts.iter().take(4).map(|part| part[0].to_string()).collect();
+            let mut examples = examples.join(", ");
+            if parts.len() > 4 {
+                examples.push_str(", …");
+            }
+            diagnostics
+                .add(start.place.clone(), ScenarioError::DisconnectedStart { count: parts.len(), examples });
+        }
+        Some(cells)
+    }
+}
+
+/// Returns the sum of the sides of the box around all cells; `None` if the box is too large for memory.
+pub fn check_box<'c>(cells: impl Iterator<Item = &'c Cell>, diagnostics: &mut Diagnostics) -> Option<u64> {
+    let sides = sides(cells);
+    let volume = sides.iter().product();
+    if volume > MAX_VOLUME {
+        diagnostics.add(Place::File, ScenarioError::TooWide(volume));
+        return None;
+    }
+    Some(sides.iter().sum())
+}
+
+/// Returns the sides of the box around cells.
+pub fn sides<'c>(cells: impl Iterator<Item = &'c Cell>) -> [u64; 3] {
+    let mut bounds: Option<([i16; 3], [i16; 3])> = None;
+    for cell in cells {
+        let at: [i16; 3] = (*cell).into();
+        let (min, max) = bounds.get_or_insert((at, at));
+        for axis in 0..3 {
+            min[axis] = min[axis].min(at[axis]);
+            max[axis] = max[axis].max(at[axis]);
+        }
+    }
+    let (min, max) = bounds.unwrap_or_default();
+    [0, 1, 2].map(|axis: usize| u64::from(max[axis].abs_diff(min[axis])) + 1)
 }
 
 /// Returns the cells visited to lay a shape out.

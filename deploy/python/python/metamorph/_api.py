@@ -8,8 +8,8 @@ import json
 import os
 import subprocess
 import tempfile
-from datetime import timedelta
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Callable, Iterable, Mapping, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
@@ -18,23 +18,17 @@ from numpy.typing import NDArray
 from . import _metamorph as _native
 from . import _program
 from ._errors import MetamorphError, ProgramError, ScenarioError
+from ._processes import Work, rows
+from ._protocol import Invariant, Protocol, Until, _given
 from ._table import Table
+from ._time import Duration, nanoseconds
 
-#: Text as in scenarios ("200ms"), or seconds of scenario time.
-Duration = Union[str, float, int, timedelta]
 #: A file or the name of a shipped scenario, the keys of a scenario as a mapping, or a scenario.
 ScenarioLike = Union[str, "os.PathLike[str]", Mapping[str, Any], "Scenario"]
 
 
-def _nanoseconds(duration: Duration) -> int:
-    if isinstance(duration, timedelta):
-        whole: int = duration // timedelta(microseconds=1)
-        return whole * 1000
-    if isinstance(duration, str):
-        return _native.nanoseconds(duration)
-    if not duration >= 0:
-        raise ValueError(f"{duration} is no duration; it must not be negative")
-    return round(float(duration) * 1_000_000_000)
+#: The setting of a scenario whose protocol comes with the call.
+_OF_PYTHON = "swarm.family=python"
 
 
 def _setting(key: str, value: Any) -> str:
@@ -84,12 +78,14 @@ class Scenario:
             raise ValueError(f"`{fault}` is no fault; write `kill 7@2s`, `restart 7@3s` or `pause 7@1s..2s`")
         return self._of(self._origin, self._text, self._settings, (*self._faults, fault))
 
-    def _plan(self, seed: Optional[int] = None) -> _native.Plan:
+    def _plan(self, seed: Optional[int] = None, protocol: Optional[_native.Protocol] = None) -> _native.Plan:
+        settings = [*self._settings, *([_OF_PYTHON] if protocol is not None else [])]
+
         def faults(verb: str) -> list[str]:
             return [f.partition(" ")[2].strip() for f in self._faults if f.startswith(verb + " ")]
 
         return _native.Plan(
-            self._origin, self._text, list(self._settings), seed, faults("kill"), faults("pause"), faults("restart")
+            self._origin, self._text, settings, seed, faults("kill"), faults("pause"), faults("restart"), protocol
         )
 
     @property
@@ -174,6 +170,12 @@ class Report:
         """The messages by class."""
         return _messages([(name, counts) for name, counts in self._fields["messages"]["by_class"].items()])
 
+    @property
+    def fault_table(self) -> Table:
+        """The faults that struck: when, what, which module, and in what state it was."""
+        names = ("at_s", "fault", "module", "effect")
+        return Table({name: [fault[name] for fault in self._fields["faults"]] for name in names})
+
     def to_dict(self) -> dict[str, Any]:
         """All fields."""
         return dict(self._fields)
@@ -205,6 +207,9 @@ def run(
     seed: Optional[int] = None,
     set: Optional[Mapping[str, Any]] = None,
     faults: Iterable[str] = (),
+    protocol: Optional[type[Protocol]] = None,
+    until: Optional[Until] = None,
+    invariants: Sequence[Invariant] = (),
     journal: Optional[Union[str, os.PathLike[str]]] = None,
     timeout_s: Optional[float] = None,
 ) -> Report:
@@ -215,15 +220,21 @@ def run(
     :param seed: the seed, else that of the scenario.
     :param set: values to be set, such as `{"link.loss": "5%"}`.
     :param faults: further faults, such as `"kill 7@2s"`.
+    :param protocol: a protocol written in Python, instead of the built-in one; the scenario needs no goal.
+    :param until: when a run of this protocol is over.
+    :param invariants: what must hold in it; if one does not, the outcome is `unsafe`.
     :param journal: a file to record the run in.
     :param timeout_s: seconds of real time; then the outcome is `aborted`.
     """
     chosen = _scenario(scenario, set, faults)
+    given = _given(protocol, until, invariants)
+    if given is not None and (link != "sim" or journal is not None):
+        raise ValueError("a protocol written in Python runs on the simulated link only, without a journal")
     if link == "ipc":
         return _run_processes(chosen, seed, journal, timeout_s)
     if link != "sim":
         raise ValueError(f"link is {link!r}; write \"sim\" or \"ipc\"")
-    text = _native.run(chosen._plan(seed), None if journal is None else os.fspath(journal), timeout_s)
+    text = _native.run(chosen._plan(seed, given), None if journal is None else os.fspath(journal), timeout_s)
     return Report(json.loads(text))
 
 
@@ -292,8 +303,8 @@ def _number(text: str) -> Union[int, float, None]:
     return float(text) if any(c in text for c in ".eE") else int(text)
 
 
-def _runs(text: str, varied: int) -> Table:
-    header, *rows = csv.reader(io.StringIO(text))
+def _runs(lines: Iterable[list[str]], varied: int) -> Table:
+    header, *rows = lines
     columns: dict[str, list[Any]] = {}
     for i, name in enumerate(header):
         texts = name in _TEXTS or 0 < i <= varied
@@ -309,15 +320,21 @@ def sweep(
     vary: Optional[Mapping[str, Sequence[Any]]] = None,
     set: Optional[Mapping[str, Any]] = None,
     jobs: Optional[int] = None,
+    protocol: Optional[type[Protocol]] = None,
+    until: Optional[Until] = None,
     progress: Optional[Callable[[Progress], object]] = None,
 ) -> Sweep:
     """Simulates a scenario with many seeds and all combinations of varied values, on several threads.
 
-    The runs are those of `metamorph sweep`, whatever the number of threads.
+    The runs are those of `metamorph sweep`, whatever the number of threads. A protocol written in Python holds the
+    interpreter, so that its runs go to processes instead: class and `until` must be importable, and a script needs
+    `if __name__ == "__main__":`.
 
     :param seeds: consecutive seeds.
     :param vary: values by key, such as `{"link.loss": ["0%", "5%"]}`.
-    :param jobs: threads; by default as many as there are processors.
+    :param jobs: threads or processes; by default as many as there are processors.
+    :param protocol: a protocol written in Python.
+    :param until: when a run of this protocol is over.
     :param progress: called at most ten times a second.
     """
     numbers = list(seeds)
@@ -331,8 +348,14 @@ def sweep(
         if not values:
             raise ValueError(f"vary: `{key}` has no values")
     # A value that does not vary is an axis of one value.
-    fixed = [tuple(s.split("=", 1)) for s in chosen._settings]
+    of_python = [_OF_PYTHON] if protocol is not None else []
+    fixed = [tuple(s.split("=", 1)) for s in [*chosen._settings, *of_python]]
     all_axes = [(key, [value]) for key, value in fixed] + axes
+    if protocol is not None:
+        _given(protocol, until, ())
+        work = Work(chosen._origin, chosen._text, all_axes, protocol, until)
+        done = None if progress is None else lambda done, total: progress(Progress(done, total))
+        return Sweep(_runs(rows(work, numbers, jobs or len(os.sched_getaffinity(0)), done), len(all_axes)))
     told = None if progress is None else lambda done, total: progress(Progress(done, total))
     text = _native.sweep(
         chosen._origin,
@@ -341,8 +364,9 @@ def sweep(
         all_axes,
         jobs or len(os.sched_getaffinity(0)),
         told,
+        None,
     )
-    return Sweep(_runs(text, len(all_axes)))
+    return Sweep(_runs(csv.reader(io.StringIO(text)), len(all_axes)))
 
 
 class Simulation:
@@ -351,11 +375,28 @@ class Simulation:
     What is injected is part of :meth:`scenario`, so that the run can be repeated by the command.
     """
 
-    def __init__(self, scenario: ScenarioLike, *, seed: Optional[int] = None, set: Optional[Mapping[str, Any]] = None) -> None:
-        self._scenario = _scenario(scenario, set)
-        plan = self._scenario._plan(seed)
+    def __init__(
+        self,
+        scenario: ScenarioLike,
+        *,
+        seed: Optional[int] = None,
+        set: Optional[Mapping[str, Any]] = None,
+        faults: Iterable[str] = (),
+        protocol: Optional[type[Protocol]] = None,
+        until: Optional[Until] = None,
+        invariants: Sequence[Invariant] = (),
+    ) -> None:
+        """Begins a run; the parameters are those of :func:`run`."""
+        self._scenario = _scenario(scenario, set, faults)
+        self._protocol = (protocol, until, tuple(invariants))
+        plan = self._scenario._plan(seed, _given(protocol, until, invariants))
         self._seed = plan.seed
         self._run = _native.Simulation(plan)
+
+    @property
+    def seed(self) -> int:
+        """The seed of the run."""
+        return self._seed
 
     @property
     def now_ns(self) -> int:
@@ -393,19 +434,26 @@ class Simulation:
 
     def advance(self, span: Duration) -> bool:
         """Runs for a span of scenario time; returns True when the run is over."""
-        return self._run.run_until(self._run.now_ns + _nanoseconds(span))
+        return self._run.run_until(self._run.now_ns + nanoseconds(span))
 
     def run(self, until: Optional[Duration] = None) -> bool:
         """Runs to the end, or until a scenario time; returns True when the run is over."""
-        return self._run.run_until(2**63 if until is None else _nanoseconds(until))
+        return self._run.run_until(2**63 if until is None else nanoseconds(until))
 
     def positions(self) -> NDArray[np.int16]:
         """The cells of all modules, x y z with z up, as an array of N × 3. Of metamodules the connector that holds."""
         cells: NDArray[np.int16] = np.frombuffer(self._run.cells(), dtype=np.int16).reshape(-1, 3).copy()
         return cells
 
+    def objects(self) -> Mapping[int, Any]:
+        """The objects of living modules by number, of a protocol written in Python. Change nothing in them."""
+        objects = self._run.objects()
+        if objects is None:
+            raise ValueError("only a simulation with `protocol=` has objects of Python")
+        return MappingProxyType(objects)
+
     def state(self) -> Table:
-        """One row for each module."""
+        """One row for each module; of a protocol in Python, what its attributes of these names say."""
         names = ("x", "y", "z", "alive", "role", "activity", "goal", "level", "gradient", "lock", "waits_for")
         rows = [(i, *cell, *rest) for i, (cell, *rest) in enumerate(self._run.state())]
         return Table(dict(zip(("module", *names), zip(*rows))))
@@ -432,9 +480,35 @@ class Simulation:
             raise MetamorphError(f"`{self._unrepeatable}` was injected, which cannot be written as a fault of a scenario")
         return self._scenario
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A simulation is pickled as its scenario, with what was injected, and the time; loading carries it out again."""
+        return _again, (self.scenario(), self._seed, *self._protocol, self.now_ns, self.trace_hash)
+
     def report(self) -> Report:
         """The report so far; before the end its outcome is `aborted`."""
         return Report(json.loads(self._run.report()))
+
+
+def _again(
+    scenario: Scenario,
+    seed: int,
+    protocol: Optional[type[Protocol]],
+    until: Optional[Until],
+    invariants: Sequence[Invariant],
+    now_ns: int,
+    trace_hash: str,
+) -> Simulation:
+    """Carries a simulation out until the time and the events that it was pickled at."""
+    sim = Simulation(scenario, seed=seed, protocol=protocol, until=until, invariants=invariants)
+    if now_ns > 0:
+        sim._run.run_until(now_ns - 1)
+    while sim.trace_hash != trace_hash and sim.now_ns <= now_ns and sim.step():
+        pass
+    if sim.now_ns < now_ns:
+        sim._run.run_until(now_ns)
+    if sim.trace_hash != trace_hash:
+        raise MetamorphError("the simulation was pickled by another version of metamorph, or its protocol has changed")
+    return sim
 
 
 __all__ = ["Duration", "Progress", "Report", "Scenario", "ScenarioError", "Simulation", "Sweep", "run", "scenarios", "sweep"]

@@ -39,6 +39,22 @@ class JournalError(MetamorphError):
     """A journal that cannot be written."""
 
 
+class ProtocolError(MetamorphError):
+    """An error in the code of a protocol; the error itself is the `__cause__`."""
+
+    def __init__(self, text: str, module: Optional[int], now_ns: int, input: str) -> None:
+        super().__init__(text)
+        #: The module; None for `until` and `invariants`.
+        self.module = module
+        #: The scenario time in nanoseconds.
+        self.now_ns = now_ns
+        #: The call that raised it, such as `"message on port 2"`.
+        self.input = input
+
+    def __reduce__(self) -> tuple[type[ProtocolError], tuple[str, Optional[int], int, str]]:
+        return type(self), (self.args[0], self.module, self.now_ns, self.input)
+
+
 class SweepError(MetamorphError):
     """A sweep that cannot be run."""
 

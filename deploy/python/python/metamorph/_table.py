@@ -48,5 +48,11 @@ class Table:
         frame = pd.DataFrame(self._columns)
         return frame.convert_dtypes(convert_string=False, convert_floating=False)
 
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """The table for programs that read Arrow; needs pyarrow."""
+        import pyarrow as pa
+
+        return pa.table(self._columns).__arrow_c_stream__(requested_schema)
+
     def __repr__(self) -> str:
         return f"<Table of {len(self)} rows: {', '.join(self.columns)}>"

@@ -22,6 +22,7 @@ use metamorph_protocol::cube::params::{Connectivity, Setup};
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face};
+pub use run::move_report;
 use scenario::RawCubes;
 use std::fmt;
 use std::sync::Arc;

@@ -9,10 +9,23 @@ use metamorph_protocol::cube::params::Setup;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::cube::audit::audit_every;
 use metamorph_sim_bridge::cube::director::Director;
-use metamorph_sim_bridge::cube::world::CubeWorld;
+use metamorph_sim_bridge::cube::world::{CubeWorld, MotionCounts};
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;
+
+/// Converts the counts of moves to their entry in the report.
+pub fn move_report(motions: &MotionCounts) -> MoveReport {
+    MoveReport {
+        started: motions.started,
+        completed: motions.completed,
+        failed: motions.failed,
+        refused_taken: motions.blocked,
+        refused_late: motions.late,
+        refused_stale: motions.stale,
+        refused_impossible: 0,
+    }
+}
 
 impl Runnable for Cubes {
     type World = CubeWorld;
@@ -50,15 +63,7 @@ impl Runnable for Cubes {
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
-            bodies: MoveReport {
-                started: motions.started,
-                completed: motions.completed,
-                failed: motions.failed,
-                refused_taken: motions.blocked,
-                refused_late: motions.late,
-                refused_stale: motions.stale,
-                refused_impossible: 0,
-            },
+            bodies: move_report(&motions),
             moves: motions.completed,
             family_part: None,
         }

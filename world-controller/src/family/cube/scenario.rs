@@ -3,16 +3,16 @@
 
 use super::Cubes;
 use super::bounds::bounds;
-use crate::scenario::diagnostics::{At, Diagnostics, Place};
-use crate::scenario::error::{MAX_MODULES, MAX_VOLUME, ScenarioError};
+use crate::scenario::diagnostics::{At, Diagnostics};
+use crate::scenario::error::{MAX_VOLUME, ScenarioError};
 use crate::scenario::family::{DraftContext, FamilySpec, Patience, RawSwarm, Sections, Swarm};
 use crate::scenario::raw::{goal_sections, protocol_section};
-use crate::scenario::shapes::Layout;
+use crate::scenario::shapes::{Layout, check_box, sides};
 use crate::scenario::table::Section;
 use metamorph_protocol::cube::params::{Connectivity, Params, Setup};
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::shape::{Shape, components};
+use metamorph_protocol::shape::Shape;
 use metamorph_protocol::time::Span;
 use std::sync::Arc;
 
@@ -100,26 +100,6 @@ impl RawCubes {
         self.co_owners = section.get("co_owners", diagnostics).map(|c| c.value);
         section.finish(diagnostics);
     }
-
-    fn start_cells(&self, layout: &mut Layout, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
-        let start = self.start.as_ref()?;
-        let cells = diagnostics.note(&start.place, layout.cells(&start.value))?;
-        if cells.len() > MAX_MODULES {
-            diagnostics.add(start.place.clone(), ScenarioError::TooMany(cells.len()));
-            return None;
-        }
-        let parts = components(&cells);
-        if parts.len() > 1 {
-            let examples: Vec<String> = parts.iter().take(4).map(|part| part[0].to_string()).collect();
-            let mut examples = examples.join(", ");
-            if parts.len() > 4 {
-                examples.push_str(", …");
-            }
-            diagnostics
-                .add(start.place.clone(), ScenarioError::DisconnectedStart { count: parts.len(), examples });
-        }
-        Some(cells)
-    }
 }
 
 impl RawSwarm for RawCubes {
@@ -129,7 +109,7 @@ impl RawSwarm for RawCubes {
     fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec> {
         let DraftContext { time_step, usual_delay, passage, skew, .. } = *context;
         let mut layout = Layout::default();
-        let cells = self.start_cells(&mut layout, diagnostics);
+        let cells = self.start.as_ref().and_then(|start| layout.start(start, diagnostics));
         let shapes: Vec<Option<Vec<Cell>>> =
             self.goals.iter().map(|goal| goal_cells(goal, &mut layout, diagnostics)).collect();
         let sides = check_box(cells.iter().flatten().chain(shapes.iter().flatten().flatten()), diagnostics)?;
@@ -164,32 +144,6 @@ impl RawSwarm for RawCubes {
 fn goal_cells(goal: &RawGoal, layout: &mut Layout, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
     let shape = goal.shape.as_ref()?;
     diagnostics.note(&shape.place, layout.cells(&shape.value))
-}
-
-/// Returns the sum of the sides of the box around all cells; `None` if the box is too large for memory.
-fn check_box<'c>(cells: impl Iterator<Item = &'c Cell>, diagnostics: &mut Diagnostics) -> Option<u64> {
-    let sides = sides(cells);
-    let volume = sides.iter().product();
-    if volume > MAX_VOLUME {
-        diagnostics.add(Place::File, ScenarioError::TooWide(volume));
-        return None;
-    }
-    Some(sides.iter().sum())
-}
-
-/// Returns the sides of the box around cells.
-fn sides<'c>(cells: impl Iterator<Item = &'c Cell>) -> [u64; 3] {
-    let mut bounds: Option<([i16; 3], [i16; 3])> = None;
-    for cell in cells {
-        let at: [i16; 3] = (*cell).into();
-        let (min, max) = bounds.get_or_insert((at, at));
-        for axis in 0..3 {
-            min[axis] = min[axis].min(at[axis]);
-            max[axis] = max[axis].max(at[axis]);
-        }
-    }
-    let (min, max) = bounds.unwrap_or_default();
-    [0, 1, 2].map(|axis: usize| u64::from(max[axis].abs_diff(min[axis])) + 1)
 }
 
 /// Compiles the goals in order. A goal is checked only if the previous one could be compiled, because growth

@@ -1,0 +1,160 @@
+"""Figures, comparisons and checks of the machine: made by the program `metamorph`, so that they are those of the command
+line."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple, Optional, Union
+
+from . import _program
+from ._api import Report, Scenario, ScenarioLike, Simulation, _scenario
+from ._errors import ProgramError
+from ._table import Table
+
+PathLike = Union[str, "os.PathLike[str]"]
+
+
+def _call(*words: str) -> bytes:
+    done = subprocess.run([_program.find(), *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    if done.returncode != 0:
+        text = done.stderr.decode(errors="replace").strip()
+        raise ProgramError(text or f"the program ended with exit code {done.returncode}")
+    return done.stdout
+
+
+class Figure:
+    """A figure; a notebook shows it."""
+
+    def __init__(self, data: bytes, format: str) -> None:
+        #: The content of the file.
+        self.data = data
+        #: `"svg"`, `"png"`, `"gif"` or `"apng"`.
+        self.format = format
+
+    def save(self, path: PathLike) -> None:
+        """Writes the figure to a file."""
+        Path(path).write_bytes(self.data)
+
+    def _repr_svg_(self) -> Optional[str]:
+        return self.data.decode() if self.format == "svg" else None
+
+    def _repr_png_(self) -> Optional[bytes]:
+        return self.data if self.format in ("png", "apng") else None
+
+    def _repr_html_(self) -> Optional[str]:
+        if self.format != "gif":
+            return None
+        import base64
+
+        return f'<img src="data:image/gif;base64,{base64.b64encode(self.data).decode()}">'
+
+    def __repr__(self) -> str:
+        return f"<Figure, {self.format}, {len(self.data)} bytes>"
+
+
+def _options(options: dict[str, Any]) -> list[str]:
+    words = []
+    for name, value in options.items():
+        for one in value if isinstance(value, (list, tuple)) else [value]:
+            text = {True: "on", False: "off"}.get(one, str(one)) if isinstance(one, bool) else str(one)
+            words.append(f"--{name.replace('_', '-')}={text}")
+    return words
+
+
+def render(
+    source: Union[ScenarioLike, Simulation],
+    out: Optional[PathLike] = None,
+    *,
+    seed: Optional[int] = None,
+    format: str = "svg",
+    **options: Any,
+) -> Figure:
+    """Draws a moment of a run, or a moving picture, as `metamorph render` does.
+
+    :param source: a journal or a scenario file, the name of a shipped scenario, a :class:`Scenario`, its keys, or a
+        :class:`Simulation`, which is drawn at its present time.
+    :param out: a file to write as well; its name says the format.
+    :param seed: the seed of a scenario.
+    :param format: the format without `out`: svg, png, gif or apng.
+    :param options: those of the command, such as `at="50%"`, `camera="top"`, `section=["x<11"]`, `legend=False`.
+    """
+    words = _options(options)
+    with tempfile.TemporaryDirectory() as directory:
+        if isinstance(source, Simulation):
+            if "at" not in options:
+                words.append(f"--at={source.now_ns}ns")
+            seed = source.seed if seed is None else seed
+            source = source.scenario()
+        if isinstance(source, (str, os.PathLike)):
+            file = os.fspath(source)
+        else:
+            file, extra = _written(_scenario(source), Path(directory))
+            words += extra
+        words += [] if seed is None else [f"--seed={seed}"]
+        target = Path(directory) / f"figure.{format}" if out is None else Path(out)
+        _call("render", file, "--quiet", f"--out={target}", *words)
+        return Figure(target.read_bytes(), target.suffix[1:])
+
+
+def _written(scenario: Scenario, directory: Path) -> tuple[str, list[str]]:
+    """A file of a scenario, and the options for what is set in it."""
+    file = scenario._origin
+    if not Path(file).exists():
+        file = str(directory / "scenario.toml")
+        Path(file).write_text(scenario.to_toml())
+    words = [f"--set={setting}" for setting in scenario._settings]
+    for fault in scenario._faults:
+        verb, _, what = fault.partition(" ")
+        if verb == "restart":
+            raise ValueError("a figure cannot have an added restart; write it as [[fault]] in the scenario")
+        words.append(f"--{verb}={what}")
+    return file, words
+
+
+class Diff(NamedTuple):
+    """A comparison of two sweeps or reports."""
+
+    #: `"sweeps"` or `"reports"`.
+    kind: str
+    #: One row for each measure, or for each field that differs.
+    lines: Table
+    #: What `metamorph diff` prints.
+    text: str
+
+
+def diff(a: Union[Report, PathLike], b: Union[Report, PathLike], *, at_least: str = "0%") -> Diff:
+    """Compares two reports, or two directories that `metamorph sweep --out` wrote: which measures differ, by how much,
+    with 95 % intervals.
+
+    :param at_least: of sweeps, say that a measure differs only if its whole interval is beyond this share.
+    """
+    with tempfile.TemporaryDirectory() as directory:
+        paths = []
+        for name, one in (("a", a), ("b", b)):
+            if isinstance(one, Report):
+                path = Path(directory) / f"{name}.json"
+                path.write_text(one.to_json())
+                paths.append(str(path))
+            else:
+                paths.append(os.fspath(one))
+        found = Path(directory) / "diff.json"
+        text = _call("diff", *paths, f"--at-least={at_least}", f"--json={found}").decode()
+        content = json.loads(found.read_text())
+    rows = content["lines"] if content["kind"] == "sweeps" else content["differences"]
+    names = list(rows[0]) if rows else []
+    return Diff(content["kind"], Table({name: [row[name] for row in rows] for name in names}), text)
+
+
+def doctor(modules: int = 200) -> list[dict[str, Any]]:
+    """What of this machine limits a swarm of processes, as `metamorph doctor` says it: one dictionary for each check."""
+    done = subprocess.run(
+        [_program.find(), "doctor", f"--modules={modules}", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    if not done.stdout:
+        raise ProgramError(done.stderr.decode(errors="replace").strip())
+    checks: list[dict[str, Any]] = json.loads(done.stdout)
+    return checks

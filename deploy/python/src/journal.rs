@@ -1,0 +1,144 @@
+//! A journal, read once: what happened, and where the modules were.
+
+use crate::scenario::raise;
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::time::Time;
+use metamorph_world_controller::family::{self, families, of};
+use metamorph_world_controller::record::journal::{Consumed, Event as Recorded, Journal as File, plan_of};
+use metamorph_world_controller::run::replay::Request;
+use metamorph_world_controller::scenario::Plan;
+use metamorph_world_controller::view::figure::snapshot::{Body, Playback, Process};
+use metamorph_world_controller::view::scene::{Event, Scene};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use std::fmt::Display;
+use std::path::PathBuf;
+
+/// The numbers of states, besides those of roles, which are from 1 to 3.
+const UNKNOWN: u8 = 0;
+const PAUSED: u8 = 4;
+const DEAD: u8 = 5;
+
+/// An event: time in nanoseconds, name, module, and a description.
+type Row = (u64, &'static str, Option<u32>, String);
+
+/// A journal.
+#[pyclass(frozen, module = "metamorph._metamorph")]
+pub struct Journal {
+    file: PathBuf,
+    plan: Plan,
+    scene: Scene,
+}
+
+fn failed(py: Python<'_>, error: &impl Display) -> PyErr {
+    raise(py, "JournalError", (error.to_string(),))
+}
+
+#[pymethods]
+impl Journal {
+    /// Reads a journal; a damaged one is an error.
+    #[new]
+    fn new(py: Python<'_>, path: PathBuf) -> PyResult<Journal> {
+        let opened = File::open(&path).map_err(|e| failed(py, &e))?;
+        let plan = plan_of(families(), opened.head()).map_err(|e| failed(py, &e))?;
+        drop(opened);
+        let (scene, damage) = py.detach(|| family::recorded(&path)).map_err(|e| failed(py, &e))?;
+        damage.map_or(Ok(()), |damage| Err(failed(py, &damage)))?;
+        Ok(Journal { file: path, plan, scene })
+    }
+    #[getter]
+    fn modules(&self) -> usize {
+        self.plan.swarm.len()
+    }
+    #[getter]
+    fn duration_ns(&self) -> u64 {
+        self.scene.now().0
+    }
+    /// The names of states, by number.
+    #[getter]
+    fn state_names(&self) -> Vec<&'static str> {
+        let roles = of(&self.plan).shown(&self.plan).words().roles.map(|role| role.name);
+        [&["unknown"][..], &roles, &["paused", "dead"]].concat()
+    }
+    /// Returns what happened.
+    fn events(&self) -> Vec<Row> {
+        let roles = of(&self.plan).shown(&self.plan).words().roles;
+        let row = |(at, event): &(Time, Event)| {
+            let (name, module, text) = match event {
+                Event::Motion(_) => return None,
+                Event::Does(id, _, to) => ("moves", Some(*id), to.clone()),
+                Event::Failed(id) => ("failed", Some(*id), String::new()),
+                Event::Refused(id) => ("refused", Some(*id), String::new()),
+                Event::Tells(id, view) => {
+                    let role = roles.get(usize::from(view.role)).map_or("", |role| role.name);
+                    ("reports", Some(*id), role.to_owned())
+                }
+                Event::Died(id) => ("died", Some(*id), String::new()),
+                Event::Started(id) => ("restarted", Some(*id), String::new()),
+                Event::Paused(id) => ("paused", Some(*id), String::new()),
+                Event::Resumed(id) => ("resumed", Some(*id), String::new()),
+                Event::Injected(id, fault, effect) => ("fault", *id, format!("{fault}: {effect}")),
+                Event::Obstacles(cells) => ("obstacles", None, format!("{cells:?}")),
+                Event::Goal(goal, _) => ("goal", None, goal.to_string()),
+            };
+            Some((at.0, name, module.map(|id| id.0), text))
+        };
+        self.scene.events().iter().filter_map(row).collect()
+    }
+    /// Returns how many messages of each class were delivered in each span of `bin_ns`.
+    fn messages(&self, py: Python<'_>, bin_ns: u64) -> PyResult<Vec<[u64; Class::ALL.len()]>> {
+        let mut bins = vec![[0; Class::ALL.len()]; (self.scene.now().0 / bin_ns.max(1)) as usize + 1];
+        let counted = py.detach(|| {
+            for record in File::open(&self.file).map_err(|e| e.to_string())? {
+                let record = record.map_err(|e| e.to_string())?;
+                if let Recorded::Step(step) = &record.event
+                    && let Consumed::Message { class, .. } = step.input
+                    // Agents of a run of processes may be slightly ahead of the controller's records.
+                    && let Some(bin) = bins.get_mut((record.at.0.min(self.scene.now().0) / bin_ns.max(1)) as usize)
+                {
+                    bin[class.index()] += 1;
+                }
+            }
+            Ok::<_, String>(())
+        });
+        counted.map_err(|e| failed(py, &e))?;
+        Ok(bins)
+    }
+    /// Returns the cells of all modules at these times, in ascending order: three numbers of 16 bits each, in the byte
+    /// order of the machine.
+    fn positions<'py>(&self, py: Python<'py>, times: Vec<u64>) -> Bound<'py, PyBytes> {
+        let bytes = self.at(&times, |body, bytes| {
+            let cell = body.parts.first().map(|part| part.cell()).unwrap_or_default();
+            bytes.extend([cell.x, cell.y, cell.z].iter().flat_map(|c| c.to_ne_bytes()));
+        });
+        PyBytes::new(py, &bytes)
+    }
+    /// Returns the numbers of the states of all modules at these times, in ascending order.
+    fn states<'py>(&self, py: Python<'py>, times: Vec<u64>) -> Bound<'py, PyBytes> {
+        let state = |body: &Body| match (body.process, body.view) {
+            (Process::Dead, _) => DEAD,
+            (Process::Paused, _) => PAUSED,
+            (Process::Alive, None) => UNKNOWN,
+            (Process::Alive, Some(view)) => view.role + 1,
+        };
+        PyBytes::new(py, &self.at(&times, |body, bytes| bytes.push(state(body))))
+    }
+    /// Carries the run out again. Returns the first difference from the journal.
+    fn verify(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        let request = Request { file: self.file.clone(), until: None, agent: None };
+        let replayed = py.detach(|| family::replay(&request).map(|(_, replayed)| replayed));
+        let replayed = replayed.map_err(|e| failed(py, &e))?;
+        Ok(replayed.difference.map(|d| format!("record {} at {}: {}", d.number, d.at, d.what)))
+    }
+}
+
+impl Journal {
+    fn at(&self, times: &[u64], mut write: impl FnMut(&Body, &mut Vec<u8>)) -> Vec<u8> {
+        let (swarm, mut bytes) = (of(&self.plan).shown(&self.plan), Vec::new());
+        let mut playback = Playback::new(&self.scene, &*swarm);
+        for at in times {
+            playback.advance(Time(*at)).bodies.iter().for_each(|body| write(body, &mut bytes));
+        }
+        bytes
+    }
+}

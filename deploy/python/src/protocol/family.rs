@@ -1,0 +1,375 @@
+//! The family of protocols in Python: its part of scenarios, and its runs.
+
+use super::agent::PyAgent;
+use super::director::PyDirector;
+use super::setup::Setup;
+use super::spec::Spec;
+use metamorph_protocol::defects::Defect;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::shape::Shape;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::cube::audit::audit_every;
+use metamorph_sim_bridge::cube::bodies::{Check, CubeBodies};
+use metamorph_sim_bridge::cube::world::CubeWorld;
+use metamorph_sim_bridge::director::port::DirectorPort as _;
+use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
+use metamorph_world_controller::family::generated::{Dice, GeneratedSwarm};
+use metamorph_world_controller::family::{ExploredFamily, FamilyParts, cube};
+use metamorph_world_controller::report::run_result::RunResult;
+use metamorph_world_controller::run::runnable::{Runnable, stage};
+use metamorph_world_controller::scenario::Plan;
+use metamorph_world_controller::scenario::bounds::Bounds;
+use metamorph_world_controller::scenario::diagnostics::{At, Diagnostics, Place};
+use metamorph_world_controller::scenario::error::ScenarioError;
+use metamorph_world_controller::scenario::family::{
+    DraftContext, FamilySchema, FamilySpec, Patience, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan,
+    Words,
+};
+use metamorph_world_controller::scenario::plan::BEAT;
+use metamorph_world_controller::scenario::raw::protocol_section;
+use metamorph_world_controller::scenario::schema::{of, or, seldom, table};
+use metamorph_world_controller::scenario::shapes::{KINDS, Layout, check_box};
+use metamorph_world_controller::scenario::table::Section;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyType};
+use serde_json::json;
+use std::fmt::{self, Write};
+use std::sync::Arc;
+use toml::de::DeValue;
+
+/// The name of the family.
+pub const NAME: &str = "python";
+/// The name of the invariants that come with a call.
+const OF_PROTOCOL: Invariant = Invariant::new("of-protocol");
+/// The bound for a standstill, unless the scenario says another.
+const STALL: Span = Span::secs(60);
+const START: &str = "start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
+const PARAMETER: &str = "repeat = \"500ms\"";
+
+/// The family.
+pub struct PythonFamily;
+
+/// A value of `[protocol]`.
+#[derive(Debug)]
+enum Value {
+    Text(String),
+    Number(i64),
+    Flag(bool),
+}
+
+/// The parts as written.
+#[derive(Debug)]
+struct RawPython {
+    start: Option<At<Shape>>,
+    move_time: Option<At<Span>>,
+    parameters: Vec<(String, At<Value>)>,
+    spec: Option<Arc<Spec>>,
+}
+
+/// Modules with a protocol in Python.
+#[derive(Debug)]
+pub struct PySwarm {
+    cells: Arc<[Cell]>,
+    pub setup: Arc<Setup>,
+}
+
+fn problem(reason: impl Into<String>, fix: impl Into<String>) -> ScenarioError {
+    ScenarioError::OfFamily { reason: reason.into(), fix: fix.into() }
+}
+
+fn parameters(others: &Sections<'_, '_>, diagnostics: &mut Diagnostics) -> Vec<(String, At<Value>)> {
+    let is_table = protocol_section(others.protocol, PARAMETER, diagnostics).is_some();
+    let Some(DeValue::Table(table)) = others.protocol.filter(|_| is_table).map(|node| node.get_ref()) else {
+        return Vec::new();
+    };
+    let mut found = Vec::new();
+    for (key, node) in table.iter() {
+        let value = match node.get_ref() {
+            DeValue::String(text) => Some(Value::Text(text.to_string())),
+            DeValue::Integer(number) => {
+                i64::from_str_radix(number.as_str(), number.radix()).ok().map(Value::Number)
+            }
+            DeValue::Boolean(flag) => Some(Value::Flag(*flag)),
+            _ => None,
+        };
+        match value {
+            Some(value) => found.push((key.get_ref().to_string(), At::new(value, node.span()))),
+            None => diagnostics.add(
+                node.span(),
+                problem(
+                    "a parameter is a text, a whole number or a flag",
+                    format!("write for example `{PARAMETER}`"),
+                ),
+            ),
+        }
+    }
+    found
+}
+
+impl ScenarioFamily for PythonFamily {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+    fn needs_goal(&self) -> bool {
+        false
+    }
+    fn read(
+        &self,
+        mut swarm: Section<'_, '_>,
+        others: &Sections<'_, '_>,
+        diagnostics: &mut Diagnostics,
+    ) -> Box<dyn RawSwarm> {
+        let (start, move_time) =
+            (swarm.need("start", START, diagnostics), swarm.get("move_time", diagnostics));
+        swarm.finish(diagnostics);
+        if let Some(goals) = others.goals {
+            let (reason, fix) = (
+                "a protocol written in Python has no [[goal]]",
+                "remove it; `until=` says when a run is over",
+            );
+            diagnostics.add(goals.span(), problem(reason, fix));
+        }
+        let parameters = parameters(others, diagnostics);
+        Box::new(RawPython { start, move_time, parameters, spec: Spec::read() })
+    }
+    fn schema(&self) -> FamilySchema {
+        FamilySchema {
+            swarm: table(
+                "Cubes with a protocol written in Python.",
+                &["start"],
+                json!({
+                    "family": { "const": NAME },
+                    "start": of("shape"),
+                    "move_time": or(BEAT.to_string(), of("time")),
+                    "failed_connections": seldom(),
+                }),
+            ),
+            goal: table("There are none.", &[], json!({})),
+            protocol: table("The parameters of the class.", &[], json!({})),
+            shapes: &KINDS,
+            definitions: Vec::new(),
+        }
+    }
+}
+
+/// Sets the parameters of a class: returns a class of this run.
+fn bind<'py>(
+    py: Python<'py>,
+    raw: &RawPython,
+    spec: &Spec,
+    diagnostics: &mut Diagnostics,
+) -> PyResult<Option<Bound<'py, PyType>>> {
+    let module = py.import("metamorph._protocol")?;
+    let (values, mut is_right) = (PyDict::new(py), true);
+    for (name, At { value, place }) in &raw.parameters {
+        let value = match value {
+            Value::Text(text) => text.into_pyobject(py)?.into_any(),
+            Value::Number(number) => number.into_pyobject(py)?.into_any(),
+            Value::Flag(flag) => flag.into_pyobject(py)?.to_owned().into_any(),
+        };
+        let wrong = module.getattr("_wrong")?.call1((&spec.class, name, &value))?;
+        match wrong.extract::<Option<(String, String)>>()? {
+            None => values.set_item(name, value)?,
+            Some((reason, fix)) => {
+                diagnostics.add(place.clone(), problem(reason, fix));
+                is_right = false;
+            }
+        }
+    }
+    let class = module.getattr("_bind")?.call1((&spec.class, values))?;
+    Ok(Some(class.cast_into::<PyType>()?).filter(|_| is_right))
+}
+
+impl RawPython {
+    fn setup(&self, move_time: Span, diagnostics: &mut Diagnostics) -> Option<Setup> {
+        let Some(spec) = &self.spec else {
+            let reason = "the scenario is for a protocol written in Python, and none is given";
+            let fix = "pass the class: `metamorph.run(scenario, protocol=...)`";
+            diagnostics.add(Place::File, problem(reason, fix));
+            return None;
+        };
+        let setup = Python::attach(|py| {
+            let class = bind(py, self, spec, diagnostics)?;
+            class.map(|class| Setup::new(spec, &class, move_time)).transpose()
+        });
+        setup.unwrap_or_else(|error| {
+            spec.fail(error, None, Time::ZERO, "the class");
+            None
+        })
+    }
+}
+
+impl RawSwarm for RawPython {
+    fn time_step(&self) -> (&Option<At<Span>>, &'static str) {
+        (&self.move_time, "move_time")
+    }
+    fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec> {
+        let mut layout = Layout::default();
+        let cells = self.start.as_ref().and_then(|start| layout.start(start, diagnostics));
+        check_box(cells.iter().flatten(), diagnostics)?;
+        let setup = self.setup(context.time_step, diagnostics);
+        let modules = cells.as_ref().map_or(0, Vec::len);
+        let swarm =
+            cells.zip(setup).map(|(cells, setup)| PySwarm { cells: cells.into(), setup: Arc::new(setup) });
+        Some(FamilySpec {
+            swarm: swarm.map(Swarm::new),
+            modules,
+            start_within: None,
+            goals: vec!["until".to_owned()],
+            patience: Patience {
+                bounds: Bounds { stall: STALL, legs: 1, copies: 1 },
+                livelock: 1,
+                timeout: 10,
+            },
+        })
+    }
+}
+
+impl SwarmPlan for PySwarm {
+    fn family(&self) -> &'static str {
+        NAME
+    }
+    fn modules(&self) -> usize {
+        self.cells.len()
+    }
+    fn protocol(&self) -> String {
+        Python::attach(|py| {
+            let name = self.setup.class.bind(py).name();
+            name.map_or_else(|_| NAME.to_owned(), |name| name.to_string())
+        })
+    }
+    /// Returns modules without a past: what they share belongs to one run.
+    fn with_seed(&self, _: u64) -> Result<Option<Swarm>, ScenarioError> {
+        let setup = Python::attach(|py| {
+            Setup::new(&self.setup.spec, self.setup.class.bind(py), self.setup.move_time)
+        });
+        let setup = setup.map_err(|e| problem(e.to_string(), "correct the class"))?;
+        Ok(Some(Swarm::new(PySwarm { cells: Arc::clone(&self.cells), setup: Arc::new(setup) })))
+    }
+    fn defect(&self) -> Option<Defect> {
+        None
+    }
+    fn with_defect(&self, _: Option<Defect>) -> Swarm {
+        Swarm::new(PySwarm { cells: Arc::clone(&self.cells), setup: Arc::clone(&self.setup) })
+    }
+    fn describe(&self, _: &Plan, out: &mut String) -> fmt::Result {
+        writeln!(out, "  swarm     {} modules with the protocol {}", self.cells.len(), self.protocol())
+    }
+    fn words(&self) -> &'static Words {
+        &Words {
+            module: "module",
+            modules: "modules",
+            cell: "goal",
+            part: "goal",
+            cells: "goals",
+            negotiation: "nothing",
+            body: "the body",
+            idle: "is alive",
+            time_step: "move time",
+            action: "move",
+        }
+    }
+}
+
+impl PySwarm {
+    /// Returns a check for each of the given invariants.
+    fn checks(&self) -> Vec<(Invariant, Check)> {
+        let numbers = 0..self.setup.spec.invariants.len();
+        numbers.map(|i| (OF_PROTOCOL, self.check(i))).collect()
+    }
+
+    fn check(&self, number: usize) -> Check {
+        let setup = Arc::clone(&self.setup);
+        Box::new(move |now| {
+            let (name, holds) = &setup.spec.invariants[number];
+            if setup.spec.has_failed() {
+                return Ok(());
+            }
+            let said = Python::attach(|py| {
+                let said = holds.bind(py).call1((&setup.modules, now.as_secs_f64()))?;
+                said.extract::<Option<String>>()
+            });
+            match said {
+                Ok(None) => Ok(()),
+                Ok(Some(what)) => Err(format!("{name}: {what}")),
+                Err(error) => {
+                    setup.spec.fail(error, None, now, name.as_str());
+                    Ok(())
+                }
+            }
+        })
+    }
+}
+
+impl Runnable for PySwarm {
+    type World = CubeBodies<PyAgent>;
+    type Director = PyDirector;
+
+    fn setup(&self) -> &Arc<Setup> {
+        &self.setup
+    }
+    fn world(&self, plan: &Plan) -> CubeBodies<PyAgent> {
+        let mut cubes = CubeWorld::new(&self.cells, self.time_step(), plan.seed);
+        cubes.set_failure(plan.failure);
+        CubeBodies::new(cubes, self.checks())
+    }
+    fn director(&self, plan: &Plan) -> PyDirector {
+        PyDirector::new(&self.setup, self.cells.len(), plan.schedule.clone(), plan.stop)
+    }
+    fn time_step(&self) -> Span {
+        self.setup.move_time
+    }
+    fn audit_every(&self) -> Span {
+        audit_every(self.time_step())
+    }
+    fn progress(director: &PyDirector) -> Progress {
+        director.progress()
+    }
+    fn account(&self, plan: &Plan, director: &PyDirector, world: &CubeBodies<PyAgent>) -> RunResult {
+        let (crashed, restarted) = director.crashed_and_restarted();
+        let motions = world.cubes.motions();
+        RunResult {
+            ended: director.ended(),
+            progress: Progress { moves: motions.completed, ..director.progress() },
+            crashed,
+            restarted,
+            stall: director.stall().cloned(),
+            snapshot: None,
+            struck: director.struck().to_vec(),
+            prevented: 0,
+            stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
+            bodies: cube::move_report(&motions),
+            moves: motions.completed,
+            family_part: None,
+        }
+    }
+    fn last_check(world: &mut CubeBodies<PyAgent>, now: Time) -> (Vec<Violation>, u64) {
+        world.cubes.check_connected(now);
+        (world.cubes.take_violations(), 1)
+    }
+}
+
+/// Exploration draws scenarios of built-in families only; what this one draws are cubes.
+impl ExploredFamily for PythonFamily {
+    fn generate(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm> {
+        cube::CubeFamily.generate(dice)
+    }
+    fn smallest(&self) -> Box<dyn GeneratedSwarm> {
+        cube::CubeFamily.smallest()
+    }
+    fn patience(&self, _: bool, _: u64) -> Option<(u64, u64)> {
+        None
+    }
+    fn shrinking(&self) -> u64 {
+        0
+    }
+}
+
+impl FamilyParts for PythonFamily {
+    type Swarm = PySwarm;
+
+    fn places(&self, swarm: &PySwarm) -> Vec<Cell> {
+        swarm.cells.to_vec()
+    }
+}

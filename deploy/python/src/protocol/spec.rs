@@ -1,0 +1,109 @@
+//! A protocol as given to one call: its class, when a run is over, and what must hold. Also keeps the first error that
+//! its code raised.
+
+use crate::scenario::raise;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::time::Time;
+use pyo3::exceptions::PyException;
+use pyo3::prelude::*;
+use pyo3::types::PyType;
+use std::fmt;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The protocol of the scenarios that are being read.
+static READING: Mutex<Option<Arc<Spec>>> = Mutex::new(None);
+
+/// An error that the code of a protocol raised.
+struct Failure {
+    error: PyErr,
+    /// The module; `None` for `until` and `invariants`.
+    module: Option<ModuleId>,
+    at: Time,
+    /// The call that raised it.
+    input: String,
+}
+
+/// A protocol, for one call of `run`, `sweep` or `Simulation`.
+pub struct Spec {
+    pub class: Py<PyType>,
+    pub until: Option<Py<PyAny>>,
+    pub invariants: Vec<(String, Py<PyAny>)>,
+    failure: Mutex<Option<Failure>>,
+    has_failed: AtomicBool,
+}
+
+impl fmt::Debug for Spec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Spec").field("class", &self.class).finish_non_exhaustive()
+    }
+}
+
+/// Ends [`Spec::reading`].
+pub struct Reading;
+
+impl Drop for Reading {
+    fn drop(&mut self) {
+        *READING.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+}
+
+impl Spec {
+    /// Makes this the protocol of all scenarios that are read until the guard is dropped. The interpreter must be held
+    /// meanwhile, or the process must work for this protocol only.
+    pub fn reading(self: &Arc<Spec>) -> Reading {
+        *READING.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(self));
+        Reading
+    }
+    /// Returns the protocol of the scenario that is being read.
+    pub fn read() -> Option<Arc<Spec>> {
+        READING.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Notes an error of the protocol's code, unless there was one before; the run ends.
+    pub fn fail(&self, error: PyErr, module: Option<ModuleId>, at: Time, input: impl Into<String>) {
+        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        if failure.is_none() {
+            *failure = Some(Failure { error, module, at, input: input.into() });
+            self.has_failed.store(true, Ordering::Relaxed);
+        }
+    }
+    /// Returns true if the protocol's code has raised an error.
+    pub fn has_failed(&self) -> bool {
+        self.has_failed.load(Ordering::Relaxed)
+    }
+    /// Raises the error that the protocol's code has raised, if any: as a `ProtocolError` with the error as its cause. A
+    /// `KeyboardInterrupt` stays what it is.
+    pub fn check(&self, py: Python<'_>) -> PyResult<()> {
+        let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(Failure { error, module, at, input }) = &*failure else { return Ok(()) };
+        if !error.is_instance_of::<PyException>(py) {
+            return Err(error.clone_ref(py));
+        }
+        let whose = module.map_or_else(String::new, |id| format!("module {id}: "));
+        let text = format!("{whose}{input} at {} s: {error}", at.as_secs_f64());
+        let raised = raise(py, "ProtocolError", (text, module.map(|id| id.0), at.0, input.clone()));
+        raised.set_cause(py, Some(error.clone_ref(py)));
+        Err(raised)
+    }
+}
+
+/// A protocol for the calls of this extension.
+#[pyclass(frozen, module = "metamorph._metamorph")]
+pub struct Protocol {
+    pub spec: Arc<Spec>,
+}
+
+#[pymethods]
+impl Protocol {
+    #[new]
+    #[pyo3(signature = (class_, until, invariants))]
+    fn new(
+        class_: Py<PyType>,
+        until: Option<Py<PyAny>>,
+        invariants: Vec<(String, Py<PyAny>)>,
+    ) -> PyResult<Protocol> {
+        let (failure, has_failed) = (Mutex::new(None), AtomicBool::new(false));
+        Ok(Protocol { spec: Arc::new(Spec { class: class_, until, invariants, failure, has_failed }) })
+    }
+}
