@@ -3,6 +3,7 @@
 
 use metamorph_tests::command::{Ran, command, scenarios};
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
@@ -118,6 +119,23 @@ fn sweeps_are_compared_by_statistics() {
     assert!(same.iter().all(|line| line["by"] == 0.0 && line["p"].as_f64() > Some(0.99)), "{same:?}");
     let ran = at(&["diff", "forest", "cycles"]);
     assert!(ran.out.contains("differs") && ran.out.contains("95 % interval"), "{}", ran.out);
+    // Keys that both vary.
+    let vary = ["--seeds", "0..6", "--vary", "link.loss=0%,5%", "--vary", "swarm.move_time=1s,2s"];
+    for out in ["v", "w"] {
+        let ran = at(&[&["sweep", "line-to-box", "--quiet", "--out", out], &vary[..]].concat());
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+    }
+    let groups = |more: &[&str]| {
+        let found = lines("v", "w", more);
+        let runs = found[0]["n_a"].as_u64().unwrap();
+        (found.iter().map(|line| line["values"].to_string()).collect::<BTreeSet<_>>().len(), runs)
+    };
+    assert_eq!(groups(&[]), (4, 6));
+    assert_eq!(groups(&["--by", "link.loss"]), (2, 12));
+    assert_eq!(groups(&["--by", "link.loss", "--by", "swarm.move_time"]), (4, 6));
+    let ran = at(&["diff", "v", "w", "--by", "link.lost"]);
+    assert_eq!(ran.code, Some(2), "{ran:?}");
+    assert!(ran.err.contains("name one of link.loss, swarm.move_time"), "{}", ran.err);
     // What is no sweep is refused.
     fs::create_dir(directory.path().join("empty")).unwrap();
     for (a, b, reason) in [

@@ -262,11 +262,43 @@ fn moving_pictures_have_all_frames() {
     assert!(reader.next_frame(&mut data).is_err());
 }
 
+/// Numbered figures are those of the moments of a moving picture, at one place and scale.
+#[test]
+fn figures_of_many_moments_are_numbered() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join("frames").join(name);
+    for kind in ["svg", "png"] {
+        let out = at(&format!("run-{{i}}.{kind}"));
+        let line = ["render", SWARM, "--out", out.to_str().unwrap(), "--at", "4s", "--every", "1.5s"];
+        let ran = run(&[&line[..], &["--width", "200px"]].concat());
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        assert!(ran.out.contains("4 files"), "{}", ran.out);
+    }
+    let names: BTreeSet<String> = fs::read_dir(at(""))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    assert_eq!(names.len(), 8, "{names:?}");
+    let read = |number: u32| fs::read_to_string(at(&format!("run-000{number}.svg"))).unwrap();
+    let size = |svg: &str| svg.split(" viewBox=\"").nth(1).unwrap().split('"').next().unwrap().to_owned();
+    assert_eq!(size(&read(0)), size(&read(3)));
+    let cells = |number| modules(&read(number)).values().map(Group::cell).collect::<BTreeSet<_>>();
+    assert!(cells(0) != cells(3), "the modules move meanwhile");
+    let (width, _) = png_size(&fs::read(at("run-0002.png")).unwrap());
+    assert_eq!(width, 200);
+}
+
+fn png_size(bytes: &[u8]) -> (u32, u32) {
+    let reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+    (reader.info().width, reader.info().height)
+}
+
 #[test]
 fn errors_say_what_to_do_and_leave_no_file() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
-    let cases: [(&str, &[&str], &str); 14] = [
+    let cases: [(&str, &[&str], &str); 15] = [
+        ("{i}.gif", &[], "a moving picture needs the time"),
         ("a.svg", &["--at", "1h"], "--at 3600s: the run ended at"),
         ("a.svg", &["--at", "soon"], "--at"),
         ("a.svg", &["--only", "modules=4000"], "--only modules=4000: there is no such module at"),
@@ -297,6 +329,26 @@ fn errors_say_what_to_do_and_leave_no_file() {
     assert_eq!(ran.code, Some(2), "{ran:?}");
     let ran = run(&["render", scenario("swarm.toml").to_str().unwrap(), "--out", SWARM]);
     assert_eq!(ran.code, Some(2), "{ran:?}");
+}
+
+/// Figures that were looked at, and stay as they are byte by byte.
+#[test]
+fn figures_are_those_that_are_kept() {
+    let golden = metamorph_tests::command::root().join("tests/golden");
+    let cases: [(&str, &str, &[&str]); 4] = [
+        ("slab.svg", "deploy/scenarios/slab-to-sphere.toml", &["--at", "0s"]),
+        ("chair.svg", "deploy/scenarios/chair.toml", &[]),
+        ("section.svg", "deploy/scenarios/arch.toml", &["--section", "x<3", "--color", "level"]),
+        ("top.svg", SWARM, &["--at", "2.5s", "--camera", "top", "--labels", "ids"]),
+    ];
+    for (name, source, options) in cases {
+        let kept = fs::read_to_string(golden.join(name)).unwrap();
+        let line = format!("metamorph render {source} {} --out tests/golden/{name}", options.join(" "));
+        assert!(
+            svg(source, options) == kept,
+            "{name} differs; if that is right, look at it and keep it: {line}"
+        );
+    }
 }
 
 #[test]

@@ -128,6 +128,7 @@ Examples:
   metamorph sweep cycles.toml --seeds 0..200 --out cycles
   metamorph diff forest cycles
   metamorph diff forest cycles --at-least 5% --json diff.json
+  metamorph diff forest cycles --by link.loss
   metamorph diff a.report.json b.report.json
 
 Of sweeps, combinations with equal values are compared. Shares of outcomes have intervals of Newcombe and
@@ -211,6 +212,7 @@ Examples:
   metamorph render deploy/scenarios/slab-to-sphere.toml --at 50% --out slab-to-sphere.svg
   metamorph render deploy/scenarios/slab-to-sphere.toml --section 'x<11' --color level --width 180mm --out cut.png
   metamorph render deploy/scenarios/swarm.toml --every 250ms --out swarm.gif
+  metamorph render deploy/scenarios/swarm.toml --every 5s --out 'frames/{i}.png'
   metamorph run deploy/scenarios/swarm.toml --journal run.journal
   metamorph render run.journal --at 12s --camera top --only goal --goal ghost > top.svg
 

@@ -21,6 +21,7 @@ use crate::view::figure::camera::Camera;
 use crate::view::figure::drawing::Provenance;
 use crate::view::figure::options::{ColorBy, GoalStyle, Labels, Moment, Only, Section, Style, Width};
 use crate::view::figure::palette::Theme;
+use crate::view::figure::picture::Picture;
 use crate::view::figure::{Figure, FigureError, raster};
 use crate::view::scene::Scene;
 use crate::view::scene_builder::{ReadError, Shared};
@@ -39,14 +40,15 @@ pub struct RenderArgs {
     /// `metamorph scenarios` lists), which is simulated as far as it is needed
     #[arg(value_name = "JOURNAL|SCENARIO")]
     pub file: PathBuf,
-    /// Write a figure (.svg, .png) or a moving picture (.gif, .apng) to this file; default: SVG on standard
-    /// output
+    /// Write a figure (.svg, .png) or a moving picture (.gif, .apng) to this file; with --every and {i} in the name of
+    /// a figure, one file for each moment, numbered from 0000; default: SVG on standard output
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// The moment to show: a scenario time, a share of the run (50%), or `end`; of a moving picture, the last one
     #[arg(long, value_name = "T", default_value = "end")]
     pub at: Moment,
-    /// Scenario time from one frame of a moving picture to the next; default: none, for one moment
+    /// Scenario time from one frame of a moving picture, or one numbered figure, to the next; default: none, for one
+    /// moment
     #[arg(long, value_name = "T", value_parser = span)]
     pub every: Option<Span>,
     /// Frames per second of a moving picture
@@ -127,7 +129,12 @@ enum Kind {
     Svg,
     Png,
     Moving(Format),
+    /// Figures of many moments; true for PNG.
+    Numbered(bool),
 }
+
+/// Stands for the number of a figure in the name of its file.
+const NUMBER: &str = "{i}";
 
 /// Errors of `render`.
 #[derive(Debug, Error)]
@@ -139,7 +146,7 @@ enum RenderError {
     #[error("--out {}: a moving picture needs the time from one frame to the next\n  fix: add --every 1s, or name a file that ends in .svg or .png", .0.shown())]
     NoEvery(PathBuf),
     #[error(
-        "--every: a file that ends in .svg or .png shows one moment\n  fix: name a file that ends in .gif or .apng with --out, or leave out --every"
+        "--every: a file that ends in .svg or .png shows one moment\n  fix: name numbered files such as --out 'frames/{{i}}.png', or one that ends in .gif or .apng, or leave out --every"
     )]
     Every,
     #[error("--theme transparent: moving pictures have a background\n  fix: choose another theme")]
@@ -196,7 +203,8 @@ pub fn render(args: RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
     let kind = kind(&args)?;
     let mut outputs = Outputs::new();
     outputs.reads("the run", &args.file);
-    let output = args.out.as_deref().map(|file| outputs.writes("--out", file)).transpose()?;
+    let output = args.out.as_deref().filter(|_| !matches!(kind, Kind::Numbered(_)));
+    let output = output.map(|file| outputs.writes("--out", file)).transpose()?;
     interrupt.begin();
     let source = if is_scenario(&args.file) { simulated(&args, since, interrupt)? } else { read(&args)? };
     let Some(at) = args.at.within(source.scene.now()) else {
@@ -212,7 +220,10 @@ pub fn render(args: RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
     let style = style(&args, kind);
     let provenance = provenance(&args, &style, &source, at);
     let figure = Figure::new(&source.scene, &*source.swarm, &style, provenance);
-    let said = write(&args, kind, &figure, &style, at, output.as_ref(), interrupt)?;
+    let said = match kind {
+        Kind::Numbered(png) => Some(write_series(&args, png, &figure, &style, at, &mut outputs, interrupt)?),
+        _ => write(&args, kind, &figure, &style, at, output.as_ref(), interrupt)?,
+    };
     if let (Some(file), Some(said)) = (&args.out, said) {
         let modules = many(source.plan.swarm.len() as u64, "module");
         Channel::beside(false, args.quiet).say(&format!("{}: {modules} {said}\n", file.shown()));
@@ -234,7 +245,9 @@ fn kind(args: &RenderArgs) -> Result<Kind, RenderError> {
         Some("apng") => Kind::Moving(Format::Apng),
         _ => return Err(RenderError::Format(file.clone())),
     };
+    let is_numbered = file.file_name().is_some_and(|name| name.to_string_lossy().contains(NUMBER));
     match (kind, args.every) {
+        (Kind::Svg | Kind::Png, Some(_)) if is_numbered => Ok(Kind::Numbered(kind == Kind::Png)),
         (Kind::Moving(_), None) => Err(RenderError::NoEvery(file.clone())),
         (Kind::Svg | Kind::Png, Some(_)) => Err(RenderError::Every),
         (Kind::Moving(_), _) if args.style.theme == Theme::Transparent => Err(RenderError::Transparent),
@@ -395,13 +408,10 @@ fn write(
 ) -> Result<Option<String>, RenderError> {
     let time = seconds(at.as_secs_f64());
     let (data, shown) = match kind {
-        Kind::Svg => (figure.still(at)?.svg().into_bytes(), format!("at {time}")),
+        Kind::Svg | Kind::Numbered(_) => (figure.still(at)?.svg().into_bytes(), format!("at {time}")),
         Kind::Png => {
-            let picture = figure.still(at)?;
-            let pixmap = figure.pixels(&picture)?;
-            let mut data = Vec::new();
-            raster::png(&picture, style.dpi, &pixmap, &mut data).map_err(FigureError::from)?;
-            (data, format!("at {time}, {} × {} pixels", pixmap.width(), pixmap.height()))
+            let (data, [width, height]) = png(figure, &figure.still(at)?, style)?;
+            (data, format!("at {time}, {width} × {height} pixels"))
         }
         Kind::Moving(format) => {
             let every = args.every.ok_or(RenderError::Every)?;
@@ -421,4 +431,35 @@ fn write(
             Ok(None)
         }
     }
+}
+
+/// Returns a picture as a PNG file, with its width and height.
+fn png(figure: &Figure<'_>, picture: &Picture, style: &Style) -> Result<(Vec<u8>, [u32; 2]), FigureError> {
+    let pixmap = figure.pixels(picture)?;
+    let mut data = Vec::new();
+    raster::png(picture, style.dpi, &pixmap, &mut data)?;
+    Ok((data, [pixmap.width(), pixmap.height()]))
+}
+
+/// Writes the figures of many moments, and returns what was written.
+fn write_series(
+    args: &RenderArgs,
+    is_png: bool,
+    figure: &Figure<'_>,
+    style: &Style,
+    end: Time,
+    outputs: &mut Outputs,
+    interrupt: &Interrupt,
+) -> Result<String, RenderError> {
+    let (Some(file), Some(every)) = (&args.out, args.every) else { return Err(RenderError::Every) };
+    let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    if let Some(directory) = file.parent().filter(|directory| !directory.as_os_str().is_empty()) {
+        std::fs::create_dir_all(directory).map_err(FigureError::from)?;
+    }
+    let written = figure.series(every, end, &|| !interrupt.is_set(), |number, picture| {
+        let path = file.with_file_name(name.replace(NUMBER, &format!("{number:04}")));
+        let data = if is_png { png(figure, picture, style)?.0 } else { picture.svg().into_bytes() };
+        Ok::<_, RenderError>(outputs.writes("--out", &path)?.write(&data)?)
+    })?;
+    Ok(format!("until {}, {}", seconds(end.as_secs_f64()), many(written.into(), "file")))
 }

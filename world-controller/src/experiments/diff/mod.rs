@@ -28,6 +28,10 @@ pub struct DiffArgs {
     /// (of rates: this many percentage points)
     #[arg(long, value_name = "P%", value_parser = percentage, default_value = "0%")]
     pub at_least: f64,
+    /// Of sweeps: compare for each value of this key, whatever the values of other keys (repeatable); default: for each
+    /// combination of the keys that both vary
+    #[arg(long, value_name = "KEY")]
+    pub by: Vec<String>,
     /// Write the comparison as JSON to a file, or to standard output with `-` (text for people then goes to
     /// standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
@@ -65,6 +69,17 @@ pub enum DiffError {
         /// The cause.
         reason: String,
     },
+    /// A key that the sweeps do not both vary.
+    #[error("--by {}: the two sweeps do not both vary this key\n  fix: name one of {known}", .key.shown())]
+    By {
+        /// The key.
+        key: String,
+        /// The keys that both vary.
+        known: String,
+    },
+    /// It has no meaning for reports.
+    #[error("--by: two reports have no keys\n  fix: leave it out, or name directories of sweeps")]
+    ByOfReports,
     /// The sweeps have no values in common.
     #[error("{} and {}: no combination of values occurs in both sweeps\n  fix: compare sweeps that vary the same keys", .0.shown(), .1.shown())]
     Nothing(PathBuf, PathBuf),
@@ -106,7 +121,8 @@ pub fn diff(args: &DiffArgs) -> Result<u8, DiffError> {
     let channel = Channel::beside(json.is_out(), args.quiet);
     let is_sweep = |path: &Path| path.is_dir();
     let comparison = match (is_sweep(&args.a), is_sweep(&args.b)) {
-        (true, true) => sweeps::compare(&args.a, &args.b, args.at_least, channel.paint())?,
+        (true, true) => sweeps::compare(&args.a, &args.b, &args.by, args.at_least, channel.paint())?,
+        (false, false) if !args.by.is_empty() => return Err(DiffError::ByOfReports),
         (false, false) => reports::compare(&args.a, &args.b, channel.paint())?,
         _ => return Err(DiffError::Kinds(args.a.clone(), args.b.clone())),
     };

@@ -145,10 +145,27 @@ fn read(path: &Path) -> Result<Runs, DiffError> {
     if runs.rows.is_empty() { Err(wrong("the sweep has no run".to_owned())) } else { Ok(runs) }
 }
 
-/// Compares two sweeps.
-pub fn compare(a: &Path, b: &Path, at_least: f64, paint: Paint) -> Result<Comparison, DiffError> {
+/// Returns the keys whose values are compared separately: those that both sweeps vary, or some of them.
+fn keys(first: &Runs, second: &Runs, by: &[String]) -> Result<BTreeSet<String>, DiffError> {
+    let both: BTreeSet<String> = first.keys.iter().filter(|key| second.keys.contains(key)).cloned().collect();
+    if let Some(key) = by.iter().find(|key| !both.contains(*key)) {
+        let known = both.iter().map(|key| key.shown().to_string()).collect::<Vec<_>>().join(", ");
+        let known = if known.is_empty() { "none: both vary no key".to_owned() } else { known };
+        return Err(DiffError::By { key: key.clone(), known });
+    }
+    Ok(if by.is_empty() { both } else { by.iter().cloned().collect() })
+}
+
+/// Compares two sweeps, separately for each value of the keys `by`.
+pub fn compare(
+    a: &Path,
+    b: &Path,
+    by: &[String],
+    at_least: f64,
+    paint: Paint,
+) -> Result<Comparison, DiffError> {
     let (first, second) = (read(a)?, read(b)?);
-    let keys: BTreeSet<String> = first.keys.iter().filter(|key| second.keys.contains(key)).cloned().collect();
+    let keys = keys(&first, &second, by)?;
     let (of_a, of_b) = (groups(&first, &keys), groups(&second, &keys));
     let both: Vec<_> = of_a.iter().filter_map(|(values, a)| Some((values, a, of_b.get(values)?))).collect();
     if both.is_empty() {

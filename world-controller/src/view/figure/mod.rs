@@ -158,6 +158,48 @@ impl<'a> Figure<'a> {
         })
     }
 
+    /// Returns the place and the scale that show all of these moments.
+    fn extent(&self, moments: &[Time], going: &dyn Fn() -> bool) -> Result<Extent, FigureError> {
+        let mut extent = Extent::default();
+        let mut playback = Playback::new(self.scene, self.swarm);
+        let mut any = Err(FigureError::Interrupted);
+        for at in moments {
+            if !going() {
+                return Err(FigureError::Interrupted);
+            }
+            // Modules may have numbers to colour them by at some moments only.
+            any = any.and(Ok(())).or(self.measure(&playback.advance(*at), &mut extent));
+        }
+        any?;
+        extent.add_floor(&self.subject);
+        Ok(extent)
+    }
+
+    /// Draws pictures of one place and scale: the run until `end`, for every so much scenario time, and the end. Hands
+    /// each to `take` with its number, from 0. `going` is asked before each whether to go on. Returns how many there are.
+    ///
+    /// # Errors
+    ///
+    /// There is nothing to draw, there are too many pictures, or `take` fails.
+    pub fn series<E: From<FigureError>>(
+        &self,
+        every: Span,
+        end: Time,
+        going: &dyn Fn() -> bool,
+        mut take: impl FnMut(u32, &Picture) -> Result<(), E>,
+    ) -> Result<u32, E> {
+        let moments = moments(every, end)?;
+        let extent = self.extent(&moments, going)?;
+        let mut playback = Playback::new(self.scene, self.swarm);
+        for (number, at) in (0..).zip(&moments) {
+            if !going() {
+                return Err(FigureError::Interrupted.into());
+            }
+            take(number, &self.picture(&playback.advance(*at), &extent))?;
+        }
+        Ok(moments.len() as u32)
+    }
+
     /// Writes a moving picture: the run until `end`, with a frame for every so much scenario time, and the end.
     /// `going` is asked before each frame whether to go on. Returns the number of frames.
     ///
@@ -174,18 +216,7 @@ impl<'a> Figure<'a> {
         out: impl Write,
     ) -> Result<u32, FigureError> {
         let moments = moments(every, end)?;
-        let mut extent = Extent::default();
-        let mut playback = Playback::new(self.scene, self.swarm);
-        let mut any = Err(FigureError::Interrupted);
-        for at in &moments {
-            if !going() {
-                return Err(FigureError::Interrupted);
-            }
-            // Modules may have numbers to colour them by at some moments only.
-            any = any.and(Ok(())).or(self.measure(&playback.advance(*at), &mut extent));
-        }
-        any?;
-        extent.add_floor(&self.subject);
+        let extent = self.extent(&moments, going)?;
         let first = self.picture(&Playback::new(self.scene, self.swarm).advance(Time::ZERO), &extent);
         let mut playback = Playback::new(self.scene, self.swarm);
         let draw = |frame: u32| {
