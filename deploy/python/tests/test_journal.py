@@ -1,4 +1,4 @@
-"""Journals as tables and arrays, and the commands of the program from Python."""
+"""Journals as tables and arrays, the commands of the program from Python, plots, and pickle."""
 
 from __future__ import annotations
 
@@ -132,3 +132,18 @@ def test_a_simulation_of_a_protocol_is_pickled() -> None:
     sim.advance("0.2s")
     again = pickle.loads(pickle.dumps(sim))
     assert again.trace_hash == sim.trace_hash and again.run() and again.outcome == "built"
+
+
+def test_sweeps_and_reports_are_plotted(recorded: tuple[Path, mm.Report]) -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    sweep = mm.sweep("line-to-box", seeds=range(4), vary={"link.loss": ["0%", "5%"]})
+    ax = sweep.plot("makespan_s", by="link.loss")
+    assert [tick.get_text() for tick in ax.get_xticklabels()] == ["0%\nn = 4", "5%\nn = 4"]
+    medians = [line.get_ydata()[0] for line in ax.lines if len(set(line.get_ydata())) == 1]
+    assert np.median(sweep.runs["makespan_s"][:4]) in medians
+    assert sweep.plot("moves", ax=ax) is ax
+    with pytest.raises(ValueError, match="the columns are run, link.loss"):
+        sweep.plot("makespan")
+    bars = recorded[1].plot().patches
+    assert sum(bar.get_width() for bar in bars) == recorded[1].messages["all"]["sent"]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _metamorph as _native
-from . import _program
+from . import _plot, _program
 from ._errors import MetamorphError, ProgramError, ScenarioError
 from ._processes import Work, rows
 from ._protocol import Invariant, Protocol, Until, _given
@@ -176,6 +176,10 @@ class Report:
         names = ("at_s", "fault", "module", "effect")
         return Table({name: [fault[name] for fault in self._fields["faults"]] for name in names})
 
+    def plot(self, ax: Optional[Any] = None) -> Any:
+        """Draws the messages sent by class. Returns the axes of matplotlib, which must be installed."""
+        return _plot.bars(self.messages_by_class, ax)
+
     def to_dict(self) -> dict[str, Any]:
         """All fields."""
         return dict(self._fields)
@@ -278,6 +282,11 @@ class Sweep:
     def to_pandas(self) -> Any:
         """The runs as a pandas data frame."""
         return self.runs.to_pandas()
+
+    def plot(self, column: str, by: Optional[str] = None, ax: Optional[Any] = None) -> Any:
+        """Draws a box of a column, such as `"makespan_s"`, for each value of another one, such as `"link.loss"`. Returns the
+        axes of matplotlib, which must be installed."""
+        return _plot.boxes(self.runs, column, by, ax)
 
     def __len__(self) -> int:
         return len(self.runs)
