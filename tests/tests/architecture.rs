@@ -30,6 +30,7 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
             "metamorph-python",
             vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-world-controller"],
         ),
+        ("metamorph-site", vec!["metamorph-world-controller"]),
         (
             "metamorph-tests",
             vec![

@@ -358,15 +358,23 @@ fn without_a_file_the_figure_goes_to_standard_output() {
     assert!(String::from_utf8(output.stdout).unwrap().starts_with("<svg "));
 }
 
-/// The pictures of README.md are what `docs/pictures/make` makes: the SVG byte by byte, the moving picture in size
+/// The pictures of README.md and the gallery are what `docs/pictures/make` makes: the SVG byte by byte, the moving picture in size
 /// and number of frames, since pixels may differ a little on other processors.
 #[test]
-fn the_pictures_of_the_readme_are_made_by_render() {
+fn the_pictures_of_the_pages_are_made_by_render() {
     let pictures = metamorph_tests::command::root().join("docs/pictures");
     let readme = fs::read_to_string(metamorph_tests::command::root().join("README.md")).unwrap();
     let script = fs::read_to_string(pictures.join("make")).unwrap();
     let lines: Vec<&str> = script.lines().filter_map(|line| line.strip_prefix("metamorph ")).collect();
-    assert_eq!(lines.len(), 2, "{script}");
+    assert!(lines.len() > 2, "{script}");
+    let gallery = fs::read_to_string(pictures.join("../gallery.md")).unwrap();
+    let missing: Vec<&str> = gallery
+        .split("](pictures/")
+        .skip(1)
+        .filter_map(|rest| rest.split(')').next())
+        .filter(|name| *name != "make" && !lines.iter().any(|line| line.ends_with(&format!(" {name}"))))
+        .collect();
+    assert!(missing.is_empty(), "docs/pictures/make does not draw {missing:?}");
     let frames = |bytes: &[u8]| {
         let mut decoder = gif::DecodeOptions::new().read_info(bytes).unwrap();
         let mut frames = 0;
@@ -378,7 +386,9 @@ fn the_pictures_of_the_readme_are_made_by_render() {
     for line in lines {
         let words: Vec<&str> = line.split(' ').collect();
         let (options, name) = (&words[2..words.len() - 2], words[words.len() - 1]);
-        assert!(words[0] == "render" && readme.contains(&format!("docs/pictures/{name}")), "{line}");
+        let shown = readme.contains(&format!("docs/pictures/{name}"))
+            || gallery.contains(&format!("pictures/{name}"));
+        assert!(words[0] == "render" && shown, "{line}");
         let options: Vec<&str> = options.iter().copied().filter(|word| *word != "--quiet").collect();
         let made = figure(words[1], name, &options);
         let kept = fs::read(pictures.join(name)).unwrap();

@@ -1,4 +1,4 @@
-//! The director of the tutorial: takes the reports of modules and ends the run when all agree. It
+//! The director of an election: takes the reports of modules and ends the run when all agree. It
 //! gives no orders.
 
 use crate::leader::{Leader, Lowest};

@@ -1,4 +1,4 @@
-//! The protocol of the tutorial: modules agree on a leader, the living one with the lowest number.
+//! An election: modules agree on a leader, the living one with the lowest number.
 //!
 //! Every module tells its neighbours the lowest number it has heard of, repeatedly, because messages
 //! get lost. Not here: detecting that the leader has died, which is left to the reader.

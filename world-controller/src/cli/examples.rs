@@ -78,12 +78,13 @@ Examples:
   metamorph new mine.toml
   metamorph new chairs.toml --family metamodule
   metamorph new tower.toml --like rabbit --minimal
+  metamorph new --protocol leader           a crate with a protocol, both drivers and tests
 
 Keys that are not set are commented out, with their defaults or examples. An existing file is never
 overwritten.
 
 Exit codes:
-  0  the scenario is written
+  0  the scenario or the repository is written
   1  it could not be written completely
   2  the command line is wrong, or the file exists";
 
@@ -131,10 +132,10 @@ Examples:
   metamorph diff forest cycles --by link.loss
   metamorph diff a.report.json b.report.json
 
-Of sweeps, combinations with equal values are compared. Shares of outcomes have intervals of Newcombe and
-Fisher's exact test; numbers of built runs have the shift of Hodges and Lehmann and the test of Mann and
-Whitney. Probabilities are adjusted for the number of tests (Holm). Of reports, fields that differ are
-listed, without those about the machine.
+Of sweeps, combinations with equal values are compared. Shares of outcomes have intervals of
+Newcombe and Fisher's exact test; numbers of built runs have the shift of Hodges and Lehmann and the
+test of Mann and Whitney. Probabilities are adjusted for the number of tests (Holm). Of reports,
+fields that differ are listed, without those about the machine.
 
 Exit codes:
   0  both could be compared, whether they differ or not

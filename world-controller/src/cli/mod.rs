@@ -7,6 +7,7 @@ mod doctor;
 mod examples;
 mod figures;
 mod new;
+mod new_protocol;
 pub mod reference;
 mod runs;
 mod scenarios;

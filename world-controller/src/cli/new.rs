@@ -1,5 +1,6 @@
-//! The command `new`: a scenario to begin with.
+//! The command `new`: a scenario to begin with, or a protocol.
 
+use crate::cli::new_protocol::protocol;
 use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
 use crate::console::escape::{Shown, portable};
 use crate::console::output::{OutputError, Outputs};
@@ -9,6 +10,7 @@ use crate::scenario::error::ScenarioError;
 use crate::scenario::shipped;
 use crate::scenario::template::template;
 use clap::Args;
+use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
 use toml::{Table, Value};
@@ -20,8 +22,11 @@ const BASES: [(&str, &str); 2] = [("cube", "line-to-box"), ("metamodule", "chair
 #[derive(Debug, Args)]
 pub struct NewArgs {
     /// The file to write, which must not exist yet; its name is that of the scenario
-    #[arg(value_name = "FILE")]
-    pub file: PathBuf,
+    #[arg(value_name = "FILE", required_unless_present = "protocol")]
+    pub file: Option<PathBuf>,
+    /// Write a repository for a protocol of your own to this directory, which must not exist yet or be empty
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["file", "family", "like", "minimal"])]
+    pub protocol: Option<PathBuf>,
     /// The family of its modules: cube or metamodule; default: that of --like, or cube
     #[arg(long, value_name = "FAMILY", conflicts_with = "like")]
     pub family: Option<String>,
@@ -48,6 +53,17 @@ pub enum NewError {
         /// Similar names.
         suggestions: Vec<String>,
     },
+    /// The directory of a repository has files.
+    #[error("--protocol {}: this directory is not empty; nothing was written\n  fix: name one that does not exist yet", .0.shown())]
+    NotEmpty(PathBuf),
+    /// A directory of a repository cannot be created.
+    #[error("--protocol {}: cannot create a directory there: {error}\n  fix: name a directory that is yours", .directory.shown())]
+    Directory {
+        /// The directory.
+        directory: PathBuf,
+        /// The cause.
+        error: io::Error,
+    },
     /// The file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -69,12 +85,17 @@ impl CommandError for NewError {
     }
 }
 
-/// Writes a scenario.
+/// Writes a scenario, or a repository for a protocol.
 ///
 /// # Errors
 ///
-/// There is no such family or scenario, or the file exists or cannot be written.
+/// There is no such family or scenario, or what is to be written exists or cannot be written.
 pub fn new(args: &NewArgs) -> Result<u8, NewError> {
+    if let Some(directory) = &args.protocol {
+        print_out(&protocol(directory)?);
+        return Ok(0);
+    }
+    let path = args.file.as_deref().expect("invariant: clap asks for one of both");
     let base = match (&args.like, &args.family) {
         (Some(name), _) => name.as_str(),
         (None, None) => BASES[0].1,
@@ -91,13 +112,13 @@ pub fn new(args: &NewArgs) -> Result<u8, NewError> {
     let own = base.get("swarm").and_then(|swarm| swarm.get("family")).and_then(Value::as_str);
     let own = own.unwrap_or(BASES[0].0);
     let family = family::named(own).expect("invariant: shipped scenarios name a family, as a test shows");
-    let name = args.file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    let file = Outputs::new().creates("new", &args.file)?;
+    let name = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    let file = Outputs::new().creates("new", path)?;
     file.write(template(families(), family, &base, &name.shown(), args.minimal))?;
     print_out(&format!(
         "{}: a scenario of the family {own}\n  metamorph check {} says what would run\n",
-        args.file.shown(),
-        crate::scenario::quote(portable(&args.file)),
+        path.shown(),
+        crate::scenario::quote(portable(path)),
     ));
     Ok(0)
 }
