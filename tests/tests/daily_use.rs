@@ -136,6 +136,39 @@ fn sweeps_are_compared_by_statistics() {
     let ran = at(&["diff", "v", "w", "--by", "link.lost"]);
     assert_eq!(ran.code, Some(2), "{ran:?}");
     assert!(ran.err.contains("name one of link.loss, swarm.move_time"), "{}", ran.err);
+    // Plots: of one sweep, and of the differences between two, with the tables behind them.
+    let read = |name: &str| fs::read_to_string(directory.path().join(name)).unwrap();
+    let drawn = |svg: &str| {
+        let count = |tag: &str| svg.matches(tag).count();
+        assert!(svg.starts_with("<svg xmlns=") && !svg.contains("class="), "{svg}");
+        (count("<circle"), count("<title"))
+    };
+    let ran = at(&["render", "v", "--out", "built.svg", "--table", "built.csv", "--quiet"]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(0), ""), "{ran:?}");
+    assert_eq!(drawn(&read("built.svg")), (4, 4));
+    let table = read("built.csv");
+    assert!(table.starts_with("link.loss,swarm.move_time,runs,built,rate,low,high\n0%,1s,6,6,1,"), "{table}");
+    let ran = at(&["render", "v", "--plot", "makespan", "--out", "m.svg", "--table", "m.csv", "--quiet"]);
+    assert_eq!((ran.code, drawn(&read("m.svg"))), (Some(0), (4, 4)), "{ran:?}");
+    assert_eq!(read("m.csv").lines().map(|line| line.split(',').count()).collect::<Vec<_>>(), [12; 5]);
+    let ran = at(&["diff", "forest", "cycles", "--plot", "forest.svg", "--quiet"]);
+    let undrawn = found.iter().filter(|line| line["rate"] == false && line["a"] == 0.0).count();
+    assert_eq!((ran.code, drawn(&read("forest.svg")).0 + undrawn), (Some(0), found.len()), "{ran:?}");
+    for (command, reason) in [
+        (&["render", "v", "--out", "x.png"][..], "a plot is an SVG"),
+        (
+            &["render", "line-to-box", "--plot", "moves", "--out", "x.svg"],
+            "only sweeps and reports are plotted",
+        ),
+        (
+            &["diff", "cycles.toml", "cycles.toml", "--plot", "x.svg"],
+            "two reports have no keys and no intervals",
+        ),
+    ] {
+        let ran = at(command);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{ran:?}");
+        assert!(ran.err.contains(reason) && ran.err.contains("\n  fix: "), "{}", ran.err);
+    }
     // What is no sweep is refused.
     fs::create_dir(directory.path().join("empty")).unwrap();
     for (a, b, reason) in [
@@ -158,6 +191,13 @@ fn reports_are_compared_field_by_field() {
         let ran = at(&["run", "swarm", "--link", "sim", "--seed", seed, "--quiet", "--json", out]);
         assert_eq!(ran.code, Some(0), "{ran:?}");
     }
+    let plotted = at(&["render", "a.json", "--table", "a.csv", "--quiet"]);
+    assert_eq!(plotted.code, Some(0), "{plotted:?}");
+    let table = fs::read_to_string(directory.path().join("a.csv")).unwrap();
+    assert!(
+        table.starts_with("class,sent,delivered,lost\ngradient,") && table.lines().count() == 8,
+        "{table}"
+    );
     let same = at(&["diff", "a.json", "again.json"]);
     assert!(same.out.contains("the same run: the trace hashes are equal"), "{}", same.out);
     let same = json(&at(&["diff", "a.json", "again.json", "--quiet", "--json", "-"]));

@@ -129,7 +129,7 @@ Examples:
   metamorph sweep cycles.toml --seeds 0..200 --out cycles
   metamorph diff forest cycles
   metamorph diff forest cycles --at-least 5% --json diff.json
-  metamorph diff forest cycles --by link.loss
+  metamorph diff forest cycles --by link.loss --plot forest.svg
   metamorph diff a.report.json b.report.json
 
 Of sweeps, combinations with equal values are compared. Shares of outcomes have intervals of
@@ -216,6 +216,7 @@ Examples:
   metamorph render deploy/scenarios/swarm.toml --every 5s --out 'frames/{i}.png'
   metamorph run deploy/scenarios/swarm.toml --journal run.journal
   metamorph render run.journal --at 12s --camera top --only goal --goal ghost > top.svg
+  metamorph render results --plot makespan --out makespan.svg --table makespan.csv
 
 Projections are parallel: lengths in the plane of the picture can be measured with the scale bar. In an SVG
 every module is a group with its number, role and cell. A figure says in itself how it was made. The same run

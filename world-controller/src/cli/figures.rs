@@ -1,7 +1,7 @@
 //! The command `render`: figures of a journal, or of a scenario that is simulated as far as it is needed.
 
 use crate::cli::args::SimulatedArgs;
-use crate::cli::runs;
+use crate::cli::{plots, runs};
 use crate::console::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use crate::console::escape::{Shown, portable};
 use crate::console::format::{bytes, many, seconds};
@@ -9,6 +9,7 @@ use crate::console::interrupt::Interrupt;
 use crate::console::output::{Output, OutputError, Outputs};
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{Channel, Live, print_data, print_error};
+use crate::experiments::sweep::plot::Quantity;
 use crate::family;
 use crate::record::journal::{Journal, JournalError, plan_of};
 use crate::report::progress;
@@ -37,8 +38,9 @@ use thiserror::Error;
 #[derive(Debug, Args)]
 pub struct RenderArgs {
     /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml, or a name that
-    /// `metamorph scenarios` lists), which is simulated as far as it is needed
-    #[arg(value_name = "JOURNAL|SCENARIO")]
+    /// `metamorph scenarios` lists), which is simulated as far as it is needed; or a directory that `sweep --out`
+    /// wrote, or a report that `run --json` wrote, which are plotted
+    #[arg(value_name = "JOURNAL|SCENARIO|SWEEP|REPORT")]
     pub file: PathBuf,
     /// Write a figure (.svg, .png) or a moving picture (.gif, .apng) to this file; with --every and {i} in the name of
     /// a figure, one file for each moment, numbered from 0000; default: SVG on standard output
@@ -51,6 +53,12 @@ pub struct RenderArgs {
     /// moment
     #[arg(long, value_name = "T", value_parser = span)]
     pub every: Option<Span>,
+    /// Of a sweep or a report: what is plotted; default: built, of a report messages
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub plot: Option<Quantity>,
+    /// Of a sweep or a report: write the table behind the plot to this file, as CSV
+    #[arg(long, value_name = "FILE")]
+    pub table: Option<PathBuf>,
     /// Frames per second of a moving picture
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=50))]
     pub fps: u32,
@@ -149,6 +157,10 @@ enum RenderError {
         "--every: a file that ends in .svg or .png shows one moment\n  fix: name numbered files such as --out 'frames/{{i}}.png', or one that ends in .gif or .apng, or leave out --every"
     )]
     Every,
+    #[error(
+        "{0}: only sweeps and reports are plotted\n  fix: leave it out, or name the directory of a sweep or a report"
+    )]
+    OfPlot(&'static str),
     #[error("--theme transparent: moving pictures have a background\n  fix: choose another theme")]
     Transparent,
     #[error("--at {at}: the run ended at {end}\n  fix: name an earlier time, a share such as 50%, or `end`")]
@@ -200,6 +212,15 @@ struct Source {
 
 /// Draws figures.
 pub fn render(args: RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    if plots::is_plotted(&args.file) {
+        return plots::render(&args);
+    }
+    if let Some(option) = [("--plot", args.plot.is_some()), ("--table", args.table.is_some())]
+        .into_iter()
+        .find_map(|(option, given)| given.then_some(option))
+    {
+        return Err(RenderError::OfPlot(option).into());
+    }
     let kind = kind(&args)?;
     let mut outputs = Outputs::new();
     outputs.reads("the run", &args.file);

@@ -8,6 +8,7 @@ mod examples;
 mod figures;
 mod new;
 mod new_protocol;
+mod plots;
 pub mod reference;
 mod runs;
 mod scenarios;

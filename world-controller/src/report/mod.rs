@@ -9,6 +9,7 @@ mod human;
 pub mod message_timeline;
 mod over_time;
 pub mod page;
+pub mod plot_file;
 pub mod plots;
 pub mod prospect;
 pub mod run_result;

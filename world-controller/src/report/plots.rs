@@ -162,6 +162,44 @@ pub fn boxes(rows: &[Row<Option<Spread>>], about: &str) -> Markup {
     })
 }
 
+/// A difference as a share, with its interval.
+#[derive(Clone, Debug)]
+pub struct Shift {
+    /// The difference.
+    pub by: f64,
+    /// The lower end of its interval.
+    pub low: f64,
+    /// The upper end.
+    pub high: f64,
+    /// The conclusion, in a word.
+    pub conclusion: &'static str,
+}
+
+/// Plots differences with their intervals, and a line at zero (a forest plot); `None` if there is nothing that they could
+/// be shares of.
+pub fn shifts(rows: &[Row<Option<Shift>>], about: &str) -> Markup {
+    let ends = || rows.iter().filter_map(|row| row.value.as_ref()).flat_map(|s| [s.low, s.high]);
+    let scale = Scale::over(ends().fold(0.0, f64::min), ends().fold(0.0, f64::max), left(rows));
+    let signed = |share: f64| format!("{}{}", if share < 0.0 { "−" } else { "+" }, percent(share.abs()));
+    plot(rows, &scale, about, signed, |shift, y| {
+        let Some(Shift { by, low, high, conclusion }) = shift else {
+            return html! { text.none x=(place(scale.left + 6.0)) y=(place(y + 4.0)) { "0 in A" } };
+        };
+        html! {
+            g {
+                title { (signed(*by)) " (" (signed(*low)) " to " (signed(*high)) "), " (conclusion) }
+                line.zero x1=(place(scale.at(0.0))) x2=(place(scale.at(0.0)))
+                    y1=(place(y - ROW / 2.0)) y2=(place(y + ROW / 2.0)) {}
+                line.range x1=(place(scale.at(*low))) x2=(place(scale.at(*high))) y1=(place(y)) y2=(place(y)) {}
+                circle.dot cx=(place(scale.at(*by))) cy=(place(y)) r="4.5" {}
+                text.number x=(place(WIDTH - NUMBERS + 12.0)) y=(place(y + 4.0)) {
+                    (signed(*by)) " " (conclusion)
+                }
+            }
+        }
+    })
+}
+
 /// Plots values as bars from zero.
 pub fn bars(rows: &[Row<Option<f64>>], about: &str) -> Markup {
     let high = rows.iter().filter_map(|row| row.value).fold(0.0, f64::max);

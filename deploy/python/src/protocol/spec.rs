@@ -75,16 +75,22 @@ impl Spec {
     /// Raises the error that the protocol's code has raised, if any: as a `ProtocolError` with the error as its cause. A
     /// `KeyboardInterrupt` stays what it is.
     pub fn check(&self, py: Python<'_>) -> PyResult<()> {
-        let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(Failure { error, module, at, input }) = &*failure else { return Ok(()) };
+        let Some(Failure { error, module, at, input }) = self.failure(py) else { return Ok(()) };
         if !error.is_instance_of::<PyException>(py) {
-            return Err(error.clone_ref(py));
+            return Err(error);
         }
         let whose = module.map_or_else(String::new, |id| format!("module {id}: "));
         let text = format!("{whose}{input} at {} s: {error}", at.as_secs_f64());
-        let raised = raise(py, "ProtocolError", (text, module.map(|id| id.0), at.0, input.clone()));
-        raised.set_cause(py, Some(error.clone_ref(py)));
+        let raised = raise(py, "ProtocolError", (text, module.map(|id| id.0), at.0, input));
+        raised.set_cause(py, Some(error));
         Err(raised)
+    }
+
+    /// Returns the error with the lock released: code of Python that runs meanwhile may raise another one.
+    fn failure(&self, py: Python<'_>) -> Option<Failure> {
+        let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        let Failure { error, module, at, input } = failure.as_ref()?;
+        Some(Failure { error: error.clone_ref(py), module: *module, at: *at, input: input.clone() })
     }
 }
 

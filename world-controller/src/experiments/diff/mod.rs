@@ -32,6 +32,10 @@ pub struct DiffArgs {
     /// combination of the keys that both vary
     #[arg(long, value_name = "KEY")]
     pub by: Vec<String>,
+    /// Of sweeps: draw the differences with their intervals to this file, as SVG (a forest plot); differences of
+    /// numbers are shares of the median in A
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
     /// Write the comparison as JSON to a file, or to standard output with `-` (text for people then goes to
     /// standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
@@ -78,8 +82,10 @@ pub enum DiffError {
         known: String,
     },
     /// It has no meaning for reports.
-    #[error("--by: two reports have no keys\n  fix: leave it out, or name directories of sweeps")]
-    ByOfReports,
+    #[error(
+        "{0}: two reports have no keys and no intervals\n  fix: leave it out, or name directories of sweeps"
+    )]
+    OfSweeps(&'static str),
     /// The sweeps have no values in common.
     #[error("{} and {}: no combination of values occurs in both sweeps\n  fix: compare sweeps that vary the same keys", .0.shown(), .1.shown())]
     Nothing(PathBuf, PathBuf),
@@ -104,6 +110,8 @@ impl CommandError for DiffError {
 struct Comparison {
     text: String,
     json: Value,
+    /// Of sweeps, the forest plot.
+    plot: Option<String>,
 }
 
 /// Compares two sweeps or two reports.
@@ -118,15 +126,20 @@ pub fn diff(args: &DiffArgs) -> Result<u8, DiffError> {
         outputs.reads_directory("a file of a sweep,", path);
     }
     let json = Json::of(args.json.as_deref(), &mut outputs)?;
+    let plot = args.plot.as_deref().map(|file| outputs.writes("--plot", file)).transpose()?;
     let channel = Channel::beside(json.is_out(), args.quiet);
     let is_sweep = |path: &Path| path.is_dir();
     let comparison = match (is_sweep(&args.a), is_sweep(&args.b)) {
         (true, true) => sweeps::compare(&args.a, &args.b, &args.by, args.at_least, channel.paint())?,
-        (false, false) if !args.by.is_empty() => return Err(DiffError::ByOfReports),
+        (false, false) if !args.by.is_empty() => return Err(DiffError::OfSweeps("--by")),
+        (false, false) if args.plot.is_some() => return Err(DiffError::OfSweeps("--plot")),
         (false, false) => reports::compare(&args.a, &args.b, channel.paint())?,
         _ => return Err(DiffError::Kinds(args.a.clone(), args.b.clone())),
     };
     channel.say(&comparison.text);
+    if let (Some(output), Some(plot)) = (plot, &comparison.plot) {
+        output.write(plot)?;
+    }
     json.write(&comparison.json)?;
     Ok(0)
 }

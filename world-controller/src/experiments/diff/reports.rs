@@ -105,7 +105,7 @@ pub fn compare(a: &Path, b: &Path, paint: Paint) -> Result<Comparison, DiffError
     let list: Vec<Value> =
         differences.iter().map(|(field, a, b)| json!({ "field": field, "a": a, "b": b })).collect();
     let json = json!({ "schema": SCHEMA, "kind": "reports", "same_run": same, "differences": list });
-    Ok(Comparison { text, json })
+    Ok(Comparison { text, json, plot: None })
 }
 
 #[cfg(test)]

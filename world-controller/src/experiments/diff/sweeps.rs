@@ -10,8 +10,11 @@ use crate::console::table::Table;
 use crate::console::terminal::Paint;
 use crate::experiments::sweep::row::Row;
 use crate::experiments::sweep::store::{Runs, read_runs};
+use crate::report::plot_file;
+use crate::report::plots::{Row as PlotRow, Shift, shifts};
 use crate::report::statistics::{Spread, fisher};
 use crate::report::two_samples::{Difference, Samples, holm, newcombe};
+use maud::Markup;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use serde::Serialize;
 use serde_json::json;
@@ -203,7 +206,27 @@ pub fn compare(
         many(all.len() as u64, "test")
     ));
     let json = json!({ "schema": SCHEMA, "kind": "sweeps", "at_least": at_least, "lines": all });
-    Ok(Comparison { text, json })
+    let about = format!("{} (A) and {} (B): B − A, as a share of A", a.shown(), b.shown());
+    Ok(Comparison { text, json, plot: plot_file::file(forest(&all, &about), &about) })
+}
+
+/// Plots the lines: differences of shares as they are, those of numbers as shares of the median in A.
+fn forest(lines: &[Line], about: &str) -> Markup {
+    let mut before = None;
+    let row = |line: &Line| {
+        let values: Vec<&str> = line.values.values().map(String::as_str).collect();
+        let label =
+            [values.join(" · "), line.measure.trim().to_owned()].into_iter().filter(|part| !part.is_empty());
+        let of = if line.rate { 1.0 } else { line.a.abs() };
+        let conclusion = if line.differs { "differs" } else { "~" };
+        let shift = Shift { by: line.by / of, low: line.low / of, high: line.high / of, conclusion };
+        PlotRow {
+            label: label.collect::<Vec<_>>().join(": "),
+            begins: before.replace(line.values.clone()).is_some_and(|values| values != line.values),
+            value: Some(shift).filter(|_| of > 0.0),
+        }
+    };
+    shifts(&lines.iter().map(row).collect::<Vec<_>>(), about)
 }
 
 fn table(lines: &[&Line], paint: Paint) -> String {

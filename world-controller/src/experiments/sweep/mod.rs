@@ -9,6 +9,7 @@
 
 pub mod grid;
 pub mod page;
+pub mod plot;
 pub mod pool;
 pub mod row;
 pub mod store;

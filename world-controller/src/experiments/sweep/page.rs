@@ -96,7 +96,8 @@ fn total(summary: &Summary, outcome: Outcome) -> u64 {
     summary.combinations.iter().map(|c| c.ended(outcome)).sum()
 }
 
-fn rows<T>(summary: &Summary, of: impl Fn(&Combination) -> T) -> Vec<Row<T>> {
+/// Returns a row for each combination, at most as many as are plotted.
+pub(super) fn rows<T>(summary: &Summary, of: impl Fn(&Combination) -> T) -> Vec<Row<T>> {
     let shown = &summary.combinations[..summary.combinations.len().min(PLOTTED)];
     let mut before = None;
     let row = |c: &Combination| {
