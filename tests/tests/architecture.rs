@@ -45,9 +45,9 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
 
 /// Crates that a crate must not use, not even indirectly.
 const ABSENT: [(&str, &[&str]); 4] = [
-    ("metamorph-protocol", &["tokio", "iceoryx2", "rustix", "rand", "clap", "toml"]),
+    ("metamorph-protocol", &["tokio", "iceoryx2", "rustix", "rand", "rapier3d", "clap", "toml"]),
     ("metamorph-sim-bridge", &["tokio", "iceoryx2", "rustix", "rand", "clap", "toml"]),
-    ("metamorph-module-agent", &["tokio", "clap", "toml"]),
+    ("metamorph-module-agent", &["tokio", "rapier3d", "clap", "toml"]),
     ("metamorph-world-controller", &["rand"]),
 ];
 
@@ -163,6 +163,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "plan",
             "structure",
             "experiments",
+            "learn",
             "cli",
         ],
     ),

@@ -6,7 +6,7 @@
 //! recordings for other viewers; `run` carries out one run, simulated, on processes or from a journal;
 //! `family` holds what belongs to one family of modules, and the list of them; `plan` plans for free modules;
 //! `structure` analyses their body and limbs;
-//! `experiments` carries out many runs; `cli` is the command line.
+//! `experiments` carries out many runs; `learn` learns gaits; `cli` is the command line.
 //!
 //! Absent: decisions of the protocol, which are in `protocol`, and ground truth about the world, which
 //! is in `sim-bridge`.
@@ -15,6 +15,7 @@ pub mod cli;
 pub mod console;
 pub mod experiments;
 pub mod family;
+pub mod learn;
 pub mod plan;
 pub mod record;
 pub mod report;

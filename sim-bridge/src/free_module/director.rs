@@ -1,8 +1,9 @@
 //! The director of one gait: gives every agent that starts the parameters of its own oscillators, and tells all agents
 //! which modules are dead.
 
-use super::structure_world::StructureWorld;
 use crate::director::port::DirectorPort;
+use crate::world::World;
+use metamorph_protocol::free_module::gait::FreeModule;
 use metamorph_protocol::free_module::gait::message::{Gait, Order, Parameters};
 use metamorph_protocol::free_module::structure::Joint;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -44,7 +45,7 @@ impl GaitDirector {
     }
 }
 
-impl DirectorPort<StructureWorld> for GaitDirector {
+impl<W: World<Agent = FreeModule>> DirectorPort<W> for GaitDirector {
     fn report(&mut self, _: Time, _: ModuleId, report: Never) {
         match report {}
     }
@@ -64,7 +65,7 @@ impl DirectorPort<StructureWorld> for GaitDirector {
         let orders = dead.map(|(module, incarnation)| Order::Dead { module, incarnation });
         self.commands.extend(orders.map(|order| Command::Order(id, order)));
     }
-    fn wake(&mut self, now: Time, _: &mut StructureWorld) {
+    fn wake(&mut self, now: Time, _: &mut W) {
         while let Some((_, module)) = self.kills.front().copied().filter(|(at, _)| *at <= now) {
             self.commands.push_back(Command::Kill(module));
             self.kills.pop_front();

@@ -1,6 +1,17 @@
-//! Free modules off the grid: a world of fixed connections, and the director that hands out a gait.
+//! Free modules off the grid: a world of fixed connections, with rigid bodies if wanted, the director that hands out a
+//! gait, and trials of gaits.
 
+pub mod audit;
 pub mod director;
+pub mod hull;
+pub mod physics;
+pub mod physics_world;
+pub mod rapier;
+#[cfg(test)]
+mod rapier_tests;
 pub mod structure_world;
 #[cfg(test)]
 mod tests;
+pub mod trial;
+#[cfg(test)]
+mod trial_tests;

@@ -4,7 +4,7 @@ use crate::kernel::audited::{Agents, Audited};
 use crate::world::World;
 use crate::world::invariants::Violation;
 use metamorph_protocol::free_module::gait::FreeModule;
-use metamorph_protocol::free_module::gait::message::Docking;
+use metamorph_protocol::free_module::gait::message::{Docking, Follow};
 use metamorph_protocol::free_module::structure::{Connection, Structure};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::runtime::{Contact, Sensed};
@@ -55,6 +55,11 @@ impl StructureWorld {
         self.sensed
             .push_back((a, Sensed::Contact { port: Port(at as u8), revision, contact: Some(contact) }));
     }
+
+    /// Returns the structure.
+    pub fn structure(&self) -> &Structure {
+        &self.structure
+    }
 }
 
 impl World for StructureWorld {
@@ -77,9 +82,7 @@ impl World for StructureWorld {
             }
         }
     }
-    fn act(&mut self, _now: Time, _id: ModuleId, _sensed: Revision, action: &Never) {
-        match *action {}
-    }
+    fn act(&mut self, _now: Time, _id: ModuleId, _sensed: Revision, _action: &Follow) {}
     fn next_event(&self) -> Time {
         Time::NEVER
     }

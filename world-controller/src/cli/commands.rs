@@ -21,6 +21,7 @@ use crate::experiments::reproduce::reproduce;
 use crate::experiments::sweep::sweep;
 use crate::family::metamodule::robot::{self, RobotArgs};
 use crate::family::{self, families};
+use crate::learn::{self, LearnArgs};
 use crate::plan::{self, PlanArgs as ReconfigurationArgs};
 use crate::record::journal::JournalError;
 use crate::run::processes;
@@ -77,6 +78,9 @@ pub enum Command {
     /// Find body and limbs of a structure, and its networks of oscillators
     #[command(after_help = structure::EXAMPLES)]
     Structure(StructureArgs),
+    /// Learn a gait of a structure in simulation, with bodies
+    #[command(after_help = learn::EXAMPLES)]
+    Learn(Box<LearnArgs>),
     /// Generate random scenarios, run them, and shrink failures
     #[command(after_help = EXPLORE_EXAMPLES)]
     Explore(ExploreArgs),
@@ -153,6 +157,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         }
         Command::Plan(args) => Ok(plan::plan(&args, interrupt)?),
         Command::Structure(args) => Ok(structure::structure(&args)?),
+        Command::Learn(args) => Ok(learn::learn(&args, interrupt)?),
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Doctor(args) => Ok(doctor(&args)),

@@ -4,6 +4,7 @@ use crate::cli::commands::CommandLine;
 use crate::console::command_error::CommandError;
 use crate::experiments::sweep::summary::Summary;
 use crate::family::families;
+use crate::learn::document::GaitFile;
 use crate::plan::document::{PlanFile, StructureFile};
 use crate::report::schema::Report;
 use crate::scenario::schema as scenario;
@@ -38,6 +39,8 @@ pub enum Described {
     Plan,
     /// A structure of free modules, as `plan --from` and `structure` read it
     Structure,
+    /// A gait, as `learn --write` writes it
+    Gait,
 }
 
 /// Arguments of `completions`.
@@ -64,6 +67,7 @@ pub fn schema(of: Described) -> String {
         Described::Summary => written::<Summary>(),
         Described::Plan => written::<PlanFile>(),
         Described::Structure => written::<StructureFile>(),
+        Described::Gait => written::<GaitFile>(),
     };
     serde_json::to_string_pretty(&schema).expect("invariant: a schema consists of plain values and text keys")
 }

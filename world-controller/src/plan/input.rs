@@ -84,24 +84,12 @@ pub fn read_structure_file(place: &str, path: &Path) -> Result<StructureFile, Pl
 /// Reads a plan.
 pub fn read_plan(option: &str, path: &Path) -> Result<PlanFile, PlanError> {
     let place = format!("{option} {}", path.shown());
-    let plan: PlanFile = read_document(&place, path, "plan")?;
-    if (plan.format.as_str(), plan.version) != (PLAN, VERSION) {
-        return Err(other_version(place, PLAN, &plan.format, plan.version, "plan"));
-    }
-    Ok(plan)
+    read_document(&place, path, (PLAN, VERSION), "plan")
 }
 
 fn other_version(place: String, wanted: &str, format: &str, version: u32, schema: &'static str) -> PlanError {
     let reason = format!("this is `{}` version {version}, not `{wanted}` version {VERSION}", format.shown());
     PlanError::Format { place, reason, schema }
-}
-
-fn read_document<T: DeserializeOwned>(
-    place: &str,
-    path: &Path,
-    schema: &'static str,
-) -> Result<T, PlanError> {
-    parse(place, &read_text(place, path)?, schema)
 }
 
 fn read_text(place: &str, path: &Path) -> Result<Vec<u8>, PlanError> {
@@ -116,6 +104,28 @@ fn parse<T: DeserializeOwned>(place: &str, text: &[u8], schema: &'static str) ->
         let reason = text.split(" at line ").next().unwrap_or(&text).shown();
         wrong(at, reason)
     })
+}
+
+/// What every document has: the name of its format and the version.
+#[derive(Deserialize)]
+struct Head {
+    format: String,
+    version: u32,
+}
+
+/// Reads a JSON document of a format and version; `schema` is the name of its schema.
+pub fn read_document<T: DeserializeOwned>(
+    place: &str,
+    path: &Path,
+    (format, version): (&str, u32),
+    schema: &'static str,
+) -> Result<T, PlanError> {
+    let text = read_text(place, path)?;
+    let head: Head = parse(place, &text, schema)?;
+    if (head.format.as_str(), head.version) != (format, version) {
+        return Err(other_version(place.to_owned(), format, &head.format, head.version, schema));
+    }
+    parse(place, &text, schema)
 }
 
 /// Interprets a structure.

@@ -13,7 +13,8 @@ use crate::plan::input::read_structure_file;
 use answer::Answer;
 use clap::{Args, ValueEnum};
 use metamorph_protocol::free_module::named;
-use metamorph_protocol::free_module::network::NetworkKind;
+use metamorph_protocol::free_module::network::{Morphology, NetworkKind};
+use metamorph_protocol::free_module::structure::Structure;
 use metamorph_protocol::ids::ModuleId;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -143,20 +144,36 @@ pub fn structure(args: &StructureArgs) -> Result<u8, StructureCommandError> {
         outputs.reads("the structure", args.structure.as_ref());
     }
     let json = Json::of(args.json.as_deref(), &mut outputs)?;
-    let mut read = read(&args.structure)?;
-    let last = read.structure.bound() as u32 - 1;
-    for module in &args.dead {
-        if *module > last {
-            return Err(StructureCommandError::NoModule { module: *module, last });
-        }
-        read.structure.set_passive(ModuleId(*module));
-    }
+    let (mut read, passive) = read_with_dead(&args.structure, &args.dead)?;
+    read.structure = passive;
     let answer = Answer::of(&args.structure.shown(), &read, args.network.into())
         .map_err(|_| StructureCommandError::Infeasible { argument: args.structure.shown() })?;
     json.write(&answer)?;
     let channel = Channel::beside(json.is_out(), args.quiet);
     channel.say(&text::text(&answer, channel.paint()));
     Ok(0)
+}
+
+/// Reads a structure by its name, or a file. Returns it, and the same with the joints of dead modules locked.
+///
+/// # Errors
+/// Refuses dead modules that are not there, besides what is wrong with the structure.
+pub fn read_with_dead(argument: &str, dead: &[u32]) -> Result<(Connected, Structure), StructureCommandError> {
+    let read = read(argument)?;
+    let last = read.structure.bound() as u32 - 1;
+    let mut passive = read.structure.clone();
+    for module in dead {
+        if *module > last {
+            return Err(StructureCommandError::NoModule { module: *module, last });
+        }
+        passive.set_passive(ModuleId(*module));
+    }
+    Ok((read, passive))
+}
+
+/// Returns true if a structure has a body, cyclic or linear.
+pub fn has_body(structure: &Structure) -> bool {
+    Morphology::of(structure).partition.has_body()
 }
 
 /// Reads a structure by its name, or a file.

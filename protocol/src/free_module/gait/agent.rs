@@ -1,10 +1,13 @@
 //! The agent of a free module: keeps the structure, and steps and tells its oscillators.
 
 use super::link_state::LinkStates;
-use super::message::{CONNECTORS, Docking, Gait, LinkState, Message, Order, PHASES, PhaseAt};
+use super::message::{CONNECTORS, Docking, Follow, Gait, LinkState, Message, Order, PHASES, PhaseAt};
 use super::rhythm::Rhythm;
 use super::routes::Routes;
-use super::{COMPARE, COMPARE_SOON, PHASE_AGE, PHASE_PERIOD, PHASE_REPEAT, Setup, StartPhases};
+use super::{
+    COMMAND_AGE, COMMAND_PERIOD, COMPARE, COMPARE_SOON, PHASE_AGE, PHASE_PERIOD, PHASE_REPEAT, Setup,
+    StartPhases,
+};
 use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use crate::counters::Class;
 use crate::free_module::network::{Morphology, Network};
@@ -218,6 +221,7 @@ impl FreeModule {
             }
             self.step_at = at + STEP;
             self.tell_phases(at);
+            self.move_body(at);
         }
     }
 
@@ -227,6 +231,15 @@ impl FreeModule {
         };
         let (epoch, due) = (rhythm.epoch(), rhythm.due(&self.setup, &self.adopted.network, at));
         self.pass_on(epoch, &due, None);
+    }
+
+    /// Commands the angles of the oscillators.
+    fn move_body(&mut self, at: Time) {
+        let Some(rhythm) = self.rhythm.as_ref().filter(|_| at.0.is_multiple_of(COMMAND_PERIOD.0)) else {
+            return;
+        };
+        let angles = rhythm.oscillators().map(|o| o.angle());
+        self.outputs.push_back(Output::Act(Follow { angles, not_after: at + COMMAND_AGE }));
     }
 
     fn begin(&mut self, gait: Gait, at: Time) {
@@ -261,7 +274,7 @@ impl Agent for FreeModule {
     type Setup = Setup;
     type Place = Docking;
     type Message = Message;
-    type Action = Never;
+    type Action = Follow;
     type Percept = Never;
     type Order = Order;
     type Report = Never;

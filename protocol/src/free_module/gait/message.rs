@@ -261,6 +261,39 @@ impl Gait {
     }
 }
 
+/// What an agent asks of its body: to move to these angles, and to stop where it is if nothing newer came in time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Follow {
+    /// The angles of q1, q2 and q3.
+    pub angles: [Angle; JOINTS as usize],
+    /// The time from which the command no longer holds.
+    pub not_after: Time,
+}
+
+impl Wire for Follow {
+    fn kind(&self) -> u8 {
+        0
+    }
+    fn encode(&self, out: &mut Encoder) {
+        self.angles.iter().for_each(|a| out.u32(a.0 as u32));
+        out.time(self.not_after);
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Follow, WireError> {
+        if kind != 0 {
+            return Err(WireError::Kind(kind));
+        }
+        let mut angles = [Angle::default(); JOINTS as usize];
+        for angle in &mut angles {
+            // An amplitude and an offset, each at most LARGEST.
+            *angle = Angle(from.u32()? as i32);
+            if angle.0.unsigned_abs() > 2 * LARGEST.0.unsigned_abs() {
+                return Err(WireError::Field("angle"));
+            }
+        }
+        Ok(Follow { angles, not_after: from.time()? })
+    }
+}
+
 /// An order of the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Order {
@@ -342,6 +375,10 @@ mod tests {
             assert_eq!(from_payload(order.kind(), &payload(&order)), Ok(order));
         }
         assert_eq!(payload(&Docking::default()).len(), 30);
+        let follow = Follow { angles: [Angle(1), Angle(-2), Angle(2 * LARGEST.0)], not_after: Time(7) };
+        assert_eq!(from_payload(0, &payload(&follow)), Ok(follow));
+        let beyond = Follow { angles: [Angle(2 * LARGEST.0 + 1); 3], ..follow };
+        assert_eq!(from_payload::<Follow>(0, &payload(&beyond)), Err(WireError::Field("angle")));
     }
 
     /// The layout is part of the format.
@@ -375,6 +412,7 @@ mod tests {
         fn garbage_never_panics(kind in 0u8..4, bytes in proptest::collection::vec(any::<u8>(), 0..PAYLOAD)) {
             let _ = from_payload::<Message>(kind, &bytes);
             let _ = from_payload::<Order>(kind, &bytes);
+            let _ = from_payload::<Follow>(kind, &bytes);
             let _ = from_payload::<Docking>(kind, &bytes);
         }
     }

@@ -4,7 +4,7 @@
 //! from the same set. Phases travel along shortest routes ([`routes`]) to all oscillators that are coupled, with the time
 //! they were taken at, and receivers extrapolate. The controller gives each agent the parameters of its own oscillators.
 //!
-//! Clocks are common: a skew of s seconds is a lag error of 72 s degrees at 0.2 Hz. Not here: bodies and commands to them.
+//! Clocks are common: a skew of s seconds is a lag error of 72 s degrees at 0.2 Hz.
 
 pub mod agent;
 pub mod link_state;
@@ -57,6 +57,10 @@ pub const PHASE_PERIOD: Span = Span::millis(100);
 pub const PHASE_REPEAT: Span = Span::secs(1);
 /// A phase that is older is no longer coupled; the oscillator goes on alone.
 pub const PHASE_AGE: Span = Span::secs(2);
+/// The time between two commands to the body: 20 ms.
+pub const COMMAND_PERIOD: Span = Span::millis(20);
+/// How long a body follows a command if no other one comes.
+pub const COMMAND_AGE: Span = Span::millis(200);
 /// The time between two comparisons of link states with neighbours while they differ.
 pub const COMPARE_SOON: Span = Span::millis(100);
 /// The time between two comparisons while they agree.

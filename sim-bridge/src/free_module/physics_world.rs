@@ -1,0 +1,165 @@
+//! A structure with rigid bodies: agents command joint angles, and an engine moves the bodies on a floor.
+//!
+//! All bodies share one event: the tick of the engine. A command holds from the tick after it, and until it expires; then
+//! the joints stay where they are. So do those of a module whose process has died: its connections hold, too.
+
+use super::audit;
+use super::physics::{Physics, TICK};
+use super::structure_world::StructureWorld;
+use crate::kernel::audited::{Agents, Audited};
+use crate::world::World;
+use crate::world::invariants::Violation;
+use metamorph_protocol::free_module::gait::FreeModule;
+use metamorph_protocol::free_module::gait::message::{Docking, Follow};
+use metamorph_protocol::free_module::oscillator::Angle;
+use metamorph_protocol::free_module::structure::{JOINTS, Joint, Structure};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
+use metamorph_protocol::runtime::Sensed;
+use metamorph_protocol::time::Time;
+use metamorph_protocol::wire::Never;
+use std::hash::Hasher;
+
+/// The depth of an overlap of two modules in metres from which it is a self-collision.
+pub const COLLISION: f32 = 0.002;
+/// Ticks between two looks at which modules touch the floor.
+const CONTACT_PERIOD: u64 = 10;
+
+/// A world of rigid bodies.
+pub struct PhysicsWorld<P> {
+    connections: StructureWorld,
+    physics: P,
+    tick: Time,
+    /// The command in force of each module.
+    commands: Vec<Option<Follow>>,
+    /// The angles of all joints at the last tick.
+    angles: Vec<f32>,
+    /// The first self-collision.
+    collided: Option<Time>,
+    /// The first violation. The bodies stay where they are from then on.
+    broken: Option<Violation>,
+    told: bool,
+    /// How often each module was seen on the floor, and the number of looks.
+    on_floor: (Vec<u32>, u32),
+}
+
+impl<P: Physics> PhysicsWorld<P> {
+    /// Creates a world of bodies of this structure.
+    pub fn new(structure: Structure, physics: P) -> PhysicsWorld<P> {
+        let bound = structure.bound();
+        let angles = (0..JOINTS * bound as u16).map(|j| physics.angle(Joint(j))).collect();
+        PhysicsWorld {
+            connections: StructureWorld::new(structure),
+            physics,
+            tick: Time::ZERO + TICK,
+            commands: vec![None; bound],
+            angles,
+            collided: None,
+            broken: None,
+            told: false,
+            on_floor: (vec![0; bound], 0),
+        }
+    }
+
+    /// Returns the bodies.
+    pub fn physics(&self) -> &P {
+        &self.physics
+    }
+    /// Returns the time of the first self-collision.
+    pub fn collided(&self) -> Option<Time> {
+        self.collided
+    }
+    /// Returns true if an invariant was violated, after which nothing moves.
+    pub fn is_broken(&self) -> bool {
+        self.broken.is_some()
+    }
+    /// Returns the share of time that each module has touched the floor.
+    pub fn duty(&self) -> Vec<f64> {
+        let (seen, looks) = &self.on_floor;
+        seen.iter().map(|n| f64::from(*n) / f64::from((*looks).max(1))).collect()
+    }
+    /// Sets the targets of all motors for a tick.
+    fn command(&mut self) {
+        for (m, command) in self.commands.iter_mut().enumerate() {
+            let Some(follow) = command else { continue };
+            let holds = follow.not_after >= self.tick;
+            for j in 0..JOINTS {
+                let joint = Joint::new(ModuleId(m as u32), j);
+                let target =
+                    if holds { radians(follow.angles[usize::from(j)]) } else { self.physics.angle(joint) };
+                self.physics.set_target(joint, target);
+            }
+            if !holds {
+                *command = None;
+            }
+        }
+    }
+
+    fn step(&mut self) {
+        self.command();
+        self.physics.step();
+        if let Err((invariant, what)) =
+            audit::check(&self.physics, self.connections.structure(), &mut self.angles)
+        {
+            self.broken = Some(Violation { invariant, at: self.tick, what });
+            return;
+        }
+        if self.collided.is_none() && self.physics.overlap() > COLLISION {
+            self.collided = Some(self.tick);
+        }
+        if self.tick.0.is_multiple_of(CONTACT_PERIOD * TICK.0) {
+            let (seen, looks) = &mut self.on_floor;
+            *looks += 1;
+            for (m, seen) in seen.iter_mut().enumerate() {
+                *seen += u32::from(self.physics.touches_floor(ModuleId(m as u32)));
+            }
+        }
+    }
+}
+
+/// Returns an angle in radians; exact for those that commands can have, up to the bits of a 32-bit float.
+fn radians(angle: Angle) -> f32 {
+    (f64::from(angle.0) / f64::from(Angle::RADIAN.0)) as f32
+}
+
+impl<P: Physics> World for PhysicsWorld<P> {
+    type Agent = FreeModule;
+
+    fn len(&self) -> usize {
+        self.connections.len()
+    }
+    fn place(&self, id: ModuleId) -> Docking {
+        self.connections.place(id)
+    }
+    fn start(&mut self, now: Time, id: ModuleId, incarnation: Incarnation) {
+        self.connections.start(now, id, incarnation);
+    }
+    fn act(&mut self, _now: Time, id: ModuleId, _sensed: Revision, action: &Follow) {
+        self.commands[id.index()] = Some(*action);
+    }
+    fn next_event(&self) -> Time {
+        if self.is_broken() { Time::NEVER } else { self.tick }
+    }
+    fn advance(&mut self, now: Time) {
+        while self.tick <= now && !self.is_broken() {
+            self.step();
+            self.tick += TICK;
+        }
+    }
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        self.physics.digest(hasher);
+    }
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<Never>)> {
+        self.connections.poll()
+    }
+}
+
+impl<P: Physics> Audited for PhysicsWorld<P> {
+    fn audit_agent(&mut self, _: Time, _: ModuleId, _: &Agents<'_, FreeModule>, _: &mut Vec<Violation>) {}
+    fn audit_action(&self, _: Time, _: ModuleId, _: &Agents<'_, FreeModule>, _: &mut Vec<Violation>) {}
+    fn audit_all(&mut self, _: Time, _: &Agents<'_, FreeModule>, _: &mut Vec<Violation>) {}
+    fn take_violations(&mut self) -> Vec<Violation> {
+        let news = self.broken.iter().filter(|_| !self.told).cloned().collect();
+        self.told = self.broken.is_some();
+        news
+    }
+}

@@ -1,0 +1,120 @@
+//! A trial: one gait on a structure of rigid bodies, for a fixed time, driven by the agents on the simulated link.
+
+use super::director::GaitDirector;
+use super::physics::{Down, Physics, PhysicsError};
+use super::physics_world::PhysicsWorld;
+use super::rapier::Bodies;
+use crate::kernel::sim::{Sim, SimConfig};
+use metamorph_protocol::free_module::gait::Setup;
+use metamorph_protocol::free_module::gait::message::Parameters;
+use metamorph_protocol::free_module::network::NetworkKind;
+use metamorph_protocol::free_module::structure::{Joint, Structure};
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::time::{Span, Time};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The time in which bodies come to rest and agents find out the structure.
+pub const REST: Span = Span::secs(2);
+/// The same if modules are dead: the others wait for their silence.
+pub const REST_WITH_DEAD: Span = Span::secs(5);
+/// The time at which modules die that are dead in a trial: after their neighbours have heard of their connections.
+const DEATH: Span = Span::secs(1);
+/// The time between two looks at whether a trial is to be ended.
+const LOOK: Span = Span::millis(100);
+
+/// What trials of a structure have in common.
+#[derive(Clone, Debug)]
+pub struct Course {
+    /// The structure, all of whose modules are active.
+    pub structure: Structure,
+    /// The joint angles at the start in degrees.
+    pub joints_deg: Vec<[f64; 3]>,
+    /// Which way is down.
+    pub down: Down,
+    /// The network of the agents.
+    pub network: NetworkKind,
+    /// Modules that die before the gait begins.
+    pub dead: Vec<ModuleId>,
+    /// The time of the gait.
+    pub time: Span,
+    /// The seed of the run.
+    pub seed: u64,
+}
+
+/// What came of a trial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// The displacement of the centre of mass in the plane, in mm.
+    pub distance_mm: f64,
+    /// The time walked in seconds: less than that of the course after a self-collision.
+    pub seconds: f64,
+    /// True if two modules met; the trial ends there.
+    pub collided: bool,
+    /// True if an invariant was violated; the trial ends there, too.
+    pub broken: bool,
+    /// The share of time that each module has touched the floor.
+    pub duty: Vec<f64>,
+    /// The hash of the bodies and agents at the end.
+    pub state: u64,
+}
+
+/// A simulated run of bodies and agents.
+pub type Run = Sim<PhysicsWorld<Bodies>, GaitDirector>;
+
+impl Course {
+    /// Returns when a gait begins.
+    pub fn start(&self) -> Time {
+        Time::ZERO + if self.dead.is_empty() { REST } else { REST_WITH_DEAD }
+    }
+
+    /// Creates a run of a gait: joints without parameters are locked at 0.
+    ///
+    /// # Errors
+    /// Refuses a structure that cannot have bodies.
+    pub fn run(&self, gait: BTreeMap<Joint, Parameters>, friction: f32) -> Result<Run, PhysicsError> {
+        let bodies = Bodies::new(&self.structure, &self.joints_deg, self.down, friction)?;
+        let config = SimConfig {
+            setup: Arc::new(Setup::new(self.network)),
+            link: LinkModel::default(),
+            seed: self.seed,
+            audit_every: Span::secs(1),
+            ignore_sessions: false,
+        };
+        let mut director = GaitDirector::new(self.start(), gait);
+        for module in &self.dead {
+            director = director.kill(Time::ZERO + DEATH, *module);
+        }
+        Ok(Sim::new(config, PhysicsWorld::new(self.structure.clone(), bodies), director))
+    }
+
+    /// Carries out a trial.
+    ///
+    /// # Errors
+    /// As [`Course::run`].
+    pub fn trial(&self, gait: BTreeMap<Joint, Parameters>, friction: f32) -> Result<Outcome, PhysicsError> {
+        let mut run = self.run(gait, friction)?;
+        let (start, end) = (self.start(), self.start() + self.time);
+        run.run_until(start);
+        let from = run.world().physics().centre_of_mass();
+        let mut now = start;
+        while now < end && run.world().collided().is_none() && !run.world().is_broken() {
+            now = (now + LOOK).min(end);
+            run.run_until(now);
+        }
+        let world = run.world();
+        let to = world.physics().centre_of_mass();
+        let metres = [0, 1].map(|i| f64::from(to[i]) - f64::from(from[i]));
+        let distance_mm = 1000.0 * (metres[0] * metres[0] + metres[1] * metres[1]).sqrt();
+        let broken = world.is_broken();
+        Ok(Outcome {
+            distance_mm: if broken { 0.0 } else { distance_mm },
+            seconds: now.since(start).as_secs_f64(),
+            collided: world.collided().is_some(),
+            broken,
+            duty: world.duty(),
+            state: run.hashes().states,
+        })
+    }
+}

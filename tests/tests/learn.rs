@@ -1,0 +1,89 @@
+//! `metamorph learn` as a user runs it: the same file each time, after an interruption too, and errors that help.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_tests::command::run;
+use serde_json::{Value, json};
+use std::fs;
+use std::path::Path;
+
+/// A study that takes a second: gaits of 5 s with one friction.
+const SHORT: [&str; 6] = ["learn", "tripod4", "--trial", "5s", "--fitness", "thesis"];
+
+fn learn(more: &[&str]) -> metamorph_tests::command::Ran {
+    run(&[&SHORT, more].concat())
+}
+
+fn read(path: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn a_study_is_the_same_whatever_the_threads_and_interruptions() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
+    let text = |name: &str| path(name).display().to_string();
+    let whole = learn(&["--trials", "13", "--jobs", "1", "--write", &text("whole")]);
+    assert_eq!(whole.code, Some(0), "{whole:?}");
+    for part in ["tripod4", "blf-sym", "cma", "seed 1", "best: "] {
+        assert!(whole.out.contains(part), "`{part}` is missing in {}", whole.out);
+    }
+    // Ended in the middle of a generation, and resumed by another number of threads.
+    assert_eq!(learn(&["--trials", "7", "--jobs", "2", "--write", &text("parts")]).code, Some(0));
+    let resumed = learn(&["--trials", "13", "--jobs", "2", "--write", &text("parts"), "--resume"]);
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    assert_eq!(read(&path("parts")), read(&path("whole")));
+    let file = read(&path("whole"));
+    let trials = file["runs"][0]["trials"].as_array().unwrap();
+    let fitness = |t: &Value| t["fitness_mm_s"].as_f64().unwrap();
+    let best = trials.iter().map(fitness).fold(0.0, f64::max);
+    assert!(trials.len() == 13 && best > 1.0, "{best} mm/s");
+    assert_eq!(fitness(&file["best"]), best);
+    let schema: Value = serde_json::from_str(&run(&["schema", "gait"]).out).unwrap();
+    assert!(jsonschema::is_valid(&schema, &file));
+    // The gait of the file is worth what it says, and is where learning with a dead module begins.
+    let again = learn(&["--trials", "1", "--from", &text("whole")]);
+    let speed = format!("{best:.1}");
+    assert!(again.out.contains("the gait of --from: ") && again.out.contains(&speed[..3]), "{again:?}");
+    let dead = learn(&["--trials", "1", "--dead", "0", "--from", &text("whole"), "--json", "-"]);
+    let dead: Value = serde_json::from_str(&dead.out).unwrap();
+    let joints: Vec<u64> =
+        dead["best"]["joints"].as_array().unwrap().iter().map(|j| j["joint"].as_u64().unwrap()).collect();
+    assert_eq!(joints, [3, 6, 9], "hips move into the limbs");
+}
+
+#[test]
+fn what_cannot_be_learnt_is_refused_with_a_fix() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("gait.json").display().to_string();
+    assert_eq!(learn(&["--trials", "1", "--write", &file]).code, Some(0));
+    let mut other = read(Path::new(&file));
+    other["version"] = json!(2);
+    let newer = directory.path().join("newer.json").display().to_string();
+    fs::write(&newer, other.to_string()).unwrap();
+    for (args, code, parts) in [
+        (vec!["learn", "nothing"], 2, vec!["nothing", "fix:"]),
+        (vec!["learn", "struct10"], 2, vec!["struct10", "ring", "fix:"]),
+        (vec!["learn", "quad5-sym", "--dead", "0,1,2,3,4"], 3, vec!["no joint moves"]),
+        (vec!["learn", "quad5-sym", "--dead", "5"], 2, vec!["--dead 5", "fix:"]),
+        (vec!["learn", "quad5-sym", "--trial", "4s"], 2, vec!["--trial", "5s", "fix:"]),
+        (vec!["learn", "quad5-sym", "--trial", "5"], 2, vec!["--trial", "unit", "fix:"]),
+        (vec!["learn", "quad5-sym", "--trials", "0"], 2, vec!["--trials", "fix:"]),
+        (vec!["learn", "quad5-sym", "--seeds", "3..3"], 2, vec!["--seeds"]),
+        (vec!["learn", "quad5-sym", "--down", "up"], 2, vec!["--down", "`up`", "fix:"]),
+        (vec!["learn", "quad5-sym", "--from", &file], 2, vec!["--from", "fingerprint", "fix:"]),
+        (vec!["learn", "tripod4", "--from", &file, "--method", "pso"], 2, vec!["--from", "pso", "fix:"]),
+        (vec!["learn", "tripod4", "--from", &newer], 2, vec!["version 2", "metamorph schema gait"]),
+        (vec!["learn", "tripod4", "--resume"], 2, vec!["--write"]),
+        (
+            vec!["learn", "tripod4", "--write", &file, "--resume"],
+            2,
+            vec!["--fitness", "robust", "thesis", "fix:"],
+        ),
+    ] {
+        let ran = run(&args);
+        assert_eq!(ran.code, Some(code), "{args:?}: {ran:?}");
+        for part in parts {
+            assert!(ran.err.contains(part), "{args:?}: `{part}` is missing in {}", ran.err);
+        }
+    }
+}

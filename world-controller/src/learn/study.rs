@@ -1,0 +1,137 @@
+//! Trials of a study: what the fitness of a gait is, and many gaits on all cores.
+
+use super::ask_tell::{Point, Scored};
+use super::space::{Gait, Space};
+use crate::console::interrupt::Interrupt;
+use metamorph_protocol::free_module::structure::JOINTS;
+use metamorph_sim_bridge::free_module::physics::{FRICTION, PhysicsError};
+use metamorph_sim_bridge::free_module::trial::{Course, Outcome};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::num::NonZeroUsize;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+/// What a gait is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Fitness {
+    /// The least speed with friction 0.8, 0.6 and 1.0
+    Robust,
+    /// The speed with friction 0.8
+    Thesis,
+}
+
+impl Fitness {
+    /// Returns the frictions of the trials of a gait.
+    pub const fn frictions(self) -> &'static [f32] {
+        match self {
+            Fitness::Robust => &[FRICTION, 0.6, 1.0],
+            Fitness::Thesis => &[FRICTION],
+        }
+    }
+}
+
+/// The factor of the speed after a self-collision (thesis 7.6).
+const COLLIDED: f64 = 0.001;
+
+/// One gait tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Trial {
+    /// The parameters, each from 0 to 1: amplitudes, offsets, lags.
+    pub parameters: Vec<f64>,
+    /// The fitness in mm/s.
+    pub fitness_mm_s: f64,
+    /// True if two modules met. The gait is not tried with other frictions then.
+    pub collided: bool,
+    /// True if an invariant of the bodies was violated; the fitness is 0 then.
+    pub broken: bool,
+    /// The share of time that each module has touched the floor, with the first friction.
+    pub duty: Vec<f64>,
+}
+
+/// What the trials of a study have in common.
+pub struct Study {
+    /// The structure and the time.
+    pub course: Course,
+    /// The parameters.
+    pub space: Space,
+    /// The fitness.
+    pub fitness: Fitness,
+}
+
+impl Study {
+    /// Returns the fitness of an outcome in mm/s (thesis 7.8).
+    fn speed(&self, outcome: &Outcome) -> f64 {
+        let speed = outcome.distance_mm / self.course.time.as_secs_f64();
+        if outcome.collided { speed * COLLIDED } else { speed }
+    }
+
+    /// Tries a gait with every friction, and returns the speeds and the outcomes.
+    ///
+    /// # Errors
+    /// Refuses a structure that cannot have bodies.
+    pub fn outcomes(&self, gait: &Gait) -> Result<Vec<(f64, Outcome)>, PhysicsError> {
+        let mut all: Vec<(f64, Outcome)> = Vec::new();
+        for friction in self.fitness.frictions() {
+            let outcome = self.course.trial(gait.clone(), *friction)?;
+            let ends = outcome.collided || outcome.broken;
+            all.push((self.speed(&outcome), outcome));
+            if ends {
+                break;
+            }
+        }
+        Ok(all)
+    }
+
+    fn trial(&self, point: Point) -> Result<Trial, PhysicsError> {
+        let outcomes = self.outcomes(&self.space.gait(&point))?;
+        let fitness_mm_s = outcomes.iter().map(|(speed, _)| *speed).fold(f64::INFINITY, f64::min);
+        let any = |of: fn(&Outcome) -> bool| outcomes.iter().any(|(_, outcome)| of(outcome));
+        let duty = outcomes.first().map(|(_, outcome)| outcome.duty.clone()).unwrap_or_default();
+        let (collided, broken) = (any(|o| o.collided), any(|o| o.broken));
+        Ok(Trial { parameters: point, fitness_mm_s, collided, broken, duty })
+    }
+
+    /// Tries gaits on several threads. Returns them in order; fewer if interrupted.
+    ///
+    /// # Errors
+    /// Refuses a structure that cannot have bodies.
+    pub fn trials(
+        &self,
+        points: Vec<Point>,
+        jobs: NonZeroUsize,
+        interrupt: &Interrupt,
+        done: &(dyn Fn() + Sync),
+    ) -> Result<Vec<Trial>, PhysicsError> {
+        let next = AtomicUsize::new(0);
+        let results: Vec<Mutex<Option<Result<Trial, PhysicsError>>>> =
+            points.iter().map(|_| Mutex::new(None)).collect();
+        thread::scope(|scope| {
+            for _ in 0..jobs.get().min(points.len()) {
+                scope.spawn(|| {
+                    while !interrupt.is_set() {
+                        let i = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(point) = points.get(i) else { break };
+                        let trial = self.trial(point.clone());
+                        *results[i].lock().expect("invariant: no thread panics with the lock") = Some(trial);
+                        done();
+                    }
+                });
+            }
+        });
+        let done = results.into_iter().map(|r| r.into_inner().expect("invariant: as above"));
+        done.map_while(|result| result).collect()
+    }
+
+    /// Returns what a learner is told of a trial: the fitness, and the duty of limbs as behaviour. A fitness that is no
+    /// number counts as 0.
+    pub fn scored(&self, trial: &Trial) -> Scored {
+        let fitness = if trial.fitness_mm_s.is_finite() { trial.fitness_mm_s } else { 0.0 };
+        let moving = |m: usize| self.space.oscillators().iter().any(|j| usize::from(j.0 / JOINTS) == m);
+        let behaviour = trial.duty.iter().enumerate().filter(|(m, _)| moving(*m)).map(|(_, d)| *d).collect();
+        Scored { fitness, behaviour }
+    }
+}
